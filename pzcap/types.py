@@ -1,0 +1,302 @@
+"""The types that flow between the stages, and the conventions they share. The first file to read.
+
+World
+    Right-handed, z up, metres. The world frame is the frame of the calibration object.
+Camera
+    OpenCV axes: x right, y down, z forward. Pixel (0, 0) is the *centre* of the top-left pixel.
+Transforms
+    ``world_T_cam`` (4, 4) maps camera coordinates to world coordinates. Only that direction is stored; names
+    cancel when multiplied: ``world_T_cam = world_T_head @ head_T_cam``.
+Head
+    The tripod head. Its z axis is the pan axis; at pan 0 (the reference pose) its x axis points to where the camera
+    looks and its y axis to the left. Its origin is the projection centre.
+Angles
+    Radians. Positive pan turns the view to the left seen from above, positive tilt turns it up, positive roll turns
+    the *camera* clockwise seen from behind it (the image content turns counter-clockwise).
+Lens
+    A point at normalised image coordinates ``(x, y) = (X/Z, Y/Z)`` is seen at
+    ``principal_px + focal_px * (1 + k1 * (x^2 + y^2)) * (x, y)`` (square pixels).
+Quaternions
+    ``wxyz``, unit length.
+Missing values
+    A ``valid`` mask stands beside the array. Values where it is False are meaningless but finite; never NaN.
+Units
+    SI and pixels; a name ends in its unit (``_rad``, ``_px``, ``_m``, ``_s``) where its type does not say it.
+    Uncertainty is a sibling in the same unit. Geometry is float64.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+"""float64 array; the shape stands in the comment or docstring beside it."""
+Image = NDArray[np.uint8]
+"""uint8 image, (H, W) grey or (H, W, 3) in OpenCV's blue-green-red order."""
+Mask = NDArray[np.bool_]
+
+
+class PzcapError(Exception):
+    """What a user can mend: the message says in one line what is wrong, where, and what to do about it."""
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The skeleton. Sixteen segments; a segment is named like the joint at its near end is: its frame sits in that joint.
+
+SEGMENTS: Final[tuple[str, ...]] = (
+    "pelvis", "lumbar", "thorax", "head",
+    "left_upper_arm", "left_forearm", "left_hand",
+    "right_upper_arm", "right_forearm", "right_hand",
+    "left_thigh", "left_shank", "left_foot",
+    "right_thigh", "right_shank", "right_foot",
+)  # fmt: skip
+PARENTS: Final[tuple[int, ...]] = (-1, 0, 1, 2, 2, 4, 5, 2, 7, 8, 0, 10, 11, 0, 13, 14)
+"""Index of each segment's parent; -1 for the root. A parent stands before its children."""
+
+HINGE_AXES: Final[dict[str, tuple[float, float, float]]] = {
+    "left_forearm": (0.0, -1.0, 0.0), "right_forearm": (0.0, -1.0, 0.0),  # elbows: positive brings the hand forward
+    "left_shank": (0.0, 1.0, 0.0), "right_shank": (0.0, 1.0, 0.0),  # knees: positive brings the heel back
+}  # fmt: skip
+"""Segments that turn about one fixed axis (of their own and their parent's frame). All others are ball joints:
+3 root position + 12 ball joints (with the root's rotation) x 3 + 4 hinges = 43 degrees of freedom."""
+
+JOINTS: Final[tuple[str, ...]] = (
+    "pelvis", "lumbar", "thorax", "neck",
+    "left_shoulder", "left_elbow", "left_wrist",
+    "right_shoulder", "right_elbow", "right_wrist",
+    "left_hip", "left_knee", "left_ankle",
+    "right_hip", "right_knee", "right_ankle",
+)  # fmt: skip
+"""Joint centres, in the order of SEGMENTS: joint ``i`` is the origin of segment ``i``. These are what is scored.
+Zero pose: standing upright, arms hanging, every segment frame x forward, y left, z up."""
+
+MEASUREMENTS: Final[tuple[str, ...]] = (
+    # lengths: stature; mid-hip to neck joint (C7); neck joint to vertex; neck joint down to shoulder joints
+    "stature", "trunk", "head", "shoulder_drop",
+    # between the two shoulder joints, between the two hip joints
+    "shoulder_width", "hip_width",
+    # joint to joint; hand: wrist to finger tip; foot: heel to toe; ankle joint above the sole
+    "upper_arm", "forearm", "hand", "thigh", "shank", "foot", "ankle_height",
+    # girths
+    "girth_head", "girth_neck", "girth_chest", "girth_waist", "girth_hips",
+    "girth_upper_arm", "girth_elbow", "girth_forearm", "girth_wrist",
+    "girth_thigh", "girth_knee", "girth_calf", "girth_ankle",
+)  # fmt: skip
+"""What is measured on the subject with a tape, metres. See docs/capture.md for how."""
+
+LUMBAR_FRACTION: Final = 0.25
+THORAX_FRACTION: Final = 0.55
+"""Where the lumbar and thorax joints sit between mid-hip (0) and the neck joint (1)."""
+
+
+# --------------------------------------------------------------------------------------------------------------
+# What a crew brings home
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marker:
+    """One fiducial marker of the calibration object."""
+
+    id: int
+    corners_m: Array  # (4, 3) world; clockwise seen from the front, beginning at the marker's own top left (cv2.aruco)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationObject:
+    dictionary: str  # name of the cv2.aruco dictionary, such as "DICT_4X4_50"
+    markers: tuple[Marker, ...]
+    wireframe_m: Array  # (E, 2, 3) edges to draw, world
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """The athlete as measured with a tape. Keys are MEASUREMENTS."""
+
+    measurements_m: dict[str, float]
+    sigma_m: float  # standard deviation of one measurement
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """A pose of the skeleton."""
+
+    root_position_m: Array  # (3,) world position of the pelvis joint
+    rotations: Array  # (16, 4) wxyz, pelvis: world from segment; others: parent from segment
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keyframe:
+    """A pose that a person fitted by hand to the four images of one instant."""
+
+    frame: int  # index of the frame set
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraFiles:
+    """What one camera recorded. A file that the crew did not bring is None."""
+
+    name: str
+    reference: Path | None  # still image of the calibration object at the reference pose
+    sweep: Path | None  # pan sweep of the empty hall
+    zoom: Path | None  # zoom run with the head locked
+    motion: Path | None  # the motion, with timecode
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """A capture folder, read and checked. `pzcap.capture` reads and writes it; docs/capture.md specifies it."""
+
+    folder: Path
+    name: str
+    frame_rate: Fraction
+    cameras: tuple[CameraFiles, ...]
+    calibration_object: CalibrationObject | None
+    subject: Subject | None
+    keyframe_poses: dict[str, Pose]  # timecode "hh:mm:ss:ff" -> pose
+    full_turn: bool  # the sweeps go all the way round, so that the circle closes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameSet:
+    """The views of one instant. A view that was dropped or has not been recorded is None."""
+
+    index: int
+    timecode: str
+    images: tuple[Image | None, ...]  # one a camera, (H, W, 3)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Cameras
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """A camera at one instant: everything that a projection needs."""
+
+    width: int
+    height: int
+    world_T_cam: Array  # (4, 4)
+    focal_px: float
+    principal_px: Array  # (2,)
+    k1: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lens:
+    """Intrinsics as smooth functions of the focal length: polynomials in log(focal / reference focal)."""
+
+    width: int
+    height: int
+    reference_focal_px: float
+    principal_px: Array  # (P, 2) coefficients, constant first
+    k1: Array  # (Q,) coefficients, constant first
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PanZoomCamera:
+    """A camera on a head: what stays while it pans and zooms. `pzcap.camera.at` gives the Camera of an instant."""
+
+    lens: Lens
+    world_T_head: Array  # (4, 4)
+    tilt_rad: float  # of the optical axis against the plane normal to the pan axis
+    roll_rad: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferenceCamera:
+    """One camera at its reference pose, from the image of the calibration object (section 3.4)."""
+
+    camera: Camera
+    points_m: Array  # (N, 3) marker corners, world
+    points_px: Array  # (N, 2) where they were detected
+    residuals_px: Array  # (N, 2) detected minus projected
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panorama:
+    """The empty hall on a cylinder about the pan axis (section 3, eqs. 3-6).
+
+    A direction at azimuth ``a`` (positive to the left of the reference pose's view) and slope ``h`` (height over
+    horizontal distance) stands at column ``origin_px[0] - a * px_per_rad`` and row ``origin_px[1] - h * px_per_rad``.
+    A panorama of a full turn wraps: columns are modulo ``2 * pi * px_per_rad``, which then equals the image width.
+    """
+
+    image: Image  # (H, W, 3)
+    valid: Mask  # (H, W) something was pasted here
+    px_per_rad: float
+    origin_px: Array  # (2,) column and row of azimuth 0, slope 0
+    full_turn: bool
+    sweep_pan_rad: Array  # (M,) pan of each sweep frame
+    sweep_inliers: NDArray[np.int64]  # (M,) feature matches that agreed with the neighbouring frames
+    closure_rad: float  # what the chain of displacements missed the full turn by, before it was distributed
+    residual_px: float  # RMS of the sweep's feature matches after the adjustment
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Localisation:
+    """One frame found on the panorama (section 4)."""
+
+    pan_rad: float
+    tilt_rad: float
+    focal_px: float
+    covariance: Array  # (2, 2) of (pan_rad, log focal)
+    valid: bool
+    frame_points_px: Array  # (N, 2) inlier matches in the frame
+    panorama_points_px: Array  # (N, 2) and in the panorama
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PanZoomTrack:
+    """Pan and zoom of one camera, a value a frame set."""
+
+    pan_rad: Array  # (F,)
+    tilt_rad: Array  # (F,)
+    focal_px: Array  # (F,)
+    covariance: Array  # (F, 2, 2) of (pan_rad, log focal)
+    inliers: NDArray[np.int64]  # (F,)
+    valid: Mask  # (F,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Silhouette:
+    """Foreground of one view (stage 5)."""
+
+    probability: Image  # (H, W) 0..255, that the pixel shows the athlete
+    background: Image  # (H, W, 3) the panorama as this camera sees it, gain matched to the frame
+    valid: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """The athlete's motion (section 5)."""
+
+    root_position_m: Array  # (F, 3)
+    rotations: Array  # (F, 16, 4) as in Pose
+    joints_m: Array  # (F, 16, 3) JOINTS, world
+    sigma_m: Array  # (F, 16) standard deviation of a joint's distance from the truth
+    keyframes: NDArray[np.int64]  # (K,) frame indices that a person posed
+    valid: Mask  # (F,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reconstruction:
+    """Everything the pipeline found. A stage that could not run (something was not brought home) left None."""
+
+    capture_name: str
+    method: str
+    frame_rate: Fraction
+    timecodes: tuple[str, ...]  # (F,)
+    camera_names: tuple[str, ...]  # (C,)
+    references: tuple[ReferenceCamera | None, ...]  # (C,)
+    cameras: tuple[PanZoomCamera | None, ...]  # (C,)
+    panoramas: tuple[Panorama | None, ...]  # (C,)
+    tracks: tuple[PanZoomTrack | None, ...]  # (C,)
+    motion: Motion | None
+    notes: tuple[str, ...]  # what was skipped, and why
