@@ -1,0 +1,32 @@
+# Two commands: `make demo` and `make test`. Each does all the set-up it needs.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV := .venv
+RUN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.PHONY: demo test check setup clean
+.DEFAULT_GOAL := demo
+
+demo: setup  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
+	$(RUN)/python -m experiments.run experiment=floor_exercise seed=0 hydra.run.dir=outputs/demo
+
+test: check  ## everything that has to hold
+	$(RUN)/python -m pytest -n 2 --dist loadgroup
+
+check: setup  ## style, types, and the arrows between the rooms
+	$(RUN)/ruff check .
+	$(RUN)/ruff format --check .
+	$(RUN)/mypy
+	$(RUN)/lint-imports
+
+setup: $(READY)
+	@sh .ci/system-libraries
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "pzcap needs Python 3.11 or newer; say make PYTHON=/path/to/python3.11"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(RUN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+clean:  ## forget the environment and everything that was made
+	rm -rf $(VENV) outputs multirun
