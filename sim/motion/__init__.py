@@ -1,0 +1,36 @@
+"""Motions, one module each, found by name: a module of this package with a function ``make`` is a motion.
+
+To add one, write ``sim/motion/NAME.py`` with ``make(measurements, rng) -> MotionClip``; nothing else is to be edited.
+Modules whose names begin with an underscore are shared by the motions.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import pkgutil
+
+import numpy as np
+
+from pzcap.types import PzcapError
+from sim.motion._clip import END_POINTS, FRAME_RATE, MotionClip
+
+__all__ = ["END_POINTS", "FRAME_RATE", "MotionClip", "make", "names"]
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all motions."""
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_")))
+
+
+def make(name: str, measurements: dict[str, float], rng: np.random.Generator) -> MotionClip:
+    """Make the motion of this name for a person with these measurements (metres).
+
+    Raises PzcapError, with the nearest names, when there is no such motion.
+    """
+    if name not in names():
+        near = difflib.get_close_matches(name, names(), n=3, cutoff=0.0)
+        raise PzcapError(f"there is no motion '{name}' in sim/motion; the nearest are {', '.join(near)}")
+    clip = importlib.import_module(f"{__name__}.{name}").make(measurements, rng)
+    assert isinstance(clip, MotionClip)
+    return clip
