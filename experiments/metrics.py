@@ -1,0 +1,104 @@
+"""Numbers with a name, a unit and a direction, and the file that holds them."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final, Literal
+
+Direction = Literal["lower", "higher"]
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """One number that a run is judged by. ``value`` is None where the run had not the material for it."""
+
+    key: str
+    value: float | None
+    unit: str
+    direction: Direction = "lower"
+
+
+TARGETS: Final[Mapping[str, float]] = {
+    "panzoom.pan.rms": 0.05,
+    "panzoom.focal.rms": 0.5,
+    "panzoom.lost": 0.0,
+    "body.mpjpe.mean": 40.0,
+}
+"""What the floor exercise and the pedestrian have to reach on seeds 0-2."""
+
+
+def meets_target(metric: Metric) -> bool | None:
+    """Whether ``metric`` reaches its target; None where it has no target or no value."""
+    target = TARGETS.get(metric.key)
+    if target is None or metric.value is None:
+        return None
+    return metric.value <= target if metric.direction == "lower" else metric.value >= target
+
+
+def run_info(config: Mapping[str, Any], seed: int) -> dict[str, Any]:
+    """What is needed to run it again: configuration, seed, versions, and the kind of machine (never its name)."""
+    return {"config": dict(config), "seed": seed, "versions": versions(), "machine": machine()}
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that the numbers can depend on."""
+    found = {"python": platform.python_version()}
+    for package in ("pzcap", "numpy", "scipy", "opencv-python-headless", "av", "numba", "mujoco", "rerun-sdk"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """CPU model and cores."""
+    model = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        for line in cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                model = line.partition(":")[2].strip()
+                break
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {"cpu": model, "cores": cores, "system": platform.system()}
+
+
+def write_metrics(path: Path, metrics: Iterable[Metric], run: Mapping[str, Any]) -> None:
+    """Write metrics.json: key -> {value, unit, direction}, and ``_run``. Whole or not at all."""
+    content: dict[str, Any] = {
+        metric.key: {"value": metric.value, "unit": metric.unit, "direction": metric.direction} for metric in metrics
+    }
+    content["_run"] = dict(run)
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    partial.replace(path)
+
+
+def read_metrics(path: Path) -> tuple[tuple[Metric, ...], dict[str, Any]]:
+    """The metrics of metrics.json, and its ``_run``."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    run = content.pop("_run")
+    return tuple(Metric(key, **entry) for key, entry in content.items()), run
+
+
+def format_value(metric: Metric) -> str:
+    """The value as people read it: three significant digits, counts whole, a dash where there is none."""
+    if metric.value is None:
+        return "–"
+    if float(metric.value).is_integer():
+        return f"{metric.value:.0f}"
+    magnitude = abs(metric.value)
+    if magnitude >= 100:
+        return f"{metric.value:.0f}"
+    if magnitude >= 10:
+        return f"{metric.value:.1f}"
+    if magnitude >= 1:
+        return f"{metric.value:.2f}"
+    return f"{metric.value:.3g}"
