@@ -33,13 +33,18 @@ class Progress:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    reference: ReferenceCamera
+    panorama: Panorama
+    camera: PanZoomCamera
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CameraPrepared:
-    """Stages 2-3 are done for one camera. What could not be had is None; ``notes`` of the reconstruction say why."""
+    """Stages 2-3 are done for one camera; None where the material is missing."""
 
     index: int
-    reference: ReferenceCamera | None
-    panorama: Panorama | None
-    camera: PanZoomCamera | None
+    prepared: Prepared | None  # panzoom.Prepared: .reference, .panorama, .camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
