@@ -223,7 +223,8 @@ def fit(
         step = problem.normal(frames, hardness).solve()
         step *= min(1.0, _LONGEST_STEP_RAD / float(np.abs(step[:, 3:]).max()))
         frames = frames.moved(step)
-        if DEBUG: print(hardness, np.abs(step).max(), np.abs(step[:, 3:]).max())
+        if DEBUG:
+            print(hardness, np.abs(step).max(), np.abs(step[:, 3:]).max())
     return _dense_clip(frames, frame_count, times, points, stand, flight)
 
 
