@@ -1,6 +1,6 @@
-"""Surfaces to paint textures on, and the materials of a sports hall: masonry, boards, speckled floor, wear.
+"""A canvas that is painted in metres, and the materials of a sports hall: masonry, boards, flecks, grain, wear.
 
-Everything here is red-green-blue (MuJoCo's order) and painted in metres, so that a texture's resolution is one number.
+Colours are red-green-blue, the order that MuJoCo's textures have.
 """
 
 from __future__ import annotations
@@ -12,118 +12,162 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.types import Image
+from pzcap.types import Image, Mask
 
 Colour = tuple[float, float, float]  # red, green, blue, 0..255
+Points = Sequence[Sequence[float]] | NDArray[np.float64]  # (N, 2) metres
 _SHIFT: Final = 4  # fractional bits of OpenCV's drawing coordinates
+_FONT: Final = cv2.FONT_HERSHEY_DUPLEX
 
 
 class Canvas:
-    """A flat rectangle painted in metres: x to the right and y up from its lower left corner."""
+    """A flat rectangle painted in metres: x to the right, y up, from its lower left corner."""
 
-    def __init__(self, width_m: float, height_m: float, px_per_m: float, colour: Colour) -> None:
-        self.width_m, self.height_m, self.px_per_m = width_m, height_m, px_per_m
-        shape = (max(8, round(height_m * px_per_m)), max(8, round(width_m * px_per_m)), 3)
-        self.image: Image = np.empty(shape, np.uint8)
+    def __init__(self, image: Image, px_per_m: float) -> None:
+        self.image = image
+        self.px_per_m = px_per_m
+        self.height_m, self.width_m = (n / px_per_m for n in image.shape[:2])
+
+    @classmethod
+    def blank(cls, width_m: float, height_m: float, px_per_m: float, colour: Colour) -> Canvas:
+        image = np.empty((max(8, round(height_m * px_per_m)), max(8, round(width_m * px_per_m)), 3), np.uint8)
+        image[:] = np.array(colour, np.uint8)
+        return cls(image, px_per_m)
+
+    def part(self, x: float, y: float, width: float, height: float) -> Canvas:
+        """A rectangle of this canvas as a canvas of its own, on the same pixels; clipped to this one."""
+        rows, columns = self.image.shape[:2]
+        left, right = (int(np.clip(round(v * self.px_per_m), 0, columns)) for v in (x, x + width))
+        top, bottom = (int(np.clip(rows - round(v * self.px_per_m), 0, rows)) for v in (y + height, y))
+        return Canvas(self.image[top:bottom, left:right], self.px_per_m)
+
+    def fill(self, colour: Colour) -> None:
         self.image[:] = np.array(colour, np.uint8)
 
-    def polygon(self, points_m: Sequence[Sequence[float]] | NDArray[np.float64], colour: Colour) -> None:
-        cv2.fillPoly(self.image, [self._fixed(points_m)], colour, cv2.LINE_AA, _SHIFT)
+    def polygon(self, points: Points, colour: Colour) -> None:
+        cv2.fillPoly(self.image, [self._fixed(points)], colour, cv2.LINE_AA, _SHIFT)
 
     def rectangle(self, x: float, y: float, width: float, height: float, colour: Colour) -> None:
         self.polygon([(x, y), (x + width, y), (x + width, y + height), (x, y + height)], colour)
 
-    def frame(self, x: float, y: float, width: float, height: float, thickness: float, colour: Colour) -> None:
-        corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
-        self.line([*corners, corners[0]], thickness, colour)
+    def border(self, thickness: float, colour: Colour, inset: float = 0.0) -> None:
+        """A frame along the canvas's edge, `inset` from it."""
+        a, right, top = (
+            inset + thickness / 2,
+            self.width_m - inset - thickness / 2,
+            self.height_m - inset - thickness / 2,
+        )
+        self.line([(a, a), (right, a), (right, top), (a, top), (a, a)], thickness, colour)
 
-    def line(self, points_m: Sequence[Sequence[float]] | NDArray[np.float64], thickness: float, colour: Colour) -> None:
+    def line(self, points: Points, thickness: float, colour: Colour) -> None:
         """A polyline, never thinner than a pixel."""
         width = max(1, round(thickness * self.px_per_m))
-        cv2.polylines(self.image, [self._fixed(points_m)], False, colour, width, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(self.image, [self._fixed(points)], False, colour, width, cv2.LINE_AA, _SHIFT)
 
-    def ellipse(
-        self, x: float, y: float, radius_x: float, radius_y: float, colour: Colour, thickness: float = 0.0
-    ) -> None:
-        """Filled, or with `thickness` > 0 its outline."""
-        angles = np.linspace(0.0, 2 * np.pi, 49)
-        points = np.stack([x + radius_x * np.cos(angles), y + radius_y * np.sin(angles)], axis=1)
-        if thickness > 0:
-            self.line(points, thickness, colour)
-        else:
-            self.polygon(points, colour)
+    def disc(self, x: float, y: float, radius: float, colour: Colour) -> None:
+        self.polygon(arc(x, y, radius), colour)
+
+    def ring(self, x: float, y: float, radius: float, thickness: float, colour: Colour) -> None:
+        self.line(arc(x, y, radius), thickness, colour)
 
     def text(
-        self, x: float, y: float, height: float, string: str, colour: Colour, weight: float = 0.14, width: float = np.inf
+        self,
+        x: float,
+        y: float,
+        height: float,
+        string: str,
+        colour: Colour,
+        *,
+        weight: float = 0.14,
+        width: float = 1e9,
     ) -> None:
-        """A line of capitals of the given height, its lower left at (x, y); `weight` is the stroke over the height.
+        """A line of capitals of the given height, its lower left at (x, y), set smaller if longer than `width`.
 
-        A line longer than `width` is set smaller.
+        `weight` is the stroke's thickness over the height.
         """
-        font = cv2.FONT_HERSHEY_DUPLEX
-        (width_1, height_1), _ = cv2.getTextSize(string, font, 1.0, 1)
-        scale = min(height / height_1, width / width_1 if string else np.inf) * self.px_per_m
+        (width_1, height_1), _ = cv2.getTextSize(string, _FONT, 1.0, 1)
+        scale = min(height / height_1, width / max(width_1, 1)) * self.px_per_m
         left, bottom = self._fixed([(x, y)])[0] >> _SHIFT
         thickness = max(1, round(weight * scale * height_1))
-        cv2.putText(self.image, string, (int(left), int(bottom)), font, scale, colour, thickness, cv2.LINE_AA)
+        cv2.putText(self.image, string, (int(left), int(bottom)), _FONT, scale, colour, thickness, cv2.LINE_AA)
 
-    def region(self, x: float, y: float, width: float, height: float) -> Image:
-        """The pixels of a rectangle, a view to write to; clipped to the canvas."""
-        rows, columns = self.image.shape[:2]
-        left, right = (int(np.clip(round(v * self.px_per_m), 0, columns)) for v in (x, x + width))
-        top, bottom = (int(np.clip(rows - round(v * self.px_per_m), 0, rows)) for v in (y + height, y))
-        return self.image[top:bottom, left:right]
-
-    def paste(self, image: Image, x: float, y: float, width: float, height: float) -> None:
-        """Set `image` into a rectangle, resampled."""
-        target = self.region(x, y, width, height)
-        if target.size:
-            cv2.resize(image, target.shape[1::-1], dst=target, interpolation=cv2.INTER_AREA)
-
-    def _fixed(self, points_m: Sequence[Sequence[float]] | NDArray[np.float64]) -> NDArray[np.int32]:
+    def _fixed(self, points: Points) -> NDArray[np.int32]:
         """Metres to OpenCV's fixed-point coordinates, whose integers are pixel centres."""
-        points = np.asarray(points_m, np.float64) * self.px_per_m
-        points[:, 1] = self.image.shape[0] - points[:, 1]
-        return np.round((points - 0.5) * (1 << _SHIFT)).astype(np.int32)
+        pixels = np.array(points, np.float64) * self.px_per_m
+        pixels[:, 1] = self.image.shape[0] - pixels[:, 1]
+        return np.round((pixels - 0.5) * (1 << _SHIFT)).astype(np.int32)
+
+
+def arc(x: float, y: float, radius: float, start: float = 0.0, stop: float = 2 * np.pi) -> NDArray[np.float64]:
+    """Points (N, 2) along an arc from angle `start` to `stop`, radians from the x axis."""
+    angles = np.linspace(start, stop, 49)
+    return np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles)], axis=1)
 
 
 def grain(
-    shape: tuple[int, int],
+    shape: tuple[int, ...],
     rng: np.random.Generator,
     amplitude: float,
     *,
-    persistence: float = 0.75,
-    octaves: int = 11,
+    persistence: float = 0.85,
+    octaves: int = 9,
     stretch: tuple[int, int] = (1, 1),
 ) -> NDArray[np.int16]:
-    """Noise with structure at every scale, (H, W), zero mean, finest octave of uniform `amplitude` grey levels.
+    """Noise with structure at every scale, (H, W), zero mean; `amplitude` grey levels in the finest octave.
 
-    Each coarser octave is 1 / `persistence` stronger; `stretch` draws the grain out (rows, columns), as in wood.
+    Each coarser octave is 1 / `persistence` stronger; `stretch` draws the grain out along (rows, columns), as in wood.
     """
     rows, columns = -(-shape[0] // stretch[0]), -(-shape[1] // stretch[1])
     sizes = [(-(-rows // 2**k), -(-columns // 2**k)) for k in range(octaves)]
-    sizes = [size for size in sizes if min(size) >= 2] or sizes[:1]
-    field = np.zeros((1, 1), np.int16)
-    for k in reversed(range(len(sizes))):
+    field: NDArray[np.int16] = np.zeros((1, 1), np.int16)
+    for k in reversed(range(octaves)):
         size = sizes[k]
-        field = cv2.resize(field, size[::-1], interpolation=cv2.INTER_LINEAR).reshape(size)
-        strength = amplitude / persistence**k
-        octave = np.frombuffer(rng.bytes(size[0] * size[1]), np.uint8).reshape(size)
-        table = np.round((np.arange(256) - 127.5) * (strength / 127.5)).astype(np.int16)
-        field = field + table[octave]
+        coarse = cv2.resize(field, size[::-1], interpolation=cv2.INTER_LINEAR).reshape(size)
+        levels = np.round((np.arange(256) - 127.5) * (amplitude / persistence**k / 127.5)).astype(np.int16)
+        field = coarse.astype(np.int16) + levels[np.frombuffer(rng.bytes(size[0] * size[1]), np.uint8).reshape(size)]
     if stretch != (1, 1):
-        field = cv2.resize(field, shape[::-1], interpolation=cv2.INTER_LINEAR)
+        drawn = cv2.resize(field, (columns * stretch[1], rows * stretch[0]), interpolation=cv2.INTER_LINEAR)
+        field = drawn.astype(np.int16)
     return np.ascontiguousarray(field[: shape[0], : shape[1]])
 
 
 def weather(image: Image, field: NDArray[np.int16]) -> None:
-    """Lighten and darken an image by a field of grey levels, in place, saturating."""
+    """Lighten and darken an image by a field of grey levels (H, W), in place, saturating."""
     cv2.add(image, cv2.merge([field, field, field]), dst=image, dtype=cv2.CV_8U)
 
 
+def flecks(shape: tuple[int, ...], rng: np.random.Generator, size_px: float, share: float) -> Mask:
+    """Irregular blots of about `size_px` that cover about a `share` of the image."""
+    small = (max(2, int(shape[0] / size_px)), max(2, int(shape[1] / size_px)))
+    noise = np.frombuffer(rng.bytes(small[0] * small[1]), np.uint8).reshape(small)
+    field = cv2.resize(noise, shape[1::-1], interpolation=cv2.INTER_CUBIC)
+    return np.asarray(field > np.quantile(field[::7, ::7], 1.0 - share))
+
+
+def tint(image: Image, mask: Mask, change: tuple[int, int, int]) -> None:
+    """Add a colour to the masked pixels, in place, saturating."""
+    layers = [np.where(mask, np.int16(c), np.int16(0)) for c in change]
+    cv2.add(image, cv2.merge(layers), dst=image, dtype=cv2.CV_8U)
+
+
+def scuff(canvas: Canvas, rng: np.random.Generator, per_m2: float, depth: int = 40) -> None:
+    """Marks of use: dark streaks and faint round prints of balls, 3 cm to 1 m, up to `depth` grey levels."""
+    marks = np.zeros(canvas.image.shape[:2], np.uint8)
+    layer = Canvas(marks, canvas.px_per_m)
+    for _ in range(round(per_m2 * canvas.width_m * canvas.height_m)):
+        x, y = rng.uniform(0, canvas.width_m), rng.uniform(0, canvas.height_m)
+        shade = (float(rng.uniform(0.3, 1.0) * depth),) * 3
+        size, angle = 0.03 * 30 ** rng.random(), rng.uniform(0, 2 * np.pi)
+        if rng.random() < 0.25:
+            layer.ring(x, y, 0.5 * min(size, 0.24), 0.015, shade)
+        else:
+            bend = arc(x, y, size / rng.uniform(0.3, 2.0), angle, angle + rng.uniform(0.2, 1.0))
+            layer.line(bend, rng.uniform(0.004, 0.02), shade)
+    cv2.subtract(canvas.image, cv2.merge([marks, marks, marks]), dst=canvas.image)
+
+
 def courses(
-    image: Image,
-    px_per_m: float,
+    canvas: Canvas,
     rng: np.random.Generator,
     colours: Sequence[Colour],
     *,
@@ -131,26 +175,25 @@ def courses(
     joint_m: float,
     joint: Colour,
     spread: float = 8.0,
+    stagger: bool = True,
 ) -> None:
-    """Fill an image with courses of bricks, boards or panels of (width, height) `unit_m`, in place.
+    """Cover a canvas with courses of bricks, boards or panels of (width, height) `unit_m`.
 
-    Each unit takes one of the `colours`, lighter or darker by `spread` grey levels RMS; each course is shifted by a
-    random amount, so nothing repeats.
+    Each unit takes one of the `colours`, lighter or darker by `spread` grey levels RMS. With `stagger` each course is
+    shifted by a random amount.
     """
-    rows, columns = image.shape[:2]
-    y = np.arange(rows) / (px_per_m * unit_m[1])
-    course = y.astype(int)
-    count = course[-1] + 1
-    shifts = rng.uniform(0, 1, count) if count > 1 else np.zeros(1)
-    x = np.arange(columns) / (px_per_m * unit_m[0])
-    units = int(x[-1]) + 2
+    rows, columns = canvas.image.shape[:2]
+    y = np.arange(rows) / (canvas.px_per_m * unit_m[1])
+    x = np.arange(columns) / (canvas.px_per_m * unit_m[0])
+    count, units = int(y[-1]) + 1, int(x[-1]) + 2
+    shifts = rng.uniform(0, 1, count) if stagger else np.zeros(count)
     palette = np.asarray(colours, np.float64)[rng.integers(len(colours), size=(count, units))]
     palette = np.clip(palette + rng.normal(0, spread, (count, units, 1)), 0, 255).astype(np.uint8)
-    joint_x, joint_y = joint_m / unit_m[0], joint_m / unit_m[1]
+    starts = [*np.searchsorted(y, np.arange(count)), rows]
+    joint_rows = round(joint_m * canvas.px_per_m)
     for i in range(count):
-        here = np.flatnonzero(course == i)
         position = x + shifts[i]
-        line = palette[i, position.astype(int)]
-        line[(position % 1.0) < joint_x] = joint
-        image[here[0] : here[-1] + 1] = line
-        image[here[(y[here] % 1.0) < joint_y]] = joint
+        course = palette[i, position.astype(int)]
+        course[(position % 1.0) < joint_m / unit_m[0]] = joint
+        canvas.image[starts[i] : starts[i + 1]] = course
+        canvas.image[starts[i] : starts[i] + joint_rows] = joint
