@@ -1,0 +1,121 @@
+"""The people behind the cameras: how they pan and zoom by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+
+from pzcap.types import Array
+from sim.optics import Rig
+
+_RATE_HZ = 240  # at which hands are simulated
+_SETTLE_S = 3.0  # an operator finds the athlete this long before the recording begins
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorConfig:
+    """How steady the hands are and how the picture is framed."""
+
+    reaction_s: float = 0.15  # what is seen is acted upon this much later
+    bandwidth_hz: float = 0.9  # of the hand on the pan bar, a mass on a spring
+    damping: float = 0.55  # of the same; below 1 it overshoots
+    tremor_deg: float = 0.02  # standard deviation
+    tremor_hz: float = 4.0
+    body_height: float = 0.55  # of the body in the picture, image heights
+    zoom_smoothing_s: float = 0.45
+    sweep_step_deg: float = 2.05  # between the frames of the sweep
+    sweep_speed_variation: float = 0.05  # standard deviation of a step, share of the step
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hands:
+    """Pan and focal length over time."""
+
+    pan: CubicSpline  # s -> rad
+    log_focal: CubicSpline  # s -> log px
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """Pan in radians and focal length in pixels."""
+        return float(self.pan(time_s)), float(np.exp(self.log_focal(time_s)))
+
+
+def follow(rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rng: np.random.Generator) -> Hands:
+    """Follow a body through its motion.
+
+    times_s: (T,) evenly spaced. points_m: (T, N, 3) points that span the body, world.
+    """
+    time = np.arange(times_s[0] - _SETTLE_S, times_s[-1] + 1.0, 1 / _RATE_HZ)
+    target_rad, wanted_px = _sight(rig, points_m, config)
+    target_rad = np.interp(time, times_s, target_rad)
+    log_focal = np.interp(time, times_s, np.log(wanted_px))
+    # Who films a routine knows it, and opens the lens before it is needed.
+    samples = config.zoom_smoothing_s * _RATE_HZ
+    log_focal = gaussian_filter1d(minimum_filter1d(log_focal, max(1, round(2 * samples)), mode="nearest"), samples)
+    limits = np.log(rig.reference_focal_px * np.array([rig.config.zoom_min, rig.config.zoom_max]))
+    pan = _chase(target_rad, config) + _tremor(len(time), config, rng)
+    return Hands(CubicSpline(time, pan), CubicSpline(time, np.clip(log_focal, *limits)))
+
+
+def through(times_s: Array, pan_rad: Array, focal_px: Array) -> Hands:
+    """Hands that pass through given values (N,) at given times (N,)."""
+    return Hands(CubicSpline(times_s, pan_rad), CubicSpline(times_s, np.log(focal_px)))
+
+
+def sweep_length(degrees: float, config: OperatorConfig) -> int:
+    """How many frames `sweep` has."""
+    return 1 + round((degrees + 4 * config.sweep_step_deg * (degrees >= 360.0)) / config.sweep_step_deg)
+
+
+def sweep(degrees: float, config: OperatorConfig, rng: np.random.Generator) -> Array:
+    """Pan (M,) in radians of the frames of a sweep of so many degrees, to the left, centred on the reference pose.
+
+    A full turn (360) goes on until it has overlapped its own start.
+    """
+    speed = gaussian_filter1d(rng.normal(size=sweep_length(degrees, config) - 1), 4.0, mode="wrap")
+    speed = 1 + config.sweep_speed_variation * speed / max(float(np.std(speed)), 1e-9)
+    pan_deg = config.sweep_step_deg * np.concatenate([[0.0], np.cumsum(np.maximum(speed, 0.2))])
+    return np.deg2rad(pan_deg - pan_deg[-1] / 2)
+
+
+def _sight(rig: Rig, points_m: Array, config: OperatorConfig) -> tuple[Array, Array]:
+    """Where an ideal operator would look (T,) rad, and with which focal length (T,) px."""
+    head = (points_m - rig.world_T_head[:3, 3]) @ rig.world_T_head[:3, :3]
+    azimuth = np.unwrap(np.arctan2(head[..., 1], head[..., 0]), axis=0)
+    azimuth = azimuth[:, :1] + (azimuth - azimuth[:, :1] + np.pi) % (2 * np.pi) - np.pi
+    left, right = azimuth.max(axis=1), azimuth.min(axis=1)
+    elevation = np.arctan2(head[..., 2], np.hypot(head[..., 0], head[..., 1])) - rig.tilt_rad
+    slope = np.tan(np.clip(elevation, -1.2, 1.2))
+    tall = slope.max(axis=1) - slope.min(axis=1)
+    # The tilt is fixed, so the body is off the centre at times: it must fit there, too.
+    beyond = np.abs(slope).max(axis=1)
+    aside = np.tan(np.minimum((left - right) / 2 + np.deg2rad(2.0), 1.2))
+    focal = np.minimum(config.body_height * rig.height / np.maximum(tall, 1e-3), 0.47 * rig.height / beyond)
+    return (left + right) / 2, np.minimum(focal, 0.45 * rig.width / aside)
+
+
+def _chase(target_rad: Array, config: OperatorConfig) -> Array:
+    """A mass on a spring, pulled to where the athlete was expected to be when last seen."""
+    lag = round(config.reaction_s * _RATE_HZ)
+    seen = np.concatenate([np.full(lag, target_rad[0]), target_rad[: len(target_rad) - lag]])
+    speed = gaussian_filter1d(np.gradient(seen, 1 / _RATE_HZ), 0.05 * _RATE_HZ)
+    expected = seen + config.reaction_s * speed
+    stiffness = (2 * np.pi * config.bandwidth_hz) ** 2
+    friction = 2 * config.damping * np.sqrt(stiffness)
+    pan = np.empty_like(target_rad)
+    position, velocity = float(expected[0]), 0.0
+    for k in range(len(pan)):
+        velocity += (stiffness * (expected[k] - position) + friction * (speed[k] - velocity)) / _RATE_HZ
+        position += velocity / _RATE_HZ
+        pan[k] = position
+    return pan
+
+
+def _tremor(samples: int, config: OperatorConfig, rng: np.random.Generator) -> Array:
+    """Smooth noise around the tremor's frequency."""
+    white = rng.normal(size=samples)
+    period = _RATE_HZ / config.tremor_hz
+    noise = gaussian_filter1d(white, period / 8) - gaussian_filter1d(white, period / 2)
+    return np.deg2rad(config.tremor_deg) * noise / max(float(np.std(noise)), 1e-9)

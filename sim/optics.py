@@ -1,0 +1,186 @@
+"""The cameras as they really are: where they stand, how their heads turn, and what their lenses do to a picture.
+
+Written without a look at `pzcap.camera`: what the two have in common is the conventions of `pzcap.types`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pzcap.types import Array, Image
+
+_CORNERS_M = ((-10.5, -8.0), (10.5, -8.0), (10.5, 8.0), (-10.5, 8.0))
+_HEAD_R_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_GRID_PX = 8  # spacing of the points whose distortion is computed; between them it is interpolated, to 0.005 px
+
+
+Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""Column and row on the plate that each pixel sees."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpticsConfig:
+    """Mount and lens. An effect whose size is 0 (vignetting: 1) is exactly absent."""
+
+    reference_focal: float = 1.375  # focal length at the reference pose, image widths (880 px of 640)
+    zoom_min: float = 0.7  # widest and longest focal length, in reference focal lengths
+    zoom_max: float = 3.0
+    k1_wide: float = -0.08  # radial distortion at the widest focal length; linear in log focal
+    k1_long: float = 0.02  # and at the longest
+    principal_offset: float = 0.00625  # of the principal point from the centre, image widths (4 px of 640)
+    vignetting: float = 0.8  # brightness in the corners, falling with the square of the radius
+    axis_beside_m: float = 0.003  # the rotation axis stands beside the projection centre,
+    axis_behind_m: float = 0.005  # and behind it: what remains after the slide head was set
+    centre_travel_m: float = 0.005  # of the projection centre along the optical axis, widest to longest
+    tilt_deg: float = -4.0
+    tilt_sigma_deg: float = 0.7
+    roll_deg: float = 0.5  # to either side
+    axis_lean_deg: float = 0.3  # of the pan axis from the vertical, at most
+    position_sigma_m: float = 0.2  # of the tripods about their places in the hall
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rig:
+    """One camera on its tripod."""
+
+    width: int
+    height: int
+    config: OpticsConfig
+    world_T_head: Array  # (4, 4) z along the pan axis, origin at the projection centre of the reference pose
+    beside_m: float  # of the pan axis from the projection centre, to the left
+    tilt_rad: float
+    roll_rad: float
+    principal_px: Array  # (2,)
+
+    @property
+    def reference_focal_px(self) -> float:
+        return self.config.reference_focal * self.width
+
+    def zoom_share(self, focal_px: float | Array) -> Array:
+        """Where in the zoom range a focal length is, by its logarithm: 0 at the widest, 1 at the longest."""
+        c = self.config
+        return np.log(np.asarray(focal_px) / (self.reference_focal_px * c.zoom_min)) / np.log(c.zoom_max / c.zoom_min)
+
+    def k1(self, focal_px: float) -> float:
+        c = self.config
+        return float(c.k1_wide + (c.k1_long - c.k1_wide) * self.zoom_share(focal_px))
+
+    def world_T_cam(self, pan_rad: float, focal_px: float) -> Array:
+        """(4, 4). The projection centre circles the pan axis and travels along the optical axis as the lens zooms."""
+        c = self.config
+        optical = _transform(Rotation.from_euler("y", -self.tilt_rad).as_matrix() @ _HEAD_R_CAM)
+        optical = optical @ _transform(Rotation.from_euler("z", self.roll_rad).as_matrix())
+        travel = c.centre_travel_m * (self.zoom_share(focal_px) - self.zoom_share(self.reference_focal_px))
+        axis = _transform(np.eye(3), [-c.axis_behind_m, self.beside_m, 0.0])
+        pan = _transform(Rotation.from_euler("z", pan_rad).as_matrix())
+        along = _transform(np.eye(3), [0.0, 0.0, float(travel)])
+        return self.world_T_head @ axis @ pan @ np.linalg.inv(axis) @ optical @ along
+
+
+def build_rig(camera: int, width: int, height: int, config: OpticsConfig, rng: np.random.Generator) -> Rig:
+    """Put up the tripod of camera 0 to 3 near its corner, looking over the centre of the hall."""
+    x, y = np.array(_CORNERS_M[camera]) + rng.normal(0, 1, 2) * config.position_sigma_m
+    z = rng.uniform(1.5, 2.0)
+    lean_rad = np.deg2rad(config.axis_lean_deg) * np.sqrt(rng.uniform())
+    towards = rng.uniform(0, 2 * np.pi)
+    lean = Rotation.from_rotvec(lean_rad * np.array([np.cos(towards), np.sin(towards), 0.0]))
+    heading = Rotation.from_euler("z", np.arctan2(-y, -x))
+    tilt_deg = config.tilt_deg + config.tilt_sigma_deg * rng.normal()
+    sides = rng.choice([-1.0, 1.0], 2)
+    angle = rng.uniform(0, 2 * np.pi)
+    centre = np.array([(width - 1) / 2, (height - 1) / 2])
+    return Rig(
+        width=width,
+        height=height,
+        config=config,
+        world_T_head=_transform((lean * heading).as_matrix(), [x, y, z]),
+        beside_m=float(sides[0] * config.axis_beside_m),
+        tilt_rad=float(np.deg2rad(tilt_deg)),
+        roll_rad=float(np.deg2rad(sides[1] * config.roll_deg)),
+        principal_px=centre + config.principal_offset * width * np.array([np.cos(angle), np.sin(angle)]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """The undistorted picture that is rendered: centred, ``scale`` times finer than the image, and larger all round."""
+
+    width: int
+    height: int
+    scale: int
+
+    def vertical_view_deg(self, focal_px: float) -> float:
+        return float(np.rad2deg(2 * np.arctan(self.height / (2 * self.scale * focal_px))))
+
+
+def plate_for(width: int, height: int, config: OpticsConfig, scale: int) -> Plate:
+    """The smallest plate that has data under every pixel of the image at every zoom."""
+    reach = max(
+        float(_undistorted(np.array(np.hypot(width, height) / (2 * focal)), k1) * focal / np.hypot(width, height) * 2)
+        for focal, k1 in (
+            (config.reference_focal * width * config.zoom_min, config.k1_wide),
+            (config.reference_focal * width * config.zoom_max, config.k1_long),
+            (config.reference_focal * width, min(config.k1_wide, 0.0)),
+        )
+    )
+    shift = 2 * config.principal_offset * width
+    sides = [round(side * max(reach, 1.0) + shift) + 2 * (shift > 0 or reach > 1) for side in (width, height)]
+    columns, rows = (scale * (side + side % 2) for side in sides)
+    return Plate(columns, rows, scale)
+
+
+def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: int) -> Maps:
+    """For each pixel of the image, made ``scale`` times finer, the column and row on the plate that it sees.
+
+    Both (scale * height, scale * width). The plate may have been rendered at another scale; the result is in pixels of
+    a plate of scale ``scale``. Rows count from the *bottom*, as OpenGL hands pictures over.
+    """
+    size = np.array([rig.width, rig.height]) * scale
+    cells = -(-size // _GRID_PX) + 2  # one more on each side, so that none of the image is extrapolated
+    fine = [(np.arange(n) - 0.5) * _GRID_PX - 0.5 for n in cells]
+    coarse = [(axis + 0.5) / scale - 0.5 for axis in fine]
+    x, y = np.meshgrid(*((axis - p) / focal_px for axis, p in zip(coarse, rig.principal_px, strict=True)))
+    radius = np.maximum(np.hypot(x, y), 1e-12)
+    factor = _undistorted(radius, rig.k1(focal_px)) / radius * focal_px * scale
+    half = np.array([plate.width, plate.height]) * scale / plate.scale / 2 - 0.5
+    grid = np.stack([x * factor + half[0], half[1] - y * factor], axis=-1).astype(np.float32)
+    whole = cv2.resize(grid, (int(cells[0]) * _GRID_PX, int(cells[1]) * _GRID_PX), interpolation=cv2.INTER_LINEAR)
+    whole = whole[_GRID_PX : _GRID_PX + size[1], _GRID_PX : _GRID_PX + size[0]]
+    return np.ascontiguousarray(whole[..., 0]), np.ascontiguousarray(whole[..., 1])
+
+
+def through_lens(plate: NDArray[np.uint8] | NDArray[np.uint16], maps: Maps, rig: Rig) -> Image:
+    """Distort a plate and bring it to the image's size, (height, width, ...)."""
+    seen = cv2.remap(plate, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    if seen.shape[1] == rig.width:
+        return np.asarray(seen)
+    return np.asarray(cv2.resize(seen, (rig.width, rig.height), interpolation=cv2.INTER_AREA))
+
+
+def vignette(rig: Rig) -> NDArray[np.float32]:
+    """(height, width, 1) brightness, 1 at the principal point, falling with the square of the distance from it."""
+    v, u = np.mgrid[: rig.height, : rig.width]
+    r2 = (u - rig.principal_px[0]) ** 2 + (v - rig.principal_px[1]) ** 2
+    corner = (rig.width**2 + rig.height**2) / 4
+    return (1 - (1 - rig.config.vignetting) * r2 / corner).astype(np.float32)[..., None]
+
+
+def _undistorted(radius: Array, k1: float) -> Array:
+    """Solve ``r (1 + k1 r^2) = radius`` by Newton's method."""
+    r = radius.copy()
+    for _ in range(6):
+        r -= (r * (1 + k1 * r**2) - radius) / (1 + 3 * k1 * r**2)
+    return r
+
+
+def _transform(rotation: Array, translation: Array | list[float] | None = None) -> Array:
+    result = np.eye(4)
+    result[:3, :3] = rotation
+    if translation is not None:
+        result[:3, 3] = translation
+    return result

@@ -1,0 +1,76 @@
+"""From light to grey levels: exposure, noise; and the camera's clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.types import Image, Mask
+
+
+@dataclass(frozen=True, slots=True)
+class SensorConfig:
+    """Exposure, noise, compression, clock. An effect whose size is 0 is exactly absent."""
+
+    read_noise: float = 2.0  # standard deviation, grey levels
+    shot_noise: float = 0.02  # variance per grey level
+    exposure_drift: float = 0.03  # largest departure of the brightness from its mean
+    shutter_s: float = 1 / 250
+    sub_exposures: int = (
+        2  # averaged over the open shutter while the motion is recorded; the sweep is too slow to need it
+    )
+    crf_motion: int = 20  # H.264 quality
+    crf_still: int = 12  # and of the sweep and the zoom run
+    largest_roll: int = 5  # frames that a camera starts early or stops late, at most
+    dropped_share: float = 0.0  # of the motion's frames
+
+
+class Exposure:
+    """Brightness over time: three slow waves of random phase, together never beyond ``drift``."""
+
+    def __init__(self, drift: float, rng: np.random.Generator) -> None:
+        self._drift = drift
+        self._periods_s = rng.uniform([4.0, 8.0, 20.0], [8.0, 20.0, 60.0])
+        self._phases = rng.uniform(0, 2 * np.pi, 3)
+
+    def __call__(self, time_s: float) -> float:
+        return 1.0 + self._drift * float(np.mean(np.sin(2 * np.pi * time_s / self._periods_s + self._phases)))
+
+
+class Sensor:
+    """Turns brightness into noisy grey levels.
+
+    Each frame draws its own stretch, at a random place, of one long table of normal numbers: drawing 900 000 of them
+    anew would cost more than all else that happens to a frame.
+    """
+
+    _SPARE = 1 << 22
+
+    def __init__(self, config: SensorConfig, vignette: NDArray[np.float32], rng: np.random.Generator) -> None:
+        self._config = config
+        self._vignette = vignette
+        self._table = rng.standard_normal(vignette.size * 3 + self._SPARE, dtype=np.float32)
+
+    def develop(self, light: NDArray[np.uint8] | NDArray[np.uint16], gain: float, rng: np.random.Generator) -> Image:
+        """(H, W, 3) red-green-blue light in grey levels, times ``gain``, to the image that is recorded."""
+        level = light[..., ::-1] * (self._vignette * np.float32(gain))
+        noise = self._table[(start := int(rng.integers(self._SPARE))) : start + level.size].reshape(level.shape)
+        sigma = np.sqrt(level * np.float32(self._config.shot_noise) + np.float32(self._config.read_noise**2))
+        level += sigma * noise
+        return np.rint(np.clip(level, 0, 255)).astype(np.uint8)
+
+
+def rolls(cameras: int, largest: int, rng: np.random.Generator) -> tuple[list[int], list[int]]:
+    """How many frames each camera starts early and stops late; one of them starts, and one stops, just in time."""
+    early, late = (rng.integers(0, largest + 1, cameras) for _ in range(2))
+    early[rng.integers(cameras)] = late[rng.integers(cameras)] = 0
+    return early.tolist(), late.tolist()
+
+
+def draw_dropped(frames: int, share: float, rng: np.random.Generator) -> Mask:
+    """(frames,) which frames are lost; never the first or the last, which say how long the recording is."""
+    dropped = rng.uniform(size=frames) < share
+    dropped[[0, -1]] = False
+    return dropped

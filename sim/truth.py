@@ -1,0 +1,105 @@
+"""What the simulator knows, on disk. Needs nothing but numpy to be read."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, fields
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.types import Array, Mask
+
+_MASKS = ("mask_bits", "shadow_bits")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """F frames (the frame sets of the capture, in order), C cameras, at mid-exposure. Conventions: `pzcap.types`."""
+
+    config: str  # JSON of the ShootConfig
+    frame_rate: Fraction
+    camera_names: tuple[str, ...]  # (C,)
+    timecodes: tuple[str, ...]  # (F,)
+    width: int
+    height: int
+
+    # cameras while the motion is recorded
+    pan_rad: Array  # (C, F)
+    tilt_rad: Array  # (C, F)
+    roll_rad: Array  # (C,)
+    focal_px: Array  # (C, F)
+    principal_px: Array  # (C, F, 2)
+    k1: Array  # (C, F)
+    world_T_cam: Array  # (C, F, 4, 4)
+    recorded: Mask  # (C, F) False where the frame was dropped
+    # at the reference pose
+    reference_focal_px: Array  # (C,)
+    reference_principal_px: Array  # (C, 2)
+    reference_k1: Array  # (C,)
+    reference_world_T_cam: Array  # (C, 4, 4)
+    # during the sweep and the zoom run
+    sweep_pan_rad: Array  # (C, M)
+    sweep_world_T_cam: Array  # (C, M, 4, 4)
+    zoom_focal_px: Array  # (C, Z)
+    zoom_pan_rad: Array  # (C,)
+    # the static scene: points of the hall that each camera sees as it turns
+    scene_points_m: Array  # (C, P, 3)
+
+    # the athlete
+    measurements_m: dict[str, float]
+    root_position_m: Array  # (F, 3)
+    rotations: Array  # (F, 16, 4) as in pzcap.types.Pose
+    joints_m: Array  # (F, 16, 3) pzcap.types.JOINTS
+    contact: Mask  # (F, 4) left hand, right hand, left foot, right foot on the floor
+    airborne: Mask  # (F,)
+
+    # images of the athlete, a bit a pixel; see `mask` and `shadow`
+    mask_bits: NDArray[np.uint8]  # (C, F, H * W / 8)
+    shadow_frames: NDArray[np.int64]  # (S,) the frames whose shadows are known
+    shadow_bits: NDArray[np.uint8]  # (C, S, H * W / 8)
+
+    @property
+    def inverted(self) -> Mask:
+        """(F,) the head is below the pelvis."""
+        return np.asarray(self.joints_m[:, 3, 2] < self.joints_m[:, 0, 2])
+
+    def mask(self, camera: int, frame: int) -> Mask:
+        """(H, W) the pixels that show the athlete."""
+        return self._unpack(self.mask_bits[camera, frame])
+
+    def shadow(self, camera: int, frame: int) -> Mask | None:
+        """(H, W) the pixels darkened by the athlete's shadow, off the athlete; None where it is not known."""
+        at = np.flatnonzero(self.shadow_frames == frame)
+        return self._unpack(self.shadow_bits[camera, at[0]]) if len(at) else None
+
+    def _unpack(self, bits: NDArray[np.uint8]) -> Mask:
+        return np.unpackbits(bits, count=self.height * self.width).reshape(self.height, self.width).astype(bool)
+
+
+def save(truth: Truth, folder: Path) -> None:
+    """Write ``truth.json`` (text and scalars), ``truth.npz`` (arrays) and ``masks.npz`` into ``folder``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    values = {field.name: getattr(truth, field.name) for field in fields(truth)}
+    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    plain = {name: value for name, value in values.items() if name not in arrays}
+    plain["frame_rate"] = str(truth.frame_rate)
+    (folder / "truth.json").write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
+    masks: dict[str, Any] = {name: arrays.pop(name) for name in _MASKS}
+    numbers: dict[str, Any] = arrays
+    np.savez(folder / "truth.npz", **numbers)
+    np.savez_compressed(folder / "masks.npz", **masks)
+
+
+def load(folder: Path) -> Truth:
+    """Read what `save` wrote."""
+    values = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    values["frame_rate"] = Fraction(values["frame_rate"])
+    values["camera_names"], values["timecodes"] = tuple(values["camera_names"]), tuple(values["timecodes"])
+    for name in ("truth.npz", "masks.npz"):
+        with np.load(folder / name) as arrays:
+            values.update({key: arrays[key] for key in arrays})
+    return Truth(**values)
