@@ -59,9 +59,10 @@ def joint_rotations(channels: Mapping[str, Array], pelvis: Array) -> Array:
         out[:, SEGMENTS.index(name)] = _euler("YXZ", angles[:, 0], -angles[:, 1], angles[:, 2])
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for kind, joint in _JOINT_OF.items():
-            angles = channels.get(f"{side}_{joint}")
-            if angles is None:
+            channel = f"{side}_{joint}"
+            if channel not in channels:
                 continue
+            angles = channels[channel]
             if joint in ("shoulder", "hip"):
                 rotation = _euler("YXZ", -angles[:, 0], sign * angles[:, 1], -sign * angles[:, 2])
             else:

@@ -216,7 +216,7 @@ def fit(
     for contact in contacts:
         first, last = np.round(np.array([contact.start_s, contact.end_s]) * KNOT_RATE).astype(int)
         stand[[point.name == contact.point for point in points], max(first, 0) : max(last + 1, 0)] = True
-    flight = ~stand.any(axis=0)
+    flight: Mask = np.logical_not(stand.any(axis=0))
     frames = Frames.place(tree, authored_roots_m, authored_rotations)
     problem = _Problem(frames, points, stand, flight, np.array(root_sigma_m))
     for hardness in _HARDNESS:
@@ -266,18 +266,19 @@ def _centre_path(times: Array, centre: Array, flight: Mask, dense: Array) -> Arr
     edges = np.flatnonzero(np.diff(flight.astype(int)))
     # Flight begins at the last knot that stands and ends at the first that stands again.
     starts, ends = edges[~flight[edges]], edges[flight[edges]] + 1
-    slopes: list[Array | None] = [None]
+    free = (2, np.zeros(3))  # no acceleration where the clip begins and ends
+    slopes = [free]
     for a, b in zip(starts, ends, strict=True):
         span = times[b] - times[a]
         speed = (centre[b] - centre[a]) / span - GRAVITY * span / 2
         inside = (dense >= times[a]) & (dense <= times[b])
         t = (dense[inside] - times[a])[:, None]
         out[inside] = centre[a] + speed * t + GRAVITY * t**2 / 2
-        slopes += [speed, speed + GRAVITY * span]
-    slopes.append(None)
+        slopes += [(1, speed), (1, speed + GRAVITY * span)]
+    slopes.append(free)
     lows, highs = [0, *ends], [*starts, len(times) - 1]
     for i, (a, b) in enumerate(zip(lows, highs, strict=True)):
-        boundary = tuple((2, np.zeros(3)) if slope is None else (1, slope) for slope in slopes[2 * i : 2 * i + 2])
+        left, right = slopes[2 * i], slopes[2 * i + 1]
         inside = (dense >= times[a]) & (dense <= times[b])
-        out[inside] = CubicSpline(times[a : b + 1], centre[a : b + 1], bc_type=boundary)(dense[inside])
+        out[inside] = CubicSpline(times[a : b + 1], centre[a : b + 1], bc_type=(left, right))(dense[inside])
     return out

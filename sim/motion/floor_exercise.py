@@ -6,6 +6,7 @@ flight ballistic and feet and hands stand still; then the whole is turned onto a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -140,7 +141,7 @@ def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip
     """Tumble from one corner of the carpet towards the opposite one; corner, line and start vary with ``rng``."""
     times = knots(FRAMES)
 
-    def curve(keys: list[tuple[float, float]]) -> Array:
+    def curve(keys: Sequence[tuple[float, float]]) -> Array:
         at, values = np.array(keys, dtype=float).T
         return PchipInterpolator(at, values)(np.clip(times, at[0], at[-1]))
 

@@ -36,8 +36,8 @@ _TOE_DOWN: Final = (0.10, 0.60)
 
 def _curve(name: str, phase: Array) -> Array:
     keys = np.array(_CYCLE[name])
-    keys = np.vstack([keys, keys[:1] + (100, 0)])
-    return CubicSpline(keys[:, 0] / 100, keys[:, 1], bc_type="periodic")(phase % 1.0)
+    at, degrees = np.append(keys[:, 0], 100) / 100, np.append(keys[:, 1], keys[0, 1])
+    return CubicSpline(at, degrees, bc_type="periodic")(phase % 1.0)
 
 
 def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip:
@@ -53,7 +53,7 @@ def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip
     phase = cadence / 2.0 * times + float(rng.uniform())
     wave = 2 * np.pi * phase
     zero = np.zeros_like(times)
-    # The pelvis turns forward on the side of the leg that swings forward and drops on it; the shoulders turn against it.
+    # The pelvis turns forward and drops on the side of the swinging leg; the shoulders turn against it.
     channels: dict[str, Array] = {
         "trunk": np.stack([zero + 4, 3 * np.sin(wave), -10 * np.cos(wave)], axis=1),
         "neck": np.stack([zero - 3, zero, 5 * np.cos(wave)], axis=1),
