@@ -1,0 +1,232 @@
+"""What the images of one instant say about a pose: silhouettes and appearance, as normal equations.
+
+An `Observation` is one view cut out around the body, as a pyramid. `Evidence` holds the views of one instant and, for a
+pose, accumulates the weighted normal equations of all residuals in the 43 numbers of the pose's tangent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap import kernels
+from pzcap.body import DOF, Body, forward, lift, place, screws
+from pzcap.types import SEGMENTS, Array, Camera, Image, Pose
+
+Float32 = NDArray[np.float32]
+
+LEVELS = 3
+"""Pyramid levels: each halves the one below it."""
+DEPTH_TOLERANCE_M = 0.03
+_Z_SCALE = 2.0
+
+
+def place_body(body: Body, pose: Pose) -> tuple[Array, Array, Array]:
+    """``world_T_segment`` (16, 4, 4), and the skin's points and normals (V, 3) in the world."""
+    frames = forward(body, pose)
+    points, normals = place(body, frames)
+    return frames, points, normals
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """One view, cut out around the body. Pixel ``(i, j)`` of level ``l`` stands at ``(left, top) + 2^l (j, i)``."""
+
+    camera: Camera
+    left: int
+    top: int
+    grey: tuple[Float32, ...]  # LEVELS images
+    probability: Float32  # (h, w) 0..1 of the finest level
+
+
+def observe(image: Image, probability: Image, camera: Camera, left: int, top: int) -> Observation:
+    """Prepare a cut-out whose top-left pixel stands at ``(left, top)`` of the view."""
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+    levels = [np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 0.7), np.float32)]
+    for _ in range(LEVELS - 1):
+        levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.float32))
+    smooth = cv2.GaussianBlur(probability, (0, 0), 0.7).astype(np.float32) / 255.0
+    return Observation(camera, left, top, tuple(levels), smooth)
+
+
+@dataclass(slots=True, eq=False)
+class Appearance:
+    """What each point of the skin looked like in one view, per pyramid level, and how far that is to be trusted."""
+
+    value: Float32  # (LEVELS, V)
+    trust: Float32  # (V,) 0 unseen .. 1
+
+    @staticmethod
+    def unseen(points: int) -> Appearance:
+        return Appearance(np.zeros((LEVELS, points), np.float32), np.zeros(points, np.float32))
+
+
+@dataclass(slots=True, eq=False)
+class PlacedView:
+    """The skin of a posed body in one view."""
+
+    pixels: Array  # (V, 2)
+    depth: Array  # (V,)
+    facing: Float32  # (V,) cosine to the ray where visible, else 0
+    z_buffer: Float32
+    z_left: int
+    z_top: int
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        return np.isfinite(self.z_buffer)
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """Which residuals count, and how, in one round of iterations."""
+
+    level: int
+    reach_px: float  # how far from the body's contour the silhouette's edge is sought
+    contour_sigma_px: float
+    brightness_sigma: float  # grey levels; scale of the robust weight
+    contour_weight: float  # neighbouring contour points err together: each counts for this much of an independent one
+    brightness_weight: float
+    shading_sigma: float  # relative change of a limb's brightness that light may explain
+
+
+@dataclass(slots=True, eq=False)
+class Normal:
+    """Normal equations of a pose, and how well each segment fits."""
+
+    hessian: Array  # (43, 43)
+    gradient: Array  # (43,)
+    contour: Array  # (16, 3) squared distances, edges found, edges sought
+    brightness: Array  # (16, 2) weighted squares, weights
+
+
+def place_view(body: Body, points: Array, normals: Array, camera: Camera, scale: float = _Z_SCALE) -> PlacedView:
+    """Project the placed skin and test what is visible."""
+    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
+    kernels.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
+    left, top, width, height = _window(pixels[depth > 0], camera, 12)
+    z_buffer = np.empty((int(height // scale) + 1, int(width // scale) + 1), np.float32)
+    kernels.rasterise(pixels, depth, body.surface.faces, left, top, scale, z_buffer)
+    facing = np.empty(len(points), np.float32)
+    kernels.visible(
+        points, normals, pixels, depth, np.ascontiguousarray(camera.world_T_cam[:3, 3]), z_buffer, left, top, scale,
+        DEPTH_TOLERANCE_M, facing,
+    )  # fmt: skip
+    return PlacedView(pixels, depth, facing, z_buffer, left, top)
+
+
+def _window(pixels: Array, camera: Camera, margin: int) -> tuple[int, int, int, int]:
+    """Left, top, width and height around these pixels; it may stand over the image's edge, but is never huge."""
+    if not len(pixels):
+        return 0, 0, 2, 2
+    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - margin, [-camera.width, -camera.height])
+    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + margin, [2 * camera.width, 2 * camera.height])
+    width, height = np.maximum(high - low, 2)
+    return int(low[0]), int(low[1]), int(width), int(height)
+
+
+def body_window(body: Body, pose: Pose, camera: Camera, margin: float) -> tuple[int, int, int, int] | None:
+    """Part of the view (left, top, right, bottom) that holds the body, and ``margin`` of its size around it; None where
+    the body is out of view."""
+    points, _ = place(body, forward(body, pose))
+    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
+    kernels.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
+    if not np.any(depth > 0):
+        return None
+    inside = pixels[depth > 0]
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    pad = margin * float(np.max(high - low)) + 16
+    left, top = (int(v) for v in np.clip(np.floor(low - pad), 0, None))
+    right = int(min(np.ceil(high[0] + pad), camera.width))
+    bottom = int(min(np.ceil(high[1] + pad), camera.height))
+    return (left, top, right, bottom) if right - left >= 32 and bottom - top >= 32 else None
+
+
+class Evidence:
+    """The views of one instant."""
+
+    def __init__(self, body: Body, views: Sequence[Observation | None], segment_width_m: Array) -> None:
+        self.body = body
+        self.views = views
+        self._segment_width_m = segment_width_m
+
+    def place(self, pose: Pose) -> tuple[Array, Array, Array]:
+        """``world_T_segment``, and the skin's points and normals in the world."""
+        return place_body(self.body, pose)
+
+    def visibility(self, pose: Pose) -> list[PlacedView | None]:
+        """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
+        _, points, normals = self.place(pose)
+        return [None if v is None else place_view(self.body, points, normals, v.camera) for v in self.views]
+
+    def normal(
+        self,
+        pose: Pose,
+        placed: Sequence[PlacedView | None],
+        appearances: Sequence[Appearance | None],
+        terms: Terms,
+    ) -> Normal:
+        """Accumulate all residuals at ``pose``, with visibility as ``placed``."""
+        surface = self.body.surface
+        frames, points, normals = self.place(pose)
+        centre = np.ascontiguousarray(frames[0, :3, 3])
+        hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
+        contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
+        nuisance = np.full(kernels.NUISANCES, 1.0 / terms.shading_sigma**2)
+        for view, where, appearance in zip(self.views, placed, appearances, strict=True):
+            if view is None or where is None:
+                continue
+            camera = view.camera
+            kernels.project(
+                points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, where.pixels, where.depth
+            )
+            scale = float(2**terms.level)
+            px_per_m = camera.focal_px / max(float(np.median(where.depth)), 0.5)
+            weight = (self._segment_width_m * px_per_m / scale > 3.0).astype(np.float64)  # too thin to be seen here
+            if appearance is not None and terms.brightness_weight > 0:
+                kernels.photometric(
+                    points, normals, surface.segment, where.facing, where.pixels, camera.world_T_cam,
+                    camera.focal_px, camera.k1, centre, view.grey[terms.level], view.left, view.top, scale,
+                    appearance.value[terms.level], appearance.trust, terms.brightness_sigma, nuisance,
+                    weight * terms.brightness_weight, hessians, gradients, brightness,
+                )  # fmt: skip
+            if terms.contour_weight > 0:
+                kernels.contour(
+                    points, normals, surface.segment, surface.edges, where.depth, camera.world_T_cam,
+                    camera.focal_px, camera.principal_px, camera.k1, centre, where.z_buffer, where.z_left,
+                    where.z_top, _Z_SCALE, view.probability, view.left, view.top, terms.reach_px,
+                    terms.contour_sigma_px, np.full(len(SEGMENTS), terms.contour_weight), hessians, gradients, contour,
+                )  # fmt: skip
+        hessian, gradient = lift(hessians, gradients, screws(frames, centre))
+        assert hessian.shape == (DOF, DOF)
+        return Normal(hessian, gradient, contour, brightness)
+
+    def learn(self, pose: Pose, appearances: Sequence[Appearance | None], rate: float) -> None:
+        """Let the appearance of what is visible at ``pose`` adapt by ``rate``; new points are taken as they are."""
+        for view, where, appearance in zip(self.views, self.visibility(pose), appearances, strict=True):
+            if view is None or where is None or appearance is None:
+                continue
+            values = np.empty((LEVELS, len(where.depth)), np.float32)
+            for level in range(LEVELS):
+                kernels.sample(view.grey[level], view.left, view.top, float(2**level), where.pixels, values[level])
+            seen = (where.facing > 0.25) & np.all(values >= 0, axis=0)
+            fresh = seen & (appearance.trust <= 0)
+            step = np.where(fresh, 1.0, np.where(seen, rate, 0.0)).astype(np.float32)
+            appearance.value += step * (values - appearance.value)
+            appearance.trust = np.where(
+                fresh, np.float32(0.3), np.where(seen, np.minimum(appearance.trust + 0.2, 1.0), 0.98 * appearance.trust)
+            ).astype(np.float32)
+
+
+def signed_distance(placed: PlacedView, left: int, top: int, width: int, height: int) -> Float32:
+    """Pixels from the outline of the placed body, positive inside, over a window (height, width) of the view."""
+    shift = np.array([[_Z_SCALE, 0.0, placed.z_left - left], [0.0, _Z_SCALE, placed.z_top - top]])
+    mask = cv2.warpAffine(placed.mask.astype(np.float32), shift, (width, height), flags=cv2.INTER_LINEAR) > 0.5
+    inside = mask.astype(np.uint8)
+    return np.asarray(
+        cv2.distanceTransform(inside, cv2.DIST_L2, 3) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 3), np.float32
+    )

@@ -1,0 +1,246 @@
+"""The skin that the tracker wears: a closed mesh of elliptical rings about every segment, from tape measurements.
+
+A ring is an ellipse across the segment's axis; its perimeter is the girth that was measured there. Between two
+measured girths the half axes are interpolated (monotone cubics, so no ring bulges beyond its neighbours), and both
+ends are rounded off. The shape between the measurements (depth over width of a cross section, where along a limb it
+is thickest) is that of an average adult and the same for everybody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.special import ellipe
+
+from pzcap.types import SEGMENTS, THORAX_FRACTION, Array
+
+RING_SPACING_M = 0.022
+POINT_SPACING_M = 0.028
+_CAP_RINGS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Vertices with outward normals in their segment's frame, and the triangles between them."""
+
+    points_m: Array  # (V, 3)
+    normals: Array  # (V, 3) unit
+    segment: NDArray[np.int64]  # (V,) index into SEGMENTS
+    area_m2: Array  # (V,) of skin that the vertex stands for
+    faces: NDArray[np.int64]  # (F, 3) counter-clockwise seen from outside
+    edges: NDArray[np.int64]  # (E, 2) the rings and the lines along the segment; every edge lies in one segment
+
+
+@dataclass(frozen=True, slots=True)
+class _Station:
+    """One measured cross section: where along the axis, how deep over wide, its girth, its centre beside the axis."""
+
+    along_m: float
+    girth_m: float
+    depth_over_width: float = 1.0
+    forward_m: float = 0.0
+
+
+def ellipse_half_axes(girth_m: float, depth_over_width: float) -> tuple[float, float]:
+    """Half axes (depth, width) of the ellipse with this perimeter and this ratio of its axes."""
+    short, long = min(depth_over_width, 1.0), max(depth_over_width, 1.0)
+    perimeter = 4.0 * long * float(ellipe(1.0 - (short / long) ** 2))
+    scale = girth_m / perimeter
+    return scale * depth_over_width, scale
+
+
+def _stations(m: Mapping[str, float]) -> dict[str, tuple[NDArray[np.float64], list[_Station], float, float]]:
+    """Per segment: the axis of its rings, its cross sections in ascending order, and how far each cap stands out."""
+    trunk, thorax_length = m["trunk"], (1.0 - THORAX_FRACTION) * m["trunk"]
+    shoulder = thorax_length - m["shoulder_drop"]
+    up, down = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
+    ahead = np.array([1.0, 0.0, 0.0])
+    table: dict[str, tuple[NDArray[np.float64], list[_Station], float, float]] = {
+        "pelvis": (up, [
+            _Station(-0.09, 0.80 * m["girth_hips"], 0.72),
+            _Station(0.00, m["girth_hips"], 0.72),
+            _Station(0.13 * trunk, 0.97 * m["girth_hips"], 0.70),
+            _Station(0.27 * trunk, 1.03 * m["girth_waist"], 0.72),
+        ], 0.04, 0.04),
+        "lumbar": (up, [
+            _Station(-0.02 * trunk, 1.02 * m["girth_waist"], 0.72),
+            _Station(0.10 * trunk, m["girth_waist"], 0.72),
+            _Station(0.30 * trunk, 0.94 * m["girth_chest"], 0.72),
+        ], 0.04, 0.04),
+        "thorax": (up, [
+            _Station(-0.02 * trunk, 0.93 * m["girth_chest"], 0.72),
+            _Station(0.45 * thorax_length, m["girth_chest"], 0.70),
+            _Station(shoulder, 0.94 * m["girth_chest"], 0.55),
+            _Station(shoulder + 0.6 * m["shoulder_drop"], 0.60 * m["girth_chest"], 0.55),
+            _Station(thorax_length, 1.1 * m["girth_neck"], 0.9),
+        ], 0.04, 0.01),
+        "head": (up, [
+            _Station(-0.01, m["girth_neck"], 1.0),
+            _Station(0.25 * m["head"], m["girth_neck"], 1.0, 0.01),
+            _Station(0.42 * m["head"], 0.86 * m["girth_head"], 1.1, 0.015),
+            _Station(0.66 * m["head"], m["girth_head"], 1.25, 0.015),
+            _Station(0.84 * m["head"], 0.86 * m["girth_head"], 1.25, 0.01),
+            _Station(0.95 * m["head"], 0.52 * m["girth_head"], 1.25, 0.0),
+        ], 0.02, 0.05 * m["head"]),
+    }  # fmt: skip
+    upper_arm = (down, [
+        _Station(-0.02, 1.08 * m["girth_upper_arm"]),
+        _Station(0.35 * m["upper_arm"], m["girth_upper_arm"]),
+        _Station(m["upper_arm"], m["girth_elbow"]),
+    ], 0.035, 0.03)  # fmt: skip
+    forearm = (down, [
+        _Station(0.0, m["girth_elbow"]),
+        _Station(0.22 * m["forearm"], m["girth_forearm"]),
+        _Station(m["forearm"], m["girth_wrist"], 1.15),
+    ], 0.03, 0.02)  # fmt: skip
+    hand = (down, [
+        _Station(0.0, m["girth_wrist"], 1.2),
+        _Station(0.35 * m["hand"], 1.15 * m["girth_wrist"], 2.6),
+        _Station(0.65 * m["hand"], 0.95 * m["girth_wrist"], 3.0),
+        _Station(0.93 * m["hand"], 0.55 * m["girth_wrist"], 3.0),
+    ], 0.02, 0.07 * m["hand"])  # fmt: skip
+    thigh = (down, [
+        _Station(-0.03, 0.97 * m["girth_thigh"]),
+        _Station(0.15 * m["thigh"], m["girth_thigh"]),
+        _Station(0.60 * m["thigh"], 0.5 * (m["girth_thigh"] + m["girth_knee"])),
+        _Station(m["thigh"], m["girth_knee"]),
+    ], 0.05, 0.04)  # fmt: skip
+    shank = (down, [
+        _Station(0.0, m["girth_knee"]),
+        _Station(0.12 * m["shank"], 0.95 * m["girth_knee"]),
+        _Station(0.32 * m["shank"], m["girth_calf"]),
+        _Station(0.75 * m["shank"], 0.5 * (m["girth_ankle"] + 0.8 * m["girth_calf"])),
+        _Station(m["shank"], m["girth_ankle"], 1.2),
+    ], 0.04, 0.03)  # fmt: skip
+    # a foot's rings stand across x: "depth" is its height, "forward" how far its middle is above the ankle
+    sole, length = -m["ankle_height"], m["foot"]
+
+    def foot_ring(x: float, top: float, width: float) -> _Station:
+        height = top - sole
+        depth, across = height / 2, width / 2
+        long, short = max(depth, across), min(depth, across)
+        return _Station(x, 4.0 * long * float(ellipe(1.0 - (short / long) ** 2)), depth / across, (top + sole) / 2)
+
+    foot = (ahead, [
+        foot_ring(-0.22 * length, 0.35 * sole, 0.20 * length),
+        foot_ring(-0.10 * length, 0.0, 0.27 * length),
+        foot_ring(0.08 * length, 0.0, 0.28 * length),
+        foot_ring(0.40 * length, 0.45 * sole, 0.36 * length),
+        foot_ring(0.68 * length, 0.70 * sole, 0.30 * length),
+    ], 0.03 * length, 0.07 * length)  # fmt: skip
+    for side in ("left_", "right_"):
+        table |= {side + "upper_arm": upper_arm, side + "forearm": forearm, side + "hand": hand}
+        table |= {side + "thigh": thigh, side + "shank": shank, side + "foot": foot}
+    return table
+
+
+def build_surface(measurements_m: Mapping[str, float]) -> Surface:
+    """The skin of a person with these tape measurements (keys ``pzcap.types.MEASUREMENTS``)."""
+    points, normals, segment, faces, edges = [], [], [], [], []
+    count = 0
+    table = _stations(measurements_m)
+    for index, name in enumerate(SEGMENTS):
+        axis, stations, near_cap_m, far_cap_m = table[name]
+        vertices, triangles, lines = _loft(stations, near_cap_m, far_cap_m)
+        frame = _ring_frame(axis)
+        placed = vertices @ frame.T
+        points.append(placed)
+        normals.append(_vertex_normals(placed, triangles))
+        segment.append(np.full(len(placed), index))
+        faces.append(triangles + count)
+        edges.append(lines + count)
+        count += len(placed)
+    all_points, all_faces = np.concatenate(points), np.concatenate(faces)
+    return Surface(
+        points_m=all_points,
+        normals=np.concatenate(normals),
+        segment=np.concatenate(segment),
+        area_m2=_vertex_areas(all_points, all_faces),
+        faces=all_faces,
+        edges=np.concatenate(edges),
+    )
+
+
+def _ring_frame(axis: Array) -> Array:
+    """Columns: where a ring's depth, width and axis directions point in the segment's frame. Right-handed."""
+    if axis[2] > 0:
+        return np.eye(3)
+    if axis[2] < 0:  # limbs hang: depth stays forward, so width turns over
+        return np.diag([1.0, -1.0, -1.0])
+    return np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # the foot: depth is up, the axis ahead
+
+
+def _loft(
+    stations: list[_Station], near_cap_m: float, far_cap_m: float
+) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Vertices (V, 3) with the axis along z and depth along x, triangles (F, 3) and edges (E, 2)."""
+    along = np.array([s.along_m for s in stations])
+    axes = np.array([ellipse_half_axes(s.girth_m, s.depth_over_width) for s in stations])
+    shape = PchipInterpolator(along, np.column_stack([axes, [s.forward_m for s in stations]]))
+    rings = max(3, round((along[-1] - along[0]) / RING_SPACING_M) + 1)
+    z = np.linspace(along[0], along[-1], rings)
+    depth, width, forward = shape(z).T
+    # quarter circles on both ends; the poles themselves are single vertices
+    turn = np.linspace(0.0, np.pi / 2, _CAP_RINGS + 1)[1:-1]
+    z = np.concatenate([z[0] - near_cap_m * np.sin(turn[::-1]), z, z[-1] + far_cap_m * np.sin(turn)])
+    shrink = np.concatenate([np.cos(turn[::-1]), np.ones(rings), np.cos(turn)])
+    pad = len(turn)
+    depth, width, forward = (np.pad(v, pad, mode="edge") for v in (depth, width, forward))
+    girth = max(s.girth_m for s in stations)
+    around = int(np.clip(2 * round(girth / POINT_SPACING_M / 2), 10, 28))
+    phi = 2 * np.pi * np.arange(around) / around
+    ring = np.stack(
+        [
+            forward[:, None] + (shrink * depth)[:, None] * np.cos(phi),
+            (shrink * width)[:, None] * np.sin(phi),
+            np.broadcast_to(z[:, None], (len(z), around)),
+        ],
+        axis=-1,
+    )
+    poles = np.array([[forward[0], 0.0, along[0] - near_cap_m], [forward[-1], 0.0, along[-1] + far_cap_m]])
+    vertices = np.concatenate([ring.reshape(-1, 3), poles])
+    index = np.arange(len(z) * around).reshape(len(z), around)
+    right = np.roll(index, -1, axis=1)
+    a, b, c, d = index[:-1], right[:-1], right[1:], index[1:]
+    near, far = len(vertices) - 2, len(vertices) - 1
+    triangles = np.concatenate(
+        [
+            np.stack([a, b, c], axis=-1).reshape(-1, 3),
+            np.stack([a, c, d], axis=-1).reshape(-1, 3),
+            np.stack([right[0], index[0], np.full(around, near)], axis=-1),
+            np.stack([index[-1], right[-1], np.full(around, far)], axis=-1),
+        ]
+    )
+    lines = np.concatenate(
+        [
+            np.stack([index, right], axis=-1).reshape(-1, 2),
+            np.stack([a, d], axis=-1).reshape(-1, 2),
+        ]
+    )
+    return vertices, triangles, lines
+
+
+def _face_normals(points: Array, faces: NDArray[np.int64]) -> Array:
+    """(F, 3), of length twice the triangle's area."""
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _vertex_normals(points: Array, faces: NDArray[np.int64]) -> Array:
+    normals = np.zeros_like(points)
+    weighted = _face_normals(points, faces)
+    for k in range(3):
+        np.add.at(normals, faces[:, k], weighted)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _vertex_areas(points: Array, faces: NDArray[np.int64]) -> Array:
+    area = np.zeros(len(points))
+    face_area = np.linalg.norm(_face_normals(points, faces), axis=1) / 6.0
+    for k in range(3):
+        np.add.at(area, faces[:, k], face_area)
+    return area
