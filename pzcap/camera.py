@@ -8,7 +8,7 @@ the cylinder of `pzcap.cylinder`: the vector ``(cos a, sin a, h)``. With ``alpha
     Y = -sin(roll) x + cos(roll) y          y =  sin(tilt) cos(alpha) - cos(tilt) h
     Z =  z                                  z =  cos(tilt) cos(alpha) + sin(tilt) h
 
-which is ``(Rz(pan) Ry(-tilt) HEAD_R_CAM Rz(roll))^T`` times the vector, and the lens of `pzcap.types` takes it to a pixel.
+which is ``(Rz(pan) Ry(-tilt) HEAD_R_CAM Rz(roll))^T`` times the vector; the lens of `pzcap.types` takes it to a pixel.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ HEAD_R_CAM: Final[Array] = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What takes a direction of the head frame to a pixel: orientation on the head, and the lens at one focal length."""
+    """What takes a direction of the head frame to a pixel: orientation on the head, and the lens at one zoom."""
 
     pan_rad: float
     tilt_rad: float

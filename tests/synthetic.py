@@ -1,4 +1,4 @@
-"""A hall seen from one point: a procedural cylinder of texture, and frames of a pan-zoom camera rendered from it exactly.
+"""A hall seen from one point: a procedural cylinder of texture, and frames of a pan-zoom camera rendered from it.
 
 Test material for the camera rooms alone: no depth, no simulator, all truth known. Rendering goes through rotation
 matrices of its own, so that a mistake in `pzcap.camera` cannot cancel out.
@@ -12,7 +12,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from pzcap.types import Array, Image
+from pzcap.types import Array, CalibrationObject, Image, Marker
 
 SLOPES = 0.75  # the cylinder reaches this far up and down
 
@@ -58,15 +58,22 @@ def hall(seed: int, px_per_rad: int = 1000) -> Image:
             box = cv2.boxPoints((tuple(centre), tuple(2 * half), float(rng.choice([0.0, 0.0, rng.uniform(0, 90)]))))
             for shift in (-width, 0, width):
                 if -300 < centre[0] + shift < width + 300:
-                    points = np.round((box + (shift, 0)) * 16).astype(np.int32)
+                    points = np.round((box + np.array([shift, 0.0])) * 16).astype(np.int32)
                     cv2.fillConvexPoly(image, points, colour, cv2.LINE_AA, 4)
     return np.clip(cv2.GaussianBlur(image, (0, 0), 0.7), 0, 255).astype(np.uint8)
 
 
 def render(
-    optics: Optics, pan_rad: float, focal_px: float, seed: int = 0, *, gain: float = 1.0, noise_seed: int = 0
+    optics: Optics,
+    pan_rad: float,
+    focal_px: float,
+    seed: int = 0,
+    *,
+    gain: float = 1.0,
+    noise_seed: int = 0,
+    with_object: bool = False,
 ) -> Image:
-    """The frame that the camera sees, (H, W, 3)."""
+    """The frame that the camera sees, (H, W, 3); the calibration object stands 8 m off at pan 0."""
     texture = hall(seed)
     px_per_rad = texture.shape[1] / (2 * np.pi)
     log_zoom = np.log(focal_px / optics.reference_focal_px)
@@ -91,12 +98,57 @@ def render(
     margin = 8
     wrapped = cv2.copyMakeBorder(texture, 0, 0, margin, margin, cv2.BORDER_WRAP)
     fine = cv2.remap(wrapped, columns + margin, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    if with_object:
+        draw_object(fine, directions)
     frame = cv2.resize(fine.astype(np.float32), (optics.width, optics.height), interpolation=cv2.INTER_AREA)
     radius = np.hypot(*np.meshgrid(np.arange(optics.width) - principal[0], np.arange(optics.height) - principal[1]))
     radius /= np.hypot(optics.width, optics.height) / 2
     frame *= (gain * (1 - optics.vignetting * radius**2))[..., None].astype(np.float32)
     frame += np.random.default_rng(noise_seed).normal(0, optics.noise, frame.shape).astype(np.float32)
     return np.clip(np.round(frame), 0, 255).astype(np.uint8)
+
+
+OBJECT_CENTRE = np.array([8.0, 0.0, -0.6])  # head frame, metres
+BOARD = 100  # pixels to the metre of a drawn board
+
+
+def calibration_object() -> CalibrationObject:
+    """Two boards at a right angle with 3 x 3 markers each; the world frame is the head frame at pan 0."""
+    markers = []
+    for face, (corner, across) in enumerate(_faces()):
+        for i in range(9):
+            x, y = 0.15 + 0.6 * (i % 3), 0.15 + 0.6 * (i // 3)
+            quad = [(x, y), (x + 0.5, y), (x + 0.5, y + 0.5), (x, y + 0.5)]
+            corners = np.array([corner + a * across + b * np.array([0, 0, -1.0]) for a, b in quad])
+            markers.append(Marker(9 * face + i, corners))
+    return CalibrationObject("DICT_4X4_50", tuple(markers), np.zeros((0, 2, 3)))
+
+
+def _faces() -> list[tuple[Array, Array]]:
+    """Top left corner of each 2 m board, and the direction of its rows."""
+    edge = OBJECT_CENTRE + np.array([-1.4, 0.0, 1.0])  # where the boards meet, towards the camera
+    left, right = np.array([-1, -1, 0]) / np.sqrt(2), np.array([1, -1, 0]) / np.sqrt(2)
+    return [(edge - 2.0 * left, left), (edge, right)]
+
+
+def draw_object(fine: Image, directions: Array) -> None:
+    """Paint the boards where the rays ``directions`` (H, W, 3) from the origin hit them."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    down = np.array([0, 0, -1.0])
+    for face, (corner, across) in enumerate(_faces()):
+        board = np.full((2 * BOARD, 2 * BOARD), 235, np.uint8)
+        for i in range(9):
+            x, y = round((0.15 + 0.6 * (i % 3)) * BOARD), round((0.15 + 0.6 * (i // 3)) * BOARD)
+            cells = cv2.aruco.generateImageMarker(dictionary, 9 * face + i, 6)
+            marker = cv2.resize(cells, (BOARD // 2, BOARD // 2), interpolation=cv2.INTER_NEAREST)
+            board[y : y + BOARD // 2, x : x + BOARD // 2] = np.maximum(marker, 20)
+        normal = np.cross(across, down)
+        distance = (corner @ normal) / (directions @ normal)
+        hit = directions * distance[..., None] - corner
+        column, row = (hit @ across) * BOARD - 0.5, (hit @ down) * BOARD - 0.5
+        inside = (distance > 0) & (np.abs(hit @ across - 1) < 1) & (np.abs(hit @ down - 1) < 1)
+        drawn = cv2.remap(board, column.astype(np.float32), row.astype(np.float32), cv2.INTER_NEAREST)
+        fine[inside] = drawn[inside][:, None]
 
 
 def rotation_y(angle: float) -> Array:

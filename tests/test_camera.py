@@ -106,10 +106,8 @@ def test_directions_of_the_head_agree_with_world_points(pan: float, tilt: float,
     assert (depth > 0).all()
     np.testing.assert_allclose(px, PIXELS, atol=1e-6)
     directions = camera.rays(instant, PIXELS)
-    expected = (points - instant.world_T_cam[:3, 3]) / np.linalg.norm(points - instant.world_T_cam[:3, 3], axis=1)[
-        :, None
-    ]
-    np.testing.assert_allclose(directions, expected, atol=1e-9)
+    expected = points - instant.world_T_cam[:3, 3]
+    np.testing.assert_allclose(directions, expected / np.linalg.norm(expected, axis=1)[:, None], atol=1e-9)
 
 
 def test_mounting_gives_back_the_reference_pose() -> None:
@@ -131,7 +129,7 @@ def test_projection_agrees_with_mujoco() -> None:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_camlight(model, data)
-    f_x, f_y, p_x, p_y = model.cam_intrinsic[0]
+    f_x, _, p_x, p_y = model.cam_intrinsic[0]
     s_x, s_y = model.cam_sensorsize[0]
     world_T_cam = np.eye(4)
     world_T_cam[:3, :3] = data.cam_xmat[0].reshape(3, 3) @ np.diag([1.0, -1.0, -1.0])

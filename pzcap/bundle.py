@@ -1,0 +1,193 @@
+"""Robust least squares over matches between frames of one camera on its head: pans, zooms, tilt, roll and lens at once.
+
+Every frame has a pan and a focal length, which it may share with others: the frames of the sweep share the focal
+length, those of the zoom run the pan. All share tilt, roll and the lens, polynomials in log focal. A match says that
+two pixels of two frames show the same direction; its residual is where the first frame's point would be seen in the
+second, minus where it was seen, in pixels of the second. No world points are estimated: between two views from one
+point, a rotation carries pixels to pixels (Shum and Szeliski, 2000).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap import camera as geometry
+from pzcap.camera import View
+from pzcap.types import Array, Lens
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Link:
+    """Matches between two frames."""
+
+    first: int
+    second: int
+    first_px: Array  # (N, 2)
+    second_px: Array  # (N, 2)
+    log_ratio: Array  # (N,) log of the second frame's brightness there over the first's
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """What a camera did, and what it is."""
+
+    pan_rad: Array  # (P,)
+    log_focal: Array  # (Z,); the first is the lens's reference focal length
+    pan_of: NDArray[np.int64]  # (F,) index of each frame's pan
+    focal_of: NDArray[np.int64]  # (F,) index of each frame's log focal
+    tilt_rad: float
+    roll_rad: float
+    principal_px: Array  # (p, 2) coefficients, as in types.Lens
+    k1: Array  # (q,) coefficients
+
+    def view(self, frame: int) -> View:
+        """How ``frame`` was taken."""
+        log_focal = self.log_focal[self.focal_of[frame]]
+        x = log_focal - self.log_focal[0]
+        return View(
+            float(self.pan_rad[self.pan_of[frame]]),
+            self.tilt_rad,
+            self.roll_rad,
+            float(np.exp(log_focal)),
+            x ** np.arange(len(self.principal_px)) @ self.principal_px,
+            float(x ** np.arange(len(self.k1)) @ self.k1),
+        )
+
+    def lens(self, width: int, height: int) -> Lens:
+        return Lens(width, height, float(np.exp(self.log_focal[0])), self.principal_px, self.k1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sigmas:
+    """Standard deviations of what is believed before the matches; the mean is the model one starts from."""
+
+    reference_focal: float  # relative
+    angle_rad: float  # tilt and roll
+    principal_px: Array  # (p,) for each coefficient
+    k1: Array  # (q,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjusted:
+    model: Model
+    residual_px: float  # RMS of the inliers
+    inliers: NDArray[np.int64]  # a link
+
+
+def adjust(start: Model, links: Sequence[Link], sigmas: Sigmas, *, scale_px: float = 8.0) -> Adjusted:
+    """Fit the model to ``links``; the pan of the first frame stays what it is.
+
+    Weights fall with a residual's length (Geman and McClure, 1987), by a scale that starts at ``scale_px`` and follows
+    the residuals down.
+    """
+    model, scale = start, scale_px
+    believed = _information(start, sigmas)
+    for _ in range(40):
+        normal, gradient = np.zeros((len(believed), len(believed))), np.zeros(len(believed))
+        lengths = []
+        for link in links:
+            residual, jacobian = transfer(model.view(link.first), model.view(link.second), link)
+            lengths.append(np.hypot(residual[:, 0], residual[:, 1]))
+            weight = (scale**2 / (scale**2 + lengths[-1] ** 2)) ** 2
+            flat = jacobian.reshape(-1, 14)
+            weighted = flat * np.repeat(weight, 2)[:, None]
+            columns, chain = _chain(model, link)
+            np.add.at(normal, np.ix_(columns, columns), chain.T @ (weighted.T @ flat) @ chain)
+            np.add.at(gradient, columns, chain.T @ (weighted.T @ residual.ravel()))
+        spread = float(np.median(np.concatenate(lengths))) / 1.1774  # of one coordinate
+        information = believed * spread**2
+        normal[np.diag_indices_from(normal)] += information
+        gradient += information * (_vector(model) - _vector(start))
+        normal[model.pan_of[0]] = 0.0
+        normal[model.pan_of[0], model.pan_of[0]] = 1.0
+        gradient[model.pan_of[0]] = 0.0
+        step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
+        model = _stepped(model, step)
+        next_scale = max(3.0 * spread, 0.1)
+        if np.abs(step[: len(model.pan_rad)]).max() < 1e-7 and abs(next_scale - scale) < 0.02 * scale:
+            break
+        scale = max(next_scale, scale / 3.0)
+    inliers = [length < 2.0 * scale for length in lengths]
+    kept = np.concatenate([length[good] for length, good in zip(lengths, inliers, strict=True)])
+    return Adjusted(
+        model,
+        float(np.sqrt(np.mean(kept**2))),
+        np.array([int(good.sum()) for good in inliers]),
+    )
+
+
+def transfer(first: View, second: View, link: Link) -> tuple[Array, Array]:
+    """Residuals (N, 2) of the first frame's points in the second, and derivatives (N, 2, 14).
+
+    The derivatives are with respect to the `camera.PARAMETERS` of the first view, then of the second.
+    """
+    azimuth, slope = geometry.look(first, link.first_px)
+    by_first, by_direction = geometry.derivatives(first, azimuth, slope)
+    seen, _ = geometry.see(second, azimuth, slope)
+    by_second, by_second_direction = geometry.derivatives(second, azimuth, slope)
+    # the pixel in the first frame stays: its direction moves against what the parameters do to it
+    through = by_second_direction @ _inverse_2x2(by_direction) @ by_first
+    return seen - link.second_px, np.concatenate([-through, by_second], axis=2)
+
+
+def _inverse_2x2(matrices: Array) -> Array:
+    a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
+    inverse = np.empty_like(matrices)
+    inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 0], inverse[:, 1, 1] = d, -b, -c, a
+    return inverse / (a * d - b * c)[:, None, None]
+
+
+# The vector of unknowns: pans, log focals, tilt, roll, principal point's coefficients (x and y in turn), k1's.
+
+
+def _vector(model: Model) -> Array:
+    return np.concatenate([
+        model.pan_rad, model.log_focal, [model.tilt_rad, model.roll_rad], model.principal_px.ravel(), model.k1,
+    ])  # fmt: skip
+
+
+def _information(model: Model, sigmas: Sigmas) -> Array:
+    focal = np.zeros(len(model.log_focal))
+    focal[0] = sigmas.reference_focal**-2.0
+    return np.concatenate([
+        np.zeros(len(model.pan_rad)), focal, np.full(2, sigmas.angle_rad**-2.0),
+        np.repeat(sigmas.principal_px**-2.0, 2), sigmas.k1**-2.0,
+    ])  # fmt: skip
+
+
+def _stepped(model: Model, step: Array) -> Model:
+    vector = _vector(model) + step
+    pans, focals, p = len(model.pan_rad), len(model.log_focal), len(model.principal_px)
+    rest = vector[pans + focals :]
+    return Model(
+        vector[:pans], vector[pans : pans + focals], model.pan_of, model.focal_of, float(rest[0]), float(rest[1]),
+        rest[2 : 2 + 2 * p].reshape(p, 2), rest[2 + 2 * p :],
+    )  # fmt: skip
+
+
+def _chain(model: Model, link: Link) -> tuple[NDArray[np.int64], Array]:
+    """Which unknowns a link touches (C,), and the derivatives (14, C) of its two views with respect to them."""
+    pans, focals = len(model.pan_rad), len(model.log_focal)
+    p, q = len(model.principal_px), len(model.k1)
+    shared = pans + focals + np.arange(2 + 2 * p + q)
+    columns = np.concatenate([
+        model.pan_of[[link.first, link.second]], pans + model.focal_of[[link.first, link.second]], [pans], shared,
+    ])  # fmt: skip
+    chain = np.zeros((14, len(columns)))
+    for side, frame in enumerate((link.first, link.second)):
+        rows = chain[7 * side : 7 * side + 7]
+        x = model.log_focal[model.focal_of[frame]] - model.log_focal[0]
+        powers = x ** np.arange(max(p, q))
+        slopes = np.arange(max(p, q)) * np.concatenate([[0.0], powers[:-1]])
+        rows[0, side] = rows[2, 2 + side] = 1.0
+        rows[4:6, 2 + side] = slopes[:p] @ model.principal_px
+        rows[6, 2 + side] = slopes[:q] @ model.k1
+        rows[4:7, 4] = -rows[4:7, 2 + side]  # the lens is a function of the zoom relative to the first focal length
+        rows[1, 5] = rows[3, 6] = 1.0
+        rows[4, 7 : 7 + 2 * p : 2] = rows[5, 8 : 8 + 2 * p : 2] = powers[:p]
+        rows[6, 7 + 2 * p :] = powers[:q]
+    return columns, chain

@@ -1,0 +1,104 @@
+"""Perspective image <-> cylinder: the paper's equations 3-6, and their generalisation to a calibrated camera.
+
+The paper's cylinder stands about the camera's own y axis and knows neither tilt nor distortion (`to_cylinder`). The
+exact cylinder stands about the pan axis, and `pzcap.camera` takes its points to pixels (`warp_background`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap import camera as geometry
+from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
+
+GRID = 4  # maps are smooth: they are computed at every fourth pixel and interpolated, to 0.003 px
+
+Map = NDArray[np.float32]
+
+
+def to_panorama(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
+    """Directions of the head frame (...) to panorama pixels (..., 2); a full turn wraps into [0, width)."""
+    column = panorama.origin_px[0] - azimuth_rad * panorama.px_per_rad
+    if panorama.full_turn:
+        column = np.mod(column, panorama.image.shape[1])
+    return np.stack([column, panorama.origin_px[1] - slope * panorama.px_per_rad], axis=-1)
+
+
+def from_panorama(panorama: Panorama, points_px: Array) -> tuple[Array, Array]:
+    """Panorama pixels (..., 2) to directions of the head frame: azimuth (...) and slope (...)."""
+    offset = (panorama.origin_px - points_px) / panorama.px_per_rad
+    return offset[..., 0], offset[..., 1]
+
+
+def warp_background(
+    panorama: Panorama, camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float
+) -> tuple[Image, Mask]:
+    """The empty hall as ``camera`` sees it, (H, W, 3), and where the panorama knows it, (H, W).
+
+    Where it does not, the image is black.
+    """
+    view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
+    column, row = smooth_map(
+        lambda points: to_unwrapped(panorama, *geometry.look(view, points)), camera.lens.width, camera.lens.height
+    )
+    border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
+    image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
+    known = cv2.remap(panorama.valid.astype(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
+    # BORDER_WRAP wraps rows as well, and a cylinder does not
+    valid = (known > 0) & (row >= 0) & (row <= panorama.image.shape[0] - 1)
+    image[~valid] = 0
+    return np.asarray(image, np.uint8), valid
+
+
+def to_unwrapped(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
+    """`to_panorama` without the wrap, so that neighbours stay neighbours."""
+    offset = np.stack([azimuth_rad, slope], axis=-1) * panorama.px_per_rad
+    return np.asarray(panorama.origin_px - offset)
+
+
+def smooth_map(function: Callable[[Array], Array], width: int, height: int) -> tuple[Map, Map]:
+    """Evaluate ``function``, pixels (..., 2) to pixels (..., 2), for a whole image: columns and rows, each (H, W).
+
+    It has to be smooth: it is evaluated on a grid and interpolated linearly.
+    """
+    u, v = np.meshgrid(np.arange(0, width + GRID, GRID), np.arange(0, height + GRID, GRID))
+    coarse = function(np.stack([u, v], axis=-1).astype(np.float64)).astype(np.float32)
+    scale = np.array([[1.0 / GRID, 0.0, 0.0], [0.0, 1.0 / GRID, 0.0]])
+    fine = cv2.warpAffine(coarse, scale, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    return np.ascontiguousarray(fine[..., 0]), np.ascontiguousarray(fine[..., 1])
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The paper's cylinder
+
+
+def to_cylinder(image: Image, focal_px: float) -> tuple[Image, Mask, Array]:
+    """Unfold ``image`` (H, W[, 3]) onto the cylinder about the camera's own y axis (eq. 6).
+
+    The principal point is the image's centre, and the cylinder has ``focal_px`` pixels to the radian, so that scales
+    agree in the centre. Returns the unfolded image, where it is covered, and its origin ``(r_0, s_0)`` in it: the
+    image of the principal point.
+    """
+    height, width = image.shape[:2]
+    half_width = focal_px * np.arctan(width / 2 / focal_px)
+    origin = np.array([np.floor(half_width), (height - 1) / 2])
+    out_width = int(2 * origin[0]) + 1
+    angle = (np.arange(out_width) - origin[0]) / focal_px
+    slope = (np.arange(height) - origin[1]) / focal_px
+    column = np.broadcast_to((width - 1) / 2 + focal_px * np.tan(angle), (height, out_width)).astype(np.float32)
+    row = ((height - 1) / 2 + focal_px * slope[:, None] / np.cos(angle)).astype(np.float32)
+    unfolded = cv2.remap(image, column, row, cv2.INTER_LINEAR)
+    covered = (column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1)
+    return np.asarray(unfolded, np.uint8), covered, origin
+
+
+def points_to_cylinder(points_px: Array, focal_px: float, width: int, height: int) -> Array:
+    """Eq. 6 with ``r_0 = s_0 = 0`` for points (N, 2), the principal point in the image's centre."""
+    offset = points_px - np.array([(width - 1) / 2, (height - 1) / 2])
+    r = focal_px * np.arctan(offset[:, 0] / focal_px)
+    s = focal_px * offset[:, 1] / np.hypot(offset[:, 0], focal_px)
+    return np.column_stack([r, s])

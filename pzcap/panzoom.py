@@ -1,0 +1,271 @@
+"""Pan and zoom of a frame, from its matches with the panorama (section 4).
+
+`Localiser` takes one of two ways. ``paper`` unfolds the frame onto the reference cylinder and solves the linear system
+of eq. 15, the paper's final solution. ``exact`` solves eq. 11 for the calibrated camera: the residual of a match is where
+the panorama's point would be seen in the frame, minus where it was seen, in pixels of the frame, minimised over pan and
+log focal with all of tilt, roll, principal point and distortion in place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from pzcap import camera as geometry
+from pzcap import cylinder, features
+from pzcap.camera import View
+from pzcap.features import Features
+from pzcap.reference import ReferenceConfig
+from pzcap.sweep import SweepConfig, consensus, grey
+from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera, PzcapError
+
+METHODS = ("exact", "paper")
+WRAP = 64  # columns of a full turn repeated at its ends, for features on the seam
+
+
+@dataclass(frozen=True, slots=True)
+class PanZoomConfig:
+    method: str = "exact"  # or "paper": no distortion, no tilt, stops at eq. 15
+    threshold: float = 1e-4  # of AKAZE's response
+    frame_features: int = 1000
+    panorama_features: int = 12000
+    ratio: float = 0.85  # of Lowe's test
+    zoom_range: tuple[float, float] = (0.5, 4.0)  # searched where nothing is known, relative to the reference
+    search_deg: float = 8.0  # beyond the frame's edges, where the frame before is known
+    min_inliers: int = 12
+    max_pan_sigma_deg: float = 0.05  # a frame known worse than this is not valid
+    floor_deg: float = 0.002  # systematic error of pan: the least standard deviation that is claimed
+    floor_focal: float = 2e-4  # the same of the focal length, relative
+    reference: ReferenceConfig = field(default_factory=ReferenceConfig)
+    sweep: SweepConfig = field(default_factory=SweepConfig)
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise PzcapError(f"method {self.method!r} is not known; choose one of {', '.join(METHODS)}")
+
+
+class Localiser:
+    """Finds frames of one camera on its panorama."""
+
+    def __init__(self, panorama: Panorama, camera: PanZoomCamera, config: PanZoomConfig) -> None:
+        self._panorama = panorama
+        self._camera = camera
+        self._config = config
+        self._features = panorama_features(panorama, config.threshold, config.panorama_features)
+        self._azimuth, self._slope = cylinder.from_panorama(panorama, self._features.points_px)
+
+    def localise(self, image: Image, prior: Localisation | None) -> Localisation:
+        """Pan and focal length of ``image`` (H, W[, 3]).
+
+        ``prior`` is the frame before, if that was found; without it, or when nothing is found near it, the whole
+        panorama is searched. A frame whose matches do not determine it comes back with ``valid`` False.
+        """
+        if self._config.method == "paper":
+            return self._localise_paper(image)
+        if prior is not None and prior.valid:
+            found = self._localise_exact(image, prior)
+            if found.valid:
+                return found
+        return self._localise_exact(image, None)
+
+    # ------------------------------------------------------------------------------------------ exact
+
+    def _localise_exact(self, image: Image, prior: Localisation | None) -> Localisation:
+        lens = self._camera.lens
+        if prior is not None:
+            zooms = [prior.focal_px / lens.reference_focal_px]
+        else:
+            # a frame is shrunk to the panorama's resolution; steps of 1.6 are what AKAZE bridges without loss
+            low, high = self._config.zoom_range
+            zooms = [float(z) for z in 1.6 ** np.arange(0, np.ceil(np.log(high) / np.log(1.6)) + 1) if z <= high]
+            zooms = zooms if low <= 1 else [z for z in zooms if z >= low]
+        best = self._lost(prior)
+        for zoom in zooms:
+            found = self._at_zoom(image, max(zoom, 1.0), prior)
+            if found.valid and (not best.valid or len(found.frame_points_px) > len(best.frame_points_px)):
+                best = found
+        return best
+
+    def _at_zoom(self, image: Image, zoom: float, prior: Localisation | None) -> Localisation:
+        """Match ``image``, shrunk by ``zoom``, and solve."""
+        config, lens = self._config, self._camera.lens
+        low, high = config.zoom_range
+        size = (round(image.shape[1] / zoom), round(image.shape[0] / zoom))
+        small = np.asarray(cv2.resize(grey(image), size, interpolation=cv2.INTER_AREA), np.uint8)
+        found = features.detect(small, config.threshold, config.frame_features)
+        scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
+        points = (found.points_px + 0.5) * scale - 0.5
+        if prior is None:
+            window = np.arange(len(self._azimuth))
+            focals = lens.reference_focal_px * np.exp(np.arange(np.log(low), np.log(high), 0.02))
+        else:
+            reach = np.arctan(lens.width / 2 / prior.focal_px) + np.deg2rad(config.search_deg)
+            window = np.flatnonzero(np.abs(wrapped(self._azimuth - prior.pan_rad)) < reach)
+            focals = prior.focal_px * np.exp(np.arange(-0.2, 0.2001, 0.02))
+        pairs = features.match(found, self._features.subset(window), config.ratio)
+        if len(pairs) < config.min_inliers:
+            return self._lost(prior)
+        points, which = points[pairs[:, 0]], window[pairs[:, 1]]
+        azimuth, slope = self._azimuth[which], self._slope[which]
+        pan, focal, agree = consensus(self._view_at, points, azimuth, slope, focals)
+        if agree.sum() < config.min_inliers:
+            return self._lost(prior)
+        solution = solve(self._camera, pan, focal, points[agree], azimuth[agree], slope[agree])
+        return self._judge(solution, points[agree], self._features.points_px[which[agree]])
+
+    def _view_at(self, focal_px: float) -> View:
+        return geometry.view_at(self._camera, 0.0, self._camera.tilt_rad, focal_px)
+
+    def _judge(self, solution: Solution, points_px: Array, panorama_px: Array) -> Localisation:
+        config = self._config
+        good = solution.inliers
+        floor = np.array([np.deg2rad(config.floor_deg), config.floor_focal])
+        covariance = solution.covariance + np.diag(floor**2)
+        zoom = solution.focal_px / self._camera.lens.reference_focal_px
+        valid = (
+            good.sum() >= config.min_inliers
+            and np.sqrt(covariance[0, 0]) < np.deg2rad(config.max_pan_sigma_deg)
+            and bool(np.all(np.ptp(points_px[good], axis=0) > 0.2 * self._camera.lens.height))
+            and config.zoom_range[0] < zoom < config.zoom_range[1]
+        )
+        return Localisation(
+            float(wrapped(np.array(solution.pan_rad))), self._camera.tilt_rad, solution.focal_px, covariance,
+            bool(valid), points_px[good], panorama_px[good],
+        )  # fmt: skip
+
+    def _lost(self, prior: Localisation | None) -> Localisation:
+        pan, focal = (0.0, self._camera.lens.reference_focal_px) if prior is None else (prior.pan_rad, prior.focal_px)
+        return Localisation(
+            pan, self._camera.tilt_rad, focal, np.diag([np.pi**2, 1.0]), False, np.empty((0, 2)), np.empty((0, 2))
+        )
+
+    # ------------------------------------------------------------------------------------------ paper
+
+    def _localise_paper(self, image: Image) -> Localisation:
+        config, lens = self._config, self._camera.lens
+        unfolded, covered, origin = cylinder.to_cylinder(image, lens.reference_focal_px)
+        inside = np.asarray(cv2.erode(covered.astype(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
+        found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside)
+        pairs = features.match(found, self._features, config.ratio)
+        relative = found.points_px[pairs[:, 0]] - origin
+        places = self._features.points_px[pairs[:, 1]]
+        agree = ransac_eq15(relative, places)
+        if agree.sum() < config.min_inliers:
+            return self._lost(None)
+        (shrink, column, _), covariance = solve_eq15(relative[agree], places[agree])
+        if shrink <= 0:
+            return self._lost(None)
+        per_rad = self._panorama.px_per_rad
+        jacobian = np.array([[0.0, -1.0 / per_rad, 0.0], [-1.0 / shrink, 0.0, 0.0]])
+        return Localisation(
+            float((self._panorama.origin_px[0] - column) / per_rad), self._camera.tilt_rad,
+            lens.reference_focal_px / float(shrink), jacobian @ covariance @ jacobian.T, True,
+            cylinder_to_frame(relative[agree], lens.reference_focal_px, lens.width, lens.height), places[agree],
+        )  # fmt: skip
+
+
+def panorama_features(panorama: Panorama, threshold: float, limit: int) -> Features:
+    """AKAZE features of a panorama, away from its ragged edge."""
+    border = WRAP if panorama.full_turn else 0
+    image = cv2.copyMakeBorder(grey(panorama.image), 0, 0, border, border, cv2.BORDER_WRAP)
+    known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), 0, 0, border, border, cv2.BORDER_WRAP)
+    inside = np.asarray(cv2.erode(known, np.ones((9, 9), np.uint8)), np.uint8)
+    found = features.detect(np.asarray(image, np.uint8), threshold, limit, inside)
+    points = found.points_px - np.array([border, 0.0])
+    own = (points[:, 0] >= -0.5) & (points[:, 0] < panorama.image.shape[1] - 0.5)
+    return Features(points[own], found.descriptors[own], found.brightness[own])
+
+
+def wrapped(angle_rad: Array) -> Array:
+    """Angles brought into [-pi, pi)."""
+    return np.asarray(np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The exact solution of eq. 11
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    pan_rad: float
+    focal_px: float
+    covariance: Array  # (2, 2) of (pan, log focal), from the residuals alone
+    inliers: Mask  # (N,)
+
+
+def solve(
+    camera: PanZoomCamera, pan_rad: float, focal_px: float, points_px: Array, azimuth_rad: Array, slope: Array
+) -> Solution:
+    """Pan and log focal by Gauss-Newton with falling weights (Geman and McClure), from matches (N,) and a start."""
+    scale = 8.0
+    for _ in range(30):
+        view = geometry.view_at(camera, pan_rad, camera.tilt_rad, focal_px)
+        seen, _ = geometry.see(view, azimuth_rad, slope)
+        residual = seen - points_px
+        length = np.hypot(residual[:, 0], residual[:, 1])
+        weight = (scale**2 / (scale**2 + length**2)) ** 2
+        jacobian = geometry.pan_zoom_derivatives(camera, view, azimuth_rad, slope)
+        weighted = (jacobian * weight[:, None, None]).reshape(-1, 2)
+        normal = weighted.T @ jacobian.reshape(-1, 2)
+        step = -np.linalg.solve(normal + 1e-9 * np.eye(2), weighted.T @ residual.ravel())
+        pan_rad += float(step[0])
+        focal_px *= float(np.exp(np.clip(step[1], -0.3, 0.3)))
+        next_scale = max(3.0 * float(np.median(length)) / 1.1774, 0.3)
+        if np.abs(step).max() < 1e-8 and abs(next_scale - scale) < 0.01 * scale:
+            break
+        scale = max(next_scale, scale / 2)
+    inliers = length < 2.0 * scale
+    variance = float(np.sum(weight * length**2) / (2 * weight.sum()))
+    covariance = np.asarray(variance * np.linalg.inv(normal + 1e-9 * np.eye(2)), np.float64)
+    return Solution(pan_rad, focal_px, covariance, inliers)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The paper's solution, eq. 15
+
+
+def solve_eq15(relative_px: Array, places_px: Array) -> tuple[Array, Array]:
+    """Eq. 15 for matches (N, 2) on the frame's cylinder, relative to its origin, and on the panorama.
+
+    Returns ``(1 / zoom ratio, p_0, q_0)`` and its covariance (3, 3).
+    """
+    count = len(relative_px)
+    system = np.zeros((count, 2, 3))
+    system[:, :, 0] = relative_px
+    system[:, 0, 1] = system[:, 1, 2] = 1.0
+    flat = system.reshape(-1, 3)
+    solution = np.linalg.lstsq(flat, places_px.ravel(), rcond=None)[0]
+    residual = flat @ solution - places_px.ravel()
+    variance = float(residual @ residual) / max(2 * count - 3, 1)
+    covariance = variance * np.linalg.pinv(flat.T @ flat)
+    return np.asarray(solution, np.float64), np.asarray(covariance, np.float64)
+
+
+def ransac_eq15(relative_px: Array, places_px: Array, *, draws: int = 1000, tolerance_px: float = 5.0) -> Mask:
+    """Which matches (N,) agree on one zoom ratio and place: random samples of two, always the same ones."""
+    best = np.zeros(len(relative_px), bool)
+    if len(relative_px) < 2:
+        return best
+    rng = np.random.default_rng(0)
+    for i, j in rng.integers(len(relative_px), size=(draws, 2)):
+        span = relative_px[j] - relative_px[i]
+        squared = float(span @ span)
+        if squared < 20.0**2:
+            continue
+        shrink = float(span @ (places_px[j] - places_px[i])) / squared
+        if not 0.1 < shrink < 10:
+            continue
+        off = places_px - places_px[i] - shrink * (relative_px - relative_px[i])
+        agree = np.hypot(off[:, 0], off[:, 1]) < tolerance_px
+        if agree.sum() > best.sum():
+            best = agree
+    return best
+
+
+def cylinder_to_frame(relative_px: Array, focal_px: float, width: int, height: int) -> Array:
+    """The inverse of eq. 6: points (N, 2) relative to the cylinder's origin to pixels of the frame."""
+    x = focal_px * np.tan(relative_px[:, 0] / focal_px)
+    y = relative_px[:, 1] * np.hypot(x, focal_px) / focal_px
+    return np.column_stack([x, y]) + np.array([(width - 1) / 2, (height - 1) / 2])

@@ -1,0 +1,219 @@
+"""Matches between the frames of a pan sweep, a zoom run and the reference image, and first values for `pzcap.bundle`.
+
+The displacements between successive frames of the sweep (AKAZE) give a first chain of pans (section 3.5); in a sweep
+of a full turn its end is matched with its beginning, so that the circle closes and fixes the focal length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap import camera as geometry
+from pzcap import features
+from pzcap.bundle import Link
+from pzcap.camera import View
+from pzcap.features import Features
+from pzcap.types import Array, Image, Mask, PzcapError
+
+
+@dataclass(frozen=True, slots=True)
+class SweepConfig:
+    threshold: float = 2e-4  # of AKAZE's response
+    features: int = 1200  # a frame, at most
+    ratio: float = 0.85  # of Lowe's test
+    overlaps: tuple[float, ...] = (0.25, 0.55)  # matched with the frames this far on, in fields of view, too
+    min_matches: int = 12  # between two frames
+    zoom_frames: int = 24  # of the zoom run, at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chain:
+    """The sweep's frames, matched."""
+
+    features: tuple[Features, ...]  # a frame
+    pan_rad: Array  # (M,) from the displacements; the first frame's is 0
+    links: tuple[Link, ...]
+    closure_rad: float  # what the chain missed the full turn by; 0 for a partial sweep
+    full_turn: bool
+
+
+def chain(
+    frames: Iterable[Image], view: View, full_turn: bool, config: SweepConfig, report: Callable[[int], None]
+) -> Chain:
+    """Match the frames of a sweep with each other; ``view`` is what is known of the camera, at pan 0.
+
+    Raises PzcapError where the sweep has a gap, or where a full turn does not close.
+    """
+    found: list[Features] = []
+    links: list[Link] = []
+    pans = [0.0]
+    width = 0
+    for index, image in enumerate(frames):
+        width = image.shape[1]
+        found.append(features.detect(grey(image), config.threshold, config.features))
+        if index:
+            link = link_pan(found, index - 1, index, view, None, config)
+            if link is None:
+                raise PzcapError(
+                    f"sweep: frames {index - 1} and {index} show nothing in common; pan more slowly, past texture"
+                )
+            links.append(link)
+            pans.append(pans[-1] + _turn(link, view))
+        report(index + 1)
+    if len(found) < 3:
+        raise PzcapError(f"sweep: {len(found)} frames are too few; record the whole pan")
+    pan = np.array(pans)
+    field = 2 * np.arctan(width / 2 / view.focal_px)
+    closure = 0.0
+    if full_turn:
+        pan, closure, seam = _close(found, pan, view, field, config)
+        links.extend(seam)
+    for overlap in config.overlaps:
+        for first in range(len(pan) - 2):
+            beyond = np.flatnonzero(np.abs(pan[first + 2 :] - pan[first]) >= overlap * field)
+            if len(beyond):
+                second = first + 2 + int(beyond[0])
+                link = link_pan(found, first, second, view, float(pan[second] - pan[first]), config)
+                if link is not None:
+                    links.append(link)
+    return Chain(tuple(found), pan, tuple(links), closure, full_turn)
+
+
+def link_pan(
+    found: Sequence[Features], first: int, second: int, view: View, expected: float | None, config: SweepConfig
+) -> Link | None:
+    """Matches of two frames that agree on one pan, near ``expected`` if that is given; None if too few do."""
+    pairs = features.match(found[first], found[second], config.ratio)
+    if len(pairs) < config.min_matches:
+        return None
+    link = _link(found, first, second, pairs)
+    azimuth_a, slope_a = geometry.look(view, link.first_px)
+    azimuth_b, slope_b = geometry.look(view, link.second_px)
+    turn = azimuth_a - azimuth_b
+    # tilt, roll and distortion are not known yet: points far apart agree only roughly
+    if expected is None:
+        agree = features.densest(turn, 8.0 / view.focal_px)
+        agree = np.abs(turn - np.median(turn[agree])) < 16.0 / view.focal_px
+    else:
+        agree = np.abs(turn - expected) < 16.0 / view.focal_px + 0.1 * abs(expected)
+    if agree.any():
+        agree &= np.abs(slope_a - slope_b) < 0.03 + 0.2 * abs(float(np.median(turn[agree])))
+    return subset(link, agree) if agree.sum() >= config.min_matches else None
+
+
+def _close(
+    found: Sequence[Features], pan: Array, view: View, field: float, config: SweepConfig
+) -> tuple[Array, float, list[Link]]:
+    """Match frames of the end with frames of the beginning.
+
+    Returns the pans with the miss distributed over the chain, the miss, and the links across the seam.
+    """
+    turn = float(np.sign(pan[-1])) * 2 * np.pi
+    apart = np.abs(pan[None, :] - pan[:, None] - turn)
+    firsts, seconds = np.nonzero((apart < 0.75 * field) & (np.arange(len(pan))[:, None] < np.arange(len(pan))))
+    order = np.argsort(apart[firsts, seconds], kind="stable")
+    seam: list[Link] = []
+    misses = []
+    for which in order[:: max(1, len(order) // 40)]:
+        first, second = int(firsts[which]), int(seconds[which])
+        link = link_pan(found, first, second, view, None, config)
+        if link is not None and len(link.first_px) >= 2 * config.min_matches:
+            seam.append(link)
+            chained = pan[second] - pan[first]
+            misses.append((chained - turn - _turn(link, view)) * turn / chained)
+    if not seam:
+        raise PzcapError(
+            "sweep: its end does not show what its beginning showed, so the circle cannot close; "
+            "pan a little more than a full turn, or say that it is a partial sweep"
+        )
+    closure = float(np.median(misses))
+    return pan * (turn / (turn + closure)), closure, seam
+
+
+def _turn(link: Link, view: View) -> float:
+    """How far left the second frame is of the first, from the matches' azimuths."""
+    return float(np.median(geometry.look(view, link.first_px)[0] - geometry.look(view, link.second_px)[0]))
+
+
+def consensus(
+    view_at: Callable[[float], View], points_px: Array, azimuth_rad: Array, slope: Array, focals_px: Array
+) -> tuple[float, float, Mask]:
+    """The pan and the focal length, of those proposed, that most matches agree on, and which matches (N,) do.
+
+    ``view_at`` gives the view, at pan 0, of a focal length. For a focal length one match gives the pan, and says by its
+    slope whether it fits. So every match votes under every focal length, and the densest cluster of pans wins: this is
+    RANSAC (Fischler and Bolles, 1981) with all samples tried and none drawn.
+    """
+    best, winner = np.zeros(len(points_px), bool), (0.0, float(focals_px[0]))
+    for focal in focals_px:
+        seen_azimuth, seen_slope = geometry.look(view_at(float(focal)), points_px)
+        fits = np.flatnonzero(np.abs(seen_slope - slope) < 5.0 / focal)
+        if len(fits) <= best.sum():
+            continue
+        pans = np.mod(azimuth_rad - seen_azimuth, 2 * np.pi)[fits]
+        both = np.concatenate([pans, pans + 2 * np.pi])  # a cluster may lie across 0
+        cluster = features.densest(both, 8.0 / float(focal))
+        agree = np.zeros(len(points_px), bool)
+        agree[fits] = cluster[: len(fits)] | cluster[len(fits) :]
+        if agree.sum() > best.sum():
+            best, winner = agree, (float(np.median(both[cluster])), float(focal))
+    return *winner, best
+
+
+def place(
+    query: Features, known: Features, view: View, view_at: Callable[[float], View], focals_px: Array, ratio: float
+) -> tuple[float, float, int]:
+    """Pan and focal length of a frame from its matches with one taken with ``view``, and how many agree."""
+    pairs = features.match(known, query, ratio)
+    if len(pairs) < 2:
+        return 0.0, view.focal_px, 0
+    azimuth, slope = geometry.look(view, known.points_px[pairs[:, 0]])
+    pan, focal, agree = consensus(view_at, query.points_px[pairs[:, 1]], azimuth, slope, focals_px)
+    return pan, focal, int(agree.sum())
+
+
+def link_views(
+    found: Sequence[Features],
+    first: int,
+    second: int,
+    views: tuple[View, View],
+    tolerance_px: float,
+    config: SweepConfig,
+) -> Link | None:
+    """Matches of two frames whose views are known roughly; None if too few lie within ``tolerance_px`` of them."""
+    pairs = features.match(found[first], found[second], config.ratio)
+    link = _link(found, first, second, pairs)
+    seen, front = geometry.see(views[1], *geometry.look(views[0], link.first_px))
+    agree = front & (np.hypot(*(seen - link.second_px).T) < tolerance_px)
+    return subset(link, agree) if agree.sum() >= config.min_matches else None
+
+
+def spaced(pan_rad: Array, step_rad: float) -> list[int]:
+    """Indices of frames about ``step_rad`` apart, from the first on."""
+    chosen = [0]
+    for index, pan in enumerate(pan_rad):
+        if abs(pan - pan_rad[chosen[-1]]) >= step_rad:
+            chosen.append(index)
+    return chosen
+
+
+def subset(link: Link, which: Mask) -> Link:
+    """Some of a link's matches."""
+    return Link(link.first, link.second, link.first_px[which], link.second_px[which], link.log_ratio[which])
+
+
+def _link(found: Sequence[Features], first: int, second: int, pairs: NDArray[np.int64]) -> Link:
+    a, b = found[first], found[second]
+    i, j = pairs[:, 0], pairs[:, 1]
+    log_ratio = np.log(np.maximum(b.brightness[j], 1.0) / np.maximum(a.brightness[i], 1.0))
+    return Link(first, second, a.points_px[i], b.points_px[j], log_ratio)
+
+
+def grey(image: Image) -> Image:
+    """(H, W) of an image (H, W[, 3])."""
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)
