@@ -31,7 +31,7 @@ _FIRMS: Final = (
 def hue(rng: np.random.Generator) -> Colour:
     """A muted print colour."""
     base = np.asarray(_HUES[rng.integers(len(_HUES))]) + rng.normal(0, 10, 3)
-    red, green, blue = np.clip(base, 25, 205)
+    red, green, blue = np.clip(1.1 * base, 25, 210)
     return float(red), float(green), float(blue)
 
 
@@ -150,6 +150,8 @@ def door(canvas: Canvas, rng: np.random.Generator, colour: Colour, leaves: int =
         leaf.rectangle(handle - 0.03, 0.95, 0.06, 0.22, (168, 168, 164))
         leaf.line([(handle, 1.08), (handle + (0.13 if k == 1 else -0.13), 1.08)], 0.025, (196, 196, 190))
         leaf.text(width * 0.3, height * 0.45, 0.05, phrase(rng, 1), PAPER, width=0.4 * width)
+        sheet(leaf.part(width * 0.35, height * 0.25, 0.21, 0.3), rng)
+        sheet(pane.part(0.04, 0.05, 0.15, 0.2), rng)
         leaf.border(0.02, (64, 58, 52))
     canvas.border(0.06, (112, 110, 104))
 
@@ -157,20 +159,23 @@ def door(canvas: Canvas, rng: np.random.Generator, colour: Colour, leaves: int =
 def shutter(canvas: Canvas, rng: np.random.Generator, title: str) -> None:
     """The slatted gate of the equipment room."""
     courses(
-        canvas, rng, [(146, 118, 84), (152, 124, 90), (138, 110, 76)], unit_m=(canvas.width_m, 0.11), joint_m=0.012,
+        canvas, rng, [(174, 144, 106), (180, 150, 112), (166, 136, 98)], unit_m=(canvas.width_m, 0.11), joint_m=0.012,
         joint=(82, 64, 46), stagger=False,
     )  # fmt: skip
     weather(canvas.image, grain(canvas.image.shape, rng, 5, stretch=(1, 10)))
     canvas.rectangle(0.3, 1.35, canvas.width_m - 0.6, 0.3, (70, 84, 110))
     canvas.text(0.4, 1.42, 0.16, title, PAPER, width=canvas.width_m - 0.8)
     canvas.rectangle(canvas.width_m / 2 - 0.2, 0.9, 0.4, 0.06, (60, 60, 62))
+    for x in rng.uniform(0.3, canvas.width_m - 0.6, 5):
+        sheet(canvas.part(x, rng.uniform(1.7, 1.95), 0.21, 0.3), rng)
+        small_print(canvas.part(x, rng.uniform(0.4, 0.6), 0.4, 0.22), rng, 0.05, (74, 62, 50))
     canvas.border(0.08, TRIM)
 
 
 def window(canvas: Canvas, rng: np.random.Generator, panes: tuple[int, int]) -> None:
     """A window of (columns, rows) panes with trees and sky behind."""
     rows = canvas.image.shape[0]
-    sky = np.linspace((158, 178, 196), (186, 190, 188), rows)
+    sky = np.linspace((206, 210, 208), (184, 202, 216), rows)
     canvas.image[:] = sky[:, None].astype(np.uint8)
     weather(canvas.image, grain(canvas.image.shape, rng, 1.5, persistence=0.75))
     height = np.linspace(1.0, 0.0, rows)[:, None]
@@ -178,7 +183,7 @@ def window(canvas: Canvas, rng: np.random.Generator, panes: tuple[int, int]) -> 
     canvas.image[height + 0.5 * crowns < rng.uniform(0.3, 0.55)] = (88, 112, 82)
     canvas.image[height + 0.6 * crowns < rng.uniform(0.15, 0.3)] = (66, 88, 66)
     weather(canvas.image, grain(canvas.image.shape, rng, 7, octaves=5))
-    frame = (168, 168, 162)
+    frame = (196, 196, 190)
     for k in range(1, panes[0]):
         x = canvas.width_m * k / panes[0]
         canvas.line([(x, 0), (x, canvas.height_m)], 0.06, frame)
@@ -307,7 +312,7 @@ def vent(canvas: Canvas) -> None:
 def slats(canvas: Canvas, rng: np.random.Generator) -> None:
     """Acoustic panels of perforated wood."""
     courses(
-        canvas, rng, [(158, 128, 92), (150, 120, 84), (166, 138, 102)], unit_m=(1.25, 0.62), joint_m=0.02,
+        canvas, rng, [(190, 160, 120), (182, 152, 112), (198, 168, 130)], unit_m=(1.25, 0.62), joint_m=0.02,
         joint=(84, 66, 48), spread=6, stagger=False,
     )  # fmt: skip
     weather(canvas.image, grain(canvas.image.shape, rng, 6, stretch=(1, 8)))

@@ -9,7 +9,7 @@ import numpy as np
 from sim import fittings
 from sim.scenery import HALL_M, UP, WALLS, Scenery, Wall
 from sim.surfaces import PILASTER_M, PILASTERS_U
-from sim.textures import Canvas, Colour, courses, flecks, grain, scuff, tint, weather
+from sim.textures import Canvas, Colour, courses, flecks, grain, scuff, tint, wear, weather
 
 
 def furnish(scenery: Scenery, px_per_m: float, rng: np.random.Generator) -> None:
@@ -26,6 +26,7 @@ def furnish(scenery: Scenery, px_per_m: float, rng: np.random.Generator) -> None
     ):  # fmt: skip
         board = Canvas.blank(width, 1.35, 2 * px_per_m, (128, 128, 128))
         fittings.notice_board(board, rng)
+        wear(board, rng)
         scenery.panel(
             "notice_board_" + wall.name + f"_{u:.0f}",
             board.image,
@@ -40,7 +41,7 @@ def furnish(scenery: Scenery, px_per_m: float, rng: np.random.Generator) -> None
     for wall, u, off in (
         (south, 9.9, 0.9),
         (south, 19.6, 0.7),
-        (north, 4.9, 0.8),
+        (north, 9.3, 0.8),
         (north, 20.4, 0.8),
         (east, 4.4, 0.8),
         (west, 6.4, 0.7),
@@ -54,7 +55,7 @@ def furnish(scenery: Scenery, px_per_m: float, rng: np.random.Generator) -> None
     _mats(scenery, WALLS["west"], 8.4, 1.1, 5)
     _mats(scenery, WALLS["north"], 3.6, 0.75, 3)
     _mats(scenery, WALLS["south"], 25.0, 0.7, 2)
-    _beam(scenery, WALLS["north"], 7.6, 1.2)
+    _beam(scenery, WALLS["north"], 17.5, 1.3)
     _table(scenery, WALLS["south"], 17.6, 1.1, px_per_m, rng)
     _table(scenery, WALLS["east"], 10.0, 1.6, px_per_m, rng)
     _curtain(scenery, WALLS["east"], 5.4, 14.6, rng)
@@ -92,8 +93,8 @@ def _materials(scenery: Scenery, rng: np.random.Generator) -> None:
 def _pilasters(scenery: Scenery, wall: Wall, px_per_m: float, rng: np.random.Generator) -> None:
     for k, u in enumerate(PILASTERS_U):
         canvas = Canvas.blank(PILASTER_M, HALL_M[2], px_per_m, (128, 128, 128))
-        colours: list[Colour] = [(150, 132, 116), (142, 122, 106), (158, 142, 126)]
-        courses(canvas, rng, colours, unit_m=(0.25, 0.085), joint_m=0.012, joint=(112, 106, 98))
+        colours: list[Colour] = [(178, 160, 142), (170, 150, 132), (186, 170, 152)]
+        courses(canvas, rng, colours, unit_m=(0.25, 0.085), joint_m=0.012, joint=(130, 124, 116))
         weather(canvas.image, grain(canvas.image.shape, rng, 6))
         canvas.text(0.12, 2.3, 0.28, str(k + 1), (70, 76, 92), weight=0.2)
         fittings.sheet(canvas.part(0.1, 1.35 + rng.uniform(-0.2, 0.2), 0.28, 0.4), rng)
@@ -123,7 +124,7 @@ def _stand(scenery: Scenery, wall: Wall, u: float, off: float, px_per_m: float, 
     """A roll-up banner on the floor."""
     canvas = Canvas.blank(0.85, 2.0, 2 * px_per_m, (128, 128, 128))
     fittings.poster(canvas, rng)
-    weather(canvas.image, grain(canvas.image.shape, rng, 4))
+    wear(canvas, rng)
     name = scenery.material(f"stand_{wall.name}_{u:.0f}", canvas.image)
     scenery.box(name, name, wall.at(u, off, 1.05), wall.along, (0.85, 0.02, 2.0))
     scenery.box("stand_foot", "iron", wall.at(u, off, 0.03), wall.along, (0.9, 0.2, 0.06))
@@ -169,7 +170,7 @@ def _table(scenery: Scenery, wall: Wall, u: float, off: float, px_per_m: float, 
 def _curtain(scenery: Scenery, wall: Wall, start: float, stop: float, rng: np.random.Generator) -> None:
     """The stage curtain, in folds, a valance over it."""
     height, columns, rows = 3.9, 420, 5
-    canvas = Canvas.blank(stop - start, height, 110, (132, 54, 56))
+    canvas = Canvas.blank(stop - start, height, 110, (164, 74, 76))
     weather(canvas.image, grain(canvas.image.shape, rng, 9, stretch=(10, 1)))
     weather(canvas.image, grain(canvas.image.shape, rng, 5))
     tint(canvas.image, flecks(canvas.image.shape, rng, 4, 0.08), (26, 14, 12))

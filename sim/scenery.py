@@ -79,7 +79,7 @@ class Scenery:
     ) -> None:
         """A textured rectangle of (width, height) facing `right` x `up`, to be seen from there alone."""
         geom = self._geom(name, mujoco.mjtGeom.mjGEOM_PLANE, self.material(name, image), centre, right, up)
-        geom.size = [size_m[0] / 2, size_m[1] / 2, 1.0]
+        geom.size = [size_m[0] / 2, size_m[1] / 2, 10.0]
 
     def box(self, name: str, material: str, centre: Vector, right: Vector, size_m: tuple[float, float, float]) -> None:
         """An upright box: `size_m` along `right` (horizontal), along up x right, and up."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim import fittings
 from sim.scenery import HALL_M, Wall
-from sim.textures import Canvas, Colour, arc, courses, flecks, grain, scuff, tint, weather
+from sim.textures import Canvas, Colour, arc, courses, flecks, grain, scuff, tint, wear, weather
 
 LOWER_M: Final = 2.75  # height of the lower part of the walls, which cameras come near to
 CARPET_M: Final = 12.0
@@ -25,19 +25,19 @@ def lower_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
     canvas = Canvas.blank(wall.length, LOWER_M, px_per_m, (128, 128, 128))
     if wall.name in ("south", "north"):
         colours: tuple[Colour, ...] = (
-            ((134, 150, 138), (126, 142, 130), (142, 156, 142))
+            ((162, 178, 164), (154, 170, 156), (170, 184, 170))
             if wall.name == "south"
-            else ((132, 144, 158), (124, 136, 152), (140, 152, 164))
+            else ((158, 170, 184), (150, 162, 178), (166, 178, 190))
         )
-        courses(canvas, rng, colours, unit_m=(0.3, 0.1), joint_m=0.012, joint=(104, 108, 106), spread=7)
+        courses(canvas, rng, colours, unit_m=(0.3, 0.1), joint_m=0.012, joint=(118, 122, 120), spread=9)
         weather(canvas.image, grain(canvas.image.shape, rng, 6))
     else:
-        colours = ((172, 138, 98), (160, 126, 88), (180, 148, 108), (168, 132, 90))
+        colours = ((198, 166, 124), (186, 154, 114), (206, 176, 134), (194, 160, 116))
         unit = (2.4, 0.14) if wall.name == "east" else (1.25, 0.34)
-        courses(canvas, rng, colours, unit_m=unit, joint_m=0.012, joint=(96, 74, 52), spread=6)
+        courses(canvas, rng, colours, unit_m=unit, joint_m=0.012, joint=(112, 88, 64), spread=7)
         weather(canvas.image, grain(canvas.image.shape, rng, 6, stretch=(1, 8)))
         weather(canvas.image, grain(canvas.image.shape, rng, 4))
-    for size, share, change in ((0.012, 0.06, -22), (0.03, 0.03, 14), (0.09, 0.03, -10)):
+    for size, share, change in ((0.008, 0.04, -34), (0.014, 0.05, -26), (0.03, 0.04, 16), (0.09, 0.03, -12)):
         tint(canvas.image, flecks(canvas.image.shape, rng, size * px_per_m, share), (change, change, change))
     places = _LOWER[wall.name]
     _hang(canvas, rng, places)
@@ -49,7 +49,7 @@ def lower_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
         (_plate, 0.22, 0.16),
     )
     _fill(canvas, rng, taken, posters, 0.5, 2.4, round(2.2 * wall.length))
-    scuff(canvas, rng, 3.0)
+    wear(canvas, rng)
     canvas.rectangle(0, 0, wall.length, 0.1, (84, 80, 76))
     canvas.rectangle(0, LOWER_M - 0.12, wall.length, 0.12, (118, 104, 86))
     return canvas
@@ -58,8 +58,8 @@ def lower_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
 def upper_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
     """From 2.75 m to the ceiling: blockwork, windows, banners, sponsors' boards, pipes."""
     canvas = Canvas.blank(wall.length, HALL_M[2] - LOWER_M, px_per_m, (128, 128, 128))
-    colours = ((176, 172, 160), (168, 164, 152), (184, 180, 168))
-    courses(canvas, rng, colours, unit_m=(0.5, 0.25), joint_m=0.02, joint=(134, 130, 122), spread=7)
+    colours = ((196, 192, 180), (188, 184, 172), (204, 200, 188))
+    courses(canvas, rng, colours, unit_m=(0.5, 0.25), joint_m=0.02, joint=(150, 146, 138), spread=7)
     weather(canvas.image, grain(canvas.image.shape, rng, 6))
     for size, share, change in ((0.02, 0.05, -20), (0.06, 0.04, -10), (0.3, 0.08, -5)):
         tint(canvas.image, flecks(canvas.image.shape, rng, size * px_per_m, share), (change, change, change))
@@ -144,7 +144,7 @@ def ceiling(px_per_m: float, rng: np.random.Generator) -> Canvas:
     """Acoustic tiles."""
     canvas = Canvas.blank(HALL_M[0], HALL_M[1], px_per_m, (170, 170, 166))
     courses(
-        canvas, rng, [(176, 174, 168), (168, 167, 162)], unit_m=(1.25, 0.625), joint_m=0.04, joint=(120, 118, 114),
+        canvas, rng, [(196, 194, 188), (188, 187, 182)], unit_m=(1.25, 0.625), joint_m=0.04, joint=(120, 118, 114),
         spread=6, stagger=False,
     )  # fmt: skip
     weather(canvas.image, grain(canvas.image.shape, rng, 6))
@@ -197,11 +197,11 @@ INK: Final[Colour] = (44, 44, 48)
 
 
 def _door(canvas: Canvas, rng: np.random.Generator) -> None:
-    fittings.door(canvas, rng, (122, 98, 74))
+    fittings.door(canvas, rng, (158, 130, 102))
 
 
 def _double_door(canvas: Canvas, rng: np.random.Generator) -> None:
-    fittings.door(canvas, rng, (92, 112, 122), leaves=2)
+    fittings.door(canvas, rng, (116, 138, 150), leaves=2)
 
 
 def _window(canvas: Canvas, rng: np.random.Generator) -> None:
@@ -221,7 +221,7 @@ def _long_banner(canvas: Canvas, rng: np.random.Generator) -> None:
 
 
 def _pads(canvas: Canvas, rng: np.random.Generator) -> None:
-    fittings.pad(canvas, rng, (64, 88, 132))
+    fittings.pad(canvas, rng, (84, 110, 158))
 
 
 def _shutter(canvas: Canvas, rng: np.random.Generator) -> None:

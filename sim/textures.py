@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pzcap.types import Image, Mask
 
-Colour = tuple[float, float, float]  # red, green, blue, 0..255
+Colour = tuple[float, ...]  # red, green, blue, 0..255; or one value on a grey canvas
 Points = Sequence[Sequence[float]] | NDArray[np.float64]  # (N, 2) metres
 _SHIFT: Final = 4  # fractional bits of OpenCV's drawing coordinates
 _FONT: Final = cv2.FONT_HERSHEY_DUPLEX
@@ -151,19 +151,27 @@ def tint(image: Image, mask: Mask, change: tuple[int, int, int]) -> None:
 
 
 def scuff(canvas: Canvas, rng: np.random.Generator, per_m2: float, depth: int = 40) -> None:
-    """Marks of use: dark streaks and faint round prints of balls, 3 cm to 1 m, up to `depth` grey levels."""
+    """Marks of use: dark streaks of 2 cm to 0.6 m and a few faint prints of balls, up to `depth` grey levels."""
     marks = np.zeros(canvas.image.shape[:2], np.uint8)
     layer = Canvas(marks, canvas.px_per_m)
     for _ in range(round(per_m2 * canvas.width_m * canvas.height_m)):
         x, y = rng.uniform(0, canvas.width_m), rng.uniform(0, canvas.height_m)
-        shade = (float(rng.uniform(0.3, 1.0) * depth),) * 3
-        size, angle = 0.03 * 30 ** rng.random(), rng.uniform(0, 2 * np.pi)
-        if rng.random() < 0.25:
-            layer.ring(x, y, 0.5 * min(size, 0.24), 0.015, shade)
+        shade = rng.uniform(0.3, 1.0) * depth
+        size, angle = 0.02 * 30 ** rng.random(), rng.uniform(0, 2 * np.pi)
+        if rng.random() < 0.1:
+            layer.disc(x, y, 0.12, (0.25 * shade,))
         else:
             bend = arc(x, y, size / rng.uniform(0.3, 2.0), angle, angle + rng.uniform(0.2, 1.0))
-            layer.line(bend, rng.uniform(0.004, 0.02), shade)
+            layer.line(bend, rng.uniform(0.003, 0.015), (shade,))
     cv2.subtract(canvas.image, cv2.merge([marks, marks, marks]), dst=canvas.image)
+
+
+def wear(canvas: Canvas, rng: np.random.Generator) -> None:
+    """What years leave on everything within reach: specks of 5 mm to 3 cm, smudges, streaks."""
+    for size_m, share, change in ((0.006, 0.02, -26), (0.008, 0.015, 22), (0.014, 0.02, -18), (0.03, 0.02, 12)):
+        tint(canvas.image, flecks(canvas.image.shape, rng, size_m * canvas.px_per_m, share), (change, change, change))
+    weather(canvas.image, grain(canvas.image.shape, rng, 3, octaves=7))
+    scuff(canvas, rng, 4.0)
 
 
 def courses(
