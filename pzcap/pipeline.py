@@ -2,41 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import queue
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
 
+import numpy as np
+
+from pzcap import body, foreground, keyframes, panzoom, tracking
+from pzcap.calibration import Prepared, prepare
+from pzcap.camera import at
+from pzcap.capture import FrameSets, frame_sets, read_image
 from pzcap.types import (
     Array,
     Camera,
+    CameraFiles,
     Capture,
     FrameSet,
+    Image,
+    Keyframe,
     Localisation,
-    Panorama,
-    PanZoomCamera,
+    PanZoomTrack,
     Pose,
+    PzcapError,
     Reconstruction,
-    ReferenceCamera,
     Silhouette,
 )
+from pzcap.video import VideoReader
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Config:
-    method: str = "exact"  # or "paper", the baseline: no distortion, no tilt, stops at eq. 15
+    panzoom: panzoom.PanZoomConfig = field(default_factory=panzoom.PanZoomConfig)
+    foreground: foreground.ForegroundConfig = field(default_factory=foreground.ForegroundConfig)
+    tracking: tracking.TrackingConfig = field(default_factory=tracking.TrackingConfig)
+    threads: int = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Progress:
     stage: str
     done: int
-    total: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
-    reference: ReferenceCamera
-    panorama: Panorama
-    camera: PanZoomCamera
+    total: int  # 0 where it is not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +52,7 @@ class CameraPrepared:
     """Stages 2-3 are done for one camera; None where the material is missing."""
 
     index: int
-    prepared: Prepared | None  # panzoom.Prepared: .reference, .panorama, .camera
+    prepared: Prepared | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +60,7 @@ class FrameLocalised:
     """Stage 4 is done for one instant."""
 
     frames: FrameSet
-    localisations: tuple[Localisation | None, ...]  # one a camera
+    localisations: tuple[Localisation | None, ...]  # one a camera; None where there is no frame or no camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +74,7 @@ class FrameSeparated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameTracked:
-    """Stage 6 is done for one instant."""
+    """Stage 6 is done for one instant. Comes in order, up to one keyframe interval after the frame was separated."""
 
     index: int
     pose: Pose
@@ -78,18 +86,10 @@ class FrameTracked:
 @dataclass(frozen=True, slots=True, eq=False)
 class Finished:
     reconstruction: Reconstruction
-    seconds: dict[str, float]  # wall time of each stage
+    seconds: dict[str, float]  # wall time: of the whole of "prepare", summed over the frame sets for the others
 
 
 Event = Progress | CameraPrepared | FrameLocalised | FrameSeparated | FrameTracked | Finished
-
-
-def stages(capture: Capture, config: Config) -> Iterator[Event]:
-    """Run every stage that ``capture`` has the material for, and yield each result as it comes.
-
-    Memory does not grow with the length of the video, but for the result itself.
-    """
-    raise NotImplementedError
 
 
 def reconstruct(capture: Capture, config: Config) -> Reconstruction:
@@ -98,3 +98,254 @@ def reconstruct(capture: Capture, config: Config) -> Reconstruction:
         if isinstance(event, Finished):
             return event.reconstruction
     raise AssertionError("stages() ends with Finished")
+
+
+def stages(capture: Capture, config: Config) -> Iterator[Event]:
+    """Run every stage that ``capture`` has the material for, and yield each result as it comes.
+
+    What is missing (a camera's sweep, the subject, the keyframes) costs the stages that need it and nothing else;
+    the reconstruction's ``notes`` say what and why. Memory does not grow with the length of the video, but for the
+    result itself. Raises PzcapError where a file is there and is not what it should be.
+    """
+    seconds = {"prepare": 0.0, "panzoom": 0.0, "foreground": 0.0, "tracking": 0.0}
+    notes: list[str] = []
+    with ThreadPoolExecutor(config.threads) as pool:
+        sets = frame_sets(capture)
+        tracker = _tracker(capture, sets, config, notes)
+
+        started = time.perf_counter()
+        prepared: list[Prepared | None] = [None] * len(capture.cameras)
+        for event in _prepare(capture, config, pool, notes):
+            if isinstance(event, CameraPrepared):
+                prepared[event.index] = event.prepared
+            yield event
+        localisers = list(
+            pool.map(lambda p: None if p is None else panzoom.Localiser(p.panorama, p.camera, config.panzoom), prepared)
+        )
+        seconds["prepare"] = time.perf_counter() - started
+
+        found: list[list[Localisation | None]] = [[] for _ in capture.cameras]
+        poses: list[tracking.Tracked] = []
+        views = _Views(prepared, localisers, config, pool)
+        for frames in sets:
+            started = time.perf_counter()
+            localisations = views.localise(frames)
+            seconds["panzoom"] += time.perf_counter() - started
+            for history, localisation in zip(found, localisations, strict=True):
+                history.append(localisation)
+            yield FrameLocalised(frames, localisations)
+
+            started = time.perf_counter()
+            cameras, silhouettes = views.separate(frames, localisations)
+            seconds["foreground"] += time.perf_counter() - started
+            yield FrameSeparated(frames, cameras, silhouettes)
+
+            if tracker:
+                started = time.perf_counter()
+                arrived = tracker.push(_track_input(frames, cameras, silhouettes))
+                seconds["tracking"] += time.perf_counter() - started
+                yield from map(_tracked, arrived)
+                poses += arrived
+            yield Progress("motion", frames.index + 1, len(sets))
+        if tracker:
+            started = time.perf_counter()
+            arrived = tracker.finish()
+            seconds["tracking"] += time.perf_counter() - started
+            yield from map(_tracked, arrived)
+            poses += arrived
+
+    yield Finished(
+        Reconstruction(
+            capture_name=capture.name,
+            method=config.panzoom.method,
+            frame_rate=capture.frame_rate,
+            timecodes=sets.timecodes,
+            camera_names=tuple(files.name for files in capture.cameras),
+            references=tuple(None if p is None else p.reference for p in prepared),
+            cameras=tuple(None if p is None else p.camera for p in prepared),
+            panoramas=tuple(None if p is None else p.panorama for p in prepared),
+            tracks=tuple(_panzoom_track(history) if p else None for p, history in zip(prepared, found, strict=True)),
+            motion=tracking.collect(poses, sets.keyframes) if tracker else None,
+            notes=tuple(notes),
+        ),
+        seconds,
+    )
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Stages 2-3: each camera for itself, before the motion
+
+
+def _prepare(
+    capture: Capture, config: Config, pool: ThreadPoolExecutor, notes: list[str]
+) -> Iterator[Progress | CameraPrepared]:
+    """Calibrate the cameras, ``config.threads`` at a time."""
+    news: queue.SimpleQueue[Progress | CameraPrepared | Future[None]] = queue.SimpleQueue()
+
+    def job(index: int, files: CameraFiles) -> None:
+        def report(stage: str, done: int, total: int) -> None:
+            news.put(Progress(f"camera {files.name}: {stage}", done, total))
+
+        news.put(CameraPrepared(index, _prepare_camera(capture, files, config, report)))
+
+    jobs: list[Future[None]] = []
+    for index, files in enumerate(capture.cameras):
+        missing = _missing(capture, files)
+        if missing:
+            notes.append(f"camera {files.name} is not calibrated: {missing}")
+            yield CameraPrepared(index, None)
+            continue
+        if files.zoom is None:
+            notes.append(f"camera {files.name} has no zoom run: distortion and principal point are taken as constant")
+        jobs.append(pool.submit(job, index, files))
+        jobs[-1].add_done_callback(news.put)
+
+    running = len(jobs)
+    while running:
+        event = news.get()
+        if isinstance(event, Future):
+            running -= 1
+            if error := event.exception():
+                for other in jobs:
+                    other.cancel()
+                raise error
+        else:
+            yield event
+
+
+def _missing(capture: Capture, files: CameraFiles) -> str | None:
+    """What a camera cannot be calibrated without, and the capture does not hold."""
+    if capture.calibration_object is None:
+        return "the capture holds no calibration object"
+    if files.reference is None:
+        return "it has no reference image"
+    if files.sweep is None:
+        return "it has no pan sweep"
+    return None
+
+
+def _prepare_camera(
+    capture: Capture, files: CameraFiles, config: Config, report: Callable[[str, int, int], None]
+) -> Prepared:
+    assert capture.calibration_object is not None
+    assert files.reference is not None
+    assert files.sweep is not None
+    try:
+        return prepare(
+            read_image(files.reference),
+            capture.calibration_object,
+            VideoReader(files.sweep),
+            None if files.zoom is None else VideoReader(files.zoom),
+            capture.full_turn,
+            config.panzoom,
+            report,
+        )
+    except PzcapError as error:
+        raise PzcapError(f"camera {files.name}: {error}") from error
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Stages 4-5: each view of an instant for itself
+
+
+@dataclass(slots=True, eq=False)
+class _Views:
+    """The four views of an instant, worked on side by side. Remembers where each camera was last seen."""
+
+    prepared: list[Prepared | None]
+    localisers: list[panzoom.Localiser | None]
+    config: Config
+    pool: ThreadPoolExecutor
+    last: list[Localisation | None] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.last = [None] * len(self.prepared)
+
+    def localise(self, frames: FrameSet) -> tuple[Localisation | None, ...]:
+        def one(index: int, image: Image | None) -> Localisation | None:
+            localiser = self.localisers[index]
+            if localiser is None or image is None:
+                return None
+            localisation = localiser.localise(image, self.last[index])
+            self.last[index] = localisation if localisation.valid else None
+            return localisation
+
+        return tuple(self.pool.map(one, range(len(frames.images)), frames.images))
+
+    def separate(
+        self, frames: FrameSet, localisations: tuple[Localisation | None, ...]
+    ) -> tuple[tuple[Camera | None, ...], tuple[Silhouette | None, ...]]:
+        def one(
+            prepared: Prepared | None, image: Image | None, found: Localisation | None
+        ) -> tuple[Camera | None, Silhouette | None]:
+            if prepared is None or image is None or found is None or not found.valid:
+                return None, None
+            camera = at(prepared.camera, found.pan_rad, found.tilt_rad, found.focal_px)
+            settings = self.config.foreground
+            return camera, foreground.separate(image, prepared.panorama, prepared.camera, found, settings)
+
+        pairs = list(self.pool.map(one, self.prepared, frames.images, localisations))
+        return tuple(camera for camera, _ in pairs), tuple(silhouette for _, silhouette in pairs)
+
+
+def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:
+    def column(value: Callable[[Localisation], float]) -> Array:
+        return np.array([value(found) if found else 0.0 for found in history])
+
+    return PanZoomTrack(
+        pan_rad=column(lambda found: found.pan_rad),
+        tilt_rad=column(lambda found: found.tilt_rad),
+        focal_px=column(lambda found: found.focal_px),
+        covariance=np.stack([found.covariance if found else np.zeros((2, 2)) for found in history]),
+        inliers=column(lambda found: len(found.frame_points_px)).astype(np.int64),
+        valid=column(lambda found: found.valid).astype(np.bool_),
+    )
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Stage 6: the body in all views
+
+
+def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]) -> _Tracker | None:
+    if capture.subject is None:
+        notes.append("the body is not tracked: the capture holds no tape measurements (subject.json)")
+        return None
+    if not sets.keyframes:
+        notes.append("the body is not tracked: the capture holds no keyframes (keyframes.json)")
+        return None
+    model = body.build(capture.subject)
+    notes += keyframes.check(sets.keyframes, model, len(sets))
+    return _Tracker(model, sets.keyframes, config.tracking)
+
+
+def _track_input(
+    frames: FrameSet, cameras: tuple[Camera | None, ...], silhouettes: tuple[Silhouette | None, ...]
+) -> tracking.TrackInput:
+    return tracking.TrackInput(
+        frames.index,
+        tuple(
+            tracking.View(image, camera, silhouette)
+            if image is not None and camera is not None and silhouette is not None and silhouette.valid
+            else None
+            for image, camera, silhouette in zip(frames.images, cameras, silhouettes, strict=True)
+        ),
+    )
+
+
+def _tracked(result: tracking.Tracked) -> FrameTracked:
+    return FrameTracked(result.frame, result.pose, result.joints_m, result.sigma_m, result.valid)
+
+
+class _Tracker:
+    """Interim: collects the inputs, tracks at the end."""
+
+    def __init__(self, model: body.Body, keys: tuple[Keyframe, ...], config: tracking.TrackingConfig) -> None:
+        self.args = model, keys, config
+        self.inputs: list[tracking.TrackInput] = []
+
+    def push(self, item: tracking.TrackInput) -> list[tracking.Tracked]:
+        self.inputs.append(item)
+        return []
+
+    def finish(self) -> list[tracking.Tracked]:
+        return list(tracking.track(self.args[0], self.args[1], self.inputs, self.args[2]))
