@@ -61,6 +61,10 @@ def draw_measurements(rng: np.random.Generator) -> dict[str, float]:
     return {name: values[name] for name in MEASUREMENTS}
 
 
+_GYRATION: Final = 0.30
+"""Radius of gyration over a segment's length: 0.297 to 0.323 for the limbs in Winter's table."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Tree:
     """Rigid segments joined at points. Zero pose as in `types.JOINTS`; index ``s`` is that of `types.SEGMENTS`."""
@@ -68,6 +72,7 @@ class Tree:
     offsets_m: Array  # (16, 3) joint centre in the parent's frame; zero for the root
     masses: Array  # (16,) fractions of the body's mass, adding up to one
     centres_m: Array  # (16, 3) centre of mass in the segment's own frame
+    gyration_m: Array  # (16,) radius of gyration about the centre of mass, across the segment's long axis
 
 
 def _kind(segment: str) -> str:
@@ -91,6 +96,7 @@ def body_tree(measurements: dict[str, float]) -> Tree:
         "upper_arm": -m["upper_arm"], "forearm": -m["forearm"], "hand": -m["hand"],
         "thigh": -m["thigh"], "shank": -m["shank"],
     }  # fmt: skip
+    spans = {kind: abs(length) for kind, length in lengths.items()} | {"pelvis": 0.3 * m["trunk"], "foot": 0.0}
     for s, segment in enumerate(SEGMENTS):
         kind, y = _kind(segment), side.get(segment.split("_")[0], 0.0)
         if kind == "upper_arm":
@@ -108,12 +114,13 @@ def body_tree(measurements: dict[str, float]) -> Tree:
             if kind == "foot"
             else (0.0, 0.0, fraction * lengths[kind])
         )
-    return Tree(offsets, masses / masses.sum(), centres)
+    gyration = np.array([_GYRATION * spans[_kind(segment)] for segment in SEGMENTS])
+    return Tree(offsets, masses / masses.sum(), centres, gyration)
 
 
 JOINT_LIMITS: Final[dict[str, tuple[float, float]]] = {
     "lumbar": (0.0, 65.0), "thorax": (0.0, 50.0), "head": (0.0, 75.0),
-    "upper_arm": (0.0, 179.0), "forearm": (-5.0, 150.0), "hand": (0.0, 95.0),
+    "upper_arm": (0.0, 175.0), "forearm": (-5.0, 150.0), "hand": (0.0, 95.0),
     "thigh": (0.0, 150.0), "shank": (-5.0, 155.0), "foot": (0.0, 75.0),
 }  # fmt: skip
 """Degrees, by kind of segment. Hinges: range of the angle. Ball joints: range of the angle of the whole rotation away

@@ -12,17 +12,17 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.special import expit
 from scipy.spatial.transform import Rotation
 
 from pzcap.types import HINGE_AXES, SEGMENTS, Array, Mask
 from sim.anthropometry import body_tree, joint_limit_rad
 from sim.motion._clip import END_POINTS, FRAME_RATE, MotionClip
-from sim.motion._kinematics import DOF, DOFS, Frames, log
+from sim.motion._kinematics import DOF, DOFS, Frames, log, skew
+from sim.motion._normal import NormalEquations
 
-KNOT_RATE: Final = 60
+KNOT_RATE: Final = 90
 DENSE_RATE: Final = 240
 GRAVITY: Final = np.array([0.0, 0.0, -9.81])
 
@@ -30,9 +30,12 @@ GRAVITY: Final = np.array([0.0, 0.0, -9.81])
 _POSE_RAD: Final = 0.20
 _SMOOTH_RAD_S2: Final = 120.0  # angular acceleration
 _SUPPORTED_M_S2: Final = 15.0  # acceleration of the centre of mass while something stands on the floor
+_EDGE_M_S2: Final = 5.0
 _BALLISTIC_M_S2: Final = 0.05
+_SPIN_M2_S: Final = 0.01  # change of angular momentum from knot to knot, over the body's mass
 _CONTACT_M: Final = 0.0004
 _FLOOR_M: Final = 0.001
+_FLOOR_SOFT_M: Final = 0.002
 _LIMIT_RAD: Final = 0.01
 _LIMIT_MARGIN_RAD: Final = 0.02
 
@@ -71,62 +74,6 @@ def _points(measurements: dict[str, float]) -> tuple[_Point, ...]:
     return tuple(points)
 
 
-class _Normal:
-    """Normal equations of residuals that couple at most three successive poses."""
-
-    def __init__(self, count: int) -> None:
-        self.blocks = np.zeros((3, count, DOF, DOF))
-        self.right = np.zeros((count, DOF))
-
-    def add(self, first: NDArray[np.int64], jacobians: Sequence[Array], residuals: Array, sigma: float) -> None:
-        """Add residuals (N, M) whose jacobians (N, M, 43) are those of poses ``first``, ``first + 1``, ..."""
-        for i, left in enumerate(jacobians):
-            weighted = left.transpose(0, 2, 1) / sigma**2
-            self.right[first + i] -= (weighted @ residuals[:, :, None])[:, :, 0]
-            for j in range(i + 1):
-                self.blocks[i - j, first + j] += weighted @ jacobians[j]
-
-    def solve(self) -> Array:
-        """Return the step (T, 43)."""
-        return _solve_banded(self.blocks, self.right.ravel()).reshape(self.right.shape)
-
-
-@njit(cache=True)
-def _solve_banded(blocks: Array, right: Array) -> Array:
-    """Solve a positive definite system of blocks (3, T, B, B) on and below the diagonal by Cholesky's method.
-
-    LAPACK's banded solver does the same, but OpenBLAS shares such small work among threads that wait for each other:
-    beside other processes it took fifty times as long.
-    """
-    _, count, size, _ = blocks.shape
-    order, band = count * size, 3 * size
-    columns = np.zeros((order, band))  # columns[j, k] is element (j + k, j)
-    for k in range(3):
-        for t in range(count - k):
-            for a in range(size):
-                for b in range(size if k else a + 1):
-                    columns[t * size + b, k * size + a - b] = blocks[k, t, a, b]
-    x = right.copy()
-    for j in range(order):
-        reach = min(band, order - j)
-        pivot = np.sqrt(columns[j, 0])
-        for k in range(reach):
-            columns[j, k] /= pivot
-        x[j] /= pivot
-        for k in range(1, reach):
-            factor = columns[j, k]
-            if factor != 0.0:
-                x[j + k] -= factor * x[j]
-                for i in range(reach - k):
-                    columns[j + k, i] -= factor * columns[j, k + i]
-    for j in range(order - 1, -1, -1):
-        total = x[j]
-        for k in range(1, min(band, order - j)):
-            total -= columns[j, k] * x[j + k]
-        x[j] = total / columns[j, 0]
-    return x
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
     """What stays the same from one iteration to the next."""
@@ -137,16 +84,17 @@ class _Problem:
     flight: Mask  # (T,) nothing does; the knots beside the first and last of these still do
     root_sigma_m: Array  # (3,)
 
-    def normal(self, frames: Frames, hardness: float) -> _Normal:
-        normal = _Normal(len(frames.roots_m))
+    def normal(self, frames: Frames, hardness: float) -> NormalEquations:
+        normal = NormalEquations(len(frames.roots_m))
         self._authored_pose(normal, frames)
         self._smoothness(normal, frames)
         self._centre_of_mass(normal, frames, hardness)
+        self._angular_momentum(normal, frames, hardness)
         self._floor(normal, frames, hardness)
         self._limits(normal, frames, hardness)
         return normal
 
-    def _authored_pose(self, normal: _Normal, frames: Frames) -> None:
+    def _authored_pose(self, normal: NormalEquations, frames: Frames) -> None:
         errors = _as_dofs(log(self.authored.rotations.swapaxes(-1, -2) @ frames.rotations))
         errors[:, :3] = frames.roots_m - self.authored.roots_m
         weights = np.full(DOF, _POSE_RAD**-2)
@@ -154,7 +102,7 @@ class _Problem:
         _add_diagonal(normal.blocks[0], weights)
         normal.right -= errors * weights
 
-    def _smoothness(self, normal: _Normal, frames: Frames) -> None:
+    def _smoothness(self, normal: NormalEquations, frames: Frames) -> None:
         turns = log(frames.rotations[:-1].swapaxes(-1, -2) @ frames.rotations[1:])
         residuals = _as_dofs(turns[1:] - turns[:-1])
         weight = np.full(DOF, (_SMOOTH_RAD_S2 / KNOT_RATE**2) ** -2)
@@ -165,32 +113,67 @@ class _Problem:
             for j in range(i + 1):
                 _add_diagonal(normal.blocks[i - j][j : j + last], left * (1.0, -2.0, 1.0)[j] * weight)
 
-    def _centre_of_mass(self, normal: _Normal, frames: Frames, hardness: float) -> None:
+    def _centre_of_mass(self, normal: NormalEquations, frames: Frames, hardness: float) -> None:
         centre, jacobian = frames.centre_of_mass(), frames.centre_of_mass_jacobian()
         bend = (centre[2:] - 2 * centre[1:-1] + centre[:-2]) * KNOT_RATE**2
-        for flying, sigma in ((True, _BALLISTIC_M_S2 / hardness), (False, _SUPPORTED_M_S2)):
-            first = np.flatnonzero(self.flight[1:-1] == flying)
-            residuals = bend[first] - GRAVITY if flying else bend[first]
+        flying = self.flight[1:-1]
+        # The floor's force grows from nothing at touch-down and is back at nothing at take-off.
+        edge = ~flying & (self.flight[:-2] | self.flight[2:])
+        for where, target, sigma in (
+            (flying, GRAVITY, _BALLISTIC_M_S2 / hardness),
+            (edge, GRAVITY, _EDGE_M_S2),
+            (~flying & ~edge, np.zeros(3), _SUPPORTED_M_S2),
+        ):
+            first = np.flatnonzero(where)
             parts = [jacobian[first + i] * (scale * KNOT_RATE**2) for i, scale in enumerate((1.0, -2.0, 1.0))]
-            normal.add(first, parts, residuals, sigma)
+            normal.add(first, parts, bend[first] - target, sigma)
 
-    def _floor(self, normal: _Normal, frames: Frames, hardness: float) -> None:
+    def _angular_momentum(self, normal: NormalEquations, frames: Frames, hardness: float) -> None:
+        """In flight the angular momentum about the centre of mass stays what it was at take-off.
+
+        Between two knots it is the sum of m r x r' over mass points at r and then r', relative to the centre of mass;
+        since the sum of m r vanishes, the centre's own motion drops out of the derivative.
+        """
+        first = np.flatnonzero(self.flight[1:-1])
+        if len(first) == 0:
+            return
+        parts = np.zeros((3, len(first), 3, DOF))
+        change = np.zeros((len(first), 3))
+        centre = frames.centre_of_mass()
+        for s, (mass, middle, spread) in enumerate(
+            zip(frames.tree.masses, frames.tree.centres_m, frames.tree.gyration_m, strict=True)
+        ):
+            for end in (-spread, spread):
+                points = frames.points(s, middle + np.array([0.0, 0.0, end]))
+                jacobian = 0.5 * mass * KNOT_RATE * frames.jacobian(s, points)
+                arms = points - centre
+                a, b, c = (skew(arms[first + i]) for i in range(3))
+                change += 0.5 * mass * KNOT_RATE * ((b @ (arms[first + 2] + arms[first])[:, :, None])[:, :, 0])
+                parts[0] += b @ jacobian[first]
+                parts[1] -= (a + c) @ jacobian[first + 1]
+                parts[2] += b @ jacobian[first + 2]
+        normal.add(first, list(parts), change, _SPIN_M2_S / hardness)
+
+    def _floor(self, normal: NormalEquations, frames: Frames, hardness: float) -> None:
         for point, stand in zip(self.points, self.stand, strict=True):
             places = frames.points(point.segment, point.local_m)
             height = places[:, 2] - point.radius_m
-            below = np.flatnonzero(~stand & (height < 0))
+            near = np.flatnonzero(~stand & (height < 6.0 * _FLOOR_SOFT_M))
             standing = np.flatnonzero(stand)
-            if len(below) + len(standing) == 0:
+            if len(near) + len(standing) == 0:
                 continue
             jacobian = frames.jacobian(point.segment, places)
-            normal.add(below, [jacobian[below, 2:]], height[below, None], _FLOOR_M)
+            # A soft bound: a hard one would switch on and off from one iteration to the next.
+            depth = -height[near, None] / _FLOOR_SOFT_M
+            slope = -expit(depth)[:, :, None] * jacobian[near, 2:]
+            normal.add(near, [slope], _FLOOR_SOFT_M * np.logaddexp(0.0, depth), _FLOOR_M)
             normal.add(standing, [jacobian[standing, 2:]], height[standing, None], _CONTACT_M / hardness)
             held = np.flatnonzero(stand[:-1] & stand[1:])
             slide = (places[1:] - places[:-1])[held, :2]
             parts = [-jacobian[held, :2], jacobian[held + 1, :2]]
             normal.add(held, parts, slide, _CONTACT_M / hardness)
 
-    def _limits(self, normal: _Normal, frames: Frames, hardness: float) -> None:
+    def _limits(self, normal: NormalEquations, frames: Frames, hardness: float) -> None:
         vectors = log(frames.rotations)
         for s, name in enumerate(SEGMENTS[1:], start=1):
             low, high = joint_limit_rad(name)
@@ -250,8 +233,7 @@ def fit(
         step = problem.normal(frames, hardness).solve()
         step *= min(1.0, _LONGEST_STEP_RAD / float(np.abs(step[:, 3:]).max()))
         frames = frames.moved(step)
-        if DEBUG:
-            print(hardness, np.abs(step).max(), np.abs(step[:, 3:]).max())
+        if DEBUG: print(hardness, np.abs(step).max(), np.unravel_index(np.abs(step).argmax(), step.shape))
     return _dense_clip(frames, frame_count, times, points, stand, flight)
 
 

@@ -32,35 +32,35 @@ _CONTACTS: Final[tuple[Contact, ...]] = (
     # hurdle: the right foot hops, the left steps into the lunge
     Contact("right_toe", 2.18, 2.42), Contact("left_heel", 2.37, 2.55), Contact("left_toe", 2.40, 2.67),
     # round-off
-    Contact("left_hand", 2.58, 2.87), Contact("right_hand", 2.67, 2.98),
-    Contact("left_toe", 3.08, 3.20), Contact("right_toe", 3.08, 3.20),
+    Contact("left_hand", 2.58, 2.87), Contact("right_hand", 2.67, 2.97),
+    Contact("left_toe", 3.11, 3.23), Contact("right_toe", 3.11, 3.23),
     # back handspring
-    Contact("left_hand", 3.37, 3.57), Contact("right_hand", 3.37, 3.57),
-    Contact("left_toe", 3.68, 3.80), Contact("right_toe", 3.68, 3.80),
+    Contact("left_hand", 3.40, 3.60), Contact("right_hand", 3.40, 3.60),
+    Contact("left_toe", 3.71, 3.83), Contact("right_toe", 3.71, 3.83),
     # landing
-    Contact("left_toe", 4.62, 6.0), Contact("right_toe", 4.62, 6.0),
-    Contact("left_heel", 4.68, 6.0), Contact("right_heel", 4.68, 6.0),
+    Contact("left_toe", 4.65, 6.0), Contact("right_toe", 4.65, 6.0),
+    Contact("left_heel", 4.71, 6.0), Contact("right_heel", 4.71, 6.0),
 )  # fmt: skip
 
 # Somersaulting (about the axis to the left of the direction of travel) and twist (about the body's long axis), degrees.
 _TUMBLE: Final = [
     (0.0, 0), (0.3, 12), (0.6, 14), (1.2, 10), (1.8, 5), (1.9, 0), (2.05, -6), (2.18, 2), (2.40, 25), (2.60, 92),
-    (2.72, 140), (2.85, 192), (2.98, 250), (3.08, 305), (3.20, 383), (3.37, 500), (3.47, 548), (3.57, 592),
-    (3.68, 655), (3.80, 715), (3.95, 768), (4.05, 830), (4.20, 930), (4.35, 1005), (4.50, 1042), (4.62, 1052),
-    (4.78, 1042), (5.15, 1078), (5.3, 1080),
+    (2.72, 140), (2.85, 188), (2.97, 236), (3.11, 305), (3.23, 383), (3.40, 500), (3.50, 548), (3.60, 592),
+    (3.71, 655), (3.83, 715), (3.98, 768), (4.08, 830), (4.23, 930), (4.38, 1005), (4.53, 1042), (4.65, 1052),
+    (4.81, 1042), (5.18, 1078), (5.33, 1080),
 ]  # fmt: skip
-_TWIST: Final = [(0.0, 0), (2.38, 0), (2.60, -48), (2.72, -85), (2.85, -105), (2.98, -155), (3.08, -180), (6.0, -180)]
+_TWIST: Final = [(0.0, 0), (2.38, 0), (2.60, -48), (2.72, -85), (2.85, -105), (2.97, -145), (3.11, -180), (6.0, -180)]
 
 # Root along the path (m) and height (hip heights when standing).
 _TRAVEL: Final = [
     (0.0, 0.0), (0.25, 0.05), (0.5, 0.40), (0.9, 1.45), (1.4, 3.25), (1.9, 5.15), (2.18, 6.15), (2.62, 7.6),
-    (2.98, 8.7), (3.08, 8.95), (3.20, 9.25), (3.37, 9.75), (3.57, 10.3), (3.68, 10.6), (3.80, 10.85), (4.62, 12.2),
-    (4.9, 12.35), (5.2, 12.4),
+    (2.98, 8.7), (3.11, 8.95), (3.23, 9.25), (3.40, 9.75), (3.60, 10.3), (3.71, 10.6), (3.83, 10.85), (4.65, 12.2),
+    (4.93, 12.35), (5.23, 12.4),
 ]  # fmt: skip
 _HEIGHT: Final = [
     (0.0, 1.0), (0.3, 0.97), (1.8, 0.97), (1.92, 1.02), (2.05, 1.10), (2.18, 1.0), (2.45, 0.88), (2.6, 0.95),
-    (2.8, 1.18), (2.98, 1.15), (3.08, 0.92), (3.14, 0.86), (3.20, 0.95), (3.28, 1.08), (3.37, 1.15), (3.47, 1.2),
-    (3.57, 1.15), (3.68, 0.93), (3.74, 0.87), (3.80, 1.0), (4.2, 1.8), (4.62, 0.85), (4.78, 0.62), (5.15, 0.98),
+    (2.8, 1.18), (2.98, 1.15), (3.11, 0.92), (3.17, 0.86), (3.23, 0.95), (3.31, 1.08), (3.40, 1.15), (3.50, 1.2),
+    (3.60, 1.15), (3.71, 0.93), (3.77, 0.87), (3.83, 1.0), (4.23, 1.8), (4.65, 0.85), (4.81, 0.62), (5.18, 0.98),
 ]  # fmt: skip
 
 _KEYS: Final[tuple[tuple[float, Keys], ...]] = (
@@ -71,45 +71,46 @@ _KEYS: Final[tuple[tuple[float, Keys], ...]] = (
     (2.05, {"right_hip": (5, 3, 0), "right_knee": 35, "right_ankle": 20, "left_hip": (85, 3, 0), "left_knee": 80,
             "left_ankle": 20, "shoulder": (155, 10, 0), "elbow": 15}),
     (2.18, {"right_hip": (18, 3, 0), "right_knee": 22, "right_ankle": 5, "left_hip": (75, 3, 0), "left_knee": 40,
-            "left_ankle": 10, "shoulder": (168, 5, 0), "elbow": 8, "trunk": (0, 0, 0)}),
+            "left_ankle": 10, "shoulder": (165, 5, 0), "elbow": 8, "trunk": (0, 0, 0)}),
     (2.28, {"right_knee": 35, "right_ankle": -12}),
     (2.40, {"right_hip": (0, 3, 0), "right_knee": 20, "right_ankle": 20, "left_hip": (62, 3, 0), "left_knee": 18,
-            "left_ankle": -2, "shoulder": (168, 0, 0), "elbow": 5, "trunk": (10, 0, 0)}),
+            "left_ankle": -2, "shoulder": (165, 0, 0), "elbow": 5, "trunk": (10, 0, 0)}),
     # round-off: the right leg kicks over, the left pushes and follows, hands left then right
     (2.50, {"left_knee": 42, "left_ankle": -12, "left_hip": (90, 3, 0)}),
     (2.60, {"right_hip": (-20, 12, 0), "right_knee": 5, "right_ankle": 40, "left_hip": (88, 10, 0), "left_knee": 25,
             "left_ankle": 5, "wrist": 40, "trunk": (12, 0, 0)}),
     (2.67, {"left_hip": (72, 20, 0), "left_knee": 8, "left_ankle": 35, "wrist": 70}),
     (2.74, {"right_hip": (5, 42, 0), "left_hip": (30, 45, 0), "left_knee": 3, "trunk": (0, 0, 0)}),
-    (2.86, {"right_hip": (5, 18, 0), "left_hip": (5, 25, 0), "ankle": 45, "shoulder": (172, 0, 0), "wrist": 70}),
-    (2.98, {"hip": (25, 5, 0), "knee": 8, "wrist": 40, "trunk": (15, 0, 0), "shoulder": (165, 0, 0)}),
-    (3.08, {"hip": (42, 4, 0), "knee": 22, "ankle": 15, "wrist": 10, "shoulder": (135, 0, 0), "elbow": 10,
+    (2.86, {"right_hip": (5, 18, 0), "left_hip": (5, 25, 0), "ankle": 45, "shoulder": (165, 0, 0), "wrist": 70}),
+    (2.97, {"hip": (35, 5, 0), "knee": 8, "wrist": 40, "trunk": (15, 0, 0), "shoulder": (165, 0, 0)}),
+    (3.11, {"hip": (42, 4, 0), "knee": 22, "ankle": 15, "wrist": 10, "shoulder": (135, 0, 0), "elbow": 10,
             "trunk": (15, 0, 0), "neck": (0, 0, 0)}),
     # back handspring
-    (3.14, {"hip": (35, 4, 0), "knee": 48, "ankle": -5, "shoulder": (125, 5, 0)}),
-    (3.20, {"hip": (0, 4, 0), "knee": 18, "ankle": 35, "shoulder": (150, 5, 0), "trunk": (-8, 0, 0)}),
-    (3.28, {"hip": (-18, 4, 0), "knee": 18, "ankle": 45, "shoulder": (172, 3, 0), "trunk": (-45, 0, 0),
+    (3.17, {"hip": (35, 4, 0), "knee": 48, "ankle": -5, "shoulder": (125, 5, 0)}),
+    (3.23, {"hip": (0, 4, 0), "knee": 18, "ankle": 35, "shoulder": (150, 5, 0), "trunk": (-8, 0, 0)}),
+    (3.31, {"hip": (-18, 4, 0), "knee": 18, "ankle": 45, "shoulder": (165, 3, 0), "trunk": (-45, 0, 0),
             "neck": (-35, 0, 0), "wrist": 30}),
-    (3.37, {"hip": (-18, 4, 0), "knee": 28, "trunk": (-45, 0, 0), "wrist": 75, "elbow": 8}),
-    (3.47, {"hip": (-4, 3, 0), "knee": 12, "trunk": (-18, 0, 0), "wrist": 75, "elbow": 12, "neck": (-25, 0, 0)}),
-    (3.57, {"hip": (18, 3, 0), "knee": 5, "ankle": 45, "trunk": (12, 0, 0), "wrist": 45, "elbow": 3,
-            "shoulder": (168, 0, 0), "neck": (0, 0, 0)}),
-    (3.68, {"hip": (42, 4, 0), "knee": 18, "ankle": 15, "trunk": (18, 0, 0), "wrist": 5, "shoulder": (145, 0, 0)}),
-    (3.74, {"hip": (30, 4, 0), "knee": 36, "ankle": -2, "shoulder": (140, 5, 0)}),
+    (3.40, {"hip": (-18, 4, 0), "knee": 28, "trunk": (-45, 0, 0), "wrist": 75, "elbow": 8}),
+    (3.50, {"hip": (-4, 3, 0), "knee": 12, "trunk": (-18, 0, 0), "wrist": 75, "elbow": 12, "neck": (-25, 0, 0)}),
+    (3.60, {"hip": (18, 3, 0), "knee": 5, "ankle": 45, "trunk": (12, 0, 0), "wrist": 45, "elbow": 3,
+            "shoulder": (165, 0, 0), "neck": (0, 0, 0)}),
+    (3.71, {"hip": (42, 4, 0), "knee": 18, "ankle": 15, "trunk": (18, 0, 0), "wrist": 5, "shoulder": (145, 0, 0)}),
+    (3.77, {"hip": (30, 4, 0), "knee": 36, "ankle": -2, "shoulder": (140, 5, 0)}),
     # back somersault, tucked
-    (3.80, {"hip": (4, 4, 0), "knee": 8, "ankle": 38, "trunk": (-4, 0, 0), "shoulder": (160, 8, 0), "elbow": 8}),
-    (3.95, {"hip": (45, 5, 0), "knee": 60, "ankle": 45, "trunk": (10, 0, 0), "shoulder": (110, 8, 0), "elbow": 25}),
-    (4.09, {"hip": (122, 8, 0), "knee": 125, "trunk": (38, 0, 0), "neck": (15, 0, 0), "shoulder": (52, 8, 0),
+    (3.83, {"hip": (4, 4, 0), "knee": 8, "ankle": 38, "trunk": (-4, 0, 0), "shoulder": (160, 8, 0), "elbow": 8}),
+    (3.98, {"hip": (45, 5, 0), "knee": 60, "ankle": 45, "trunk": (10, 0, 0), "shoulder": (110, 8, 0), "elbow": 25}),
+    (4.12, {"hip": (122, 8, 0), "knee": 125, "trunk": (38, 0, 0), "neck": (15, 0, 0), "shoulder": (52, 8, 0),
             "elbow": 45}),
-    (4.28, {"hip": (122, 8, 0), "knee": 125, "trunk": (36, 0, 0), "shoulder": (52, 8, 0), "elbow": 45, "ankle": 45}),
-    (4.46, {"hip": (68, 6, 0), "knee": 55, "ankle": 20, "trunk": (18, 0, 0), "neck": (5, 0, 0),
+    (4.31, {"hip": (122, 8, 0), "knee": 125, "trunk": (36, 0, 0), "shoulder": (52, 8, 0), "elbow": 45, "ankle": 45}),
+    (4.49, {"hip": (68, 6, 0), "knee": 55, "ankle": 20, "trunk": (18, 0, 0), "neck": (5, 0, 0),
             "shoulder": (50, 15, 0), "elbow": 20}),
-    (4.62, {"hip": (42, 6, 0), "knee": 30, "ankle": 5, "trunk": (14, 0, 0), "shoulder": (60, 15, 0), "elbow": 15}),
+    (4.65, {"hip": (42, 6, 0), "knee": 30, "ankle": 5, "trunk": (14, 0, 0), "shoulder": (60, 15, 0), "elbow": 15}),
     # landing
-    (4.78, {"hip": (82, 8, 0), "knee": 82, "ankle": -28, "trunk": (22, 0, 0), "shoulder": (80, 12, 0), "neck": (-10, 0, 0)}),
-    (5.15, {"hip": (4, 4, 0), "knee": 5, "ankle": 0, "trunk": (0, 0, 0), "shoulder": (150, 14, 0), "elbow": 8,
+    (4.81, {"hip": (82, 8, 0), "knee": 82, "ankle": -28, "trunk": (22, 0, 0), "shoulder": (80, 12, 0),
+            "neck": (-10, 0, 0)}),
+    (5.18, {"hip": (4, 4, 0), "knee": 5, "ankle": 0, "trunk": (0, 0, 0), "shoulder": (150, 14, 0), "elbow": 8,
             "neck": (0, 0, 0)}),
-    (5.30, {"hip": (1, 3, 0), "knee": 2, "shoulder": (165, 16, 0), "elbow": 3}),
+    (5.33, {"hip": (1, 3, 0), "knee": 2, "shoulder": (165, 16, 0), "elbow": 3}),
 )  # fmt: skip
 
 
