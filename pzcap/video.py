@@ -68,6 +68,7 @@ def write_video(
     indices: the index of each frame, strictly increasing; by default 0, 1, 2, ... A gap stands for dropped frames.
     Raises PzcapError if the disk is full or the file cannot be written.
     """
+    started = False
     try:
         with av.open(str(path), "w") as container:
             # One thread: x264's output depends on how many there are.
@@ -78,8 +79,9 @@ def write_video(
             if timecode is not None:
                 stream.metadata["timecode"] = timecode
             for index, image in zip(count() if indices is None else indices, frames, strict=indices is not None):
-                if stream.width == 0:
+                if not started:
                     stream.height, stream.width = image.shape[:2]
+                    started = True
                 frame = VideoFrame.from_ndarray(_to_yuv(image), format="yuv420p")
                 frame.pts, frame.time_base, frame.pict_type = index, 1 / frame_rate, PictureType.NONE
                 container.mux(stream.encode(frame))
