@@ -1,0 +1,116 @@
+"""The typed configuration of a run. Defaults stand in Python alone; Hydra sees them as a plain tree.
+
+Hydra composes, this file checks: a key that nobody knows, a value of the wrong type or one left out fails before any
+work begins, and says what was meant.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import cattrs
+from cattrs.errors import ForbiddenExtraKeysError
+
+from pzcap import pipeline
+from pzcap.types import PzcapError
+from sim.shoot import ShootConfig
+
+
+@dataclass(frozen=True, slots=True)
+class OutputConfig:
+    """What a run leaves behind, beside metrics.json."""
+
+    recording: bool = True  # recording.rrd, for the Rerun viewer
+    report: bool = True  # report.html
+    jpeg_quality: int = 75  # of the images in the recording
+    captures: str = "outputs/captures"  # where shoots are kept for the next run of the same shoot config
+
+
+@dataclass(frozen=True, slots=True)
+class AppConfig:
+    """Everything that `python -m experiments.run` can be told."""
+
+    seed: int = 0  # of the shoot
+    capture: str | None = None  # a capture folder made by anyone (docs/capture.md); null: shoot one
+    shoot: ShootConfig = field(default_factory=ShootConfig)
+    reconstruct: pipeline.Config = field(default_factory=pipeline.Config)
+    output: OutputConfig = field(default_factory=OutputConfig)
+
+
+def _exactly(kind: type, words: str) -> Any:
+    """A structure hook that converts nothing, but for whole numbers to float."""
+
+    def structure(value: Any, _: Any) -> Any:
+        if kind is float and type(value) is int:
+            return float(value)
+        if type(value) is not kind:
+            raise TypeError(f"{value!r} is not {words}")
+        return value
+
+    return structure
+
+
+def _converter() -> cattrs.Converter:
+    converter = cattrs.Converter(forbid_extra_keys=True)
+    for kind, words in ((int, "a whole number"), (float, "a number"), (bool, "true or false"), (str, "text")):
+        converter.register_structure_hook(kind, _exactly(kind, words))
+    return converter
+
+
+CONVERTER = _converter()
+
+
+def default_tree() -> dict[str, Any]:
+    """The defaults as plain dicts and lists, for Hydra."""
+    tree: dict[str, Any] = CONVERTER.unstructure(AppConfig())
+    return tree
+
+
+def build(tree: Mapping[str, Any]) -> AppConfig:
+    """The typed configuration of a composed tree. PzcapError, in one line, for everything that does not fit."""
+    try:
+        return CONVERTER.structure(tree, AppConfig)
+    except Exception as error:
+        complaints = list(_complaints(error, ""))
+        if not complaints:
+            raise
+        raise PzcapError("configuration: " + "; ".join(complaints)) from error
+
+
+def nearest(key: str, known: Iterable[str]) -> str:
+    """The keys that were probably meant, for the end of a message."""
+    known = sorted(known)
+    by_leaf = {name: name.rpartition(".")[2] for name in known}
+    close = difflib.get_close_matches(key, known, n=3, cutoff=0.6)
+    leaves = difflib.get_close_matches(key.rpartition(".")[2], set(by_leaf.values()), n=3, cutoff=0.6)
+    close += [name for name in known if by_leaf[name] in leaves and name not in close]
+    return f"did you mean {', '.join(close[:3])}?" if close else f"there are: {', '.join(known[:12])}"
+
+
+def keys(tree: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """All dotted keys of ``tree``."""
+    found = []
+    for key, value in tree.items():
+        found.append(prefix + key)
+        if isinstance(value, Mapping):
+            found += keys(value, f"{prefix}{key}.")
+    return found
+
+
+def _complaints(error: BaseException, path: str) -> Iterable[str]:
+    """One sentence for each thing that cattrs found wrong, with its dotted path."""
+    if isinstance(error, cattrs.ClassValidationError | cattrs.IterableValidationError):
+        for part in error.exceptions:
+            note = next((n for n in getattr(part, "__notes__", ()) if hasattr(n, "name") or hasattr(n, "index")), None)
+            step = "" if note is None else str(getattr(note, "name", getattr(note, "index", "")))
+            yield from _complaints(part, f"{path}.{step}" if path and step else path or step)
+    elif isinstance(error, ForbiddenExtraKeysError):
+        known = CONVERTER.unstructure(error.cl()) if error.cl is not None else {}
+        for key in sorted(error.extra_fields):
+            name = f"{path}.{key}" if path else key
+            yield f"unknown key '{name}'; {nearest(key, keys(known))}"
+    else:
+        yield f"{path or 'the whole'}: {error}"

@@ -1,0 +1,76 @@
+"""What a user can mend is said in one line on stderr, with a non-zero exit; only a bug of ours shows a traceback."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import sys
+from collections.abc import Callable
+
+import av.error
+from hydra.errors import HydraException, MissingConfigException
+from omegaconf.errors import OmegaConfBaseException
+
+from experiments.config import default_tree, keys, nearest
+from pzcap.types import PzcapError
+
+
+class AlreadyReported(Exception):
+    """A job failed and its line is printed. Carries the failure out of a sweep, whose other jobs go on."""
+
+
+def explain(error: BaseException) -> str | None:
+    """One line on what is wrong and what to do; None for what is a bug."""
+    if isinstance(error, PzcapError):
+        return _one_line(str(error))
+    if isinstance(error, MissingConfigException) and error.options:
+        group, _, name = str(error.missing_cfg_file).rpartition("/")
+        return f"no '{name}' in conf/{group}; {nearest(name, error.options)}"
+    if isinstance(error, HydraException | OmegaConfBaseException):
+        return _explain_override(error)
+    if isinstance(error, OSError):
+        if error.errno == errno.ENOSPC:
+            where = f" while writing {error.filename}" if error.filename else ""
+            return f"the disk is full{where}; free some space or choose another folder with hydra.run.dir=FOLDER"
+        if not isinstance(error, av.error.FFmpegError) and error.filename is not None:
+            return f"{error.filename}: {os.strerror(error.errno) if error.errno else error}"
+    return None
+
+
+def guard(main: Callable[[], object]) -> int:
+    """Run ``main``; the exit status."""
+    try:
+        main()
+    except AlreadyReported:
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except Exception as error:
+        line = explain(error)
+        if line is None:
+            raise
+        print(f"error: {line}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def report(error: Exception) -> bool:
+    """Print the line of ``error``, if it is one for the user."""
+    line = explain(error)
+    if line is not None:
+        print(f"error: {line}", file=sys.stderr, flush=True)
+    return line is not None
+
+
+def _explain_override(error: HydraException | OmegaConfBaseException) -> str:
+    text = str(error)
+    unknown = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
+    if unknown is not None:
+        return f"unknown key '{unknown.group(1)}'; {nearest(unknown.group(1), ['experiment', *keys(default_tree())])}"
+    return _one_line(text)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

@@ -1,0 +1,27 @@
+"""Peak resident memory of a part of this process's life."""
+
+from __future__ import annotations
+
+import resource
+import sys
+from pathlib import Path
+
+_CLEAR, _STATUS = Path("/proc/self/clear_refs"), Path("/proc/self/status")
+
+
+def reset_peak() -> None:
+    """Begin a new peak, where the system can (Linux); else the peak is the whole process's."""
+    try:
+        _CLEAR.write_text("5")
+    except OSError:
+        return
+
+
+def peak_mib() -> float:
+    """Peak resident memory since `reset_peak`, MiB."""
+    if _STATUS.is_file():
+        for line in _STATUS.read_text(encoding="ascii", errors="replace").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024**2 if sys.platform == "darwin" else 1024)

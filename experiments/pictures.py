@@ -1,0 +1,156 @@
+"""Pictures for the report: frames, panoramas and reference images with what was found drawn over them."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+
+import cv2
+import numpy as np
+
+from pzcap import camera as camera_model
+from pzcap.rerun_columns import (
+    BONE_COLOURS,
+    BONES,
+    KEYFRAME_COLOUR,
+    OUTLINE_COLOUR,
+    Colour,
+    footprint,
+    project_edges,
+)
+from pzcap.types import Array, CalibrationObject, Camera, Image, Panorama, PanZoomCamera, ReferenceCamera
+
+_SHIFT = 4  # cv2 draws at 1/16 px
+
+
+def data_uri(image: Image, width: int | None = None, quality: int = 82) -> str:
+    """A JPEG inside a URI, shrunk to ``width``."""
+    if width is not None and width < image.shape[1]:
+        size = (width, round(image.shape[0] * width / image.shape[1]))
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+
+
+def draw_strips(image: Image, strips: Iterable[Array], colour: Colour, width: int = 1) -> None:
+    """Polylines (N, 2) in pixels, colour in RGB, onto a BGR image."""
+    points = [np.round(np.asarray(strip) * 2**_SHIFT).astype(np.int32) for strip in strips]
+    cv2.polylines(
+        image, points, isClosed=False, color=colour[::-1], thickness=width, lineType=cv2.LINE_AA, shift=_SHIFT
+    )
+
+
+def draw_dots(image: Image, points: Array, colour: Colour, radius: float) -> None:
+    """Dots at (N, 2) pixels."""
+    for x, y in np.round(np.asarray(points) * 2**_SHIFT).astype(int):
+        cv2.circle(image, (int(x), int(y)), round(radius * 2**_SHIFT), colour[::-1], -1, cv2.LINE_AA, _SHIFT)
+
+
+def draw_figure(image: Image, camera: Camera, figure: Array, colour: Colour | None = None, width: int = 2) -> None:
+    """A figure (21, 3) as ``camera`` sees it, in the colours of its sides or in one."""
+    pixels, depth = camera_model.project(camera, figure)
+    if np.any(depth < 0.2) or np.any(np.abs(pixels) > 1e4):
+        return
+    for (near, far), own in zip(BONES, BONE_COLOURS, strict=True):
+        draw_strips(image, [pixels[[near, far]]], colour or own, width)
+
+
+def visible(camera: Camera, figure: Array) -> Array:
+    """Where ``camera`` sees a figure (21, 3), kept inside the image: (21, 2) px."""
+    pixels, _ = camera_model.project(camera, figure)
+    return np.clip(pixels, 0.0, [camera.width - 1.0, camera.height - 1.0])
+
+
+def draw_outline(image: Image, strips: Sequence[Array]) -> None:
+    """The outline of a silhouette."""
+    draw_strips(image, strips, OUTLINE_COLOUR)
+
+
+def reference_picture(image: Image, reference: ReferenceCamera, target: CalibrationObject) -> Image:
+    """The calibration object with its corners as detected (yellow) and as projected (red), cut out (Fig. 8)."""
+    scale = 2
+    large = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+    def at(points: Array) -> Array:
+        return (np.asarray(points) + 0.5) * scale - 0.5
+
+    edges = [at(edge) for edge in project_edges(reference.camera, target.wireframe_m)]
+    draw_strips(large, edges, (80, 120, 255), 2)
+    draw_dots(large, at(reference.points_px), (255, 220, 60), 3.0)
+    draw_dots(large, at(reference.points_px - reference.residuals_px), (235, 64, 52), 1.5)
+    around = np.concatenate([*edges, at(reference.points_px)])
+    return cut(large, around, margin=0.12)
+
+
+def cut(image: Image, around: Array, margin: float, smallest: int = 0) -> Image:
+    """The part of ``image`` about points (N, 2), with a margin in shares of their extent."""
+    low, high = around.min(axis=0), around.max(axis=0)
+    pad = np.maximum(margin * (high - low), (smallest - (high - low)) / 2)
+    height, width = image.shape[:2]
+    left, top = np.clip(np.floor(low - pad), 0, [width - 1, height - 1]).astype(int)
+    right, bottom = np.clip(np.ceil(high + pad), [left + 1, top + 1], [width, height]).astype(int)
+    return image[top:bottom, left:right]
+
+
+def panorama_picture(
+    panorama: Panorama,
+    camera: PanZoomCamera,
+    cameras: Sequence[Camera],
+    colours: Sequence[Colour],
+    figures: Sequence[tuple[Array, bool]],
+    width: int = 1500,
+) -> Image:
+    """The part of the panorama that the frames look at, their borders, and figures (21, 3) (Fig. 10).
+
+    A figure that is flagged is a keyframe's and drawn red.
+    """
+    azimuths = [np.concatenate(_unwrapped(panorama, camera, at)) for at in cameras]
+    centre = float(np.mean([columns[:, 0].mean() for columns in azimuths]))
+    azimuths = [columns + _turns(panorama, centre - columns[:, 0].mean()) for columns in azimuths]
+    margin = 0.06 * panorama.px_per_rad
+    left = min(columns[:, 0].min() for columns in azimuths) - margin
+    right = max(columns[:, 0].max() for columns in azimuths) + margin
+    image = _window(panorama, round(left), round(right))
+    scale = min(1.0, width / image.shape[1]) if image.shape[1] > width else 1.0
+    image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+    offset = np.array([round(left), 0.0])
+    for columns, colour in zip(azimuths, colours, strict=True):
+        draw_strips(image, [(columns - offset) * scale], colour, 2)
+    for figure, is_keyframe in figures:
+        pixels = _on_panorama(panorama, camera, figure)
+        pixels += _turns(panorama, (left + right) / 2 - pixels[:, 0].mean())
+        for (near, far), own in zip(BONES, BONE_COLOURS, strict=True):
+            draw_strips(image, [(pixels[[near, far]] - offset) * scale], KEYFRAME_COLOUR if is_keyframe else own, 2)
+    return image
+
+
+def _unwrapped(panorama: Panorama, camera: PanZoomCamera, at: Camera) -> list[Array]:
+    """`footprint` with its parts put side by side again."""
+    parts = footprint(panorama, camera, at)
+    joined = parts[:1]
+    for part in parts[1:]:
+        joined.append(part + _turns(panorama, joined[-1][-1, 0] - part[0, 0]))
+    return joined
+
+
+def _turns(panorama: Panorama, distance_px: float) -> Array:
+    """(2,) The whole turns nearest to a distance along the panorama; none if it does not wrap."""
+    width = panorama.image.shape[1]
+    return np.array([width * np.round(distance_px / width) if panorama.full_turn else 0.0, 0.0])
+
+
+def _window(panorama: Panorama, left: int, right: int) -> Image:
+    """Columns ``left`` to ``right`` - 1, wrapped round where the panorama is, grey where it ends or is empty."""
+    image = np.where(panorama.valid[..., None], panorama.image, np.uint8(40))
+    if panorama.full_turn:
+        return np.take(image, np.arange(left, right), axis=1, mode="wrap")
+    left, right = max(left, 0), min(right, image.shape[1])
+    return np.ascontiguousarray(image[:, left:right])
+
+
+def _on_panorama(panorama: Panorama, camera: PanZoomCamera, points_m: Array) -> Array:
+    """World points (N, 3) to columns and rows of the panorama (N, 2)."""
+    head = (points_m - camera.world_T_head[:3, 3]) @ camera.world_T_head[:3, :3]
+    azimuth = np.unwrap(np.arctan2(head[:, 1], head[:, 0]))
+    slope = head[:, 2] / np.hypot(head[:, 0], head[:, 1])
+    return panorama.origin_px - panorama.px_per_rad * np.column_stack([azimuth, slope])

@@ -1,0 +1,234 @@
+"""What only the experiments can add to a recording: the truth under /truth, errors under /error, totals, the layout."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from experiments.metrics import Metric, format_value, meets_target
+from experiments.score import Score
+from experiments.silhouettes import Series
+from pzcap import rerun_columns as columns
+from pzcap.rerun_columns import CAMERA_COLOURS, TRUTH_COLOUR, view_path
+from pzcap.rerun_log import Recorder
+from pzcap.types import JOINTS, Camera, Reconstruction
+from sim.truth import Truth
+
+
+def finish(recorder: Recorder, reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> None:
+    """Send everything that is known once the reconstruction is done: results, truth and errors of all frames."""
+    recorder.drain()
+    with recorder.timed() as rec:
+        columns.send_reconstruction(rec, reconstruction, recorder.capture.subject)
+        if truth is not None and result is not None:
+            _send_truth(rec, reconstruction, truth, result)
+            _send_errors(rec, reconstruction, result)
+
+
+def summarise(recorder: Recorder, found: Sequence[Metric], run: Mapping[str, Any]) -> None:
+    """Totals as recording properties and as a page, and the layout."""
+    rec = recorder.rec
+    values = {metric.key: metric.value for metric in found if metric.value is not None}
+    columns.send_properties(
+        rec,
+        {
+            "metrics": values,
+            "run": {"seed": run["seed"], "config": json.dumps(run["config"]), "machine": json.dumps(run["machine"])},
+            "versions": run["versions"],
+        },
+    )
+    rec.log("/summary", rr.TextDocument(_page(found, run), media_type="text/markdown"), static=True)
+    names = tuple(camera.name for camera in recorder.capture.cameras)
+    rec.send_blueprint(layout(names, scored=any(metric.key.startswith("panzoom") for metric in found)))
+
+
+def _send_truth(rec: rr.RecordingStream, reconstruction: Reconstruction, truth: Truth, result: Score) -> None:
+    frames = result.truth_frames
+    everywhere = np.ones(len(frames), bool)
+    figure = columns.figures(truth.joints_m[frames], truth.rotations[frames])
+    columns.send_figures(rec, "/truth/body/skeleton", figure, everywhere, TRUTH_COLOUR, 0.006)
+    for name in reconstruction.camera_names:
+        at = truth.camera_names.index(name)
+        cameras = [
+            Camera(
+                truth.width,
+                truth.height,
+                truth.world_T_cam[at, frame],
+                float(truth.focal_px[at, frame]),
+                truth.principal_px[at, frame],
+                float(truth.k1[at, frame]),
+            )
+            for frame in frames
+        ]
+        columns.send_cameras(rec, "/truth", name, cameras, float(truth.reference_focal_px[at]), TRUTH_COLOUR)
+        columns.send_tracks(
+            rec, "/truth/track", name, truth.pan_rad[at, frames], truth.focal_px[at, frames], everywhere, TRUTH_COLOUR
+        )
+        path = f"{view_path('/truth', name)}/skeleton"
+        columns.send_projected(rec, path, cameras, figure, TRUTH_COLOUR, 0.5)
+
+
+def _send_errors(rec: rr.RecordingStream, reconstruction: Reconstruction, result: Score) -> None:
+    for number, (name, errors) in enumerate(zip(reconstruction.camera_names, result.cameras, strict=True)):
+        colour, part = CAMERA_COLOURS[number % len(CAMERA_COLOURS)], rr.escape_entity_path_part(name)
+        views = None if result.foreground is None else result.foreground[number]
+        plots: list[tuple[str, Series | None, float, str]] = [
+            ("pan", errors.pan_rad, np.degrees(1.0), "deg"),
+            ("pan_sigma", errors.pan_sigma_rad, np.degrees(1.0), "deg"),
+            ("focal", errors.focal, 100.0, "%"),
+            ("focal_sigma", errors.focal_sigma, 100.0, "%"),
+            ("reprojection", errors.reprojection_px, 1.0, "px"),
+            ("nees", errors.nees, 1.0, "1"),
+            ("iou", None if views is None else views.iou, 1.0, "1"),
+            ("outline", None if views is None else views.outline_px, 1.0, "px"),
+            ("shadow", None if views is None else views.shadow, 100.0, "%"),
+        ]
+        for kind, series, scale, unit in plots:
+            if series is not None:
+                label = f"{kind} {name} [{unit}]"
+                columns.send_series(rec, f"/error/{kind}/{part}", scale * series.values, series.valid, colour, label)
+    body = result.body
+    if body is None:
+        return
+    everywhere = np.ones(len(body.valid), bool)
+    mean = 1000.0 * body.joints_m.mean(axis=1)
+    columns.send_series(rec, "/error/mpjpe", mean, body.valid, (250, 240, 130), "MPJPE [mm]", 2.5)
+    for joint, joint_name in enumerate(JOINTS):
+        values = 1000.0 * body.joints_m[:, joint]
+        columns.send_series(
+            rec, f"/error/joint/{joint_name}", values, body.valid, (150, 150, 158), f"{joint_name} [mm]", 0.7
+        )
+    for kind in ("keyframe", "inverted", "airborne"):
+        values = getattr(body, kind).astype(float)
+        columns.send_series(rec, f"/phase/{kind}", values, everywhere, (150, 150, 158), kind)
+
+
+def layout(names: Sequence[str], *, scored: bool) -> rrb.Blueprint:
+    """The hall in the middle, the views about it as the cameras stand; panoramas, plots and totals below."""
+    views = [_view(name) for name in names]
+    left, right = views[0::4] + views[3::4], views[1::4] + views[2::4]
+    hall = rrb.Spatial3DView(
+        name="Hall",
+        origin="/",
+        contents=[
+            "/world/**",
+            "/truth/body/**",
+            *(f"/truth/camera/{rr.escape_entity_path_part(name)}/view" for name in names),
+            *(f"- {view_path('/world', name)}/{over}" for name in names for over in ("matches", "outline", "skeleton")),
+        ],
+        background=(24, 25, 30),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            position=(0.0, -15.5, 11.5), look_target=(0.0, 0.6, 0.2), eye_up=(0.0, 0.0, 1.0)
+        ),
+    )
+    top = rrb.Horizontal(
+        rrb.Vertical(*reversed(left)), hall, rrb.Vertical(*reversed(right)), column_shares=[1.0, 2.1, 1.0]
+    )
+    if not left or not right:
+        top = rrb.Horizontal(*views, hall)
+    panoramas = rrb.Vertical(
+        *(
+            rrb.Spatial2DView(
+                name=f"Panorama {name}",
+                origin=f"/panorama/{rr.escape_entity_path_part(name)}",
+                contents=["$origin/**", "- $origin/matches"],
+            )
+            for name in names
+        ),
+        name="Panoramas",
+    )
+    pictures = rrb.Tabs(panoramas, _reference(names), _foreground(names), _matches(names), name="Stages", active_tab=0)
+    summary = rrb.TextDocumentView(name="Summary", origin="/summary")
+    bottom = rrb.Horizontal(pictures, _plots(scored), summary, column_shares=[1.5, 1.3, 0.8])
+    return rrb.Blueprint(
+        rrb.Vertical(top, bottom, row_shares=[1.55, 1.0]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=columns.TIMELINE, fps=30.0),
+    )
+
+
+def _view(name: str) -> rrb.Spatial2DView:
+    view, true = view_path("/world", name), view_path("/truth", name)
+    return rrb.Spatial2DView(
+        name=f"Camera {name}",
+        origin=view,
+        contents=[f"{view}/image", f"{view}/outline", f"{view}/skeleton", f"{true}/skeleton"],
+    )
+
+
+def _reference(names: Sequence[str]) -> rrb.Grid:
+    views = [
+        rrb.Spatial2DView(name=f"Reference {name}", origin=f"/reference/{rr.escape_entity_path_part(name)}")
+        for name in names
+    ]
+    return rrb.Grid(*views, name="Reference")
+
+
+def _foreground(names: Sequence[str]) -> rrb.Grid:
+    views = []
+    for name in names:
+        path = f"/foreground/{rr.escape_entity_path_part(name)}"
+        views.append(rrb.Spatial2DView(name=f"Background {name}", origin=f"{path}/background"))
+        views.append(rrb.Spatial2DView(name=f"Foreground {name}", origin=f"{path}/probability"))
+    return rrb.Grid(*views, name="Foreground", grid_columns=4)
+
+
+def _matches(names: Sequence[str]) -> rrb.Vertical:
+    rows = []
+    for name in names:
+        view, panorama = view_path("/world", name), f"/panorama/{rr.escape_entity_path_part(name)}"
+        rows.append(
+            rrb.Horizontal(
+                rrb.Spatial2DView(name=f"Frame {name}", origin=view, contents=[f"{view}/image", f"{view}/matches"]),
+                rrb.Spatial2DView(
+                    name=f"Matches {name}",
+                    origin=panorama,
+                    contents=[f"{panorama}/image", f"{panorama}/matches", f"{panorama}/frame"],
+                ),
+                column_shares=[1, 5],
+            )
+        )
+    return rrb.Vertical(*rows, name="Matches")
+
+
+def _plots(scored: bool) -> rrb.Container:
+    tracks = rrb.Vertical(
+        rrb.TimeSeriesView(name="Pan [deg]", contents=["/track/pan/**", "/truth/track/pan/**"]),
+        rrb.TimeSeriesView(name="Focal length [px]", contents=["/track/focal/**", "/truth/track/focal/**"]),
+        name="Pan and zoom",
+    )
+    if not scored:
+        return tracks
+    errors = rrb.Vertical(
+        rrb.TimeSeriesView(name="Pan error [deg]", contents=["/error/pan/**"]),
+        rrb.TimeSeriesView(name="Focal error [%]", contents=["/error/focal/**"]),
+        rrb.TimeSeriesView(name="Joint error [mm]", contents=["/error/joint/**", "/error/mpjpe"]),
+        name="Errors",
+    )
+    silhouettes = rrb.Vertical(
+        rrb.TimeSeriesView(name="Silhouette IoU", contents=["/error/iou/**"]),
+        rrb.TimeSeriesView(name="Outline [px]", contents=["/error/outline/**"]),
+        rrb.TimeSeriesView(name="Reprojection [px]", contents=["/error/reprojection/**"]),
+        name="Pixels",
+    )
+    return rrb.Tabs(errors, tracks, silhouettes, name="Plots", active_tab=0)
+
+
+def _page(found: Sequence[Metric], run: Mapping[str, Any]) -> str:
+    marks = {True: "✔", False: "✘", None: ""}
+    rows = [
+        f"| {metric.key} | {format_value(metric)} | {metric.unit} | {marks[meets_target(metric)]} |"
+        for metric in found
+        if metric.value is not None
+    ]
+    table = "\n".join(["| metric | value | unit | target |", "|---|---:|---|---|", *rows])
+    versions = ", ".join(f"{name} {version}" for name, version in run["versions"].items())
+    machine = run["machine"]
+    return f"# Totals\n\n{table}\n\nSeed {run['seed']}; {machine['cpu']}, {machine['cores']} cores; {versions}.\n"

@@ -1,0 +1,248 @@
+"""Shoot -> reconstruct -> score -> show, in one command.
+
+    python -m experiments.run experiment=floor_exercise|pedestrian|clean seed=N hydra.run.dir=DIR
+    python -m experiments.run capture=FOLDER              # footage of anyone's, docs/capture.md
+    python -m experiments.run -m shoot.sensor.read_noise=0,2,8
+
+leaves DIR/{metrics.json, recording.rrd, report.html, reconstruction/} and the link DIR/capture.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import hydra
+from hydra.core.config_store import ConfigStore
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+from rich.table import Table
+
+from experiments import memory, recording
+from experiments.config import AppConfig, build, default_tree
+from experiments.errors import AlreadyReported, guard, report
+from experiments.metrics import Metric, format_value, meets_target, run_info, write_metrics
+from experiments.progress import Bars
+from experiments.report import Material, write_report
+from experiments.score import Score, metrics, score
+from experiments.silhouettes import ForegroundScorer
+from pzcap import pipeline, store
+from pzcap.capture import read_capture
+from pzcap.rerun_log import Recorder, outlines
+from pzcap.types import Array, Capture, PzcapError, Reconstruction
+from sim import truth as truth_files
+from sim.shoot import shoot_cached
+from sim.truth import Truth
+
+CONF: Final = Path(__file__).parents[1] / "conf"
+RESULTS: Final = ("metrics.json", "recording.rrd", "report.html", "reconstruction", "capture")
+
+
+@dataclass(slots=True)
+class Reconstructed:
+    """What came out of the pipeline, and how long it took."""
+
+    reconstruction: Reconstruction
+    stage_s: dict[str, float]
+    seconds: float  # of the pipeline alone, from the first decoded frame to the result
+    peak_mib: float
+    outlines: dict[tuple[int, int], list[Array]] = field(default_factory=dict)  # (frame set, camera)
+
+
+def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console) -> list[Metric]:
+    """Everything from the shoot to the report, into ``folder``. PzcapError for what the user can mend."""
+    start = time.perf_counter()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in RESULTS:  # of an earlier run: a failed one must not be mistaken for it
+        _remove(folder / name)
+    with Bars(console) as bars:
+        shot = _footage(config, bars)
+    (folder / "capture").symlink_to(shot.resolve(), target_is_directory=True)
+    capture = read_capture(shot)
+    truth = _truth(shot)
+
+    name = f"{capture.name}, {config.reconstruct.method}, seed {config.seed}"
+    with ExitStack() as stack:
+        recorder = None
+        if config.output.recording:
+            recorder = stack.enter_context(
+                Recorder(folder / "recording.rrd", capture, name=name, jpeg_quality=config.output.jpeg_quality)
+            )
+        foreground = None if truth is None else ForegroundScorer(truth, tuple(c.name for c in capture.cameras))
+        with Bars(console) as bars:
+            done = _reconstruct(capture, config, bars, foreground, recorder)
+        reconstruction = done.reconstruction
+        store.save(reconstruction, folder / "reconstruction")
+        frames = len(reconstruction.timecodes)
+        result: Score | None = None
+        found: list[Metric] = []
+        if truth is not None and foreground is not None:
+            result = score(reconstruction, truth, foreground.errors(frames))
+            found = metrics(result)
+        info = run_info(tree, config.seed)
+        if recorder is not None:
+            with console.status("writing the recording"):
+                recording.finish(recorder, reconstruction, truth, result)
+                found += _speed(done, frames, recorder.busy_s / (time.perf_counter() - start))
+                recording.summarise(recorder, found, info)
+        else:
+            found += _speed(done, frames, None)
+    write_metrics(folder / "metrics.json", found, info)
+    if config.output.report:
+        with console.status("writing the report"):
+            material = Material(capture, reconstruction, truth, result, found, info, done.outlines, done.stage_s)
+            write_report(
+                folder / "report.html", material, shlex.join(["python", "-m", "experiments.run", *sys.argv[1:]])
+            )
+    return found
+
+
+def _footage(config: AppConfig, bars: Bars) -> Path:
+    """The capture folder: the one that was named, else one that is shot now or has been before."""
+    if config.capture is not None:
+        folder = Path(config.capture)
+        return (
+            folder / "capture" if not (folder / "capture.json").exists() and (folder / "capture").is_dir() else folder
+        )
+    shoot = shoot_cached(config.shoot, Path(config.output.captures))
+    while True:
+        try:
+            step = next(shoot)
+        except StopIteration as end:
+            return Path(end.value) / "capture"
+        bars.update(step.stage, step.done, step.total)
+
+
+def _truth(capture: Path) -> Truth | None:
+    """The truth that lies beside a capture, if any."""
+    folder = capture.resolve().parent / "truth"
+    if not folder.is_dir():
+        return None
+    try:
+        return truth_files.load(folder)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise PzcapError(f"{folder}: not a readable truth ({error}); remove it to go on without a score") from error
+
+
+def _reconstruct(
+    capture: Capture,
+    config: AppConfig,
+    bars: Bars,
+    foreground: ForegroundScorer | None,
+    recorder: Recorder | None,
+) -> Reconstructed:
+    """Drive the pipeline. Scoring and recording happen between its steps and are not in its time."""
+    memory.reset_peak()
+    clock = _Clock(pipeline.stages(capture, config.reconstruct))
+    contours: dict[tuple[int, int], list[Array]] = {}
+    for event in clock:
+        if recorder is not None:
+            recorder.event(event)
+        match event:
+            case pipeline.Progress(stage, done, total):
+                bars.update(stage, done, total)
+            case pipeline.FrameSeparated(frames, _, silhouettes):
+                for camera, silhouette in enumerate(silhouettes):
+                    if silhouette is None or not silhouette.valid:
+                        continue
+                    contours[frames.index, camera] = outlines(silhouette.probability)
+                    if foreground is not None:
+                        foreground.add(frames.index, frames.timecode, camera, silhouette.probability)
+            case pipeline.Finished(reconstruction, seconds):
+                return Reconstructed(reconstruction, dict(seconds), clock.seconds, memory.peak_mib(), contours)
+            case _:
+                pass
+    raise AssertionError("the pipeline ends with Finished")
+
+
+class _Clock:
+    """Iterates over something and sums up the time that it took, without the time that its user took."""
+
+    def __init__(self, steps: Iterator[Any]) -> None:
+        self._steps, self.seconds = steps, 0.0
+
+    def __iter__(self) -> Iterator[Any]:
+        while True:
+            start = time.perf_counter()
+            try:
+                step = next(self._steps)
+            except StopIteration:
+                return
+            finally:
+                self.seconds += time.perf_counter() - start
+            yield step
+
+
+def _speed(done: Reconstructed, frames: int, log_share: float | None) -> list[Metric]:
+    return [
+        *(Metric(f"speed.{stage}", 1000.0 * seconds / frames, "ms/frame") for stage, seconds in done.stage_s.items()),
+        Metric("speed.fps", frames / done.seconds, "frame sets/s", "higher"),
+        Metric("speed.log_share", None if log_share is None else 100.0 * log_share, "%"),
+        Metric("memory.peak", done.peak_mib, "MiB"),
+    ]
+
+
+def _remove(path: Path) -> None:
+    if path.is_symlink() or path.is_file():
+        path.unlink()
+    elif path.is_dir():
+        shutil.rmtree(path)
+
+
+def print_table(console: Console, title: str, found: list[Metric]) -> None:
+    """The metrics, and which of them miss their target."""
+    table = Table(title=title, title_justify="left", header_style="bold")
+    table.add_column("metric")
+    table.add_column("value", justify="right")
+    table.add_column("unit")
+    table.add_column("target")
+    for metric in found:
+        if metric.value is None:
+            continue
+        verdict = {True: "[green]reached[/]", False: "[red]missed[/]", None: ""}[meets_target(metric)]
+        table.add_row(metric.key, format_value(metric), metric.unit, verdict)
+    console.print(table)
+
+
+ConfigStore.instance().store(name="base", node=default_tree())
+
+
+@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
+def _job(composed: DictConfig) -> None:
+    out, err = Console(), Console(stderr=True)
+    try:
+        tree: dict[str, Any] = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)  # type: ignore[assignment]
+        config = build(tree)
+        folder = Path(HydraConfig.get().runtime.output_dir)
+        found = run(config, tree, folder, err)
+    except Exception as error:
+        if report(error):
+            raise AlreadyReported(str(error)) from error
+        raise
+    shown = os.path.relpath(folder) if folder.is_relative_to(Path.cwd()) else folder
+    print_table(out, f"{config.capture or HydraConfig.get().runtime.choices['experiment']}, seed {config.seed}", found)
+    out.print(
+        f"[bold]{shown}/report.html[/]  [bold]{shown}/recording.rrd[/] (rerun FILE)  {shown}/metrics.json",
+        highlight=False,
+    )
+
+
+def main() -> int:
+    """The command. Exit status 0, or 1 with a line on stderr."""
+    # Hydra swallows exceptions and prints its own several lines, unless it is told to let them through.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    command: Callable[[], object] = _job
+    return guard(command)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,275 @@
+"""The reconstruction against the truth: errors a frame, and the metrics they sum up to.
+
+Nothing is aligned before it is compared, except where a metric's name says so. True cameras are projected here from the
+truth's own numbers, so that a bug in `pzcap.camera` shows and does not cancel out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.metrics import Direction, Metric
+from experiments.silhouettes import ForegroundErrors, Series
+from pzcap import camera as camera_model
+from pzcap.types import Array, Mask, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
+from sim.truth import Truth
+
+LOST_M: Final = 0.1
+"""A joint further off than this is lost."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraErrors:
+    """What is wrong with one camera. None where the stage did not run."""
+
+    pan_rad: Series | None = None  # estimated minus true
+    focal: Series | None = None  # the same, relative to the true focal length
+    pan_sigma_rad: Series | None = None  # what the estimate itself believes
+    focal_sigma: Series | None = None
+    nees: Series | None = None  # of (pan, log focal), per degree of freedom
+    reprojection_px: Series | None = None  # RMS over the static scene points in the image
+    reprojection_points_px: Array | None = None  # (N,) the same distances, of all frames
+    sweep_pan_rad: Array | None = None  # (M,) a frame of the sweep, one common offset removed
+    position_m: float | None = None  # distance of the reference camera's centre from the true one
+    reference_px: float | None = None  # RMS residual of the calibration object
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyErrors:
+    joints_m: Array  # (F, 16) distance of each joint from the truth
+    valid: Mask  # (F,) the tracker gave an estimate
+    keyframe: Mask  # (F,) a person posed it: not scored
+    inverted: Mask  # (F,) head below the pelvis
+    airborne: Mask  # (F,) no contact with the floor
+
+    @property
+    def scored(self) -> Mask:
+        return self.valid & ~self.keyframe
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Score:
+    """Everything that can be said about a reconstruction with the truth at hand."""
+
+    truth_frames: NDArray[np.int64]  # (F,) index into the truth of each frame set
+    cameras: tuple[CameraErrors, ...]
+    foreground: tuple[ForegroundErrors, ...] | None
+    body: BodyErrors | None
+    lost: int  # recorded views without a valid estimate
+
+
+def score(reconstruction: Reconstruction, truth: Truth, foreground: tuple[ForegroundErrors, ...] | None) -> Score:
+    """Compare ``reconstruction`` with ``truth``, frame by frame through their timecodes.
+
+    Raises PzcapError if the truth is of another capture: it lacks a camera or a timecode.
+    """
+    index = {timecode: frame for frame, timecode in enumerate(truth.timecodes)}
+    unknown = [timecode for timecode in reconstruction.timecodes if timecode not in index]
+    unknown += [name for name in reconstruction.camera_names if name not in truth.camera_names]
+    if unknown:
+        raise PzcapError(f"the truth beside the capture knows no '{unknown[0]}'; it is of another capture, remove it")
+    frames = np.array([index[timecode] for timecode in reconstruction.timecodes], int)
+    lost, cameras = 0, []
+    for number, name in enumerate(reconstruction.camera_names):
+        true, track = truth.camera_names.index(name), reconstruction.tracks[number]
+        cameras.append(_camera_errors(reconstruction, number, truth, true, frames))
+        found = np.zeros(len(frames), bool) if track is None else track.valid
+        lost += int(np.sum(truth.recorded[true, frames] & ~found))  # a frame that was dropped is nobody's loss
+    return Score(frames, tuple(cameras), foreground, _body_errors(reconstruction, truth, frames), lost)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Cameras
+
+
+def project_true(world_T_cam: Array, focal_px: float, principal_px: Array, k1: float, points_m: Array) -> Array:
+    """World points (N, 3) to pixels (N, 2) and depth: (N, 3). The lens of pzcap.types, written out a second time."""
+    cam = (np.linalg.inv(world_T_cam) @ np.column_stack([points_m, np.ones(len(points_m))]).T)[:3]
+    x, y = cam[0] / cam[2], cam[1] / cam[2]
+    factor = focal_px * (1.0 + k1 * (x * x + y * y))
+    return np.column_stack([principal_px[0] + factor * x, principal_px[1] + factor * y, cam[2]])
+
+
+def _camera_errors(
+    reconstruction: Reconstruction, number: int, truth: Truth, true: int, frames: NDArray[np.int64]
+) -> CameraErrors:
+    reference, panorama = reconstruction.references[number], reconstruction.panoramas[number]
+    track, camera = reconstruction.tracks[number], reconstruction.cameras[number]
+    found: dict[str, Any] = {}
+    if reference is not None:
+        offset = reference.camera.world_T_cam[:3, 3] - truth.reference_world_T_cam[true, :3, 3]
+        found["position_m"] = float(np.linalg.norm(offset))
+        found["reference_px"] = _rms(np.linalg.norm(reference.residuals_px, axis=1))
+    if panorama is not None and len(panorama.sweep_pan_rad) == truth.sweep_pan_rad.shape[1]:
+        sweep = _wrap(panorama.sweep_pan_rad - truth.sweep_pan_rad[true])
+        found["sweep_pan_rad"] = _wrap(sweep - np.angle(np.mean(np.exp(1j * sweep))))
+    if track is not None:
+        pan = _wrap(track.pan_rad - truth.pan_rad[true, frames])
+        focal = track.focal_px / truth.focal_px[true, frames] - 1.0
+        found["pan_rad"], found["focal"] = Series(pan, track.valid), Series(focal, track.valid)
+        found["pan_sigma_rad"] = Series(np.sqrt(np.maximum(track.covariance[:, 0, 0], 0.0)), track.valid)
+        found["focal_sigma"] = Series(np.sqrt(np.maximum(track.covariance[:, 1, 1], 0.0)), track.valid)
+        found["nees"] = _nees(np.column_stack([pan, np.log1p(focal)]), track)
+        if camera is not None:
+            series, points = _reprojection(camera, track, truth, true, frames)
+            found["reprojection_px"], found["reprojection_points_px"] = series, points
+    return CameraErrors(**found)
+
+
+def _wrap(angle: Array) -> Array:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def _nees(error: Array, track: PanZoomTrack) -> Series | None:
+    """Squared error (F, 2) in units of its own covariance, over the two degrees of freedom: 1 on average if honest."""
+    usable = track.valid & (np.linalg.det(track.covariance) > 0.0)
+    if not usable.any():
+        return None
+    values = np.zeros(len(error))
+    weight = np.linalg.inv(track.covariance[usable])
+    values[usable] = np.einsum("fi,fij,fj->f", error[usable], weight, error[usable]) / 2
+    return Series(values, usable)
+
+
+def _reprojection(
+    camera: PanZoomCamera, track: PanZoomTrack, truth: Truth, true: int, frames: NDArray[np.int64]
+) -> tuple[Series, Array]:
+    """RMS a frame, and all distances (N,), between where the two cameras see the points of the static scene.
+
+    A distance counts no more than the image's diagonal: a camera that looks elsewhere is wrong, not infinitely so.
+    """
+    points_m = truth.scene_points_m[true]
+    width, height = camera.lens.width, camera.lens.height
+    diagonal = float(np.hypot(width, height))
+    rms, valid, distances = np.zeros(len(frames)), np.zeros(len(frames), bool), []
+    for frame in np.flatnonzero(track.valid):
+        here = true, frames[frame]
+        seen = project_true(
+            truth.world_T_cam[here], truth.focal_px[here], truth.principal_px[here], truth.k1[here], points_m
+        )
+        inside = (seen[:, 2] > 0.1) & np.all((seen[:, :2] >= 0) & (seen[:, :2] <= [width - 1, height - 1]), axis=1)
+        if not inside.any():
+            continue
+        estimated = camera_model.at(camera, track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame])
+        pixels, depth = camera_model.project(estimated, points_m[inside])
+        distance = np.minimum(np.linalg.norm(pixels - seen[inside, :2], axis=1), diagonal)
+        distance[depth <= 0.0] = diagonal
+        distances.append(distance)
+        rms[frame], valid[frame] = np.sqrt(np.mean(distance**2)), True
+    return Series(rms, valid), np.concatenate(distances) if distances else np.zeros(0)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The body
+
+
+def _body_errors(reconstruction: Reconstruction, truth: Truth, frames: NDArray[np.int64]) -> BodyErrors | None:
+    motion = reconstruction.motion
+    if motion is None:
+        return None
+    true = truth.joints_m[frames]
+    keyframe = np.zeros(len(frames), bool)
+    keyframe[motion.keyframes] = True
+    return BodyErrors(
+        joints_m=np.linalg.norm(motion.joints_m - true, axis=2),
+        valid=motion.valid,
+        keyframe=keyframe,
+        inverted=truth.inverted[frames],
+        airborne=truth.airborne[frames],
+    )
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Metrics
+
+
+def metrics(result: Score) -> list[Metric]:
+    """Every number of metrics.md that needs the truth; None where the run had not the material."""
+    cameras = result.cameras
+    pan = np.degrees(_joined([c.pan_rad for c in cameras]))
+    focal = 100.0 * _joined([c.focal for c in cameras])
+    sweeps = [c.sweep_pan_rad for c in cameras if c.sweep_pan_rad is not None]
+    parts = [c.reprojection_points_px for c in cameras if c.reprojection_points_px is not None]
+    points = np.concatenate(parts) if parts else np.zeros(0)
+    positions = [c.position_m for c in cameras if c.position_m is not None]
+    residuals = [c.reference_px for c in cameras if c.reference_px is not None]
+    found = [
+        _metric("reference.reprojection.rms", float(np.mean(residuals)) if residuals else None, "px"),
+        _metric("reference.position.max", 1000.0 * max(positions) if positions else None, "mm"),
+        _metric("panorama.pan.rms", _rms(np.degrees(np.concatenate(sweeps))) if sweeps else None, "deg"),
+        *_spread("panzoom.pan", pan, "deg"),
+        *_spread("panzoom.focal", focal, "%"),
+        _metric("panzoom.reprojection.rms", _rms(points), "px"),
+        _metric("panzoom.reprojection.p95", _percentile(points, 95), "px"),
+        _metric("panzoom.lost", float(result.lost), "frames"),
+        _metric("panzoom.bound_ratio.pan", None, "1"),
+        _metric("panzoom.bound_ratio.focal", None, "1"),
+        _metric("panzoom.nees", _mean(_joined([c.nees for c in cameras])), "1"),
+    ]
+    views = result.foreground or ()
+    found += [
+        _metric("foreground.iou", _mean(_joined([view.iou for view in views])), "1", "higher"),
+        _metric("foreground.outline", _mean(_joined([view.outline_px for view in views])), "px"),
+        _metric("foreground.shadow", _mean(100.0 * _joined([view.shadow for view in views])), "%"),
+    ]
+    return found + _body_metrics(result.body)
+
+
+def _body_metrics(body: BodyErrors | None) -> list[Metric]:
+    if body is None:
+        none = np.zeros((0, 16))
+        scored = inverted = airborne = none
+        keyframes = lost = None
+    else:
+        millimetres = 1000.0 * body.joints_m
+        scored = millimetres[body.scored]
+        inverted = millimetres[body.scored & body.inverted]
+        airborne = millimetres[body.scored & body.airborne]
+        keyframes = float(np.sum(body.keyframe))
+        lost = float(np.sum(~body.valid | np.any(body.joints_m > LOST_M, axis=1)))
+    return [
+        _metric("body.mpjpe.mean", _mean(scored), "mm"),
+        _metric("body.mpjpe.p95", _percentile(scored, 95), "mm"),
+        _metric("body.mpjpe.max", float(scored.max()) if scored.size else None, "mm"),
+        _metric("body.mpjpe.inverted", _mean(inverted), "mm"),
+        _metric("body.mpjpe.airborne", _mean(airborne), "mm"),
+        _metric("body.mpjpe.true_cameras", None, "mm"),
+        _metric("body.keyframes", keyframes, "frames"),
+        _metric("body.lost", lost, "frames"),
+    ]
+
+
+def _metric(key: str, value: float | None, unit: str, direction: Direction = "lower") -> Metric:
+    return Metric(key, value, unit, direction)
+
+
+def _joined(series: list[Series | None] | list[Series]) -> Array:
+    """The valid values of all of them, (N,)."""
+    parts = [one.values[one.valid] for one in series if one is not None]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _spread(key: str, errors: Array, unit: str) -> list[Metric]:
+    size = np.abs(errors)
+    return [
+        _metric(f"{key}.rms", _rms(errors), unit),
+        _metric(f"{key}.median", _percentile(size, 50), unit),
+        _metric(f"{key}.p95", _percentile(size, 95), unit),
+        _metric(f"{key}.max", float(size.max()) if size.size else None, unit),
+    ]
+
+
+def _rms(values: Array) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if values.size else None
+
+
+def _mean(values: Array) -> float | None:
+    return float(np.mean(values)) if values.size else None
+
+
+def _percentile(values: Array, percent: float) -> float | None:
+    return float(np.percentile(values, percent)) if values.size else None

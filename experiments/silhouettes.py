@@ -1,0 +1,108 @@
+"""Silhouettes against the true masks, scored as they come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from pzcap.types import Array, Image, Mask
+from sim.truth import Truth
+
+MIN_BODY_PX: Final = 200
+"""Silhouettes are scored in views where the body is at least this tall."""
+FOREGROUND: Final = 128
+"""Probability (of 255) from which a pixel counts as body."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """A number a frame set. Where ``valid`` is False the value is 0 and means nothing."""
+
+    values: Array  # (F,)
+    valid: Mask  # (F,)
+
+    def __post_init__(self) -> None:
+        self.values[~self.valid] = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForegroundErrors:
+    """Silhouettes of one camera. Valid where the body is tall enough to be scored."""
+
+    iou: Series
+    outline_px: Series  # mean distance between the two outlines
+    shadow: Series  # area wrongly taken for body where the cast shadow is, over the body's area
+
+
+class ForegroundScorer:
+    """Compares silhouettes as they come, so that none has to be kept."""
+
+    def __init__(self, truth: Truth, camera_names: tuple[str, ...]) -> None:
+        self._truth = truth
+        self._cameras = [
+            truth.camera_names.index(name) if name in truth.camera_names else None for name in camera_names
+        ]
+        self._frame_of = {timecode: index for index, timecode in enumerate(truth.timecodes)}
+        self._rows: dict[tuple[int, int], tuple[float, float, float | None]] = {}
+
+    def add(self, index: int, timecode: str, camera: int, probability: Image) -> None:
+        """Score the silhouette (H, W) of one view of the frame set ``index``."""
+        frame, true_camera = self._frame_of.get(timecode), self._cameras[camera]
+        if frame is None or true_camera is None:
+            return
+        true = self._truth.mask(true_camera, frame)
+        rows = np.flatnonzero(true.any(axis=1))
+        if not len(rows) or rows[-1] - rows[0] + 1 < MIN_BODY_PX:
+            return
+        estimate = probability >= FOREGROUND
+        shadow = self._truth.shadow(true_camera, frame)
+        wrong = None if shadow is None else float(np.sum(estimate & shadow & ~true) / np.sum(true))
+        self._rows[index, camera] = (iou(estimate, true), outline_distance(estimate, true), wrong)
+
+    def errors(self, frames: int) -> tuple[ForegroundErrors, ...] | None:
+        """A ForegroundErrors a camera; None where no silhouette could be scored."""
+        if not self._rows:
+            return None
+        table = np.zeros((len(self._cameras), 3, frames))
+        valid = np.zeros((len(self._cameras), 3, frames), bool)
+        for (index, camera), row in self._rows.items():
+            for column, value in enumerate(row):
+                if value is not None:
+                    table[camera, column, index], valid[camera, column, index] = value, True
+        return tuple(
+            ForegroundErrors(*(Series(table[camera, column], valid[camera, column]) for column in range(3)))
+            for camera in range(len(self._cameras))
+        )
+
+
+def iou(one: Mask, two: Mask) -> float:
+    """Intersection over union of two masks (H, W)."""
+    union = np.sum(one | two)
+    return float(np.sum(one & two) / union) if union else 1.0
+
+
+def outline_distance(estimate: Mask, true: Mask) -> float:
+    """Mean distance in pixels from each outline to the other, both ways.
+
+    An empty estimate is as far off as the true body is tall.
+    """
+    rows = np.flatnonzero(true.any(axis=1))
+    if not estimate.any():
+        return float(rows[-1] - rows[0] + 1)
+    columns = np.flatnonzero((estimate | true).any(axis=0))
+    rows = np.flatnonzero((estimate | true).any(axis=1))
+    window = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
+    one, two = _outline(estimate[window]), _outline(true[window])
+    forth = cv2.distanceTransform((~two).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[one]
+    back = cv2.distanceTransform((~one).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[two]
+    return float((forth.sum() + back.sum()) / (len(forth) + len(back)))
+
+
+def _outline(mask: Mask) -> Mask:
+    """The pixels of ``mask`` that touch something else. The image's border is no outline."""
+    solid = mask.astype(np.uint8)
+    inside = cv2.erode(solid, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=1)
+    return (solid > 0) & (inside == 0)
