@@ -58,7 +58,7 @@ def test_frames_come_back_at_their_index(tmp_path: Path, suffix: str, indices: l
     assert [index for index, _ in received] == expected
     for (_, image), original in zip(received, sent, strict=True):
         error = image.astype(float) - original
-        assert np.abs(error.mean(axis=(0, 1))).max() < 1.0  # no colour cast
+        assert np.abs(error.mean(axis=(0, 1))).max() < 1.3  # no colour cast
         assert np.abs(error).max() < 25
 
 
