@@ -32,8 +32,9 @@ _SMOOTH_RAD_S2: Final = 120.0  # angular acceleration
 _SUPPORTED_M_S2: Final = 15.0  # acceleration of the centre of mass while something stands on the floor
 _EDGE_M_S2: Final = 5.0
 _BALLISTIC_M_S2: Final = 0.05
-_SPIN_M2_S: Final = 0.01  # change of angular momentum from knot to knot, over the body's mass
+_SPIN_M2_S: Final = 0.002  # change of angular momentum from knot to knot, over the body's mass
 _CONTACT_M: Final = 0.0004
+_PASSING_M: Final = 0.008
 _FLOOR_M: Final = 0.001
 _FLOOR_SOFT_M: Final = 0.002
 _LIMIT_RAD: Final = 0.01
@@ -84,9 +85,9 @@ class _Problem:
     flight: Mask  # (T,) nothing does; the knots beside the first and last of these still do
     root_sigma_m: Array  # (3,)
 
-    def normal(self, frames: Frames, hardness: float) -> NormalEquations:
+    def normal(self, frames: Frames, hardness: float, damping: float) -> NormalEquations:
         normal = NormalEquations(len(frames.roots_m))
-        self._authored_pose(normal, frames)
+        self._authored_pose(normal, frames, damping)
         self._smoothness(normal, frames)
         self._centre_of_mass(normal, frames, hardness)
         self._angular_momentum(normal, frames, hardness)
@@ -94,12 +95,12 @@ class _Problem:
         self._limits(normal, frames, hardness)
         return normal
 
-    def _authored_pose(self, normal: NormalEquations, frames: Frames) -> None:
+    def _authored_pose(self, normal: NormalEquations, frames: Frames, damping: float) -> None:
         errors = _as_dofs(log(self.authored.rotations.swapaxes(-1, -2) @ frames.rotations))
         errors[:, :3] = frames.roots_m - self.authored.roots_m
         weights = np.full(DOF, _POSE_RAD**-2)
         weights[:3] = self.root_sigma_m**-2
-        _add_diagonal(normal.blocks[0], weights)
+        _add_diagonal(normal.blocks[0], weights + damping)
         normal.right -= errors * weights
 
     def _smoothness(self, normal: NormalEquations, frames: Frames) -> None:
@@ -172,6 +173,11 @@ class _Problem:
             slide = (places[1:] - places[:-1])[held, :2]
             parts = [-jacobian[held, :2], jacobian[held + 1, :2]]
             normal.add(held, parts, slide, _CONTACT_M / hardness)
+            # A hand or foot slows down before it touches, and leaves slowly.
+            passing = np.flatnonzero(stand[:-1] != stand[1:])
+            normal.add(
+                passing, [-jacobian[passing], jacobian[passing + 1]], (places[1:] - places[:-1])[passing], _PASSING_M
+            )
 
     def _limits(self, normal: NormalEquations, frames: Frames, hardness: float) -> None:
         vectors = log(frames.rotations)
@@ -229,18 +235,20 @@ def fit(
     flight: Mask = np.logical_not(stand.any(axis=0))
     frames = Frames.place(tree, authored_roots_m, authored_rotations)
     problem = _Problem(frames, points, stand, flight, np.array(root_sigma_m))
-    for hardness in _HARDNESS:
-        step = problem.normal(frames, hardness).solve()
+    for hardness, damping in _SCHEDULE:
+        step = problem.normal(frames, hardness, damping).solve()
         step *= min(1.0, _LONGEST_STEP_RAD / float(np.abs(step[:, 3:]).max()))
         frames = frames.moved(step)
-        if DEBUG: print(hardness, np.abs(step).max(), np.unravel_index(np.abs(step).argmax(), step.shape))
     return _dense_clip(frames, frame_count, times, points, stand, flight)
 
 
-DEBUG = False
 _LONGEST_STEP_RAD: Final = 0.5
-_HARDNESS: Final = (0.02, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 1.0, 1.0, 1.0)
-"""Demands grow harder from one iteration to the next, so that the first poses may be far from any possible motion."""
+_SCHEDULE: Final = (
+    (0.02, 0.0), (0.02, 0.0), (0.05, 0.0), (0.1, 0.0), (0.2, 0.0), (0.5, 20.0),
+    (1.0, 50.0), (1.0, 50.0), (1.0, 50.0), (1.0, 100.0), (1.0, 200.0), (1.0, 200.0),
+)  # fmt: skip
+"""Hardness of the demands and Marquardt's damping, an iteration each: soft first, so that the authored poses may be far
+from any possible motion; damped at the end, where the bend of the floor's soft bound makes full steps swing."""
 
 
 def _dense_clip(
