@@ -249,7 +249,7 @@ def advert(canvas: Canvas, rng: np.random.Generator) -> None:
     canvas.border(0.02 * height, INK)
 
 
-def clock(canvas: Canvas) -> None:
+def clock(canvas: Canvas, _: np.random.Generator) -> None:
     """A round wall clock on a plate."""
     radius = canvas.width_m / 2
     canvas.disc(radius, radius, radius, (60, 62, 66))
@@ -301,7 +301,7 @@ def pad(canvas: Canvas, rng: np.random.Generator, colour: Colour) -> None:
     emblem(canvas.part(canvas.width_m / 2 - 0.4, canvas.height_m * 0.5, 0.8, 0.8), rng)
 
 
-def vent(canvas: Canvas) -> None:
+def vent(canvas: Canvas, _: np.random.Generator) -> None:
     """A ventilation grille."""
     canvas.fill((120, 122, 120))
     for y in np.arange(0.06, canvas.height_m - 0.05, 0.07):
@@ -331,7 +331,7 @@ def hose_cabinet(canvas: Canvas, rng: np.random.Generator) -> None:
     canvas.border(0.02, (100, 36, 34))
 
 
-def exit_sign(canvas: Canvas) -> None:
+def exit_sign(canvas: Canvas, _: np.random.Generator) -> None:
     """A green sign over a door."""
     canvas.fill((48, 128, 84))
     canvas.text(

@@ -13,7 +13,7 @@ import cv2
 import mujoco
 import numpy as np
 
-from pzcap.types import Array, CalibrationObject, Marker
+from pzcap.types import Array, CalibrationObject, Marker, PzcapError
 from sim.furniture import furnish
 from sim.scenery import HALL_M, UP, WALLS, Scenery
 from sim.surfaces import CARPET_M, LOWER_M, carpet, ceiling, floor, lower_wall, upper_wall
@@ -35,6 +35,10 @@ class GymConfig:
 
     shadows: bool = True  # the main light casts shadows
     texture_px_per_m: float = 200.0  # of the lower walls and the carpet; less where no camera comes near
+
+    def __post_init__(self) -> None:
+        if not 50.0 <= self.texture_px_per_m <= 500.0:
+            raise PzcapError(f"the gym's texture_px_per_m is {self.texture_px_per_m}; choose one from 50 to 500")
 
 
 def build_gym(spec: mujoco.MjSpec, config: GymConfig, rng: np.random.Generator) -> None:

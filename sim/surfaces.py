@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -71,10 +72,10 @@ def upper_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
     _hang(canvas, rng, places)
     taken = [(u, y, w, h) for _, u, y, w, h in places] + _pilasters(wall)
     boards = (
-        (_advert, 2.4, 0.8),
-        (_advert, 1.6, 0.55),
+        (fittings.advert, 2.4, 0.8),
+        (fittings.advert, 1.6, 0.55),
         (_pennant, 0.7, 1.5),
-        (_vent, 0.8, 0.5),
+        (fittings.vent, 0.8, 0.5),
         (fittings.poster, 0.8, 1.1),
     )
     _fill(canvas, rng, taken, boards, 0.25, 4.7, round(2.5 * wall.length))
@@ -90,17 +91,19 @@ def floor(px_per_m: float, rng: np.random.Generator) -> Canvas:
     for size, share, change in ((0.02, 0.08, -24), (0.02, 0.05, 18), (0.08, 0.04, -12)):
         tint(canvas.image, flecks(canvas.image.shape, rng, size * px_per_m, share), (change, change, change))
     x, y = HALL_M[0] / 2, HALL_M[1] / 2
-    _court(canvas, x, y, 28.0, 15.0, 0.05, (44, 44, 48))
+    _court(canvas, x, y, 28.0, 15.0, 0.05, fittings.INK)
     _court(canvas, x, y, 18.0, 9.0, 0.05, (206, 204, 196))
     for side in (-1, 1):
         _court(canvas, x + side * 8.5, y, 6.1, 13.4, 0.04, (52, 112, 78))
         end = x + side * 14
         canvas.line(
-            [(end, y - 2.45), (end - side * 5.8, y - 2.45), (end - side * 5.8, y + 2.45), (end, y + 2.45)], 0.05, INK
+            [(end, y - 2.45), (end - side * 5.8, y - 2.45), (end - side * 5.8, y + 2.45), (end, y + 2.45)],
+            0.05,
+            fittings.INK,
         )
-        canvas.ring(end - side * 5.8, y, 1.8, 0.05, INK)
+        canvas.ring(end - side * 5.8, y, 1.8, 0.05, fittings.INK)
         turn = np.pi if side > 0 else 0.0
-        canvas.line(arc(end, y, 6.75, turn - np.pi / 2, turn + np.pi / 2), 0.05, (44, 44, 48))
+        canvas.line(arc(end, y, 6.75, turn - np.pi / 2, turn + np.pi / 2), 0.05, fittings.INK)
         canvas.line(arc(end + side, y, 9.0, turn - 0.6, turn + 0.6), 0.05, (188, 104, 44))
         for row in (-1, 1):
             title = "NORTH HALL" if row > 0 else "SPORT CLUB 1862"
@@ -127,7 +130,7 @@ def carpet(px_per_m: float, rng: np.random.Generator) -> Canvas:
     canvas.border(0.04, (96, 84, 66), inset=0.04)
     for k, title in enumerate(("CITY CUP FINALS", "NORTH HALL", "FLOOR EXERCISE", "CROWN BREAD")):
         canvas.text(2.2, 0.3, 0.36, title, (66, 84, 128), weight=0.2, width=4.0)
-        canvas.text(7.2, 0.3, 0.36, "SPORT CLUB 1862", (152, 70, 58), weight=0.2, width=3.0)
+        canvas.text(7.2, 0.3, 0.36, "SPORT CLUB 1862", (152, 70, 58), weight=0.13, width=3.0)
         for x in (1.25, 6.3, 10.95):
             fittings.emblem(canvas.part(x - 0.3, 0.18, 0.6, 0.6), rng)
         fittings.emblem(canvas.part(1.5, 1.5, 1.3, 1.3), rng)
@@ -193,25 +196,6 @@ def _court(canvas: Canvas, x: float, y: float, length: float, width: float, line
     part.line([(length / 2, 0), (length / 2, width)], line, colour)
 
 
-INK: Final[Colour] = (44, 44, 48)
-
-
-def _door(canvas: Canvas, rng: np.random.Generator) -> None:
-    fittings.door(canvas, rng, (158, 130, 102))
-
-
-def _double_door(canvas: Canvas, rng: np.random.Generator) -> None:
-    fittings.door(canvas, rng, (116, 138, 150), leaves=2)
-
-
-def _window(canvas: Canvas, rng: np.random.Generator) -> None:
-    fittings.window(canvas, rng, (4, 2))
-
-
-def _advert(canvas: Canvas, rng: np.random.Generator) -> None:
-    fittings.advert(canvas, rng)
-
-
 def _pennant(canvas: Canvas, rng: np.random.Generator) -> None:
     fittings.banner(canvas, rng, (fittings.phrase(rng, 1), str(rng.integers(1950, 2004)), fittings.phrase(rng, 1)))
 
@@ -220,28 +204,8 @@ def _long_banner(canvas: Canvas, rng: np.random.Generator) -> None:
     fittings.banner(canvas, rng, ("CITY CUP GYMNASTICS", fittings.phrase(rng, 3)))
 
 
-def _pads(canvas: Canvas, rng: np.random.Generator) -> None:
-    fittings.pad(canvas, rng, (84, 110, 158))
-
-
 def _shutter(canvas: Canvas, rng: np.random.Generator) -> None:
     fittings.shutter(canvas, rng, f"EQUIPMENT {rng.integers(1, 9)}")
-
-
-def _vent(canvas: Canvas, rng: np.random.Generator) -> None:  # noqa: ARG001
-    fittings.vent(canvas)
-
-
-def _clock(canvas: Canvas, rng: np.random.Generator) -> None:  # noqa: ARG001
-    fittings.clock(canvas)
-
-
-def _exit(canvas: Canvas, rng: np.random.Generator) -> None:  # noqa: ARG001
-    fittings.exit_sign(canvas)
-
-
-def _emblem(canvas: Canvas, rng: np.random.Generator) -> None:
-    fittings.emblem(canvas, rng)
 
 
 def _plate(canvas: Canvas, rng: np.random.Generator) -> None:
@@ -252,18 +216,28 @@ def _plate(canvas: Canvas, rng: np.random.Generator) -> None:
     canvas.border(0.012, fittings.PAPER)
 
 
+_door: Final = partial(fittings.door, colour=(158, 130, 102))
+_double_door: Final = partial(fittings.door, colour=(116, 138, 150), leaves=2)
+_window: Final = partial(fittings.window, panes=(4, 2))
+_pads: Final = partial(fittings.pad, colour=(84, 110, 158))
+
+# What hangs where: the left end from inside, the height above the floor (above the lower part), width and height.
 _LOWER: Final[dict[str, tuple[Place, ...]]] = {
     "south": (
-        (_door, 3.6, 0.1, 1.0, 2.1), (_exit, 3.8, 2.28, 0.6, 0.22), (_double_door, 10.9, 0.1, 2.0, 2.15),
-        (_exit, 11.5, 2.32, 0.8, 0.24), (fittings.hose_cabinet, 13.3, 0.9, 0.8, 0.9), (_advert, 15.6, 0.25, 2.0, 0.85),
-        (_advert, 17.7, 0.25, 2.0, 0.85), (_long_banner, 15.6, 1.35, 4.1, 0.95), (_pads, 25.5, 0.1, 2.0, 1.7),
+        (_door, 3.6, 0.1, 1.0, 2.1), (fittings.exit_sign, 3.8, 2.28, 0.6, 0.22),
+        (_double_door, 10.9, 0.1, 2.0, 2.15), (fittings.exit_sign, 11.5, 2.32, 0.8, 0.24),
+        (fittings.hose_cabinet, 13.4, 0.9, 0.6, 0.75), (_long_banner, 15.6, 1.35, 4.1, 0.95),
+        (fittings.advert, 15.6, 0.25, 2.0, 0.85), (fittings.advert, 17.7, 0.25, 2.0, 0.85),
+        (_pads, 25.5, 0.1, 2.0, 1.7),
     ),
     "north": (
-        (_pads, 2.6, 0.1, 2.0, 1.7), (_advert, 5.5, 0.25, 2.0, 0.85), (_long_banner, 5.5, 1.35, 4.1, 0.95),
-        (_advert, 7.6, 0.25, 2.0, 0.85), (_double_door, 21.3, 0.1, 2.0, 2.15), (_exit, 21.9, 2.32, 0.8, 0.24),
-        (fittings.hose_cabinet, 23.7, 0.9, 0.8, 0.9), (_door, 25.6, 0.1, 1.0, 2.1), (_exit, 25.8, 2.28, 0.6, 0.22),
+        (_pads, 2.6, 0.1, 2.0, 1.7), (_long_banner, 5.5, 1.35, 4.1, 0.95),
+        (fittings.advert, 5.5, 0.25, 2.0, 0.85), (fittings.advert, 7.6, 0.25, 2.0, 0.85),
+        (_double_door, 21.3, 0.1, 2.0, 2.15), (fittings.exit_sign, 21.9, 2.32, 0.8, 0.24),
+        (fittings.hose_cabinet, 23.8, 0.9, 0.6, 0.75),
+        (_door, 25.6, 0.1, 1.0, 2.1), (fittings.exit_sign, 25.8, 2.28, 0.6, 0.22),
     ),
-    "east": ((_door, 3.8, 0.1, 1.0, 2.1), (_exit, 4.0, 2.28, 0.6, 0.22), (_door, 15.2, 0.1, 1.0, 2.1)),
+    "east": ((_door, 3.8, 0.1, 1.0, 2.1), (fittings.exit_sign, 4.0, 2.28, 0.6, 0.22), (_door, 15.2, 0.1, 1.0, 2.1)),
     "west": ((_shutter, 2.7, 0.1, 3.2, 2.35), (_shutter, 14.1, 0.1, 3.2, 2.35), (_pads, 7.0, 0.1, 6.0, 2.0)),
 }  # fmt: skip
 _UPPER: Final[dict[str, tuple[Place, ...]]] = {
@@ -274,11 +248,12 @@ _UPPER: Final[dict[str, tuple[Place, ...]]] = {
         (fittings.scoreboard, 10.7, 0.3, 3.4, 1.5),
     ),
     "east": (
-        (_long_banner, 5.0, 1.7, 10.0, 1.4), (_emblem, 1.4, 1.6, 2.6, 2.6), (_clock, 17.0, 2.2, 1.3, 1.3),
-        *((fittings.slats, u, 3.3, 5.0, 1.25) for u in (4.8, 10.2)),
+        (_long_banner, 5.0, 1.7, 10.0, 1.4), *((fittings.slats, u, 3.3, 5.0, 1.25) for u in (4.8, 10.2)),
+        (fittings.emblem, 1.4, 1.6, 2.6, 2.6), (fittings.clock, 17.0, 2.2, 1.3, 1.3),
     ),
     "west": (
-        (fittings.slats, 0.5, 1.0, 5.0, 3.7), (fittings.slats, 14.5, 1.0, 5.0, 3.7), (_clock, 6.2, 3.0, 1.1, 1.1),
-        (_emblem, 12.0, 2.2, 2.0, 2.0), (_pennant, 7.6, 2.4, 0.9, 2.2), (_pennant, 11.0, 2.4, 0.8, 2.0),
+        (fittings.slats, 0.5, 1.0, 5.0, 3.7), (fittings.slats, 14.5, 1.0, 5.0, 3.7),
+        (fittings.clock, 6.2, 3.0, 1.1, 1.1), (fittings.emblem, 12.0, 2.2, 2.0, 2.0),
+        (_pennant, 7.6, 2.4, 0.9, 2.2), (_pennant, 11.0, 2.4, 0.8, 2.0),
     ),
 }  # fmt: skip

@@ -31,8 +31,9 @@ class Canvas:
     @classmethod
     def blank(cls, width_m: float, height_m: float, px_per_m: float, colour: Colour) -> Canvas:
         image = np.empty((max(8, round(height_m * px_per_m)), max(8, round(width_m * px_per_m)), 3), np.uint8)
-        image[:] = np.array(colour, np.uint8)
-        return cls(image, px_per_m)
+        canvas = cls(image, px_per_m)
+        canvas.fill(colour)
+        return canvas
 
     def part(self, x: float, y: float, width: float, height: float) -> Canvas:
         """A rectangle of this canvas as a canvas of its own, on the same pixels; clipped to this one."""
@@ -42,7 +43,7 @@ class Canvas:
         return Canvas(self.image[top:bottom, left:right], self.px_per_m)
 
     def fill(self, colour: Colour) -> None:
-        self.image[:] = np.array(colour, np.uint8)
+        cv2.rectangle(self.image, (0, 0), self.image.shape[1::-1], colour, cv2.FILLED)
 
     def polygon(self, points: Points, colour: Colour) -> None:
         cv2.fillPoly(self.image, [self._fixed(points)], colour, cv2.LINE_AA, _SHIFT)
@@ -144,10 +145,9 @@ def flecks(shape: tuple[int, ...], rng: np.random.Generator, size_px: float, sha
     return np.asarray(field > np.quantile(field[::7, ::7], 1.0 - share))
 
 
-def tint(image: Image, mask: Mask, change: tuple[int, int, int]) -> None:
+def tint(image: Image, mask: Mask, change: Colour) -> None:
     """Add a colour to the masked pixels, in place, saturating."""
-    layers = [np.where(mask, np.int16(c), np.int16(0)) for c in change]
-    cv2.add(image, cv2.merge(layers), dst=image, dtype=cv2.CV_8U)
+    cv2.add(image, np.array([*change, 0.0]), dst=image, mask=mask.view(np.uint8))
 
 
 def scuff(canvas: Canvas, rng: np.random.Generator, per_m2: float, depth: int = 40) -> None:
