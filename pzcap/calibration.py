@@ -1,8 +1,8 @@
 """One camera made ready: reference image, sweep and zoom run in, panorama and pan-zoom camera out.
 
 With ``method="exact"`` the matches of all three go into one adjustment (`pzcap.bundle`): the sweep's closed circle
-fixes the focal length, the zoom run the principal point and how distortion changes, the reference image where pan 0 is. With
-``method="paper"`` the camera turns about its own y axis and has no distortion (sections 3.4-4.1).
+fixes the focal length, the zoom run the principal point and how distortion changes, the reference image where pan 0
+is. With ``method="paper"`` the camera turns about its own y axis and has no distortion (sections 3.4-4.1).
 """
 
 from __future__ import annotations

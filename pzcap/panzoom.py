@@ -1,9 +1,9 @@
 """Pan and zoom of a frame, from its matches with the panorama (section 4).
 
 `Localiser` takes one of two ways. ``paper`` unfolds the frame onto the reference cylinder and solves the linear system
-of eq. 15, the paper's final solution. ``exact`` solves eq. 11 for the calibrated camera: the residual of a match is where
-the panorama's point would be seen in the frame, minus where it was seen, in pixels of the frame, minimised over pan and
-log focal with all of tilt, roll, principal point and distortion in place.
+of eq. 15, the paper's final solution. ``exact`` solves eq. 11 for the calibrated camera: the residual of a match is
+where the panorama's point would be seen in the frame, minus where it was seen, in pixels of the frame, minimised over
+pan and log focal with all of tilt, roll, principal point and distortion in place.
 """
 
 from __future__ import annotations

@@ -109,7 +109,7 @@ def render(
 
 
 OBJECT_CENTRE = np.array([8.0, 0.0, -0.6])  # head frame, metres
-BOARD = 100  # pixels to the metre of a drawn board
+BOARD = 400  # pixels to the metre of a drawn board
 
 
 def calibration_object() -> CalibrationObject:
@@ -147,7 +147,7 @@ def draw_object(fine: Image, directions: Array) -> None:
         hit = directions * distance[..., None] - corner
         column, row = (hit @ across) * BOARD - 0.5, (hit @ down) * BOARD - 0.5
         inside = (distance > 0) & (np.abs(hit @ across - 1) < 1) & (np.abs(hit @ down - 1) < 1)
-        drawn = cv2.remap(board, column.astype(np.float32), row.astype(np.float32), cv2.INTER_NEAREST)
+        drawn = cv2.remap(board, column.astype(np.float32), row.astype(np.float32), cv2.INTER_LINEAR)
         fine[inside] = drawn[inside][:, None]
 
 

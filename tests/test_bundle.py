@@ -1,0 +1,123 @@
+"""The adjustment: derivatives, exactness on perfect matches, and what wrong matches do to it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pzcap import bundle, camera
+from pzcap.bundle import Link, Model, Sigmas
+from pzcap.camera import View
+from pzcap.types import Array
+
+SIGMAS = Sigmas(0.05, 0.2, np.array([6.4, 6.4]), np.array([0.1, 0.1, 0.05]))
+
+
+def truth() -> Model:
+    """A full turn of 24 frames and a zoom run of six."""
+    pans = np.append(np.arange(24) * 2 * np.pi / 24, 0.03)
+    focals = np.log([880.0, 620.0, 880.0, 1200.0, 1600.0, 2100.0, 2600.0])
+    return Model(
+        pans, focals, np.array([*range(24)] + [24] * 6), np.array([0] * 24 + [*range(1, 7)]), -0.07, 0.009,
+        np.array([[323.0, 236.5], [1.0, -0.6]]), np.array([-0.04, 0.05, -0.01]),
+    )  # fmt: skip
+
+
+def link(model: Model, first: int, second: int, rng: np.random.Generator, noise: float) -> Link | None:
+    views = model.view(first), model.view(second)
+    points = rng.uniform((0, 0), (639, 479), (60, 2))
+    seen, front = camera.see(views[1], *camera.look(views[0], points))
+    inside = front & (seen >= 0).all(axis=1) & (seen[:, 0] < 640) & (seen[:, 1] < 480)
+    if inside.sum() < 8:
+        return None
+    jitter = rng.normal(0, noise, (inside.sum(), 2)) if noise else 0.0
+    return Link(first, second, points[inside], seen[inside] + jitter, np.zeros(inside.sum()))
+
+
+def links(model: Model, noise: float = 0.0, wrong: float = 0.0) -> list[Link]:
+    rng = np.random.default_rng(0)
+    pairs = [(i, (i + 1) % 24) for i in range(24)] + [(i, (i + 2) % 24) for i in range(24)]
+    pairs += [(0, k) for k in range(24, 30)] + [(1, k) for k in range(24, 27)] + [(k, k + 1) for k in range(24, 29)]
+    made = [found for a, b in pairs if (found := link(model, a, b, rng, noise)) is not None]
+    for found in made:
+        bad = rng.random(len(found.first_px)) < wrong
+        found.second_px[bad] += rng.uniform(-12, 12, (bad.sum(), 2))
+    return made
+
+
+def start() -> Model:
+    true, rng = truth(), np.random.default_rng(1)
+    pans = true.pan_rad + rng.normal(0, 0.003, len(true.pan_rad))
+    pans[0] = 0.0
+    focals = true.log_focal + rng.normal(0, 0.01, len(true.log_focal))
+    return Model(pans, focals, true.pan_of, true.focal_of, -0.06, 0.0, np.array([[319.5, 239.5], [0, 0]]), np.zeros(3))
+
+
+def test_perfect_matches_give_the_truth() -> None:
+    loose = Sigmas(1e3, 1e3, np.full(2, 1e5), np.full(3, 1e3))
+    found = bundle.adjust(start(), links(truth()), loose).model
+    np.testing.assert_allclose(found.pan_rad, truth().pan_rad, atol=1e-6)
+    np.testing.assert_allclose(found.log_focal, truth().log_focal, atol=1e-6)
+    np.testing.assert_allclose([found.tilt_rad, found.roll_rad], [-0.07, 0.009], atol=1e-6)
+    np.testing.assert_allclose(found.principal_px, truth().principal_px, atol=1e-3)
+    np.testing.assert_allclose(found.k1, truth().k1, atol=1e-4)
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.3])
+def test_wrong_matches_do_not_pull(wrong: float) -> None:
+    found = bundle.adjust(start(), links(truth(), noise=0.3, wrong=wrong), SIGMAS)
+    assert np.sqrt(np.mean((found.model.pan_rad - truth().pan_rad) ** 2)) < np.deg2rad(0.02)
+    np.testing.assert_allclose(found.model.log_focal, truth().log_focal, atol=1e-3)
+    np.testing.assert_allclose(found.model.principal_px[0], truth().principal_px[0], atol=0.7)
+    assert 0.2 < found.residual_px < 1.0
+
+
+def views_close_by() -> st.SearchStrategy[tuple[View, View]]:
+    def make(tilt: float, roll: float, zoom: float, turn: float, k1: float) -> tuple[View, View]:
+        principal = np.array([321.0, 238.0])
+        first = View(0.3, tilt, roll, 880.0, principal, k1)
+        return first, View(0.3 + turn, tilt + 0.01, roll - 0.01, 880.0 * zoom, principal - 1.0, k1 + 0.01)
+
+    return st.builds(
+        make, st.floats(-0.2, 0.2), st.floats(-0.1, 0.1), st.floats(0.7, 3), st.floats(-0.2, 0.2), st.floats(-0.1, 0.1)
+    )
+
+
+@settings(deadline=None)
+@given(views_close_by(), st.integers(0, 13))
+def test_transfer_derivatives_match_finite_differences(views: tuple[View, View], column: int) -> None:
+    points = np.stack(np.meshgrid(np.linspace(0, 639, 5), np.linspace(0, 479, 4)), axis=-1).reshape(-1, 2)
+    match = Link(0, 1, points, points, np.zeros(len(points)))
+    _, jacobian = bundle.transfer(*views, match)
+
+    def at(amount: float) -> Array:
+        step = np.zeros(14)
+        step[column] = amount
+        return bundle.transfer(camera.moved(views[0], step[:7]), camera.moved(views[1], step[7:]), match)[0]
+
+    numeric = (at(1e-6) - at(-1e-6)) / 2e-6
+    np.testing.assert_allclose(jacobian[:, :, column], numeric, rtol=1e-4, atol=2e-2)
+
+
+def test_the_chain_rule_of_a_link_matches_finite_differences() -> None:
+    model = truth()
+    match = Link(1, 27, np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1))
+    columns, chain = bundle._chain(model, match)
+    size = len(bundle._vector(model))
+    dense = np.zeros((14, size))
+    np.add.at(dense.T, columns, chain.T)
+
+    def parameters(of: Model) -> Array:
+        rows = []
+        for frame in (1, 27):
+            v = of.view(frame)
+            rows += [v.pan_rad, v.tilt_rad, np.log(v.focal_px), v.roll_rad, *v.principal_px, v.k1]
+        return np.array(rows)
+
+    for column in range(size):
+        step = np.zeros(size)
+        step[column] = 1e-6
+        numeric = (parameters(bundle._stepped(model, step)) - parameters(bundle._stepped(model, -step))) / 2e-6
+        np.testing.assert_allclose(dense[:, column], numeric, atol=1e-6)

@@ -1,0 +1,106 @@
+"""Perspective to cylinder and back, and the warped background."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pzcap import cylinder
+from pzcap.camera import head_T_cam, look, view_at
+from pzcap.panzoom import cylinder_to_frame
+from pzcap.types import Lens, Panorama, PanZoomCamera
+from tests import synthetic
+
+
+def whole_turn(seed: int) -> Panorama:
+    """The synthetic hall itself as a panorama."""
+    image = synthetic.hall(seed)
+    height, width = image.shape[:2]
+    px_per_rad = width / (2 * np.pi)
+    origin = np.array([width / 2 - 0.5, synthetic.SLOPES * px_per_rad - 0.5])
+    empty = np.zeros(0)
+    return Panorama(
+        image, np.ones((height, width), bool), px_per_rad, origin, True, empty, empty.astype(np.int64), 0.0, 0.0
+    )
+
+
+def camera_of(optics: synthetic.Optics) -> PanZoomCamera:
+    lens = Lens(
+        optics.width, optics.height, optics.reference_focal_px,
+        np.array([optics.principal_px, optics.principal_slope_px]), np.array([optics.k1, optics.k1_slope]),
+    )  # fmt: skip
+    return PanZoomCamera(lens, np.eye(4), optics.tilt_rad, optics.roll_rad)
+
+
+@settings(deadline=None)  # the first call draws the hall
+@given(st.floats(-4, 4), st.floats(-0.5, 0.5))
+def test_panorama_pixels_and_directions_are_inverse(azimuth: float, slope: float) -> None:
+    panorama = whole_turn(0)
+    pixel = cylinder.to_panorama(panorama, np.array([azimuth]), np.array([slope]))
+    assert 0 <= pixel[0, 0] <= panorama.image.shape[1]
+    back_azimuth, back_slope = cylinder.from_panorama(panorama, pixel)
+    np.testing.assert_allclose(np.exp(1j * back_azimuth), np.exp(1j * azimuth), atol=1e-12)
+    np.testing.assert_allclose(back_slope, slope, atol=1e-12)
+
+
+def test_interpolated_maps_are_exact_to_a_fiftieth_of_a_pixel() -> None:
+    panorama, optics = whole_turn(0), synthetic.Optics()
+    view = view_at(camera_of(optics), 0.4, optics.tilt_rad, 310.0)
+    column, row = cylinder.smooth_map(
+        lambda points: cylinder.to_unwrapped(panorama, *look(view, points)), optics.width, optics.height
+    )
+    u, v = np.meshgrid(np.arange(optics.width), np.arange(optics.height))
+    exact = cylinder.to_unwrapped(panorama, *look(view, np.stack([u, v], axis=-1).astype(float)))
+    assert np.abs(column - exact[..., 0]).max() < 0.02
+    assert np.abs(row - exact[..., 1]).max() < 0.02
+
+
+def test_the_warped_background_is_what_the_camera_sees() -> None:
+    """Across the seam of the full turn, too; the test's renderer shares no code with the library."""
+    panorama = whole_turn(0)
+    optics = synthetic.Optics(noise=0.0, vignetting=0.0)
+    for pan, focal in ((0.3, 440.0), (np.pi - 0.1, 400.0), (-2.0, 900.0)):
+        image, valid = cylinder.warp_background(panorama, camera_of(optics), pan, optics.tilt_rad, focal)
+        seen = synthetic.render(optics, pan, focal)
+        assert valid.mean() > 0.99
+        difference = np.abs(image.astype(float) - seen)[valid]
+        shifted = np.abs(np.roll(image, 1, axis=1).astype(float) - seen)[valid]
+        assert difference.mean() < 0.5 * shifted.mean()
+        assert difference.mean() < 4.0
+
+
+def test_beyond_the_panorama_nothing_is_known() -> None:
+    panorama, optics = whole_turn(0), synthetic.Optics()
+    image, valid = cylinder.warp_background(panorama, camera_of(optics), 0.0, 0.9, 440.0)
+    assert not valid[:40].any()
+    assert valid[-40:].any()
+    assert (image[~valid] == 0).all()
+
+
+@given(st.floats(0, 639), st.floats(0, 479), st.floats(400, 2000))
+def test_equation_6_and_its_inverse(u: float, v: float, focal: float) -> None:
+    point = np.array([[u, v]])
+    unfolded = cylinder.points_to_cylinder(point, focal, 640, 480)
+    np.testing.assert_allclose(cylinder_to_frame(unfolded, focal, 640, 480), point, atol=1e-8)
+
+
+def test_equation_6_is_the_camera_on_an_upright_head() -> None:
+    """Without distortion, tilt and roll, the paper's cylinder is the cylinder about the pan axis."""
+    lens = Lens(640, 480, 880.0, np.array([[319.5, 239.5]]), np.zeros(1))
+    camera = PanZoomCamera(lens, head_T_cam(0, 0, 0), 0.0, 0.0)
+    points = np.random.default_rng(0).uniform((0, 0), (640, 480), (50, 2))
+    azimuth, slope = look(view_at(camera, 0.0, 0.0, 880.0), points)
+    expected = -880.0 * np.column_stack([azimuth, slope])
+    np.testing.assert_allclose(cylinder.points_to_cylinder(points, 880.0, 640, 480), expected, atol=1e-9)
+
+
+def test_unfolded_images_hold_what_equation_6_says() -> None:
+    v, u = np.mgrid[0:480, 0:640]
+    ramp = np.stack([u / 4, v / 4, 0 * u], axis=-1).astype(np.uint8)
+    unfolded, covered, origin = cylinder.to_cylinder(ramp, 500.0)
+    points = np.array([[100.0, 100.0], [500.0, 400.0], [319.5, 239.5]])
+    for point, place in zip(points, cylinder.points_to_cylinder(points, 500.0, 640, 480) + origin, strict=True):
+        column, row = np.round(place).astype(int)
+        assert covered[row, column]
+        np.testing.assert_allclose(unfolded[row, column, :2] * 4.0, point, atol=6)

@@ -1,0 +1,123 @@
+"""The panorama: brightness, pasting, the seam, and the paper's chain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pzcap import bundle, panorama, sweep
+from pzcap.bundle import Link
+from pzcap.camera import View
+from pzcap.sweep import SweepConfig
+from pzcap.types import Array, Image, PzcapError
+from tests import synthetic
+
+OPTICS = synthetic.Optics()
+WIDTH, HEIGHT, FOCAL = OPTICS.width, OPTICS.height, OPTICS.reference_focal_px
+VIEW = View(0.0, OPTICS.tilt_rad, OPTICS.roll_rad, FOCAL, np.array(OPTICS.principal_px), OPTICS.k1)
+QUIET = panorama.Brightness(np.zeros(99), np.zeros(2))
+
+
+def silent(done: int) -> None:
+    del done
+
+
+def frames(optics: synthetic.Optics, pans: Array) -> list[tuple[int, Image]]:
+    return [(i, synthetic.render(optics, pan, FOCAL, noise_seed=i)) for i, pan in enumerate(pans)]
+
+
+def hall_at(azimuth: Array, slope: Array) -> Array:
+    """Grey level of the synthetic hall."""
+    texture = synthetic.hall(0)
+    px_per_rad = texture.shape[1] / (2 * np.pi)
+    column = np.round((np.pi - azimuth) * px_per_rad - 0.5).astype(int) % texture.shape[1]
+    return texture[np.round((synthetic.SLOPES - slope) * px_per_rad - 0.5).astype(int), column].astype(float)
+
+
+def test_a_partial_sweep_is_pasted_where_it_belongs() -> None:
+    pans = np.deg2rad(np.arange(0.0, 40.0, 5.0))
+    bright = panorama.Brightness(np.zeros(len(pans)), np.array([-0.2, -0.02]))  # log(1 - 0.2 r^2)
+    found = panorama.stitch(frames(OPTICS, pans), pans, VIEW, False, bright, silent)
+    row, column = np.nonzero(found.valid)
+    azimuth = (found.origin_px[0] - column) / found.px_per_rad
+    slope = (found.origin_px[1] - row) / found.px_per_rad
+    here = np.abs(found.image[row, column] - hall_at(azimuth, slope)).mean()
+    beside = np.abs(found.image[row, column] - hall_at(azimuth + 1 / found.px_per_rad, slope)).mean()
+    assert here < 0.7 * beside
+    assert azimuth.max() == pytest.approx(pans[-1] + np.arctan(WIDTH / 2 / FOCAL), abs=0.02)
+    assert azimuth.min() == pytest.approx(-np.arctan(WIDTH / 2 / FOCAL), abs=0.02)
+    assert found.valid.mean() > 0.8
+
+
+def test_a_full_turn_wraps_and_shows_no_seam() -> None:
+    pans = np.deg2rad(np.arange(0.0, 360.0, 12.0))
+    bright = panorama.Brightness(np.zeros(len(pans)), np.array([-0.2, -0.02]))
+    found = panorama.stitch(frames(OPTICS, pans), pans, VIEW, True, bright, silent)
+    assert found.image.shape[1] == pytest.approx(2 * np.pi * found.px_per_rad)
+    assert found.valid[40:-40].all()
+    row, column = np.nonzero(found.valid)
+    azimuth, slope = ((o - p) / found.px_per_rad for o, p in zip(found.origin_px, (column, row), strict=True))
+    difference = np.abs(found.image[row, column] - hall_at(azimuth, slope)).mean(axis=1)
+    at_the_seam = (column < 5) | (column >= found.image.shape[1] - 5)
+    assert difference[at_the_seam].mean() < 1.3 * difference.mean()
+
+
+def test_gains_and_vignetting_come_from_the_overlaps() -> None:
+    rng = np.random.default_rng(0)
+    gains, shape = rng.normal(0, 0.03, 20), np.array([-0.25, -0.03])
+    links = []
+    for first in range(19):
+        a, b = rng.uniform((0, 0), (WIDTH, HEIGHT), (2, 200, 2))
+        radial = panorama._radial(b, VIEW, WIDTH, HEIGHT) - panorama._radial(a, VIEW, WIDTH, HEIGHT)
+        ratio = radial @ shape + gains[first + 1] - gains[first] + rng.normal(0, 0.02, 200)
+        ratio[:20] += rng.uniform(-1, 1, 20)
+        links.append(Link(first, first + 1, a, b, ratio))
+    found = panorama.fit_brightness(links, 20, VIEW, WIDTH, HEIGHT)
+    np.testing.assert_allclose(found.log_gain, gains - gains.mean(), atol=0.01)
+    radius = np.linspace(0, 1, 20)
+    darker = np.column_stack([radius**2, radius**4])
+    np.testing.assert_allclose(darker @ found.vignetting, darker @ shape, atol=0.01)
+
+
+def test_a_partial_sweep_is_adjusted_without_closure() -> None:
+    pans = np.deg2rad(np.arange(0.0, 60.0, 4.0))
+    guess = View(0.0, 0.0, 0.0, FOCAL * 1.002, np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]), 0.0)
+    chain = sweep.chain((image for _, image in frames(OPTICS, pans)), guess, False, SweepConfig(), silent)
+    count = len(pans)
+    start = bundle.Model(
+        chain.pan_rad, np.array([np.log(guess.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
+        guess.principal_px[None], np.zeros(1),
+    )  # fmt: skip
+    sigmas = bundle.Sigmas(0.002, 0.2, np.array([3.2]), np.array([0.1]))
+    found = bundle.adjust(start, chain.links, sigmas).model
+    assert np.abs(np.rad2deg(found.pan_rad - pans)).max() < 0.15
+    assert np.exp(found.log_focal[0]) == pytest.approx(FOCAL, rel=3e-3)
+    assert found.roll_rad == pytest.approx(OPTICS.roll_rad, abs=2e-3)
+    assert chain.closure_rad == 0.0
+
+
+def test_the_papers_chain_on_a_camera_as_the_paper_assumes_it() -> None:
+    optics = synthetic.clean(OPTICS)
+    pans = np.deg2rad(np.arange(0.0, 40.0, 4.0))
+    found = panorama.stitch_paper(frames(optics, pans), FOCAL, SweepConfig(), silent)
+    np.testing.assert_allclose(np.rad2deg(found.sweep_pan_rad), np.rad2deg(pans), atol=0.03)
+    azimuth = (found.origin_px[0] - np.arange(found.image.shape[1])) / found.px_per_rad
+    middle = round(found.origin_px[1])
+    here = np.abs(found.image[middle] - hall_at(azimuth, 0 * azimuth)).mean()
+    assert here < 0.7 * np.abs(found.image[middle] - hall_at(azimuth + 2 / FOCAL, 0 * azimuth)).mean()
+
+
+def test_gaps_and_open_circles_are_said_in_one_line() -> None:
+    guess = replace(VIEW, tilt_rad=0.0, roll_rad=0.0)
+    jump = (image for _, image in frames(OPTICS, np.deg2rad([0.0, 4.0, 90.0])))
+    with pytest.raises(PzcapError, match="frames 1 and 2 show nothing in common"):
+        sweep.chain(jump, guess, False, SweepConfig(), silent)
+    half = (image for _, image in frames(OPTICS, np.deg2rad(np.arange(0.0, 60.0, 6.0))))
+    with pytest.raises(PzcapError, match="circle cannot close"):
+        sweep.chain(half, guess, True, SweepConfig(), silent)
+    with pytest.raises(PzcapError, match="too few"):
+        panorama.stitch_paper(frames(OPTICS, np.zeros(1)), FOCAL, SweepConfig(), silent)
+    with pytest.raises(PzcapError, match="no frames"):
+        panorama.stitch([], np.zeros(0), VIEW, False, QUIET, silent)
