@@ -7,17 +7,21 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
+from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pzcap.types import Array, Image, Mask, Pose
 from pzcap.video import write_video
 from sim.athlete import set_pose
-from sim.optics import Plate, Rig, lens_maps, through_lens, vignette
+from sim.optics import Plate, Rig, lens_maps, plate_for, through_lens, vignette
 from sim.render import Stage
 from sim.sensor import Exposure, Sensor, SensorConfig
+
+STILL_SCALE: Final = 2.0
+MOTION_SCALE: Final = 1.5
+"""Pictures are rendered so much finer than the image. Several moments averaged smooth edges by themselves."""
 
 _AHEAD = 4  # frames that may wait to be developed
 _SHADOW_LEVELS = 6  # grey levels by which a shadow darkens a pixel, at least
@@ -32,21 +36,20 @@ class FilmCamera:
     def __init__(
         self,
         stage: Stage,
-        plate: Plate,
         rig: Rig,
         pose_at: Callable[[float], Pose],
         config: SensorConfig,
         rng: np.random.Generator,
     ) -> None:
-        self._stage, self._plate, self._rig, self._pose_at, self._config = stage, plate, rig, pose_at, config
+        self._stage, self._rig, self._pose_at, self._config = stage, rig, pose_at, config
         self._sensor = Sensor(config, vignette(rig), rng)
 
     def still(self, rng: np.random.Generator) -> Image:
         """Photograph the calibration object at the reference pose, nobody in the hall."""
         focal_px = self._rig.reference_focal_px
-        self._stage.aim(self._rig.world_T_cam(0.0, focal_px), focal_px)
-        light = self._stage.picture(athlete=False, calibration_object=True)
-        return self._develop(light, focal_px, 1, Exposure(self._config.exposure_drift, rng)(0.0), rng)
+        plate = self._aim(lambda _: (0.0, focal_px), 0.0, athlete=False)
+        light = self._stage.picture(plate.size(STILL_SCALE), athlete=False, calibration_object=True)
+        return self._develop(light, focal_px, STILL_SCALE, Exposure(self._config.exposure_drift, rng)(0.0), rng)
 
     def record(
         self,
@@ -68,12 +71,13 @@ class FilmCamera:
         """
         exposure = Exposure(self._config.exposure_drift, rng)
         offsets_s = ((np.arange(sub_exposures) + 0.5) / sub_exposures - 0.5) * self._config.shutter_s
-        exposed: queue.Queue[tuple[Image | NDArray[np.uint16], float, float] | None] = queue.Queue(_AHEAD)
+        scale = STILL_SCALE if sub_exposures == 1 else MOTION_SCALE
+        exposed: queue.Queue[tuple[Image, float, float] | None] = queue.Queue(_AHEAD)
 
         def developed() -> Iterator[Image]:
             while (item := exposed.get()) is not None:
                 light, focal_px, gain = item
-                yield self._develop(light, focal_px, sub_exposures, gain, rng)
+                yield self._develop(light, focal_px, scale, gain, rng)
 
         with ThreadPoolExecutor(1) as pool:
             encoding = pool.submit(
@@ -81,8 +85,9 @@ class FilmCamera:
             )
             try:
                 for k, time_s in enumerate(times_s.tolist()):
-                    light = self._expose(look, time_s + offsets_s, athlete)
-                    _put(exposed, (light, look(time_s)[1], exposure(time_s)), encoding)
+                    focal_px = look(time_s)[1]
+                    light = self._expose(look, time_s + offsets_s, focal_px, scale, athlete)
+                    _put(exposed, (light, focal_px, exposure(time_s)), encoding)
                     yield k
             finally:
                 _put(exposed, None, encoding)
@@ -90,44 +95,46 @@ class FilmCamera:
 
     def mask(self, look: Look, time_s: float) -> Mask:
         """(height, width) the pixels that show the athlete."""
-        focal_px = self._aim(look, time_s, athlete=True)
-        maps = lens_maps(self._rig, self._plate, focal_px, 1)
-        return np.asarray(through_lens(self._stage.mask(), maps, self._rig) > 127)
+        plate = self._aim(look, time_s, athlete=True)
+        maps = lens_maps(self._rig, plate, look(time_s)[1], 1.0)
+        return np.asarray(through_lens(self._stage.mask(plate.size(1.0)), maps, self._rig) > 127)
 
     def shadow(self, look: Look, time_s: float, mask: Mask) -> Mask:
         """(height, width) the pixels that the athlete's shadow darkens, off the athlete's own ``mask``."""
-        focal_px = self._aim(look, time_s, athlete=True)
-        maps = lens_maps(self._rig, self._plate, focal_px, self._plate.scale)
+        plate = self._aim(look, time_s, athlete=True)
+        maps = lens_maps(self._rig, plate, look(time_s)[1], MOTION_SCALE)
         lit, dark = (
-            through_lens(self._stage.picture(athlete=shown), maps, self._rig).astype(np.float32).mean(axis=2)
+            through_lens(self._stage.picture(plate.size(MOTION_SCALE), athlete=shown), maps, self._rig)
             for shown in (False, True)
         )
-        return np.asarray(
-            (lit - dark > _SHADOW_LEVELS) & ~cv2.dilate(mask.astype(np.uint8), np.ones((3, 3))).astype(bool)
-        )
+        darker = lit.mean(axis=2) - dark.mean(axis=2) > _SHADOW_LEVELS
+        body = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8))
+        return np.asarray(darker & (body == 0))
 
-    def _aim(self, look: Look, time_s: float, athlete: bool) -> float:
-        pan_rad, focal_px = look(time_s)
+    def _aim(self, look: Look, time_s: float, athlete: bool, focal_px: float | None = None) -> Plate:
+        """Set the scene for one moment; return the plate to render. ``focal_px`` overrules what the hands do."""
+        pan_rad, zoomed_px = look(time_s)
+        focal_px = focal_px or zoomed_px
         if athlete:
             set_pose(self._stage.model, self._stage.data, self._pose_at(time_s))
-        self._stage.aim(self._rig.world_T_cam(pan_rad, focal_px), focal_px)
-        return focal_px
+        plate = plate_for(self._rig, focal_px)
+        self._stage.aim(self._rig.world_T_cam(pan_rad, focal_px), plate.vertical_view_deg(focal_px))
+        return plate
 
-    def _expose(self, look: Look, times_s: Array, athlete: bool) -> Image | NDArray[np.uint16]:
-        """The sum of the plates at these times."""
-        total: Image | NDArray[np.uint16] | None = None
-        for time_s in times_s.tolist():
-            self._aim(look, time_s, athlete)
-            picture = self._stage.picture(athlete=athlete)
-            total = picture if total is None else np.asarray(cv2.add(total, picture, dtype=cv2.CV_16U), np.uint16)
-        assert total is not None
-        return total
+    def _expose(self, look: Look, times_s: Array, focal_px: float, scale: float, athlete: bool) -> Image:
+        """The mean of the plates at these times, during which the focal length hardly changes."""
+        total = np.zeros(0, np.uint16)
+        for k, time_s in enumerate(times_s.tolist()):
+            plate = self._aim(look, time_s, athlete, focal_px)
+            picture = self._stage.picture(plate.size(scale), athlete=athlete)
+            if len(times_s) == 1:
+                return picture
+            total = picture.astype(np.uint16) if k == 0 else np.asarray(cv2.add(total, picture, dtype=cv2.CV_16U))
+        return np.asarray(cv2.convertScaleAbs(total, alpha=1 / len(times_s)), np.uint8)
 
-    def _develop(
-        self, light: Image | NDArray[np.uint16], focal_px: float, exposures: int, gain: float, rng: np.random.Generator
-    ) -> Image:
-        maps = lens_maps(self._rig, self._plate, focal_px, self._plate.scale)
-        return self._sensor.develop(through_lens(light, maps, self._rig), gain / exposures, rng)
+    def _develop(self, light: Image, focal_px: float, scale: float, gain: float, rng: np.random.Generator) -> Image:
+        maps = lens_maps(self._rig, plate_for(self._rig, focal_px), focal_px, scale)
+        return self._sensor.develop(through_lens(light, maps, self._rig), gain, rng)
 
 
 def _put(exposed: queue.Queue, item: object, encoding: Future[None]) -> None:

@@ -5,6 +5,7 @@ Written without a look at `pzcap.camera`: what the two have in common is the con
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -108,58 +109,56 @@ def build_rig(camera: int, width: int, height: int, config: OpticsConfig, rng: n
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """The undistorted picture that is rendered: centred, ``scale`` times finer than the image, and larger all round."""
+    """The undistorted picture that is rendered, in image pixels: centred, and larger than the image all round.
+
+    It may be rendered finer than the image, by a factor ``scale`` that is a multiple of 1/4.
+    """
 
     width: int
     height: int
-    scale: int
+
+    def size(self, scale: float) -> tuple[int, int]:
+        """Width and height in its own pixels."""
+        return round(self.width * scale), round(self.height * scale)
 
     def vertical_view_deg(self, focal_px: float) -> float:
-        return float(np.rad2deg(2 * np.arctan(self.height / (2 * self.scale * focal_px))))
+        return float(np.rad2deg(2 * np.arctan(self.height / (2 * focal_px))))
 
 
-def plate_for(width: int, height: int, config: OpticsConfig, scale: int) -> Plate:
-    """The smallest plate that has data under every pixel of the image at every zoom."""
-    reach = max(
-        float(_undistorted(np.array(np.hypot(width, height) / (2 * focal)), k1) * focal / np.hypot(width, height) * 2)
-        for focal, k1 in (
-            (config.reference_focal * width * config.zoom_min, config.k1_wide),
-            (config.reference_focal * width * config.zoom_max, config.k1_long),
-            (config.reference_focal * width, min(config.k1_wide, 0.0)),
-        )
-    )
-    shift = 2 * config.principal_offset * width
-    sides = [round(side * max(reach, 1.0) + shift) + 2 * (shift > 0 or reach > 1) for side in (width, height)]
-    columns, rows = (scale * (side + side % 2) for side in sides)
-    return Plate(columns, rows, scale)
+def plate_for(rig: Rig, focal_px: float) -> Plate:
+    """The smallest plate that has data under every pixel of the image."""
+    corner = np.hypot(rig.width, rig.height) / 2 / focal_px
+    reach = max(float(_undistorted(np.array(corner), rig.k1(focal_px))) / corner, 1.0)
+    shift = np.abs(rig.principal_px - (np.array([rig.width, rig.height]) - 1) / 2)
+    sides = np.array([rig.width, rig.height]) * reach + 2 * reach * shift
+    width, height = (4 * math.ceil(side / 4 - 1e-9) for side in sides)
+    return Plate(width, height)
 
 
-def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: int) -> Maps:
-    """For each pixel of the image, made ``scale`` times finer, the column and row on the plate that it sees.
+def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float) -> Maps:
+    """For each pixel of the image, made ``scale`` times finer, the column and row that it sees on a plate as fine.
 
-    Both (scale * height, scale * width). The plate may have been rendered at another scale; the result is in pixels of
-    a plate of scale ``scale``. Rows count from the *bottom*, as OpenGL hands pictures over.
+    Both (scale * height, scale * width). Rows count from the *bottom*, as OpenGL hands pictures over.
     """
-    size = np.array([rig.width, rig.height]) * scale
+    size = np.round(np.array([rig.width, rig.height]) * scale).astype(int)
     cells = -(-size // _GRID_PX) + 2  # one more on each side, so that none of the image is extrapolated
-    fine = [(np.arange(n) - 0.5) * _GRID_PX - 0.5 for n in cells]
-    coarse = [(axis + 0.5) / scale - 0.5 for axis in fine]
+    coarse = [((np.arange(n) - 0.5) * _GRID_PX) / scale - 0.5 for n in cells]
     x, y = np.meshgrid(*((axis - p) / focal_px for axis, p in zip(coarse, rig.principal_px, strict=True)))
     radius = np.maximum(np.hypot(x, y), 1e-12)
     factor = _undistorted(radius, rig.k1(focal_px)) / radius * focal_px * scale
-    half = np.array([plate.width, plate.height]) * scale / plate.scale / 2 - 0.5
-    grid = np.stack([x * factor + half[0], half[1] - y * factor], axis=-1).astype(np.float32)
+    columns, rows = (side / 2 - 0.5 for side in plate.size(scale))
+    grid = np.stack([x * factor + columns, rows - y * factor], axis=-1).astype(np.float32)
     whole = cv2.resize(grid, (int(cells[0]) * _GRID_PX, int(cells[1]) * _GRID_PX), interpolation=cv2.INTER_LINEAR)
     whole = whole[_GRID_PX : _GRID_PX + size[1], _GRID_PX : _GRID_PX + size[0]]
     return np.ascontiguousarray(whole[..., 0]), np.ascontiguousarray(whole[..., 1])
 
 
-def through_lens(plate: NDArray[np.uint8] | NDArray[np.uint16], maps: Maps, rig: Rig) -> Image:
+def through_lens(plate: Image, maps: Maps, rig: Rig) -> Image:
     """Distort a plate and bring it to the image's size, (height, width, ...)."""
     seen = cv2.remap(plate, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    if seen.shape[1] == rig.width:
-        return np.asarray(seen)
-    return np.asarray(cv2.resize(seen, (rig.width, rig.height), interpolation=cv2.INTER_AREA))
+    if seen.shape[1] != rig.width:
+        seen = cv2.resize(seen, (rig.width, rig.height), interpolation=cv2.INTER_AREA)
+    return np.asarray(seen, np.uint8)
 
 
 def vignette(rig: Rig) -> NDArray[np.float32]:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.types import Array, Image, Mask, PzcapError
-from sim.optics import Plate
 
 _BACKENDS = ("egl", "osmesa", "glfw")
 _PROBE = """
@@ -48,13 +47,12 @@ class Stage:
     """A compiled scene with one camera that can be put anywhere.
 
     The athlete's geoms are in ``athlete_group``, the calibration object's in
-    ``object_group``, the hall's in group 0.
+    ``object_group``, the hall's in group 0. No picture may be larger than ``width`` x ``height``.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, plate: Plate, athlete_group: int, object_group: int) -> None:
-        self._plate = plate
+    def __init__(self, spec: mujoco.MjSpec, width: int, height: int, athlete_group: int, object_group: int) -> None:
         self._groups = (athlete_group, object_group)
-        spec.visual.global_.offwidth, spec.visual.global_.offheight = plate.width, plate.height
+        spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
         spec.visual.quality.offsamples = 0  # the plate is finer than the image; that is smoothing enough
         # Twenty-eight sides leave a limb round to 0.1 px; 64 would double the time of every picture.
         spec.visual.quality.numslices, spec.visual.quality.numstacks = 28, 16
@@ -63,7 +61,7 @@ class Stage:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._camera_id = self.model.camera("shoot").id
-        self._context = importlib.import_module(f"mujoco.{_backend()}").GLContext(plate.width, plate.height)
+        self._context = importlib.import_module(f"mujoco.{_backend()}").GLContext(width, height)
         self._context.make_current()
         self._gpu = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
@@ -77,27 +75,27 @@ class Stage:
         self._gpu.free()
         self._context.free()
 
-    def aim(self, world_T_cam: Array, focal_px: float) -> None:
+    def aim(self, world_T_cam: Array, vertical_view_deg: float) -> None:
         """Put the camera there. The pose of the athlete is ``data.qpos``, as `sim.athlete.set_pose` writes it."""
         model = self.model
         model.cam_pos[self._camera_id] = world_T_cam[:3, 3]
         axes = world_T_cam[:3, :3] * np.array([1.0, -1.0, -1.0])
         mujoco.mju_mat2Quat(model.cam_quat[self._camera_id], np.ascontiguousarray(axes).ravel())
-        model.cam_fovy[self._camera_id] = self._plate.vertical_view_deg(focal_px)
+        model.cam_fovy[self._camera_id] = vertical_view_deg
         mujoco.mj_kinematics(model, self.data)
         mujoco.mj_camlight(model, self.data)
 
-    def picture(self, *, athlete: bool, calibration_object: bool = False) -> Image:
-        """The plate as the camera sees it: (height, width, 3) red-green-blue, the *bottom* row first."""
+    def picture(self, size: tuple[int, int], *, athlete: bool, calibration_object: bool = False) -> Image:
+        """What the camera sees, of ``size`` (width, height): red-green-blue, the *bottom* row first."""
         self._update(athlete, calibration_object)
-        return self._draw(self._plate.width, self._plate.height)
+        return self._draw(*size)
 
-    def mask(self) -> Image:
-        """Where the athlete is seen: 0 or 255, (height, width) of the plate at scale 1, the *bottom* row first."""
+    def mask(self, size: tuple[int, int]) -> Image:
+        """Where the athlete is seen: 0 or 255, of ``size`` (width, height), the *bottom* row first."""
         self._update(athlete=True, calibration_object=False)
         flags = self._scene.flags
         flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
-        coded = self._draw(self._plate.width // self._plate.scale, self._plate.height // self._plate.scale)
+        coded = self._draw(*size)
         flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 0
         table = np.zeros(self._scene.ngeom + 1, np.uint8)
         for geom in self._scene.geoms[: self._scene.ngeom]:

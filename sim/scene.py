@@ -12,7 +12,7 @@ from sim import athlete, gym
 from sim.athlete import AthleteConfig
 from sim.gym import GymConfig
 from sim.motion import MotionClip
-from sim.optics import Plate, Rig
+from sim.optics import Rig
 from sim.render import Stage
 
 
@@ -22,13 +22,18 @@ def stream(seed: int, *purpose: str | int) -> np.random.Generator:
 
 
 def build_stage(
-    seed: int, gym_config: GymConfig, athlete_config: AthleteConfig, measurements: dict[str, float], plate: Plate
+    seed: int,
+    gym_config: GymConfig,
+    athlete_config: AthleteConfig,
+    measurements: dict[str, float],
+    largest: tuple[int, int],
 ) -> Stage:
+    """The compiled scene, for pictures no larger than ``largest`` (width, height)."""
     spec = mujoco.MjSpec()
     gym.build_gym(spec, gym_config, stream(seed, "gym"))
     gym.add_calibration_object(spec)
     athlete.add_athlete(spec, measurements, athlete_config, stream(seed, "athlete"))
-    return Stage(spec, plate, athlete.GEOM_GROUP, gym.OBJECT_GROUP)
+    return Stage(spec, *largest, athlete.GEOM_GROUP, gym.OBJECT_GROUP)
 
 
 def skeleton(stage: Stage, clip: MotionClip, times_s: Array, measurements: dict[str, float]) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ from pzcap.video import frames_per_day, frames_to_timecode
 from sim import gym, motion
 from sim.athlete import AthleteConfig, draw_measurements
 from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand
-from sim.film import FilmCamera
+from sim.film import STILL_SCALE, FilmCamera
 from sim.gym import GymConfig
 from sim.motion import END_POINTS, MotionClip
 from sim.operator import Hands, OperatorConfig, follow, sweep, sweep_length, through
@@ -58,7 +58,6 @@ class ShootConfig:
     )
     sweep_frame_rate: int = 5
     zoom_frames: int = 22
-    supersampling: int = 2  # pictures are rendered so many times finer
     gym: GymConfig = field(default_factory=GymConfig)
     athlete: AthleteConfig = field(default_factory=AthleteConfig)
     operator: OperatorConfig = field(default_factory=OperatorConfig)
@@ -160,13 +159,16 @@ def _shoot(config: ShootConfig, folder: Path) -> Iterator[Progress]:
 def _assemble(config: ShootConfig, folder: Path) -> _Crew:
     measurements = draw_measurements(config.athlete, stream(config.seed, "measurements"))
     clip = motion.make(config.motion, measurements, stream(config.seed, "motion"))
-    plate = plate_for(config.width, config.height, config.optics, config.supersampling)
-    stage = build_stage(config.seed, config.gym, config.athlete, measurements, plate)
-    rigs, cameras, files = [], [], []
-    for c in range(_CAMERAS):
-        rig = build_rig(c, config.width, config.height, config.optics, stream(config.seed, "rig", c))
-        rigs.append(rig)
-        cameras.append(FilmCamera(stage, plate, rig, clip.at, config.sensor, stream(config.seed, "sensor", c)))
+    rigs = [
+        build_rig(c, config.width, config.height, config.optics, stream(config.seed, "rig", c)) for c in range(_CAMERAS)
+    ]
+    zooms = [1.0, *np.linspace(config.optics.zoom_min, config.optics.zoom_max, 9)]
+    plates = [plate_for(rig, rig.reference_focal_px * zoom).size(STILL_SCALE) for rig in rigs for zoom in zooms]
+    largest = max(width for width, _ in plates), max(height for _, height in plates)
+    stage = build_stage(config.seed, config.gym, config.athlete, measurements, largest)
+    cameras, files = [], []
+    for c, rig in enumerate(rigs):
+        cameras.append(FilmCamera(stage, rig, clip.at, config.sensor, stream(config.seed, "sensor", c)))
         name = str(c + 1)
         place = folder / f"camera{name}"
         place.mkdir(parents=True)
