@@ -33,7 +33,8 @@ class OutputConfig:
 class AppConfig:
     """Everything that `python -m experiments.run` can be told."""
 
-    seed: int = 0  # of the shoot
+    seed: int = 0  # of the shoot; stands at shoot.seed, too
+    method: str = "exact"  # or "paper"; stands at reconstruct.panzoom.method, too
     capture: str | None = None  # a capture folder made by anyone (docs/capture.md); null: shoot one
     shoot: ShootConfig = field(default_factory=ShootConfig)
     reconstruct: pipeline.Config = field(default_factory=pipeline.Config)

@@ -7,8 +7,10 @@ import os
 import re
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import av.error
+from hydra.core.utils import JobReturn, JobStatus
 from hydra.errors import HydraException, MissingConfigException
 from omegaconf.errors import OmegaConfBaseException
 
@@ -38,8 +40,22 @@ def explain(error: BaseException) -> str | None:
     return None
 
 
+def _value_or_error(job: JobReturn) -> Any:
+    """`JobReturn.return_value` without the line that Hydra prints before it raises what a job raised."""
+    if job.status == JobStatus.FAILED:
+        raise job._return_value
+    return job._return_value
+
+
+def _keep(job: JobReturn, value: Any) -> None:
+    job._return_value = value
+
+
 def guard(main: Callable[[], object]) -> int:
-    """Run ``main``; the exit status."""
+    """Run ``main``, a Hydra application; the exit status."""
+    # Hydra swallows exceptions and prints its own several lines, unless it is told to let them through.
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    setattr(JobReturn, "return_value", property(_value_or_error, _keep))  # noqa: B010
     try:
         main()
     except AlreadyReported:

@@ -110,6 +110,8 @@ def panorama_picture(
     margin = 0.06 * panorama.px_per_rad
     left = min(columns[:, 0].min() for columns in azimuths) - margin
     right = max(columns[:, 0].max() for columns in azimuths) + margin
+    wider = max(0.0, (2.6 * panorama.image.shape[0] - (right - left)) / 2)  # a strip, not a tower, where little panned
+    left, right = left - wider, right + wider
     image = _window(panorama, round(left), round(right))
     scale = min(1.0, width / image.shape[1]) if image.shape[1] > width else 1.0
     image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)

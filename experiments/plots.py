@@ -21,7 +21,6 @@ from sim.truth import Truth
 STYLE: Final[Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "pzcap",
-    "font.family": ["system-ui", "sans-serif"],
     "font.size": 9.0,
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",

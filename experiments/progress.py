@@ -32,10 +32,10 @@ class Bars:
         self._tasks: dict[str, TaskID] = {}
 
     def update(self, stage: str, done: int, total: int) -> None:
-        """Say how far ``stage`` is."""
+        """Say how far ``stage`` is; ``total`` 0 if nobody knows."""
         if stage not in self._tasks:
-            self._tasks[stage] = self._progress.add_task(stage, total=total)
-        self._progress.update(self._tasks[stage], completed=done, total=total)
+            self._tasks[stage] = self._progress.add_task(stage, total=total or None)
+        self._progress.update(self._tasks[stage], completed=done, total=total or None)
 
     def __enter__(self) -> Bars:
         self._progress.start()

@@ -14,7 +14,7 @@ from experiments.metrics import Metric, format_value, meets_target
 from experiments.score import Score
 from experiments.silhouettes import Series
 from pzcap import rerun_columns as columns
-from pzcap.rerun_columns import CAMERA_COLOURS, TRUTH_COLOUR, view_path
+from pzcap.rerun_columns import CAMERA_COLOURS, TRUTH_COLOUR, path_part, plain, view_path
 from pzcap.rerun_log import Recorder
 from pzcap.types import JOINTS, Camera, Reconstruction
 from sim.truth import Truth
@@ -42,7 +42,7 @@ def summarise(recorder: Recorder, found: Sequence[Metric], run: Mapping[str, Any
             "versions": run["versions"],
         },
     )
-    rec.log("/summary", rr.TextDocument(_page(found, run), media_type="text/markdown"), static=True)
+    rec.log("/summary", rr.TextDocument(plain(_page(found, run)), media_type="text/markdown"), static=True)
     names = tuple(camera.name for camera in recorder.capture.cameras)
     rec.send_blueprint(layout(names, scored=any(metric.key.startswith("panzoom") for metric in found)))
 
@@ -75,7 +75,7 @@ def _send_truth(rec: rr.RecordingStream, reconstruction: Reconstruction, truth: 
 
 def _send_errors(rec: rr.RecordingStream, reconstruction: Reconstruction, result: Score) -> None:
     for number, (name, errors) in enumerate(zip(reconstruction.camera_names, result.cameras, strict=True)):
-        colour, part = CAMERA_COLOURS[number % len(CAMERA_COLOURS)], rr.escape_entity_path_part(name)
+        colour, part = CAMERA_COLOURS[number % len(CAMERA_COLOURS)], path_part(name)
         views = None if result.foreground is None else result.foreground[number]
         plots: list[tuple[str, Series | None, float, str]] = [
             ("pan", errors.pan_rad, np.degrees(1.0), "deg"),
@@ -90,7 +90,7 @@ def _send_errors(rec: rr.RecordingStream, reconstruction: Reconstruction, result
         ]
         for kind, series, scale, unit in plots:
             if series is not None:
-                label = f"{kind} {name} [{unit}]"
+                label = f"{kind} {plain(name)} [{unit}]"
                 columns.send_series(rec, f"/error/{kind}/{part}", scale * series.values, series.valid, colour, label)
     body = result.body
     if body is None:
@@ -118,7 +118,7 @@ def layout(names: Sequence[str], *, scored: bool) -> rrb.Blueprint:
         contents=[
             "/world/**",
             "/truth/body/**",
-            *(f"/truth/camera/{rr.escape_entity_path_part(name)}/view" for name in names),
+            *(f"/truth/camera/{path_part(name)}/view" for name in names),
             *(f"- {view_path('/world', name)}/{over}" for name in names for over in ("matches", "outline", "skeleton")),
         ],
         background=(24, 25, 30),
@@ -135,8 +135,8 @@ def layout(names: Sequence[str], *, scored: bool) -> rrb.Blueprint:
     panoramas = rrb.Vertical(
         *(
             rrb.Spatial2DView(
-                name=f"Panorama {name}",
-                origin=f"/panorama/{rr.escape_entity_path_part(name)}",
+                name=f"Panorama {plain(name)}",
+                origin=f"/panorama/{path_part(name)}",
                 contents=["$origin/**", "- $origin/matches"],
             )
             for name in names
@@ -157,7 +157,7 @@ def layout(names: Sequence[str], *, scored: bool) -> rrb.Blueprint:
 def _view(name: str) -> rrb.Spatial2DView:
     view, true = view_path("/world", name), view_path("/truth", name)
     return rrb.Spatial2DView(
-        name=f"Camera {name}",
+        name=f"Camera {plain(name)}",
         origin=view,
         contents=[f"{view}/image", f"{view}/outline", f"{view}/skeleton", f"{true}/skeleton"],
     )
@@ -165,8 +165,7 @@ def _view(name: str) -> rrb.Spatial2DView:
 
 def _reference(names: Sequence[str]) -> rrb.Grid:
     views = [
-        rrb.Spatial2DView(name=f"Reference {name}", origin=f"/reference/{rr.escape_entity_path_part(name)}")
-        for name in names
+        rrb.Spatial2DView(name=f"Reference {plain(name)}", origin=f"/reference/{path_part(name)}") for name in names
     ]
     return rrb.Grid(*views, name="Reference")
 
@@ -174,21 +173,23 @@ def _reference(names: Sequence[str]) -> rrb.Grid:
 def _foreground(names: Sequence[str]) -> rrb.Grid:
     views = []
     for name in names:
-        path = f"/foreground/{rr.escape_entity_path_part(name)}"
-        views.append(rrb.Spatial2DView(name=f"Background {name}", origin=f"{path}/background"))
-        views.append(rrb.Spatial2DView(name=f"Foreground {name}", origin=f"{path}/probability"))
+        path = f"/foreground/{path_part(name)}"
+        views.append(rrb.Spatial2DView(name=f"Background {plain(name)}", origin=f"{path}/background"))
+        views.append(rrb.Spatial2DView(name=f"Foreground {plain(name)}", origin=f"{path}/probability"))
     return rrb.Grid(*views, name="Foreground", grid_columns=4)
 
 
 def _matches(names: Sequence[str]) -> rrb.Vertical:
     rows = []
     for name in names:
-        view, panorama = view_path("/world", name), f"/panorama/{rr.escape_entity_path_part(name)}"
+        view, panorama = view_path("/world", name), f"/panorama/{path_part(name)}"
         rows.append(
             rrb.Horizontal(
-                rrb.Spatial2DView(name=f"Frame {name}", origin=view, contents=[f"{view}/image", f"{view}/matches"]),
                 rrb.Spatial2DView(
-                    name=f"Matches {name}",
+                    name=f"Frame {plain(name)}", origin=view, contents=[f"{view}/image", f"{view}/matches"]
+                ),
+                rrb.Spatial2DView(
+                    name=f"Matches {plain(name)}",
                     origin=panorama,
                     contents=[f"{panorama}/image", f"{panorama}/matches", f"{panorama}/frame"],
                 ),
@@ -222,7 +223,7 @@ def _plots(scored: bool) -> rrb.Container:
 
 
 def _page(found: Sequence[Metric], run: Mapping[str, Any]) -> str:
-    marks = {True: "✔", False: "✘", None: ""}
+    marks = {True: "reached", False: "**missed**", None: ""}
     rows = [
         f"| {metric.key} | {format_value(metric)} | {metric.unit} | {marks[meets_target(metric)]} |"
         for metric in found

@@ -193,7 +193,7 @@ def _panoramas(material: Material) -> list[Picture]:
         cameras = instants(camera, track)
         drawn: list[tuple[Array, bool]] = []
         if motion is not None and body is not None:
-            between = np.linspace(0, len(body) - 1, 14).astype(int)
+            between = np.linspace(0, len(body) - 1, min(14, 1 + len(body) // 8)).astype(int)
             frames = sorted({int(f) for f in between if motion.valid[f]} | {int(f) for f in motion.keyframes})
             drawn = [(body[frame], frame in motion.keyframes) for frame in frames]
         borders = [at for frame in some if (at := cameras[frame]) is not None]

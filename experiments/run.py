@@ -70,7 +70,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     capture = read_capture(shot)
     truth = _truth(shot)
 
-    name = f"{capture.name}, {config.reconstruct.method}, seed {config.seed}"
+    name = f"{capture.name}, {config.method}, seed {config.seed}"
     with ExitStack() as stack:
         recorder = None
         if config.output.recording:
@@ -238,8 +238,6 @@ def _job(composed: DictConfig) -> None:
 
 def main() -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
-    # Hydra swallows exceptions and prints its own several lines, unless it is told to let them through.
-    os.environ["HYDRA_FULL_ERROR"] = "1"
     command: Callable[[], object] = _job
     return guard(command)
 

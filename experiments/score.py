@@ -86,12 +86,20 @@ def score(reconstruction: Reconstruction, truth: Truth, foreground: tuple[Foregr
 # Cameras
 
 
-def project_true(world_T_cam: Array, focal_px: float, principal_px: Array, k1: float, points_m: Array) -> Array:
-    """World points (N, 3) to pixels (N, 2) and depth: (N, 3). The lens of pzcap.types, written out a second time."""
+def project_true(
+    world_T_cam: Array, focal_px: float, principal_px: Array, k1: float, points_m: Array
+) -> tuple[Array, Mask]:
+    """World points (N, 3) to pixels (N, 2), and which of them can be seen at all (N,).
+
+    The lens of pzcap.types, written out a second time. With barrel distortion the radius grows to a largest value and
+    then folds back: what lies beyond is never seen, though the formula puts it into the image.
+    """
     cam = (np.linalg.inv(world_T_cam) @ np.column_stack([points_m, np.ones(len(points_m))]).T)[:3]
     x, y = cam[0] / cam[2], cam[1] / cam[2]
-    factor = focal_px * (1.0 + k1 * (x * x + y * y))
-    return np.column_stack([principal_px[0] + factor * x, principal_px[1] + factor * y, cam[2]])
+    squared = x * x + y * y
+    factor = focal_px * (1.0 + k1 * squared)
+    pixels = np.column_stack([principal_px[0] + factor * x, principal_px[1] + factor * y])
+    return pixels, (cam[2] > 0.1) & (1.0 + 3.0 * k1 * squared > 0.0)
 
 
 def _camera_errors(
@@ -108,8 +116,8 @@ def _camera_errors(
         sweep = _wrap(panorama.sweep_pan_rad - truth.sweep_pan_rad[true])
         found["sweep_pan_rad"] = _wrap(sweep - np.angle(np.mean(np.exp(1j * sweep))))
     if track is not None:
-        pan = _wrap(track.pan_rad - truth.pan_rad[true, frames])
-        focal = track.focal_px / truth.focal_px[true, frames] - 1.0
+        pan = np.where(track.valid, _wrap(track.pan_rad - truth.pan_rad[true, frames]), 0.0)
+        focal = np.where(track.valid, track.focal_px / truth.focal_px[true, frames] - 1.0, 0.0)
         found["pan_rad"], found["focal"] = Series(pan, track.valid), Series(focal, track.valid)
         found["pan_sigma_rad"] = Series(np.sqrt(np.maximum(track.covariance[:, 0, 0], 0.0)), track.valid)
         found["focal_sigma"] = Series(np.sqrt(np.maximum(track.covariance[:, 1, 1], 0.0)), track.valid)
@@ -148,15 +156,14 @@ def _reprojection(
     rms, valid, distances = np.zeros(len(frames)), np.zeros(len(frames), bool), []
     for frame in np.flatnonzero(track.valid):
         here = true, frames[frame]
-        seen = project_true(
-            truth.world_T_cam[here], truth.focal_px[here], truth.principal_px[here], truth.k1[here], points_m
-        )
-        inside = (seen[:, 2] > 0.1) & np.all((seen[:, :2] >= 0) & (seen[:, :2] <= [width - 1, height - 1]), axis=1)
+        numbers = truth.world_T_cam[here], truth.focal_px[here], truth.principal_px[here], truth.k1[here]
+        seen, inside = project_true(*numbers, points_m)
+        inside &= np.all((seen >= 0) & (seen <= [width - 1, height - 1]), axis=1)
         if not inside.any():
             continue
         estimated = camera_model.at(camera, track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame])
         pixels, depth = camera_model.project(estimated, points_m[inside])
-        distance = np.minimum(np.linalg.norm(pixels - seen[inside, :2], axis=1), diagonal)
+        distance = np.minimum(np.linalg.norm(pixels - seen[inside], axis=1), diagonal)
         distance[depth <= 0.0] = diagonal
         distances.append(distance)
         rms[frame], valid[frame] = np.sqrt(np.mean(distance**2)), True

@@ -57,9 +57,19 @@ REFERENCE_PLANE_M: Final = 2.0
 focal length, so the frustum grows long and narrow as the camera zooms in (as in the paper's Fig. 11)."""
 
 
+def plain(text: str) -> str:
+    """``text`` in ASCII, other characters as escapes: the viewer's font has few, and it dies of one that is missing."""
+    return text.encode("ascii", "backslashreplace").decode("ascii")
+
+
+def path_part(name: str) -> str:
+    """A camera's name as part of an entity path."""
+    return rr.escape_entity_path_part(plain(name))
+
+
 def camera_path(root: str, name: str) -> str:
     """Where a camera stands in 3D, under ``root`` ("/world" or "/truth")."""
-    return f"{root}/camera/{rr.escape_entity_path_part(name)}"
+    return f"{root}/camera/{path_part(name)}"
 
 
 def view_path(root: str, name: str) -> str:
@@ -96,7 +106,9 @@ def send_reconstruction(rec: rr.RecordingStream, reconstruction: Reconstruction,
         if subject is not None:
             send_skin(rec, "/world/body/skin", subject, motion)
     notes = "\n".join(f"- {note}" for note in reconstruction.notes) or "Every stage ran."
-    rec.log("/notes", rr.TextDocument(f"{frames} frame sets.\n\n{notes}", media_type="text/markdown"), static=True)
+    rec.log(
+        "/notes", rr.TextDocument(plain(f"{frames} frame sets.\n\n{notes}"), media_type="text/markdown"), static=True
+    )
 
 
 def instants(camera: PanZoomCamera, track: PanZoomTrack) -> list[Camera | None]:
@@ -148,9 +160,9 @@ def send_tracks(
     rec: rr.RecordingStream, root: str, name: str, pan_rad: Array, focal_px: Array, valid: Mask, colour: Colour
 ) -> None:
     """Pan in degrees and focal length in pixels, as plots."""
-    part = rr.escape_entity_path_part(name)
-    send_series(rec, f"{root}/pan/{part}", np.degrees(pan_rad), valid, colour, f"pan {name} [deg]")
-    send_series(rec, f"{root}/focal/{part}", focal_px, valid, colour, f"focal {name} [px]")
+    part = path_part(name)
+    send_series(rec, f"{root}/pan/{part}", np.degrees(pan_rad), valid, colour, f"pan {plain(name)} [deg]")
+    send_series(rec, f"{root}/focal/{part}", focal_px, valid, colour, f"focal {plain(name)} [px]")
 
 
 def send_series(
@@ -173,7 +185,7 @@ def send_footprints(
 ) -> None:
     """The border of every frame on the panorama (Fig. 5)."""
     strips = [[] if at is None else footprint(panorama, camera, at) for at in cameras]
-    _send_strips(rec, f"/panorama/{rr.escape_entity_path_part(name)}/frame", strips, rr.LineStrips2D, colour, 2.0)
+    _send_strips(rec, f"/panorama/{path_part(name)}/frame", strips, rr.LineStrips2D, colour, 2.0)
 
 
 def footprint(panorama: Panorama, camera: PanZoomCamera, at: Camera) -> list[Array]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from pzcap.capture import read_image
 from pzcap.pipeline import CameraPrepared, Event, FrameLocalised, FrameSeparated
-from pzcap.rerun_columns import OUTLINE_COLOUR, TIMELINE, project_edges, view_path
+from pzcap.rerun_columns import OUTLINE_COLOUR, TIMELINE, path_part, plain, project_edges, view_path
 from pzcap.types import (
     Array,
     Capture,
@@ -58,7 +58,7 @@ class Recorder:
         self.rec.set_log_time_enabled(False)
         self.rec.set_log_tick_enabled(False)
         self.rec.save(self._partial)
-        self.rec.send_recording_name(name)
+        self.rec.send_recording_name(plain(name))
         self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(MAX_PENDING)
         self._worker = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._worker.start()
@@ -128,7 +128,7 @@ class Recorder:
         self._queue.task_done()
 
     def _prepared(self, event: CameraPrepared, name: str) -> None:
-        part, prepared = rr.escape_entity_path_part(name), event.prepared
+        part, prepared = path_part(name), event.prepared
         if prepared is not None:
             log_panorama(self.rec, f"/panorama/{part}", prepared.panorama, self._quality)
         path = self.capture.cameras[event.index].reference
@@ -218,7 +218,7 @@ def log_matches(rec: rr.RecordingStream, name: str, found: Localisation | None) 
     """Matches in the frame and in the panorama; both ends of one have one colour (Fig. 9)."""
     for path, points in (
         (f"{view_path('/world', name)}/matches", None if found is None else found.frame_points_px),
-        (f"/panorama/{rr.escape_entity_path_part(name)}/matches", None if found is None else found.panorama_points_px),
+        (f"/panorama/{path_part(name)}/matches", None if found is None else found.panorama_points_px),
     ):
         if points is None or found is None or not len(points):
             rec.log(path, rr.Clear(recursive=False))
@@ -229,7 +229,7 @@ def log_matches(rec: rr.RecordingStream, name: str, found: Localisation | None) 
 
 def log_silhouette(rec: rr.RecordingStream, name: str, silhouette: Silhouette | None, jpeg_quality: int = 75) -> None:
     """The outline over the view; the warped panorama and the probability as pictures of half the size."""
-    part = rr.escape_entity_path_part(name)
+    part = path_part(name)
     outline, pictures = f"{view_path('/world', name)}/outline", f"/foreground/{part}"
     if silhouette is None or not silhouette.valid:
         rec.log(outline, rr.Clear(recursive=False))
