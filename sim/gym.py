@@ -110,7 +110,7 @@ def _face(index: int) -> tuple[Array, Array, Array]:
 
 def _light(spec: mujoco.MjSpec, config: GymConfig) -> None:
     """Even light from above: most of it ambient, and three directional lights of which one casts shadows."""
-    spec.visual.headlight.ambient = [0.76] * 3
+    spec.visual.headlight.ambient = [0.67] * 3
     spec.visual.headlight.diffuse = [0, 0, 0]  # it turns with the camera, which no lamp does
     spec.visual.headlight.specular = [0, 0, 0]
     spec.visual.quality.shadowsize = 2048  # 12 mm a texel; twice that costs a third of a frame's time
@@ -121,11 +121,12 @@ def _light(spec: mujoco.MjSpec, config: GymConfig) -> None:
     spec.stat.extent = HALL_M[0] / 2
     spec.visual.map.shadowclip = 12.0 / spec.stat.extent  # the shadow map reaches 12 m from the main light's axis
     for name, direction, strength, shadow in (
-        ("light_main", (0.2, 0.12, -1.0), 0.2, config.shadows),
-        ("light_west", (-0.8, 0.5, -0.6), 0.06, False),
-        ("light_south", (0.4, -0.9, -0.5), 0.06, False),
+        ("light_main", (0.24, 0.15, -1.0), 0.3, config.shadows),
+        ("light_north_east", (0.8, 0.6, 0.0), 0.2, False),  # level: brightens walls, and no shadow on the floor
+        ("light_south_west", (-0.8, -0.6, 0.0), 0.24, False),
     ):
         spec.worldbody.add_light(
-            name=name, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0, 0, 5.0], dir=direction,
+            name=name, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, dir=direction,
+            pos=[0, 0, 5.3],  # what is behind it casts no shadow: above every jump, below beams and ducts
             diffuse=[strength] * 3, ambient=[0, 0, 0], specular=[0, 0, 0], castshadow=shadow,
         )  # fmt: skip

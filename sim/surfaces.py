@@ -85,7 +85,7 @@ def upper_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
 def floor(px_per_m: float, rng: np.random.Generator) -> Canvas:
     """Strip parquet with the lines of four games; the canvas's up is the world's y."""
     canvas = Canvas.blank(HALL_M[0], HALL_M[1], px_per_m, (150, 126, 94))
-    colours = ((158, 128, 90), (148, 118, 82), (166, 138, 100), (152, 124, 92))
+    colours = ((182, 150, 108), (172, 140, 100), (190, 160, 118), (176, 146, 110))
     courses(canvas, rng, colours, unit_m=(1.1, 0.12), joint_m=0.012, joint=(104, 80, 56), spread=7)
     weather(canvas.image, grain(canvas.image.shape, rng, 5, stretch=(1, 6)))
     for size, share, change in ((0.02, 0.08, -24), (0.02, 0.05, 18), (0.08, 0.04, -12)):
