@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.special import expit
 from scipy.spatial.transform import Rotation
+from scipy.special import expit
 
 from pzcap.types import HINGE_AXES, SEGMENTS, Array, Mask
 from sim.anthropometry import body_tree, joint_limit_rad
@@ -32,9 +32,10 @@ _SMOOTH_RAD_S2: Final = 120.0  # angular acceleration
 _SUPPORTED_M_S2: Final = 15.0  # acceleration of the centre of mass while something stands on the floor
 _EDGE_M_S2: Final = 5.0
 _BALLISTIC_M_S2: Final = 0.05
-_SPIN_M2_S: Final = 0.002  # change of angular momentum from knot to knot, over the body's mass
+_SUPPORTED_SPIN_M2_S2: Final = 8.0  # rate of change of angular momentum over the body's mass
+_SPIN_M2_S2: Final = 0.2
 _CONTACT_M: Final = 0.0004
-_PASSING_M: Final = 0.008
+_PASSING_M: Final = 0.015
 _FLOOR_M: Final = 0.001
 _FLOOR_SOFT_M: Final = 0.002
 _LIMIT_RAD: Final = 0.01
@@ -130,16 +131,14 @@ class _Problem:
             normal.add(first, parts, bend[first] - target, sigma)
 
     def _angular_momentum(self, normal: NormalEquations, frames: Frames, hardness: float) -> None:
-        """In flight the angular momentum about the centre of mass stays what it was at take-off.
+        """In flight the angular momentum about the centre of mass stays what it was at take-off; else it may change.
 
         Between two knots it is the sum of m r x r' over mass points at r and then r', relative to the centre of mass;
         since the sum of m r vanishes, the centre's own motion drops out of the derivative.
         """
-        first = np.flatnonzero(self.flight[1:-1])
-        if len(first) == 0:
-            return
-        parts = np.zeros((3, len(first), 3, DOF))
-        change = np.zeros((len(first), 3))
+        count = len(frames.roots_m) - 2
+        parts = np.zeros((3, count, 3, DOF))
+        change = np.zeros((count, 3))
         centre = frames.centre_of_mass()
         for s, (mass, middle, spread) in enumerate(
             zip(frames.tree.masses, frames.tree.centres_m, frames.tree.gyration_m, strict=True)
@@ -148,12 +147,17 @@ class _Problem:
                 points = frames.points(s, middle + np.array([0.0, 0.0, end]))
                 jacobian = 0.5 * mass * KNOT_RATE * frames.jacobian(s, points)
                 arms = points - centre
-                a, b, c = (skew(arms[first + i]) for i in range(3))
-                change += 0.5 * mass * KNOT_RATE * ((b @ (arms[first + 2] + arms[first])[:, :, None])[:, :, 0])
-                parts[0] += b @ jacobian[first]
-                parts[1] -= (a + c) @ jacobian[first + 1]
-                parts[2] += b @ jacobian[first + 2]
-        normal.add(first, list(parts), change, _SPIN_M2_S / hardness)
+                a, b, c = (skew(arms[i : i + count]) for i in range(3))
+                change += 0.5 * mass * KNOT_RATE * ((b @ (arms[2:] + arms[:-2])[:, :, None])[:, :, 0])
+                parts[0] += b @ jacobian[:-2]
+                parts[1] -= (a + c) @ jacobian[1:-1]
+                parts[2] += b @ jacobian[2:]
+        for where, sigma in (
+            (self.flight[1:-1], _SPIN_M2_S2 / hardness),
+            (~self.flight[1:-1], _SUPPORTED_SPIN_M2_S2),
+        ):
+            first = np.flatnonzero(where)
+            normal.add(first, [part[first] for part in parts], change[first], sigma / KNOT_RATE)
 
     def _floor(self, normal: NormalEquations, frames: Frames, hardness: float) -> None:
         for point, stand in zip(self.points, self.stand, strict=True):
@@ -283,8 +287,8 @@ def _centre_path(times: Array, centre: Array, flight: Mask, dense: Array) -> Arr
     edges = np.flatnonzero(np.diff(flight.astype(int)))
     # Flight begins at the last knot that stands and ends at the first that stands again.
     starts, ends = edges[~flight[edges]], edges[flight[edges]] + 1
-    free = (2, np.zeros(3))  # no acceleration where the clip begins and ends
-    slopes = [free]
+    # No acceleration where the clip begins and ends; elsewhere a stance has the speeds of the flights beside it.
+    slopes: list[tuple[Literal[1, 2], Array]] = [(2, np.zeros(3))]
     for a, b in zip(starts, ends, strict=True):
         span = times[b] - times[a]
         speed = (centre[b] - centre[a]) / span - GRAVITY * span / 2
@@ -292,10 +296,9 @@ def _centre_path(times: Array, centre: Array, flight: Mask, dense: Array) -> Arr
         t = (dense[inside] - times[a])[:, None]
         out[inside] = centre[a] + speed * t + GRAVITY * t**2 / 2
         slopes += [(1, speed), (1, speed + GRAVITY * span)]
-    slopes.append(free)
+    slopes.append((2, np.zeros(3)))
     lows, highs = [0, *ends], [*starts, len(times) - 1]
-    for i, (a, b) in enumerate(zip(lows, highs, strict=True)):
-        left, right = slopes[2 * i], slopes[2 * i + 1]
+    for a, b, left, right in zip(lows, highs, slopes[::2], slopes[1::2], strict=True):
         inside = (dense >= times[a]) & (dense <= times[b])
         out[inside] = CubicSpline(times[a : b + 1], centre[a : b + 1], bc_type=(left, right))(dense[inside])
     return out

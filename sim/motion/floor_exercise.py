@@ -22,101 +22,101 @@ FRAMES: Final = 171
 
 # Running: foot, touch-down, take-off.
 _STRIDES: Final[tuple[tuple[str, float, float], ...]] = (
-    ("left", 0.44, 0.68), ("right", 0.72, 0.92), ("left", 0.98, 1.16), ("right", 1.24, 1.40), ("left", 1.48, 1.64),
-    ("right", 1.72, 1.90),
+    ("left", 0.34, 0.58), ("right", 0.62, 0.82), ("left", 0.88, 1.06), ("right", 1.14, 1.34),
 )  # fmt: skip
 
 _CONTACTS: Final[tuple[Contact, ...]] = (
-    Contact("left_heel", 0.0, 0.20), Contact("left_toe", 0.0, 0.30),
-    Contact("right_heel", 0.0, 0.36), Contact("right_toe", 0.0, 0.50),
+    Contact("left_heel", 0.00, 0.15), Contact("left_toe", 0.00, 0.20),
+    Contact("right_heel", 0.00, 0.26), Contact("right_toe", 0.00, 0.40),
     # hurdle: the right foot hops, the left steps into the lunge
-    Contact("right_toe", 2.18, 2.42), Contact("left_heel", 2.37, 2.55), Contact("left_toe", 2.40, 2.67),
+    Contact("right_toe", 1.64, 1.90), Contact("left_heel", 1.85, 2.05), Contact("left_toe", 1.88, 2.18),
     # round-off
-    Contact("left_hand", 2.58, 2.87), Contact("right_hand", 2.67, 2.97),
-    Contact("left_toe", 3.11, 3.23), Contact("right_toe", 3.11, 3.23),
+    Contact("left_hand", 2.08, 2.38), Contact("right_hand", 2.18, 2.50),
+    Contact("left_toe", 2.71, 2.86), Contact("right_toe", 2.71, 2.86),
     # back handspring
-    Contact("left_hand", 3.40, 3.60), Contact("right_hand", 3.40, 3.60),
-    Contact("left_toe", 3.71, 3.83), Contact("right_toe", 3.71, 3.83),
+    Contact("left_hand", 3.08, 3.34), Contact("right_hand", 3.08, 3.34),
+    Contact("left_toe", 3.50, 3.65), Contact("right_toe", 3.50, 3.65),
     # landing
-    Contact("left_toe", 4.65, 6.0), Contact("right_toe", 4.65, 6.0),
-    Contact("left_heel", 4.71, 6.0), Contact("right_heel", 4.71, 6.0),
+    Contact("left_toe", 4.51, 6.0), Contact("right_toe", 4.51, 6.0),
+    Contact("left_heel", 4.57, 6.0), Contact("right_heel", 4.57, 6.0),
 )  # fmt: skip
 
 # Somersaulting (about the axis to the left of the direction of travel) and twist (about the body's long axis), degrees.
 _TUMBLE: Final = [
-    (0.0, 0), (0.3, 12), (0.6, 14), (1.2, 10), (1.8, 5), (1.9, 0), (2.05, -6), (2.18, 2), (2.40, 25), (2.60, 92),
-    (2.72, 140), (2.85, 188), (2.97, 236), (3.11, 305), (3.23, 383), (3.40, 500), (3.50, 548), (3.60, 592),
-    (3.71, 655), (3.83, 715), (3.98, 768), (4.08, 830), (4.23, 930), (4.38, 1005), (4.53, 1042), (4.65, 1052),
-    (4.81, 1042), (5.18, 1078), (5.33, 1080),
+    (0.00, 0), (0.20, 12), (0.47, 14), (0.87, 10), (1.27, 5), (1.34, 0), (1.50, -6), (1.64, 2), (1.77, 11),
+    (1.88, 30), (1.99, 62), (2.10, 98),
+    (2.24, 143), (2.40, 190), (2.51, 232), (2.71, 314), (2.85, 378), (3.08, 490), (3.20, 542), (3.34, 590),
+    (3.50, 652), (3.65, 712), (3.81, 768), (3.91, 830), (4.07, 930), (4.23, 1005), (4.38, 1042), (4.51, 1052),
+    (4.67, 1042), (5.04, 1078), (5.19, 1080),
 ]  # fmt: skip
-_TWIST: Final = [(0.0, 0), (2.38, 0), (2.60, -48), (2.72, -85), (2.85, -105), (2.97, -145), (3.11, -180), (6.0, -180)]
+_TWIST: Final = [(0.00, 0), (1.79, 0), (2.10, -50), (2.24, -85), (2.40, -105), (2.51, -140), (2.71, -180), (6.0, -180)]
 
 # Root along the path (m) and height (hip heights when standing).
 _TRAVEL: Final = [
-    (0.0, 0.0), (0.25, 0.05), (0.5, 0.40), (0.9, 1.45), (1.4, 3.25), (1.9, 5.15), (2.18, 6.15), (2.62, 7.6),
-    (2.98, 8.7), (3.11, 8.95), (3.23, 9.25), (3.40, 9.75), (3.60, 10.3), (3.71, 10.6), (3.83, 10.85), (4.65, 12.2),
-    (4.93, 12.35), (5.23, 12.4),
+    (0.00, 0.00), (0.18, 0.05), (0.40, 0.40), (0.80, 1.40), (1.34, 3.20), (1.64, 4.20), (2.12, 5.65), (2.54, 6.75),
+    (2.69, 7.00), (2.83, 7.30), (3.08, 7.80), (3.34, 8.35), (3.50, 8.65), (3.65, 8.90), (4.51, 10.25),
+    (4.79, 10.40), (5.09, 10.45),
 ]  # fmt: skip
 _HEIGHT: Final = [
-    (0.0, 1.0), (0.3, 0.97), (1.8, 0.97), (1.92, 1.02), (2.05, 1.10), (2.18, 1.0), (2.45, 0.88), (2.6, 0.95),
-    (2.8, 1.18), (2.98, 1.15), (3.11, 0.92), (3.17, 0.86), (3.23, 0.95), (3.31, 1.08), (3.40, 1.15), (3.50, 1.2),
-    (3.60, 1.15), (3.71, 0.93), (3.77, 0.87), (3.83, 1.0), (4.23, 1.8), (4.65, 0.85), (4.81, 0.62), (5.18, 0.98),
+    (0.00, 1.0), (0.20, 0.97), (1.27, 0.97), (1.36, 1.02), (1.50, 1.10), (1.64, 1.0), (1.94, 0.88), (2.10, 0.95),
+    (2.34, 1.18), (2.54, 1.15), (2.69, 0.92), (2.76, 0.86), (2.83, 0.95), (2.94, 1.08), (3.08, 1.15), (3.20, 1.2),
+    (3.34, 1.15), (3.50, 0.93), (3.58, 0.87), (3.65, 1.0), (4.07, 1.8), (4.51, 0.85), (4.67, 0.62), (5.04, 0.98),
 ]  # fmt: skip
 
 _KEYS: Final[tuple[tuple[float, Keys], ...]] = (
-    (0.0, {"shoulder": (20, 10, 0), "elbow": 15, "hip": (0, 5, 0), "knee": 4, "ankle": 0, "trunk": (0, 0, 0)}),
+    (0.00, {"shoulder": (20, 10, 0), "elbow": 15, "hip": (0, 5, 0), "knee": 4, "ankle": 0, "trunk": (0, 0, 0)}),
     # hurdle: take-off from the right foot, left knee and arms up
-    (1.90, {"right_hip": (-18, 3, 0), "right_knee": 12, "right_ankle": 28, "left_hip": (65, 3, 0), "left_knee": 85,
+    (1.34, {"right_hip": (-18, 3, 0), "right_knee": 12, "right_ankle": 28, "left_hip": (65, 3, 0), "left_knee": 85,
             "left_ankle": 10, "shoulder": (60, 10, 0), "elbow": 50, "trunk": (5, 0, 0)}),
-    (2.05, {"right_hip": (5, 3, 0), "right_knee": 35, "right_ankle": 20, "left_hip": (85, 3, 0), "left_knee": 80,
+    (1.50, {"right_hip": (5, 3, 0), "right_knee": 35, "right_ankle": 20, "left_hip": (85, 3, 0), "left_knee": 80,
             "left_ankle": 20, "shoulder": (155, 10, 0), "elbow": 15}),
-    (2.18, {"right_hip": (18, 3, 0), "right_knee": 22, "right_ankle": 5, "left_hip": (75, 3, 0), "left_knee": 40,
+    (1.64, {"right_hip": (18, 3, 0), "right_knee": 22, "right_ankle": 5, "left_hip": (75, 3, 0), "left_knee": 40,
             "left_ankle": 10, "shoulder": (165, 5, 0), "elbow": 8, "trunk": (0, 0, 0)}),
-    (2.28, {"right_knee": 35, "right_ankle": -12}),
-    (2.40, {"right_hip": (0, 3, 0), "right_knee": 20, "right_ankle": 20, "left_hip": (62, 3, 0), "left_knee": 18,
+    (1.75, {"right_knee": 35, "right_ankle": -12}),
+    (1.88, {"right_hip": (0, 3, 0), "right_knee": 20, "right_ankle": 20, "left_hip": (62, 3, 0), "left_knee": 18,
             "left_ankle": -2, "shoulder": (165, 0, 0), "elbow": 5, "trunk": (10, 0, 0)}),
     # round-off: the right leg kicks over, the left pushes and follows, hands left then right
-    (2.50, {"left_knee": 42, "left_ankle": -12, "left_hip": (90, 3, 0)}),
-    (2.60, {"right_hip": (-20, 12, 0), "right_knee": 5, "right_ankle": 40, "left_hip": (88, 10, 0), "left_knee": 25,
+    (1.99, {"left_knee": 42, "left_ankle": -12, "left_hip": (90, 3, 0)}),
+    (2.10, {"right_hip": (-20, 12, 0), "right_knee": 5, "right_ankle": 40, "left_hip": (88, 10, 0), "left_knee": 25,
             "left_ankle": 5, "wrist": 40, "trunk": (12, 0, 0)}),
-    (2.67, {"left_hip": (72, 20, 0), "left_knee": 8, "left_ankle": 35, "wrist": 70}),
-    (2.74, {"right_hip": (5, 42, 0), "left_hip": (30, 45, 0), "left_knee": 3, "trunk": (0, 0, 0)}),
-    (2.86, {"right_hip": (5, 18, 0), "left_hip": (5, 25, 0), "ankle": 45, "shoulder": (165, 0, 0), "wrist": 70}),
-    (2.97, {"hip": (35, 5, 0), "knee": 8, "wrist": 40, "trunk": (15, 0, 0), "shoulder": (165, 0, 0)}),
-    (3.11, {"hip": (42, 4, 0), "knee": 22, "ankle": 15, "wrist": 10, "shoulder": (135, 0, 0), "elbow": 10,
-            "trunk": (15, 0, 0), "neck": (0, 0, 0)}),
+    (2.18, {"left_hip": (72, 20, 0), "left_knee": 8, "left_ankle": 35, "wrist": 70}),
+    (2.29, {"right_hip": (5, 42, 0), "left_hip": (34, 45, 0), "left_knee": 3, "trunk": (0, 0, 0)}),
+    (2.43, {"right_hip": (5, 22, 0), "left_hip": (8, 30, 0), "ankle": 45, "shoulder": (165, 0, 0), "wrist": 70}),
+    (2.51, {"hip": (32, 5, 0), "knee": 8, "wrist": 40, "trunk": (15, 0, 0), "shoulder": (165, 0, 0)}),
+    (2.71, {"hip": (42, 4, 0), "knee": 22, "ankle": 15, "wrist": 10, "shoulder": (150, 0, 0), "elbow": 10,
+            "trunk": (12, 0, 0), "neck": (0, 0, 0)}),
     # back handspring
-    (3.17, {"hip": (35, 4, 0), "knee": 48, "ankle": -5, "shoulder": (125, 5, 0)}),
-    (3.23, {"hip": (0, 4, 0), "knee": 18, "ankle": 35, "shoulder": (150, 5, 0), "trunk": (-8, 0, 0)}),
-    (3.31, {"hip": (-18, 4, 0), "knee": 18, "ankle": 45, "shoulder": (165, 3, 0), "trunk": (-45, 0, 0),
+    (2.78, {"hip": (35, 4, 0), "knee": 48, "ankle": -5, "shoulder": (152, 5, 0), "trunk": (0, 0, 0)}),
+    (2.85, {"hip": (0, 4, 0), "knee": 18, "ankle": 35, "shoulder": (156, 5, 0), "trunk": (-12, 0, 0)}),
+    (2.94, {"hip": (-18, 4, 0), "knee": 18, "ankle": 45, "shoulder": (162, 3, 0), "trunk": (-24, 0, 0),
             "neck": (-35, 0, 0), "wrist": 30}),
-    (3.40, {"hip": (-18, 4, 0), "knee": 28, "trunk": (-45, 0, 0), "wrist": 75, "elbow": 8}),
-    (3.50, {"hip": (-4, 3, 0), "knee": 12, "trunk": (-18, 0, 0), "wrist": 75, "elbow": 12, "neck": (-25, 0, 0)}),
-    (3.60, {"hip": (18, 3, 0), "knee": 5, "ankle": 45, "trunk": (12, 0, 0), "wrist": 45, "elbow": 3,
+    (3.08, {"hip": (-18, 4, 0), "knee": 28, "trunk": (-36, 0, 0), "wrist": 75, "elbow": 8}),
+    (3.20, {"hip": (-4, 3, 0), "knee": 12, "trunk": (-18, 0, 0), "wrist": 75, "elbow": 12, "neck": (-25, 0, 0)}),
+    (3.34, {"hip": (18, 3, 0), "knee": 5, "ankle": 45, "trunk": (8, 0, 0), "wrist": 45, "elbow": 3,
             "shoulder": (165, 0, 0), "neck": (0, 0, 0)}),
-    (3.71, {"hip": (42, 4, 0), "knee": 18, "ankle": 15, "trunk": (18, 0, 0), "wrist": 5, "shoulder": (145, 0, 0)}),
-    (3.77, {"hip": (30, 4, 0), "knee": 36, "ankle": -2, "shoulder": (140, 5, 0)}),
+    (3.50, {"hip": (42, 4, 0), "knee": 18, "ankle": 15, "trunk": (15, 0, 0), "wrist": 5, "shoulder": (150, 0, 0)}),
+    (3.58, {"hip": (30, 4, 0), "knee": 36, "ankle": -2, "shoulder": (150, 5, 0), "trunk": (8, 0, 0)}),
     # back somersault, tucked
-    (3.83, {"hip": (4, 4, 0), "knee": 8, "ankle": 38, "trunk": (-4, 0, 0), "shoulder": (160, 8, 0), "elbow": 8}),
-    (3.98, {"hip": (45, 5, 0), "knee": 60, "ankle": 45, "trunk": (10, 0, 0), "shoulder": (110, 8, 0), "elbow": 25}),
-    (4.12, {"hip": (122, 8, 0), "knee": 125, "trunk": (38, 0, 0), "neck": (15, 0, 0), "shoulder": (52, 8, 0),
+    (3.65, {"hip": (4, 4, 0), "knee": 8, "ankle": 38, "trunk": (-2, 0, 0), "shoulder": (158, 8, 0), "elbow": 8}),
+    (3.81, {"hip": (45, 5, 0), "knee": 60, "ankle": 45, "trunk": (10, 0, 0), "shoulder": (110, 8, 0), "elbow": 25}),
+    (3.95, {"hip": (122, 8, 0), "knee": 125, "trunk": (38, 0, 0), "neck": (15, 0, 0), "shoulder": (52, 8, 0),
             "elbow": 45}),
-    (4.31, {"hip": (122, 8, 0), "knee": 125, "trunk": (36, 0, 0), "shoulder": (52, 8, 0), "elbow": 45, "ankle": 45}),
-    (4.49, {"hip": (68, 6, 0), "knee": 55, "ankle": 20, "trunk": (18, 0, 0), "neck": (5, 0, 0),
+    (4.15, {"hip": (122, 8, 0), "knee": 125, "trunk": (36, 0, 0), "shoulder": (52, 8, 0), "elbow": 45, "ankle": 45}),
+    (4.34, {"hip": (68, 6, 0), "knee": 55, "ankle": 20, "trunk": (18, 0, 0), "neck": (5, 0, 0),
             "shoulder": (50, 15, 0), "elbow": 20}),
-    (4.65, {"hip": (42, 6, 0), "knee": 30, "ankle": 5, "trunk": (14, 0, 0), "shoulder": (60, 15, 0), "elbow": 15}),
+    (4.51, {"hip": (42, 6, 0), "knee": 30, "ankle": 5, "trunk": (14, 0, 0), "shoulder": (60, 15, 0), "elbow": 15}),
     # landing
-    (4.81, {"hip": (82, 8, 0), "knee": 82, "ankle": -28, "trunk": (22, 0, 0), "shoulder": (80, 12, 0),
+    (4.67, {"hip": (82, 8, 0), "knee": 82, "ankle": -28, "trunk": (22, 0, 0), "shoulder": (80, 12, 0),
             "neck": (-10, 0, 0)}),
-    (5.18, {"hip": (4, 4, 0), "knee": 5, "ankle": 0, "trunk": (0, 0, 0), "shoulder": (150, 14, 0), "elbow": 8,
+    (5.04, {"hip": (4, 4, 0), "knee": 5, "ankle": 0, "trunk": (0, 0, 0), "shoulder": (150, 14, 0), "elbow": 8,
             "neck": (0, 0, 0)}),
-    (5.33, {"hip": (1, 3, 0), "knee": 2, "shoulder": (165, 16, 0), "elbow": 3}),
+    (5.19, {"hip": (1, 3, 0), "knee": 2, "shoulder": (165, 16, 0), "elbow": 3}),
 )  # fmt: skip
 
 
 def _running_keys() -> list[tuple[float, Keys]]:
     keys: list[tuple[float, Keys]] = []
-    starts = {"left": 0.30, "right": 0.50}  # when the foot last left the floor
+    starts = {"left": 0.20, "right": 0.40}  # when the foot last left the floor
     for side, down, up in _STRIDES:
         other = "right" if side == "left" else "left"
         swing = down - starts[side]
@@ -131,7 +131,7 @@ def _running_keys() -> list[tuple[float, Keys]]:
             (up, {f"{other}_shoulder": (-45, 12, 0), f"{side}_shoulder": (40, 8, 0), "elbow": 85}),
         ]  # fmt: skip
         starts[side] = up
-    return [(time, values) for time, values in keys if time < 1.88 or "elbow" not in values]
+    return [(time, values) for time, values in keys if time < 1.32 or "elbow" not in values]
 
 
 def _running_contacts() -> list[Contact]:
