@@ -30,7 +30,9 @@ def finish(recorder: Recorder, reconstruction: Reconstruction, truth: Truth | No
             _send_errors(rec, reconstruction, result)
 
 
-def summarise(recorder: Recorder, found: Sequence[Metric], run: Mapping[str, Any]) -> None:
+def summarise(
+    recorder: Recorder, reconstruction: Reconstruction, found: Sequence[Metric], run: Mapping[str, Any]
+) -> None:
     """Totals as recording properties and as a page, and the layout."""
     rec = recorder.rec
     values = {metric.key: metric.value for metric in found if metric.value is not None}
@@ -43,8 +45,13 @@ def summarise(recorder: Recorder, found: Sequence[Metric], run: Mapping[str, Any
         },
     )
     rec.log("/summary", rr.TextDocument(plain(_page(found, run)), media_type="text/markdown"), static=True)
-    names = tuple(camera.name for camera in recorder.capture.cameras)
-    rec.send_blueprint(layout(names, scored=any(metric.key.startswith("panzoom") for metric in found)))
+    located = [
+        name
+        for name, track in zip(reconstruction.camera_names, reconstruction.tracks, strict=True)
+        if track is not None and track.valid.any()
+    ]
+    scored = any(metric.key.startswith("panzoom") for metric in found)
+    rec.send_blueprint(layout(reconstruction.camera_names, located, scored=scored))
 
 
 def _send_truth(rec: rr.RecordingStream, reconstruction: Reconstruction, truth: Truth, result: Score) -> None:
@@ -70,6 +77,7 @@ def _send_truth(rec: rr.RecordingStream, reconstruction: Reconstruction, truth: 
             rec, "/truth/track", name, truth.pan_rad[at, frames], truth.focal_px[at, frames], everywhere, TRUTH_COLOUR
         )
         path = f"{view_path('/truth', name)}/skeleton"
+        rec.log(path, rr.CoordinateFrame(f"tf#{view_path('/world', name)}"), static=True)  # it is drawn over the image
         columns.send_projected(rec, path, cameras, figure, TRUTH_COLOUR, 0.5)
 
 
@@ -108,7 +116,7 @@ def _send_errors(rec: rr.RecordingStream, reconstruction: Reconstruction, result
         columns.send_series(rec, f"/phase/{kind}", values, everywhere, (150, 150, 158), kind)
 
 
-def layout(names: Sequence[str], *, scored: bool) -> rrb.Blueprint:
+def layout(names: Sequence[str], located: Sequence[str], *, scored: bool) -> rrb.Blueprint:
     """The hall in the middle, the views about it as the cameras stand; panoramas, plots and totals below."""
     views = [_view(name) for name in names]
     left, right = views[0::4] + views[3::4], views[1::4] + views[2::4]
@@ -116,15 +124,18 @@ def layout(names: Sequence[str], *, scored: bool) -> rrb.Blueprint:
         name="Hall",
         origin="/",
         contents=[
-            "/world/**",
+            *(f"/world/{part}/**" for part in ("floor", "object", "body", "keyframes")),
             "/truth/body/**",
-            *(f"/truth/camera/{path_part(name)}/view" for name in names),
-            *(f"- {view_path('/world', name)}/{over}" for name in names for over in ("matches", "outline", "skeleton")),
+            *(
+                f"{view_path(root, name)}{leaf}"
+                for name in located
+                for root, leaf in (("/world", ""), ("/world", "/image"), ("/truth", ""))
+            ),
         ],
         background=(24, 25, 30),
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=(0.0, -15.5, 11.5), look_target=(0.0, 0.6, 0.2), eye_up=(0.0, 0.0, 1.0)
+            position=(0.0, -16.5, 9.5), look_target=(0.0, -1.0, 0.0), eye_up=(0.0, 0.0, 1.0)
         ),
     )
     top = rrb.Horizontal(
@@ -200,6 +211,7 @@ def _matches(names: Sequence[str]) -> rrb.Vertical:
 
 
 def _plots(scored: bool) -> rrb.Container:
+    corner, hidden = rrb.PlotLegend(corner="RightTop"), rrb.PlotLegend(visible=False)
     tracks = rrb.Vertical(
         rrb.TimeSeriesView(name="Pan [deg]", contents=["/track/pan/**", "/truth/track/pan/**"]),
         rrb.TimeSeriesView(name="Focal length [px]", contents=["/track/focal/**", "/truth/track/focal/**"]),
@@ -208,9 +220,9 @@ def _plots(scored: bool) -> rrb.Container:
     if not scored:
         return tracks
     errors = rrb.Vertical(
-        rrb.TimeSeriesView(name="Pan error [deg]", contents=["/error/pan/**"]),
-        rrb.TimeSeriesView(name="Focal error [%]", contents=["/error/focal/**"]),
-        rrb.TimeSeriesView(name="Joint error [mm]", contents=["/error/joint/**", "/error/mpjpe"]),
+        rrb.TimeSeriesView(name="Pan error [deg]", contents=["/error/pan/**"], plot_legend=corner),
+        rrb.TimeSeriesView(name="Focal error [%]", contents=["/error/focal/**"], plot_legend=corner),
+        rrb.TimeSeriesView(name="Joint error [mm]", contents=["/error/joint/**", "/error/mpjpe"], plot_legend=hidden),
         name="Errors",
     )
     silhouettes = rrb.Vertical(

@@ -93,7 +93,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
             with console.status("writing the recording"):
                 recording.finish(recorder, reconstruction, truth, result)
                 found += _speed(done, frames, recorder.busy_s / (time.perf_counter() - start))
-                recording.summarise(recorder, found, info)
+                recording.summarise(recorder, reconstruction, found, info)
         else:
             found += _speed(done, frames, None)
     write_metrics(folder / "metrics.json", found, info)

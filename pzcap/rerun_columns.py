@@ -143,17 +143,14 @@ def send_cameras(
     rec.send_columns(
         camera_path(root, name), index, rr.Transform3D.columns(translation=poses[:, :3, 3], quaternion=rotation)
     )
-    first = found[0][1]
-    shape = rr.Pinhole(
-        resolution=(first.width, first.height), image_from_camera=intrinsics[0], color=colour, line_width=1.5
+    rec.log(view_path(root, name), rr.Pinhole.from_fields(color=colour), static=True)
+    # A row replaces the whole pinhole of the row before: what does not change has to stand in each.
+    pinholes = rr.Pinhole.columns(
+        image_from_camera=intrinsics,
+        resolution=np.array([(camera.width, camera.height) for _, camera in found], float),
+        image_plane_distance=REFERENCE_PLANE_M * focal / reference_focal_px,
     )
-    rec.log(view_path(root, name), shape, static=True)
-    plane = REFERENCE_PLANE_M * focal / reference_focal_px
-    rec.send_columns(
-        f"{view_path(root, name)}",
-        index,
-        rr.Pinhole.columns(image_from_camera=intrinsics, image_plane_distance=plane),
-    )
+    rec.send_columns(view_path(root, name), index, pinholes)
 
 
 def send_tracks(
