@@ -180,7 +180,7 @@ def test_the_same_seed_gives_the_same_motion() -> None:
 
 
 def test_an_unknown_motion_names_the_nearest() -> None:
-    with pytest.raises(PzcapError, match="'floor_exercize'.*floor_exercise"):
+    with pytest.raises(PzcapError, match=r"'floor_exercize'.*floor_exercise"):
         motion.make("floor_exercize", {}, np.random.default_rng(0))
     assert set(motion.names()) >= {"floor_exercise", "pedestrian"}
 
