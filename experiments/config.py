@@ -88,7 +88,10 @@ def nearest(key: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(key, known, n=3, cutoff=0.6)
     leaves = difflib.get_close_matches(key.rpartition(".")[2], set(by_leaf.values()), n=3, cutoff=0.6)
     close += [name for name in known if by_leaf[name] in leaves and name not in close]
-    return f"did you mean {', '.join(close[:3])}?" if close else f"there are: {', '.join(known[:12])}"
+    if close:
+        return f"did you mean {', '.join(close[:3])}?"
+    depth = min(name.count(".") for name in known)
+    return f"the keys are {', '.join(name for name in known if name.count('.') == depth)}"
 
 
 def keys(tree: Mapping[str, Any], prefix: str = "") -> list[str]:
@@ -112,6 +115,6 @@ def _complaints(error: BaseException, path: str) -> Iterable[str]:
         known = CONVERTER.unstructure(error.cl()) if error.cl is not None else {}
         for key in sorted(error.extra_fields):
             name = f"{path}.{key}" if path else key
-            yield f"unknown key '{name}'; {nearest(key, keys(known))}"
+            yield f"unknown key '{name}'; {nearest(name, keys(known, f'{path}.' if path else ''))}"
     else:
         yield f"{path or 'the whole'}: {error}"

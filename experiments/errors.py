@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-import av.error
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.errors import HydraException, MissingConfigException
 from omegaconf.errors import OmegaConfBaseException
@@ -32,11 +31,10 @@ def explain(error: BaseException) -> str | None:
     if isinstance(error, HydraException | OmegaConfBaseException):
         return _explain_override(error)
     if isinstance(error, OSError):
+        where = f" while writing {error.filename}" if error.filename else ""
         if error.errno == errno.ENOSPC:
-            where = f" while writing {error.filename}" if error.filename else ""
             return f"the disk is full{where}; free some space or choose another folder with hydra.run.dir=FOLDER"
-        if not isinstance(error, av.error.FFmpegError) and error.filename is not None:
-            return f"{error.filename}: {os.strerror(error.errno) if error.errno else error}"
+        return _one_line(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     return None
 
 

@@ -34,14 +34,15 @@ class Bars:
     def update(self, stage: str, done: int, total: int) -> None:
         """Say how far ``stage`` is; ``total`` 0 if nobody knows."""
         if stage not in self._tasks:
+            self._progress.start()  # not before: without a bar it would leave an empty line
             self._tasks[stage] = self._progress.add_task(stage, total=total or None)
         self._progress.update(self._tasks[stage], completed=done, total=total or None)
 
     def __enter__(self) -> Bars:
-        self._progress.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._progress.stop()
+        if self._tasks:
+            self._progress.stop()

@@ -10,6 +10,7 @@ import queue
 import threading
 import time
 import uuid
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -92,7 +93,10 @@ class Recorder:
         self._queue.join()
         if self._error is not None:
             raise self._error
-        self.rec.flush()
+        try:
+            self.rec.flush()
+        except RuntimeError as error:  # all that Rerun says of a file that it cannot write
+            raise self._unwritable() from error
         self.busy_s += time.perf_counter() - start
 
     def __enter__(self) -> Recorder:
@@ -111,8 +115,11 @@ class Recorder:
             return
         if not has_footer(self._partial):
             self._partial.unlink(missing_ok=True)
-            raise PzcapError(f"{self.path}: the recording could not be written to its end; is the disk full?")
+            raise self._unwritable()
         self._partial.replace(self.path)
+
+    def _unwritable(self) -> PzcapError:
+        return PzcapError(f"{self.path}: the recording cannot be written to its end; the disk is full, free some space")
 
     def _work(self) -> None:
         while (job := self._queue.get()) is not None:
@@ -152,7 +159,8 @@ class Recorder:
 def has_footer(path: Path) -> bool:
     """Whether the recording at ``path`` was closed properly: its footer is written last."""
     try:
-        rr.chunk.RrdReader(path).store()
+        with warnings.catch_warnings(action="ignore"):
+            rr.chunk.RrdReader(path).store()
     except Exception:  # the reader's exceptions have no common type of their own
         return False
     return True
@@ -246,7 +254,7 @@ def outlines(probability: Image) -> list[Array]:
     """Closed outlines (N, 2) of where a silhouette's probability (H, W) is at least one half."""
     solid = (probability >= 128).astype(np.uint8)
     contours, _ = cv2.findContours(solid, cv2.RETR_LIST, cv2.CHAIN_APPROX_TC89_L1)
-    return [np.concatenate([c[:, 0], c[:1, 0]]).astype(np.float64) for c in contours if len(c) > 5]
+    return [np.concatenate([c[:, 0], c[:1, 0]]).astype(np.float64) for c in contours if cv2.contourArea(c) >= 9.0]
 
 
 def encoded(image: Image, jpeg_quality: int) -> rr.EncodedImage:
