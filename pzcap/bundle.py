@@ -78,7 +78,9 @@ class Adjusted:
     inliers: NDArray[np.int64]  # a link
 
 
-def adjust(start: Model, links: Sequence[Link], sigmas: Sigmas, *, scale_px: float = 8.0) -> Adjusted:
+def adjust(
+    start: Model, links: Sequence[Link], sigmas: Sigmas, *, scale_px: float = 8.0, iterations: int = 20
+) -> Adjusted:
     """Fit the model to ``links``; the pan of the first frame stays what it is.
 
     Weights fall with a residual's length (Geman and McClure, 1987), by a scale that starts at ``scale_px`` and follows
@@ -86,7 +88,7 @@ def adjust(start: Model, links: Sequence[Link], sigmas: Sigmas, *, scale_px: flo
     """
     model, scale = start, scale_px
     believed = _information(start, sigmas)
-    for _ in range(40):
+    for _ in range(iterations):
         normal, gradient = np.zeros((len(believed), len(believed))), np.zeros(len(believed))
         lengths = []
         for link in links:
@@ -108,7 +110,7 @@ def adjust(start: Model, links: Sequence[Link], sigmas: Sigmas, *, scale_px: flo
         step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
         model = _stepped(model, step)
         next_scale = max(3.0 * spread, 0.1)
-        if np.abs(step[: len(model.pan_rad)]).max() < 1e-7 and abs(next_scale - scale) < 0.02 * scale:
+        if np.abs(step[: len(model.pan_rad)]).max() < 1e-6 and abs(next_scale - scale) < 0.05 * scale:
             break
         scale = max(next_scale, scale / 3.0)
     inliers = [length < 2.0 * scale for length in lengths]

@@ -20,7 +20,7 @@ from pzcap.camera import View
 from pzcap.features import Features
 from pzcap.panorama import Frames
 from pzcap.panzoom import PanZoomConfig, panorama_features, ransac_eq15, solve_eq15
-from pzcap.sweep import chain, grey, link_views, place, spaced
+from pzcap.sweep import chain, grey, link_further, link_views, place, spaced
 from pzcap.types import (
     Array,
     CalibrationObject,
@@ -85,12 +85,14 @@ def _prepare_exact(
         (image for _, image in sweep), view, full_turn, config.sweep, lambda done: report("match sweep", done, 0)
     )
     count = len(chained.pan_rad)
-    coarse = adjust(_start(view, chained.pan_rad), chained.links, _sigmas(width, full_turn, zoom=False)).model
+    sigmas = _sigmas(width, full_turn, zoom=False)
+    coarse = adjust(_start(view, chained.pan_rad), chained.links, sigmas, iterations=6).model
+    further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
 
     # the reference image and the zoom run find their places among the sweep's frames, then all is adjusted at once
     found = [*chained.features, _detect(reference_image, config)]
     pan, links = _place_reference(found, coarse, width, config)
-    links = [*chained.links, *links]
+    links = [*chained.links, *further, *links]
     pans, focals = [*coarse.pan_rad, pan], [coarse.log_focal[0]] * 2
     pan_of, focal_of = [*range(count), count], [0] * count + [1]
     if zoom is not None:
@@ -108,19 +110,14 @@ def _prepare_exact(
     adjusted = adjust(start, links, _sigmas(width, full_turn, zoom is not None), scale_px=4.0)
     model = adjusted.model
 
-    brightness = panorama.fit_brightness(chained.links, count, model.view(0), width, height)
+    brightness = panorama.fit_brightness([*chained.links, *further], count, model.view(0), width, height)
+    sweep_pan_rad = model.pan_rad[:count] - model.pan_rad[count]  # the reference image's pan is 0
     pasted = panorama.stitch(
-        sweep, model.pan_rad[:count], model.view(0), full_turn, brightness,
+        sweep, sweep_pan_rad, model.view(0), full_turn, brightness,
         lambda done: report("paste sweep", done, count),
     )  # fmt: skip
-    origin = float(model.pan_rad[count])  # the reference image's pan is 0
-    column = pasted.origin_px[0] - origin * pasted.px_per_rad
-    if full_turn:
-        column = np.mod(column, pasted.image.shape[1])
     background = replace(
         pasted,
-        origin_px=np.array([column, pasted.origin_px[1]]),
-        sweep_pan_rad=pasted.sweep_pan_rad - origin,
         sweep_inliers=_sweep_inliers(adjusted, links, count),
         closure_rad=chained.closure_rad,
         residual_px=adjusted.residual_px,

@@ -7,7 +7,7 @@ of a full turn its end is matched with its beginning, so that the circle closes 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ from pzcap.types import Array, Image, Mask, PzcapError
 @dataclass(frozen=True, slots=True)
 class SweepConfig:
     threshold: float = 2e-4  # of AKAZE's response
-    features: int = 1200  # a frame, at most
+    features: int = 1000  # a frame, at most
     ratio: float = 0.85  # of Lowe's test
     overlaps: tuple[float, ...] = (0.25, 0.55)  # matched with the frames this far on, in fields of view, too
     min_matches: int = 12  # between two frames
@@ -57,7 +57,10 @@ def chain(
         width = image.shape[1]
         found.append(features.detect(grey(image), config.threshold, config.features))
         if index:
-            link = link_pan(found, index - 1, index, view, None, config)
+            expected = pans[-1] - pans[-2] if index > 1 else None
+            link = link_pan(found, index - 1, index, view, expected, config)
+            if link is None and expected is not None:  # the pan stopped, started or turned
+                link = link_pan(found, index - 1, index, view, None, config)
             if link is None:
                 raise PzcapError(
                     f"sweep: frames {index - 1} and {index} show nothing in common; pan more slowly, past texture"
@@ -68,39 +71,55 @@ def chain(
     if len(found) < 3:
         raise PzcapError(f"sweep: {len(found)} frames are too few; record the whole pan")
     pan = np.array(pans)
-    field = 2 * np.arctan(width / 2 / view.focal_px)
     closure = 0.0
     if full_turn:
+        field = 2 * np.arctan(width / 2 / view.focal_px)
         pan, closure, seam = _close(found, pan, view, field, config)
         links.extend(seam)
+    return Chain(tuple(found), pan, tuple(links), closure, full_turn)
+
+
+def link_further(found: Sequence[Features], views: Sequence[View], width: int, config: SweepConfig) -> list[Link]:
+    """Links between frames of a sweep further apart, once their ``views`` are known roughly.
+
+    Each frame is matched with those ``config.overlaps`` of a field of view on: the longer the lever, the better the
+    shape of the lens and the sum of the pans are known.
+    """
+    field = 2 * np.arctan(width / 2 / views[0].focal_px)
+    pan = np.array([view.pan_rad for view in views])
+    links = []
     for overlap in config.overlaps:
         for first in range(len(pan) - 2):
             beyond = np.flatnonzero(np.abs(pan[first + 2 :] - pan[first]) >= overlap * field)
             if len(beyond):
                 second = first + 2 + int(beyond[0])
-                link = link_pan(found, first, second, view, float(pan[second] - pan[first]), config)
-                if link is not None:
-                    links.append(link)
-    return Chain(tuple(found), pan, tuple(links), closure, full_turn)
+                links.append(link_views(found, first, second, (views[first], views[second]), 16.0, config))
+    return [link for link in links if link is not None]
 
 
 def link_pan(
     found: Sequence[Features], first: int, second: int, view: View, expected: float | None, config: SweepConfig
 ) -> Link | None:
     """Matches of two frames that agree on one pan, near ``expected`` if that is given; None if too few do."""
-    pairs = features.match(found[first], found[second], config.ratio)
+    near = None
+    if expected is not None:
+        azimuth, slope = geometry.look(view, found[first].points_px)
+        predicted, _ = geometry.see(replace(view, pan_rad=view.pan_rad + expected), azimuth, slope)
+        # tilt, roll and distortion are not known yet: points far apart agree only roughly
+        reach = 24.0 + 0.1 * abs(expected) * view.focal_px
+        near = (predicted, reach)
+    pairs = features.match(found[first], found[second], config.ratio, near)
     if len(pairs) < config.min_matches:
         return None
     link = _link(found, first, second, pairs)
     azimuth_a, slope_a = geometry.look(view, link.first_px)
     azimuth_b, slope_b = geometry.look(view, link.second_px)
     turn = azimuth_a - azimuth_b
-    # tilt, roll and distortion are not known yet: points far apart agree only roughly
     if expected is None:
         agree = features.densest(turn, 8.0 / view.focal_px)
         agree = np.abs(turn - np.median(turn[agree])) < 16.0 / view.focal_px
     else:
-        agree = np.abs(turn - expected) < 16.0 / view.focal_px + 0.1 * abs(expected)
+        agree = np.abs(turn - expected) < reach / view.focal_px
     if agree.any():
         agree &= np.abs(slope_a - slope_b) < 0.03 + 0.2 * abs(float(np.median(turn[agree])))
     return subset(link, agree) if agree.sum() >= config.min_matches else None
@@ -118,14 +137,15 @@ def _close(
     firsts, seconds = np.nonzero((apart < 0.75 * field) & (np.arange(len(pan))[:, None] < np.arange(len(pan))))
     order = np.argsort(apart[firsts, seconds], kind="stable")
     seam: list[Link] = []
-    misses = []
+    misses: list[float] = []
     for which in order[:: max(1, len(order) // 40)]:
         first, second = int(firsts[which]), int(seconds[which])
-        link = link_pan(found, first, second, view, None, config)
+        chained = float(pan[second] - pan[first])
+        expected = chained - turn - float(np.median(misses)) if misses else None
+        link = link_pan(found, first, second, view, expected, config)
         if link is not None and len(link.first_px) >= 2 * config.min_matches:
             seam.append(link)
-            chained = pan[second] - pan[first]
-            misses.append((chained - turn - _turn(link, view)) * turn / chained)
+            misses.append(chained - turn - _turn(link, view))
     if not seam:
         raise PzcapError(
             "sweep: its end does not show what its beginning showed, so the circle cannot close; "
@@ -186,7 +206,8 @@ def link_views(
     config: SweepConfig,
 ) -> Link | None:
     """Matches of two frames whose views are known roughly; None if too few lie within ``tolerance_px`` of them."""
-    pairs = features.match(found[first], found[second], config.ratio)
+    predicted, _ = geometry.see(views[1], *geometry.look(views[0], found[first].points_px))
+    pairs = features.match(found[first], found[second], config.ratio, (predicted, tolerance_px))
     link = _link(found, first, second, pairs)
     seen, front = geometry.see(views[1], *geometry.look(views[0], link.first_px))
     agree = front & (np.hypot(*(seen - link.second_px).T) < tolerance_px)

@@ -20,6 +20,7 @@ from pzcap.types import Array, PzcapError
 
 STEPS = (1, 2, 4, 8)  # zoom frames matched with those so many further on
 SPREAD = (-0.3, 0.0, 0.3)  # and with the frames of the sweep so far off, in fields of view
+SURE = 80  # matches that agree: the place is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +46,11 @@ def link_zoom(
         return replace(view, focal_px=focal_px)
 
     best, anchor, pan, focal = 0, 0, 0.0, view.focal_px
-    for k in sorted({0, len(zoomed) // 4, len(zoomed) // 2, 3 * len(zoomed) // 4, len(zoomed) - 1}):
-        for index in spaced(sweep_pan_rad, 0.4 * field):
+    nearby = spaced(sweep_pan_rad, 0.4 * field)
+    for k in dict.fromkeys((len(zoomed) // 4, len(zoomed) // 2, 0, 3 * len(zoomed) // 4, len(zoomed) - 1)):
+        if best >= SURE:
+            break
+        for index in nearby:
             taken = replace(view, pan_rad=float(sweep_pan_rad[index]))
             candidate = place(zoomed[k], found[index], taken, at, every, config.sweep.ratio)
             if candidate[2] > best:
