@@ -2,11 +2,13 @@
 
 Sources
     Lengths as fractions of stature: R. Drillis and R. Contini, *Body Segment Parameters* (1966), as reprinted in
-    D. A. Winter, *Biomechanics and Motor Control of Human Movement*, fig. 4.1. The neck joint stands at the height of
-    the cervicale and the hip joints apart as in C. C. Gordon et al., *1988 Anthropometric Survey of U.S. Army
-    Personnel* (ANSUR).
+    D. A. Winter, *Biomechanics and Motor Control of Human Movement*, fig. 4.1. Not in that table, and set by hand: the
+    neck joint stands at the height of the cervicale (0.865 of stature in C. C. Gordon et al., *Anthropometric Survey of
+    U.S. Army Personnel*), and joint centres of shoulders and hips lie inside the breadths that it gives.
     Masses and centres of mass of the segments: Winter, table 4.1.
-    Girths: ANSUR means over mean stature, men, with the soft girths of a trained gymnast a few per cent below.
+    Girths, rounded, as fractions of stature: trunk and limbs near the men's means of G. Heinz et al., *Exploring
+    Relationships in Body Dimensions*, J. Statistics Education 11 (2003), whose subjects were physically active; head
+    and neck near those of Gordon et al.; the elbow set by hand between upper arm and forearm.
 """
 
 from __future__ import annotations

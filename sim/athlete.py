@@ -147,8 +147,8 @@ def _trunk(m: dict[str, float]) -> Iterable[_Shape]:
     yield _Shape("thorax", "waist", (0.0, 0, 0.10 * top), (0.93 * depth, 0.92 * breadth, 0.72 * top))  # ribs
     # shoulder girdle and the slope from neck to shoulder
     reach = 0.5 * m["shoulder_width"]
-    yield _Shape("thorax", "chest", (-0.006, 0, shoulder - 0.022), (0.62 * depth, 1.12 * reach, 0.25 * top))
-    yield _Shape("thorax", "chest", (-0.014, 0, shoulder + 0.014), (0.44 * depth, 0.60 * reach, 0.048))
+    yield _Shape("thorax", "yoke", (-0.006, 0, shoulder - 0.022), (0.62 * depth, 1.12 * reach, 0.25 * top))
+    yield _Shape("thorax", "yoke", (-0.014, 0, shoulder + 0.014), (0.44 * depth, 0.60 * reach, 0.048))
 
 
 def _head(m: dict[str, float]) -> Iterable[_Shape]:

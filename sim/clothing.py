@@ -54,15 +54,17 @@ class Wardrobe:
 def paint(part: str, girth_m: float, length_m: float, wardrobe: Wardrobe, rng: np.random.Generator) -> Image:
     """Paint the texture (H, W, 3), red-green-blue, of one body part of the given girth and length.
 
-    Parts: chest, waist, hips, seat, sleeve, {left,right}_thigh, {left,right}_shank, skin, hair, shoe, sock.
+    Parts: chest, yoke, waist, hips, seat, sleeve, {left,right}_thigh, {left,right}_shank, skin, hair, shoe, sock.
     """
     kind = part.removeprefix("left_").removeprefix("right_")
-    cloth = {"chest": wardrobe.shirt, "waist": wardrobe.shirt, "sleeve": wardrobe.shirt, "hair": wardrobe.hair,
-             "skin": wardrobe.skin, "shoe": (226, 226, 222), "sock": (236, 236, 236)}  # fmt: skip
+    cloth = dict.fromkeys(("chest", "yoke", "waist", "sleeve"), wardrobe.shirt)
+    cloth |= {"hair": wardrobe.hair, "skin": wardrobe.skin, "shoe": (226, 226, 222), "sock": (236, 236, 236)}
     canvas = Canvas.blank(girth_m, length_m, _PX_PER_M, cloth.get(kind, wardrobe.trousers))
     outside = 0.25 if part.startswith("right") else 0.75
     if wardrobe.rich:
-        {"chest": _chest, "waist": _waist, "sleeve": _sleeve}.get(kind, lambda *_: None)(canvas, wardrobe, rng)
+        {"chest": _chest, "waist": _waist, "sleeve": _sleeve, "yoke": _yoke}.get(kind, lambda *_: None)(
+            canvas, wardrobe, rng
+        )
         if kind == "hips":
             _hips(canvas, wardrobe)
         elif kind == "seat":
@@ -119,6 +121,14 @@ def _chest(canvas: Canvas, wardrobe: Wardrobe, rng: np.random.Generator) -> None
         for y in np.arange(0.02, 0.6 * h, 0.04):
             canvas.rectangle(x - 0.012, y, 0.024, 0.02, accent)
     _specks(canvas, rng, dark, 120, 0.004)
+
+
+def _yoke(canvas: Canvas, wardrobe: Wardrobe, rng: np.random.Generator) -> None:
+    w, h, dark = canvas.width_m, canvas.height_m, _shade(wardrobe.shirt, 0.6)
+    canvas.rectangle(0, 0.16 * h, w, 0.02, wardrobe.accent)
+    canvas.rectangle(0, 0.16 * h + 0.03, w, 0.012, dark)
+    canvas.rectangle(0, 0.55 * h, w, 0.02, dark)
+    _specks(canvas, rng, dark, 100, 0.004)
 
 
 def _waist(canvas: Canvas, wardrobe: Wardrobe, rng: np.random.Generator) -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pzcap.types import HINGE_AXES, JOINTS, PARENTS, SEGMENTS, Array, PzcapError
 from sim import motion
 from sim.anthropometry import body_tree, draw_measurements, joint_limit_rad
-from sim.motion._fit import GRAVITY, Contact, fit, knots
+from sim.motion._fit import GRAVITY, Contact, _Problem, fit, knots
 from sim.motion._kinematics import CHAINS, DOF, Frames, exp
 from sim.motion._normal import NormalEquations
 
@@ -238,6 +238,34 @@ def test_normal_equations_agree_with_dense_least_squares() -> None:
             values.append(-residuals[n] / 0.5)
     expected = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
     np.testing.assert_allclose(normal.solve().ravel(), expected, rtol=1e-8, atol=1e-10)
+
+
+class Recorder:
+    """Stands in for the normal equations and keeps the residuals in flight and their jacobians."""
+
+    def add(self, first: Array, jacobians: list[Array], residuals: Array, sigma: float) -> None:
+        del sigma
+        if len(first):
+            self.jacobians, self.residuals = jacobians, residuals
+
+
+def test_angular_momentum_jacobian_agrees_with_finite_differences() -> None:
+    frames = _random_frames(4, count=3)
+    flight = np.array([False, True, False])
+    problem = _Problem(frames, (), np.zeros((0, 3), dtype=bool), flight, np.ones(3))
+
+    def record(frames: Frames) -> Recorder:
+        recorder = Recorder()
+        problem._angular_momentum(recorder, frames, 1.0)  # type: ignore[arg-type]
+        return recorder
+
+    found = record(frames)
+    for knot in range(3):
+        for dof in range(DOF):
+            step = np.zeros((3, DOF))
+            step[knot, dof] = 1e-6
+            change = (record(frames.moved(step)).residuals - record(frames.moved(-step)).residuals) / 2e-6
+            np.testing.assert_allclose(change[0], found.jacobians[knot][0, :, dof], atol=1e-4)
 
 
 def test_a_foot_that_is_authored_to_slide_is_made_to_stand() -> None:
