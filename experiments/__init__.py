@@ -1,6 +1,7 @@
-"""Shoot, reconstruct, score, show. The only place that knows both the estimate and the truth."""
+"""Hydra apps: the only rooms that know both the estimate and the truth."""
 
 import os
 
-# Rerun's own lines on stderr. What goes wrong with a recording is checked, and said in one line, by pzcap.rerun_log.
-os.environ.setdefault("RUST_LOG", "off")
+# The work runs in threads of its own; OpenBLAS threads beneath them wait for each other and for the cores. This must be
+# said before numpy is first imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

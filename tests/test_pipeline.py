@@ -1,0 +1,123 @@
+"""The pipeline on a small capture: that it reads the capture alone, and does without what was not brought home."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pzcap import store
+from pzcap.capture import read_capture
+from pzcap.pipeline import Config, Finished, FrameLocalised, FrameSeparated, FrameTracked, reconstruct, stages
+from pzcap.types import Capture, Reconstruction
+
+RECONSTRUCT = """
+import sys
+from pathlib import Path
+from pzcap import store
+from pzcap.capture import read_capture
+from pzcap.pipeline import Config, reconstruct
+store.save(reconstruct(read_capture(Path(sys.argv[1])), Config()), Path(sys.argv[2]))
+foreign = {"mujoco", "sim", "experiments", "hydra", "rerun"} & set(sys.modules)
+sys.exit(f"the library imported {foreign}" if foreign else 0)
+"""
+
+
+@pytest.fixture(scope="module")
+def capture(small_capture: Path) -> Capture:
+    return read_capture(small_capture / "capture")
+
+
+@pytest.fixture(scope="module")
+def reconstruction(capture: Capture) -> Reconstruction:
+    return reconstruct(capture, Config())
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_reads_the_capture_alone(small_capture: Path, reconstruction: Reconstruction, tmp_path: Path) -> None:
+    """A process that has nothing but a lone copy of the folder gets the same result, to the byte."""
+    shutil.copytree(small_capture / "capture", tmp_path / "lone")
+    subprocess.run(
+        [sys.executable, "-c", RECONSTRUCT, str(tmp_path / "lone"), str(tmp_path / "there")],
+        check=True, cwd=tmp_path, timeout=300,
+    )  # fmt: skip
+    store.save(reconstruction, tmp_path / "here")
+    here, there = files(tmp_path / "here"), files(tmp_path / "there")
+    assert here
+    assert here == there
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_everything_is_found(capture: Capture, reconstruction: Reconstruction) -> None:
+    assert reconstruction.notes == ()
+    assert all(track is not None and track.valid.all() for track in reconstruction.tracks)
+    assert reconstruction.motion is not None
+    assert reconstruction.motion.valid.all()
+    assert len(reconstruction.motion.joints_m) == len(reconstruction.timecodes)
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_events_come_in_order_and_end_with_the_result(capture: Capture) -> None:
+    localised, separated, tracked = [], [], []
+    events = list(stages(capture, Config()))
+    for event in events:
+        match event:
+            case FrameLocalised(frames, _):
+                localised.append(frames.index)
+            case FrameSeparated(frames, _, _):
+                separated.append(frames.index)
+            case FrameTracked(index=index):
+                assert index <= separated[-1]
+                tracked.append(index)
+            case _:
+                pass
+    assert localised == separated == tracked == list(range(len(localised)))
+    assert isinstance(events[-1], Finished)
+    assert sum(isinstance(event, Finished) for event in events) == 1
+
+
+@pytest.mark.xdist_group("pipeline")
+@pytest.mark.parametrize(
+    ("missing", "told"),
+    [
+        ({"subject": None}, "tape measurements"),
+        ({"keyframe_poses": {}}, "keyframes"),
+        ({"calibration_object": None}, "calibration object"),
+    ],
+)
+def test_what_is_missing_is_told_and_costs_only_its_own_stages(
+    capture: Capture, missing: dict[str, object], told: str
+) -> None:
+    result = reconstruct(dataclasses.replace(capture, **missing), Config())
+    assert any(told in note for note in result.notes)
+    assert (result.tracks[0] is None) == ("calibration_object" in missing)
+    assert result.motion is None or "calibration_object" in missing
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_a_camera_without_a_sweep_is_left_out(capture: Capture) -> None:
+    first, *others = capture.cameras
+    result = reconstruct(
+        dataclasses.replace(capture, cameras=(dataclasses.replace(first, sweep=None), *others)), Config()
+    )
+    assert result.tracks[0] is None
+    assert all(track is not None for track in result.tracks[1:])
+    assert result.motion is not None
+    assert any("camera 1" in note and "sweep" in note for note in result.notes)
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_the_paper_method_runs_on_the_same_footage(capture: Capture) -> None:
+    config = Config()
+    config = dataclasses.replace(config, panzoom=dataclasses.replace(config.panzoom, method="paper"))
+    result = reconstruct(capture, config)
+    assert result.method == "paper"
+    assert all(track is not None and track.valid.any() for track in result.tracks)
