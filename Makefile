@@ -1,6 +1,7 @@
 # Two commands: `make demo` and `make test`. Each does all the set-up it needs.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
-export OPENBLAS_NUM_THREADS := 1  # the work has threads of its own
+# the work has threads of its own
+export OPENBLAS_NUM_THREADS := 1
 VENV := .venv
 RUN := $(VENV)/bin
 READY := $(VENV)/.ready
