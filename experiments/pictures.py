@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -55,9 +56,9 @@ def draw_figure(image: Image, camera: Camera, figure: Array, colour: Colour | No
         draw_strips(image, [pixels[[near, far]]], colour or own, width)
 
 
-def visible(camera: Camera, figure: Array) -> Array:
-    """Where ``camera`` sees a figure (21, 3), kept inside the image: (21, 2) px."""
-    pixels, _ = camera_model.project(camera, figure)
+def visible(camera: Camera, points_m: Array) -> Array:
+    """Where ``camera`` sees world points (N, 3), kept inside the image: (N, 2) px."""
+    pixels, _ = camera_model.project(camera, points_m)
     return np.clip(pixels, 0.0, [camera.width - 1.0, camera.height - 1.0])
 
 
@@ -82,14 +83,29 @@ def reference_picture(image: Image, reference: ReferenceCamera, target: Calibrat
     return cut(large, around, margin=0.12)
 
 
-def cut(image: Image, around: Array, margin: float, smallest: int = 0) -> Image:
+def cut(image: Image, around: Array, margin: float) -> Image:
     """The part of ``image`` about points (N, 2), with a margin in shares of their extent."""
     low, high = around.min(axis=0), around.max(axis=0)
-    pad = np.maximum(margin * (high - low), (smallest - (high - low)) / 2)
     height, width = image.shape[:2]
-    left, top = np.clip(np.floor(low - pad), 0, [width - 1, height - 1]).astype(int)
-    right, bottom = np.clip(np.ceil(high + pad), [left + 1, top + 1], [width, height]).astype(int)
+    left, top = np.clip(np.floor(low - margin * (high - low)), 0, [width - 1, height - 1]).astype(int)
+    right, bottom = np.clip(np.ceil(high + margin * (high - low)), [left + 1, top + 1], [width, height]).astype(int)
     return image[top:bottom, left:right]
+
+
+def close_up(image: Image, camera: Camera, points_m: Array, side: int) -> tuple[Image, Camera]:
+    """The square about world points (N, 3), ``side`` pixels wide, and the camera that would have taken it."""
+    seen = visible(camera, points_m)
+    centre, half = (seen.min(axis=0) + seen.max(axis=0)) / 2, max(0.62 * np.ptp(seen, axis=0).max(), 40.0)
+    scale = side / (2 * half)
+    corner = centre - half
+    # Pixel centres are whole numbers in both images: x' + 1/2 = scale * (x + 1/2 - corner)
+    shift = -scale * corner + 0.5 * (scale - 1.0)
+    warp = np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]]])
+    picture = cv2.warpAffine(image, warp, (side, side), flags=cv2.INTER_CUBIC)
+    principal = scale * camera.principal_px + shift
+    return np.asarray(picture, np.uint8), replace(
+        camera, width=side, height=side, focal_px=scale * camera.focal_px, principal_px=principal
+    )
 
 
 def panorama_picture(

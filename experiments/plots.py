@@ -137,15 +137,17 @@ def body_error(body: BodyErrors) -> str:
         millimetres = 1000.0 * body.joints_m
         _shade(plot, body.airborne, AIRBORNE, "airborne")
         _shade(plot, body.inverted, INVERTED, "inverted")
-        _line(plot, Series(millimetres.max(axis=1), body.valid), MUTED, label="worst joint", lw=1.0)
-        _line(plot, Series(millimetres.mean(axis=1), body.valid), INK, label="mean of the 16 joints", lw=1.8)
+        mean, worst = millimetres.mean(axis=1), millimetres.max(axis=1)
+        _line(plot, Series(worst.copy(), body.valid), MUTED, label="worst joint", lw=1.0)
+        _line(plot, Series(mean.copy(), body.valid), INK, label="mean of the 16 joints", lw=1.8)
         keys = np.flatnonzero(body.keyframe)
         plot.plot(keys, np.zeros(len(keys)), "^", color=KEY, ms=6, clip_on=False, label="keyframe", zorder=5)
         plot.set(xlabel="frame", ylabel="joint error [mm]", xlim=(0, max(frames[-1], 1)))
-        plot.set_ylim(0, None)
-        plot.legend(loc="upper left", ncols=5)
+        # A single joint that is lost for a moment shall not flatten all the rest.
+        plot.set_ylim(0, max(1.3 * mean.max(), float(np.percentile(worst, 97)), 10.0))
+        plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, borderaxespad=0.2)
 
-    return svg(11.5, 3.0, draw)
+    return svg(11.5, 3.2, draw)
 
 
 def joint_bars(body: BodyErrors) -> str:
@@ -173,10 +175,10 @@ def silhouettes(reconstruction: Reconstruction, result: Score) -> str:
         for number, (name, view) in enumerate(zip(reconstruction.camera_names, result.foreground or (), strict=True)):
             _line(one, view.iou, COLOURS[number % 4], label=f"camera {name}")
             _line(two, view.outline_px, COLOURS[number % 4])
-        one.set(xlabel="frame", ylabel="intersection over union", ylim=(None, 1.0))
+        one.set(xlabel="frame", ylabel="intersection over union")
         two.set(xlabel="frame", ylabel="distance of the outlines [px]")
         two.set_ylim(0, None)
-        one.legend(ncols=2)
+        one.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2, handlelength=1.4)
 
     return svg(11.5, 2.6, draw)
 

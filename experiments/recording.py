@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import rerun as rr
@@ -18,6 +18,8 @@ from pzcap.rerun_columns import CAMERA_COLOURS, TRUTH_COLOUR, path_part, plain, 
 from pzcap.rerun_log import Recorder
 from pzcap.types import JOINTS, Camera, Reconstruction
 from sim.truth import Truth
+
+PANORAMA_REACH_RAD: Final = 1.0
 
 
 def finish(recorder: Recorder, reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> None:
@@ -45,13 +47,8 @@ def summarise(
         },
     )
     rec.log("/summary", rr.TextDocument(plain(_page(found, run)), media_type="text/markdown"), static=True)
-    located = [
-        name
-        for name, track in zip(reconstruction.camera_names, reconstruction.tracks, strict=True)
-        if track is not None and track.valid.any()
-    ]
     scored = any(metric.key.startswith("panzoom") for metric in found)
-    rec.send_blueprint(layout(reconstruction.camera_names, located, scored=scored))
+    rec.send_blueprint(layout(reconstruction, scored=scored))
 
 
 def _send_truth(rec: rr.RecordingStream, reconstruction: Reconstruction, truth: Truth, result: Score) -> None:
@@ -116,43 +113,18 @@ def _send_errors(rec: rr.RecordingStream, reconstruction: Reconstruction, result
         columns.send_series(rec, f"/phase/{kind}", values, everywhere, (150, 150, 158), kind)
 
 
-def layout(names: Sequence[str], located: Sequence[str], *, scored: bool) -> rrb.Blueprint:
+def layout(reconstruction: Reconstruction, *, scored: bool) -> rrb.Blueprint:
     """The hall in the middle, the views about it as the cameras stand; panoramas, plots and totals below."""
+    names = reconstruction.camera_names
     views = [_view(name) for name in names]
     left, right = views[0::4] + views[3::4], views[1::4] + views[2::4]
-    hall = rrb.Spatial3DView(
-        name="Hall",
-        origin="/",
-        contents=[
-            *(f"/world/{part}/**" for part in ("floor", "object", "body", "keyframes")),
-            "/truth/body/**",
-            *(
-                f"{view_path(root, name)}{leaf}"
-                for name in located
-                for root, leaf in (("/world", ""), ("/world", "/image"), ("/truth", ""))
-            ),
-        ],
-        background=(24, 25, 30),
-        line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            position=(0.0, -16.5, 9.5), look_target=(0.0, -1.0, 0.0), eye_up=(0.0, 0.0, 1.0)
-        ),
-    )
-    top = rrb.Horizontal(
-        rrb.Vertical(*reversed(left)), hall, rrb.Vertical(*reversed(right)), column_shares=[1.0, 2.1, 1.0]
-    )
-    if not left or not right:
-        top = rrb.Horizontal(*views, hall)
-    panoramas = rrb.Vertical(
-        *(
-            rrb.Spatial2DView(
-                name=f"Panorama {plain(name)}",
-                origin=f"/panorama/{path_part(name)}",
-                contents=["$origin/**", "- $origin/matches"],
-            )
-            for name in names
-        ),
-        name="Panoramas",
+    hall = _hall(reconstruction)
+    top = rrb.Horizontal(*views, hall)
+    if left and right:
+        sides = rrb.Vertical(*reversed(left)), rrb.Vertical(*reversed(right))
+        top = rrb.Horizontal(sides[0], hall, sides[1], column_shares=[1.0, 2.1, 1.0])
+    panoramas = rrb.Grid(
+        *(_panorama(reconstruction, number) for number in range(len(names))), grid_columns=2, name="Panoramas"
     )
     pictures = rrb.Tabs(panoramas, _reference(names), _foreground(names), _matches(names), name="Stages", active_tab=0)
     summary = rrb.TextDocumentView(name="Summary", origin="/summary")
@@ -161,7 +133,49 @@ def layout(names: Sequence[str], located: Sequence[str], *, scored: bool) -> rrb
         rrb.Vertical(top, bottom, row_shares=[1.55, 1.0]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=columns.TIMELINE, fps=30.0),
+        rrb.TimePanel(state="collapsed", timeline=columns.TIMELINE, fps=float(reconstruction.frame_rate)),
+    )
+
+
+def _hall(reconstruction: Reconstruction) -> rrb.Spatial3DView:
+    located = [
+        view_path("/world", name)
+        for name, track in zip(reconstruction.camera_names, reconstruction.tracks, strict=True)
+        if track is not None and track.valid.any()
+    ]
+    return rrb.Spatial3DView(
+        name="Hall",
+        origin="/",
+        contents=[
+            *(f"/world/{part}/**" for part in ("floor", "object", "body", "keyframes")),
+            "/truth/body/**",
+            *located,
+            *(f"{view}/image" for view in located),
+        ],
+        overrides={view: rr.Pinhole.from_fields().visualizer() for view in located},  # without its axes
+        background=(24, 25, 30),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            position=(0.0, -16.0, 8.5), look_target=(0.0, -1.2, 0.0), eye_up=(0.0, 0.0, 1.0)
+        ),
+    )
+
+
+def _panorama(reconstruction: Reconstruction, number: int) -> rrb.Spatial2DView:
+    name, panorama = reconstruction.camera_names[number], reconstruction.panoramas[number]
+    bounds = None
+    if panorama is not None:  # what lies before the reference pose; the rest is a scroll away
+        shown = columns.centred(panorama)
+        reach = PANORAMA_REACH_RAD * panorama.px_per_rad
+        middle = float(shown.origin_px[0])
+        bounds = rrb.VisualBounds2D(
+            x_range=(middle - reach, middle + reach), y_range=(0.0, float(shown.image.shape[0]))
+        )
+    return rrb.Spatial2DView(
+        name=f"Panorama {plain(name)}",
+        origin=f"/panorama/{path_part(name)}",
+        contents=["$origin/**", "- $origin/matches"],
+        visual_bounds=bounds,
     )
 
 

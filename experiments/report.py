@@ -267,14 +267,17 @@ class _Frames:
         return row
 
     def _draw(self, image: Image, frame: int, number: int, *, truth: bool, close: bool) -> Image:
-        pictures.draw_outline(image, self._material.outlines.get((frame, number), ()))
         cameras, motion = self._cameras[number], self._material.reconstruction.motion
         camera = None if cameras is None else cameras[frame]
-        if camera is None or motion is None or self._body is None or not motion.valid[frame]:
+        tracked = motion is not None and self._body is not None and bool(motion.valid[frame])
+        if not close or camera is None or self._body is None:
+            pictures.draw_outline(image, self._material.outlines.get((frame, number), ()))
+        elif tracked:
+            around = self._body[frame] if self._true is None else np.vstack([self._body[frame], self._true[frame]])
+            image, camera = pictures.close_up(image, camera, around, THUMBNAIL_PX)
+        if camera is None or self._body is None or not tracked:
             return image
         if truth and self._true is not None:
-            pictures.draw_figure(image, camera, self._true[frame], TRUTH_COLOUR, 1)
-        pictures.draw_figure(image, camera, self._body[frame], None, 1 if close else 2)
-        if not close:
-            return image
-        return pictures.cut(image, pictures.visible(camera, self._body[frame]), margin=0.25, smallest=160)
+            pictures.draw_figure(image, camera, self._true[frame], TRUTH_COLOUR, 2)
+        pictures.draw_figure(image, camera, self._body[frame], None, 2)
+        return image

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
 
@@ -52,6 +53,8 @@ BONE_COLOURS: Final = tuple(
     for near, far in BONES
 )  # fmt: skip
 
+PIXEL_CENTRE: Final = 0.5
+"""Rerun puts (0, 0) at the corner of the top-left pixel, pzcap in its centre."""
 REFERENCE_PLANE_M: Final = 2.0
 """How far before its camera an image stands in 3D at the reference focal length. It moves out in proportion to the
 focal length, so the frustum grows long and narrow as the camera zooms in (as in the paper's Fig. 11)."""
@@ -137,8 +140,7 @@ def send_cameras(
     intrinsics = np.zeros((len(found), 3, 3))
     intrinsics[:, 0, 0] = intrinsics[:, 1, 1] = focal
     intrinsics[:, 2, 2] = 1.0
-    # Rerun puts (0, 0) at the corner of the top-left pixel, pzcap in its centre.
-    intrinsics[:, :2, 2] = np.array([camera.principal_px for _, camera in found]) + 0.5
+    intrinsics[:, :2, 2] = np.array([camera.principal_px for _, camera in found]) + PIXEL_CENTRE
     rotation = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
     rec.send_columns(
         camera_path(root, name), index, rr.Transform3D.columns(translation=poses[:, :3, 3], quaternion=rotation)
@@ -181,8 +183,23 @@ def send_footprints(
     colour: Colour,
 ) -> None:
     """The border of every frame on the panorama (Fig. 5)."""
-    strips = [[] if at is None else footprint(panorama, camera, at) for at in cameras]
+    shown = centred(panorama)
+    strips = [[] if at is None else [strip + PIXEL_CENTRE for strip in footprint(shown, camera, at)] for at in cameras]
     _send_strips(rec, f"/panorama/{path_part(name)}/frame", strips, rr.LineStrips2D, colour, 2.0)
+
+
+def centred_shift(panorama: Panorama) -> Array:
+    """(2,) How far `centred` moves columns and rows."""
+    if not panorama.full_turn:
+        return np.zeros(2)
+    return np.array([panorama.image.shape[1] // 2 - round(panorama.origin_px[0]), 0.0])
+
+
+def centred(panorama: Panorama) -> Panorama:
+    """The same panorama, turned so that the reference pose looks at its middle; a partial one as it is."""
+    shift = centred_shift(panorama)
+    image, valid = np.roll(panorama.image, int(shift[0]), axis=1), np.roll(panorama.valid, int(shift[0]), axis=1)
+    return replace(panorama, image=image, valid=valid, origin_px=panorama.origin_px + shift)
 
 
 def footprint(panorama: Panorama, camera: PanZoomCamera, at: Camera) -> list[Array]:
@@ -243,7 +260,7 @@ def send_projected(
         if camera is not None:
             pixels, depth = camera_model.project(camera, points)
             # All or none: every bone has its own colour, and a figure that near the lens is of no use.
-            bones = list(pixels[np.array(BONES)]) if np.all(depth > 0.2) else []
+            bones = list(pixels[np.array(BONES)] + PIXEL_CENTRE) if np.all(depth > 0.2) else []
         strips.append(bones)
     _send_strips(rec, path, strips, rr.LineStrips2D, colours, radius_px)
 

@@ -24,7 +24,17 @@ from numpy.typing import NDArray
 
 from pzcap.capture import read_image
 from pzcap.pipeline import CameraPrepared, Event, FrameLocalised, FrameSeparated
-from pzcap.rerun_columns import OUTLINE_COLOUR, TIMELINE, path_part, plain, project_edges, view_path
+from pzcap.rerun_columns import (
+    OUTLINE_COLOUR,
+    PIXEL_CENTRE,
+    TIMELINE,
+    centred,
+    centred_shift,
+    path_part,
+    plain,
+    project_edges,
+    view_path,
+)
 from pzcap.types import (
     Array,
     Capture,
@@ -54,6 +64,7 @@ class Recorder:
         self._partial = path.with_name(path.name + ".partial")
         self._quality = jpeg_quality
         self._error: BaseException | None = None
+        self._panoramas: dict[int, Panorama] = {}
         # Two recordings with one id are silently merged by the viewer: a new one for every file.
         self.rec = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
         self.rec.set_log_time_enabled(False)
@@ -137,6 +148,7 @@ class Recorder:
     def _prepared(self, event: CameraPrepared, name: str) -> None:
         part, prepared = path_part(name), event.prepared
         if prepared is not None:
+            self._panoramas[event.index] = prepared.panorama
             log_panorama(self.rec, f"/panorama/{part}", prepared.panorama, self._quality)
         path = self.capture.cameras[event.index].reference
         if path is not None:
@@ -145,10 +157,10 @@ class Recorder:
 
     def _localised(self, event: FrameLocalised, names: Sequence[str]) -> None:
         self.rec.set_time(TIMELINE, sequence=event.frames.index)
-        for name, image, found in zip(names, event.frames.images, event.localisations, strict=True):
+        for index, (name, image, found) in enumerate(zip(names, event.frames.images, event.localisations, strict=True)):
             view = f"{view_path('/world', name)}/image"
             self.rec.log(view, rr.Clear(recursive=False) if image is None else encoded(image, self._quality))
-            log_matches(self.rec, name, found)
+            log_matches(self.rec, name, found, self._panoramas.get(index))
 
     def _separated(self, event: FrameSeparated, names: Sequence[str]) -> None:
         self.rec.set_time(TIMELINE, sequence=event.frames.index)
@@ -177,7 +189,7 @@ def log_hall(rec: rr.RecordingStream, capture: Capture) -> None:
     lines = [[(x, -10, 0), (x, 10, 0)] for x in range(-14, 15, 2)] + [
         [(-14, y, 0), (14, y, 0)] for y in range(-10, 11, 2)
     ]
-    rec.log("/world/floor", rr.LineStrips3D(lines, colors=(110, 110, 118), radii=rr.Radius.ui_points(0.5)), static=True)
+    rec.log("/world/floor", rr.LineStrips3D(lines, colors=(74, 76, 84), radii=rr.Radius.ui_points(0.5)), static=True)
     if capture.calibration_object is not None:
         edges = rr.LineStrips3D(list(capture.calibration_object.wireframe_m), colors=(80, 120, 255), radii=0.012)
         rec.log("/world/object", edges, static=True)
@@ -196,55 +208,63 @@ def log_reference(
     if reference is None:
         return
     projected = reference.points_px - reference.residuals_px
-    rec.log(f"{path}/detected", rr.Points2D(reference.points_px, colors=(255, 220, 60), radii=2.5), static=True)
-    rec.log(f"{path}/projected", rr.Points2D(projected, colors=(235, 64, 52), radii=1.2), static=True)
+    rec.log(
+        f"{path}/detected",
+        rr.Points2D(reference.points_px + PIXEL_CENTRE, colors=(255, 220, 60), radii=2.5),
+        static=True,
+    )
+    rec.log(f"{path}/projected", rr.Points2D(projected + PIXEL_CENTRE, colors=(235, 64, 52), radii=1.2), static=True)
     if capture.calibration_object is not None:
-        strips = project_edges(reference.camera, capture.calibration_object.wireframe_m)
+        edges = project_edges(reference.camera, capture.calibration_object.wireframe_m)
+        strips = [edge + PIXEL_CENTRE for edge in edges]
         rec.log(f"{path}/wireframe", rr.LineStrips2D(strips, colors=(80, 120, 255), radii=0.8), static=True)
 
 
 def log_panorama(rec: rr.RecordingStream, path: str, panorama: Panorama, jpeg_quality: int = 75) -> None:
     """The panorama, where each frame of the sweep looked, and where the reference pose looks."""
-    image = panorama.image.copy()
-    image[~panorama.valid] = 0
+    shown = centred(panorama)
+    image = np.where(shown.valid[..., None], shown.image, np.uint8(0))
     rec.log(f"{path}/image", encoded(image, jpeg_quality), static=True)
-    column, row = panorama.origin_px
-    columns = column - panorama.sweep_pan_rad * panorama.px_per_rad
-    if panorama.full_turn:
+    column, _ = shown.origin_px + PIXEL_CENTRE
+    columns = column - shown.sweep_pan_rad * shown.px_per_rad
+    if shown.full_turn:
         columns = columns % image.shape[1]
-    ticks = [[(x, row - 12), (x, row + 12)] for x in columns]
-    rec.log(f"{path}/sweep", rr.LineStrips2D(ticks, colors=(255, 255, 255, 140), radii=0.7), static=True)
-    reference = [[(column, 0), (column, image.shape[0])]]
-    rec.log(f"{path}/reference_pose", rr.LineStrips2D(reference, colors=(80, 120, 255), radii=1.5), static=True)
+    ticks = [[(x, -16), (x, -4)] for x in columns]
+    rec.log(f"{path}/sweep", rr.LineStrips2D(ticks, colors=(200, 200, 200), radii=0.8), static=True)
+    reference = [[(column, -24), (column, image.shape[0])]]
+    rec.log(f"{path}/reference_pose", rr.LineStrips2D(reference, colors=(80, 120, 255), radii=1.0), static=True)
 
 
 # --------------------------------------------------------------------------------------------------------------
 # A frame (the caller has set the time)
 
 
-def log_matches(rec: rr.RecordingStream, name: str, found: Localisation | None) -> None:
+def log_matches(rec: rr.RecordingStream, name: str, found: Localisation | None, panorama: Panorama | None) -> None:
     """Matches in the frame and in the panorama; both ends of one have one colour (Fig. 9)."""
-    for path, points in (
-        (f"{view_path('/world', name)}/matches", None if found is None else found.frame_points_px),
-        (f"/panorama/{path_part(name)}/matches", None if found is None else found.panorama_points_px),
-    ):
-        if points is None or found is None or not len(points):
+    paths = f"{view_path('/world', name)}/matches", f"/panorama/{path_part(name)}/matches"
+    if found is None or panorama is None or not len(found.frame_points_px):
+        for path in paths:
             rec.log(path, rr.Clear(recursive=False))
-            continue
-        some = np.linspace(0, len(points) - 1, min(MAX_MATCHES, len(points))).astype(int)
-        rec.log(path, rr.Points2D(points[some], colors=_rainbow(found.frame_points_px[some, 0]), radii=2.0))
+        return
+    some = np.linspace(0, len(found.frame_points_px) - 1, min(MAX_MATCHES, len(found.frame_points_px))).astype(int)
+    there = found.panorama_points_px[some] + centred_shift(panorama)
+    if panorama.full_turn:
+        there[:, 0] %= panorama.image.shape[1]
+    colours = _rainbow(found.frame_points_px[some, 0])
+    for path, points in zip(paths, (found.frame_points_px[some], there), strict=True):
+        rec.log(path, rr.Points2D(points + PIXEL_CENTRE, colors=colours, radii=2.0))
 
 
 def log_silhouette(rec: rr.RecordingStream, name: str, silhouette: Silhouette | None, jpeg_quality: int = 75) -> None:
     """The outline over the view; the warped panorama and the probability as pictures of half the size."""
     part = path_part(name)
-    outline, pictures = f"{view_path('/world', name)}/outline", f"/foreground/{part}"
+    path, pictures = f"{view_path('/world', name)}/outline", f"/foreground/{part}"
     if silhouette is None or not silhouette.valid:
-        rec.log(outline, rr.Clear(recursive=False))
+        rec.log(path, rr.Clear(recursive=False))
         rec.log(pictures, rr.Clear(recursive=True))
         return
-    strips = outlines(silhouette.probability)
-    rec.log(outline, rr.LineStrips2D(strips, colors=OUTLINE_COLOUR, radii=0.7) if strips else rr.Clear(recursive=False))
+    strips = [outline + PIXEL_CENTRE for outline in outlines(silhouette.probability)]
+    rec.log(path, rr.LineStrips2D(strips, colors=OUTLINE_COLOUR, radii=0.7) if strips else rr.Clear(recursive=False))
     for kind, image in (("background", silhouette.background), ("probability", silhouette.probability)):
         small = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         rec.log(f"{pictures}/{kind}", encoded(np.asarray(small, np.uint8), jpeg_quality))
