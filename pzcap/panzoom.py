@@ -3,18 +3,21 @@
 `Localiser` takes one of two ways. ``paper`` unfolds the frame onto the reference cylinder and solves the linear system
 of eq. 15, the paper's final solution. ``exact`` solves eq. 11 for the calibrated camera: the residual of a match is
 where the panorama's point would be seen in the frame, minus where it was seen, in pixels of the frame, minimised over
-pan and log focal with all of tilt, roll, principal point and distortion in place.
+pan and log focal with all of tilt, roll, principal point and distortion in place. Then `pzcap.align` refines it; and
+where the frame before is known, the alignment alone is enough.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pzcap import camera as geometry
 from pzcap import cylinder, features
+from pzcap.align import Aligner, Alignment
 from pzcap.camera import View
 from pzcap.features import Features
 from pzcap.reference import ReferenceConfig
@@ -35,6 +38,7 @@ class PanZoomConfig:
     zoom_range: tuple[float, float] = (0.5, 4.0)  # searched where nothing is known, relative to the reference
     search_deg: float = 8.0  # beyond the frame's edges, where the frame before is known
     min_inliers: int = 12
+    min_agreement: float = 0.5  # of an alignment (see `align.Alignment`), or features are asked again
     max_pan_sigma_deg: float = 0.05  # a frame known worse than this is not valid
     floor_deg: float = 0.002  # systematic error of pan: the least standard deviation that is claimed
     floor_focal: float = 2e-4  # the same of the focal length, relative
@@ -54,6 +58,7 @@ class Localiser:
         self._camera = camera
         self._config = config
         self._features = panorama_features(panorama, config.threshold, config.panorama_features)
+        self._aligner = Aligner(panorama, camera) if config.method == "exact" else None
         self._azimuth, self._slope = cylinder.from_panorama(panorama, self._features.points_px)
 
     def localise(self, image: Image, prior: Localisation | None) -> Localisation:
@@ -62,13 +67,24 @@ class Localiser:
         ``prior`` is the frame before, if that was found; without it, or when nothing is found near it, the whole
         panorama is searched. A frame whose matches do not determine it comes back with ``valid`` False.
         """
-        if self._config.method == "paper":
-            return self._localise_paper(image)
+        if self._aligner is None:
+            return self._localise_paper(image, prior)
         if prior is not None and prior.valid:
+            aligned = self._aligner.align(image, prior.pan_rad, prior.focal_px, coarse=True)
+            if aligned.agreement > self._config.min_agreement:
+                return self._aligned(aligned)
             found = self._localise_exact(image, prior)
-            if found.valid:
-                return found
-        return self._localise_exact(image, None)
+        if prior is None or not prior.valid or not found.valid:
+            found = self._localise_exact(image, None)
+        if found.valid:
+            aligned = self._aligner.align(image, found.pan_rad, found.focal_px, coarse=False)
+            moved = abs(aligned.pan_rad - found.pan_rad) * self._panorama.px_per_rad
+            if aligned.agreement > self._config.min_agreement and moved < 3.0:
+                return replace(
+                    self._aligned(aligned),
+                    frame_points_px=found.frame_points_px, panorama_points_px=found.panorama_points_px,
+                )  # fmt: skip
+        return found
 
     # ------------------------------------------------------------------------------------------ exact
 
@@ -98,12 +114,10 @@ class Localiser:
         scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
         points = (found.points_px + 0.5) * scale - 0.5
         if prior is None:
-            window = np.arange(len(self._azimuth))
             focals = lens.reference_focal_px * np.exp(np.arange(np.log(low), np.log(high), 0.02))
         else:
-            reach = np.arctan(lens.width / 2 / prior.focal_px) + np.deg2rad(config.search_deg)
-            window = np.flatnonzero(np.abs(wrapped(self._azimuth - prior.pan_rad)) < reach)
             focals = prior.focal_px * np.exp(np.arange(-0.2, 0.2001, 0.02))
+        window = self._windows(prior)[0]
         pairs = features.match(found, self._features.subset(window), config.ratio)
         if len(pairs) < config.min_inliers:
             return self._lost(prior)
@@ -121,8 +135,7 @@ class Localiser:
     def _judge(self, solution: Solution, points_px: Array, panorama_px: Array) -> Localisation:
         config = self._config
         good = solution.inliers
-        floor = np.array([np.deg2rad(config.floor_deg), config.floor_focal])
-        covariance = solution.covariance + np.diag(floor**2)
+        covariance = solution.covariance + self._floor()
         zoom = solution.focal_px / self._camera.lens.reference_focal_px
         valid = (
             good.sum() >= config.min_inliers
@@ -135,6 +148,17 @@ class Localiser:
             bool(valid), points_px[good], panorama_px[good],
         )  # fmt: skip
 
+    def _aligned(self, aligned: Alignment) -> Localisation:
+        zoom = aligned.focal_px / self._camera.lens.reference_focal_px
+        return Localisation(
+            float(wrapped(np.array(aligned.pan_rad))), self._camera.tilt_rad, aligned.focal_px,
+            aligned.covariance + self._floor(), self._config.zoom_range[0] < zoom < self._config.zoom_range[1],
+            aligned.frame_points_px, aligned.panorama_points_px,
+        )  # fmt: skip
+
+    def _floor(self) -> Array:
+        return np.diag([np.deg2rad(self._config.floor_deg) ** 2, self._config.floor_focal**2])
+
     def _lost(self, prior: Localisation | None) -> Localisation:
         pan, focal = (0.0, self._camera.lens.reference_focal_px) if prior is None else (prior.pan_rad, prior.focal_px)
         return Localisation(
@@ -143,16 +167,21 @@ class Localiser:
 
     # ------------------------------------------------------------------------------------------ paper
 
-    def _localise_paper(self, image: Image) -> Localisation:
+    def _localise_paper(self, image: Image, prior: Localisation | None) -> Localisation:
         config, lens = self._config, self._camera.lens
         unfolded, covered, origin = cylinder.to_cylinder(image, lens.reference_focal_px)
         inside = np.asarray(cv2.erode(covered.astype(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
         found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside)
-        pairs = features.match(found, self._features, config.ratio)
-        relative = found.points_px[pairs[:, 0]] - origin
-        places = self._features.points_px[pairs[:, 1]]
-        agree = ransac_eq15(relative, places)
-        if agree.sum() < config.min_inliers:
+        relative, places = np.empty((0, 2)), np.empty((0, 2))
+        agree = np.zeros(0, bool)
+        for window in self._windows(prior):
+            pairs = features.match(found, self._features.subset(window), config.ratio)
+            relative = found.points_px[pairs[:, 0]] - origin
+            places = self._features.points_px[window[pairs[:, 1]]]
+            agree = ransac_eq15(relative, places)
+            if agree.sum() >= config.min_inliers:
+                break
+        else:
             return self._lost(None)
         (shrink, column, _), covariance = solve_eq15(relative[agree], places[agree])
         if shrink <= 0:
@@ -164,6 +193,14 @@ class Localiser:
             lens.reference_focal_px / float(shrink), jacobian @ covariance @ jacobian.T, True,
             cylinder_to_frame(relative[agree], lens.reference_focal_px, lens.width, lens.height), places[agree],
         )  # fmt: skip
+
+    def _windows(self, prior: Localisation | None) -> list[NDArray[np.int64]]:
+        """Which of the panorama's features to match with: those around ``prior``, then all."""
+        everything = [np.arange(len(self._azimuth))]
+        if prior is None or not prior.valid:
+            return everything
+        reach = np.arctan(self._camera.lens.width / 2 / prior.focal_px) + np.deg2rad(self._config.search_deg)
+        return [np.flatnonzero(np.abs(wrapped(self._azimuth - prior.pan_rad)) < reach), *everything]
 
 
 def panorama_features(panorama: Panorama, threshold: float, limit: int) -> Features:

@@ -1,0 +1,253 @@
+"""Pan and zoom to a fraction of a pixel: the frame's grey values against the panorama's (direct alignment).
+
+Features say where a frame is; its pixels, all of them, say it better. The residual of a pixel is its grey value minus
+what the panorama shows in its direction, made as bright as the frame by a gain and a vignetting that are found along
+with pan and log focal. Pixels that do not fit (the athlete, her shadow) lose their weight. From coarse to fine, so that
+the frame before is a good enough start for the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pzcap import camera as geometry
+from pzcap.sweep import grey
+from pzcap.types import Array, Image, Panorama, PanZoomCamera
+
+LEVELS = ((3, 4), (1, 3), (0, 4))  # from coarse to fine: halvings of the size, and Gauss-Newton steps
+SAMPLES = 6000  # pixels looked at, about
+BORDER = 3  # pixels at the frame's edge left out
+SHOWN = 80  # points given back as matches
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    pan_rad: float
+    focal_px: float
+    covariance: Array  # (2, 2) of (pan, log focal), from the residuals alone
+    agreement: float  # 1 - the median difference's share of the median contrast: near 1 where it fits, else about 0
+    frame_points_px: Array  # (N, 2) some pixels that fit, and show edges
+    panorama_points_px: Array  # (N, 2) and where they stand on the panorama
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Level:
+    layers: NDArray[np.float32]  # (H, W, 4) grey, its derivatives along columns and rows, 1 where all of them are known
+    scale: float  # panorama pixels to one of this level's
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """A level's last step."""
+
+    pan_rad: float
+    focal_px: float
+    points: Array  # (N, 2)
+    sampled: Array  # (N, 6)
+    residual: Array  # (N,)
+    weight: Array  # (N,)
+    normal: Array  # (2 + K, 2 + K)
+
+
+class Aligner:
+    """Aligns frames of one camera with its panorama."""
+
+    def __init__(self, panorama: Panorama, camera: PanZoomCamera) -> None:
+        self._panorama = panorama
+        self._camera = camera
+        # a full turn goes on beyond its ends, so that no frame lies across a seam
+        self._margin = panorama.image.shape[1] // 4 // 8 * 8 if panorama.full_turn else 0
+        border = (0, 0, self._margin, self._margin, cv2.BORDER_WRAP)
+        image = cv2.copyMakeBorder(grey(panorama.image), *border).astype(np.float64)
+        known = cv2.copyMakeBorder(panorama.valid.astype(np.float64), *border)
+        self._levels = {k: _level(image, np.asarray(known, np.float64), 2.0**k) for k, _ in LEVELS}
+
+    def align(self, image: Image, pan_rad: float, focal_px: float, *, coarse: bool) -> Alignment:
+        """Refine a pan and a focal length.
+
+        The start may be off by some 15 pixels of the panorama with ``coarse``, else by one or two.
+        """
+        frame = grey(image)
+        fitted = None
+        for halvings, steps in LEVELS[0 if coarse else -1 :]:
+            fitted = self._fit(frame, self._levels[halvings], steps, pan_rad, focal_px)
+            if fitted is None:
+                return Alignment(pan_rad, focal_px, np.eye(2), 0.0, np.empty((0, 2)), np.empty((0, 2)))
+            pan_rad, focal_px = fitted.pan_rad, fitted.focal_px
+        assert fitted is not None
+        return self._judged(fitted)
+
+    def _fit(self, frame: Image, level: _Level, steps: int, pan_rad: float, focal_px: float) -> _Fitted | None:
+        """Gauss-Newton with falling weights (Geman and McClure); None where the panorama is not known."""
+        points, observed, shading = self._pixels(frame, level, focal_px)
+        gains = np.zeros(shading.shape[1])
+        gains[0] = 1.0
+        looseness = 4.0  # tight weights from the first step on slow the convergence
+        for step in range(steps):
+            sampled = self._sample(level, points, pan_rad, focal_px)
+            usable = sampled[:, KNOWN] > 0.999
+            if usable.sum() < 50:
+                return None
+            if step == 0:  # the gain first, or everything is an outlier
+                gains[0] = np.median(observed[usable]) / max(float(np.median(sampled[usable, VALUE])), 1.0)
+            residual = observed - (shading @ gains) * sampled[:, VALUE]
+            scale = looseness * max(1.4826 * float(np.median(np.abs(residual[usable]))), 1.0)
+            weight = usable * (scale**2 / (scale**2 + residual**2)) ** 2
+            normal, gradient = _normal(sampled, shading, gains, residual, weight)
+            change = np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), gradient)
+            pan_rad += float(change[0])
+            focal_px *= float(np.exp(np.clip(change[1], -0.1, 0.1)))
+            gains = gains + change[2:]
+            looseness = max(looseness * 0.75, 2.0)
+        return _Fitted(pan_rad, focal_px, points, sampled, residual, weight, normal)
+
+    def _pixels(self, frame: Image, level: _Level, focal_px: float) -> tuple[Array, Array, Array]:
+        """What is compared: pixels (N, 2), their grey values (N,), and r^0, r^2, ... of the vignetting (N, K)."""
+        lens = self._camera.lens
+        # the frame is shrunk to the level's resolution, where it is finer
+        shrink = max(1.0, focal_px / self._panorama.px_per_rad * level.scale)
+        size = (round(lens.width / shrink), round(lens.height / shrink))
+        small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
+        stride = max(1, int(np.sqrt(size[0] * size[1] / SAMPLES)))
+        u, v = np.meshgrid(np.arange(BORDER, size[0] - BORDER, stride), np.arange(BORDER, size[1] - BORDER, stride))
+        observed = small[v, u].ravel().astype(np.float64)
+        ratio = np.array([lens.width / size[0], lens.height / size[1]])
+        points = (np.column_stack([u.ravel(), v.ravel()]) + 0.5) * ratio - 0.5
+        centre = np.array([(lens.width - 1) / 2, (lens.height - 1) / 2])
+        squared = np.sum((points - centre) ** 2, axis=1) / np.sum(centre**2)
+        powers = np.arange(3 if level.scale == 1 else 2)
+        return points, observed, np.asarray(squared[:, None] ** powers, np.float64)
+
+    def _sample(self, level: _Level, points: Array, pan_rad: float, focal_px: float) -> Array:
+        """What the panorama shows at ``points`` (N, 2); (N, 6), columns VALUE to ROW."""
+        panorama, camera = self._panorama, self._camera
+        principal, k1 = geometry.lens_at(camera.lens, focal_px)
+        principal_slope, k1_slope = geometry.lens_slope(camera.lens, focal_px)
+        column = panorama.origin_px[0] - pan_rad * panorama.px_per_rad
+        if panorama.full_turn:
+            column = np.mod(column, panorama.image.shape[1])
+        view = np.array([camera.tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
+        place = np.array([column + self._margin, panorama.origin_px[1], panorama.px_per_rad, level.scale])
+        return _sample(level.layers, points, view, place)
+
+    def _judged(self, fitted: _Fitted) -> Alignment:
+        sampled, weight = fitted.sampled, fitted.weight
+        variance = float(weight @ fitted.residual**2) / float(weight.sum())
+        usable = sampled[:, KNOWN] > 0.999
+        value = sampled[usable, VALUE]
+        contrast = float(np.median(np.abs(value - np.median(value))))
+        difference = float(np.median(np.abs(fitted.residual[usable])))
+        strength = np.abs(sampled[:, BY_PAN]) * weight
+        shown = np.sort(np.argsort(-strength, kind="stable")[: 5 * SHOWN : 5])
+        places = sampled[shown, COLUMN:] - np.array([self._margin, 0.0])
+        if self._panorama.full_turn:
+            places[:, 0] = np.mod(places[:, 0], self._panorama.image.shape[1])
+        return Alignment(
+            fitted.pan_rad, fitted.focal_px, np.asarray(variance * np.linalg.pinv(fitted.normal)[:2, :2], np.float64),
+            1.0 - difference / max(contrast, 1.0), fitted.points[shown], places,
+        )  # fmt: skip
+
+
+VALUE, BY_PAN, BY_LOG_FOCAL, KNOWN, COLUMN = range(5)
+"""Columns of what is sampled: the panorama's grey, how it changes with pan and log focal at a fixed pixel of the frame,
+1 where the panorama is known, and the panorama's column and (5) row there."""
+
+
+@njit(cache=True, nogil=True)
+def _sample(layers: NDArray[np.float32], points: Array, view: Array, place: Array) -> Array:
+    """`camera.look` and its derivatives, and bilinear samples of the layers there, for every point (N, 2).
+
+    ``view``: tilt, roll, focal length, principal point, k1, and the latter three's derivatives by log focal. ``place``:
+    panorama column of the pan, row of slope 0, pixels to the radian, scale of the level.
+    """
+    tilt, roll, focal, principal_x, principal_y, k1, slope_x, slope_y, slope_k1 = view
+    cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
+    column_0, row_0, per_rad, scale = place
+    height, width = layers.shape[:2]
+    out = np.zeros((len(points), 6))
+    for n in range(len(points)):
+        bent_x, bent_y = (points[n, 0] - principal_x) / focal, (points[n, 1] - principal_y) / focal
+        bent = np.sqrt(bent_x * bent_x + bent_y * bent_y)
+        radius = bent
+        for _ in range(4):
+            radius -= (radius * (1.0 + k1 * radius**2) - bent) / (1.0 + 3.0 * k1 * radius**2)
+        squared = radius * radius
+        factor = 1.0 + k1 * squared
+        x, y = bent_x / factor, bent_y / factor
+        # the fixed pixel's ray as log focal grows: lens^-1 (d bent - r^2 xy dk1), lens = factor + 2 k1 xy xy^T
+        push_x = -bent_x - slope_x / focal - squared * x * slope_k1
+        push_y = -bent_y - slope_y / focal - squared * y * slope_k1
+        along = 2.0 * k1 * (x * push_x + y * push_y) / (factor * (factor + 2.0 * k1 * squared))
+        d_x, d_y = push_x / factor - along * x, push_y / factor - along * y
+
+        left, down = -(cos_r * x - sin_r * y), sin_r * x + cos_r * y
+        d_left, d_down = -(cos_r * d_x - sin_r * d_y), sin_r * d_x + cos_r * d_y
+        forward, up = cos_t + sin_t * down, sin_t - cos_t * down
+        d_forward, d_up = sin_t * d_down, -cos_t * d_down
+        across = forward * forward + left * left
+        level = np.sqrt(across)
+        d_azimuth = (forward * d_left - left * d_forward) / across
+        d_slope = d_up / level - up * (forward * d_forward + left * d_left) / (across * level)
+        column = column_0 - np.arctan2(left, forward) * per_rad
+        row = row_0 - up / level * per_rad
+        out[n, 4], out[n, 5] = column, row
+
+        column, row = (column + 0.5) / scale - 0.5, (row + 0.5) / scale - 0.5
+        i, j = int(np.floor(row)), int(np.floor(column))
+        if i < 0 or j < 0 or i + 1 >= height or j + 1 >= width:
+            continue
+        b, a = row - i, column - j
+        w00, w01, w10, w11 = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
+        value = np.zeros(4)
+        for k in range(4):
+            value[k] = (
+                w00 * layers[i, j, k] + w01 * layers[i, j + 1, k]
+                + w10 * layers[i + 1, j, k] + w11 * layers[i + 1, j + 1, k]
+            )  # fmt: skip
+        per_px = -per_rad / scale
+        out[n, 0] = value[0]
+        out[n, 1] = per_px * value[1]
+        out[n, 2] = per_px * (value[1] * d_azimuth + value[2] * d_slope)
+        out[n, 3] = value[3]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _normal(sampled: Array, shading: Array, gains: Array, residual: Array, weight: Array) -> tuple[Array, Array]:
+    """Normal equations (2 + K, 2 + K) and (2 + K,) of pan, log focal and gains."""
+    count = shading.shape[1]
+    normal, gradient = np.zeros((2 + count, 2 + count)), np.zeros(2 + count)
+    row = np.zeros(2 + count)
+    for n in range(len(residual)):
+        if weight[n] <= 0.0:
+            continue
+        brightness = 0.0
+        for k in range(count):
+            brightness += gains[k] * shading[n, k]
+            row[2 + k] = shading[n, k] * sampled[n, 0]
+        row[0], row[1] = brightness * sampled[n, 1], brightness * sampled[n, 2]
+        for i in range(2 + count):
+            gradient[i] += weight[n] * row[i] * residual[n]
+            for j in range(i + 1):
+                normal[i, j] += weight[n] * row[i] * row[j]
+    for i in range(2 + count):
+        for j in range(i):
+            normal[j, i] = normal[i, j]
+    return normal, gradient
+
+
+def _level(image: Array, known: Array, scale: float) -> _Level:
+    size = (int(image.shape[1] / scale), int(image.shape[0] / scale))
+    # whole cells only, so that places scale exactly
+    rows, columns = int(size[1] * scale), int(size[0] * scale)
+    small = cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA)
+    complete = cv2.resize(known[:rows, :columns], size, interpolation=cv2.INTER_AREA) > 0.999
+    inside = cv2.erode(complete.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
+    by_column = cv2.sepFilter2D(small, cv2.CV_64F, np.array([-0.5, 0.0, 0.5]), np.array([1.0]))
+    by_row = cv2.sepFilter2D(small, cv2.CV_64F, np.array([1.0]), np.array([-0.5, 0.0, 0.5]))
+    return _Level(np.dstack([small, by_column, by_row, inside]).astype(np.float32), scale)
