@@ -57,8 +57,25 @@ def separate(
         return Silhouette(np.zeros(image.shape[:2], np.uint8), background, False)
     view = at(camera, localisation.pan_rad, localisation.tilt_rad, localisation.focal_px)
     blur = 0.45 * np.sqrt(max((localisation.focal_px / panorama.px_per_rad) ** 2 - 1.0, 0.0))
+    return subtract(image, background, known, view, blur, config, predicted)
+
+
+def subtract(
+    image: Image,
+    background: Image,
+    known: Mask,
+    camera: Camera,
+    blur_px: float,
+    config: ForegroundConfig,
+    predicted: Array | Float32 | None = None,
+) -> Silhouette:
+    """Tell the athlete from the hall, given the empty hall in this very view.
+
+    ``background`` (H, W, 3) counts where it is ``known`` (H, W). ``blur_px`` is how much softer (sigma) it is than the
+    frame: a panorama at twice its own magnification has no finer detail to give.
+    """
     matched = match_gain(image, background, known)
-    probability = _classify(image, matched, known, view, 0, 0, blur, config, predicted)
+    probability = _classify(image, matched, known, camera, 0, 0, blur_px, config, predicted)
     return Silhouette(probability, matched, True)
 
 

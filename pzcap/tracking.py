@@ -64,14 +64,24 @@ class Tracked:
     valid: bool
 
 
-def _schedule() -> tuple[tuple[Terms, int], ...]:
+@dataclass(frozen=True, slots=True)
+class Round:
+    """Some iterations with the same residuals."""
+
+    terms: Terms
+    iterations: int
+    stiffness: float = 1.0  # the joints' prior; large: the body moves as a whole
+
+
+def _schedule() -> tuple[Round, ...]:
     def terms(level: int, reach: float, contour_sigma: float, brightness_sigma: float) -> Terms:
         return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15)
 
     return (
-        (terms(2, 20.0, 4.0, 20.0), 3),
-        (terms(1, 10.0, 2.0, 15.0), 3),
-        (terms(0, 5.0, 1.0, 12.0), 3),
+        Round(terms(2, 30.0, 8.0, 20.0), 3, 5.0),
+        Round(terms(2, 20.0, 4.0, 20.0), 3),
+        Round(terms(1, 10.0, 2.0, 15.0), 3),
+        Round(terms(0, 5.0, 1.0, 12.0), 3),
     )
 
 
@@ -85,11 +95,13 @@ class TrackingConfig:
     # what a prediction with constant velocity may be wrong by, a frame
     prediction_position_sigma_m: float = 0.03
     prediction_rotation_sigma_rad: float = 0.20
+    velocity_gain: float = 0.8  # how fast the velocity follows
     limit_sigma_rad: float = 0.05
     cut_out_margin: float = 0.35  # what is kept of a view around the body, in sizes of the body
     second_look: bool = True  # cut the silhouettes again, now that the body is predicted
     foreground: ForegroundConfig = field(default_factory=ForegroundConfig)
-    schedule: tuple[tuple[Terms, int], ...] = field(default_factory=_schedule)
+    schedule: tuple[Round, ...] = field(default_factory=_schedule)
+    start_widening: float = 4.0  # of a prediction's sigma while the velocity is not known
     longest_lead: int = 120  # frames before the first keyframe that are kept to be tracked backward
 
 
@@ -133,11 +145,12 @@ class _Follower:
     ) -> None:
         self.body, self.config = body, config
         self.pose, self.velocity, self.age = pose, velocity, 0
+        self._known = velocity != 0.0  # of each degree of freedom, whether the velocity is
         points = len(body.surface.points_m)
         self.appearances = [Appearance.unseen(points) for _ in cuts]
         sigma = np.full(DOF, config.prediction_rotation_sigma_rad)
         sigma[:3] = config.prediction_position_sigma_m
-        self._prior = np.diag(1.0 / sigma**2)
+        self._sigma = sigma
         _evidence(body, cuts).learn(pose, self.appearances, 1.0)
 
     def predict(self) -> Pose:
@@ -150,9 +163,13 @@ class _Follower:
         if all(cut is None for cut in cuts):  # nothing was seen: coast, and slow down
             self.pose, self.velocity = predicted, 0.9 * self.velocity
             return _Step(predicted, self.velocity, np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3), False)
-        pose, normal, evidence = _improve(self.body, cuts, predicted, self._prior, self.appearances, self.config)
+        sigma = self._sigma * np.where(self._known, 1.0, self.config.start_widening)
+        prior = np.diag(1.0 / sigma**2)
+        pose, normal, evidence = _improve(self.body, cuts, predicted, prior, self.appearances, self.config)
         evidence.learn(pose, self.appearances, self.config.appearance_rate)
-        self.velocity = self.velocity + 0.8 * (difference(pose, self.pose) - self.velocity)
+        gain = np.where(self._known, self.config.velocity_gain, 1.0)
+        self._known[:] = True
+        self.velocity = self.velocity + gain * (difference(pose, self.pose) - self.velocity)
         self.pose = pose
         return _Step(pose, self.velocity, normal.hessian, _variance(normal, self.age), True)
 
@@ -198,14 +215,17 @@ def _improve(
     pose = predicted
     evidence = _evidence(body, cuts, predicted, config if config.second_look else None)
     normal: Normal | None = None
-    for terms, iterations in config.schedule:
+    for each in config.schedule:
         placed = evidence.visibility(pose)
-        for _ in range(iterations):
-            normal = evidence.normal(pose, placed, appearances, terms)
+        stiff = np.ones(DOF)
+        stiff[6:] = each.stiffness
+        information = prior * stiff[:, None] * stiff
+        for _ in range(each.iterations):
+            normal = evidence.normal(pose, placed, appearances, each.terms)
             excess, violated = limit_residuals(pose)
             stiffness = violated / config.limit_sigma_rad**2
-            hessian = normal.hessian + prior + np.diag(stiffness)
-            gradient = normal.gradient + prior @ difference(predicted, pose) - stiffness * excess
+            hessian = normal.hessian + information + np.diag(stiffness)
+            gradient = normal.gradient + information @ difference(predicted, pose) - stiffness * excess
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)
             pose = retract(pose, step)
             if np.abs(step).max() < 1e-3:
