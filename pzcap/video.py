@@ -71,8 +71,9 @@ def write_video(
     started = False
     try:
         with av.open(str(path), "w") as container:
-            # One thread: x264's output depends on how many there are.
-            options = {"crf": str(crf), "preset": "medium", "threads": "1"}
+            # One thread, since x264's output depends on how many there are; no macroblock tree, since that reads memory
+            # that nobody wrote, and the same frames then give other bytes in another process.
+            options = {"crf": str(crf), "preset": "veryfast", "threads": "1", "x264-params": "mbtree=0"}
             stream = container.add_stream("libx264", rate=frame_rate, options=options)
             stream.pix_fmt = "yuv420p"
             stream.codec_context.time_base = 1 / frame_rate

@@ -17,7 +17,7 @@ from pzcap.types import Array, Image
 
 _CORNERS_M = ((-10.5, -8.0), (10.5, -8.0), (10.5, 8.0), (-10.5, 8.0))
 _HEAD_R_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-_GRID_PX = 8  # spacing of the points whose distortion is computed; between them it is interpolated, to 0.005 px
+_GRID_PX = 8  # spacing of the points whose distortion is computed; between them it is interpolated, to 0.006 px
 
 
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]

@@ -34,7 +34,7 @@ from sim.scene import build_stage, scene_points, skeleton, stream
 from sim.sensor import SensorConfig, draw_dropped, rolls
 from sim.truth import Truth, save
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Of the simulator. Raise it with every change that changes a capture, so that cached ones are shot again."""
 
 _CAMERAS: Final = 4
