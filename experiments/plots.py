@@ -100,7 +100,9 @@ def pan_zoom(reconstruction: Reconstruction, truth: Truth | None, result: Score 
             axes, ("pan [deg]", "focal length [px]", "pan error [deg]", "focal error [%]"), strict=False
         ):
             row[0].set_ylabel(label)
-        axes[1, 0].legend(loc="best", handlelength=1.4)
+        drawn = next((plot for plot in axes[1] if plot.get_legend_handles_labels()[0]), None)
+        if drawn is not None:
+            drawn.legend(loc="best", handlelength=1.4)
 
     return svg(11.5, 1.75 * rows + 0.5, draw)
 

@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+
+class _Count(ProgressColumn):
+    """Done of total, or what is done where nobody knows the total."""
+
+    def render(self, task: Task) -> Text:
+        of = f"/{task.total:.0f}" if task.total else ""
+        return Text(f"{task.completed:.0f}{of}", style="progress.download")
 
 
 class Bars:
-    """A bar for every stage that reports itself, in the order of their first report."""
+    """A bar for every stage that reports itself, in the order of their first report.
+
+    Stages of one subject ("camera 1: sweep", "camera 1: zoom") follow each other: the next one ends the one before.
+    """
 
     def __init__(self, console: Console) -> None:
         self._progress = Progress(
-            TextColumn("{task.description:<12}"),
-            BarColumn(bar_width=32),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            console=console,
+            TextColumn("{task.description}"), BarColumn(bar_width=32), _Count(), TimeElapsedColumn(), console=console
         )
         self._tasks: dict[str, TaskID] = {}
 
@@ -35,6 +34,7 @@ class Bars:
         """Say how far ``stage`` is; ``total`` 0 if nobody knows."""
         if stage not in self._tasks:
             self._progress.start()  # not before: without a bar it would leave an empty line
+            self._end(lambda other: other.partition(":")[0] == stage.partition(":")[0])
             self._tasks[stage] = self._progress.add_task(stage, total=total or None)
         self._progress.update(self._tasks[stage], completed=done, total=total or None)
 
@@ -44,5 +44,14 @@ class Bars:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._tasks:
-            self._progress.stop()
+        if not self._tasks:
+            return
+        if kind is None:
+            self._end(lambda _: True)
+        self._progress.stop()
+
+    def _end(self, which: Callable[[str], bool]) -> None:
+        for task in self._progress.tasks:
+            if which(task.description):
+                self._progress.update(task.id, total=task.completed)
+                self._progress.stop_task(task.id)

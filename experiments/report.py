@@ -73,6 +73,7 @@ def write_report(path: Path, material: Material, command: str) -> None:
 
 def _context(material: Material, command: str) -> dict[str, Any]:
     reconstruction, truth, result = material.reconstruction, material.truth, material.score
+    body = None if result is None else result.body
     by_key = {metric.key: metric for metric in material.metrics}
     shown = _Frames(material)
     return {
@@ -94,8 +95,8 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "silhouettes": None
         if result is None or result.foreground is None
         else plots.silhouettes(reconstruction, result),
-        "body_error": None if result is None or result.body is None else plots.body_error(result.body),
-        "joint_bars": None if result is None or result.body is None else plots.joint_bars(result.body),
+        "body_error": None if body is None else plots.body_error(body),
+        "joint_bars": None if body is None or not body.scored.any() else plots.joint_bars(body),
         "worst": shown.worst(),
         "stage_times": plots.stage_times(material.stage_s) if material.stage_s else None,
         "groups": _groups(material.metrics),

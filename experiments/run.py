@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -44,7 +43,7 @@ from sim.shoot import shoot_cached
 from sim.truth import Truth
 
 CONF: Final = Path(__file__).parents[1] / "conf"
-RESULTS: Final = ("metrics.json", "recording.rrd", "report.html", "reconstruction", "capture")
+RESULTS: Final = ("metrics.json", "report.html", "recording.rrd")
 
 
 @dataclass(slots=True)
@@ -61,12 +60,12 @@ class Reconstructed:
 def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console) -> list[Metric]:
     """Everything from the shoot to the report, into ``folder``. PzcapError for what the user can mend."""
     start = time.perf_counter()
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in RESULTS:  # of an earlier run: a failed one must not be mistaken for it
-        _remove(folder / name)
+    named = None if config.capture is None else Path(config.capture).resolve()
+    _forget(folder)
     with Bars(console) as bars:
-        shot = _footage(config, bars)
-    (folder / "capture").symlink_to(shot.resolve(), target_is_directory=True)
+        shot = _shoot(config, bars) if named is None else _capture_in(named)
+    if not (folder / "capture").exists():
+        (folder / "capture").symlink_to(shot.resolve(), target_is_directory=True)
     capture = read_capture(shot)
     truth = _truth(shot)
 
@@ -106,13 +105,23 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     return found
 
 
-def _footage(config: AppConfig, bars: Bars) -> Path:
-    """The capture folder: the one that was named, else one that is shot now or has been before."""
-    if config.capture is not None:
-        folder = Path(config.capture)
-        return (
-            folder / "capture" if not (folder / "capture.json").exists() and (folder / "capture").is_dir() else folder
-        )
+def _forget(folder: Path) -> None:
+    """Remove what an earlier run left in ``folder``: a run that fails must not be mistaken for it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in (*RESULTS, f"reconstruction/{store.MANIFEST}"):
+        (folder / name).unlink(missing_ok=True)
+    if (folder / "capture").is_symlink():  # else it is footage
+        (folder / "capture").unlink()
+
+
+def _capture_in(folder: Path) -> Path:
+    """The capture that a user means: ``folder``, or the one inside it where it holds a truth, too."""
+    inside = folder / "capture"
+    return inside if inside.is_dir() and not (folder / "capture.json").exists() else folder
+
+
+def _shoot(config: AppConfig, bars: Bars) -> Path:
+    """The capture of the shoot's config: shot now, or kept from before."""
     shoot = shoot_cached(config.shoot, Path(config.output.captures))
     while True:
         try:
@@ -191,13 +200,6 @@ def _speed(done: Reconstructed, frames: int, log_share: float | None) -> list[Me
     ]
 
 
-def _remove(path: Path) -> None:
-    if path.is_symlink() or path.is_file():
-        path.unlink()
-    elif path.is_dir():
-        shutil.rmtree(path)
-
-
 def print_table(console: Console, title: str, found: list[Metric]) -> None:
     """The metrics, and which of them miss their target."""
     table = Table(title=title, title_justify="left", header_style="bold")
@@ -228,12 +230,12 @@ def _job(composed: DictConfig) -> None:
         if report(error):
             raise AlreadyReported(str(error)) from error
         raise
+    what = config.capture or HydraConfig.get().runtime.choices["experiment"]
+    print_table(out, f"{what}, {config.method}, seed {config.seed}", found)
     shown = os.path.relpath(folder) if folder.is_relative_to(Path.cwd()) else folder
-    print_table(out, f"{config.capture or HydraConfig.get().runtime.choices['experiment']}, seed {config.seed}", found)
-    out.print(
-        f"[bold]{shown}/report.html[/]  [bold]{shown}/recording.rrd[/] (rerun FILE)  {shown}/metrics.json",
-        highlight=False,
-    )
+    for name in RESULTS:
+        if (folder / name).exists():
+            out.print(f"{shown}/{name}", highlight=False, soft_wrap=True)
 
 
 def main() -> int:

@@ -92,6 +92,18 @@ def test_the_reconstruction_loads(finished: tuple[Path, str]) -> None:
     assert whole.method == "exact"
 
 
+def test_footage_inside_the_runs_own_folder_survives(small_capture: Path, tmp_path: Path) -> None:
+    shutil.copytree(small_capture / "capture", tmp_path / "capture")
+    (tmp_path / "capture" / "object.json").unlink()
+    (tmp_path / "metrics.json").write_text("{}")
+    done = command(f"capture={tmp_path / 'capture'}", f"hydra.run.dir={tmp_path}")
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "object.json" in done.stderr
+    assert (tmp_path / "capture" / "capture.json").is_file()
+    assert not (tmp_path / "metrics.json").exists()
+
+
 def test_without_truth_subject_and_a_sweep_it_runs_and_says_what_it_left_out(
     small_capture: Path, tmp_path: Path
 ) -> None:
