@@ -86,7 +86,7 @@ def test_the_calibration_object_is_where_the_truth_says(small_capture: Path, tru
         assert len(ids) >= 6
         errors = []
         cam_T_world = np.linalg.inv(truth.reference_world_T_cam[c])
-        for number, corners in zip(ids.ravel().tolist(), found, strict=True):
+        for number, corners in zip(map(int, ids.ravel()), found, strict=True):
             points = corners_m[number] @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
             xy = points[:, :2] / points[:, 2:]
             bend = 1 + truth.reference_k1[c] * np.sum(xy**2, axis=1, keepdims=True)

@@ -24,7 +24,7 @@ def images(count: int, width: int = 64, height: int = 48) -> list[Image]:
     """Smooth pictures, each of its own brightness, so that a frame can be told from its neighbours."""
     rng = np.random.default_rng(3)
     base = cv2.resize(rng.integers(60, 150, (6, 8, 3), dtype=np.uint8), (width, height), interpolation=cv2.INTER_CUBIC)
-    return [np.asarray(cv2.add(base, (4 * k,) * 3), np.uint8) for k in range(count)]
+    return [np.asarray(cv2.convertScaleAbs(base, beta=4 * k), np.uint8) for k in range(count)]
 
 
 @given(rate=st.sampled_from(RATES), data=st.data())
