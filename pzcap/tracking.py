@@ -28,6 +28,7 @@ from pzcap.evidence import (
     signed_distance,
 )
 from pzcap.foreground import ForegroundConfig, refine
+from pzcap.merging import Cut, merge
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
 
 _SEGMENT_WIDTH_M = np.array(
@@ -106,18 +107,6 @@ class TrackingConfig:
 
 
 @dataclass(slots=True, eq=False)
-class _Cut:
-    """A view cut out around the body: what is kept until the backward pass has used it."""
-
-    camera: Camera
-    left: int
-    top: int
-    image: Image
-    background: Image
-    probability: Image
-
-
-@dataclass(slots=True, eq=False)
 class _Step:
     """One direction's estimate of one instant."""
 
@@ -133,7 +122,7 @@ class _Instant:
     """A frame between two keyframes, waiting for the backward pass."""
 
     frame: int
-    cuts: list[_Cut | None]
+    cuts: list[Cut | None]
     step: _Step
 
 
@@ -141,7 +130,7 @@ class _Follower:
     """Follows the body in one direction of time from a keyframe."""
 
     def __init__(
-        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, cuts: Sequence[_Cut | None]
+        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, cuts: Sequence[Cut | None]
     ) -> None:
         self.body, self.config = body, config
         self.pose, self.velocity, self.age = pose, velocity, 0
@@ -156,7 +145,7 @@ class _Follower:
     def predict(self) -> Pose:
         return retract(self.pose, self.velocity)
 
-    def step(self, cuts: Sequence[_Cut | None]) -> _Step:
+    def step(self, cuts: Sequence[Cut | None]) -> _Step:
         """Move on by one frame."""
         predicted = self.predict()
         self.age += 1
@@ -178,12 +167,12 @@ def _variance(normal: Normal, age: int) -> Array:
     """How little each segment is to be trusted (16,): it drifts away from its keyframe with age, and what misses the
     silhouette is wrong."""
     squares, found, sought = normal.contour.T
-    misfit = (squares + 25.0 * (sought - found)) / np.maximum(sought, 1.0)
+    misfit = (squares + 25.0 * (sought - found + 3.0)) / (sought + 3.0)
     return 0.1 * age + misfit**2
 
 
 def _evidence(
-    body: Body, cuts: Sequence[_Cut | None], pose: Pose | None = None, config: TrackingConfig | None = None
+    body: Body, cuts: Sequence[Cut | None], pose: Pose | None = None, config: TrackingConfig | None = None
 ) -> Evidence:
     """Prepare the views; with a pose, their silhouettes are cut a second time with the body where the pose has it."""
     if pose is not None and config is not None:
@@ -205,7 +194,7 @@ def _evidence(
 
 def _improve(
     body: Body,
-    cuts: Sequence[_Cut | None],
+    cuts: Sequence[Cut | None],
     predicted: Pose,
     prior: Array,
     appearances: Sequence[Appearance | None],
@@ -234,15 +223,7 @@ def _improve(
     return pose, normal, evidence
 
 
-def _merge(forward: _Step, backward: _Step) -> Pose:
-    """Limb by limb, by confidence; a limb that one direction has lost is taken from the other."""
-    share = forward.variance / (forward.variance + backward.variance)  # of the backward pose
-    delta = difference(backward.pose, forward.pose)
-    weight = share[DOF_SEGMENT]
-    return retract(forward.pose, weight * delta)
-
-
-def _cut(body: Body, view: View | None, pose: Pose, config: TrackingConfig) -> _Cut | None:
+def _cut(body: Body, view: View | None, pose: Pose, config: TrackingConfig) -> Cut | None:
     """The part of a view around the body, copied so that the frame itself can be let go."""
     if view is None or not view.silhouette.valid:
         return None
@@ -251,7 +232,7 @@ def _cut(body: Body, view: View | None, pose: Pose, config: TrackingConfig) -> _
         return None
     left, top, right, bottom = window
     part = np.s_[top:bottom, left:right]
-    return _Cut(
+    return Cut(
         view.camera, left, top, view.image[part].copy(), view.silhouette.background[part].copy(),
         view.silhouette.probability[part].copy(),
     )  # fmt: skip
@@ -264,10 +245,10 @@ class _Tracker:
         sigma[:3] = config.keyframe_position_sigma_m
         self._hand = np.diag(1.0 / sigma**2)
 
-    def cut(self, views: Sequence[View | None], pose: Pose) -> list[_Cut | None]:
+    def cut(self, views: Sequence[View | None], pose: Pose) -> list[Cut | None]:
         return [_cut(self.body, view, pose, self.config) for view in views]
 
-    def settle(self, pose: Pose, cuts: list[_Cut | None]) -> _Step:
+    def settle(self, pose: Pose, cuts: list[Cut | None]) -> _Step:
         """A keyframe's pose, improved by the images with the hand's error as prior."""
         unseen: list[Appearance | None] = [None] * len(cuts)
         if all(cut is None for cut in cuts):
@@ -308,7 +289,7 @@ def track(
             cuts = tracker.cut(item.views, poses[item.frame])
             arrived = follower
             anchor = tracker.settle(poses[item.frame], cuts)
-            velocity = np.zeros(DOF) if arrived is None else _carried(arrived, anchor.pose)
+            velocity = np.zeros(DOF) if arrived is None else _carried(arrived, cuts, anchor.pose)
             follower = _Follower(body, config, anchor.pose, velocity, cuts)
             backward = _Follower(body, config, anchor.pose, -velocity, cuts)
             yield from _finish_lead(tracker, lead, backward)
@@ -332,8 +313,9 @@ def track(
         yield tracker.result(instant.frame, instant.step.pose, instant.step.hessian, instant.step.seen)
 
 
-def _carried(arrived: _Follower, pose: Pose) -> Array:
-    """The velocity with which the forward pass arrived, of those joints that arrived where the keyframe has them."""
+def _carried(arriving: _Follower, cuts: Sequence[Cut | None], pose: Pose) -> Array:
+    """The velocity with which the forward pass arrives, of those joints that arrive where the keyframe has them."""
+    arrived = arriving.step(cuts)
     off = np.abs(difference(pose, arrived.pose))
     limit = np.full(DOF, 0.5)
     limit[:3] = 0.1
@@ -347,8 +329,8 @@ def _finish(tracker: _Tracker, waiting: list[_Instant], backward: _Follower) -> 
     done: list[Tracked] = []
     for instant in reversed(waiting):
         step = backward.step(instant.cuts)
+        pose, _ = merge(tracker.body, instant.step.pose, step.pose, instant.step.variance, step.variance, instant.cuts)
         instant.cuts = []
-        pose = _merge(instant.step, step)
         done.append(
             tracker.result(instant.frame, pose, instant.step.hessian + step.hessian, step.seen or instant.step.seen)
         )
