@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 import subprocess
 import sys
 
@@ -11,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+import sim
 from pzcap.types import Array, Image, Mask, PzcapError
 
 _BACKENDS = ("egl", "osmesa", "glfw")
@@ -22,17 +22,12 @@ mujoco.MjrContext(mujoco.MjModel.from_xml_string("<mujoco/>"), 100)
 """
 
 
-def _backend() -> str:
-    """What MUJOCO_GL asks for; EGL needs no display and is the default."""
-    return os.environ.get("MUJOCO_GL", "").lower().strip() or "egl"
-
-
 def check_gl() -> None:
     """Raise PzcapError, with what to install, if pictures cannot be rendered here.
 
     Tried in a process of its own: a failed import of MuJoCo leaves half-loaded modules behind.
     """
-    backend = _backend()
+    backend = sim.GL_BACKEND
     if backend not in _BACKENDS:
         raise PzcapError(f"MUJOCO_GL={backend} cannot render off screen; set it to one of {', '.join(_BACKENDS)}")
     run = subprocess.run([sys.executable, "-c", _PROBE, backend], capture_output=True, check=False)
@@ -61,7 +56,7 @@ class Stage:
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._camera_id = self.model.camera("shoot").id
-        self._context = importlib.import_module(f"mujoco.{_backend()}").GLContext(width, height)
+        self._context = importlib.import_module(f"mujoco.{sim.GL_BACKEND}").GLContext(width, height)
         self._context.make_current()
         self._gpu = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)

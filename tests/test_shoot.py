@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import errno
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -263,8 +266,18 @@ def test_a_full_disk_gets_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize(("backend", "expected"), [("nothing", "set it to one of"), ("glfw", "apt-get install")])
-def test_no_gl_gets_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: str, expected: str) -> None:
-    monkeypatch.setenv("MUJOCO_GL", backend)
-    monkeypatch.delenv("DISPLAY", raising=False)
-    with pytest.raises(PzcapError, match=expected):
-        drain(shoot(TINY, tmp_path))
+def test_no_gl_gets_one_line(tmp_path: Path, backend: str, expected: str) -> None:
+    """In a process of its own: the backend is chosen when MuJoCo is first imported."""
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from sim.shoot import ShootConfig, shoot; from pzcap.types import PzcapError\n"
+        "try: list(shoot(ShootConfig(), Path(sys.argv[1])))\n"
+        "except PzcapError as error: print(error); sys.exit(3)"
+    )
+    environment = {**os.environ, "MUJOCO_GL": backend, "DISPLAY": "", "WAYLAND_DISPLAY": ""}
+    run = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)], env=environment, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 3, run.stderr
+    assert expected in run.stdout
+    assert run.stdout.count("\n") == 1
