@@ -32,6 +32,7 @@ from pzcap.video import VideoReader, frames_per_day, frames_to_timecode, timecod
 FORMAT = "pzcap-capture"
 VERSION = 1
 MANIFEST = "capture.json"
+_RATE_TOLERANCE = 1e-4  # containers round 30000/1001 to 29.97
 
 
 def read_capture(folder: Path) -> Capture:
@@ -131,7 +132,7 @@ def _check_videos(camera: CameraFiles, rate: Fraction) -> None:
         reader = VideoReader(path)
         sizes[path] = (reader.width, reader.height)
         if path == camera.motion:
-            if reader.frame_rate != rate:
+            if abs(reader.frame_rate / rate - 1) > _RATE_TOLERANCE:
                 raise PzcapError(
                     f"{path}: has {reader.frame_rate} frames/s where {MANIFEST} says {rate}; correct one of them"
                 )

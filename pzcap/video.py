@@ -112,14 +112,16 @@ class VideoReader:
             self.frame_rate = Fraction(rate)
             self.timecode = _find_timecode(container)
             try:
-                times = [packet.pts * packet.time_base for packet in container.demux(stream) if packet.pts is not None]
+                packets = [(p.pts * p.time_base, p.is_discard) for p in container.demux(stream) if p.pts is not None]
             except FFmpegError as error:
                 raise self._broken() from error
             declared = stream.frames
+        if len(packets) < declared:
+            raise self._broken()
+        # What an edit list cuts off is decoded, but not shown.
+        times = [time for time, discard in packets if not discard]
         if not times:
             raise PzcapError(f"{path}: the video holds no frames; copy it again from the camera")
-        if len(times) < declared:
-            raise self._broken()
         self.indices: NDArray[np.int64] = np.array(sorted(round(time * self.frame_rate) for time in times), np.int64)
         if np.any(np.diff(self.indices) < 1):
             raise PzcapError(f"{path}: the frame rate varies; convert it to a constant {self.frame_rate} frames/s")

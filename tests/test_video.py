@@ -7,6 +7,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -92,6 +93,23 @@ def test_the_same_frames_give_the_same_bytes(tmp_path: Path) -> None:
     assert len({path.read_bytes() for path in paths}) == 1
 
 
+def test_what_an_edit_list_cuts_off_is_not_seen(tmp_path: Path) -> None:
+    """As when a recording was trimmed without encoding it again."""
+    write_video(tmp_path / "whole.mp4", images(30), RATE, crf=12)
+    with av.open(str(tmp_path / "whole.mp4")) as whole, av.open(str(tmp_path / "cut.mp4"), "w") as cut:
+        stream = whole.streams.video[0]
+        copy = cut.add_stream_from_template(stream)
+        for packet in whole.demux(stream):
+            if packet.pts is not None and packet.dts is not None and packet.time_base is not None:
+                ten = round(Fraction(10, 30) / packet.time_base)
+                packet.pts, packet.dts, packet.stream = packet.pts - ten, packet.dts - ten, copy
+                cut.mux(packet)
+    reader = VideoReader(tmp_path / "cut.mp4")
+    assert reader.indices.tolist() == list(range(20))
+    brightness = [float(image.mean()) for _, image in reader]
+    assert brightness[0] == pytest.approx(float(images(30)[10].mean()), abs=1)
+
+
 def _missing(path: Path) -> None:
     path.unlink()
 
@@ -116,8 +134,6 @@ def _noise(path: Path) -> None:
 
 
 def _sound(path: Path) -> None:
-    import av
-
     with av.open(str(path), "w", format="mp4") as container:
         stream = container.add_stream("aac", rate=44100)
         frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
