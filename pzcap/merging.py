@@ -95,3 +95,16 @@ def _choose(body: Body, ahead: Pose, back: Pose, agree: Mask, share: Array, cuts
         if attempt < score:
             choice, score = other, attempt
     return choice
+
+
+def best_of(body: Body, poses: Sequence[Pose], cuts: Sequence[Cut | None]) -> tuple[Pose, float]:
+    """The pose that the silhouettes prefer, each limb taken from whichever candidate it fits best, and its mismatch."""
+    pose, score = poses[0], mismatch(body, poses[0], cuts)
+    for other in poses[1:]:
+        attempt = mismatch(body, other, cuts)
+        first, second = (pose, other) if score <= attempt else (other, pose)
+        disagree = np.zeros(len(SEGMENTS), bool)
+        share = _choose(body, first, second, disagree, np.zeros(len(SEGMENTS)), cuts)
+        pose = _mix(first, second, share)
+        score = mismatch(body, pose, cuts)
+    return pose, score

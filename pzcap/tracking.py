@@ -28,8 +28,8 @@ from pzcap.evidence import (
     signed_distance,
 )
 from pzcap.foreground import ForegroundConfig, refine
-from pzcap.merging import Cut, merge
-from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
+from pzcap.merging import Cut, best_of, merge, mismatch
+from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Mask, Motion, Pose, PzcapError, Silhouette
 
 _SEGMENT_WIDTH_M = np.array(
     [{"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07, "hand": 0.05,
@@ -140,7 +140,13 @@ class _Follower:
         sigma = np.full(DOF, config.prediction_rotation_sigma_rad)
         sigma[:3] = config.prediction_position_sigma_m
         self._sigma = sigma
+        self._usual = mismatch(body, pose, cuts)
         _evidence(body, cuts).learn(pose, self.appearances, 1.0)
+
+    def _attempt(self, cuts: Sequence[Cut | None], start: Pose, known: Mask) -> tuple[Pose, Normal, Evidence]:
+        """Improve ``start``, trusting the prediction of the degrees of freedom (43,) whose velocity is ``known``."""
+        sigma = self._sigma * np.where(known, 1.0, self.config.start_widening)
+        return _improve(self.body, cuts, start, np.diag(1.0 / sigma**2), self.appearances, self.config)
 
     def predict(self) -> Pose:
         return retract(self.pose, self.velocity)
@@ -152,9 +158,16 @@ class _Follower:
         if all(cut is None for cut in cuts):  # nothing was seen: coast, and slow down
             self.pose, self.velocity = predicted, 0.9 * self.velocity
             return _Step(predicted, self.velocity, np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3), False)
-        sigma = self._sigma * np.where(self._known, 1.0, self.config.start_widening)
-        prior = np.diag(1.0 / sigma**2)
-        pose, normal, evidence = _improve(self.body, cuts, predicted, prior, self.appearances, self.config)
+        pose, normal, evidence = self._attempt(cuts, predicted, self._known)
+        score = mismatch(self.body, pose, cuts)
+        if score > 1.2 * self._usual + 0.004:  # something was lost: look wider, and also where it was a frame ago
+            unknown = np.zeros(DOF, bool)
+            tries = [pose, *(self._attempt(cuts, start, unknown)[0] for start in (predicted, self.pose))]
+            pose, found = best_of(self.body, tries, cuts)
+            if found < score:
+                pose, normal, evidence = self._attempt(cuts, pose, self._known)
+                score = mismatch(self.body, pose, cuts)
+        self._usual += (0.5 if score < self._usual else 0.1) * (score - self._usual)
         evidence.learn(pose, self.appearances, self.config.appearance_rate)
         gain = np.where(self._known, self.config.velocity_gain, 1.0)
         self._known[:] = True
