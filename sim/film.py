@@ -88,6 +88,8 @@ class FilmCamera:
                     focal_px = look(time_s)[1]
                     light = self._expose(look, time_s + offsets_s, focal_px, scale, athlete)
                     _put(exposed, (light, focal_px, exposure(time_s)), encoding)
+                    if encoding.done():
+                        break
                     yield k
             finally:
                 _put(exposed, None, encoding)

@@ -119,6 +119,7 @@ class Stage:
         )  # fmt: skip
 
     def _draw(self, width: int, height: int) -> NDArray[np.uint8]:
+        self._context.make_current()  # another stage may have drawn since
         rectangle = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(rectangle, self._scene, self._gpu)
         pixels = np.empty((height, width, 3), np.uint8)

@@ -53,9 +53,7 @@ class ShootConfig:
     width: int = 640
     height: int = 480
     frame_rate: int = 30  # of the motion
-    sweep_deg: float = (
-        360.0  # 360: a full turn and on, until it overlaps its start; less: centred on the reference pose
-    )
+    sweep_deg: float = 360.0  # 360: a full turn, and past its own start; less: centred on the reference pose
     sweep_frame_rate: int = 5
     zoom_frames: int = 22
     gym: GymConfig = field(default_factory=GymConfig)
@@ -125,6 +123,7 @@ def shoot_cached(config: ShootConfig, root: Path) -> Generator[Progress, None, P
     try:
         yield from shoot(config, temporary)
         (temporary / _COMPLETE).touch()
+        temporary.chmod(0o755)  # mkdtemp's folders are private
         if not (folder / _COMPLETE).is_file():  # else another process was faster
             shutil.rmtree(folder, ignore_errors=True)
             temporary.replace(folder)
@@ -147,13 +146,15 @@ def _shoot(config: ShootConfig, folder: Path) -> Iterator[Progress]:
     yield Progress("build", 0, 1)
     crew = _assemble(config, folder / "capture")
     yield Progress("build", 1, 1)
-    hall = yield from _film_hall(crew)
-    motion_truth = yield from _film_motion(crew)
-    yield Progress("write", 0, 1)
-    _write_papers(crew, folder / "capture", motion_truth)
-    save(_truth(crew, hall, motion_truth), folder / "truth")
-    crew.stage.close()
-    yield Progress("write", 1, 1)
+    try:
+        hall = yield from _film_hall(crew)
+        filmed = yield from _film_motion(crew)
+        yield Progress("write", 0, 1)
+        _write_papers(crew, folder / "capture", filmed)
+        save(_truth(crew, hall, filmed), folder / "truth")
+        yield Progress("write", 1, 1)
+    finally:
+        crew.stage.close()
 
 
 def _assemble(config: ShootConfig, folder: Path) -> _Crew:
@@ -188,10 +189,7 @@ def _film_hall(crew: _Crew) -> Generator[Progress, None, list[tuple[Hands, Hands
         locked_rad = np.deg2rad(stream(config.seed, "zoom run", c).uniform(-5.0, 5.0))
         runs = {
             "sweep": (pan_rad, np.full(len(pan_rad), focal_px)),
-            "zoom": (
-                np.full(config.zoom_frames, locked_rad),
-                np.exp(np.linspace(low, high, config.zoom_frames)),
-            ),
+            "zoom": (np.full(config.zoom_frames, locked_rad), np.exp(np.linspace(low, high, config.zoom_frames))),
         }
         moving = {kind: through(np.arange(len(run[0])) / config.sweep_frame_rate, *run) for kind, run in runs.items()}
         for kind, hand in moving.items():
@@ -208,6 +206,7 @@ def _film_hall(crew: _Crew) -> Generator[Progress, None, list[tuple[Hands, Hands
 
 
 def _film_motion(crew: _Crew) -> Generator[Progress, None, _Filmed]:
+    """The motion, camera by camera, and its masks."""
     config, sensor, seed = crew.config, crew.config.sensor, crew.config.seed
     rate = Fraction(config.frame_rate)
     frames = round(crew.clip.duration_s * rate) + 1

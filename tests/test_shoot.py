@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from pzcap.capture import frame_sets, read_capture, read_image
 from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError
 from pzcap.video import VideoReader
+from sim import film
 from sim import shoot as shooting
 from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand
 from sim.optics import OpticsConfig
@@ -249,6 +250,15 @@ def test_dropped_frames_are_gaps(tmp_path: Path) -> None:
     sets = frame_sets(read_capture(tmp_path / "capture"))
     present = np.array([[image is not None for image in frames.images] for frames in sets]).T
     np.testing.assert_array_equal(present, truth.recorded)
+
+
+def test_a_failing_encoder_ends_the_shoot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise PzcapError("the disk is full")
+
+    monkeypatch.setattr(film, "write_video", full)
+    with pytest.raises(PzcapError, match="the disk is full"):
+        drain(shoot(TINY, tmp_path))
 
 
 def test_an_unknown_motion_gets_one_line(tmp_path: Path) -> None:
