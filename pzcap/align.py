@@ -133,7 +133,8 @@ class Aligner:
             column = np.mod(column, panorama.image.shape[1])
         view = np.array([camera.tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
         place = np.array([column + self._margin, panorama.origin_px[1], panorama.px_per_rad, level.scale])
-        return _sample(level.layers, points, view, place)
+        beside = np.array([pan_rad, *camera.offset_m, panorama.height_m])
+        return _sample(level.layers, points, view, place, beside, panorama.nearness)
 
     def _judged(self, fitted: _Fitted) -> Alignment:
         sampled, weight = fitted.sampled, fitted.weight
@@ -159,15 +160,20 @@ VALUE, BY_PAN, BY_LOG_FOCAL, KNOWN, COLUMN = range(5)
 
 
 @njit(cache=True, nogil=True)
-def _sample(layers: NDArray[np.float32], points: Array, view: Array, place: Array) -> Array:
-    """`camera.look` and its derivatives, and bilinear samples of the layers there, for every point (N, 2).
+def _sample(
+    layers: NDArray[np.float32], points: Array, view: Array, place: Array, beside: Array, nearness: Array
+) -> Array:
+    """`camera.look` and `cylinder.from_axis`, their derivatives, and bilinear samples of the layers, for points (N, 2).
 
     ``view``: tilt, roll, focal length, principal point, k1, and the latter three's derivatives by log focal. ``place``:
-    panorama column of the pan, row of slope 0, pixels to the radian, scale of the level.
+    panorama column of the pan, row of slope 0, pixels to the radian, scale of the level. ``beside``: pan, the
+    projection centre's offset, its height. The result's columns are VALUE and so on.
     """
     tilt, roll, focal, principal_x, principal_y, k1, slope_x, slope_y, slope_k1 = view
     cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
     column_0, row_0, per_rad, scale = place
+    pan, offset_x, offset_y, camera_height = beside
+    around = len(nearness)
     height, width = layers.shape[:2]
     out = np.zeros((len(points), 6))
     for n in range(len(points)):
@@ -193,8 +199,16 @@ def _sample(layers: NDArray[np.float32], points: Array, view: Array, place: Arra
         level = np.sqrt(across)
         d_azimuth = (forward * d_left - left * d_forward) / across
         d_slope = d_up / level - up * (forward * d_forward + left * d_left) / (across * level)
-        column = column_0 - np.arctan2(left, forward) * per_rad
-        row = row_0 - up / level * per_rad
+        alpha, slope = np.arctan2(left, forward), up / level
+        turn = ((pan + alpha) / (2 * np.pi)) % 1.0 * around
+        below = int(np.floor(turn))
+        share = turn - below
+        wall = (1.0 - share) * nearness[below % around] + share * nearness[(below + 1) % around]
+        near = max(wall, -slope / camera_height)
+        to_x, to_y = near * offset_x, near * offset_y
+        cos_a, sin_a = forward / level, left / level
+        column = column_0 - (alpha - to_x * sin_a + to_y * cos_a) * per_rad
+        row = row_0 - slope * (1.0 - to_x * cos_a - to_y * sin_a) * per_rad
         out[n, 4], out[n, 5] = column, row
 
         column, row = (column + 0.5) / scale - 0.5, (row + 0.5) / scale - 0.5

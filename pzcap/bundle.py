@@ -5,6 +5,10 @@ length, those of the zoom run the pan. All share tilt, roll and the lens, polyno
 two pixels of two frames show the same direction; its residual is where the first frame's point would be seen in the
 second, minus where it was seen, in pixels of the second. No world points are estimated: between two views from one
 point, a rotation carries pixels to pixels (Shum and Szeliski, 2000).
+
+The views are not quite from one point: the slide head leaves the projection centre some millimetres beside the pan
+axis, which moves near things by a pixel. How near things are needs to be known only roughly: a floor, and before it a
+wall whose distance varies with the azimuth. Lengths are in heights of the camera over the floor.
 """
 
 from __future__ import annotations
@@ -18,6 +22,9 @@ from numpy.typing import NDArray
 from pzcap import camera as geometry
 from pzcap.camera import View
 from pzcap.types import Array, Lens
+
+
+LEAST_SPREAD_PX = 0.01  # no match is better than this, however well all agree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +50,8 @@ class Model:
     roll_rad: float
     principal_px: Array  # (p, 2) coefficients, as in types.Lens
     k1: Array  # (q,) coefficients
+    offset: Array  # (2,) projection centre forward and to the left of the pan axis, camera heights
+    nearness: Array  # (A,) inverse distance of the walls, at equally spaced azimuths; none: all is far away
 
     def view(self, frame: int) -> View:
         """How ``frame`` was taken."""
@@ -69,6 +78,9 @@ class Sigmas:
     angle_rad: float  # tilt and roll
     principal_px: Array  # (p,) for each coefficient
     k1: Array  # (q,)
+    offset: float = 0.02
+    nearness: float = 0.2
+    unevenness: float = 0.1  # of nearness, from one azimuth to the next
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,18 +104,15 @@ def adjust(
         normal, gradient = np.zeros((len(believed), len(believed))), np.zeros(len(believed))
         lengths = []
         for link in links:
-            residual, jacobian = transfer(model.view(link.first), model.view(link.second), link)
+            residual, jacobian, columns = _linearised(model, link)
             lengths.append(np.hypot(residual[:, 0], residual[:, 1]))
             weight = (scale**2 / (scale**2 + lengths[-1] ** 2)) ** 2
-            flat = jacobian.reshape(-1, 14)
-            weighted = flat * np.repeat(weight, 2)[:, None]
-            columns, chain = _chain(model, link)
-            np.add.at(normal, np.ix_(columns, columns), chain.T @ (weighted.T @ flat) @ chain)
-            np.add.at(gradient, columns, chain.T @ (weighted.T @ residual.ravel()))
-        spread = float(np.median(np.concatenate(lengths))) / 1.1774  # of one coordinate
-        information = believed * spread**2
-        normal[np.diag_indices_from(normal)] += information
-        gradient += information * (_vector(model) - _vector(start))
+            weighted = jacobian * np.repeat(weight, 2)[:, None]
+            np.add.at(normal, np.ix_(columns, columns), weighted.T @ jacobian)
+            np.add.at(gradient, columns, weighted.T @ residual.ravel())
+        spread = max(float(np.median(np.concatenate(lengths))) / 1.1774, LEAST_SPREAD_PX)  # of one coordinate
+        normal += believed * spread**2
+        gradient += spread**2 * believed @ (_vector(model) - _vector(start))
         normal[model.pan_of[0]] = 0.0
         normal[model.pan_of[0], model.pan_of[0]] = 1.0
         gradient[model.pan_of[0]] = 0.0
@@ -122,18 +131,64 @@ def adjust(
     )
 
 
-def transfer(first: View, second: View, link: Link) -> tuple[Array, Array]:
-    """Residuals (N, 2) of the first frame's points in the second, and derivatives (N, 2, 14).
+def _linearised(model: Model, link: Link) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Residuals (N, 2) of a link, derivatives (2 N, C), and which unknowns (C,) they are with respect to."""
+    first, second = model.view(link.first), model.view(link.second)
+    azimuth, slope = geometry.look(first, link.first_px)
+    by_offset, by_nearness, nodes = np.zeros((len(azimuth), 2, 2)), np.zeros((len(azimuth), 2, 0)), np.zeros(0, int)
+    moved = np.zeros((len(azimuth), 2))
+    if len(model.nearness):
+        moved, by_offset, by_nearness, nodes = _parallax(model, first.pan_rad, second.pan_rad, azimuth, slope)
+    residual, by_views, by_direction = transfer(first, second, link, moved)
+    columns, chain = _chain(model, link)
+    count = len(_vector(model)) - len(model.nearness)
+    jacobian = np.concatenate([by_views @ chain, by_direction @ by_offset, by_direction @ by_nearness], axis=2)
+    columns = np.concatenate([columns, [count - 2, count - 1], count + nodes])
+    return residual, jacobian.reshape(2 * len(residual), -1), columns
 
-    The derivatives are with respect to the `camera.PARAMETERS` of the first view, then of the second.
+
+def _parallax(
+    model: Model, first_pan: float, second_pan: float, azimuth: Array, slope: Array
+) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """How directions (N,) move from one frame to another, as the projection centre goes round the pan axis.
+
+    Returns (N, 2) azimuth and slope, their derivatives with respect to the offset (N, 2, 2) and to the nearness at
+    some azimuths (N, 2, n), and which azimuths (n,) these are.
+    """
+    nodes = len(model.nearness)
+    place = np.mod(azimuth / (2 * np.pi), 1.0) * nodes
+    below = np.floor(place).astype(np.int64)
+    share = place - below
+    wall = (1.0 - share) * model.nearness[below % nodes] + share * model.nearness[(below + 1) % nodes]
+    near = np.maximum(wall, -slope)
+    sin = np.sin(azimuth - second_pan) - np.sin(azimuth - first_pan)
+    cos = np.cos(azimuth - second_pan) - np.cos(azimuth - first_pan)
+    forward = np.stack([sin, slope * cos], axis=1)  # of (azimuth, slope), by nearness times offset
+    left = np.stack([-cos, slope * sin], axis=1)
+    by_near = model.offset[0] * forward + model.offset[1] * left
+    by_offset = near[:, None, None] * np.stack([forward, left], axis=2)
+    used, where = np.unique(np.concatenate([below % nodes, (below + 1) % nodes]), return_inverse=True)
+    by_nearness = np.zeros((len(azimuth), 2, len(used)))
+    rows, walled = np.arange(len(azimuth)), (wall > -slope).astype(np.float64)
+    by_nearness[rows, :, where[: len(rows)]] = by_near * ((1.0 - share) * walled)[:, None]
+    by_nearness[rows, :, where[len(rows) :]] += by_near * (share * walled)[:, None]
+    return by_near * near[:, None], by_offset, by_nearness, used
+
+
+def transfer(first: View, second: View, link: Link, moved: Array) -> tuple[Array, Array, Array]:
+    """Residuals (N, 2) of the first frame's points in the second, and derivatives (N, 2, 14) and (N, 2, 2).
+
+    Their directions are ``moved`` (N, 2) on the way. The derivatives are with respect to the `camera.PARAMETERS` of
+    the first view, then of the second; and to the directions.
     """
     azimuth, slope = geometry.look(first, link.first_px)
     by_first, by_direction = geometry.derivatives(first, azimuth, slope)
+    azimuth, slope = azimuth + moved[:, 0], slope + moved[:, 1]
     seen, _ = geometry.see(second, azimuth, slope)
     by_second, by_second_direction = geometry.derivatives(second, azimuth, slope)
     # the pixel in the first frame stays: its direction moves against what the parameters do to it
     through = by_second_direction @ _inverse_2x2(by_direction) @ by_first
-    return seen - link.second_px, np.concatenate([-through, by_second], axis=2)
+    return seen - link.second_px, np.concatenate([-through, by_second], axis=2), by_second_direction
 
 
 def _inverse_2x2(matrices: Array) -> Array:
@@ -143,31 +198,39 @@ def _inverse_2x2(matrices: Array) -> Array:
     return inverse / (a * d - b * c)[:, None, None]
 
 
-# The vector of unknowns: pans, log focals, tilt, roll, principal point's coefficients (x and y in turn), k1's.
+# The vector of unknowns: pans, log focals, tilt, roll, principal point's coefficients (x and y in turn), k1's, offset,
+# nearness.
 
 
 def _vector(model: Model) -> Array:
     return np.concatenate([
         model.pan_rad, model.log_focal, [model.tilt_rad, model.roll_rad], model.principal_px.ravel(), model.k1,
+        model.offset, model.nearness,
     ])  # fmt: skip
 
 
 def _information(model: Model, sigmas: Sigmas) -> Array:
     focal = np.zeros(len(model.log_focal))
     focal[0] = sigmas.reference_focal**-2.0
-    return np.concatenate([
+    walls = len(model.nearness)
+    information = np.diag(np.concatenate([
         np.zeros(len(model.pan_rad)), focal, np.full(2, sigmas.angle_rad**-2.0),
-        np.repeat(sigmas.principal_px**-2.0, 2), sigmas.k1**-2.0,
-    ])  # fmt: skip
+        np.repeat(sigmas.principal_px**-2.0, 2), sigmas.k1**-2.0, np.full(2, sigmas.offset**-2.0),
+        np.full(walls, sigmas.nearness**-2.0),
+    ]))  # fmt: skip
+    steps = np.eye(walls) - np.roll(np.eye(walls), 1, axis=1)
+    information[len(information) - walls :, len(information) - walls :] += steps.T @ steps * sigmas.unevenness**-2.0
+    return information
 
 
 def _stepped(model: Model, step: Array) -> Model:
     vector = _vector(model) + step
-    pans, focals, p = len(model.pan_rad), len(model.log_focal), len(model.principal_px)
+    pans, focals, p, q = len(model.pan_rad), len(model.log_focal), len(model.principal_px), len(model.k1)
     rest = vector[pans + focals :]
     return Model(
         vector[:pans], vector[pans : pans + focals], model.pan_of, model.focal_of, float(rest[0]), float(rest[1]),
-        rest[2 : 2 + 2 * p].reshape(p, 2), rest[2 + 2 * p :],
+        rest[2 : 2 + 2 * p].reshape(p, 2), rest[2 + 2 * p : 2 + 2 * p + q], rest[2 + 2 * p + q : 4 + 2 * p + q],
+        rest[4 + 2 * p + q :],
     )  # fmt: skip
 
 

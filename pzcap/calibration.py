@@ -36,6 +36,9 @@ from pzcap.zoom import link_zoom
 PRINCIPAL_SHARE = 0.01  # standard deviation of the principal point about the centre, of the image's width
 ANGLE_SIGMA_RAD = 0.2  # of tilt and roll
 K1_SIGMA = 0.1
+MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor
+WALLS = 36  # azimuths at which the walls' distance is estimated
+WALL_NEARNESS = 0.15  # inverse distance of a wall before anything is known, in inverse heights of the camera
 FOCAL_SIGMA = 0.005  # relative, of the reference calibration
 
 
@@ -106,14 +109,19 @@ def _prepare_exact(
     start = Model(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
         _padded(coarse.principal_px, 2 if zoom else 1), _padded(coarse.k1[:, None], 3 if zoom else 1)[:, 0],
+        coarse.offset, np.full(WALLS, WALL_NEARNESS),
     )  # fmt: skip
     adjusted = adjust(start, links, _sigmas(width, full_turn, zoom is not None), scale_px=4.0)
     model = adjusted.model
 
+    taken = model.view(count)
+    known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.k1)
+    refined = reference.resolve(first, known, config.reference)
+    surroundings = _surroundings(model, taken.pan_rad, float(refined.camera.world_T_cam[2, 3]))
     brightness = panorama.fit_brightness([*chained.links, *further], count, model.view(0), width, height)
-    sweep_pan_rad = model.pan_rad[:count] - model.pan_rad[count]  # the reference image's pan is 0
+    sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     pasted = panorama.stitch(
-        sweep, sweep_pan_rad, model.view(0), full_turn, brightness,
+        sweep, sweep_pan_rad, model.view(0), full_turn, brightness, surroundings,
         lambda done: report("paste sweep", done, count),
     )  # fmt: skip
     background = replace(
@@ -122,11 +130,22 @@ def _prepare_exact(
         closure_rad=chained.closure_rad,
         residual_px=adjusted.residual_px,
     )
-    taken = model.view(count)
-    known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.k1)
-    refined = reference.resolve(first, known, config.reference)
     lens = model.lens(width, height)
-    return Prepared(refined, background, geometry.mount(refined.camera, lens, model.tilt_rad, model.roll_rad))
+    camera = geometry.mount(refined.camera, lens, model.tilt_rad, model.roll_rad, surroundings.offset_m)
+    return Prepared(refined, background, camera)
+
+
+def _surroundings(model: Model, origin_rad: float, camera_height_m: float) -> panorama.Surroundings:
+    """The model's, in metres, azimuths from the reference pose's pan on.
+
+    The floor is where the calibration object stands, at world height 0. Were it elsewhere, offset and distances would
+    be wrong by one factor, and what is made of them, their product, would still be right.
+    """
+    height_m = camera_height_m if camera_height_m > MIN_HEIGHT_M else 1.0
+    azimuth = origin_rad + np.arange(WALLS) * 2 * np.pi / WALLS
+    return panorama.Surroundings(
+        model.offset * height_m, height_m, cylinder.periodic(model.nearness, azimuth) / height_m
+    )
 
 
 def _start(view: View, pan_rad: Array) -> Model:
@@ -134,6 +153,7 @@ def _start(view: View, pan_rad: Array) -> Model:
     return Model(
         pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
         view.principal_px[None], np.array([view.k1]),
+        np.zeros(2), np.zeros(0),
     )  # fmt: skip
 
 

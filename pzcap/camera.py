@@ -24,6 +24,9 @@ HEAD_R_CAM: Final[Array] = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1
 """Camera axes in the head frame at pan, tilt and roll 0."""
 
 
+ON_AXIS: Final[Array] = np.zeros(2)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
     """What takes a direction of the head frame to a pixel: orientation on the head, and the lens at one zoom."""
@@ -61,13 +64,13 @@ def view_at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: fl
 
 
 def at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) -> Camera:
-    """The camera of an instant: ``world_T_cam = world_T_head Rz(pan) Ry(-tilt) HEAD_R_CAM Rz(roll)``."""
+    """The camera of an instant: ``world_T_cam = world_T_head Rz(pan) T(offset) Ry(-tilt) HEAD_R_CAM Rz(roll)``."""
     principal_px, k1 = lens_at(camera.lens, focal_px)
-    world_T_cam = camera.world_T_head @ head_T_cam(pan_rad, tilt_rad, camera.roll_rad)
+    world_T_cam = camera.world_T_head @ head_T_cam(pan_rad, tilt_rad, camera.roll_rad, camera.offset_m)
     return Camera(camera.lens.width, camera.lens.height, world_T_cam, focal_px, principal_px, k1)
 
 
-def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float) -> Array:
+def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float, offset_m: Array = ON_AXIS) -> Array:
     """(4, 4) camera coordinates to head coordinates."""
     cos_p, sin_p = np.cos(pan_rad), np.sin(pan_rad)
     cos_t, sin_t = np.cos(tilt_rad), np.sin(tilt_rad)
@@ -77,13 +80,14 @@ def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float) -> Array:
     roll = np.array([[cos_r, -sin_r, 0.0], [sin_r, cos_r, 0.0], [0.0, 0.0, 1.0]])
     transform = np.eye(4)
     transform[:3, :3] = pan @ tilt @ HEAD_R_CAM @ roll
+    transform[:3, 3] = pan[:, :2] @ offset_m
     return transform
 
 
-def mount(reference: Camera, lens: Lens, tilt_rad: float, roll_rad: float) -> PanZoomCamera:
+def mount(reference: Camera, lens: Lens, tilt_rad: float, roll_rad: float, offset_m: Array = ON_AXIS) -> PanZoomCamera:
     """The pan-zoom camera whose reference pose (pan 0) is ``reference``."""
-    world_T_head = reference.world_T_cam @ np.linalg.inv(head_T_cam(0.0, tilt_rad, roll_rad))
-    return PanZoomCamera(lens, world_T_head, tilt_rad, roll_rad)
+    world_T_head = reference.world_T_cam @ np.linalg.inv(head_T_cam(0.0, tilt_rad, roll_rad, offset_m))
+    return PanZoomCamera(lens, world_T_head, tilt_rad, roll_rad, offset_m)
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -209,6 +213,18 @@ def pan_zoom_derivatives(camera: PanZoomCamera, view: View, azimuth_rad: Array, 
     result[:, :, 0] = full[:, :, 0]
     result[:, :, 1] = full[:, :, 2] + principal + k1 * full[:, :, 6]
     return result
+
+
+def parallax(alpha_rad: Array, slope: Array, inverse_distance: Array, offset_m: Array) -> tuple[Array, Array]:
+    """What azimuth and slope (...) change by from the pan axis to a projection centre beside it.
+
+    ``alpha_rad`` is the azimuth relative to the pan, ``inverse_distance`` (1 / m) that of what is seen, horizontally,
+    ``offset_m`` (2,) how far the centre is forward and to the left of the axis. To first order: a few millimetres
+    against metres.
+    """
+    forward, left = inverse_distance * offset_m[0], inverse_distance * offset_m[1]
+    sin_a, cos_a = np.sin(alpha_rad), np.cos(alpha_rad)
+    return forward * sin_a - left * cos_a, slope * (forward * cos_a + left * sin_a)
 
 
 def moved(view: View, step: Array) -> View:

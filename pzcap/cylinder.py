@@ -43,7 +43,9 @@ def warp_background(
     """
     view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
     column, row = smooth_map(
-        lambda points: to_unwrapped(panorama, *geometry.look(view, points)), camera.lens.width, camera.lens.height
+        lambda points: to_unwrapped(panorama, *from_axis(panorama, camera, pan_rad, *geometry.look(view, points))),
+        camera.lens.width,
+        camera.lens.height,
     )
     border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
     image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
@@ -52,6 +54,40 @@ def warp_background(
     valid = (known > 0) & (row >= 0) & (row <= panorama.image.shape[0] - 1)
     image[~valid] = 0
     return np.asarray(image, np.uint8), valid
+
+
+def inverse_distance(height_m: float, nearness: Array, azimuth_rad: Array, slope: Array) -> Array:
+    """How near what is seen in these directions (...) is, 1 / m horizontally: the floor, or the wall before it.
+
+    ``height_m`` and ``nearness`` as in `types.Panorama`.
+    """
+    return np.maximum(-slope / height_m, periodic(nearness, azimuth_rad))
+
+
+def periodic(samples: Array, azimuth_rad: Array) -> Array:
+    """Linear interpolation in ``samples`` (A,), equally spaced over the turn from azimuth 0 on."""
+    place = np.mod(azimuth_rad / (2 * np.pi), 1.0) * len(samples)
+    below = np.floor(place).astype(np.int64)
+    share = place - below
+    return (1.0 - share) * samples[below % len(samples)] + share * samples[(below + 1) % len(samples)]
+
+
+def from_axis(
+    panorama: Panorama, camera: PanZoomCamera, pan_rad: float, azimuth_rad: Array, slope: Array
+) -> tuple[Array, Array]:
+    """Directions (...) seen from the projection centre, as they are seen from the pan axis, like the panorama."""
+    near = inverse_distance(panorama.height_m, panorama.nearness, azimuth_rad, slope)
+    d_azimuth, d_slope = geometry.parallax(azimuth_rad - pan_rad, slope, near, camera.offset_m)
+    return azimuth_rad - d_azimuth, slope - d_slope
+
+
+def from_centre(
+    panorama: Panorama, camera: PanZoomCamera, pan_rad: float, azimuth_rad: Array, slope: Array
+) -> tuple[Array, Array]:
+    """Directions (...) of the panorama, as they are seen from the projection centre; undoes `from_axis`."""
+    near = inverse_distance(panorama.height_m, panorama.nearness, azimuth_rad, slope)
+    d_azimuth, d_slope = geometry.parallax(azimuth_rad - pan_rad, slope, near, camera.offset_m)
+    return azimuth_rad + d_azimuth, slope + d_slope
 
 
 def to_unwrapped(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:

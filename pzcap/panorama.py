@@ -34,6 +34,15 @@ class Brightness:
     vignetting: Array  # (2,) of r^2 and r^4 in the log of the brightness, r = 1 in the image's corner
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """Where the projection centre is beside the pan axis, and how near the hall; as in the types of these names."""
+
+    offset_m: Array  # (2,)
+    height_m: float
+    nearness: Array  # (A,)
+
+
 def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, height: int) -> Brightness:
     """Gains of the first ``frames`` frames, and the vignetting they share, from the brightness of matched places."""
     links = [link for link in links if max(link.first, link.second) < frames]
@@ -78,6 +87,7 @@ def stitch(
     view: View,
     full_turn: bool,
     brightness: Brightness,
+    surroundings: Surroundings,
     report: Callable[[int], None],
 ) -> Panorama:
     """Paste the frames of a sweep, taken at ``pan_rad`` (M,) with ``view``, on the cylinder about the pan axis.
@@ -88,21 +98,33 @@ def stitch(
     canvas: _Canvas | None = None
     for number, (_, image) in enumerate(frames):
         if canvas is None:
-            canvas = _Canvas(view, pan_rad, full_turn, image.shape[1], image.shape[0], brightness.vignetting)
+            size = (image.shape[1], image.shape[0])
+            canvas = _Canvas(view, pan_rad, full_turn, size, brightness.vignetting, surroundings)
         canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]))
         report(number + 1)
     if canvas is None:
         raise PzcapError("sweep: no frames; record the whole pan")
     image, valid = canvas.finish()
     return Panorama(
-        image, valid, canvas.px_per_rad, canvas.origin, full_turn, pan_rad, np.zeros(len(pan_rad), np.int64), 0.0, 0.0
-    )
+        image, valid, canvas.px_per_rad, canvas.origin, full_turn, pan_rad, np.zeros(len(pan_rad), np.int64), 0.0, 0.0,
+        surroundings.height_m, surroundings.nearness,
+    )  # fmt: skip
 
 
 class _Canvas:
     """A panorama that is being pasted together: the sums of weighted colours, and of weights."""
 
-    def __init__(self, view: View, pan_rad: Array, full_turn: bool, width: int, height: int, vignetting: Array) -> None:
+    def __init__(
+        self,
+        view: View,
+        pan_rad: Array,
+        full_turn: bool,
+        size: tuple[int, int],
+        vignetting: Array,
+        surroundings: Surroundings,
+    ) -> None:
+        width, height = size
+        self.surroundings = surroundings
         self.view = view
         self.full_turn = full_turn
         border = np.concatenate([
@@ -141,7 +163,10 @@ class _Canvas:
 
         def to_frame(points_px: Array) -> Array:
             offset = (self.origin - points_px - np.array([start, 0.0])) / self.px_per_rad
-            return geometry.see(turned, offset[..., 0], offset[..., 1])[0]
+            azimuth, slope = offset[..., 0], offset[..., 1]
+            near = cylinder.inverse_distance(self.surroundings.height_m, self.surroundings.nearness, azimuth, slope)
+            moved = geometry.parallax(azimuth - pan_rad, slope, near, self.surroundings.offset_m)
+            return geometry.see(turned, azimuth + moved[0], slope + moved[1])[0]
 
         column, row = cylinder.smooth_map(to_frame, stop - start, self.weight.shape[0])
         level = image.astype(np.float32) * (self.flat * np.float32(np.exp(-log_gain)))[..., None]

@@ -126,7 +126,7 @@ class Localiser:
         pan, focal, agree = consensus(self._view_at, points, azimuth, slope, focals)
         if agree.sum() < config.min_inliers:
             return self._lost(prior)
-        solution = solve(self._camera, pan, focal, points[agree], azimuth[agree], slope[agree])
+        solution = solve(self._panorama, self._camera, pan, focal, points[agree], azimuth[agree], slope[agree])
         return self._judge(solution, points[agree], self._features.points_px[which[agree]])
 
     def _view_at(self, focal_px: float) -> View:
@@ -233,17 +233,24 @@ class Solution:
 
 
 def solve(
-    camera: PanZoomCamera, pan_rad: float, focal_px: float, points_px: Array, azimuth_rad: Array, slope: Array
+    panorama: Panorama,
+    camera: PanZoomCamera,
+    pan_rad: float,
+    focal_px: float,
+    points_px: Array,
+    azimuth_rad: Array,
+    slope: Array,
 ) -> Solution:
     """Pan and log focal by Gauss-Newton with falling weights (Geman and McClure), from matches (N,) and a start."""
     scale = 8.0
     for _ in range(30):
         view = geometry.view_at(camera, pan_rad, camera.tilt_rad, focal_px)
-        seen, _ = geometry.see(view, azimuth_rad, slope)
+        directions = cylinder.from_centre(panorama, camera, pan_rad, azimuth_rad, slope)
+        seen, _ = geometry.see(view, *directions)
         residual = seen - points_px
         length = np.hypot(residual[:, 0], residual[:, 1])
         weight = (scale**2 / (scale**2 + length**2)) ** 2
-        jacobian = geometry.pan_zoom_derivatives(camera, view, azimuth_rad, slope)
+        jacobian = geometry.pan_zoom_derivatives(camera, view, *directions)
         weighted = (jacobian * weight[:, None, None]).reshape(-1, 2)
         normal = weighted.T @ jacobian.reshape(-1, 2)
         step = -np.linalg.solve(normal + 1e-9 * np.eye(2), weighted.T @ residual.ravel())

@@ -9,7 +9,7 @@ Transforms
     cancel when multiplied: ``world_T_cam = world_T_head @ head_T_cam``.
 Head
     The tripod head. Its z axis is the pan axis; at pan 0 (the reference pose) its x axis points to where the camera
-    looks and its y axis to the left. Its origin is the projection centre.
+    looks and its y axis to the left. Its origin is on that axis, as high as the projection centre.
 Angles
     Radians. Positive pan turns the view to the left seen from above, positive tilt turns it up, positive roll turns
     the *camera* clockwise seen from behind it (the image content turns counter-clockwise).
@@ -27,7 +27,7 @@ Units
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Final
@@ -207,6 +207,8 @@ class PanZoomCamera:
     world_T_head: Array  # (4, 4)
     tilt_rad: float  # of the optical axis against the plane normal to the pan axis
     roll_rad: float
+    # the projection centre against the pan axis, forward and to the left (what the slide head left)
+    offset_m: Array = field(default_factory=lambda: np.zeros(2))  # (2,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -237,6 +239,10 @@ class Panorama:
     sweep_inliers: NDArray[np.int64]  # (M,) feature matches that agreed with the neighbouring frames
     closure_rad: float  # what the chain of displacements missed the full turn by, before it was distributed
     residual_px: float  # RMS of the sweep's feature matches after the adjustment
+    # how near the hall is, as far as it matters to a projection centre that is not quite on the pan axis: a floor so
+    # far below, and walls; inverse distances at equally spaced azimuths, from 0 to the left
+    height_m: float = 1.0
+    nearness: Array = field(default_factory=lambda: np.zeros(1))  # (A,) 1 / m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -150,7 +150,7 @@ def matches(pan: float, focal: float, noise: float) -> tuple[Array, Array, Array
 
 def test_the_solution_of_equation_11_is_exact() -> None:
     points, azimuth, slope = matches(0.7, 700.0, 0.0)
-    found = panzoom.solve(camera_of(OPTICS), 0.69, 650.0, points, azimuth, slope)
+    found = panzoom.solve(whole_turn(0), camera_of(OPTICS), 0.69, 650.0, points, azimuth, slope)
     assert found.pan_rad == pytest.approx(0.7, abs=1e-9)
     assert found.focal_px == pytest.approx(700.0, rel=1e-9)
 
@@ -161,7 +161,9 @@ def test_the_covariance_is_what_the_errors_are() -> None:
     clean, azimuth, slope = matches(0.7, 700.0, 0.0)
     total = 0.0
     for _ in range(100):
-        found = panzoom.solve(camera, 0.7, 700.0, clean + rng.normal(0, 0.4, clean.shape), azimuth, slope)
+        found = panzoom.solve(
+            whole_turn(0), camera, 0.7, 700.0, clean + rng.normal(0, 0.4, clean.shape), azimuth, slope
+        )
         error = np.array([found.pan_rad - 0.7, np.log(found.focal_px / 700.0)])
         total += error @ np.linalg.solve(found.covariance, error) / 2
     assert 0.6 < total / 100 < 1.6
