@@ -70,6 +70,7 @@ class FilmCamera:
         times_s: (N,) the middle of each exposure, which lasts ``shutter_s`` and averages ``sub_exposures`` moments.
         """
         exposure = Exposure(self._config.exposure_drift, rng)
+        sub_exposures = sub_exposures if self._config.shutter_s > 0 else 1
         offsets_s = ((np.arange(sub_exposures) + 0.5) / sub_exposures - 0.5) * self._config.shutter_s
         scale = STILL_SCALE if sub_exposures == 1 else MOTION_SCALE
         exposed: queue.Queue[tuple[Image, float, float] | None] = queue.Queue(_AHEAD)
