@@ -70,9 +70,8 @@ def _send_truth(rec: rr.RecordingStream, reconstruction: Reconstruction, truth: 
             for frame in frames
         ]
         columns.send_cameras(rec, "/truth", name, cameras, float(truth.reference_focal_px[at]), TRUTH_COLOUR)
-        columns.send_tracks(
-            rec, "/truth/track", name, truth.pan_rad[at, frames], truth.focal_px[at, frames], everywhere, TRUTH_COLOUR
-        )
+        pan, focal = truth.pan_rad[at, frames], truth.focal_px[at, frames]
+        columns.send_tracks(rec, "/truth/track", name, pan, focal, everywhere, TRUTH_COLOUR, 0.8)  # within the estimate
         path = f"{view_path('/truth', name)}/skeleton"
         rec.log(path, rr.CoordinateFrame(f"tf#{view_path('/world', name)}"), static=True)  # it is drawn over the image
         columns.send_projected(rec, path, cameras, figure, TRUTH_COLOUR, 0.5)
@@ -124,9 +123,12 @@ def layout(reconstruction: Reconstruction, *, scored: bool) -> rrb.Blueprint:
         sides = rrb.Vertical(*reversed(left)), rrb.Vertical(*reversed(right))
         top = rrb.Horizontal(sides[0], hall, sides[1], column_shares=[1.0, 2.1, 1.0])
     panoramas = rrb.Grid(
-        *(_panorama(reconstruction, number) for number in range(len(names))), grid_columns=2, name="Panoramas"
+        *(_panorama(reconstruction, number, "matches") for number in range(len(names))),
+        grid_columns=2,
+        name="Panoramas",
     )
-    pictures = rrb.Tabs(panoramas, _reference(names), _foreground(names), _matches(names), name="Stages", active_tab=0)
+    stages = _reference(reconstruction), panoramas, _matches(reconstruction), _foreground(names)
+    pictures = rrb.Tabs(*stages, name="Stages", active_tab=1)
     summary = rrb.TextDocumentView(name="Summary", origin="/summary")
     bottom = rrb.Horizontal(pictures, _plots(scored), summary, column_shares=[1.5, 1.3, 0.8])
     return rrb.Blueprint(
@@ -161,20 +163,18 @@ def _hall(reconstruction: Reconstruction) -> rrb.Spatial3DView:
     )
 
 
-def _panorama(reconstruction: Reconstruction, number: int) -> rrb.Spatial2DView:
+def _panorama(reconstruction: Reconstruction, number: int, hidden: str) -> rrb.Spatial2DView:
+    """What lies before the reference pose; the rest is a scroll away."""
     name, panorama = reconstruction.camera_names[number], reconstruction.panoramas[number]
     bounds = None
-    if panorama is not None:  # what lies before the reference pose; the rest is a scroll away
+    if panorama is not None:
         shown = columns.centred(panorama)
-        reach = PANORAMA_REACH_RAD * panorama.px_per_rad
-        middle = float(shown.origin_px[0])
-        bounds = rrb.VisualBounds2D(
-            x_range=(middle - reach, middle + reach), y_range=(0.0, float(shown.image.shape[0]))
-        )
+        low, high = shown.origin_px[0] + np.array([-1.0, 1.0]) * PANORAMA_REACH_RAD * panorama.px_per_rad
+        bounds = rrb.VisualBounds2D(x_range=(low, high), y_range=(0.0, float(shown.image.shape[0])))
     return rrb.Spatial2DView(
         name=f"Panorama {plain(name)}",
         origin=f"/panorama/{path_part(name)}",
-        contents=["$origin/**", "- $origin/matches"],
+        contents=["$origin/**", f"- $origin/{hidden}"],
         visual_bounds=bounds,
     )
 
@@ -188,10 +188,19 @@ def _view(name: str) -> rrb.Spatial2DView:
     )
 
 
-def _reference(names: Sequence[str]) -> rrb.Grid:
-    views = [
-        rrb.Spatial2DView(name=f"Reference {plain(name)}", origin=f"/reference/{path_part(name)}") for name in names
-    ]
+def _reference(reconstruction: Reconstruction) -> rrb.Grid:
+    """The calibration object, close up."""
+    views = []
+    for name, reference in zip(reconstruction.camera_names, reconstruction.references, strict=True):
+        bounds = None
+        if reference is not None:
+            low, high = reference.points_px.min(axis=0), reference.points_px.max(axis=0)
+            margin = 0.2 * (high - low)
+            bounds = rrb.VisualBounds2D(
+                x_range=(low[0] - margin[0], high[0] + margin[0]), y_range=(low[1] - margin[1], high[1] + margin[1])
+            )
+        path = f"/reference/{path_part(name)}"
+        views.append(rrb.Spatial2DView(name=f"Reference {plain(name)}", origin=path, visual_bounds=bounds))
     return rrb.Grid(*views, name="Reference")
 
 
@@ -204,24 +213,15 @@ def _foreground(names: Sequence[str]) -> rrb.Grid:
     return rrb.Grid(*views, name="Foreground", grid_columns=4)
 
 
-def _matches(names: Sequence[str]) -> rrb.Vertical:
-    rows = []
-    for name in names:
-        view, panorama = view_path("/world", name), f"/panorama/{path_part(name)}"
-        rows.append(
-            rrb.Horizontal(
-                rrb.Spatial2DView(
-                    name=f"Frame {plain(name)}", origin=view, contents=[f"{view}/image", f"{view}/matches"]
-                ),
-                rrb.Spatial2DView(
-                    name=f"Matches {plain(name)}",
-                    origin=panorama,
-                    contents=[f"{panorama}/image", f"{panorama}/matches", f"{panorama}/frame"],
-                ),
-                column_shares=[1, 5],
-            )
-        )
-    return rrb.Vertical(*rows, name="Matches")
+def _matches(reconstruction: Reconstruction) -> rrb.Grid:
+    """Frame and panorama side by side; where a frame was followed without features there are none."""
+    views = []
+    for number, name in enumerate(reconstruction.camera_names):
+        view = view_path("/world", name)
+        contents = [f"{view}/image", f"{view}/matches"]
+        views.append(rrb.Spatial2DView(name=f"Frame {plain(name)}", origin=view, contents=contents))
+        views.append(_panorama(reconstruction, number, "sweep"))
+    return rrb.Grid(*views, name="Matches", grid_columns=4)
 
 
 def _plots(scored: bool) -> rrb.Container:

@@ -13,8 +13,8 @@ from sim.truth import Truth
 
 MIN_BODY_PX: Final = 200
 """Silhouettes are scored in views where the body is at least this tall."""
-FOREGROUND: Final = 128
-"""Probability (of 255) from which a pixel counts as body."""
+EVEN: Final = 128
+"""A pixel counts as body if its probability (of 255) is more than this: one half is what is known of nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class ForegroundScorer:
         rows = np.flatnonzero(true.any(axis=1))
         if not len(rows) or rows[-1] - rows[0] + 1 < MIN_BODY_PX:
             return
-        estimate = probability >= FOREGROUND
+        estimate = probability > EVEN
         shadow = self._truth.shadow(true_camera, frame)
         wrong = None if shadow is None else float(np.sum(estimate & shadow & ~true) / np.sum(true))
         self._rows[index, camera] = (iou(estimate, true), outline_distance(estimate, true), wrong)

@@ -156,12 +156,19 @@ def send_cameras(
 
 
 def send_tracks(
-    rec: rr.RecordingStream, root: str, name: str, pan_rad: Array, focal_px: Array, valid: Mask, colour: Colour
+    rec: rr.RecordingStream,
+    root: str,
+    name: str,
+    pan_rad: Array,
+    focal_px: Array,
+    valid: Mask,
+    colour: Colour,
+    width: float = 3.0,
 ) -> None:
     """Pan in degrees and focal length in pixels, as plots."""
     part = path_part(name)
-    send_series(rec, f"{root}/pan/{part}", np.degrees(pan_rad), valid, colour, f"pan {plain(name)} [deg]")
-    send_series(rec, f"{root}/focal/{part}", focal_px, valid, colour, f"focal {plain(name)} [px]")
+    send_series(rec, f"{root}/pan/{part}", np.degrees(pan_rad), valid, colour, f"pan {plain(name)} [deg]", width)
+    send_series(rec, f"{root}/focal/{part}", focal_px, valid, colour, f"focal {plain(name)} [px]", width)
 
 
 def send_series(

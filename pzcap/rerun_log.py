@@ -252,7 +252,7 @@ def log_matches(rec: rr.RecordingStream, name: str, found: Localisation | None, 
         there[:, 0] %= panorama.image.shape[1]
     colours = _rainbow(found.frame_points_px[some, 0])
     for path, points in zip(paths, (found.frame_points_px[some], there), strict=True):
-        rec.log(path, rr.Points2D(points + PIXEL_CENTRE, colors=colours, radii=2.0))
+        rec.log(path, rr.Points2D(points + PIXEL_CENTRE, colors=colours, radii=rr.Radius.ui_points(2.0)))
 
 
 def log_silhouette(rec: rr.RecordingStream, name: str, silhouette: Silhouette | None, jpeg_quality: int = 75) -> None:
@@ -271,8 +271,8 @@ def log_silhouette(rec: rr.RecordingStream, name: str, silhouette: Silhouette | 
 
 
 def outlines(probability: Image) -> list[Array]:
-    """Closed outlines (N, 2) of where a silhouette's probability (H, W) is at least one half."""
-    solid = (probability >= 128).astype(np.uint8)
+    """Closed outlines (N, 2) of where a silhouette's probability (H, W) is more than one half."""
+    solid = (probability > 128).astype(np.uint8)
     contours, _ = cv2.findContours(solid, cv2.RETR_LIST, cv2.CHAIN_APPROX_TC89_L1)
     return [np.concatenate([c[:, 0], c[:1, 0]]).astype(np.float64) for c in contours if cv2.contourArea(c) >= 9.0]
 
