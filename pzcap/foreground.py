@@ -93,7 +93,7 @@ def refine(
     ``image`` and ``background`` (h, w, 3; of `Silhouette`) are cut out with their top-left pixel at ``(left, top)``;
     ``predicted`` as for `separate`. Black background counts as unknown.
     """
-    known = np.asarray(background.any(axis=2), bool)
+    known = np.asarray(cv2.cvtColor(background, cv2.COLOR_BGR2GRAY) > 0, bool)
     return _classify(image, background, known, camera, left, top, 0.0, config, predicted)
 
 
@@ -162,11 +162,11 @@ def _classify(
     _shadow(frame, background, ratio, variance, floor, config.shadow_darkest, scale, residual, shadowed)
     cv2.blur(shadowed, (5, 5), shadowed)
     np.minimum(residual / np.float32(scale), shadowed, out=log_odds)
-    log_odds = np.clip(0.5 * log_odds - 8.0, -6.0, 6.0) + np.float32(config.prior_log_odds)
-    log_odds[~known] = 0.0
-    if predicted is not None:
-        prior = predicted.astype(np.float32) / np.float32(config.prediction_sigma_px) * 2.0
-        log_odds += np.clip(prior, -config.prediction_floor, config.prediction_floor) - config.prior_log_odds
+    prior = np.zeros((1, 1), np.float32) if predicted is None else np.ascontiguousarray(predicted, dtype=np.float32)
+    _judge(
+        log_odds, known, prior, predicted is not None, config.prior_log_odds, config.prediction_sigma_px,
+        config.prediction_floor,
+    )  # fmt: skip
     cv2.blur(log_odds, (3, 3), log_odds)
     return _matte(image, background, log_odds)
 
@@ -216,26 +216,54 @@ def _shadow(
             out[i, j] = total / (variance[i, j] * scale)
 
 
+@njit(cache=True, nogil=True)
+def _judge(
+    log_odds: Float32, known: Mask, predicted: Float32, is_predicted: bool, prior: float, sigma: float, floor: float
+) -> None:
+    """Turn squared differences, in place, into the log-odds of body, with the prior."""
+    height, width = log_odds.shape
+    for i in range(height):
+        for j in range(width):
+            value = min(max(0.5 * log_odds[i, j] - 8.0, -6.0), 6.0) if known[i, j] else -prior
+            say = min(max(2.0 * predicted[i, j] / sigma, -floor), floor) if is_predicted else prior
+            log_odds[i, j] = value + say
+
+
+_RING = np.ones((5, 5), np.uint8)
+_MATTE_WINDOW = (11, 11)
+
+
 def _matte(image: Image, background: Image, log_odds: Float32) -> Image:
     """Probability from log-odds; along the outline, from the mixture of the colours on either side."""
-    probability = 1.0 / (1.0 + np.exp(-log_odds))
-    solid = (probability > 0.5).astype(np.uint8)
-    inner = cv2.erode(solid, np.ones((3, 3), np.uint8), iterations=2)
-    outer = cv2.dilate(solid, np.ones((3, 3), np.uint8), iterations=2)
-    band = (outer > 0) & (inner == 0)
-    count = cv2.boxFilter(inner.astype(np.float32), -1, (11, 11), normalize=False)
-    band &= count > 3
-    rows, columns = np.nonzero(band)
-    if not len(rows):
-        return np.asarray(np.rint(255 * probability), np.uint8)
-    inside = cv2.boxFilter(image.astype(np.float32) * inner[..., None], -1, (11, 11), normalize=False)
-    body = inside[rows, columns] / count[rows, columns, None]
-    hall = background[rows, columns].astype(np.float32)
-    span = body - hall
-    contrast = np.sum(span * span, axis=1)
-    alpha = np.sum((image[rows, columns] - hall) * span, axis=1) / np.maximum(contrast, 1.0)
-    # where body and hall look alike the mixture says nothing
-    say = contrast / (contrast + 30.0**2)
-    mixed = np.clip(alpha, 0.0, 1.0) * say + probability[rows, columns] * (1 - say)
-    probability[rows, columns] = mixed
-    return np.asarray(np.rint(255 * probability), np.uint8)
+    solid = (log_odds > 0).astype(np.uint8)
+    inner = np.asarray(cv2.erode(solid, _RING), np.uint8)
+    outer = np.asarray(cv2.dilate(solid, _RING), np.uint8)
+    masked = cv2.bitwise_and(image, image, mask=inner)
+    inside = np.asarray(cv2.boxFilter(masked, cv2.CV_32F, _MATTE_WINDOW, normalize=False), np.float32)
+    count = np.asarray(cv2.boxFilter(inner, cv2.CV_32F, _MATTE_WINDOW, normalize=False), np.float32)
+    probability = np.empty(log_odds.shape, np.uint8)
+    _mix(image, background, log_odds, inner, outer, inside, count, probability)
+    return probability
+
+
+@njit(cache=True, nogil=True)
+def _mix(
+    image: Image, background: Image, log_odds: Float32, inner: Image, outer: Image, inside: Float32, count: Float32,
+    probability: Image,
+) -> None:  # fmt: skip
+    height, width = log_odds.shape
+    for i in range(height):
+        for j in range(width):
+            p = 1.0 / (1.0 + np.exp(-log_odds[i, j]))
+            if outer[i, j] > 0 and inner[i, j] == 0 and count[i, j] > 3:
+                contrast = 0.0
+                along = 0.0
+                for c in range(3):
+                    hall = float(background[i, j, c])
+                    span = inside[i, j, c] / count[i, j] - hall
+                    contrast += span * span
+                    along += (float(image[i, j, c]) - hall) * span
+                # where body and hall look alike the mixture says nothing
+                say = contrast / (contrast + 900.0)
+                p = say * min(max(along / max(contrast, 1.0), 0.0), 1.0) + (1.0 - say) * p
+            probability[i, j] = int(255.0 * p + 0.5)

@@ -1,5 +1,5 @@
 """A small hall with the athlete in it, four cameras that pan and zoom, true cameras and masks: what the tests of the
-body, the silhouettes and the tracker look at. MuJoCo's own camera projects; nothing of `pzcap` but the types is used."""
+body, the silhouettes and the tracker look at. MuJoCo's own camera projects; of `pzcap` only the types are used."""
 
 from __future__ import annotations
 
