@@ -21,7 +21,6 @@ from pzcap.types import (
     Capture,
     FrameSet,
     Image,
-    Keyframe,
     Localisation,
     PanZoomTrack,
     Pose,
@@ -306,7 +305,7 @@ def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:
 # Stage 6: the body in all views
 
 
-def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]) -> _Tracker | None:
+def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]) -> tracking.Tracker | None:
     if capture.subject is None:
         notes.append("the body is not tracked: the capture holds no tape measurements (subject.json)")
         return None
@@ -315,7 +314,7 @@ def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]
         return None
     model = body.build(capture.subject)
     notes += keyframes.check(sets.keyframes, model, len(sets))
-    return _Tracker(model, sets.keyframes, config.tracking)
+    return tracking.Tracker(model, sets.keyframes, config.tracking)
 
 
 def _track_input(
@@ -334,18 +333,3 @@ def _track_input(
 
 def _tracked(result: tracking.Tracked) -> FrameTracked:
     return FrameTracked(result.frame, result.pose, result.joints_m, result.sigma_m, result.valid)
-
-
-class _Tracker:
-    """Interim: collects the inputs, tracks at the end."""
-
-    def __init__(self, model: body.Body, keys: tuple[Keyframe, ...], config: tracking.TrackingConfig) -> None:
-        self.args = model, keys, config
-        self.inputs: list[tracking.TrackInput] = []
-
-    def push(self, item: tracking.TrackInput) -> list[tracking.Tracked]:
-        self.inputs.append(item)
-        return []
-
-    def finish(self) -> list[tracking.Tracked]:
-        return list(tracking.track(self.args[0], self.args[1], self.inputs, self.args[2]))
