@@ -206,7 +206,7 @@ JSON_FAULTS: dict[str, tuple[str, Callable[[Any], Any], str]] = {
     "a missing video": ("capture.json", lambda m: m["cameras"][1].update(sweep="gone.mp4"), "gone.mp4"),
     "no list": ("capture.json", lambda _: [1], "JSON object"),
     "an unknown dictionary": ("object.json", lambda o: o.update(dictionary="DICT_9X9"), "DICT_9X9"),
-    "a corner of two numbers": ("object.json", lambda o: o["markers"][0]["corners_m"].__setitem__(2, [0, 1]), "corners_m"),
+    "a corner of two numbers": ("object.json", lambda o: o["markers"][0].update(corners_m=[[0, 1]] * 4), "corners_m"),
     "a marker twice": ("object.json", lambda o: o["markers"].append(o["markers"][0]), "id of its own"),
     "a misspelt measurement": (
         "subject.json",
