@@ -23,7 +23,7 @@ from pzcap import camera as geometry
 from pzcap.camera import View
 from pzcap.types import Array, Lens
 
-
+SETTLED_RAD = 1e-5  # a step this small ends the adjustment: a hundredth of a pixel
 LEAST_SPREAD_PX = 0.01  # no match is better than this, however well all agree
 
 
@@ -72,7 +72,7 @@ class Model:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sigmas:
-    """Standard deviations of what is believed before the matches; the mean is the model one starts from."""
+    """Standard deviations of what is believed before the matches."""
 
     reference_focal: float  # relative
     angle_rad: float  # tilt and roll
@@ -91,13 +91,20 @@ class Adjusted:
 
 
 def adjust(
-    start: Model, links: Sequence[Link], sigmas: Sigmas, *, scale_px: float = 8.0, iterations: int = 20
+    start: Model,
+    links: Sequence[Link],
+    sigmas: Sigmas,
+    *,
+    prior: Model | None = None,
+    scale_px: float = 8.0,
+    iterations: int = 20,
 ) -> Adjusted:
     """Fit the model to ``links``; the pan of the first frame stays what it is.
 
-    Weights fall with a residual's length (Geman and McClure, 1987), by a scale that starts at ``scale_px`` and follows
-    the residuals down.
+    ``sigmas`` are about ``prior``, or else about ``start``. Weights fall with a residual's length (Geman and McClure,
+    1987), by a scale that starts at ``scale_px`` and follows the residuals down.
     """
+    mean = _vector(start if prior is None else prior)
     model, scale = start, scale_px
     believed = _information(start, sigmas)
     for _ in range(iterations):
@@ -112,14 +119,14 @@ def adjust(
             np.add.at(gradient, columns, weighted.T @ residual.ravel())
         spread = max(float(np.median(np.concatenate(lengths))) / 1.1774, LEAST_SPREAD_PX)  # of one coordinate
         normal += believed * spread**2
-        gradient += spread**2 * believed @ (_vector(model) - _vector(start))
+        gradient += spread**2 * believed @ (_vector(model) - mean)
         normal[model.pan_of[0]] = 0.0
         normal[model.pan_of[0], model.pan_of[0]] = 1.0
         gradient[model.pan_of[0]] = 0.0
         step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
         model = _stepped(model, step)
         next_scale = max(3.0 * spread, 0.1)
-        if np.abs(step[: len(model.pan_rad)]).max() < 1e-6 and abs(next_scale - scale) < 0.05 * scale:
+        if np.abs(step[: len(model.pan_rad)]).max() < SETTLED_RAD and abs(next_scale - scale) < 0.05 * scale:
             break
         scale = max(next_scale, scale / 3.0)
     inliers = [length < 2.0 * scale for length in lengths]
@@ -129,6 +136,14 @@ def adjust(
         float(np.sqrt(np.mean(kept**2))),
         np.array([int(good.sum()) for good in inliers]),
     )
+
+
+def thinned(links: Sequence[Link], every: int) -> list[Link]:
+    """One match in ``every``, for a quick first adjustment."""
+    keep = slice(None, None, every)
+    return [
+        Link(link.first, link.second, link.first_px[keep], link.second_px[keep], link.log_ratio[keep]) for link in links
+    ]
 
 
 def _linearised(model: Model, link: Link) -> tuple[Array, Array, NDArray[np.int64]]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pzcap import camera as geometry
 from pzcap import cylinder, features, panorama, reference
-from pzcap.bundle import Adjusted, Link, Model, Sigmas, adjust
+from pzcap.bundle import Adjusted, Link, Model, Sigmas, adjust, thinned
 from pzcap.camera import View
 from pzcap.features import Features
 from pzcap.panorama import Frames
@@ -111,7 +111,9 @@ def _prepare_exact(
         _padded(coarse.principal_px, 2 if zoom else 1), _padded(coarse.k1[:, None], 3 if zoom else 1)[:, 0],
         coarse.offset, np.full(WALLS, WALL_NEARNESS),
     )  # fmt: skip
-    adjusted = adjust(start, links, _sigmas(width, full_turn, zoom is not None), scale_px=4.0)
+    sigmas = _sigmas(width, full_turn, zoom is not None)
+    quick = adjust(start, thinned(links, 5), sigmas, scale_px=4.0, iterations=12).model
+    adjusted = adjust(quick, links, sigmas, prior=start, scale_px=1.0, iterations=6)
     model = adjusted.model
 
     taken = model.view(count)

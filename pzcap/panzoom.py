@@ -40,8 +40,8 @@ class PanZoomConfig:
     min_inliers: int = 12
     min_agreement: float = 0.5  # of an alignment (see `align.Alignment`), or features are asked again
     max_pan_sigma_deg: float = 0.05  # a frame known worse than this is not valid
-    floor_deg: float = 0.002  # systematic error of pan: the least standard deviation that is claimed
-    floor_focal: float = 2e-4  # the same of the focal length, relative
+    floor_deg: float = 0.003  # systematic error of pan: the least standard deviation that is claimed
+    floor_focal: float = 4e-4  # the same of the focal length, relative
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     sweep: SweepConfig = field(default_factory=SweepConfig)
 
