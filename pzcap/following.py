@@ -28,7 +28,7 @@ from pzcap.foreground import ForegroundConfig, refine
 from pzcap.merging import Cut, best_of, mismatch
 from pzcap.types import SEGMENTS, Array, Mask, Pose
 
-_SEGMENT_WIDTH_M = np.array(
+SEGMENT_WIDTH_M = np.array(
     [{"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07, "hand": 0.05,
       "thigh": 0.15, "shank": 0.1, "foot": 0.08}[n.removeprefix("left_").removeprefix("right_")] for n in SEGMENTS]
 )  # fmt: skip
@@ -162,7 +162,7 @@ def _evidence(
             predicted = signed_distance(placed, cut.left, cut.top, width, height)
             probability = refine(cut.image, cut.background, cut.camera, cut.left, cut.top, predicted, config.foreground)
         views.append(observe(cut.image, probability, cut.camera, cut.left, cut.top))
-    return Evidence(body, views, _SEGMENT_WIDTH_M)
+    return Evidence(body, views, SEGMENT_WIDTH_M)
 
 
 def improve(

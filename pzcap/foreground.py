@@ -224,7 +224,7 @@ def _judge(
     height, width = log_odds.shape
     for i in range(height):
         for j in range(width):
-            value = min(max(0.5 * log_odds[i, j] - 8.0, -6.0), 6.0) if known[i, j] else -prior
+            value = min(max(0.5 * log_odds[i, j] - 8.0, -6.0), 6.0) if known[i, j] else 0.0
             say = min(max(2.0 * predicted[i, j] / sigma, -floor), floor) if is_predicted else prior
             log_odds[i, j] = value + say
 

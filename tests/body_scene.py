@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.types import SEGMENTS, Array, Camera, Image, Mask, Pose
 from sim import athlete
+from sim.render import Stage
 
 WIDTH, HEIGHT = 480, 360
 _POSITIONS = np.array([[-6.0, -5.0, 1.7], [6.0, -5.0, 1.8], [6.0, 5.0, 1.6], [-6.0, 5.0, 1.75]])
@@ -88,47 +89,28 @@ def shoot(frames: int, seed: int = 0, frame_rate: float = 30.0, noise: float = 2
     spec = mujoco.MjSpec()
     _hall(spec, rng)
     athlete.add_athlete(spec, measurements, config, rng)
-    for c in range(len(_POSITIONS)):
-        camera = spec.worldbody.add_camera(name=f"view{c}", resolution=[WIDTH, HEIGHT])
-        camera.sensor_size = [WIDTH * 1e-5, HEIGHT * 1e-5]
-        camera.intrinsic = [5e-3, 5e-3, 0, 0]
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
-    colour = mujoco.Renderer(model, HEIGHT, WIDTH)
-    label = mujoco.Renderer(model, HEIGHT, WIDTH)
-    label.enable_segmentation_rendering()
-    full, empty = mujoco.MjvOption(), mujoco.MjvOption()
-    empty.geomgroup[athlete.GEOM_GROUP] = 0
+    stage = Stage(spec, 2 * WIDTH, 2 * HEIGHT, athlete.GEOM_GROUP, object_group=5)
     poses = [swing(k / frame_rate) for k in range(frames)]
     shots, joints = [], []
     for pose in poses:
-        athlete.set_pose(model, data, pose)
-        mujoco.mj_forward(model, data)
-        centres = np.array([data.body(name).xpos.copy() for name in SEGMENTS])
+        athlete.set_pose(stage.model, stage.data, pose)
+        mujoco.mj_kinematics(stage.model, stage.data)
+        centres = np.array([stage.data.body(name).xpos.copy() for name in SEGMENTS])
         joints.append(centres)
         row = []
-        for c, position in enumerate(_POSITIONS):
+        for position in _POSITIONS:
             camera = _aim(position, centres.mean(axis=0))
-            identity = model.camera(f"view{c}").id
-            rotation = Rotation.from_matrix(camera.world_T_cam[:3, :3] @ np.diag([1.0, -1.0, -1.0]))
-            model.cam_pos[identity], model.cam_quat[identity] = position, rotation.as_quat(scalar_first=True)
-            model.cam_intrinsic[identity] = [camera.focal_px * 1e-5, camera.focal_px * 1e-5, 0, 0]
-            mujoco.mj_forward(model, data)
+            stage.aim(camera.world_T_cam, float(np.rad2deg(2 * np.arctan(HEIGHT / 2 / camera.focal_px))))
             pictures = []
-            for option in (full, empty):
-                colour.update_scene(data, identity, option)
-                picture = colour.render()[..., ::-1] + rng.normal(0, noise, (HEIGHT, WIDTH, 3))
-                pictures.append(np.clip(np.rint(picture), 0, 255).astype(np.uint8))
-            label.update_scene(data, identity, full)
-            geom, kind = label.render()[..., 0], label.render()[..., 1]
-            body = (kind == int(mujoco.mjtObj.mjOBJ_GEOM)) & (
-                model.geom_group[np.clip(geom, 0, None)] == athlete.GEOM_GROUP
-            )
+            for present in (True, False):
+                fine = stage.picture((2 * WIDTH, 2 * HEIGHT), athlete=present)[::-1, :, ::-1]
+                picture = cv2.resize(np.ascontiguousarray(fine), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+                noisy = picture + rng.normal(0, noise, picture.shape)
+                pictures.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+            body = stage.mask((WIDTH, HEIGHT))[::-1] > 0
             row.append(Shot(pictures[0], pictures[1], body, camera))
         shots.append(row)
-    colour.close()
-    label.close()
+    stage.close()
     return Clip(measurements, shots, poses, np.array(joints))
 
 

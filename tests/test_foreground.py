@@ -1,0 +1,114 @@
+"""Silhouettes against true masks, and against faults put in on purpose: exposure, shadow, a camera that is off."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from pzcap import foreground
+from pzcap.foreground import ForegroundConfig
+from pzcap.types import Camera, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera
+from tests.body_scene import HEIGHT, WIDTH, Clip, Shot, shoot
+
+CONFIG = ForegroundConfig()
+
+
+@pytest.fixture(scope="module")
+def clip() -> Clip:
+    return shoot(2)
+
+
+def overlap(probability: Image, mask: Mask) -> float:
+    found = probability > 127
+    return float((found & mask).sum() / (found | mask).sum())
+
+
+def cut(shot: Shot, image: Image, background: Image) -> Image:
+    known = np.ones(shot.mask.shape, bool)
+    return foreground.subtract(image, background, known, shot.camera, 0.0, CONFIG).probability
+
+
+def test_the_athlete_is_found_and_the_shadow_is_not(clip: Clip) -> None:
+    scores = [overlap(cut(shot, shot.image, shot.empty), shot.mask) for row in clip.shots for shot in row]
+    assert np.mean(scores) > 0.88
+    assert min(scores) > 0.8
+
+
+def test_exposure_and_vignetting_make_no_difference(clip: Clip) -> None:
+    shot = clip.shots[0][0]
+    x = (np.arange(WIDTH) - WIDTH / 2) / (WIDTH / 2)
+    y = (np.arange(HEIGHT) - HEIGHT / 2) / (WIDTH / 2)
+    gain = 1.06 * (1.0 - 0.12 * (x[None, :] ** 2 + y[:, None] ** 2))
+    darker = np.clip(shot.image * gain[..., None], 0, 255).astype(np.uint8)
+    assert (
+        overlap(cut(shot, darker, shot.empty), shot.mask) > overlap(cut(shot, shot.image, shot.empty), shot.mask) - 0.03
+    )
+
+
+def test_a_camera_that_is_half_a_pixel_off_draws_no_outlines_of_the_hall(clip: Clip) -> None:
+    shot = clip.shots[0][1]
+    shifted = cv2.warpAffine(
+        shot.empty, np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -0.3]]), (WIDTH, HEIGHT), borderMode=cv2.BORDER_REPLICATE
+    )
+    assert overlap(cut(shot, shot.image, np.asarray(shifted, np.uint8)), shot.mask) > 0.85
+
+
+def test_an_empty_hall_has_no_athlete(clip: Clip) -> None:
+    shot = clip.shots[0][2]
+    assert (cut(shot, shot.empty, shot.empty) > 127).mean() < 1e-3
+
+
+def test_a_prediction_helps_and_does_not_overrule(clip: Clip) -> None:
+    shot = clip.shots[1][0]
+    silhouette = foreground.subtract(shot.image, shot.empty, np.ones(shot.mask.shape, bool), shot.camera, 0.0, CONFIG)
+    inside = shot.mask.astype(np.uint8)
+    distance = cv2.distanceTransform(inside, cv2.DIST_L2, 3) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 3)
+    right = foreground.refine(shot.image, silhouette.background, shot.camera, 0, 0, distance, CONFIG)
+    assert overlap(right, shot.mask) > overlap(silhouette.probability, shot.mask)
+    wrong = np.roll(distance, 60, axis=1)  # a body elsewhere
+    mistaken = foreground.refine(shot.image, silhouette.background, shot.camera, 0, 0, wrong, CONFIG)
+    assert overlap(mistaken, shot.mask) > 0.7
+
+
+def test_gain_is_matched_to_a_percent(clip: Clip) -> None:
+    shot = clip.shots[0][3]
+    brighter = np.clip(shot.empty * 1.08, 0, 255).astype(np.uint8)
+    matched = foreground.match_gain(brighter, shot.empty, np.ones(shot.mask.shape, bool))
+    ratio = matched.astype(float).sum() / brighter.astype(float).sum()
+    assert ratio == pytest.approx(1.0, abs=0.01)
+
+
+def test_unknown_background_is_no_evidence(clip: Clip) -> None:
+    shot = clip.shots[0][0]
+    known = np.ones(shot.mask.shape, bool)
+    known[:, :60] = False
+    background = shot.empty.copy()
+    background[:, :60] = 0
+    found = foreground.subtract(shot.image, background, known, shot.camera, 0.0, CONFIG).probability
+    assert not (found[:, :50] > 127).any()
+
+
+def test_a_camera_that_is_lost_gives_no_silhouette() -> None:
+    width, height = 64, 48
+    panorama = Panorama(
+        np.full((60, 200, 3), 90, np.uint8), np.ones((60, 200), bool), 60.0, np.array([100.0, 30.0]), False,
+        np.zeros(1), np.zeros(1, np.int64), 0.0, 0.0,
+    )  # fmt: skip
+    lens = Lens(width, height, 60.0, np.array([[31.5, 23.5]]), np.zeros(1))
+    camera = PanZoomCamera(lens, np.eye(4), 0.0, 0.0)
+    nowhere = Localisation(0.0, 0.0, 60.0, np.eye(2), False, np.zeros((0, 2)), np.zeros((0, 2)))
+    silhouette = foreground.separate(np.zeros((height, width, 3), np.uint8), panorama, camera, nowhere, CONFIG)
+    assert not silhouette.valid
+    assert silhouette.probability.shape == (height, width)
+
+
+def test_the_floor_ends_at_the_horizon(clip: Clip) -> None:
+    camera: Camera = clip.shots[0][0].camera
+    plane = foreground._floor_plane(camera, 0, 0, 25.0)
+    for u, v in ((0, 0), (WIDTH / 2, HEIGHT - 1), (WIDTH - 1, HEIGHT * 0.7)):
+        ray = camera.world_T_cam[:3, :3] @ np.array(
+            [(u - camera.principal_px[0]) / camera.focal_px, (v - camera.principal_px[1]) / camera.focal_px, 1.0]
+        )
+        meets = ray[2] < 0 and camera.world_T_cam[2, 3] / -ray[2] < 25.0
+        assert (plane @ [u, v, 1.0] < 0) == meets

@@ -1,0 +1,223 @@
+"""The tracker on rendered views: from keyframes a hand has set, with a body that a tape has measured."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from pzcap import body as bodies
+from pzcap import foreground, tracking
+from pzcap.body import Body
+from pzcap.evidence import Appearance, Evidence, Terms, observe
+from pzcap.following import SEGMENT_WIDTH_M
+from pzcap.merging import Cut, merge, mismatch
+from pzcap.tracking import Tracked, TrackingConfig, TrackInput, View
+from pzcap.types import Array, Keyframe, Pose, PzcapError, Subject
+from tests.body_scene import Clip, shoot
+
+FRAMES = 13
+CONFIG = TrackingConfig()
+
+
+@cache
+def clip() -> Clip:
+    return shoot(FRAMES)
+
+
+@cache
+def taped() -> Body:
+    rng = np.random.default_rng(7)
+    return bodies.build(Subject({k: v + rng.normal(0, 0.004) for k, v in clip().measurements_m.items()}, 0.004))
+
+
+@cache
+def inputs() -> tuple[TrackInput, ...]:
+    settings = foreground.ForegroundConfig()
+    rows = []
+    for frame, row in enumerate(clip().shots):
+        views = []
+        for shot in row:
+            known = np.ones(shot.mask.shape, bool)
+            silhouette = foreground.subtract(shot.image, shot.empty, known, shot.camera, 0.0, settings)
+            views.append(View(shot.image, shot.camera, silhouette))
+        rows.append(TrackInput(frame, tuple(views)))
+    return tuple(rows)
+
+
+def by_hand(frame: int, seed: int = 0) -> Keyframe:
+    rng = np.random.default_rng(100 * seed + frame)
+    error = np.concatenate([rng.normal(0, 0.010, 3), rng.normal(0, np.deg2rad(3.0), bodies.DOF - 3)])
+    return Keyframe(frame, bodies.retract(clip().poses[frame], error))
+
+
+def errors_m(results: list[Tracked]) -> Array:
+    return np.array([np.linalg.norm(r.joints_m - clip().joints_m[r.frame], axis=1) for r in results])
+
+
+def run(keyframes: list[Keyframe], items: tuple[TrackInput, ...] | list[TrackInput]) -> list[Tracked]:
+    return list(tracking.track(taped(), keyframes, items, CONFIG))
+
+
+def test_between_two_keyframes() -> None:
+    results = run([by_hand(0), by_hand(FRAMES - 1)], inputs())
+    assert [r.frame for r in results] == list(range(FRAMES))
+    assert all(r.valid for r in results)
+    error = errors_m(results)
+    assert error.mean() < 0.020
+    assert error.max() < 0.10
+    motion = tracking.collect(results, [by_hand(0), by_hand(FRAMES - 1)])
+    assert motion.keyframes.tolist() == [0, FRAMES - 1]
+    np.testing.assert_array_equal(motion.joints_m[3], results[3].joints_m)
+
+
+def test_one_keyframe_in_the_middle_serves_both_ways() -> None:
+    results = run([by_hand(6)], inputs())
+    assert [r.frame for r in results] == list(range(FRAMES))
+    assert errors_m(results).mean() < 0.030
+
+
+def test_a_view_less_and_an_instant_that_nobody_saw() -> None:
+    items = list(inputs())
+    items[4] = TrackInput(4, (None, *items[4].views[1:]))
+    items[8] = TrackInput(8, (None, None, None, None))
+    results = run([by_hand(0), by_hand(FRAMES - 1)], items)
+    assert [r.frame for r in results] == list(range(FRAMES))
+    assert not results[8].valid
+    seen = errors_m([r for r in results if r.valid])
+    assert seen.mean() < 0.025
+    assert results[8].sigma_m.mean() > 2 * results[7].sigma_m.mean()
+
+
+def test_the_same_footage_gives_the_same_motion() -> None:
+    first, second = run([by_hand(0)], inputs()[:4]), run([by_hand(0)], inputs()[:4])
+    for a, b in zip(first, second, strict=True):
+        np.testing.assert_array_equal(a.joints_m, b.joints_m)
+
+
+def test_results_come_as_soon_as_they_can() -> None:
+    tracker = tracking.Tracker(taped(), [by_hand(0), by_hand(4)], CONFIG)
+    counts = [len(tracker.push(item)) for item in inputs()[:6]]
+    assert counts == [1, 0, 0, 0, 4, 1]
+    assert tracker.finish() == []
+
+
+def test_no_keyframe_is_a_clear_error() -> None:
+    with pytest.raises(PzcapError, match="no keyframes"):
+        list(tracking.track(taped(), [], inputs(), CONFIG))
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The parts
+
+
+def observed(frame: int, body: Body) -> Evidence:
+    shots = clip().shots[frame]
+    views = [observe(s.image, (255 * s.mask).astype(np.uint8), s.camera, 0, 0) for s in shots]
+    return Evidence(body, views, SEGMENT_WIDTH_M)
+
+
+def true_body() -> Body:
+    return bodies.build(Subject(clip().measurements_m, 0.001))
+
+
+TERMS = Terms(0, 5.0, 1.0, 12.0, 1.0, 1.0, 0.15)
+
+
+def test_contour_gradient_pulls_a_displaced_body_back() -> None:
+    """The silhouettes' normal equations undo a shift: their step points home and has its length."""
+    body, pose = true_body(), clip().poses[5]
+    evidence = observed(5, body)
+    terms = Terms(0, 6.0, 1.0, 12.0, 1.0, 0.0, 0.15)
+    shift = np.zeros(bodies.DOF)
+    shift[:3] = [0.012, -0.010, 0.008]
+    moved = bodies.retract(pose, shift)
+    normal = evidence.normal(moved, evidence.visibility(moved), [None] * 4, terms)
+    step = np.linalg.solve(normal.hessian + 30.0 * np.eye(bodies.DOF), normal.gradient)
+    start = evidence.normal(pose, evidence.visibility(pose), [None] * 4, terms)
+    rest = np.linalg.solve(start.hessian + 30.0 * np.eye(bodies.DOF), start.gradient)
+    np.testing.assert_allclose((step - rest)[:3], -shift[:3], atol=0.006)
+
+
+def test_brightness_gradient_is_the_derivative_of_its_cost() -> None:
+    """For residuals far below the robust scale, the gradient is that of half the sum of squares."""
+    body, pose = true_body(), clip().poses[2]
+    evidence = observed(2, body)
+    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
+    evidence.learn(pose, appearances, 1.0)
+    # free shading would hide part of the cost in the nuisances: forbid it here
+    terms = Terms(1, 5.0, 1.0, 1e4, 0.0, 1.0, 1e-9)
+    placed = evidence.visibility(pose)
+    at = bodies.retract(pose, 2e-3 * np.random.default_rng(0).normal(size=bodies.DOF))
+
+    def cost(dof: int, step: float) -> float:
+        moved = lost(at, dof, step)
+        return float(evidence.normal(moved, placed, appearances, terms).brightness[:, 0].sum()) / 2
+
+    numeric = np.array([(cost(k, 5e-4) - cost(k, -5e-4)) / 1e-3 for k in range(bodies.DOF)])
+    analytic = -evidence.normal(at, placed, appearances, terms).gradient
+    similarity = numeric @ analytic / np.linalg.norm(numeric) / np.linalg.norm(analytic)
+    assert similarity > 0.97
+    # the kernel takes the slope over two pixels, which is a little gentler than between two
+    assert np.linalg.norm(numeric) == pytest.approx(np.linalg.norm(analytic), rel=0.5)
+
+
+def test_shading_alone_moves_nothing() -> None:
+    """A light that changes a limb's gain and gradient must not be taken for motion."""
+    body, pose = true_body(), clip().poses[2]
+    evidence = observed(2, body)
+    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
+    evidence.learn(pose, appearances, 1.0)
+    _, _, normals = evidence.place(pose)
+    for appearance in appearances:
+        assert appearance is not None
+        appearance.value *= (1.0 + 0.08 + 0.1 * normals[:, 0] - 0.05 * normals[:, 2]).astype(np.float32)
+    placed = evidence.visibility(pose)
+    steps = []
+    for sigma in (0.3, 1e-6):
+        terms = Terms(0, 5.0, 1.0, 60.0, 0.0, 1.0, sigma)
+        normal = evidence.normal(pose, placed, appearances, terms)
+        steps.append(np.linalg.solve(normal.hessian + 1.0 * np.eye(bodies.DOF), normal.gradient))
+    free, forbidden = (np.abs(s[3:]).max() for s in steps)
+    assert free < 0.35 * forbidden
+
+
+def cuts(frame: int) -> list[Cut | None]:
+    return [Cut(s.camera, 0, 0, s.image, s.empty, (255 * s.mask).astype(np.uint8)) for s in clip().shots[frame]]
+
+
+def lost(pose: Pose, dof: int, by: float) -> Pose:
+    delta = np.zeros(bodies.DOF)
+    delta[dof] = by
+    return bodies.retract(pose, delta)
+
+
+def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:
+    body, pose = true_body(), clip().poses[6]
+    arm = int(np.flatnonzero(bodies.DOF_SEGMENT == 4)[1])
+    leg = int(np.flatnonzero(bodies.DOF_SEGMENT == 13)[1])
+    ahead, back = lost(pose, arm, 0.9), lost(pose, leg, 0.8)
+    equal = np.ones(16)
+    merged, agree = merge(body, ahead, back, equal, equal, cuts(6))
+    error = np.linalg.norm(bodies.joints(body, merged) - clip().joints_m[6], axis=1)
+    assert error.max() < 0.02
+    assert not agree[[4, 5, 6]].any()
+    assert not agree[[13, 14, 15]].any()
+    assert agree[[0, 1, 2, 3, 7, 8, 9, 10, 11, 12]].all()
+
+
+def test_where_passes_agree_confidence_weighs_them() -> None:
+    body, pose = true_body(), clip().poses[6]
+    ahead, back = lost(pose, 3, 0.0), lost(pose, 3, 0.04)
+    merged, agree = merge(body, ahead, back, np.full(16, 1.0), np.full(16, 3.0), cuts(6))
+    assert agree.all()
+    np.testing.assert_allclose(bodies.difference(merged, ahead)[3], 0.01, atol=1e-9)
+
+
+def test_mismatch_is_least_at_the_truth() -> None:
+    body, pose = true_body(), clip().poses[3]
+    best = mismatch(body, pose, cuts(3))
+    assert best < 0.12
+    for dof in (0, 2, 4, 15):
+        assert mismatch(body, lost(pose, dof, 0.3), cuts(3)) > best + 0.01
