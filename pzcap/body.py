@@ -16,8 +16,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from pzcap import rigid
 from pzcap.surface import Surface, build_surface
 from pzcap.types import (
     HINGE_AXES,
@@ -42,6 +42,19 @@ DOF_AXES: Final[Array] = np.concatenate(
     [np.eye(3)] + [np.array([HINGE_AXES[name]]) if name in HINGE_AXES else np.eye(3) for name in SEGMENTS]
 )
 """(43, 3) World axis of a translation, axis in the segment's frame of a rotation."""
+_PARENTS: Final[NDArray[np.int64]] = np.array(PARENTS)
+_IDENTITY: Final[Array] = np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1))
+
+
+def _spread() -> Array:
+    """(48, 43) takes a tangent vector to the rotation vectors of all segments; the transpose takes it back."""
+    matrix = np.zeros((len(SEGMENTS), 3, DOF))
+    for d in range(3, DOF):
+        matrix[DOF_SEGMENT[d], :, d] = DOF_AXES[d]
+    return matrix.reshape(-1, DOF)
+
+
+_SPREAD: Final[Array] = _spread()
 SKELETON_EDGES: Final = tuple((parent, child) for child, parent in enumerate(PARENTS) if parent >= 0)
 
 
@@ -130,21 +143,9 @@ def _offsets(m: dict[str, float]) -> Array:
     return np.array([table[name] for name in SEGMENTS])
 
 
-def rotation_matrices(pose: Pose) -> Array:
-    """(16, 3, 3) of the pose's quaternions."""
-    return Rotation.from_quat(pose.rotations, scalar_first=True).as_matrix()
-
-
 def forward(body: Body, pose: Pose) -> Array:
     """``world_T_segment``, (16, 4, 4). Joint centres are ``[:, :3, 3]``."""
-    local = rotation_matrices(pose)
-    world = np.zeros((len(SEGMENTS), 4, 4))
-    world[:, 3, 3] = 1.0
-    world[0, :3, :3], world[0, :3, 3] = local[0], pose.root_position_m
-    for i, parent in enumerate(PARENTS[1:], start=1):
-        world[i, :3, :3] = world[parent, :3, :3] @ local[i]
-        world[i, :3, 3] = world[parent, :3, :3] @ body.offsets_m[i] + world[parent, :3, 3]
-    return world
+    return np.asarray(rigid.chain(pose.root_position_m, pose.rotations, body.offsets_m, _PARENTS))
 
 
 def joints(body: Body, pose: Pose) -> Array:
@@ -154,10 +155,8 @@ def joints(body: Body, pose: Pose) -> Array:
 
 def retract(pose: Pose, delta: Array) -> Pose:
     """The pose moved by a tangent vector (43,)."""
-    increments = np.zeros((len(SEGMENTS), 3))
-    np.add.at(increments, DOF_SEGMENT[3:], delta[3:, None] * DOF_AXES[3:])
-    rotations = Rotation.from_quat(pose.rotations, scalar_first=True) * Rotation.from_rotvec(increments)
-    return Pose(pose.root_position_m + delta[:3], rotations.as_quat(scalar_first=True))
+    increments = _SPREAD @ delta
+    return Pose(pose.root_position_m + delta[:3], rigid.turn(pose.rotations, increments.reshape(-1, 3)))
 
 
 def difference(to: Pose, start: Pose) -> Array:
@@ -165,10 +164,9 @@ def difference(to: Pose, start: Pose) -> Array:
 
     Of a hinge only the turn about its axis is kept.
     """
-    before = Rotation.from_quat(start.rotations, scalar_first=True)
-    increments = (before.inv() * Rotation.from_quat(to.rotations, scalar_first=True)).as_rotvec()
-    angles = np.sum(increments[DOF_SEGMENT[3:]] * DOF_AXES[3:], axis=1)
-    return np.concatenate([to.root_position_m - start.root_position_m, angles])
+    delta = rigid.between(start.rotations, to.rotations).ravel() @ _SPREAD
+    delta[:3] = to.root_position_m - start.root_position_m
+    return np.asarray(delta)
 
 
 def screws(world_T_segment: Array, centre_m: Array) -> Array:
@@ -177,13 +175,7 @@ def screws(world_T_segment: Array, centre_m: Array) -> Array:
     A point ``x`` that is moved (``MOVES``) has the velocity ``v + w x (x - centre_m)``. Expressing all twists about one
     centre near the body lets the normal equations be accumulated per segment (6 x 6) and lifted afterwards.
     """
-    result = np.zeros((DOF, 6))
-    result[:3, :3] = np.eye(3)
-    owner = DOF_SEGMENT[3:]
-    axes = np.einsum("dij,dj->di", world_T_segment[owner, :3, :3], DOF_AXES[3:])
-    result[3:, 3:] = axes
-    result[3:, :3] = np.cross(axes, centre_m - world_T_segment[owner, :3, 3])
-    return result
+    return np.asarray(rigid.twists(world_T_segment, DOF_SEGMENT, DOF_AXES, np.ascontiguousarray(centre_m)))
 
 
 def point_jacobian(world_T_segment: Array, segment: int, point_m: Array) -> Array:
@@ -214,8 +206,7 @@ def limit_residuals(pose: Pose) -> tuple[Array, Array]:
     """How far (radians) each component of the joints' rotation vectors is beyond its limit: residual (43,), and the
     diagonal of its derivative (43,), 1 where violated. The derivative takes rotation vectors for tangent vectors,
     which is right about the axis of rotation and good enough for a soft wall elsewhere."""
-    vectors = Rotation.from_quat(pose.rotations, scalar_first=True).as_rotvec()
-    angles = np.sum(vectors[DOF_SEGMENT] * DOF_AXES, axis=1)
+    angles = rigid.between(_IDENTITY, pose.rotations).ravel() @ _SPREAD
     angles[:3] = 0.0
     residual = np.maximum(angles - LIMIT_HIGH, 0.0) + np.minimum(angles - LIMIT_LOW, 0.0)
     return residual, (residual != 0.0).astype(np.float64)
@@ -223,6 +214,7 @@ def limit_residuals(pose: Pose) -> tuple[Array, Array]:
 
 def place(body: Body, world_T_segment: Array) -> tuple[Array, Array]:
     """Skin in the world: points (V, 3) and unit normals (V, 3)."""
-    transform = world_T_segment[body.surface.segment]
-    points = np.einsum("vij,vj->vi", transform[:, :3, :3], body.surface.points_m) + transform[:, :3, 3]
-    return points, np.einsum("vij,vj->vi", transform[:, :3, :3], body.surface.normals)
+    surface = body.surface
+    points, normals = np.empty_like(surface.points_m), np.empty_like(surface.normals)
+    rigid.carry(world_T_segment, surface.segment, surface.points_m, surface.normals, points, normals)
+    return points, normals

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import kernels
+from pzcap import raster, residuals
 from pzcap.body import DOF, Body, forward, lift, place, screws
 from pzcap.types import SEGMENTS, Array, Camera, Image, Pose
 
@@ -107,26 +107,27 @@ class Normal:
 def place_view(body: Body, points: Array, normals: Array, camera: Camera, scale: float = _Z_SCALE) -> PlacedView:
     """Project the placed skin and test what is visible."""
     pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
-    kernels.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
-    left, top, width, height = _window(pixels[depth > 0], camera, 12)
+    raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
+    left, top, width, height = _window(pixels, depth, camera, 12)
     z_buffer = np.empty((int(height // scale) + 1, int(width // scale) + 1), np.float32)
-    kernels.rasterise(pixels, depth, body.surface.faces, left, top, scale, z_buffer)
+    raster.rasterise(pixels, depth, body.surface.faces, left, top, scale, z_buffer)
     facing = np.empty(len(points), np.float32)
-    kernels.visible(
+    raster.visible(
         points, normals, pixels, depth, np.ascontiguousarray(camera.world_T_cam[:3, 3]), z_buffer, left, top, scale,
         DEPTH_TOLERANCE_M, facing,
     )  # fmt: skip
     return PlacedView(pixels, depth, facing, z_buffer, left, top)
 
 
-def _window(pixels: Array, camera: Camera, margin: int) -> tuple[int, int, int, int]:
-    """Left, top, width and height around these pixels; it may stand over the image's edge, but is never huge."""
-    if not len(pixels):
+def _window(pixels: Array, depth: Array, camera: Camera, margin: int) -> tuple[int, int, int, int]:
+    """Left, top, width and height around the points seen; it may stand over the image's edge, but is never huge."""
+    box = np.empty(4)
+    raster.bounds(pixels, depth, box)
+    if box[2] < box[0]:
         return 0, 0, 2, 2
-    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - margin, [-camera.width, -camera.height])
-    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + margin, [2 * camera.width, 2 * camera.height])
-    width, height = np.maximum(high - low, 2)
-    return int(low[0]), int(low[1]), int(width), int(height)
+    left, top = max(int(box[0]) - margin, -camera.width), max(int(box[1]) - margin, -camera.height)
+    right, bottom = min(int(box[2]) + margin, 2 * camera.width), min(int(box[3]) + margin, 2 * camera.height)
+    return left, top, max(right - left, 2), max(bottom - top, 2)
 
 
 def body_window(body: Body, pose: Pose, camera: Camera, margin: float) -> tuple[int, int, int, int] | None:
@@ -134,11 +135,12 @@ def body_window(body: Body, pose: Pose, camera: Camera, margin: float) -> tuple[
     the body is out of view."""
     points, _ = place(body, forward(body, pose))
     pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
-    kernels.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
-    if not np.any(depth > 0):
+    raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
+    box = np.empty(4)
+    raster.bounds(pixels, depth, box)
+    if box[2] < box[0]:
         return None
-    inside = pixels[depth > 0]
-    low, high = inside.min(axis=0), inside.max(axis=0)
+    low, high = box[:2], box[2:]
     pad = margin * float(np.max(high - low)) + 16
     left, top = (int(v) for v in np.clip(np.floor(low - pad), 0, None))
     right = int(min(np.ceil(high[0] + pad), camera.width))
@@ -176,26 +178,26 @@ class Evidence:
         centre = np.ascontiguousarray(frames[0, :3, 3])
         hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
-        nuisance = np.full(kernels.NUISANCES, 1.0 / terms.shading_sigma**2)
+        nuisance = np.full(residuals.NUISANCES, 1.0 / terms.shading_sigma**2)
         for view, where, appearance in zip(self.views, placed, appearances, strict=True):
             if view is None or where is None:
                 continue
             camera = view.camera
-            kernels.project(
+            raster.project(
                 points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, where.pixels, where.depth
             )
             scale = float(2**terms.level)
-            px_per_m = camera.focal_px / max(float(np.median(where.depth)), 0.5)
+            px_per_m = camera.focal_px / max(float(np.linalg.norm(centre - camera.world_T_cam[:3, 3])), 0.5)
             weight = (self._segment_width_m * px_per_m / scale > 3.0).astype(np.float64)  # too thin to be seen here
             if appearance is not None and terms.brightness_weight > 0:
-                kernels.photometric(
+                residuals.photometric(
                     points, normals, surface.segment, where.facing, where.pixels, camera.world_T_cam,
                     camera.focal_px, camera.k1, centre, view.grey[terms.level], view.left, view.top, scale,
                     appearance.value[terms.level], appearance.trust, terms.brightness_sigma, nuisance,
                     weight * terms.brightness_weight, hessians, gradients, brightness,
                 )  # fmt: skip
             if terms.contour_weight > 0:
-                kernels.contour(
+                residuals.contour(
                     points, normals, surface.segment, surface.edges, where.depth, camera.world_T_cam,
                     camera.focal_px, camera.principal_px, camera.k1, centre, where.z_buffer, where.z_left,
                     where.z_top, _Z_SCALE, view.probability, view.left, view.top, terms.reach_px,
@@ -212,7 +214,7 @@ class Evidence:
                 continue
             values = np.empty((LEVELS, len(where.depth)), np.float32)
             for level in range(LEVELS):
-                kernels.sample(view.grey[level], view.left, view.top, float(2**level), where.pixels, values[level])
+                raster.sample(view.grey[level], view.left, view.top, float(2**level), where.pixels, values[level])
             seen = (where.facing > 0.25) & np.all(values >= 0, axis=0)
             fresh = seen & (appearance.trust <= 0)
             step = np.where(fresh, 1.0, np.where(seen, rate, 0.0)).astype(np.float32)

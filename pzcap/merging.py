@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from pzcap import kernels
+from pzcap import raster
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, place, retract
 from pzcap.types import SEGMENTS, Array, Camera, Image, Mask, Pose
 
@@ -44,12 +44,12 @@ def mismatch(body: Body, pose: Pose, cuts: Sequence[Cut | None]) -> float:
         if cut is None:
             continue
         camera = cut.camera
-        kernels.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
+        raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
         silhouette = cut.probability[::_SCALE, ::_SCALE]
         z_buffer = np.empty(silhouette.shape, np.float32)
-        kernels.rasterise(pixels, depth, body.surface.faces, cut.left, cut.top, float(_SCALE), z_buffer)
+        raster.rasterise(pixels, depth, body.surface.faces, cut.left, cut.top, float(_SCALE), z_buffer)
         differs = np.abs(np.isfinite(z_buffer) - silhouette.astype(np.float32) / 255.0).sum()
-        distance = max(float(np.median(depth)), 0.5)
+        distance = max(float(depth[0]), 0.5)
         areas.append(float(differs) * (_SCALE * distance / camera.focal_px) ** 2)
     return float(np.mean(areas)) if areas else 0.0
 
