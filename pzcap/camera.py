@@ -13,7 +13,7 @@ which is ``(Rz(pan) Ry(-tilt) HEAD_R_CAM Rz(roll))^T`` times the vector; the len
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -237,11 +237,6 @@ def moved(view: View, step: Array) -> View:
         view.principal_px + step[4:6],
         view.k1 + float(step[6]),
     )
-
-
-def panned(view: View, pan_rad: float) -> View:
-    """``view`` at another pan."""
-    return replace(view, pan_rad=pan_rad)
 
 
 def _normalised(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:

@@ -120,8 +120,8 @@ def to_cylinder(image: Image, focal_px: float) -> tuple[Image, Mask, Array]:
     image of the principal point.
     """
     height, width = image.shape[:2]
-    half_width = focal_px * np.arctan(width / 2 / focal_px)
-    origin = np.array([np.floor(half_width), (height - 1) / 2])
+    right_edge = points_to_cylinder(np.array([[width - 0.5, 0.0]]), focal_px, width, height)[0, 0]
+    origin = np.array([np.floor(right_edge), (height - 1) / 2])
     out_width = int(2 * origin[0]) + 1
     angle = (np.arange(out_width) - origin[0]) / focal_px
     slope = (np.arange(height) - origin[1]) / focal_px
@@ -138,3 +138,10 @@ def points_to_cylinder(points_px: Array, focal_px: float, width: int, height: in
     r = focal_px * np.arctan(offset[:, 0] / focal_px)
     s = focal_px * offset[:, 1] / np.hypot(offset[:, 0], focal_px)
     return np.column_stack([r, s])
+
+
+def points_from_cylinder(relative_px: Array, focal_px: float, width: int, height: int) -> Array:
+    """The inverse of eq. 6: points (N, 2) relative to the cylinder's origin to pixels of the frame."""
+    x = focal_px * np.tan(relative_px[:, 0] / focal_px)
+    y = relative_px[:, 1] * np.hypot(x, focal_px) / focal_px
+    return np.column_stack([x, y]) + np.array([(width - 1) / 2, (height - 1) / 2])

@@ -191,7 +191,8 @@ class Localiser:
         return Localisation(
             float((self._panorama.origin_px[0] - column) / per_rad), self._camera.tilt_rad,
             lens.reference_focal_px / float(shrink), jacobian @ covariance @ jacobian.T, True,
-            cylinder_to_frame(relative[agree], lens.reference_focal_px, lens.width, lens.height), places[agree],
+            cylinder.points_from_cylinder(relative[agree], lens.reference_focal_px, lens.width, lens.height),
+            places[agree],
         )  # fmt: skip
 
     def _windows(self, prior: Localisation | None) -> list[NDArray[np.int64]]:
@@ -306,10 +307,3 @@ def ransac_eq15(relative_px: Array, places_px: Array, *, draws: int = 1000, tole
         if agree.sum() > best.sum():
             best = agree
     return best
-
-
-def cylinder_to_frame(relative_px: Array, focal_px: float, width: int, height: int) -> Array:
-    """The inverse of eq. 6: points (N, 2) relative to the cylinder's origin to pixels of the frame."""
-    x = focal_px * np.tan(relative_px[:, 0] / focal_px)
-    y = relative_px[:, 1] * np.hypot(x, focal_px) / focal_px
-    return np.column_stack([x, y]) + np.array([(width - 1) / 2, (height - 1) / 2])

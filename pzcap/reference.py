@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap import camera as geometry
 from pzcap.types import Array, CalibrationObject, Camera, Image, PzcapError, ReferenceCamera
 
 MIN_MARKERS = 3
@@ -233,9 +232,3 @@ def resolve(reference: ReferenceCamera, lens_camera: Camera, config: ReferenceCo
     """The pose again, for the intrinsics of ``lens_camera``, which the sweep and the zoom run know better."""
     start = replace(lens_camera, world_T_cam=reference.camera.world_T_cam)
     return fit(start, reference.points_m, reference.points_px, config, free_lens=False)
-
-
-def reprojection_rms_px(reference: ReferenceCamera) -> float:
-    """RMS distance between the detected and the projected corners, pixels."""
-    projected, _ = geometry.project(reference.camera, reference.points_m)
-    return float(np.sqrt(np.mean(np.sum((projected - reference.points_px) ** 2, axis=1))))

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from pzcap import cylinder
 from pzcap.camera import head_T_cam, look, view_at
-from pzcap.panzoom import cylinder_to_frame
 from pzcap.types import Lens, Panorama, PanZoomCamera
 from tests import synthetic
 
@@ -109,7 +108,7 @@ def test_beyond_the_panorama_nothing_is_known() -> None:
 def test_equation_6_and_its_inverse(u: float, v: float, focal: float) -> None:
     point = np.array([[u, v]])
     unfolded = cylinder.points_to_cylinder(point, focal, 640, 480)
-    np.testing.assert_allclose(cylinder_to_frame(unfolded, focal, 640, 480), point, atol=1e-8)
+    np.testing.assert_allclose(cylinder.points_from_cylinder(unfolded, focal, 640, 480), point, atol=1e-8)
 
 
 def test_equation_6_is_the_camera_on_an_upright_head() -> None:
