@@ -160,7 +160,7 @@ def _evidence(
             height, width = probability.shape
             placed = place_view(body, points, normals, cut.camera)
             predicted = signed_distance(placed, cut.left, cut.top, width, height)
-            probability = refine(cut.image, cut.background, cut.camera, cut.left, cut.top, predicted, config.foreground)
+            probability = refine(cut.image, cut.background, cut.colours, predicted, config.foreground)
         views.append(observe(cut.image, probability, cut.camera, cut.left, cut.top))
     return Evidence(body, views, SEGMENT_WIDTH_M)
 

@@ -10,6 +10,7 @@ inside and the hall's is one half (the matte).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
@@ -21,6 +22,10 @@ from pzcap.cylinder import warp_background
 from pzcap.types import Array, Camera, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
 Float32 = NDArray[np.float32]
+
+LARGEST: Final = 6.0
+"""No pixel alone says more, for or against, than these log-odds."""
+LOG_ODDS_STEPS: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +48,8 @@ def separate(
     camera: PanZoomCamera,
     localisation: Localisation,
     config: ForegroundConfig,
-    predicted: Array | Float32 | None = None,
 ) -> Silhouette:
-    """Tell the athlete from the hall in one view.
-
-    ``predicted`` is an image (H, W) of the signed distance, in pixels and positive inside, to the outline that the
-    tracker expects. Invalid where the localisation is.
-    """
+    """Tell the athlete from the hall in one view. Invalid where the localisation is."""
     background, known = warp_background(
         panorama, camera, localisation.pan_rad, localisation.tilt_rad, localisation.focal_px
     )
@@ -57,7 +57,7 @@ def separate(
         return Silhouette(np.zeros(image.shape[:2], np.uint8), background, False)
     view = at(camera, localisation.pan_rad, localisation.tilt_rad, localisation.focal_px)
     blur = 0.45 * np.sqrt(max((localisation.focal_px / panorama.px_per_rad) ** 2 - 1.0, 0.0))
-    return subtract(image, background, known, view, blur, config, predicted)
+    return subtract(image, background, known, view, blur, config)
 
 
 def subtract(
@@ -67,7 +67,6 @@ def subtract(
     camera: Camera,
     blur_px: float,
     config: ForegroundConfig,
-    predicted: Array | Float32 | None = None,
 ) -> Silhouette:
     """Tell the athlete from the hall, given the empty hall in this very view.
 
@@ -75,26 +74,37 @@ def subtract(
     frame: a panorama at twice its own magnification has no finer detail to give.
     """
     matched = match_gain(image, background, known)
-    probability = _classify(image, matched, known, camera, 0, 0, blur_px, config, predicted)
-    return Silhouette(probability, matched, True)
+    log_odds = _log_odds(image, matched, known, camera, 0, 0, blur_px, config) + np.float32(config.prior_log_odds)
+    cv2.blur(log_odds, (3, 3), log_odds)
+    return Silhouette(_matte(image, matched, log_odds), matched, True)
+
+
+def evidence(
+    image: Image, background: Image, camera: Camera, left: int, top: int, config: ForegroundConfig
+) -> NDArray[np.int8]:
+    """What the colours of a cut-out alone say: log-odds of body (h, w) in steps of 1 / LOG_ODDS_STEPS.
+
+    ``image`` and ``background`` (h, w, 3; of `Silhouette`) are cut out with their top-left pixel at ``(left, top)``.
+    Black background counts as unknown.
+    """
+    known = np.asarray(cv2.cvtColor(background, cv2.COLOR_BGR2GRAY) > 0, bool)
+    return np.asarray(
+        np.rint(LOG_ODDS_STEPS * _log_odds(image, background, known, camera, left, top, 0.0, config)), np.int8
+    )
 
 
 def refine(
-    image: Image,
-    background: Image,
-    camera: Camera,
-    left: int,
-    top: int,
-    predicted: Array | Float32,
-    config: ForegroundConfig,
+    image: Image, background: Image, colours: NDArray[np.int8], predicted: Array | Float32, config: ForegroundConfig
 ) -> Image:
     """A second look at a cut-out of a view, the body's outline now predicted: the new probability (h, w).
 
-    ``image`` and ``background`` (h, w, 3; of `Silhouette`) are cut out with their top-left pixel at ``(left, top)``;
-    ``predicted`` as for `separate`. Black background counts as unknown.
+    ``colours`` is their `evidence`; ``predicted`` (h, w) the signed distance, in pixels and positive inside, to the
+    outline that the tracker expects.
     """
-    known = np.asarray(cv2.cvtColor(background, cv2.COLOR_BGR2GRAY) > 0, bool)
-    return _classify(image, background, known, camera, left, top, 0.0, config, predicted)
+    say = np.clip(predicted * (2.0 / config.prediction_sigma_px), -config.prediction_floor, config.prediction_floor)
+    log_odds = colours * np.float32(1.0 / LOG_ODDS_STEPS) + say.astype(np.float32)
+    cv2.blur(log_odds, (3, 3), log_odds)
+    return _matte(image, background, log_odds)
 
 
 def match_gain(image: Image, background: Image, known: Mask) -> Image:
@@ -130,7 +140,7 @@ def _floor_plane(camera: Camera, left: int, top: int, reach_m: float) -> Array:
     return np.array([slope[0], slope[1], turn[2] - slope @ principal + camera.world_T_cam[2, 3] / reach_m])
 
 
-def _classify(
+def _log_odds(
     image: Image,
     background: Image,
     known: Mask,
@@ -139,8 +149,8 @@ def _classify(
     top: int,
     blur_px: float,
     config: ForegroundConfig,
-    predicted: Array | Float32 | None,
-) -> Image:
+) -> Float32:
+    """Log-odds of body, from the colours alone, within +-LARGEST."""
     frame = np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), np.uint8) if blur_px > 0.3 else image
     grey = cv2.cvtColor(background, cv2.COLOR_BGR2GRAY)
     steep_x, steep_y = (np.asarray(g, np.int16) for g in cv2.spatialGradient(grey))
@@ -162,13 +172,8 @@ def _classify(
     _shadow(frame, background, ratio, variance, floor, config.shadow_darkest, scale, residual, shadowed)
     cv2.blur(shadowed, (5, 5), shadowed)
     np.minimum(residual / np.float32(scale), shadowed, out=log_odds)
-    prior = np.zeros((1, 1), np.float32) if predicted is None else np.ascontiguousarray(predicted, dtype=np.float32)
-    _judge(
-        log_odds, known, prior, predicted is not None, config.prior_log_odds, config.prediction_sigma_px,
-        config.prediction_floor,
-    )  # fmt: skip
-    cv2.blur(log_odds, (3, 3), log_odds)
-    return _matte(image, background, log_odds)
+    _judge(log_odds, known)
+    return log_odds
 
 
 @njit(cache=True, nogil=True)
@@ -217,16 +222,12 @@ def _shadow(
 
 
 @njit(cache=True, nogil=True)
-def _judge(
-    log_odds: Float32, known: Mask, predicted: Float32, is_predicted: bool, prior: float, sigma: float, floor: float
-) -> None:
-    """Turn squared differences, in place, into the log-odds of body, with the prior."""
+def _judge(log_odds: Float32, known: Mask) -> None:
+    """Turn squared differences, in place, into log-odds: none where the hall is unknown."""
     height, width = log_odds.shape
     for i in range(height):
         for j in range(width):
-            value = min(max(0.5 * log_odds[i, j] - 8.0, -6.0), 6.0) if known[i, j] else 0.0
-            say = min(max(2.0 * predicted[i, j] / sigma, -floor), floor) if is_predicted else prior
-            log_odds[i, j] = value + say
+            log_odds[i, j] = min(max(0.5 * log_odds[i, j] - 8.0, -LARGEST), LARGEST) if known[i, j] else 0.0
 
 
 _RING = np.ones((5, 5), np.uint8)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pzcap import raster
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, place, retract
@@ -32,6 +33,7 @@ class Cut:
     image: Image  # (h, w, 3)
     background: Image  # (h, w, 3)
     probability: Image  # (h, w)
+    colours: NDArray[np.int8]  # (h, w) of `pzcap.foreground.evidence`
 
 
 def mismatch(body: Body, pose: Pose, cuts: Sequence[Cut | None]) -> float:

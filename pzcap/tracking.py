@@ -17,6 +17,7 @@ import numpy as np
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobians
 from pzcap.evidence import Appearance, body_window
 from pzcap.following import Follower, Step, TrackingConfig, improve
+from pzcap.foreground import evidence
 from pzcap.merging import Cut, merge
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
 
@@ -69,10 +70,9 @@ def _cut_out(body: Body, view: View | None, pose: Pose, config: TrackingConfig) 
         return None
     left, top, right, bottom = window
     part = np.s_[top:bottom, left:right]
-    return Cut(
-        view.camera, left, top, view.image[part].copy(), view.silhouette.background[part].copy(),
-        view.silhouette.probability[part].copy(),
-    )  # fmt: skip
+    image, background = view.image[part].copy(), view.silhouette.background[part].copy()
+    colours = evidence(image, background, view.camera, left, top, config.foreground)
+    return Cut(view.camera, left, top, image, background, view.silhouette.probability[part].copy(), colours)
 
 
 class Tracker:

@@ -64,11 +64,12 @@ def test_a_prediction_helps_and_does_not_overrule(clip: Clip) -> None:
     silhouette = foreground.subtract(shot.image, shot.empty, np.ones(shot.mask.shape, bool), shot.camera, 0.0, CONFIG)
     inside = shot.mask.astype(np.uint8)
     distance = cv2.distanceTransform(inside, cv2.DIST_L2, 3) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 3)
-    right = foreground.refine(shot.image, silhouette.background, shot.camera, 0, 0, distance, CONFIG)
+    background = silhouette.background
+    colours = foreground.evidence(shot.image, background, shot.camera, 0, 0, CONFIG)
+    right = foreground.refine(shot.image, background, colours, distance, CONFIG)
     assert overlap(right, shot.mask) > overlap(silhouette.probability, shot.mask)
     wrong = np.roll(distance, 60, axis=1)  # a body elsewhere
-    mistaken = foreground.refine(shot.image, silhouette.background, shot.camera, 0, 0, wrong, CONFIG)
-    assert overlap(mistaken, shot.mask) > 0.7
+    assert overlap(foreground.refine(shot.image, background, colours, wrong, CONFIG), shot.mask) > 0.7
 
 
 def test_gain_is_matched_to_a_percent(clip: Clip) -> None:

@@ -15,7 +15,7 @@ from pzcap.following import SEGMENT_WIDTH_M
 from pzcap.merging import Cut, merge, mismatch
 from pzcap.tracking import Tracked, TrackingConfig, TrackInput, View
 from pzcap.types import Array, Keyframe, Pose, PzcapError, Subject
-from tests.body_scene import Clip, shoot
+from tests.body_scene import HEIGHT, WIDTH, Clip, shoot
 
 FRAMES = 13
 CONFIG = TrackingConfig()
@@ -183,8 +183,13 @@ def test_shading_alone_moves_nothing() -> None:
     assert free < 0.35 * forbidden
 
 
+NO_COLOURS = np.zeros((HEIGHT, WIDTH), np.int8)
+
+
 def cuts(frame: int) -> list[Cut | None]:
-    return [Cut(s.camera, 0, 0, s.image, s.empty, (255 * s.mask).astype(np.uint8)) for s in clip().shots[frame]]
+    return [
+        Cut(s.camera, 0, 0, s.image, s.empty, (255 * s.mask).astype(np.uint8), NO_COLOURS) for s in clip().shots[frame]
+    ]
 
 
 def lost(pose: Pose, dof: int, by: float) -> Pose:
