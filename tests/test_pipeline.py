@@ -56,7 +56,7 @@ def test_reads_the_capture_alone(small_capture: Path, reconstruction: Reconstruc
 
 
 @pytest.mark.xdist_group("pipeline")
-def test_everything_is_found(capture: Capture, reconstruction: Reconstruction) -> None:
+def test_everything_is_found(reconstruction: Reconstruction) -> None:
     assert reconstruction.notes == ()
     assert all(track is not None and track.valid.all() for track in reconstruction.tracks)
     assert reconstruction.motion is not None
