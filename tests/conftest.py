@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from sim.gym import GymConfig
+from sim.optics import OpticsConfig
 from sim.shoot import ShootConfig, shoot_cached
 
 CAPTURES = Path(__file__).parent.parent / "outputs" / "test_captures"
@@ -19,6 +20,7 @@ SMALL = ShootConfig(
     height=240,
     sweep_deg=80.0,
     zoom_frames=8,
+    optics=OpticsConfig(zoom_max=1.8),  # no more than the coarse textures can serve
     gym=GymConfig(texture_px_per_m=80.0),
 )
 """Every effect on, as by default, but little of it: four cameras, 320 x 240, 40 sweep frames, 8 frames of motion."""
