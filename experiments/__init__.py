@@ -5,3 +5,6 @@ import os
 # The work runs in threads of its own; OpenBLAS threads beneath them wait for each other and for the cores. This must be
 # said before numpy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# What Rerun's writer has to say when the disk is full, `experiments.errors` says in one line.
+os.environ.setdefault("RUST_LOG", "warn,re_sdk=off,re_log_encoding=off")

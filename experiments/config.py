@@ -28,6 +28,10 @@ class OutputConfig:
     jpeg_quality: int = 75  # of the images in the recording
     captures: str = "outputs/captures"  # where shoots are kept for the next run of the same shoot config
 
+    def __post_init__(self) -> None:
+        if not 1 <= self.jpeg_quality <= 100:
+            raise PzcapError(f"jpeg_quality is {self.jpeg_quality}; give 1 to 100")
+
 
 @dataclass(frozen=True, slots=True)
 class AppConfig:

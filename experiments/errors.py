@@ -9,8 +9,10 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from hydra.conf import HydraConf
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.errors import HydraException, MissingConfigException
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from experiments.config import default_tree, keys, nearest
@@ -34,6 +36,8 @@ def explain(error: BaseException) -> str | None:
         where = f" while writing {error.filename}" if error.filename else ""
         if error.errno == errno.ENOSPC:
             return f"the disk is full{where}; free some space or choose another folder with hydra.run.dir=FOLDER"
+        if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+            return f"{error.filename or 'a file'}: no permission; choose another folder (hydra.run.dir=FOLDER)"
         return _one_line(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     return None
 
@@ -82,7 +86,10 @@ def _explain_override(error: HydraException | OmegaConfBaseException) -> str:
     text = str(error)
     unknown = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
     if unknown is not None:
-        return f"unknown key '{unknown.group(1)}'; {nearest(unknown.group(1), ['experiment', *keys(default_tree())])}"
+        key = unknown.group(1)
+        hydra = {"hydra": OmegaConf.to_container(OmegaConf.structured(HydraConf))}
+        known = keys(hydra) if key.startswith("hydra.") else ["experiment", *keys(default_tree())]
+        return f"unknown key '{key}'; {nearest(key, known)}"
     return _one_line(text)
 
 

@@ -64,9 +64,9 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     _forget(folder)
     with Bars(console) as bars:
         shot = _shoot(config, bars) if named is None else _capture_in(named)
+    capture = read_capture(shot)
     if not (folder / "capture").exists():
         (folder / "capture").symlink_to(shot.resolve(), target_is_directory=True)
-    capture = read_capture(shot)
     truth = _truth(shot)
 
     name = f"{capture.name}, {config.method}, seed {config.seed}"

@@ -32,6 +32,8 @@ from pzcap.video import VideoReader, frames_per_day, frames_to_timecode, timecod
 FORMAT = "pzcap-capture"
 VERSION = 1
 MANIFEST = "capture.json"
+_ENTRIES = ("format", "version", "name", "frame_rate", "full_turn", "cameras", "object", "subject", "keyframes")
+_FOOTAGE = ("reference", "sweep", "zoom", "motion")
 _RATE_TOLERANCE = 1e-4  # containers round 30000/1001 to 29.97
 
 
@@ -45,6 +47,7 @@ def read_capture(folder: Path) -> Capture:
     manifest = load_json(folder / MANIFEST, "give the folder that holds it, or write one (docs/capture.md)")
     if manifest["format"].text() != FORMAT or manifest["version"].value != VERSION:
         raise manifest.error(f'this is not format "{FORMAT}", version {VERSION}; convert it (docs/capture.md)')
+    manifest.only(*_ENTRIES)
     rate = _frame_rate(manifest["frame_rate"])
     cameras = tuple(_read_camera(entry, folder) for entry in manifest["cameras"].list())
     names = [camera.name for camera in cameras]
@@ -80,7 +83,7 @@ def write_capture(capture: Capture) -> None:
         "frame_rate": f"{capture.frame_rate.numerator}/{capture.frame_rate.denominator}",
         "full_turn": capture.full_turn,
         "cameras": [
-            {"name": c.name, **{kind: relative(getattr(c, kind)) for kind in ("reference", "sweep", "zoom", "motion")}}
+            {"name": c.name, **{kind: relative(getattr(c, kind)) for kind in _FOOTAGE}}
             for c in capture.cameras
         ],
     }
@@ -97,12 +100,25 @@ def write_capture(capture: Capture) -> None:
 
 
 def read_image(path: Path) -> Image:
-    """Read a still image (H, W, 3). Raises PzcapError if it is missing or cannot be decoded."""
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    """Read a still image (H, W, 3). Raises PzcapError if it is missing, truncated, or cannot be decoded."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise PzcapError(f"{path}: no such image ({error.strerror}); copy it again from the camera") from error
+    # OpenCV fills up what is cut off with grey and a line on stderr
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if _is_whole(data) else None
     if image is None:
-        problem = "the image cannot be decoded" if path.is_file() else "no such image"
-        raise PzcapError(f"{path}: {problem}; copy it again from the camera, as PNG or JPEG")
+        raise PzcapError(f"{path}: the image cannot be decoded; copy it again from the camera, as PNG or JPEG")
     return np.asarray(image, np.uint8)
+
+
+def _is_whole(still: bytes) -> bool:
+    """Whether a PNG's or JPEG's last part is there. Within a JPEG's data, a marker is never met by chance."""
+    if still.startswith(b"\x89PNG"):
+        return b"IEND" in still[-64:]
+    if still.startswith(b"\xff\xd8"):
+        return still.rfind(b"\xff\xd9") > still.rfind(b"\xff\xda")
+    return len(still) > 0
 
 
 def _frame_rate(entry: Json) -> Fraction:
@@ -116,7 +132,8 @@ def _frame_rate(entry: Json) -> Fraction:
 
 
 def _read_camera(entry: Json, folder: Path) -> CameraFiles:
-    reference, sweep, zoom, motion = (entry.file(kind, folder) for kind in ("reference", "sweep", "zoom", "motion"))
+    entry.only("name", *_FOOTAGE)
+    reference, sweep, zoom, motion = (entry.file(kind, folder) for kind in _FOOTAGE)
     return CameraFiles(entry["name"].text(), reference, sweep, zoom, motion)
 
 

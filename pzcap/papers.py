@@ -36,6 +36,13 @@ class Json:
             raise self.error(f'"{key}" is missing; add it (docs/capture.md)')
         return Json(self.value[key], self.path, f"{self.where}.{key}" if self.where else key)
 
+    def only(self, *keys: str) -> None:
+        """Complain about a key that is not one of these: a misspelt optional one would silently be missing."""
+        for key in self.value if isinstance(self.value, dict) else ():
+            if key not in keys:
+                near = difflib.get_close_matches(key, keys, n=1, cutoff=0.4) or keys
+                raise self.error(f'unknown entry "{key}"; the nearest are {", ".join(near)}')
+
     def list(self) -> list[Json]:
         if not isinstance(self.value, list):
             raise self.error("must be a JSON list; see docs/capture.md")
@@ -84,7 +91,7 @@ def load_json(path: Path, remedy: str = "write it (docs/capture.md)") -> Json:
         return Json(json.loads(path.read_text(encoding="utf-8")), path)
     except OSError as error:
         raise PzcapError(f"{path}: cannot be read ({error.strerror}); {remedy}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise PzcapError(f"{path}: is not valid JSON ({error}); correct it there") from error
 
 

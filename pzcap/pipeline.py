@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pzcap import body, foreground, keyframes, panzoom, tracking
+from pzcap import body, foreground, keyframes, panzoom, reference, tracking
 from pzcap.calibration import Prepared, prepare
 from pzcap.camera import at
 from pzcap.capture import FrameSets, frame_sets, read_image
@@ -37,6 +37,10 @@ class Config:
     foreground: foreground.ForegroundConfig = field(default_factory=foreground.ForegroundConfig)
     tracking: tracking.TrackingConfig = field(default_factory=tracking.TrackingConfig)
     threads: int = 2
+
+    def __post_init__(self) -> None:
+        if self.threads < 1:
+            raise PzcapError(f"threads is {self.threads}; give 1 or more")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,6 +183,7 @@ def _prepare(
     capture: Capture, config: Config, pool: ThreadPoolExecutor, notes: list[str]
 ) -> Iterator[Progress | CameraPrepared]:
     """Calibrate the cameras, ``config.threads`` at a time."""
+    _find_object(capture)
     news: queue.SimpleQueue[Progress | CameraPrepared | Future[None]] = queue.SimpleQueue()
 
     def job(index: int, files: CameraFiles) -> None:
@@ -221,6 +226,17 @@ def _missing(capture: Capture, files: CameraFiles) -> str | None:
     if files.sweep is None:
         return "it has no pan sweep"
     return None
+
+
+def _find_object(capture: Capture) -> None:
+    """Raise PzcapError, before minutes are spent on the sweeps, if a reference image does not show the object."""
+    for files in capture.cameras:
+        if capture.calibration_object is None or files.reference is None:
+            continue
+        try:
+            reference.detect(read_image(files.reference), capture.calibration_object)
+        except PzcapError as error:
+            raise PzcapError(f"camera {files.name}: {files.reference}: {error}") from error
 
 
 def _prepare_camera(
