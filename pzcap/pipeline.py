@@ -201,6 +201,8 @@ def _prepare(
             continue
         if files.zoom is None:
             notes.append(f"camera {files.name} has no zoom run: distortion and principal point are taken as constant")
+        if files.motion is None:
+            notes.append(f"camera {files.name} recorded no motion: the body is tracked in the other views")
         jobs.append(pool.submit(job, index, files))
         jobs[-1].add_done_callback(news.put)
 
