@@ -6,7 +6,7 @@ truth's own numbers, so that a bug in `pzcap.camera` shows and does not cancel o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -65,21 +65,37 @@ class Score:
 def score(reconstruction: Reconstruction, truth: Truth, foreground: tuple[ForegroundErrors, ...] | None) -> Score:
     """Compare ``reconstruction`` with ``truth``, frame by frame through their timecodes.
 
-    Raises PzcapError if the truth is of another capture: it lacks a camera or a timecode.
+    Where a recording that bounded the truth's range was not brought, frame sets lie beyond it: those are not scored,
+    and stand at the truth's nearest frame. Raises PzcapError if the truth is of another capture: it lacks a camera or
+    all timecodes.
     """
     index = {timecode: frame for frame, timecode in enumerate(truth.timecodes)}
-    unknown = [timecode for timecode in reconstruction.timecodes if timecode not in index]
+    known = np.array([timecode in index for timecode in reconstruction.timecodes], bool)
+    unknown = [] if known.any() else [reconstruction.timecodes[0]]
     unknown += [name for name in reconstruction.camera_names if name not in truth.camera_names]
     if unknown:
         raise PzcapError(f"the truth beside the capture knows no '{unknown[0]}'; it is of another capture, remove it")
-    frames = np.array([index[timecode] for timecode in reconstruction.timecodes], int)
+    first = int(np.argmax(known))
+    frames = np.clip(np.arange(len(known)) - first + index[reconstruction.timecodes[first]], 0, len(index) - 1)
+    if not known.all():
+        reconstruction = _within(reconstruction, known)
     lost, cameras = 0, []
     for number, name in enumerate(reconstruction.camera_names):
         true, track = truth.camera_names.index(name), reconstruction.tracks[number]
         cameras.append(_camera_errors(reconstruction, number, truth, true, frames))
         found = np.zeros(len(frames), bool) if track is None else track.valid
-        lost += int(np.sum(truth.recorded[true, frames] & ~found))  # a frame that was dropped is nobody's loss
+        lost += int(np.sum(truth.recorded[true, frames] & known & ~found))  # a frame that was dropped is nobody's loss
     return Score(frames, tuple(cameras), foreground, _body_errors(reconstruction, truth, frames), lost)
+
+
+def _within(reconstruction: Reconstruction, known: Mask) -> Reconstruction:
+    """``reconstruction``, its estimates valid in the frame sets ``known`` (F,) alone."""
+    motion = reconstruction.motion
+    return replace(
+        reconstruction,
+        tracks=tuple(None if t is None else replace(t, valid=t.valid & known) for t in reconstruction.tracks),
+        motion=None if motion is None else replace(motion, valid=motion.valid & known),
+    )
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""docs/capture.md, read as by someone who writes a capture with another program: its examples and tables, and no code."""
+"""docs/capture.md, read as by someone who writes a capture with another program: its examples and tables alone."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import av
 import cv2
 import numpy as np
 import pytest
+from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
 
 from pzcap.capture import frame_sets, read_capture
 from pzcap.types import HINGE_AXES, MEASUREMENTS, PARENTS, SEGMENTS
@@ -34,12 +36,13 @@ def film(path: Path, codec: str, rate: int, timecode: str | None = None) -> None
         if timecode is not None and path.suffix == ".mkv":
             container.metadata["TIMECODE"] = timecode
         stream = container.add_stream(codec, rate=Fraction(rate))
+        assert isinstance(stream, VideoStream)
         stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
         if timecode is not None and path.suffix != ".mkv":
             stream.metadata["timecode"] = timecode
         for _ in range(12):
             image = rng.integers(0, 255, (64, 96, 3), np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
+            container.mux(stream.encode(VideoFrame.from_ndarray(image, format="bgr24")))
         container.mux(stream.encode())
 
 

@@ -192,6 +192,21 @@ def test_joint_errors_leave_keyframes_out(whole: Reconstruction, truth: Truth) -
     assert found["body.lost"] == 1
 
 
+def test_frame_sets_beyond_the_truth_are_not_scored(whole: Reconstruction, truth: Truth) -> None:
+    """As when the camera that started last was not brought: three frame sets more at the start."""
+    later = dataclasses.replace(
+        whole, timecodes=("00:59:59:27", "00:59:59:28", "00:59:59:29", *truth.timecodes[: F - 3])
+    )
+    result = score(later, truth, None)
+    assert result.truth_frames.tolist() == [0, 0, 0, *range(F - 3)]
+    for errors in result.cameras:
+        assert errors.pan_rad is not None
+        assert errors.pan_rad.valid.tolist() == [False] * 3 + [True] * (F - 3)
+    assert result.body is not None
+    assert not result.body.valid[:3].any()
+    assert result.lost == 0
+
+
 def test_a_truth_of_another_capture_is_refused(whole: Reconstruction, truth: Truth) -> None:
     with pytest.raises(PzcapError, match="another capture"):
         score(whole, dataclasses.replace(truth, timecodes=("00:00:00:00",) * F), None)
