@@ -41,6 +41,7 @@ class Round:
     terms: Terms
     iterations: int
     stiffness: float = 1.0  # the joints' prior; large: the body moves as a whole
+    look: bool = False  # cut the silhouettes again first, with the body where it was found so far
 
 
 def _schedule() -> tuple[Round, ...]:
@@ -50,7 +51,7 @@ def _schedule() -> tuple[Round, ...]:
     return (
         Round(terms(2, 30.0, 8.0, 20.0), 3, 5.0),
         Round(terms(2, 20.0, 4.0, 20.0), 3),
-        Round(terms(1, 10.0, 2.0, 15.0), 3),
+        Round(terms(1, 10.0, 2.0, 15.0), 3, look=True),
         Round(terms(0, 5.0, 1.0, 12.0), 3),
     )
 
@@ -175,9 +176,11 @@ def improve(
 ) -> tuple[Pose, Normal, Evidence]:
     """Gauss-Newton from ``predicted``, whose information matrix (43, 43) is ``prior``, coarse to fine."""
     pose = predicted
-    evidence = _evidence(body, cuts, predicted, config if config.second_look else None)
+    evidence = _evidence(body, cuts)
     normal: Normal | None = None
     for each in config.schedule:
+        if each.look and config.second_look:
+            evidence = _evidence(body, cuts, pose, config)
         placed = evidence.visibility(pose)
         stiff = np.ones(DOF)
         stiff[6:] = each.stiffness
