@@ -154,7 +154,8 @@ def _linearised(model: Model, link: Link) -> tuple[Array, Array, NDArray[np.int6
     moved = np.zeros((len(azimuth), 2))
     if len(model.nearness):
         moved, by_offset, by_nearness, nodes = _parallax(model, first.pan_rad, second.pan_rad, azimuth, slope)
-    residual, by_views, by_direction = transfer(first, second, link, moved)
+    seen, by_views, by_direction = transfer(first, second, (azimuth, slope), moved)
+    residual = seen - link.second_px
     columns, chain = _chain(model, link)
     count = len(_vector(model)) - len(model.nearness)
     jacobian = np.concatenate([by_views @ chain, by_direction @ by_offset, by_direction @ by_nearness], axis=2)
@@ -190,20 +191,21 @@ def _parallax(
     return by_near * near[:, None], by_offset, by_nearness, used
 
 
-def transfer(first: View, second: View, link: Link, moved: Array) -> tuple[Array, Array, Array]:
-    """Residuals (N, 2) of the first frame's points in the second, and derivatives (N, 2, 14) and (N, 2, 2).
+def transfer(first: View, second: View, direction: tuple[Array, Array], moved: Array) -> tuple[Array, Array, Array]:
+    """Where in the second frame (N, 2) the first frame's points are seen; derivatives (N, 2, 14) and (N, 2, 2).
 
-    Their directions are ``moved`` (N, 2) on the way. The derivatives are with respect to the `camera.PARAMETERS` of
-    the first view, then of the second; and to the directions.
+    The points are given by the azimuth and slope (N,) to which the first frame looks through them (`camera.look`), and
+    ``moved`` (N, 2) is added to these on the way. The derivatives hold the pixels in the first frame, and are with
+    respect to the `camera.PARAMETERS` of the first view, then of the second; and to the directions.
     """
-    azimuth, slope = geometry.look(first, link.first_px)
+    azimuth, slope = direction
     by_first, by_direction = geometry.derivatives(first, azimuth, slope)
     azimuth, slope = azimuth + moved[:, 0], slope + moved[:, 1]
     seen, _ = geometry.see(second, azimuth, slope)
     by_second, by_second_direction = geometry.derivatives(second, azimuth, slope)
     # the pixel in the first frame stays: its direction moves against what the parameters do to it
     through = by_second_direction @ _inverse_2x2(by_direction) @ by_first
-    return seen - link.second_px, np.concatenate([-through, by_second], axis=2), by_second_direction
+    return seen, np.concatenate([-through, by_second], axis=2), by_second_direction
 
 
 def _inverse_2x2(matrices: Array) -> Array:
