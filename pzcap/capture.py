@@ -83,8 +83,7 @@ def write_capture(capture: Capture) -> None:
         "frame_rate": f"{capture.frame_rate.numerator}/{capture.frame_rate.denominator}",
         "full_turn": capture.full_turn,
         "cameras": [
-            {"name": c.name, **{kind: relative(getattr(c, kind)) for kind in _FOOTAGE}}
-            for c in capture.cameras
+            {"name": c.name, **{kind: relative(getattr(c, kind)) for kind in _FOOTAGE}} for c in capture.cameras
         ],
     }
     if capture.calibration_object is not None:
