@@ -12,7 +12,7 @@ from collections.abc import Generator, Iterator
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -35,7 +35,8 @@ from sim.sensor import SensorConfig, draw_dropped, rolls
 from sim.truth import Truth, save
 
 VERSION: Final = 2
-"""Of the simulator. Raise it with every change that changes a capture, so that cached ones are shot again."""
+"""Of the simulator. Raise it with every change to a default or to what comes of one, so that cached captures are shot
+again."""
 
 _CAMERAS: Final = 4
 _COMPLETE: Final = "complete"  # stands in a cached folder when its shoot has come to the end
@@ -113,7 +114,7 @@ def shoot_cached(config: ShootConfig, root: Path) -> Generator[Progress, None, P
     A shoot that was killed leaves only a temporary folder behind, which is never used.
     Raises PzcapError if the disk is full, GL is missing, or the motion is unknown.
     """
-    canonical = json.dumps([VERSION, asdict(config)], sort_keys=True)
+    canonical = json.dumps([VERSION, _departures(asdict(config), asdict(ShootConfig()))], sort_keys=True)
     name = f"{config.motion}-{config.seed}-{hashlib.sha256(canonical.encode()).hexdigest()[:12]}"
     folder = root / name
     if (folder / _COMPLETE).is_file():
@@ -130,6 +131,15 @@ def shoot_cached(config: ShootConfig, root: Path) -> Generator[Progress, None, P
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     return folder
+
+
+def _departures(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
+    """What of ``values`` is not as by default: a new effect that is off by default leaves cached captures valid."""
+    return {
+        key: _departures(value, defaults[key]) if isinstance(value, dict) else value
+        for key, value in values.items()
+        if value != defaults[key]
+    }
 
 
 def shoot(config: ShootConfig, folder: Path) -> Iterator[Progress]:
