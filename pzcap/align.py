@@ -133,7 +133,8 @@ class Aligner:
             column = np.mod(column, panorama.image.shape[1])
         view = np.array([camera.tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
         place = np.array([column + self._margin, panorama.origin_px[1], panorama.px_per_rad, level.scale])
-        beside = np.array([pan_rad, *camera.offset_m, panorama.height_m])
+        centre = geometry.view_at(camera, pan_rad, camera.tilt_rad, focal_px).centre_m
+        beside = np.array([pan_rad, *centre, panorama.height_m])
         return _sample(level.layers, points, view, place, beside, panorama.nearness)
 
     def _judged(self, fitted: _Fitted) -> Alignment:
@@ -172,7 +173,7 @@ def _sample(
     tilt, roll, focal, principal_x, principal_y, k1, slope_x, slope_y, slope_k1 = view
     cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
     column_0, row_0, per_rad, scale = place
-    pan, offset_x, offset_y, camera_height = beside
+    pan, offset_x, offset_y, offset_z, camera_height = beside
     around = len(nearness)
     height, width = layers.shape[:2]
     out = np.zeros((len(points), 6))
@@ -208,7 +209,7 @@ def _sample(
         to_x, to_y = near * offset_x, near * offset_y
         cos_a, sin_a = forward / level, left / level
         column = column_0 - (alpha - to_x * sin_a + to_y * cos_a) * per_rad
-        row = row_0 - slope * (1.0 - to_x * cos_a - to_y * sin_a) * per_rad
+        row = row_0 - (slope * (1.0 - to_x * cos_a - to_y * sin_a) + near * offset_z) * per_rad
         out[n, 4], out[n, 5] = column, row
 
         column, row = (column + 0.5) / scale - 0.5, (row + 0.5) / scale - 0.5

@@ -7,8 +7,9 @@ second, minus where it was seen, in pixels of the second. No world points are es
 point, a rotation carries pixels to pixels (Shum and Szeliski, 2000).
 
 The views are not quite from one point: the slide head leaves the projection centre some millimetres beside the pan
-axis, which moves near things by a pixel. How near things are needs to be known only roughly: a floor, and before it a
-wall whose distance varies with the azimuth. Lengths are in heights of the camera over the floor.
+axis, and as the lens zooms it travels along its own, which moves near things by a pixel. How near things are needs to
+be known only roughly: a floor, and before it a wall whose distance varies with the azimuth. Lengths are in heights of
+the camera over the floor.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pzcap import camera as geometry
-from pzcap.camera import View
+from pzcap.camera import PARAMETERS, SEEN, VIEW, View, look_through, see_with_derivatives
 from pzcap.types import Array, Lens
 
 SETTLED_RAD = 1e-5  # a step this small ends the adjustment: a hundredth of a pixel
@@ -51,10 +53,11 @@ class Model:
     principal_px: Array  # (p, 2) coefficients, as in types.Lens
     k1: Array  # (q,) coefficients
     offset: Array  # (2,) projection centre forward and to the left of the pan axis, camera heights
+    travel: float  # of the same, forward along the optical axis, for each unit of log focal
     nearness: Array  # (A,) inverse distance of the walls, at equally spaced azimuths; none: all is far away
 
     def view(self, frame: int) -> View:
-        """How ``frame`` was taken."""
+        """How ``frame`` was taken; its ``centre_m`` is in camera heights."""
         log_focal = self.log_focal[self.focal_of[frame]]
         x = log_focal - self.log_focal[0]
         return View(
@@ -64,6 +67,7 @@ class Model:
             float(np.exp(log_focal)),
             x ** np.arange(len(self.principal_px)) @ self.principal_px,
             float(x ** np.arange(len(self.k1)) @ self.k1),
+            geometry.centre(self.offset, self.travel * float(x), self.tilt_rad),
         )
 
     def lens(self, width: int, height: int) -> Lens:
@@ -79,6 +83,7 @@ class Sigmas:
     principal_px: Array  # (p,) for each coefficient
     k1: Array  # (q,)
     offset: float = 0.02
+    travel: float = 0.005
     nearness: float = 0.2
     unevenness: float = 0.1  # of nearness, from one azimuth to the next
 
@@ -107,17 +112,13 @@ def adjust(
     mean = _vector(start if prior is None else prior)
     model, scale = start, scale_px
     believed = _information(start, sigmas)
+    ends = np.array([[link.first, link.second] for link in links])
+    bounds = np.cumsum([0, *(len(link.first_px) for link in links)])
+    pixels = np.vstack([np.hstack([link.first_px, link.second_px]) for link in links])
+    length = np.empty(len(pixels))
     for _ in range(iterations):
-        normal, gradient = np.zeros((len(believed), len(believed))), np.zeros(len(believed))
-        lengths = []
-        for link in links:
-            residual, jacobian, columns = _linearised(model, link)
-            lengths.append(np.hypot(residual[:, 0], residual[:, 1]))
-            weight = (scale**2 / (scale**2 + lengths[-1] ** 2)) ** 2
-            weighted = jacobian * np.repeat(weight, 2)[:, None]
-            np.add.at(normal, np.ix_(columns, columns), weighted.T @ jacobian)
-            np.add.at(gradient, columns, weighted.T @ residual.ravel())
-        spread = max(float(np.median(np.concatenate(lengths))) / 1.1774, LEAST_SPREAD_PX)  # of one coordinate
+        normal, gradient = _normal_equations(model, ends, bounds, pixels, scale, length)
+        spread = max(float(np.median(length)) / 1.1774, LEAST_SPREAD_PX)  # of one coordinate
         normal += believed * spread**2
         gradient += spread**2 * believed @ (_vector(model) - mean)
         normal[model.pan_of[0]] = 0.0
@@ -129,12 +130,9 @@ def adjust(
         if np.abs(step[: len(model.pan_rad)]).max() < SETTLED_RAD and abs(next_scale - scale) < 0.05 * scale:
             break
         scale = max(next_scale, scale / 3.0)
-    inliers = [length < 2.0 * scale for length in lengths]
-    kept = np.concatenate([length[good] for length, good in zip(lengths, inliers, strict=True)])
+    good = length < 2.0 * scale
     return Adjusted(
-        model,
-        float(np.sqrt(np.mean(kept**2))),
-        np.array([int(good.sum()) for good in inliers]),
+        model, float(np.sqrt(np.mean(length[good] ** 2))), np.add.reduceat(good.astype(np.int64), bounds[:-1])
     )
 
 
@@ -146,83 +144,143 @@ def thinned(links: Sequence[Link], every: int) -> list[Link]:
     ]
 
 
-def _linearised(model: Model, link: Link) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Residuals (N, 2) of a link, derivatives (2 N, C), and which unknowns (C,) they are with respect to."""
-    first, second = model.view(link.first), model.view(link.second)
-    azimuth, slope = geometry.look(first, link.first_px)
-    by_offset, by_nearness, nodes = np.zeros((len(azimuth), 2, 2)), np.zeros((len(azimuth), 2, 0)), np.zeros(0, int)
-    moved = np.zeros((len(azimuth), 2))
-    if len(model.nearness):
-        moved, by_offset, by_nearness, nodes = _parallax(model, first.pan_rad, second.pan_rad, azimuth, slope)
-    seen, by_views, by_direction = transfer(first, second, (azimuth, slope), moved)
-    residual = seen - link.second_px
-    columns, chain = _chain(model, link)
-    count = len(_vector(model)) - len(model.nearness)
-    jacobian = np.concatenate([by_views @ chain, by_direction @ by_offset, by_direction @ by_nearness], axis=2)
-    columns = np.concatenate([columns, [count - 2, count - 1], count + nodes])
-    return residual, jacobian.reshape(2 * len(residual), -1), columns
+# --------------------------------------------------------------------------------------------------------------
+# A match: where the second frame sees what the first frame shows at a pixel
 
 
-def _parallax(
-    model: Model, first_pan: float, second_pan: float, azimuth: Array, slope: Array
-) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-    """How directions (N,) move from one frame to another, as the projection centre goes round the pan axis.
+def residuals(model: Model, link: Link) -> tuple[Array, Array]:
+    """Residuals (N, 2) of a link's matches, and their derivatives (N, 2, U) with respect to the vector of unknowns."""
+    first, second = _vectors(model)[[link.first, link.second]]
+    chains, columns = _chains(model)
+    residual, local = np.empty((len(link.first_px), 2)), np.zeros((len(link.first_px), 2, SIDES + len(model.nearness)))
+    jacobian = np.zeros((len(link.first_px), 2, len(_vector(model))))
+    for n, (first_px, second_px) in enumerate(zip(link.first_px, link.second_px, strict=True)):
+        _match(first, second, np.concatenate([first_px, second_px]), model.nearness, residual[n], local[n], np.empty(2))
+    for side, frame in enumerate((link.first, link.second)):
+        part = local[:, :, side * VIEW : (side + 1) * VIEW] @ chains[frame]
+        for column, along in zip(columns[frame], np.moveaxis(part, 2, 0), strict=True):
+            jacobian[:, :, column] += along
+    jacobian[:, :, jacobian.shape[2] - len(model.nearness) :] += local[:, :, SIDES:]
+    return residual, jacobian
 
-    Returns (N, 2) azimuth and slope, their derivatives with respect to the offset (N, 2, 2) and to the nearness at
-    some azimuths (N, 2, n), and which azimuths (n,) these are.
+
+SIDES = 2 * VIEW
+"""What a match depends on: both views' PARAMETERS and projection centres, and from this column on the nearness."""
+CENTRE = len(PARAMETERS)
+
+
+@njit(cache=True, nogil=True)
+def _match(
+    first: Array, second: Array, pixels: Array, nearness: Array, residual: Array, jacobian: Array, nodes: Array
+) -> None:
+    """Residual (2,) of one match, ``pixels`` (4,), its derivatives (2, SIDES + A), and which two of the walls' azimuths
+    it touches. Columns of other azimuths are left as they are.
+
+    How the parallax itself turns with the view is left out of the derivatives: some thousandths.
     """
-    nodes = len(model.nearness)
-    place = np.mod(azimuth / (2 * np.pi), 1.0) * nodes
-    below = np.floor(place).astype(np.int64)
-    share = place - below
-    wall = (1.0 - share) * model.nearness[below % nodes] + share * model.nearness[(below + 1) % nodes]
-    near = np.maximum(wall, -slope)
-    sin = np.sin(azimuth - second_pan) - np.sin(azimuth - first_pan)
-    cos = np.cos(azimuth - second_pan) - np.cos(azimuth - first_pan)
-    forward = np.stack([sin, slope * cos], axis=1)  # of (azimuth, slope), by nearness times offset
-    left = np.stack([-cos, slope * sin], axis=1)
-    by_near = model.offset[0] * forward + model.offset[1] * left
-    by_offset = near[:, None, None] * np.stack([forward, left], axis=2)
-    used, where = np.unique(np.concatenate([below % nodes, (below + 1) % nodes]), return_inverse=True)
-    by_nearness = np.zeros((len(azimuth), 2, len(used)))
-    rows, walled = np.arange(len(azimuth)), (wall > -slope).astype(np.float64)
-    by_nearness[rows, :, where[: len(rows)]] = by_near * ((1.0 - share) * walled)[:, None]
-    by_nearness[rows, :, where[len(rows) :]] += by_near * (share * walled)[:, None]
-    return by_near * near[:, None], by_offset, by_nearness, used
-
-
-def transfer(first: View, second: View, direction: tuple[Array, Array], moved: Array) -> tuple[Array, Array, Array]:
-    """Where in the second frame (N, 2) the first frame's points are seen; derivatives (N, 2, 14) and (N, 2, 2).
-
-    The points are given by the azimuth and slope (N,) to which the first frame looks through them (`camera.look`), and
-    ``moved`` (N, 2) is added to these on the way. The derivatives hold the pixels in the first frame, and are with
-    respect to the `camera.PARAMETERS` of the first view, then of the second; and to the directions.
-    """
-    azimuth, slope = direction
-    by_first, by_direction = geometry.derivatives(first, azimuth, slope)
-    azimuth, slope = azimuth + moved[:, 0], slope + moved[:, 1]
-    seen, _ = geometry.see(second, azimuth, slope)
-    by_second, by_second_direction = geometry.derivatives(second, azimuth, slope)
+    around = len(nearness)
+    azimuth, slope = look_through(first, pixels[0], pixels[1])
+    here, there = np.empty((2, SEEN)), np.empty((2, SEEN))
+    see_with_derivatives(first, azimuth, slope, here)
+    by_centre = np.zeros((2, 2, 3))  # of (azimuth, slope) on the way, by nearness times centre: of first and second
+    towards = np.zeros(2)
+    near, share, walled = 0.0, 0.0, 0.0
+    if around:
+        place = (azimuth / (2 * np.pi)) % 1.0 * around
+        below = int(np.floor(place))
+        share = place - below
+        nodes[0], nodes[1] = below % around, (below + 1) % around
+        wall = (1.0 - share) * nearness[int(nodes[0])] + share * nearness[int(nodes[1])]
+        near = max(wall, -slope)
+        walled = 1.0 if wall > -slope else 0.0
+        for side, view, sign in ((0, first, -1.0), (1, second, 1.0)):
+            sin_a, cos_a = np.sin(azimuth - view[0]), np.cos(azimuth - view[0])
+            by_centre[side, 0, 0], by_centre[side, 0, 1] = sign * sin_a, -sign * cos_a
+            by_centre[side, 1, 0], by_centre[side, 1, 1] = sign * slope * cos_a, sign * slope * sin_a
+            by_centre[side, 1, 2] = -sign
+            for k in range(2):
+                for axis in range(3):
+                    towards[k] += by_centre[side, k, axis] * view[CENTRE + axis]
+    see_with_derivatives(second, azimuth + near * towards[0], slope + near * towards[1], there)
     # the pixel in the first frame stays: its direction moves against what the parameters do to it
-    through = by_second_direction @ _inverse_2x2(by_direction) @ by_first
-    return seen, np.concatenate([-through, by_second], axis=2), by_second_direction
+    determinant = here[0, 8] * here[1, 9] - here[0, 9] * here[1, 8]
+    for row in range(2):
+        residual[row] = there[row, 0] - pixels[2 + row]
+        back_u = (there[row, 8] * here[1, 9] - there[row, 9] * here[1, 8]) / determinant
+        back_v = (there[row, 9] * here[0, 8] - there[row, 8] * here[0, 9]) / determinant
+        for k in range(CENTRE):
+            jacobian[row, k] = -(back_u * here[0, 1 + k] + back_v * here[1, 1 + k])
+            jacobian[row, VIEW + k] = there[row, 1 + k]
+        for side in range(2):
+            for axis in range(3):
+                along = there[row, 8] * by_centre[side, 0, axis] + there[row, 9] * by_centre[side, 1, axis]
+                jacobian[row, side * VIEW + CENTRE + axis] = near * along
+        if around:
+            along = walled * (there[row, 8] * towards[0] + there[row, 9] * towards[1])
+            jacobian[row, SIDES + int(nodes[0])] = (1.0 - share) * along
+            jacobian[row, SIDES + int(nodes[1])] = share * along
 
 
-def _inverse_2x2(matrices: Array) -> Array:
-    a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
-    inverse = np.empty_like(matrices)
-    inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 0], inverse[:, 1, 1] = d, -b, -c, a
-    return inverse / (a * d - b * c)[:, None, None]
+def _normal_equations(
+    model: Model, ends: NDArray[np.int64], bounds: NDArray[np.int64], pixels: Array, scale: float, length: Array
+) -> tuple[Array, Array]:
+    """Normal matrix (U, U) and gradient (U,) of all matches; ``length`` (N,) takes the lengths of their residuals."""
+    unknowns = len(_vector(model))
+    normal, gradient = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    chains, columns = _chains(model)
+    views = _vectors(model)
+    _accumulate(ends, bounds, pixels, views, chains, columns, model.nearness, scale, length, normal, gradient)
+    return normal, gradient
 
 
+@njit(cache=True, nogil=True)
+def _accumulate(
+    ends: NDArray[np.int64], bounds: NDArray[np.int64], pixels: Array, views: Array, chains: Array,
+    columns: NDArray[np.int64], nearness: Array, scale: float, length: Array, normal: Array, gradient: Array,
+) -> None:  # fmt: skip
+    """Sum up a link's matches by what they depend on, then carry the sums over to the unknowns by the chain rule."""
+    around, width = len(nearness), columns.shape[1]
+    size = SIDES + around
+    walls = len(gradient) - around
+    residual, jacobian, nodes = np.empty(2), np.zeros((2, size)), np.zeros(2)
+    touched = np.arange(SIDES + 2 if around else SIDES)
+    chain, into = np.zeros((size, 2 * width + around)), np.empty(2 * width + around, np.int64)
+    chain[SIDES:, 2 * width :] = np.eye(around)
+    into[2 * width :] = np.arange(walls, walls + around)
+    for link in range(len(ends)):
+        summed, along = np.zeros((size, size)), np.zeros(size)
+        for n in range(bounds[link], bounds[link + 1]):
+            _match(views[ends[link, 0]], views[ends[link, 1]], pixels[n], nearness, residual, jacobian, nodes)
+            squared = residual[0] * residual[0] + residual[1] * residual[1]
+            length[n] = np.sqrt(squared)
+            weight = (scale * scale / (scale * scale + squared)) ** 2
+            if around:
+                touched[SIDES], touched[SIDES + 1] = SIDES + int(nodes[0]), SIDES + int(nodes[1])
+            for row in range(2):
+                for i in touched:
+                    weighted = weight * jacobian[row, i]
+                    along[i] += weighted * residual[row]
+                    for j in touched:
+                        summed[i, j] += weighted * jacobian[row, j]
+        for side in range(2):
+            chain[side * VIEW : (side + 1) * VIEW, side * width : (side + 1) * width] = chains[ends[link, side]]
+            into[side * width : (side + 1) * width] = columns[ends[link, side]]
+        whole, part = chain.T @ (summed @ chain), chain.T @ along
+        for a in range(len(into)):
+            gradient[into[a]] += part[a]
+            for b in range(len(into)):
+                normal[into[a], into[b]] += whole[a, b]
+
+
+# --------------------------------------------------------------------------------------------------------------
 # The vector of unknowns: pans, log focals, tilt, roll, principal point's coefficients (x and y in turn), k1's, offset,
-# nearness.
+# travel, nearness.
 
 
 def _vector(model: Model) -> Array:
     return np.concatenate([
         model.pan_rad, model.log_focal, [model.tilt_rad, model.roll_rad], model.principal_px.ravel(), model.k1,
-        model.offset, model.nearness,
+        model.offset, [model.travel], model.nearness,
     ])  # fmt: skip
 
 
@@ -233,7 +291,7 @@ def _information(model: Model, sigmas: Sigmas) -> Array:
     information = np.diag(np.concatenate([
         np.zeros(len(model.pan_rad)), focal, np.full(2, sigmas.angle_rad**-2.0),
         np.repeat(sigmas.principal_px**-2.0, 2), sigmas.k1**-2.0, np.full(2, sigmas.offset**-2.0),
-        np.full(walls, sigmas.nearness**-2.0),
+        [sigmas.travel**-2.0], np.full(walls, sigmas.nearness**-2.0),
     ]))  # fmt: skip
     steps = np.eye(walls) - np.roll(np.eye(walls), 1, axis=1)
     information[len(information) - walls :, len(information) - walls :] += steps.T @ steps * sigmas.unevenness**-2.0
@@ -242,34 +300,40 @@ def _information(model: Model, sigmas: Sigmas) -> Array:
 
 def _stepped(model: Model, step: Array) -> Model:
     vector = _vector(model) + step
-    pans, focals, p, q = len(model.pan_rad), len(model.log_focal), len(model.principal_px), len(model.k1)
-    rest = vector[pans + focals :]
+    counts = [len(model.pan_rad), len(model.log_focal), 2, 2 * len(model.principal_px), len(model.k1), 2, 1]
+    pan, focal, angles, principal, k1, offset, travel, nearness = np.split(vector, np.cumsum(counts))
     return Model(
-        vector[:pans], vector[pans : pans + focals], model.pan_of, model.focal_of, float(rest[0]), float(rest[1]),
-        rest[2 : 2 + 2 * p].reshape(p, 2), rest[2 + 2 * p : 2 + 2 * p + q], rest[2 + 2 * p + q : 4 + 2 * p + q],
-        rest[4 + 2 * p + q :],
+        pan, focal, model.pan_of, model.focal_of, float(angles[0]), float(angles[1]), principal.reshape(-1, 2), k1,
+        offset, float(travel[0]), nearness,
     )  # fmt: skip
 
 
-def _chain(model: Model, link: Link) -> tuple[NDArray[np.int64], Array]:
-    """Which unknowns a link touches (C,), and the derivatives (14, C) of its two views with respect to them."""
+def _vectors(model: Model) -> Array:
+    """(F, VIEW) every frame's view."""
+    return np.array([model.view(frame).vector() for frame in range(len(model.pan_of))])
+
+
+def _chains(model: Model) -> tuple[Array, NDArray[np.int64]]:
+    """The derivatives (F, VIEW, C) of each frame's view with respect to the unknowns it touches, and these (F, C)."""
     pans, focals = len(model.pan_rad), len(model.log_focal)
     p, q = len(model.principal_px), len(model.k1)
-    shared = pans + focals + np.arange(2 + 2 * p + q)
-    columns = np.concatenate([
-        model.pan_of[[link.first, link.second]], pans + model.focal_of[[link.first, link.second]], [pans], shared,
-    ])  # fmt: skip
-    chain = np.zeros((14, len(columns)))
-    for side, frame in enumerate((link.first, link.second)):
-        rows = chain[7 * side : 7 * side + 7]
-        x = model.log_focal[model.focal_of[frame]] - model.log_focal[0]
-        powers = x ** np.arange(max(p, q))
-        slopes = np.arange(max(p, q)) * np.concatenate([[0.0], powers[:-1]])
-        rows[0, side] = rows[2, 2 + side] = 1.0
-        rows[4:6, 2 + side] = slopes[:p] @ model.principal_px
-        rows[6, 2 + side] = slopes[:q] @ model.k1
-        rows[4:7, 4] = -rows[4:7, 2 + side]  # the lens is a function of the zoom relative to the first focal length
-        rows[1, 5] = rows[3, 6] = 1.0
-        rows[4, 7 : 7 + 2 * p : 2] = rows[5, 8 : 8 + 2 * p : 2] = powers[:p]
-        rows[6, 7 + 2 * p :] = powers[:q]
-    return columns, chain
+    lens = 5 + 2 * p + q  # where the offset's columns begin, after pan, focal, first focal, tilt, roll, the lens
+    x = model.log_focal[model.focal_of] - model.log_focal[0]
+    powers = x[:, None] ** np.arange(max(p, q))
+    slopes = np.arange(max(p, q)) * np.hstack([np.zeros((len(x), 1)), powers[:, :-1]])
+    cos_t, sin_t = np.cos(model.tilt_rad), np.sin(model.tilt_rad)
+    forward, up = CENTRE, CENTRE + 2
+    chains = np.zeros((len(x), VIEW, lens + 3))
+    chains[:, 0, 0] = chains[:, 2, 1] = chains[:, 1, 3] = chains[:, 3, 4] = 1.0
+    chains[:, 4:6, 1] = slopes[:, :p] @ model.principal_px
+    chains[:, 6, 1] = slopes[:, :q] @ model.k1
+    chains[:, forward, 1], chains[:, up, 1] = model.travel * cos_t, model.travel * sin_t
+    chains[:, 4:, 2] = -chains[:, 4:, 1]  # the lens is a function of the zoom relative to the first focal length
+    chains[:, forward, 3], chains[:, up, 3] = -model.travel * x * sin_t, model.travel * x * cos_t
+    chains[:, 4, 5 : 5 + 2 * p : 2] = chains[:, 5, 6 : 6 + 2 * p : 2] = powers[:, :p]
+    chains[:, 6, 5 + 2 * p : lens] = powers[:, :q]
+    chains[:, forward, lens] = chains[:, forward + 1, lens + 1] = 1.0
+    chains[:, forward, lens + 2], chains[:, up, lens + 2] = x * cos_t, x * sin_t
+    shared = pans + focals + np.arange(2 + 2 * p + q + 3)
+    own = np.column_stack([model.pan_of, pans + model.focal_of, np.full(len(x), pans)])
+    return chains, np.hstack([own, np.tile(shared, (len(x), 1))]).astype(np.int64)

@@ -24,6 +24,7 @@ from pzcap.sweep import chain, grey, link_further, link_views, place, spaced
 from pzcap.types import (
     Array,
     CalibrationObject,
+    Camera,
     Image,
     Lens,
     Panorama,
@@ -109,7 +110,7 @@ def _prepare_exact(
     start = Model(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
         _padded(coarse.principal_px, 2 if zoom else 1), _padded(coarse.k1[:, None], 3 if zoom else 1)[:, 0],
-        coarse.offset, np.full(WALLS, WALL_NEARNESS),
+        coarse.offset, 0.0, np.full(WALLS, WALL_NEARNESS),
     )  # fmt: skip
     sigmas = _sigmas(width, full_turn, zoom is not None)
     quick = adjust(start, thinned(links, 5), sigmas, scale_px=4.0, iterations=12).model
@@ -119,11 +120,12 @@ def _prepare_exact(
     taken = model.view(count)
     known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.k1)
     refined = reference.resolve(first, known, config.reference)
-    surroundings = _surroundings(model, taken.pan_rad, float(refined.camera.world_T_cam[2, 3]))
+    camera, surroundings = _measured(model, taken.pan_rad, refined.camera)
     brightness = panorama.fit_brightness([*chained.links, *further], count, model.view(0), width, height)
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
+    swept = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     pasted = panorama.stitch(
-        sweep, sweep_pan_rad, model.view(0), full_turn, brightness, surroundings,
+        sweep, sweep_pan_rad, swept, full_turn, brightness, surroundings,
         lambda done: report("paste sweep", done, count),
     )  # fmt: skip
     background = replace(
@@ -132,22 +134,24 @@ def _prepare_exact(
         closure_rad=chained.closure_rad,
         residual_px=adjusted.residual_px,
     )
-    lens = model.lens(width, height)
-    camera = geometry.mount(refined.camera, lens, model.tilt_rad, model.roll_rad, surroundings.offset_m)
     return Prepared(refined, background, camera)
 
 
-def _surroundings(model: Model, origin_rad: float, camera_height_m: float) -> panorama.Surroundings:
-    """The model's, in metres, azimuths from the reference pose's pan on.
+def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, panorama.Surroundings]:
+    """The model in metres, as it took the reference image, azimuths from its pan on.
 
     The floor is where the calibration object stands, at world height 0. Were it elsewhere, offset and distances would
     be wrong by one factor, and what is made of them, their product, would still be right.
     """
+    camera_height_m = float(taken.world_T_cam[2, 3])
     height_m = camera_height_m if camera_height_m > MIN_HEIGHT_M else 1.0
+    camera = PanZoomCamera(
+        model.lens(taken.width, taken.height), np.eye(4), model.tilt_rad, model.roll_rad, model.offset * height_m,
+        model.travel * height_m,
+    )  # fmt: skip
     azimuth = origin_rad + np.arange(WALLS) * 2 * np.pi / WALLS
-    return panorama.Surroundings(
-        model.offset * height_m, height_m, cylinder.periodic(model.nearness, azimuth) / height_m
-    )
+    nearness = cylinder.periodic(model.nearness, azimuth) / height_m
+    return geometry.mount(taken, camera), panorama.Surroundings(height_m, nearness)
 
 
 def _start(view: View, pan_rad: Array) -> Model:
@@ -155,7 +159,7 @@ def _start(view: View, pan_rad: Array) -> Model:
     return Model(
         pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
         view.principal_px[None], np.array([view.k1]),
-        np.zeros(2), np.zeros(0),
+        np.zeros(2), 0.0, np.zeros(0),
     )  # fmt: skip
 
 
@@ -249,5 +253,5 @@ def _prepare_paper(
     shift = (column - pasted.origin_px[0]) / pasted.px_per_rad
     background = replace(pasted, origin_px=np.array([column, row]), sweep_pan_rad=pasted.sweep_pan_rad + shift)
     lens = Lens(width, height, focal, first.camera.principal_px[None], np.zeros(1))
-    camera = replace(first.camera, k1=0.0)
-    return Prepared(first, background, geometry.mount(camera, lens, 0.0, 0.0))
+    level = PanZoomCamera(lens, np.eye(4), 0.0, 0.0)
+    return Prepared(first, background, geometry.mount(replace(first.camera, k1=0.0), level))

@@ -13,23 +13,23 @@ which is ``(Rz(pan) Ry(-tilt) HEAD_R_CAM Rz(roll))^T`` times the vector; the len
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from numba import njit
 
 from pzcap.types import Array, Camera, Lens, PanZoomCamera
 
 HEAD_R_CAM: Final[Array] = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Camera axes in the head frame at pan, tilt and roll 0."""
 
-
-ON_AXIS: Final[Array] = np.zeros(2)
+ON_AXIS: Final[Array] = np.zeros(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What takes a direction of the head frame to a pixel: orientation on the head, and the lens at one zoom."""
+    """How a camera stands on its head at one instant, and its lens at one zoom: what takes a direction to a pixel."""
 
     pan_rad: float
     tilt_rad: float
@@ -37,8 +37,16 @@ class View:
     focal_px: float
     principal_px: Array  # (2,)
     k1: float
+    centre_m: Array = field(default_factory=lambda: ON_AXIS)  # (3,) of projection: forward, left, up from the pan axis
+
+    def vector(self) -> Array:
+        """(VIEW,) the view as `see_with_derivatives` takes it."""
+        return np.array([
+            self.pan_rad, self.tilt_rad, self.focal_px, self.roll_rad, *self.principal_px, self.k1, *self.centre_m
+        ])  # fmt: skip
 
 
+VIEW: Final = 10
 PARAMETERS: Final[tuple[str, ...]] = ("pan", "tilt", "log_focal", "roll", "principal_x", "principal_y", "k1")
 """Columns of `derivatives`."""
 
@@ -60,18 +68,26 @@ def lens_slope(lens: Lens, focal_px: float) -> tuple[Array, float]:
 def view_at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) -> View:
     """The view of ``camera`` panned, tilted and zoomed."""
     principal_px, k1 = lens_at(camera.lens, focal_px)
-    return View(pan_rad, tilt_rad, camera.roll_rad, focal_px, principal_px, k1)
+    travel_m = camera.travel_m * np.log(focal_px / camera.lens.reference_focal_px)
+    return View(
+        pan_rad, tilt_rad, camera.roll_rad, focal_px, principal_px, k1, centre(camera.offset_m, travel_m, tilt_rad)
+    )
+
+
+def centre(offset: Array, travel: float, tilt_rad: float) -> Array:
+    """(3,) the projection centre: beside the pan axis by ``offset`` (2,), and ``travel`` on along the optical axis."""
+    return np.array([offset[0] + travel * np.cos(tilt_rad), offset[1], travel * np.sin(tilt_rad)])
 
 
 def at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) -> Camera:
-    """The camera of an instant: ``world_T_cam = world_T_head Rz(pan) T(offset) Ry(-tilt) HEAD_R_CAM Rz(roll)``."""
-    principal_px, k1 = lens_at(camera.lens, focal_px)
-    world_T_cam = camera.world_T_head @ head_T_cam(pan_rad, tilt_rad, camera.roll_rad, camera.offset_m)
-    return Camera(camera.lens.width, camera.lens.height, world_T_cam, focal_px, principal_px, k1)
+    """The camera of an instant: ``world_T_cam = world_T_head Rz(pan) T(centre) Ry(-tilt) HEAD_R_CAM Rz(roll)``."""
+    view = view_at(camera, pan_rad, tilt_rad, focal_px)
+    world_T_cam = camera.world_T_head @ head_T_cam(pan_rad, tilt_rad, camera.roll_rad, view.centre_m)
+    return Camera(camera.lens.width, camera.lens.height, world_T_cam, focal_px, view.principal_px, view.k1)
 
 
-def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float, offset_m: Array = ON_AXIS) -> Array:
-    """(4, 4) camera coordinates to head coordinates."""
+def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float, centre_m: Array = ON_AXIS) -> Array:
+    """(4, 4) camera coordinates to head coordinates; ``centre_m`` (3,) as in `View`."""
     cos_p, sin_p = np.cos(pan_rad), np.sin(pan_rad)
     cos_t, sin_t = np.cos(tilt_rad), np.sin(tilt_rad)
     cos_r, sin_r = np.cos(roll_rad), np.sin(roll_rad)
@@ -80,14 +96,15 @@ def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float, offset_m: Array
     roll = np.array([[cos_r, -sin_r, 0.0], [sin_r, cos_r, 0.0], [0.0, 0.0, 1.0]])
     transform = np.eye(4)
     transform[:3, :3] = pan @ tilt @ HEAD_R_CAM @ roll
-    transform[:3, 3] = pan[:, :2] @ offset_m
+    transform[:3, 3] = pan @ centre_m
     return transform
 
 
-def mount(reference: Camera, lens: Lens, tilt_rad: float, roll_rad: float, offset_m: Array = ON_AXIS) -> PanZoomCamera:
-    """The pan-zoom camera whose reference pose (pan 0) is ``reference``."""
-    world_T_head = reference.world_T_cam @ np.linalg.inv(head_T_cam(0.0, tilt_rad, roll_rad, offset_m))
-    return PanZoomCamera(lens, world_T_head, tilt_rad, roll_rad, offset_m)
+def mount(reference: Camera, camera: PanZoomCamera) -> PanZoomCamera:
+    """``camera``, its head put where its reference pose (pan 0) is ``reference``."""
+    view = view_at(camera, 0.0, camera.tilt_rad, reference.focal_px)
+    there = head_T_cam(0.0, camera.tilt_rad, camera.roll_rad, view.centre_m)
+    return replace(camera, world_T_head=reference.world_T_cam @ np.linalg.inv(there))
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -168,41 +185,71 @@ def derivatives(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Ar
     Returns the derivatives with respect to ``PARAMETERS`` (N, 2, 7) and to (azimuth, slope) (N, 2, 2), in pixels
     per radian, per unit of log focal, per pixel and per unit of k1.
     """
-    alpha = azimuth_rad - view.pan_rad
-    cos_a, sin_a = np.cos(alpha), np.sin(alpha)
-    cos_t, sin_t = np.cos(view.tilt_rad), np.sin(view.tilt_rad)
-    cos_r, sin_r = np.cos(view.roll_rad), np.sin(view.roll_rad)
+    seen = np.empty((len(azimuth_rad), 2, SEEN))
+    _see_all(view.vector(), azimuth_rad, slope, seen)
+    return seen[:, :, BY_PARAMETERS], seen[:, :, BY_DIRECTION]
+
+
+SEEN: Final = 10
+BY_PARAMETERS: Final = slice(1, 8)
+BY_DIRECTION: Final = slice(8, 10)
+"""What `see_with_derivatives` writes for each coordinate: the pixel, its derivatives with respect to PARAMETERS, and to
+azimuth and slope."""
+
+
+@njit(cache=True, nogil=True)
+def see_with_derivatives(view: Array, azimuth: float, slope: float, seen: Array) -> None:
+    """`see` and its derivatives for one direction in front of the camera, into ``seen`` (2, SEEN). For other kernels.
+
+    ``view`` is `View.vector`.
+    """
+    pan, tilt, focal, roll, principal_x, principal_y, k1 = view[:7]
+    cos_a, sin_a = np.cos(azimuth - pan), np.sin(azimuth - pan)
+    cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
     y, z = sin_t * cos_a - cos_t * slope, cos_t * cos_a + sin_t * slope
-    # d(x, y, z) before roll, one row a variable: azimuth, slope, tilt
-    before = np.empty((len(alpha), 3, 3))
-    before[:, 0] = np.column_stack([-cos_a, -sin_t * sin_a, -cos_t * sin_a])
-    before[:, 1] = (0.0, -cos_t, sin_t)
-    before[:, 2] = np.column_stack([np.zeros_like(y), z, -y])
-    camera_x, camera_y = -cos_r * sin_a + sin_r * y, sin_r * sin_a + cos_r * y
-    x_n, y_n = camera_x / z, camera_y / z
-    turned_x = cos_r * before[:, :, 0] + sin_r * before[:, :, 1]
-    turned_y = -sin_r * before[:, :, 0] + cos_r * before[:, :, 1]
-    d_normalised = np.empty((len(alpha), 2, 4))  # azimuth, slope, tilt, roll
-    d_normalised[:, 0, :3] = (turned_x - x_n[:, None] * before[:, :, 2]) / z[:, None]
-    d_normalised[:, 1, :3] = (turned_y - y_n[:, None] * before[:, :, 2]) / z[:, None]
-    d_normalised[:, 0, 3], d_normalised[:, 1, 3] = y_n, -x_n
-
+    x_n, y_n = (-cos_r * sin_a + sin_r * y) / z, (sin_r * sin_a + cos_r * y) / z
     squared = x_n * x_n + y_n * y_n
-    factor = 1.0 + view.k1 * squared
-    lens = np.empty((len(alpha), 2, 2))  # d(distorted) / d(normalised)
-    lens[:, 0, 0] = factor + 2.0 * view.k1 * x_n * x_n
-    lens[:, 1, 1] = factor + 2.0 * view.k1 * y_n * y_n
-    lens[:, 0, 1] = lens[:, 1, 0] = 2.0 * view.k1 * x_n * y_n
-    d_pixel = view.focal_px * (lens @ d_normalised)
+    factor = 1.0 + k1 * squared
+    lens_xx, lens_yy = focal * (factor + 2.0 * k1 * x_n * x_n), focal * (factor + 2.0 * k1 * y_n * y_n)
+    lens_xy = focal * 2.0 * k1 * x_n * y_n
 
-    result = np.zeros((len(alpha), 2, len(PARAMETERS)))
-    result[:, :, 0] = -d_pixel[:, :, 0]
-    result[:, :, 1] = d_pixel[:, :, 2]
-    result[:, 0, 2], result[:, 1, 2] = view.focal_px * factor * x_n, view.focal_px * factor * y_n
-    result[:, :, 3] = d_pixel[:, :, 3]
-    result[:, 0, 4] = result[:, 1, 5] = 1.0
-    result[:, 0, 6], result[:, 1, 6] = view.focal_px * squared * x_n, view.focal_px * squared * y_n
-    return result, d_pixel[:, :, :2]
+    seen[0, 0], seen[1, 0] = principal_x + focal * factor * x_n, principal_y + focal * factor * y_n
+    # d(x, y, z) before roll by azimuth, slope and tilt, where they go among the columns of ``seen``
+    for column, d_x, d_y, d_z in (
+        (8, -cos_a, -sin_t * sin_a, -cos_t * sin_a), (9, 0.0, -cos_t, sin_t), (2, 0.0, z, -y)
+    ):  # fmt: skip
+        d_x_n = (cos_r * d_x + sin_r * d_y - x_n * d_z) / z
+        d_y_n = (-sin_r * d_x + cos_r * d_y - y_n * d_z) / z
+        seen[0, column] = lens_xx * d_x_n + lens_xy * d_y_n
+        seen[1, column] = lens_xy * d_x_n + lens_yy * d_y_n
+    for row, along, centred in ((0, lens_xx * y_n - lens_xy * x_n, x_n), (1, lens_xy * y_n - lens_yy * x_n, y_n)):
+        seen[row, 1] = -seen[row, 8]  # pan
+        seen[row, 3] = focal * factor * centred  # log focal
+        seen[row, 4] = along  # roll
+        seen[row, 5], seen[row, 6] = 1.0 - row, float(row)  # principal point
+        seen[row, 7] = focal * squared * centred  # k1
+
+
+@njit(cache=True, nogil=True)
+def look_through(view: Array, u: float, v: float) -> tuple[float, float]:
+    """`look` for one pixel: azimuth and slope. For other kernels; ``view`` is `View.vector`."""
+    pan, tilt, focal, roll, principal_x, principal_y, k1 = view[:7]
+    bent_x, bent_y = (u - principal_x) / focal, (v - principal_y) / focal
+    bent = np.sqrt(bent_x * bent_x + bent_y * bent_y)
+    radius = bent
+    for _ in range(5):
+        radius -= (radius * (1.0 + k1 * radius * radius) - bent) / (1.0 + 3.0 * k1 * radius * radius)
+    factor = 1.0 + k1 * radius * radius
+    x, y = bent_x / factor, bent_y / factor
+    left, down = -(np.cos(roll) * x - np.sin(roll) * y), np.sin(roll) * x + np.cos(roll) * y
+    forward, up = np.cos(tilt) + np.sin(tilt) * down, np.sin(tilt) - np.cos(tilt) * down
+    return pan + np.arctan2(left, forward), up / np.sqrt(forward * forward + left * left)
+
+
+@njit(cache=True, nogil=True)
+def _see_all(view: Array, azimuth: Array, slope: Array, seen: Array) -> None:
+    for n in range(len(azimuth)):
+        see_with_derivatives(view, azimuth[n], slope[n], seen[n])
 
 
 def pan_zoom_derivatives(camera: PanZoomCamera, view: View, azimuth_rad: Array, slope: Array) -> Array:
@@ -215,16 +262,16 @@ def pan_zoom_derivatives(camera: PanZoomCamera, view: View, azimuth_rad: Array, 
     return result
 
 
-def parallax(alpha_rad: Array, slope: Array, inverse_distance: Array, offset_m: Array) -> tuple[Array, Array]:
-    """What azimuth and slope (...) change by from the pan axis to a projection centre beside it.
+def parallax(view: View, azimuth_rad: Array, slope: Array, inverse_distance: Array) -> tuple[Array, Array]:
+    """What azimuth and slope (...) change by from a point on the pan axis to the projection centre of ``view``.
 
-    ``alpha_rad`` is the azimuth relative to the pan, ``inverse_distance`` (1 / m) that of what is seen, horizontally,
-    ``offset_m`` (2,) how far the centre is forward and to the left of the axis. To first order: a few millimetres
-    against metres.
+    ``inverse_distance`` (...), 1 / m, is that of what is seen, horizontally. To first order: a few millimetres against
+    metres.
     """
-    forward, left = inverse_distance * offset_m[0], inverse_distance * offset_m[1]
-    sin_a, cos_a = np.sin(alpha_rad), np.cos(alpha_rad)
-    return forward * sin_a - left * cos_a, slope * (forward * cos_a + left * sin_a)
+    forward, left, up = view.centre_m
+    sin_a, cos_a = np.sin(azimuth_rad - view.pan_rad), np.cos(azimuth_rad - view.pan_rad)
+    d_azimuth = inverse_distance * (forward * sin_a - left * cos_a)
+    return d_azimuth, inverse_distance * (slope * (forward * cos_a + left * sin_a) - up)
 
 
 def moved(view: View, step: Array) -> View:
@@ -236,6 +283,7 @@ def moved(view: View, step: Array) -> View:
         view.focal_px * float(np.exp(step[2])),
         view.principal_px + step[4:6],
         view.k1 + float(step[6]),
+        view.centre_m,
     )
 
 

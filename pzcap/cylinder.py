@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap import camera as geometry
+from pzcap.camera import View
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 GRID = 4  # maps are smooth: they are computed at every fourth pixel and interpolated, to 0.003 px
@@ -43,7 +44,7 @@ def warp_background(
     """
     view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
     column, row = smooth_map(
-        lambda points: to_unwrapped(panorama, *from_axis(panorama, camera, pan_rad, *geometry.look(view, points))),
+        lambda points: to_unwrapped(panorama, *from_axis(panorama, view, *geometry.look(view, points))),
         camera.lens.width,
         camera.lens.height,
     )
@@ -72,21 +73,17 @@ def periodic(samples: Array, azimuth_rad: Array) -> Array:
     return (1.0 - share) * samples[below % len(samples)] + share * samples[(below + 1) % len(samples)]
 
 
-def from_axis(
-    panorama: Panorama, camera: PanZoomCamera, pan_rad: float, azimuth_rad: Array, slope: Array
-) -> tuple[Array, Array]:
+def from_axis(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
     """Directions (...) seen from the projection centre, as they are seen from the pan axis, like the panorama."""
     near = inverse_distance(panorama.height_m, panorama.nearness, azimuth_rad, slope)
-    d_azimuth, d_slope = geometry.parallax(azimuth_rad - pan_rad, slope, near, camera.offset_m)
+    d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
     return azimuth_rad - d_azimuth, slope - d_slope
 
 
-def from_centre(
-    panorama: Panorama, camera: PanZoomCamera, pan_rad: float, azimuth_rad: Array, slope: Array
-) -> tuple[Array, Array]:
+def from_centre(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
     """Directions (...) of the panorama, as they are seen from the projection centre; undoes `from_axis`."""
     near = inverse_distance(panorama.height_m, panorama.nearness, azimuth_rad, slope)
-    d_azimuth, d_slope = geometry.parallax(azimuth_rad - pan_rad, slope, near, camera.offset_m)
+    d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
     return azimuth_rad + d_azimuth, slope + d_slope
 
 

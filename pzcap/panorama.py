@@ -36,9 +36,8 @@ class Brightness:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """Where the projection centre is beside the pan axis, and how near the hall; as in the types of these names."""
+    """How near the hall is; as in `types.Panorama`."""
 
-    offset_m: Array  # (2,)
     height_m: float
     nearness: Array  # (A,)
 
@@ -165,7 +164,7 @@ class _Canvas:
             offset = (self.origin - points_px - np.array([start, 0.0])) / self.px_per_rad
             azimuth, slope = offset[..., 0], offset[..., 1]
             near = cylinder.inverse_distance(self.surroundings.height_m, self.surroundings.nearness, azimuth, slope)
-            moved = geometry.parallax(azimuth - pan_rad, slope, near, self.surroundings.offset_m)
+            moved = geometry.parallax(turned, azimuth, slope, near)
             return geometry.see(turned, azimuth + moved[0], slope + moved[1])[0]
 
         column, row = cylinder.smooth_map(to_frame, stop - start, self.weight.shape[0])

@@ -246,7 +246,7 @@ def solve(
     scale = 8.0
     for _ in range(30):
         view = geometry.view_at(camera, pan_rad, camera.tilt_rad, focal_px)
-        directions = cylinder.from_centre(panorama, camera, pan_rad, azimuth_rad, slope)
+        directions = cylinder.from_centre(panorama, view, azimuth_rad, slope)
         seen, _ = geometry.see(view, *directions)
         residual = seen - points_px
         length = np.hypot(residual[:, 0], residual[:, 1])

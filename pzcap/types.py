@@ -209,6 +209,7 @@ class PanZoomCamera:
     roll_rad: float
     # the projection centre against the pan axis, forward and to the left (what the slide head left)
     offset_m: Array = field(default_factory=lambda: np.zeros(2))  # (2,)
+    travel_m: float = 0.0  # of the projection centre, forward along the optical axis, for each unit of log focal
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,13 +35,13 @@ def aligner() -> Aligner:
 
 def test_samples_stand_where_the_camera_looks(aligner: Aligner) -> None:
     """The compiled loop against `camera.look` and `cylinder.from_axis`, parallax and the seam included."""
-    camera = replace(camera_of(OPTICS), offset_m=np.array([0.005, -0.003]))
+    camera = replace(camera_of(OPTICS), offset_m=np.array([0.005, -0.003]), travel_m=0.004)
     panorama = replace(aligner._panorama, height_m=1.7, nearness=np.linspace(0.05, 0.6, 12))
     beside = Aligner(panorama, camera)
     for pan in (-3.0, 0.2, 3.1):
         sampled = beside._sample(beside._levels[0], PIXELS, pan, 500.0)
-        directions = look(view_at(camera, pan, camera.tilt_rad, 500.0), PIXELS)
-        places = to_panorama(panorama, *from_axis(panorama, camera, pan, *directions))
+        view = view_at(camera, pan, camera.tilt_rad, 500.0)
+        places = to_panorama(panorama, *from_axis(panorama, view, *look(view, PIXELS)))
         found = sampled[:, COLUMN:] - np.array([beside._margin, 0.0])
         off = np.mod(found[:, 0] - places[:, 0] + 50, panorama.image.shape[1]) - 50
         np.testing.assert_allclose(off, 0.0, atol=1e-5)

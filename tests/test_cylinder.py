@@ -48,18 +48,19 @@ def test_panorama_pixels_and_directions_are_inverse(azimuth: float, slope: float
 @settings(deadline=None)
 @given(st.floats(-3, 3), st.floats(-0.4, 0.4), st.floats(-0.3, 0.3))
 def test_parallax_is_what_three_dimensions_give(pan: float, alpha: float, slope: float) -> None:
-    """A point on a wall 3 m off or on the floor, seen from the axis and from 5 mm beside it."""
+    """A point on a wall 3 m off or on the floor, seen from the axis and from some millimetres beside it."""
     panorama = replace(whole_turn(0), height_m=1.7, nearness=np.full(8, 1 / 3.0))
-    camera = replace(camera_of(synthetic.Optics()), offset_m=np.array([0.005, -0.003]))
+    camera = replace(camera_of(synthetic.Optics()), offset_m=np.array([0.005, -0.003]), travel_m=0.004)
     distance = min(3.0, 1.7 / max(-slope, 1e-9))
     azimuth = pan + alpha
     point = distance * np.array([np.cos(azimuth), np.sin(azimuth), slope])
-    from_there = point - head_T_cam(pan, 0.0, 0.0, camera.offset_m)[:3, 3]
+    view = view_at(camera, pan, -0.07, 700.0)
+    from_there = point - head_T_cam(pan, -0.07, 0.0, view.centre_m)[:3, 3]
     there = np.array([np.arctan2(from_there[1], from_there[0]), from_there[2] / np.hypot(*from_there[:2])])
-    seen = cylinder.from_centre(panorama, camera, pan, np.array([azimuth]), np.array([slope]))
+    seen = cylinder.from_centre(panorama, view, np.array([azimuth]), np.array([slope]))
     off = np.array([np.angle(np.exp(1j * (seen[0][0] - there[0]))), seen[1][0] - there[1]])
     assert np.abs(off).max() < 1e-5  # second order: a hundredth of a pixel
-    back = cylinder.from_axis(panorama, camera, pan, *seen)
+    back = cylinder.from_axis(panorama, view, *seen)
     np.testing.assert_allclose([back[0][0], back[1][0]], [azimuth, slope], atol=1e-5)
 
 

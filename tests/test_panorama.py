@@ -18,7 +18,7 @@ OPTICS = synthetic.Optics()
 WIDTH, HEIGHT, FOCAL = OPTICS.width, OPTICS.height, OPTICS.reference_focal_px
 VIEW = View(0.0, OPTICS.tilt_rad, OPTICS.roll_rad, FOCAL, np.array(OPTICS.principal_px), OPTICS.k1)
 QUIET = panorama.Brightness(np.zeros(99), np.zeros(2))
-FAR = panorama.Surroundings(np.zeros(2), 1.0, np.zeros(1))
+FAR = panorama.Surroundings(1.0, np.zeros(1))
 
 
 def silent(done: int) -> None:
@@ -89,8 +89,7 @@ def test_a_partial_sweep_is_adjusted_without_closure() -> None:
     count = len(pans)
     start = bundle.Model(
         chain.pan_rad, np.array([np.log(guess.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
-        guess.principal_px[None], np.zeros(1),
-        np.zeros(2), np.zeros(0),
+        guess.principal_px[None], np.zeros(1), np.zeros(2), 0.0, np.zeros(0),
     )  # fmt: skip
     sigmas = bundle.Sigmas(0.002, 0.2, np.array([3.2]), np.array([0.1]))
     found = bundle.adjust(start, chain.links, sigmas).model
