@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap import camera as geometry
+from pzcap.cylinder import NODES, Hall, kernel_hall, near_at
 from pzcap.sweep import grey
 from pzcap.types import Array, Image, Panorama, PanZoomCamera
 
@@ -134,8 +135,8 @@ class Aligner:
         view = np.array([camera.tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
         place = np.array([column + self._margin, panorama.origin_px[1], panorama.px_per_rad, level.scale])
         centre = geometry.view_at(camera, pan_rad, camera.tilt_rad, focal_px).centre_m
-        beside = np.array([pan_rad, *centre, panorama.height_m])
-        return _sample(level.layers, points, view, place, beside, panorama.nearness)
+        beside = np.array([pan_rad, *centre])
+        return _sample(level.layers, points, view, place, beside, kernel_hall(panorama.surroundings))
 
     def _judged(self, fitted: _Fitted) -> Alignment:
         sampled, weight = fitted.sampled, fitted.weight
@@ -162,19 +163,24 @@ VALUE, BY_PAN, BY_LOG_FOCAL, KNOWN, COLUMN = range(5)
 
 @njit(cache=True, nogil=True)
 def _sample(
-    layers: NDArray[np.float32], points: Array, view: Array, place: Array, beside: Array, nearness: Array
+    layers: NDArray[np.float32],
+    points: Array,
+    view: Array,
+    place: Array,
+    beside: Array,
+    hall: Hall,
 ) -> Array:
     """`camera.look` and `cylinder.from_axis`, their derivatives, and bilinear samples of the layers, for points (N, 2).
 
     ``view``: tilt, roll, focal length, principal point, k1, and the latter three's derivatives by log focal. ``place``:
     panorama column of the pan, row of slope 0, pixels to the radian, scale of the level. ``beside``: pan, the
-    projection centre's offset, its height. The result's columns are VALUE and so on.
+    projection centre beside the axis. The result's columns are VALUE and so on.
     """
     tilt, roll, focal, principal_x, principal_y, k1, slope_x, slope_y, slope_k1 = view
     cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
     column_0, row_0, per_rad, scale = place
-    pan, offset_x, offset_y, offset_z, camera_height = beside
-    around = len(nearness)
+    pan, offset_x, offset_y, offset_z = beside
+    nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
     height, width = layers.shape[:2]
     out = np.zeros((len(points), 6))
     for n in range(len(points)):
@@ -201,11 +207,7 @@ def _sample(
         d_azimuth = (forward * d_left - left * d_forward) / across
         d_slope = d_up / level - up * (forward * d_forward + left * d_left) / (across * level)
         alpha, slope = np.arctan2(left, forward), up / level
-        turn = ((pan + alpha) / (2 * np.pi)) % 1.0 * around
-        below = int(np.floor(turn))
-        share = turn - below
-        wall = (1.0 - share) * nearness[below % around] + share * nearness[(below + 1) % around]
-        near = max(wall, -slope / camera_height)
+        near = near_at(hall, pan + alpha, slope, nodes, shares) if len(hall[1]) else 0.0
         to_x, to_y = near * offset_x, near * offset_y
         cos_a, sin_a = forward / level, left / level
         column = column_0 - (alpha - to_x * sin_a + to_y * cos_a) * per_rad

@@ -7,15 +7,15 @@ second, minus where it was seen, in pixels of the second. No world points are es
 point, a rotation carries pixels to pixels (Shum and Szeliski, 2000).
 
 The views are not quite from one point: the slide head leaves the projection centre some millimetres beside the pan
-axis, and as the lens zooms it travels along its own, which moves near things by a pixel. How near things are needs to
-be known only roughly: a floor, and before it a wall whose distance varies with the azimuth. Lengths are in heights of
-the camera over the floor.
+axis, and as the lens zooms it travels along its own, which moves near things by a pixel. How near things are is known
+only roughly before, and estimated, too: a floor, walls, and what departs from these. Lengths are in heights of the
+camera over the floor.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from pzcap import camera as geometry
 from pzcap.camera import PARAMETERS, SEEN, VIEW, View, look_through, see_with_derivatives
-from pzcap.types import Array, Lens
+from pzcap.cylinder import NODES, Hall, kernel_hall, near_at
+from pzcap.types import Array, Lens, Surroundings
 
 SETTLED_RAD = 1e-5  # a step this small ends the adjustment: a hundredth of a pixel
 LEAST_SPREAD_PX = 0.01  # no match is better than this, however well all agree
@@ -54,7 +55,7 @@ class Model:
     k1: Array  # (q,) coefficients
     offset: Array  # (2,) projection centre forward and to the left of the pan axis, camera heights
     travel: float  # of the same, forward along the optical axis, for each unit of log focal
-    nearness: Array  # (A,) inverse distance of the walls, at equally spaced azimuths; none: all is far away
+    surroundings: Surroundings  # in camera heights
 
     def view(self, frame: int) -> View:
         """How ``frame`` was taken; its ``centre_m`` is in camera heights."""
@@ -84,8 +85,10 @@ class Sigmas:
     k1: Array  # (q,)
     offset: float = 0.02
     travel: float = 0.005
-    nearness: float = 0.2
-    unevenness: float = 0.1  # of nearness, from one azimuth to the next
+    walls: float = 0.2
+    unevenness: float = 0.1  # of the walls, from one azimuth to the next
+    departures: float = 0.1
+    roughness: float = 0.05  # of the departures, from one to the next
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,9 +112,9 @@ def adjust(
     ``sigmas`` are about ``prior``, or else about ``start``. Weights fall with a residual's length (Geman and McClure,
     1987), by a scale that starts at ``scale_px`` and follows the residuals down.
     """
-    mean = _vector(start if prior is None else prior)
+    mean = vector(start if prior is None else prior)
     model, scale = start, scale_px
-    believed = _information(start, sigmas)
+    believed = information(start, sigmas)
     ends = np.array([[link.first, link.second] for link in links])
     bounds = np.cumsum([0, *(len(link.first_px) for link in links)])
     pixels = np.vstack([np.hstack([link.first_px, link.second_px]) for link in links])
@@ -120,12 +123,12 @@ def adjust(
         normal, gradient = _normal_equations(model, ends, bounds, pixels, scale, length)
         spread = max(float(np.median(length)) / 1.1774, LEAST_SPREAD_PX)  # of one coordinate
         normal += believed * spread**2
-        gradient += spread**2 * believed @ (_vector(model) - mean)
+        gradient += spread**2 * believed @ (vector(model) - mean)
         normal[model.pan_of[0]] = 0.0
         normal[model.pan_of[0], model.pan_of[0]] = 1.0
         gradient[model.pan_of[0]] = 0.0
         step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
-        model = _stepped(model, step)
+        model = stepped(model, step)
         next_scale = max(3.0 * spread, 0.1)
         if np.abs(step[: len(model.pan_rad)]).max() < SETTLED_RAD and abs(next_scale - scale) < 0.05 * scale:
             break
@@ -150,49 +153,50 @@ def thinned(links: Sequence[Link], every: int) -> list[Link]:
 
 def residuals(model: Model, link: Link) -> tuple[Array, Array]:
     """Residuals (N, 2) of a link's matches, and their derivatives (N, 2, U) with respect to the vector of unknowns."""
-    first, second = _vectors(model)[[link.first, link.second]]
-    chains, columns = _chains(model)
-    residual, local = np.empty((len(link.first_px), 2)), np.zeros((len(link.first_px), 2, SIDES + len(model.nearness)))
-    jacobian = np.zeros((len(link.first_px), 2, len(_vector(model))))
+    views = vectors(model)
+    chains, columns = chains_of(model)
+    unknowns = len(vector(model))
+    nearness = unknowns - _nearness(model)
+    around = kernel_hall(model.surroundings)
+    residual, jacobian = np.empty((len(link.first_px), 2)), np.zeros((len(link.first_px), 2, unknowns))
+    local, by_near, nodes, shares = np.empty((2, SIDES)), np.empty(2), np.zeros(NODES, np.int64), np.zeros(NODES)
     for n, (first_px, second_px) in enumerate(zip(link.first_px, link.second_px, strict=True)):
-        _match(first, second, np.concatenate([first_px, second_px]), model.nearness, residual[n], local[n], np.empty(2))
-    for side, frame in enumerate((link.first, link.second)):
-        part = local[:, :, side * VIEW : (side + 1) * VIEW] @ chains[frame]
-        for column, along in zip(columns[frame], np.moveaxis(part, 2, 0), strict=True):
-            jacobian[:, :, column] += along
-    jacobian[:, :, jacobian.shape[2] - len(model.nearness) :] += local[:, :, SIDES:]
+        seen = residual[n]
+        transfer(
+            views[link.first], views[link.second], first_px[0], first_px[1], around, seen, local, by_near, nodes, shares
+        )  # fmt: skip
+        seen -= second_px
+        for side, frame in enumerate((link.first, link.second)):
+            part = local[:, side * VIEW : (side + 1) * VIEW] @ chains[frame]
+            np.add.at(jacobian[n].T, columns[frame], part.T)
+        if nearness < unknowns:
+            np.add.at(jacobian[n].T, nearness + nodes, np.outer(shares, by_near))
     return residual, jacobian
 
 
 SIDES = 2 * VIEW
-"""What a match depends on: both views' PARAMETERS and projection centres, and from this column on the nearness."""
+"""What a match depends on, beside the nearness: both views' PARAMETERS and projection centres."""
 CENTRE = len(PARAMETERS)
 
 
 @njit(cache=True, nogil=True)
-def _match(
-    first: Array, second: Array, pixels: Array, nearness: Array, residual: Array, jacobian: Array, nodes: Array
-) -> None:
-    """Residual (2,) of one match, ``pixels`` (4,), its derivatives (2, SIDES + A), and which two of the walls' azimuths
-    it touches. Columns of other azimuths are left as they are.
+def transfer(
+    first: Array, second: Array, u: float, v: float, hall: Hall, seen: Array, jacobian: Array, by_near: Array,
+    nodes: NDArray[np.int64], shares: Array,
+) -> None:  # fmt: skip
+    """Where the second frame sees (2,) what the first shows at (u, v); its derivatives with respect to both views
+    (2, SIDES) and to the nearness there (2,); and ``nodes`` and ``shares`` of that (`cylinder.near_at`).
 
     How the parallax itself turns with the view is left out of the derivatives: some thousandths.
     """
-    around = len(nearness)
-    azimuth, slope = look_through(first, pixels[0], pixels[1])
+    azimuth, slope = look_through(first, u, v)
     here, there = np.empty((2, SEEN)), np.empty((2, SEEN))
     see_with_derivatives(first, azimuth, slope, here)
     by_centre = np.zeros((2, 2, 3))  # of (azimuth, slope) on the way, by nearness times centre: of first and second
     towards = np.zeros(2)
-    near, share, walled = 0.0, 0.0, 0.0
-    if around:
-        place = (azimuth / (2 * np.pi)) % 1.0 * around
-        below = int(np.floor(place))
-        share = place - below
-        nodes[0], nodes[1] = below % around, (below + 1) % around
-        wall = (1.0 - share) * nearness[int(nodes[0])] + share * nearness[int(nodes[1])]
-        near = max(wall, -slope)
-        walled = 1.0 if wall > -slope else 0.0
+    near = 0.0
+    if len(hall[1]):
+        near = near_at(hall, azimuth, slope, nodes, shares)
         for side, view, sign in ((0, first, -1.0), (1, second, 1.0)):
             sin_a, cos_a = np.sin(azimuth - view[0]), np.cos(azimuth - view[0])
             by_centre[side, 0, 0], by_centre[side, 0, 1] = sign * sin_a, -sign * cos_a
@@ -205,7 +209,7 @@ def _match(
     # the pixel in the first frame stays: its direction moves against what the parameters do to it
     determinant = here[0, 8] * here[1, 9] - here[0, 9] * here[1, 8]
     for row in range(2):
-        residual[row] = there[row, 0] - pixels[2 + row]
+        seen[row] = there[row, 0]
         back_u = (there[row, 8] * here[1, 9] - there[row, 9] * here[1, 8]) / determinant
         back_v = (there[row, 9] * here[0, 8] - there[row, 8] * here[0, 9]) / determinant
         for k in range(CENTRE):
@@ -215,105 +219,161 @@ def _match(
             for axis in range(3):
                 along = there[row, 8] * by_centre[side, 0, axis] + there[row, 9] * by_centre[side, 1, axis]
                 jacobian[row, side * VIEW + CENTRE + axis] = near * along
-        if around:
-            along = walled * (there[row, 8] * towards[0] + there[row, 9] * towards[1])
-            jacobian[row, SIDES + int(nodes[0])] = (1.0 - share) * along
-            jacobian[row, SIDES + int(nodes[1])] = share * along
+        by_near[row] = there[row, 8] * towards[0] + there[row, 9] * towards[1]
+
+
+@njit(cache=True, nogil=True)
+def numbered(first: Array, points: Array, hall: Hall, number: NDArray[np.int64], used: NDArray[np.int64]) -> int:
+    """Number the nodes of the nearness that the points (N, 2) of a frame touch: how many they are, ``used`` (A + R A,)
+    their indices, and ``number`` (A + R A,) the inverse of that."""
+    count = 0
+    number[:] = -1
+    nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
+    for n in range(len(points) if len(hall[1]) else 0):
+        azimuth, slope = look_through(first, points[n, 0], points[n, 1])
+        near_at(hall, azimuth, slope, nodes, shares)
+        for node in nodes:
+            if number[node] < 0:
+                number[node] = count
+                used[count] = node
+                count += 1
+    return count
 
 
 def _normal_equations(
     model: Model, ends: NDArray[np.int64], bounds: NDArray[np.int64], pixels: Array, scale: float, length: Array
 ) -> tuple[Array, Array]:
     """Normal matrix (U, U) and gradient (U,) of all matches; ``length`` (N,) takes the lengths of their residuals."""
-    unknowns = len(_vector(model))
+    unknowns = len(vector(model))
     normal, gradient = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    chains, columns = _chains(model)
-    views = _vectors(model)
-    _accumulate(ends, bounds, pixels, views, chains, columns, model.nearness, scale, length, normal, gradient)
+    _accumulate(
+        ends,
+        bounds,
+        pixels,
+        vectors(model),
+        *chains_of(model),
+        kernel_hall(model.surroundings),
+        scale,
+        length,
+        normal,
+        gradient,
+    )
     return normal, gradient
 
 
 @njit(cache=True, nogil=True)
 def _accumulate(
     ends: NDArray[np.int64], bounds: NDArray[np.int64], pixels: Array, views: Array, chains: Array,
-    columns: NDArray[np.int64], nearness: Array, scale: float, length: Array, normal: Array, gradient: Array,
+    columns: NDArray[np.int64], hall: Hall, scale: float, length: Array, normal: Array, gradient: Array,
 ) -> None:  # fmt: skip
     """Sum up a link's matches by what they depend on, then carry the sums over to the unknowns by the chain rule."""
-    around, width = len(nearness), columns.shape[1]
-    size = SIDES + around
-    walls = len(gradient) - around
-    residual, jacobian, nodes = np.empty(2), np.zeros((2, size)), np.zeros(2)
-    touched = np.arange(SIDES + 2 if around else SIDES)
-    chain, into = np.zeros((size, 2 * width + around)), np.empty(2 * width + around, np.int64)
-    chain[SIDES:, 2 * width :] = np.eye(around)
-    into[2 * width :] = np.arange(walls, walls + around)
+    seen, jacobian, by_near = np.empty(2), np.empty((2, SIDES)), np.empty(2)
+    nodes, shares = np.zeros(NODES, np.int64), np.zeros(NODES)
+    number, used = np.empty((2, hall[1].size + hall[2].size), np.int64)
+    touched = np.arange(SIDES + NODES if len(hall[1]) else SIDES)
     for link in range(len(ends)):
-        summed, along = np.zeros((size, size)), np.zeros(size)
-        for n in range(bounds[link], bounds[link + 1]):
-            _match(views[ends[link, 0]], views[ends[link, 1]], pixels[n], nearness, residual, jacobian, nodes)
+        first, second = views[ends[link, 0]], views[ends[link, 1]]
+        matches = pixels[bounds[link] : bounds[link + 1]]
+        count = numbered(first, matches, hall, number, used)
+        summed, along, row = np.zeros((SIDES + count, SIDES + count)), np.zeros(SIDES + count), np.zeros(SIDES + count)
+        for n in range(len(matches)):
+            transfer(first, second, matches[n, 0], matches[n, 1], hall, seen, jacobian, by_near, nodes, shares)
+            residual = seen - matches[n, 2:]
             squared = residual[0] * residual[0] + residual[1] * residual[1]
-            length[n] = np.sqrt(squared)
+            length[bounds[link] + n] = np.sqrt(squared)
             weight = (scale * scale / (scale * scale + squared)) ** 2
-            if around:
-                touched[SIDES], touched[SIDES + 1] = SIDES + int(nodes[0]), SIDES + int(nodes[1])
-            for row in range(2):
+            for k in range(len(touched) - SIDES):
+                touched[SIDES + k] = SIDES + number[nodes[k]]
+            for side in range(2):
+                row[:SIDES] = jacobian[side]
+                for k in range(len(touched) - SIDES):
+                    row[touched[SIDES + k]] = shares[k] * by_near[side]
                 for i in touched:
-                    weighted = weight * jacobian[row, i]
-                    along[i] += weighted * residual[row]
+                    weighted = weight * row[i]
+                    along[i] += weighted * residual[side]
                     for j in touched:
-                        summed[i, j] += weighted * jacobian[row, j]
-        for side in range(2):
-            chain[side * VIEW : (side + 1) * VIEW, side * width : (side + 1) * width] = chains[ends[link, side]]
-            into[side * width : (side + 1) * width] = columns[ends[link, side]]
-        whole, part = chain.T @ (summed @ chain), chain.T @ along
-        for a in range(len(into)):
-            gradient[into[a]] += part[a]
-            for b in range(len(into)):
-                normal[into[a], into[b]] += whole[a, b]
+                        summed[i, j] += weighted * row[j]
+        carry(summed, along, chains, columns, ends[link], used[:count], normal, gradient)
+
+
+@njit(cache=True, nogil=True)
+def carry(
+    summed: Array, along: Array, chains: Array, columns: NDArray[np.int64], ends: NDArray[np.int64],
+    used: NDArray[np.int64], normal: Array, gradient: Array,
+) -> None:  # fmt: skip
+    """Add a link's normal matrix and gradient, with respect to both views and the nodes ``used``, to those of the
+    unknowns, by the chain rule."""
+    width = columns.shape[1]
+    chain, into = np.zeros((len(along), 2 * width + len(used))), np.empty(2 * width + len(used), np.int64)
+    for side in range(2):
+        chain[side * VIEW : (side + 1) * VIEW, side * width : (side + 1) * width] = chains[ends[side]]
+        into[side * width : (side + 1) * width] = columns[ends[side]]
+    chain[SIDES:, 2 * width :] = np.eye(len(used))
+    # the nearness comes after all that a view depends on
+    into[2 * width :] = columns.max() + 1 + used
+    whole, part = chain.T @ (summed @ chain), chain.T @ along
+    for i in range(len(into)):
+        gradient[into[i]] += part[i]
+        for j in range(len(into)):
+            normal[into[i], into[j]] += whole[i, j]
 
 
 # --------------------------------------------------------------------------------------------------------------
 # The vector of unknowns: pans, log focals, tilt, roll, principal point's coefficients (x and y in turn), k1's, offset,
-# travel, nearness.
+# travel, walls, departures.
 
 
-def _vector(model: Model) -> Array:
+def vector(model: Model) -> Array:
     return np.concatenate([
         model.pan_rad, model.log_focal, [model.tilt_rad, model.roll_rad], model.principal_px.ravel(), model.k1,
-        model.offset, [model.travel], model.nearness,
+        model.offset, [model.travel], model.surroundings.walls, model.surroundings.departures.ravel(),
     ])  # fmt: skip
 
 
-def _information(model: Model, sigmas: Sigmas) -> Array:
+def information(model: Model, sigmas: Sigmas) -> Array:
+    """The inverse covariance (U, U) of what is believed before the matches."""
     focal = np.zeros(len(model.log_focal))
     focal[0] = sigmas.reference_focal**-2.0
-    walls = len(model.nearness)
+    rows, around = model.surroundings.departures.shape
     information = np.diag(np.concatenate([
         np.zeros(len(model.pan_rad)), focal, np.full(2, sigmas.angle_rad**-2.0),
         np.repeat(sigmas.principal_px**-2.0, 2), sigmas.k1**-2.0, np.full(2, sigmas.offset**-2.0),
-        [sigmas.travel**-2.0], np.full(walls, sigmas.nearness**-2.0),
+        [sigmas.travel**-2.0], np.full(around, sigmas.walls**-2.0), np.full(rows * around, sigmas.departures**-2.0),
     ]))  # fmt: skip
-    steps = np.eye(walls) - np.roll(np.eye(walls), 1, axis=1)
-    information[len(information) - walls :, len(information) - walls :] += steps.T @ steps * sigmas.unevenness**-2.0
+    if around:
+        beside = np.eye(around) - np.roll(np.eye(around), 1, axis=1)
+        above = np.diff(np.eye(rows), axis=0)
+        rough = np.kron(np.eye(rows), beside.T @ beside) + np.kron(above.T @ above, np.eye(around))
+        walls, departures = slice(-_nearness(model), -rows * around), slice(-rows * around, None)
+        information[walls, walls] += beside.T @ beside * sigmas.unevenness**-2.0
+        information[departures, departures] += rough * sigmas.roughness**-2.0
     return information
 
 
-def _stepped(model: Model, step: Array) -> Model:
-    vector = _vector(model) + step
+def _nearness(model: Model) -> int:
+    """How many unknowns the surroundings are."""
+    return model.surroundings.walls.size + model.surroundings.departures.size
+
+
+def stepped(model: Model, step: Array) -> Model:
+    there = vector(model) + step
+    hall = model.surroundings
     counts = [len(model.pan_rad), len(model.log_focal), 2, 2 * len(model.principal_px), len(model.k1), 2, 1]
-    pan, focal, angles, principal, k1, offset, travel, nearness = np.split(vector, np.cumsum(counts))
+    pan, focal, angles, principal, k1, offset, travel, walls, departures = np.split(
+        there, np.cumsum([*counts, len(hall.walls)])
+    )
     return Model(
         pan, focal, model.pan_of, model.focal_of, float(angles[0]), float(angles[1]), principal.reshape(-1, 2), k1,
-        offset, float(travel[0]), nearness,
+        offset, float(travel[0]), replace(hall, walls=walls, departures=departures.reshape(hall.departures.shape)),
     )  # fmt: skip
 
 
-def _vectors(model: Model) -> Array:
+def vectors(model: Model) -> Array:
     """(F, VIEW) every frame's view."""
     return np.array([model.view(frame).vector() for frame in range(len(model.pan_of))])
 
 
-def _chains(model: Model) -> tuple[Array, NDArray[np.int64]]:
+def chains_of(model: Model) -> tuple[Array, NDArray[np.int64]]:
     """The derivatives (F, VIEW, C) of each frame's view with respect to the unknowns it touches, and these (F, C)."""
     pans, focals = len(model.pan_rad), len(model.log_focal)
     p, q = len(model.principal_px), len(model.k1)

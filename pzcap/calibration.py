@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap import camera as geometry
-from pzcap import cylinder, features, panorama, reference
+from pzcap import cylinder, direct, features, panorama, reference
 from pzcap.bundle import Adjusted, Link, Model, Sigmas, adjust, thinned
 from pzcap.camera import View
 from pzcap.features import Features
-from pzcap.panorama import Frames
+from pzcap.panorama import Brightness, Frames
 from pzcap.panzoom import PanZoomConfig, panorama_features, ransac_eq15, solve_eq15
 from pzcap.sweep import chain, grey, link_further, link_views, place, spaced
 from pzcap.types import (
+    FAR_AWAY,
     Array,
     CalibrationObject,
     Camera,
@@ -31,6 +32,7 @@ from pzcap.types import (
     PanZoomCamera,
     PzcapError,
     ReferenceCamera,
+    Surroundings,
 )
 from pzcap.zoom import link_zoom
 
@@ -38,7 +40,7 @@ PRINCIPAL_SHARE = 0.01  # standard deviation of the principal point about the ce
 ANGLE_SIGMA_RAD = 0.2  # of tilt and roll
 K1_SIGMA = 0.1
 MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor
-WALLS = 36  # azimuths at which the walls' distance is estimated
+NODES = (10, 72)  # slopes and azimuths at which the hall's distance is estimated
 WALL_NEARNESS = 0.15  # inverse distance of a wall before anything is known, in inverse heights of the camera
 FOCAL_SIGMA = 0.005  # relative, of the reference calibration
 
@@ -110,18 +112,27 @@ def _prepare_exact(
     start = Model(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
         _padded(coarse.principal_px, 2 if zoom else 1), _padded(coarse.k1[:, None], 3 if zoom else 1)[:, 0],
-        coarse.offset, 0.0, np.full(WALLS, WALL_NEARNESS),
+        coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height),
     )  # fmt: skip
     sigmas = _sigmas(width, full_turn, zoom is not None)
     quick = adjust(start, thinned(links, 5), sigmas, scale_px=4.0, iterations=12).model
     adjusted = adjust(quick, links, sigmas, prior=start, scale_px=1.0, iterations=6)
-    model = adjusted.model
+    brightness = panorama.fit_brightness([*chained.links, *further], count, adjusted.model.view(0), width, height)
+    frames = _stored(sweep, reference_image, zoom, brightness, adjusted.model.view(0), config)
+    pairs = dict.fromkeys((link.first, link.second) for link in links)
+    overlaps = [direct.overlap(frames, adjusted.model, *pair) for pair in pairs]
+    fitted = direct.adjust(
+        adjusted.model, frames, [one for one in overlaps if one is not None], sigmas, prior=start,
+        report=lambda done: report("adjust", done, direct.ITERATIONS),
+    )  # fmt: skip
+    model = fitted.model
+    if DEBUG is not None:
+        DEBUG.update(locals())
 
     taken = model.view(count)
     known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.k1)
     refined = reference.resolve(first, known, config.reference)
     camera, surroundings = _measured(model, taken.pan_rad, refined.camera)
-    brightness = panorama.fit_brightness([*chained.links, *further], count, model.view(0), width, height)
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     swept = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     pasted = panorama.stitch(
@@ -137,7 +148,7 @@ def _prepare_exact(
     return Prepared(refined, background, camera)
 
 
-def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, panorama.Surroundings]:
+def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, Surroundings]:
     """The model in metres, as it took the reference image, azimuths from its pan on.
 
     The floor is where the calibration object stands, at world height 0. Were it elsewhere, offset and distances would
@@ -149,9 +160,18 @@ def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCa
         model.lens(taken.width, taken.height), np.eye(4), model.tilt_rad, model.roll_rad, model.offset * height_m,
         model.travel * height_m,
     )  # fmt: skip
-    azimuth = origin_rad + np.arange(WALLS) * 2 * np.pi / WALLS
-    nearness = cylinder.periodic(model.nearness, azimuth) / height_m
-    return geometry.mount(taken, camera), panorama.Surroundings(height_m, nearness)
+    return geometry.mount(taken, camera), _turned(model.surroundings, origin_rad, height_m)
+
+
+def _turned(hall: Surroundings, origin_rad: float, height_m: float) -> Surroundings:
+    """Surroundings in camera heights, in metres and with azimuths from ``origin_rad`` on."""
+    around = len(hall.walls)
+    place = np.mod(origin_rad / (2 * np.pi), 1.0) * around + np.arange(around)
+    below = np.floor(place).astype(np.int64)
+    share, below, above = place - below, below % around, (below + 1) % around
+    walls = (1 - share) * hall.walls[below] + share * hall.walls[above]
+    departures = (1 - share) * hall.departures[:, below] + share * hall.departures[:, above]
+    return Surroundings(height_m, walls / height_m, departures, hall.slopes)
 
 
 def _start(view: View, pan_rad: Array) -> Model:
@@ -159,8 +179,17 @@ def _start(view: View, pan_rad: Array) -> Model:
     return Model(
         pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
         view.principal_px[None], np.array([view.k1]),
-        np.zeros(2), 0.0, np.zeros(0),
+        np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
+
+
+def _floor_and_walls(view: View, width: int, height: int) -> Surroundings:
+    """What is believed of a hall before anything is known, in camera heights."""
+    edge = np.linspace(0, width - 1, 32)
+    border = np.array([(u, v) for v in (0.0, height - 1.0) for u in edge])
+    _, slope = geometry.look(view, border)
+    slopes = np.array([slope.min(), slope.max()])
+    return Surroundings(1.0, np.full(NODES[1], WALL_NEARNESS), np.zeros(NODES), slopes)
 
 
 def _sigmas(width: int, full_turn: bool, zoom: bool) -> Sigmas:
@@ -206,6 +235,29 @@ def _place_reference(
     if best < config.sweep.min_matches or not kept:
         raise PzcapError("reference image: it shows nothing of what the sweep showed; sweep past the reference pose")
     return pan, kept
+
+
+DEBUG = None
+
+
+def _stored(
+    sweep: Frames, reference_image: Image, zoom: Frames | None, brightness: Brightness, view: View,
+    config: PanZoomConfig,
+) -> list[direct.Stored]:  # fmt: skip
+    """The frames of the sweep, the reference image and those of the zoom run, vignetting taken out."""
+    flat = panorama.flatness(brightness, view, reference_image.shape[1], reference_image.shape[0])
+    kept = [direct.stored(grey(image), flat * np.exp(-brightness.log_gain[k])) for k, (_, image) in enumerate(sweep)]
+    kept.append(direct.stored(grey(reference_image), flat))
+    return kept + [direct.stored(grey(image), flat) for image in _zoom_frames(zoom, config)]
+
+
+def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[Image]:
+    """Some frames of the zoom run, evenly spaced."""
+    if zoom is None:
+        return []
+    count = sum(1 for _ in zoom)
+    chosen = set(np.round(np.linspace(0, count - 1, min(count, config.sweep.zoom_frames))).astype(int).tolist())
+    return [image for number, (_, image) in enumerate(zoom) if number in chosen]
 
 
 def _zoom_features(zoom: Frames, config: PanZoomConfig, report: Callable[[str, int, int], None]) -> list[Features]:

@@ -7,14 +7,16 @@ exact cylinder stands about the pan axis, and `pzcap.camera` takes its points to
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pzcap import camera as geometry
 from pzcap.camera import View
-from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
+from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera, Surroundings
 
 GRID = 4  # maps are smooth: they are computed at every fourth pixel and interpolated, to 0.003 px
 
@@ -57,32 +59,73 @@ def warp_background(
     return np.asarray(image, np.uint8), valid
 
 
-def inverse_distance(height_m: float, nearness: Array, azimuth_rad: Array, slope: Array) -> Array:
-    """How near what is seen in these directions (...) is, 1 / m horizontally: the floor, or the wall before it.
+Hall = tuple[float, Array, Array, Array]
+"""The fields of `types.Surroundings`, for kernels."""
 
-    ``height_m`` and ``nearness`` as in `types.Panorama`.
+
+def kernel_hall(surroundings: Surroundings) -> Hall:
+    return surroundings.height_m, surroundings.walls, surroundings.departures, surroundings.slopes
+
+
+def inverse_distance(surroundings: Surroundings, azimuth_rad: Array, slope: Array) -> Array:
+    """How near what is seen in these directions (...) is, 1 / m horizontally."""
+    azimuth, slope = np.broadcast_arrays(azimuth_rad, slope)
+    near = np.zeros(azimuth.size)
+    if len(surroundings.walls):
+        _near_all(kernel_hall(surroundings), azimuth.ravel(), slope.ravel(), near)
+    return near.reshape(azimuth.shape)
+
+
+NODES: Final = 6
+
+
+@njit(cache=True, nogil=True)
+def near_at(hall: Hall, azimuth: float, slope: float, nodes: NDArray[np.int64], shares: Array) -> float:
+    """`inverse_distance` in one direction, for other kernels; linear between neighbours.
+
+    ``nodes`` (NODES,) takes the indices of what it is made of, in walls followed by departures, and ``shares`` (NODES,)
+    the derivatives with respect to these.
     """
-    return np.maximum(-slope / height_m, periodic(nearness, azimuth_rad))
+    height, walls, departures, slopes = hall
+    rows, around = departures.shape
+    up = min(max((slope - slopes[0]) / (slopes[1] - slopes[0]), 0.0), 1.0) * (rows - 1)
+    row = min(int(up), rows - 2)
+    left = (azimuth / (2 * np.pi)) % 1.0 * around
+    column = int(left) % around
+    b, a = up - row, left - int(left)
+    beyond = (column + 1) % around
+    wall, floor = (1 - a) * walls[column] + a * walls[beyond], -slope / height
+    nodes[0], nodes[1] = column, beyond
+    nodes[2], nodes[3] = around * (row + 1) + column, around * (row + 1) + beyond
+    nodes[4], nodes[5] = nodes[2] + around, nodes[3] + around
+    shares[2], shares[3], shares[4], shares[5] = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
+    nearer = (
+        1.0 + shares[2] * departures[row, column] + shares[3] * departures[row, beyond]
+        + shares[4] * departures[row + 1, column] + shares[5] * departures[row + 1, beyond]
+    )  # fmt: skip
+    before = nearer if wall > floor else 0.0
+    shares[0], shares[1] = before * (1 - a), before * a
+    shares[2:] *= max(wall, floor)
+    return max(wall, floor) * nearer
 
 
-def periodic(samples: Array, azimuth_rad: Array) -> Array:
-    """Linear interpolation in ``samples`` (A,), equally spaced over the turn from azimuth 0 on."""
-    place = np.mod(azimuth_rad / (2 * np.pi), 1.0) * len(samples)
-    below = np.floor(place).astype(np.int64)
-    share = place - below
-    return (1.0 - share) * samples[below % len(samples)] + share * samples[(below + 1) % len(samples)]
+@njit(cache=True, nogil=True)
+def _near_all(hall: Hall, azimuth: Array, slope: Array, near: Array) -> None:
+    nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
+    for n in range(len(near)):
+        near[n] = near_at(hall, azimuth[n], slope[n], nodes, shares)
 
 
 def from_axis(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
     """Directions (...) seen from the projection centre, as they are seen from the pan axis, like the panorama."""
-    near = inverse_distance(panorama.height_m, panorama.nearness, azimuth_rad, slope)
+    near = inverse_distance(panorama.surroundings, azimuth_rad, slope)
     d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
     return azimuth_rad - d_azimuth, slope - d_slope
 
 
 def from_centre(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
     """Directions (...) of the panorama, as they are seen from the projection centre; undoes `from_axis`."""
-    near = inverse_distance(panorama.height_m, panorama.nearness, azimuth_rad, slope)
+    near = inverse_distance(panorama.surroundings, azimuth_rad, slope)
     d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
     return azimuth_rad + d_azimuth, slope + d_slope
 

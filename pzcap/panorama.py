@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pzcap import camera as geometry
 from pzcap import cylinder, features
 from pzcap.bundle import Link
 from pzcap.camera import View
 from pzcap.sweep import SweepConfig, grey
-from pzcap.types import Array, Image, Mask, Panorama, PzcapError
+from pzcap.types import Array, Image, Mask, Panorama, PzcapError, Surroundings
 
 Frames = Iterable[tuple[int, Image]]
 """Index and image (H, W, 3), as `video.VideoReader` yields them; is iterated more than once."""
@@ -32,14 +33,6 @@ class Brightness:
 
     log_gain: Array  # (M,) of each frame of the sweep
     vignetting: Array  # (2,) of r^2 and r^4 in the log of the brightness, r = 1 in the image's corner
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
-    """How near the hall is; as in `types.Panorama`."""
-
-    height_m: float
-    nearness: Array  # (A,)
 
 
 def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, height: int) -> Brightness:
@@ -74,6 +67,13 @@ def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, h
     return Brightness(solution[:frames], solution[frames:])
 
 
+def flatness(brightness: Brightness, view: View, width: int, height: int) -> NDArray[np.float32]:
+    """(H, W) what a frame's brightness is multiplied with to take the vignetting out."""
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    pixels = np.stack([u, v], axis=-1).astype(np.float64)
+    return np.exp(-_radial(pixels, view, width, height) @ brightness.vignetting).astype(np.float32)
+
+
 def _radial(points_px: Array, view: View, width: int, height: int) -> Array:
     """(..., 2) r^2 and r^4 of pixels (..., 2)."""
     squared = np.sum((points_px - view.principal_px) ** 2, axis=-1) / (width**2 + height**2) * 4.0
@@ -98,7 +98,7 @@ def stitch(
     for number, (_, image) in enumerate(frames):
         if canvas is None:
             size = (image.shape[1], image.shape[0])
-            canvas = _Canvas(view, pan_rad, full_turn, size, brightness.vignetting, surroundings)
+            canvas = _Canvas(view, pan_rad, full_turn, size, brightness, surroundings)
         canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]))
         report(number + 1)
     if canvas is None:
@@ -106,7 +106,7 @@ def stitch(
     image, valid = canvas.finish()
     return Panorama(
         image, valid, canvas.px_per_rad, canvas.origin, full_turn, pan_rad, np.zeros(len(pan_rad), np.int64), 0.0, 0.0,
-        surroundings.height_m, surroundings.nearness,
+        surroundings,
     )  # fmt: skip
 
 
@@ -119,7 +119,7 @@ class _Canvas:
         pan_rad: Array,
         full_turn: bool,
         size: tuple[int, int],
-        vignetting: Array,
+        brightness: Brightness,
         surroundings: Surroundings,
     ) -> None:
         width, height = size
@@ -145,8 +145,7 @@ class _Canvas:
         self.colour = np.zeros((rows, columns, 3), np.float32)
         self.weight = np.zeros((rows, columns), np.float32)
         u, v = np.meshgrid(np.arange(width), np.arange(height))
-        pixels = np.stack([u, v], axis=-1).astype(np.float64)
-        self.flat = np.exp(-_radial(pixels, view, width, height) @ vignetting).astype(np.float32)
+        self.flat = flatness(brightness, view, width, height)
         across = 1.0 - np.abs(2.0 * u / (width - 1) - 1.0)
         edge = np.minimum(v, height - 1 - v) / FEATHER_ROWS
         # the outermost ring weighs nothing: what interpolation takes from beyond the edge does not count
@@ -163,7 +162,7 @@ class _Canvas:
         def to_frame(points_px: Array) -> Array:
             offset = (self.origin - points_px - np.array([start, 0.0])) / self.px_per_rad
             azimuth, slope = offset[..., 0], offset[..., 1]
-            near = cylinder.inverse_distance(self.surroundings.height_m, self.surroundings.nearness, azimuth, slope)
+            near = cylinder.inverse_distance(self.surroundings, azimuth, slope)
             moved = geometry.parallax(turned, azimuth, slope, near)
             return geometry.see(turned, azimuth + moved[0], slope + moved[1])[0]
 

@@ -223,6 +223,22 @@ class ReferenceCamera:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """How near the hall is, as far as it matters to a projection centre that is not quite on the pan axis.
+
+    Inverse horizontal distance, 1 / m: a floor so far below, or the wall before it, and what departs from these.
+    """
+
+    height_m: float
+    walls: Array  # (A,) at equally spaced azimuths round the turn, from 0 to the left; none: all is far away
+    departures: Array  # (R, A) how much nearer it is, as a share of that; rows at equally spaced slopes
+    slopes: Array  # (2,) of their first and last row
+
+
+FAR_AWAY: Final = Surroundings(1.0, np.zeros(0), np.zeros((0, 0)), np.zeros(2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Panorama:
     """The empty hall on a cylinder about the pan axis (section 3, eqs. 3-6).
 
@@ -240,10 +256,7 @@ class Panorama:
     sweep_inliers: NDArray[np.int64]  # (M,) feature matches that agreed with the neighbouring frames
     closure_rad: float  # what the chain of displacements missed the full turn by, before it was distributed
     residual_px: float  # RMS of the sweep's feature matches after the adjustment
-    # how near the hall is, as far as it matters to a projection centre that is not quite on the pan axis: a floor so
-    # far below, and walls; inverse distances at equally spaced azimuths, from 0 to the left
-    height_m: float = 1.0
-    nearness: Array = field(default_factory=lambda: np.zeros(1))  # (A,) 1 / m
+    surroundings: Surroundings = FAR_AWAY
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,7 @@ import pytest
 from pzcap.align import BY_LOG_FOCAL, BY_PAN, COLUMN, VALUE, Aligner
 from pzcap.camera import look, view_at
 from pzcap.cylinder import from_axis, to_panorama
+from pzcap.types import Surroundings
 from tests import synthetic
 from tests.test_cylinder import camera_of, whole_turn
 
@@ -33,10 +34,13 @@ def aligner() -> Aligner:
     return Aligner(panorama, camera_of(OPTICS))
 
 
+HALL = Surroundings(1.7, np.linspace(0.05, 0.6, 12), np.linspace(0, 0.1, 24).reshape(2, 12), np.array([-0.4, 0.3]))
+
+
 def test_samples_stand_where_the_camera_looks(aligner: Aligner) -> None:
     """The compiled loop against `camera.look` and `cylinder.from_axis`, parallax and the seam included."""
     camera = replace(camera_of(OPTICS), offset_m=np.array([0.005, -0.003]), travel_m=0.004)
-    panorama = replace(aligner._panorama, height_m=1.7, nearness=np.linspace(0.05, 0.6, 12))
+    panorama = replace(aligner._panorama, surroundings=HALL)
     beside = Aligner(panorama, camera)
     for pan in (-3.0, 0.2, 3.1):
         sampled = beside._sample(beside._levels[0], PIXELS, pan, 500.0)

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from pzcap import bundle, camera
 from pzcap.bundle import Link, Model, Sigmas
-from pzcap.types import Array
+from pzcap.types import FAR_AWAY, Array, Surroundings
 
+HALL = Surroundings(1.0, np.full(36, 0.15), np.zeros((4, 36)), np.array([-0.4, 0.3]))
+NEAR = replace(HALL, walls=np.linspace(0.1, 0.9, 36), departures=np.linspace(0.0, 0.1, 144).reshape(4, 36))
 SIGMAS = Sigmas(0.05, 0.2, np.array([6.4, 6.4]), np.array([0.1, 0.1, 0.05]))
 
 
@@ -23,7 +25,7 @@ def truth() -> Model:
     focals = np.log([880.0, 620.0, 880.0, 1200.0, 1600.0, 2100.0, 2600.0])
     return Model(
         pans, focals, np.array([*range(24)] + [24] * 6), np.array([0] * 24 + [*range(1, 7)]), -0.07, 0.009,
-        np.array([[323.0, 236.5], [1.0, -0.6]]), np.array([-0.04, 0.05, -0.01]), np.zeros(2), 0.0, np.zeros(0),
+        np.array([[323.0, 236.5], [1.0, -0.6]]), np.array([-0.04, 0.05, -0.01]), np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
 
 
@@ -56,7 +58,7 @@ def start() -> Model:
     focals = true.log_focal + rng.normal(0, 0.01, len(true.log_focal))
     return Model(
         pans, focals, true.pan_of, true.focal_of, -0.06, 0.0, np.array([[319.5, 239.5], [0, 0]]), np.zeros(3),
-        np.zeros(2), 0.0, np.zeros(0),
+        np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
 
 
@@ -85,10 +87,9 @@ def test_derivatives_match_finite_differences(
     tilt: float, roll: float, k1: float, beside: float, hall_is_near: bool
 ) -> None:
     """With respect to every unknown: the chain rule through pans, zooms, lens, offset, travel and walls."""
-    walls = np.linspace(0.1, 0.9, 12) if hall_is_near else np.zeros(0)
     model = replace(
         truth(), tilt_rad=tilt, roll_rad=roll, k1=np.array([k1, 0.05, -0.01]), offset=np.array([3e-3, beside]),
-        travel=2e-3, nearness=walls,
+        travel=2e-3, surroundings=NEAR if hall_is_near else FAR_AWAY,
     )  # fmt: skip
     points = np.stack(np.meshgrid(np.linspace(0, 639, 5), np.linspace(0, 479, 4)), axis=-1).reshape(-1, 2)
     match = Link(1, 25, points, points, np.zeros(len(points)))
@@ -96,8 +97,8 @@ def test_derivatives_match_finite_differences(
     for column in range(analytic.shape[2]):
         step = np.zeros(analytic.shape[2])
         step[column] = 1e-6
-        ahead = bundle.residuals(bundle._stepped(model, step), match)[0]
-        behind = bundle.residuals(bundle._stepped(model, -step), match)[0]
+        ahead = bundle.residuals(bundle.stepped(model, step), match)[0]
+        behind = bundle.residuals(bundle.stepped(model, -step), match)[0]
         numeric = (ahead - behind) / 2e-6
         # how the parallax itself turns with the view is left out: some thousandths
         atol = 0.005 * np.abs(numeric).max() + 0.02
@@ -106,9 +107,9 @@ def test_derivatives_match_finite_differences(
 
 def test_normal_equations_are_those_of_the_residuals() -> None:
     """The sums over all links, compiled, against the weighted products of the derivatives of each match."""
-    model = replace(start(), offset=np.array([3e-3, -2e-3]), nearness=np.linspace(0.1, 0.9, 12))
+    model = replace(start(), offset=np.array([3e-3, -2e-3]), surroundings=NEAR)
     made, scale = links(truth(), noise=0.3), 2.0
-    unknowns = len(bundle._vector(model))
+    unknowns = len(bundle.vector(model))
     normal, gradient = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     for one in made:
         residual, jacobian = bundle.residuals(model, one)
@@ -150,7 +151,7 @@ def test_a_projection_centre_beside_the_axis_is_found_and_does_not_disturb() -> 
             noise = rng.normal(0, 0.1, (len(both), 2))
             made.append(Link(a, b, in_a[both], in_b[both] + noise, np.zeros(len(both))))
     blind = bundle.adjust(start(), made, SIGMAS).model
-    found = bundle.adjust(replace(start(), nearness=np.full(36, 0.15)), made, SIGMAS).model
+    found = bundle.adjust(replace(start(), surroundings=HALL), made, SIGMAS).model
     np.testing.assert_allclose(found.offset, offset, rtol=0.15)
     assert np.abs(found.log_focal[0] - model.log_focal[0]) < 2e-4
     assert np.abs(found.pan_rad - model.pan_rad).max() < np.deg2rad(0.01)

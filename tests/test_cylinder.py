@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pzcap import cylinder
 from pzcap.camera import head_T_cam, look, view_at
-from pzcap.types import Lens, Panorama, PanZoomCamera
+from pzcap.types import Lens, Panorama, PanZoomCamera, Surroundings
 from tests import synthetic
 
 
@@ -49,7 +49,8 @@ def test_panorama_pixels_and_directions_are_inverse(azimuth: float, slope: float
 @given(st.floats(-3, 3), st.floats(-0.4, 0.4), st.floats(-0.3, 0.3))
 def test_parallax_is_what_three_dimensions_give(pan: float, alpha: float, slope: float) -> None:
     """A point on a wall 3 m off or on the floor, seen from the axis and from some millimetres beside it."""
-    panorama = replace(whole_turn(0), height_m=1.7, nearness=np.full(8, 1 / 3.0))
+    hall = Surroundings(1.7, np.full(8, 1 / 3.0), np.zeros((2, 8)), np.array([-0.4, 0.4]))
+    panorama = replace(whole_turn(0), surroundings=hall)
     camera = replace(camera_of(synthetic.Optics()), offset_m=np.array([0.005, -0.003]), travel_m=0.004)
     distance = min(3.0, 1.7 / max(-slope, 1e-9))
     azimuth = pan + alpha
@@ -64,11 +65,14 @@ def test_parallax_is_what_three_dimensions_give(pan: float, alpha: float, slope:
     np.testing.assert_allclose([back[0][0], back[1][0]], [azimuth, slope], atol=1e-5)
 
 
-def test_periodic_interpolation_wraps() -> None:
-    samples = np.array([0.0, 1.0, 2.0, 1.0])
+def test_nearness_is_linear_between_its_nodes_and_wraps() -> None:
+    around = np.array([0.0, 1.0, 2.0, 1.0])
+    hall = Surroundings(0.5, around, np.stack([0 * around, around + 1.0]), np.array([-0.5, 0.5]))
     quarter = np.pi / 2
-    found = cylinder.periodic(samples, np.array([0.0, quarter, -quarter / 2, 4 * quarter, 2.5 * quarter]))
-    np.testing.assert_allclose(found, [0.0, 1.0, 0.5, 0.0, 1.5], atol=1e-12)
+    azimuth = np.array([0.0, quarter, -quarter / 2, 4 * quarter, 2.5 * quarter, quarter, quarter])
+    slope = np.array([-0.5, -0.5, -0.5, -0.5, -0.5, 0.0, 3.0])
+    found = cylinder.inverse_distance(hall, azimuth, slope)
+    np.testing.assert_allclose(found, [1.0, 1.0, 1.0, 1.0, 1.5, 2.0, 3.0], atol=1e-12)
 
 
 def test_interpolated_maps_are_exact_to_a_fiftieth_of_a_pixel() -> None:

@@ -11,14 +11,13 @@ from pzcap import bundle, panorama, sweep
 from pzcap.bundle import Link
 from pzcap.camera import View
 from pzcap.sweep import SweepConfig
-from pzcap.types import Array, Image, PzcapError
+from pzcap.types import FAR_AWAY, Array, Image, PzcapError
 from tests import synthetic
 
 OPTICS = synthetic.Optics()
 WIDTH, HEIGHT, FOCAL = OPTICS.width, OPTICS.height, OPTICS.reference_focal_px
 VIEW = View(0.0, OPTICS.tilt_rad, OPTICS.roll_rad, FOCAL, np.array(OPTICS.principal_px), OPTICS.k1)
 QUIET = panorama.Brightness(np.zeros(99), np.zeros(2))
-FAR = panorama.Surroundings(1.0, np.zeros(1))
 
 
 def silent(done: int) -> None:
@@ -40,7 +39,7 @@ def hall_at(azimuth: Array, slope: Array) -> Array:
 def test_a_partial_sweep_is_pasted_where_it_belongs() -> None:
     pans = np.deg2rad(np.arange(0.0, 40.0, 5.0))
     bright = panorama.Brightness(np.zeros(len(pans)), np.array([-0.2, -0.02]))  # log(1 - 0.2 r^2)
-    found = panorama.stitch(frames(OPTICS, pans), pans, VIEW, False, bright, FAR, silent)
+    found = panorama.stitch(frames(OPTICS, pans), pans, VIEW, False, bright, FAR_AWAY, silent)
     row, column = np.nonzero(found.valid)
     azimuth = (found.origin_px[0] - column) / found.px_per_rad
     slope = (found.origin_px[1] - row) / found.px_per_rad
@@ -55,7 +54,7 @@ def test_a_partial_sweep_is_pasted_where_it_belongs() -> None:
 def test_a_full_turn_wraps_and_shows_no_seam() -> None:
     pans = np.deg2rad(np.arange(0.0, 360.0, 12.0))
     bright = panorama.Brightness(np.zeros(len(pans)), np.array([-0.2, -0.02]))
-    found = panorama.stitch(frames(OPTICS, pans), pans, VIEW, True, bright, FAR, silent)
+    found = panorama.stitch(frames(OPTICS, pans), pans, VIEW, True, bright, FAR_AWAY, silent)
     assert found.image.shape[1] == pytest.approx(2 * np.pi * found.px_per_rad)
     assert found.valid[40:-40].all()
     row, column = np.nonzero(found.valid)
@@ -89,7 +88,7 @@ def test_a_partial_sweep_is_adjusted_without_closure() -> None:
     count = len(pans)
     start = bundle.Model(
         chain.pan_rad, np.array([np.log(guess.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
-        guess.principal_px[None], np.zeros(1), np.zeros(2), 0.0, np.zeros(0),
+        guess.principal_px[None], np.zeros(1), np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
     sigmas = bundle.Sigmas(0.002, 0.2, np.array([3.2]), np.array([0.1]))
     found = bundle.adjust(start, chain.links, sigmas).model
@@ -121,4 +120,4 @@ def test_gaps_and_open_circles_are_said_in_one_line() -> None:
     with pytest.raises(PzcapError, match="too few"):
         panorama.stitch_paper(frames(OPTICS, np.zeros(1)), FOCAL, SweepConfig(), silent)
     with pytest.raises(PzcapError, match="no frames"):
-        panorama.stitch([], np.zeros(0), VIEW, False, QUIET, FAR, silent)
+        panorama.stitch([], np.zeros(0), VIEW, False, QUIET, FAR_AWAY, silent)

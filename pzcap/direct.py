@@ -1,0 +1,244 @@
+"""The adjustment of `pzcap.bundle` on grey values: frames of one camera against each other, pixel by pixel.
+
+Features are found to a quarter of a pixel; the grey values of a few thousand pixels with an edge in them say better
+where two frames lie on each other. The residual of a pixel is what the second frame shows where it should see it, minus
+the first frame's grey value, made as bright by a gain and a shading that belong to the link. So the same unknowns are
+fitted as there, with the same transfer from frame to frame, weighted by the gradient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pzcap import camera as geometry
+from pzcap.bundle import (
+    SIDES,
+    Model,
+    Sigmas,
+    carry,
+    chains_of,
+    information,
+    numbered,
+    stepped,
+    transfer,
+    vector,
+    vectors,
+)
+from pzcap.cylinder import NODES, Hall, kernel_hall
+from pzcap.types import Array, Image
+
+PIXELS = 700  # of a link, at most
+TILE = 16  # pixels: edges are taken from everywhere, so many across
+STRONGEST = 12  # of each tile
+BORDER = 4  # pixels at the edge left out
+SMOOTHING = 0.8  # pixels: less noise, and an image that a cubic can follow between its pixels
+STORED = 64.0  # steps to a grey level
+ITERATIONS = 6
+DOUBT = 100.0  # what is left over is no noise but the same everywhere: so many pixels are worth one
+SETTLED_RAD = 2e-7  # a step this small ends the adjustment: a five thousandth of a pixel
+
+Stored = NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Overlap:
+    """Pixels of one frame that another sees."""
+
+    first: int
+    second: int
+    points_px: Array  # (N, 2) in the first frame
+    grey: Array  # (N,) there
+    radial: Array  # (N,) squared distance from the middle of the first frame, 1 in its corners
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    model: Model
+    covariance: Array  # (U, U) of `bundle.vector`, from the residuals alone
+    residual: float  # grey levels, RMS of what agrees
+
+
+def stored(image: Image, flat: Array | NDArray[np.float32]) -> Stored:
+    """A frame (H, W) as it is kept: smoothed a little, ``flat`` (H, W) times as bright."""
+    soft = cv2.GaussianBlur(image.astype(np.float32) * flat.astype(np.float32), (0, 0), SMOOTHING)
+    return np.asarray(np.clip(np.rint(soft * STORED), 0, 65535), np.uint16)
+
+
+def overlap(frames: Sequence[Stored], model: Model, first: int, second: int) -> Overlap | None:
+    """Pixels of two frames to be compared; the finer of the two is shrunk to the other's resolution.
+
+    None if the frames share too little.
+    """
+    views = model.view(first), model.view(second)
+    shrink = views[0].focal_px / views[1].focal_px
+    if shrink < 0.999:
+        first, second, views, shrink = second, first, (views[1], views[0]), 1.0 / shrink
+    height, width = frames[first].shape
+    size = (round(width / shrink), round(height / shrink))
+    small = frames[first] if shrink < 1.001 else cv2.resize(frames[first], size, interpolation=cv2.INTER_AREA)
+    chosen = _edges(np.asarray(small, np.uint16))
+    ratio = np.array([width / size[0], height / size[1]])
+    points = (chosen.astype(np.float64) + 0.5) * ratio - 0.5
+    seen, front = geometry.see(views[1], *geometry.look(views[0], points))
+    inside = front & np.all((seen >= BORDER) & (seen <= np.array([width, height]) - 1 - BORDER), axis=1)
+    which = np.flatnonzero(inside)
+    which = which[:: max(1, len(which) // PIXELS)]
+    if len(which) < PIXELS // 10:
+        return None
+    middle = np.array([width - 1, height - 1]) / 2
+    radial = np.sum((points[which] - middle) ** 2, axis=1) / np.sum(middle**2)
+    column, row = chosen[which].T
+    return Overlap(first, second, points[which], small[row, column] / STORED, radial)
+
+
+def _edges(image: Stored) -> NDArray[np.int64]:
+    """(N, 2) the pixels of the strongest edges, the same number in every tile."""
+    inner = image[BORDER : image.shape[0] - BORDER, BORDER : image.shape[1] - BORDER].astype(np.float32)
+    strength = np.hypot(cv2.Sobel(inner, cv2.CV_32F, 1, 0), cv2.Sobel(inner, cv2.CV_32F, 0, 1))
+    rows, columns = (side // TILE for side in strength.shape)
+    tiles = strength[: rows * TILE, : columns * TILE].reshape(rows, TILE, columns, TILE).swapaxes(1, 2)
+    best = np.sort(np.argpartition(-tiles.reshape(rows, columns, TILE**2), STRONGEST, axis=2)[:, :, :STRONGEST], axis=2)
+    row = np.arange(rows)[:, None, None] * TILE + best // TILE
+    column = np.arange(columns)[None, :, None] * TILE + best % TILE
+    return np.stack([column.ravel(), row.ravel()], axis=1) + BORDER
+
+
+def adjust(
+    start: Model,
+    frames: Sequence[Stored],
+    overlaps: Sequence[Overlap],
+    sigmas: Sigmas,
+    *,
+    prior: Model,
+    report: Callable[[int], None],
+) -> Fitted:
+    """Fit the model to the grey values; as `bundle.adjust`. ``start`` must be right to about a pixel."""
+    believed, mean = information(start, sigmas), vector(prior)
+    ends = np.array([[one.first, one.second] for one in overlaps])
+    bounds = np.cumsum([0, *(len(one.grey) for one in overlaps)])
+    points = np.vstack([one.points_px for one in overlaps])
+    grey = np.concatenate([one.grey for one in overlaps])
+    radial = np.concatenate([one.radial for one in overlaps])
+    images = np.stack(frames)
+    gains = np.tile([1.0, 0.0], (len(overlaps), 1))
+    residual = np.zeros(len(grey))
+    model, scale = start, 30.0
+    for iteration in range(ITERATIONS):
+        normal, gradient = np.zeros((len(mean), len(mean))), np.zeros(len(mean))
+        _accumulate(
+            ends, bounds, points, grey, radial, images, vectors(model), *chains_of(model),
+            kernel_hall(model.surroundings), scale, gains, residual, normal, gradient,
+        )  # fmt: skip
+        seen = np.isfinite(residual)
+        spread = 1.4826 * float(np.median(np.abs(residual[seen])))
+        normal += believed * (DOUBT * spread**2)
+        gradient += (DOUBT * spread**2) * believed @ (vector(model) - mean)
+        fixed = model.pan_of[0]
+        normal[fixed], normal[:, fixed], normal[fixed, fixed], gradient[fixed] = 0.0, 0.0, 1.0, 0.0
+        inverse = np.linalg.inv(normal)
+        step = np.asarray(-inverse @ gradient, np.float64)
+        model = stepped(model, step)
+        report(iteration + 1)
+        if iteration > 1 and np.abs(step[: len(model.pan_rad)]).max() < SETTLED_RAD:
+            break
+        scale = max(3.0 * spread, scale / 3.0)
+    inverse[fixed, fixed] = 0.0
+    good = np.abs(residual[seen]) < 2.0 * scale
+    return Fitted(model, inverse * (DOUBT * spread**2), float(np.sqrt(np.mean(residual[seen][good] ** 2))))
+
+
+@njit(cache=True, nogil=True)
+def _accumulate(
+    ends: NDArray[np.int64], bounds: NDArray[np.int64], points: Array, grey: Array, radial: Array, images: Stored,
+    views: Array, chains: Array, columns: NDArray[np.int64], hall: Hall, scale: float, gains: Array, residual: Array,
+    normal: Array, gradient: Array,
+) -> None:  # fmt: skip
+    """Normal equations of all pixels, each link's gain and shading eliminated. ``gains`` (L, 2) is brought up to date;
+    ``residual`` (N,) is inf where the second frame does not show the pixel."""
+    seen, jacobian, by_near = np.empty(2), np.empty((2, SIDES)), np.empty(2)
+    nodes, shares, sample = np.zeros(NODES, np.int64), np.zeros(NODES), np.empty(3)
+    number, used = np.empty((2, hall[1].size + hall[2].size), np.int64)
+    touched = np.arange(SIDES + NODES if len(hall[1]) else SIDES)
+    middle_x, middle_y = (images.shape[2] - 1) / 2, (images.shape[1] - 1) / 2
+    for link in range(len(ends)):
+        first, second = views[ends[link, 0]], views[ends[link, 1]]
+        image = images[ends[link, 1]]
+        count = numbered(first, points[bounds[link] : bounds[link + 1]], hall, number, used)
+        size = SIDES + count
+        summed, along, row = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+        shade, shade_by, shade_along = np.zeros((2, 2)), np.zeros((2, size)), np.zeros(2)
+        for n in range(bounds[link], bounds[link + 1]):
+            transfer(first, second, points[n, 0], points[n, 1], hall, seen, jacobian, by_near, nodes, shares)
+            if not _cubic(image, seen[0], seen[1], sample):
+                residual[n] = np.inf
+                continue
+            lit = grey[n]
+            outward = ((seen[0] - middle_x) ** 2 + (seen[1] - middle_y) ** 2) / (middle_x**2 + middle_y**2)
+            shaded = lit * (outward - radial[n])
+            difference = sample[0] - gains[link, 0] * lit - gains[link, 1] * shaded
+            residual[n] = difference
+            weight = (scale * scale / (scale * scale + difference * difference)) ** 2
+            for i in range(SIDES):
+                row[i] = sample[1] * jacobian[0, i] + sample[2] * jacobian[1, i]
+            for k in range(len(touched) - SIDES):
+                touched[SIDES + k] = SIDES + number[nodes[k]]
+                row[touched[SIDES + k]] = shares[k] * (sample[1] * by_near[0] + sample[2] * by_near[1])
+            for i in touched:
+                weighted = weight * row[i]
+                along[i] += weighted * difference
+                shade_by[0, i] -= weighted * lit
+                shade_by[1, i] -= weighted * shaded
+                for j in touched:
+                    summed[i, j] += weighted * row[j]
+            shade[0, 0] += weight * lit * lit
+            shade[0, 1] += weight * lit * shaded
+            shade[1, 1] += weight * shaded * shaded
+            shade_along[0] -= weight * lit * difference
+            shade_along[1] -= weight * shaded * difference
+        shade[1, 0] = shade[0, 1]
+        shade[0, 0] += 1e-9
+        shade[1, 1] += 1e-9 + 1e-3 * shade[0, 0]  # frames are flattened before: little shading is left
+        shade_along[1] += 1e-3 * shade[0, 0] * gains[link, 1]
+        solved = np.linalg.inv(shade)
+        gains[link] -= solved @ shade_along
+        summed -= shade_by.T @ (solved @ shade_by)
+        along -= shade_by.T @ (solved @ shade_along)
+        carry(summed, along, chains, columns, ends[link], used[:count], normal, gradient)
+
+
+@njit(cache=True, nogil=True)
+def _cubic(image: Stored, x: float, y: float, sample: Array) -> bool:
+    """Value and derivatives of an image between its pixels (Keys, 1981), into ``sample`` (3,); False at its edge."""
+    i, j = int(np.floor(y)), int(np.floor(x))
+    if i < 1 or j < 1 or i + 2 >= image.shape[0] or j + 2 >= image.shape[1]:
+        return False
+    b, a = y - i, x - j
+    sample[:] = 0.0
+    for k in range(-1, 3):
+        w_k, d_k = _keys(k - b)
+        value, slope = 0.0, 0.0
+        for m in range(-1, 3):
+            w_m, d_m = _keys(m - a)
+            grey = image[i + k, j + m] / STORED
+            value += w_m * grey
+            slope -= d_m * grey
+        sample[0] += w_k * value
+        sample[1] += w_k * slope
+        sample[2] -= d_k * value
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _keys(t: float) -> tuple[float, float]:
+    """Keys' cubic kernel and its derivative."""
+    s = abs(t)
+    sign = 1.0 if t >= 0 else -1.0
+    if s < 1.0:
+        return (1.5 * s - 2.5) * s * s + 1.0, sign * (4.5 * s - 5.0) * s
+    return ((-0.5 * s + 2.5) * s - 4.0) * s + 2.0, sign * ((-1.5 * s + 5.0) * s - 4.0)
