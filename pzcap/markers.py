@@ -24,13 +24,14 @@ from pzcap.camera import distort, undistort
 from pzcap.types import Array, CalibrationObject, Camera, Image, Marker
 
 MARGIN: Final = 0.4  # cells of the white around a marker that are looked at
-LEAST_BLUR_PX, BLUR_PX, MOST_BLUR_PX = 0.25, 0.6, 3.0  # standard deviation beside the pixel's own square
-BLUR_SIGMA: Final = 0.7  # of the blur's logarithm about BLUR_PX
-ROUNDS: Final = 25
+LEAST_BLUR_PX2, BLUR_PX2, MOST_BLUR_PX2 = 0.015, 0.2, 9.0  # variance beside the pixel's own square
+BLUR_SIGMA_PX2: Final = 1.0  # of the blur about BLUR_PX2
+ROUNDS: Final = 24
 LOOSE: Final = 4  # rounds in which outliers pull a little (Huber), so that none wins by being there first
+SETTLED: Final = 12  # rounds after which the weights are left alone, lest they and the pose chase each other
 HUBER, TUKEY = 1.345, 4.685  # in standard deviations
 LEAST_NOISE: Final = 0.3  # grey levels: what rounding leaves
-DONE: Final = 0.01  # a step of so few standard deviations is the last
+DONE: Final = 0.02  # a step of so few standard deviations is the last
 SHADING: Final = 6  # of paper and ink, three coefficients each
 
 
@@ -38,7 +39,6 @@ SHADING: Final = 6  # of paper and ink, three coefficients each
 class PoseFit:
     camera: Camera
     covariance: Array  # (6, 6) of the step of `moved`
-    noise: float  # grey levels, standard deviation of what is left
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,34 +70,44 @@ def fit_pose(camera: Camera, image: Image, calibration_object: CalibrationObject
     The start has to be right to half a cell or so. None where the steps do not die out.
     """
     patches = cut(camera, image, calibration_object, ids)
-    blur = np.full((len(patches), 2), BLUR_PX)
+    blur = np.full((len(patches), 2), BLUR_PX2)
     weights = [np.ones(len(patch.grey)) for patch in patches]
     for number in range(ROUNDS):
         parts = [linearise(camera, *part) for part in zip(patches, blur, weights, strict=True)]
-        noise = max(1.4826 * float(np.median(np.abs(np.concatenate([r for r, _ in parts])))), LEAST_NOISE)
+        sigmas = _sigmas([part[0] for part in parts], [part[2] for part in parts])
         kept, normal, gradient = [], np.zeros((6, 6)), np.zeros(6)
-        for (residual, jacobian), weight, widths in zip(parts, weights, blur, strict=True):
-            whole = jacobian.T @ (weight[:, None] * jacobian)
-            right = jacobian.T @ (weight * residual)
-            prior = (noise / BLUR_SIGMA) ** 2
-            whole[[6, 7], [6, 7]] += prior
-            right[6:8] += prior * np.log(widths / BLUR_PX)
+        for k, (residual, jacobian, _) in enumerate(parts):
+            if number < SETTLED:
+                weights[k] = _weigh(residual / sigmas[k], tight=number >= LOOSE) / np.square(sigmas[k])
+            whole = jacobian.T @ (weights[k][:, None] * jacobian)
+            right = jacobian.T @ (weights[k] * residual)
+            whole[[6, 7], [6, 7]] += BLUR_SIGMA_PX2**-2
+            right[6:8] += BLUR_SIGMA_PX2**-2 * (blur[k] - BLUR_PX2)
             share = np.linalg.solve(whole[6:, 6:], whole[6:, :6])
             normal += whole[:6, :6] - whole[:6, 6:] @ share
             gradient += right[:6] - share.T @ right[6:]
             kept.append((whole, right))
-        try:
-            step = -np.linalg.solve(normal, gradient)
-        except np.linalg.LinAlgError:
-            return None
+        step = -np.linalg.solve(normal, gradient)
         for k, (whole, right) in enumerate(kept):
             change = -np.linalg.solve(whole[6:, 6:], right[6:] + whole[6:, :6] @ step)[:2]
-            blur[k] = np.clip(blur[k] * np.exp(np.clip(change, -0.5, 0.5)), LEAST_BLUR_PX, MOST_BLUR_PX)
+            blur[k] = np.clip(blur[k] + change, LEAST_BLUR_PX2, MOST_BLUR_PX2)
         camera = moved(camera, step)
-        weights = [_weigh(residual / noise, tight=number >= LOOSE) for residual, _ in parts]
-        if number > LOOSE and step @ normal @ step < (DONE * noise) ** 2:
-            return PoseFit(camera, np.linalg.inv(normal) * noise**2, noise)
+        if number > LOOSE and step @ normal @ step < DONE**2:
+            return PoseFit(camera, np.linalg.inv(normal))
     return None
+
+
+def _sigmas(residuals: list[Array], slopes: list[Array]) -> list[Array]:
+    """Standard deviation of each pixel's residual, of the median kind.
+
+    Noise, and what the model misses where the picture is steep: a share of a pixel, as if the edges lay a bit off.
+    """
+    residual, slope = np.abs(np.concatenate(residuals)), np.concatenate(slopes)
+    steep = slope > 0.25 * slope.max()
+    noise = max(1.4826 * float(np.median(residual[~steep])), LEAST_NOISE)
+    excess = (1.4826 * float(np.median(residual[steep]))) ** 2 - noise**2
+    off_px = math.sqrt(max(excess, 0.0) / float(np.median(np.square(slope[steep]))))
+    return [np.hypot(noise, off_px * each) for each in slopes]
 
 
 def cut(camera: Camera, image: Image, calibration_object: CalibrationObject, ids: Sequence[int]) -> list[Patch]:
@@ -127,15 +137,16 @@ def cut(camera: Camera, image: Image, calibration_object: CalibrationObject, ids
     return patches
 
 
-def linearise(camera: Camera, patch: Patch, blur_px: Array, weight: Array) -> tuple[Array, Array]:
-    """Predicted minus seen grey values (P,), the best shadings found with ``weight`` (P,), and derivatives (P, 14).
+def linearise(camera: Camera, patch: Patch, blur_px2: Array, weight: Array) -> tuple[Array, Array, Array]:
+    """Predicted minus seen grey values (P,) with the best shadings by ``weight`` (P,), and derivatives (P, 14).
 
-    The columns: the step of `moved` (6), the logarithms of ``blur_px`` (2,), the shadings of paper and ink (6).
+    The columns: the step of `moved` (6), the blurs ``blur_px2`` (2,), the shadings of paper and ink (6).
+    Also how steep the prediction is (P,), grey levels a pixel.
     """
     places, by_ray, by_pose = _on_print(camera, patch.axes_m, patch.rays)
     by_px = by_ray @ patch.ray_by_px
     ink = np.empty((len(places), 5))
-    _ink(patch.ink, places, by_px, blur_px, ink)
+    _ink(patch.ink, places, by_px, blur_px2, ink)
     shares = np.column_stack([(1.0 - ink[:, :1]) * patch.place, ink[:, :1] * patch.place])
     root = np.sqrt(weight)
     shading = np.linalg.lstsq(shares * root[:, None], patch.grey * root, rcond=None)[0]
@@ -144,7 +155,8 @@ def linearise(camera: Camera, patch: Patch, blur_px: Array, weight: Array) -> tu
     jacobian[:, :6] = contrast[:, None] * np.einsum("pi,pij->pj", ink[:, 1:3], by_pose)
     jacobian[:, 6:8] = contrast[:, None] * ink[:, 3:]
     jacobian[:, 8:] = shares
-    return shares @ shading - patch.grey, jacobian
+    slope = np.abs(contrast) * np.linalg.norm(np.einsum("pi,pij->pj", ink[:, 1:3], by_px), axis=1)
+    return shares @ shading - patch.grey, jacobian, slope
 
 
 def _weigh(scaled: Array, *, tight: bool) -> Array:
@@ -154,7 +166,7 @@ def _weigh(scaled: Array, *, tight: bool) -> Array:
 
 
 def _axes(marker: Marker, cells: int) -> Array:
-    """(3, 3) columns: one cell to the right, one down, the top left corner, of the parallelogram nearest the corners."""
+    """(3, 3) columns: one cell to the right, one down, the top left corner, of the square nearest the corners."""
     a, b, c, d = marker.corners_m
     right, down = ((b - a) + (c - d)) / (2 * cells), ((d - a) + (c - b)) / (2 * cells)
     return np.column_stack([right, down, marker.corners_m.mean(axis=0) - cells / 2 * (right + down)])
@@ -191,58 +203,66 @@ def _rays(camera: Camera, pixels: Array) -> tuple[Array, Array]:
     return np.column_stack([xy, np.ones(len(xy))]), np.linalg.inv(bend) / camera.focal_px
 
 
-# Gauss-Legendre's three points integrate over a pixel's side to the fifth order: no stair of samples, no bias
-NODES: Final = np.array([-0.5 * math.sqrt(0.6), 0.0, 0.5 * math.sqrt(0.6)])
-SHARES: Final = np.array([5 / 18, 8 / 18, 5 / 18])
-REACH: Final = 4.5  # standard deviations beyond which an edge is not felt
+REACH: Final = 4.0  # standard deviations beyond which an edge is not felt
+HALF_ROOT: Final = math.sqrt(0.5)
+DENSITY: Final = 1.0 / math.sqrt(2.0 * math.pi)
+NODES, SHARES = (values / 2 for values in np.polynomial.legendre.leggauss(3))
 
 
 @njit(cache=True, nogil=True)
-def _ink(cells: Array, places: Array, by_px: Array, blur_px: Array, out: Array) -> None:
+def _ink(cells: Array, places: Array, by_px: Array, blur_px2: Array, out: Array) -> None:
     """The share of ink in each pixel, and derivatives: ``out`` (P, 5).
 
-    Ink, its derivatives with respect to the place (to the right, down), and to the two widths' logarithms. Blur is
-    Gaussian across each edge, as if the edges to the right and downwards were blurred one after the other; then the
-    mean over the pixel's square is taken, on which the print is seen under a linear map.
+    Ink, its derivatives with respect to the place (to the right, down), and to the two blurs. A straight edge is seen
+    exactly: blurred by a Gaussian, and averaged over the pixel's square, on which the print is seen under a linear
+    map. Where two edges meet they are taken to blur one after the other, which is exact where they stand upright and
+    level in the image, and else wrong alike on either side.
     """
     n = len(cells)
-    across, slope, spread = np.zeros(n + 1), np.zeros(n + 1), np.zeros(n + 1)
+    across, down = np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
     for p in range(len(places)):
-        sigma_s = blur_px[0] * math.hypot(by_px[p, 0, 0], by_px[p, 0, 1])
-        sigma_t = blur_px[1] * math.hypot(by_px[p, 1, 0], by_px[p, 1, 1])
         out[p] = 0.0
-        for a in range(3):
-            for b in range(3):
-                s = places[p, 0] + by_px[p, 0, 0] * NODES[a] + by_px[p, 0, 1] * NODES[b]
-                t = places[p, 1] + by_px[p, 1, 0] * NODES[a] + by_px[p, 1, 1] * NODES[b]
-                left = max(int(math.floor(s - REACH * sigma_s)), 0)
-                right = min(int(math.floor(s + REACH * sigma_s)), n - 1)
-                top = max(int(math.floor(t - REACH * sigma_t)), 0)
-                bottom = min(int(math.floor(t + REACH * sigma_t)), n - 1)
-                if left > right or top > bottom:
-                    continue
-                weight = SHARES[a] * SHARES[b]
-                for i in range(left, right + 2):
-                    across[i], slope[i], spread[i] = _edge(s - i, sigma_s)
-                for j in range(top, bottom + 1):
-                    start, start_slope, start_spread = _edge(t - j, sigma_t)
-                    end, end_slope, end_spread = _edge(t - j - 1, sigma_t)
-                    for i in range(left, right + 1):
-                        full = weight * cells[j, i]
-                        out[p, 0] += full * (across[i] - across[i + 1]) * (start - end)
-                        out[p, 1] += full * (slope[i] - slope[i + 1]) * (start - end)
-                        out[p, 2] += full * (across[i] - across[i + 1]) * (start_slope - end_slope)
-                        out[p, 3] += full * (spread[i] - spread[i + 1]) * (start - end)
-                        out[p, 4] += full * (across[i] - across[i + 1]) * (start_spread - end_spread)
+        left, right = _profile(places[p, 0], by_px[p, 0], blur_px2[0], across)
+        top, bottom = _profile(places[p, 1], by_px[p, 1], blur_px2[1], down)
+        for j in range(top, bottom):
+            of_row = down[j] - down[j + 1]
+            for i in range(left, right):
+                if cells[j, i] > 0.0:
+                    of_column = across[i] - across[i + 1]
+                    out[p, 0] += cells[j, i] * of_column[0] * of_row[0]
+                    out[p, 1] += cells[j, i] * of_column[1] * of_row[0]
+                    out[p, 2] += cells[j, i] * of_column[0] * of_row[1]
+                    out[p, 3] += cells[j, i] * of_column[2] * of_row[0]
+                    out[p, 4] += cells[j, i] * of_column[0] * of_row[2]
 
 
 @njit(cache=True, nogil=True)
-def _edge(offset: float, sigma: float) -> tuple[float, float, float]:
-    """A blurred step, its derivative by the offset from it, and by the logarithm of its width."""
-    z = offset / sigma
-    if z < -REACH:
-        return 0.0, 0.0, 0.0
-    if z > REACH:
-        return 1.0, 0.0, 0.0
-    density = 0.3989422804014327 * math.exp(-0.5 * z * z)
-    return 0.5 * (1.0 + math.erf(0.7071067811865476 * z)), density / sigma, -z * density
+def _profile(place: float, by_px: Array, blur_px2: float, out: Array) -> tuple[int, int]:
+    """How far a pixel at ``place`` is beyond each of the edges 0, 1, ...: ``out`` (n + 1, 3).
+
+    The share beyond the edge, its derivatives with respect to the place and to the blur. Only the edges from the first
+    to the second of the numbers returned are felt or written.
+    """
+    wide, narrow = abs(by_px[0]), abs(by_px[1])
+    if wide < narrow:
+        wide, narrow = narrow, wide
+    squared = wide * wide + narrow * narrow
+    sigma = math.sqrt(blur_px2 * squared)
+    reach = 0.5 * (wide + narrow) + REACH * sigma
+    first = min(max(int(math.floor(place - reach)), 0), len(out) - 1)  # noqa: RUF046
+    last = min(max(int(math.ceil(place + reach)), 0), len(out) - 1)  # noqa: RUF046
+    for i in range(first, last + 1):
+        out[i] = 0.0
+        for k in range(len(NODES)):
+            # the square's longer side is integrated over exactly, the shorter one at a few places
+            low = (place - i + NODES[k] * narrow - 0.5 * wide) / sigma
+            high = low + wide / sigma
+            low_share, high_share = 0.5 + 0.5 * math.erf(low * HALF_ROOT), 0.5 + 0.5 * math.erf(high * HALF_ROOT)
+            low_density, high_density = DENSITY * math.exp(-0.5 * low * low), DENSITY * math.exp(-0.5 * high * high)
+            scale = SHARES[k] / wide
+            out[i, 0] += scale * sigma * (high * high_share + high_density - low * low_share - low_density)
+            out[i, 1] += scale * (high_share - low_share)
+            out[i, 2] += scale * (high_density - low_density) * 0.5 * squared / sigma
+    return first, last
+
+
