@@ -2,10 +2,10 @@
 
 What is printed on the calibration object is known exactly, so the picture of it can be predicted: every pixel of a
 marker, not its four corners alone, says where the camera stands. The six pose parameters are fitted by Gauss-Newton on
-the grey values. Light and sharpness are unknown and of no interest. Each marker has linear shadings of its own for paper
-and ink, which are solved for wherever the pose is (variable projection; Golub and Pereyra, 1973), and two widths of
-blur, across its upright and across its level edges, which the Schur complement eliminates. What covers or outshines a
-part of a marker loses its weight (Tukey's biweight).
+the grey values. Light and sharpness are unknown and of no interest. Each marker has linear shadings of its own for
+paper and ink, which are solved for wherever the pose is (variable projection; Golub and Pereyra, 1973), and two widths
+of blur, across its upright and across its level edges, which the Schur complement eliminates. What covers or outshines
+a part of a marker loses its weight (Tukey's biweight).
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from scipy.spatial.transform import Rotation
 from pzcap.camera import distort, undistort
 from pzcap.types import Array, CalibrationObject, Camera, Image, Marker
 
-MARGIN: Final = 0.4  # cells of the white around a marker that are looked at
+MARGIN: Final = 0.5  # cells of the white around a marker that are looked at
 LEAST_BLUR_PX2, BLUR_PX2, MOST_BLUR_PX2 = 0.015, 0.2, 9.0  # variance beside the pixel's own square
 BLUR_SIGMA_PX2: Final = 1.0  # of the blur about BLUR_PX2
 ROUNDS: Final = 24
 LOOSE: Final = 4  # rounds in which outliers pull a little (Huber), so that none wins by being there first
 SETTLED: Final = 12  # rounds after which the weights are left alone, lest they and the pose chase each other
-HUBER, TUKEY = 1.345, 4.685  # in standard deviations
+HUBER, TUKEY = 1.345, 8.0  # in standard deviations; wide, for the tails of what the model misses are long
 LEAST_NOISE: Final = 0.3  # grey levels: what rounding leaves
 DONE: Final = 0.02  # a step of so few standard deviations is the last
 SHADING: Final = 6  # of paper and ink, three coefficients each
@@ -87,13 +87,13 @@ def fit_pose(camera: Camera, image: Image, calibration_object: CalibrationObject
             normal += whole[:6, :6] - whole[:6, 6:] @ share
             gradient += right[:6] - share.T @ right[6:]
             kept.append((whole, right))
-        step = -np.linalg.solve(normal, gradient)
+        step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
         for k, (whole, right) in enumerate(kept):
             change = -np.linalg.solve(whole[6:, 6:], right[6:] + whole[6:, :6] @ step)[:2]
             blur[k] = np.clip(blur[k] + change, LEAST_BLUR_PX2, MOST_BLUR_PX2)
         camera = moved(camera, step)
         if number > LOOSE and step @ normal @ step < DONE**2:
-            return PoseFit(camera, np.linalg.inv(normal))
+            return PoseFit(camera, np.asarray(np.linalg.inv(normal), np.float64))
     return None
 
 
@@ -264,5 +264,3 @@ def _profile(place: float, by_px: Array, blur_px2: float, out: Array) -> tuple[i
             out[i, 1] += scale * (high_share - low_share)
             out[i, 2] += scale * (high_density - low_density) * 0.5 * squared / sigma
     return first, last
-
-

@@ -92,7 +92,8 @@ def _consistent(
         except (PzcapError, np.linalg.LinAlgError):
             return {}
         off = _residuals(camera, points_m.reshape(-1, 3), points_px.reshape(-1, 2))[0].reshape(-1, 8)
-        return {quads[k][0]: quads[k][1] for k in np.flatnonzero(np.abs(off).max(axis=1) < TOLERANCE * sides)}
+        agree = np.abs(off).max(axis=1) < TOLERANCE * sides
+        return {i: quad for (i, quad), good in zip(quads, agree, strict=True) if good}
 
     everything = dict(quads)
     if len(quads) < MIN_MARKERS or len(best := agreeing(np.arange(len(quads)))) == len(quads):
