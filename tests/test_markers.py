@@ -18,6 +18,7 @@ from tests import synthetic
 CONFIG = ReferenceConfig()
 OBJECT = synthetic.calibration_object()
 FINE = 8  # samples along a pixel's side
+BOARD = 720  # pixels to the metre of a drawn board: about one a sample, so that none falls between two
 PAPER, INK, ELSEWHERE = 205.0, 28.0, 120.0
 BLUR_PX = 0.35
 NOISE = 2.0
@@ -54,17 +55,23 @@ def drawn(number: int) -> Array:
     directions = directions @ camera.world_T_cam[:3, :3].T
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     for face, (corner, along) in enumerate(synthetic._faces()):
-        board = np.full((240, 240), PAPER, np.float32)  # of 1/120 m: a marker's cell is ten
+        board = np.full((2 * BOARD, 2 * BOARD), PAPER, np.float32)
         for i in range(9):
-            tile = cv2.aruco.generateImageMarker(dictionary, 9 * face + i, 6).repeat(10, 0).repeat(10, 1)
-            x, y = 18 + 72 * (i % 3), 18 + 72 * (i // 3)
-            board[y : y + 60, x : x + 60] = np.where(tile > 0, PAPER, INK)
+            tile = cv2.aruco.generateImageMarker(dictionary, 9 * face + i, 6).repeat(BOARD // 12, 0)
+            x, y = round((0.15 + 0.6 * (i % 3)) * BOARD), round((0.15 + 0.6 * (i // 3)) * BOARD)
+            board[y : y + BOARD // 2, x : x + BOARD // 2] = np.where(tile.repeat(BOARD // 12, 1) > 0, PAPER, INK)
         offset = corner - camera.world_T_cam[:3, 3]
         normal = np.cross(along, [0, 0, -1.0])
         met = directions * ((offset @ normal) / (directions @ normal))[..., None] - offset
-        x, y = (np.floor(120 * (met @ axis)).astype(int) for axis in (along, np.array([0, 0, -1.0])))
-        inside = (x >= 0) & (x < 240) & (y >= 0) & (y < 240)
-        fine[window][inside] = board[y[inside], x[inside]]
+        x, y = met @ along, met @ np.array([0, 0, -1.0])
+        inside = (np.abs(x - 1.0) < 1.0) & (np.abs(y - 1.0) < 1.0)
+        places = ((BOARD * axis[inside] - 0.5).astype(np.float32).reshape(-1, 1) for axis in (x, y))
+        # OpenCV takes no more than 32767 rows at once
+        read = [
+            cv2.remap(board, *part, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for part in zip(*(np.array_split(place, 200) for place in places), strict=True)
+        ]
+        fine[window][inside] = np.concatenate(read).ravel()
     fine = cv2.GaussianBlur(fine, (0, 0), BLUR_PX * FINE)
     image = fine.reshape(480, FINE, 640, FINE).mean(axis=(1, 3), dtype=np.float64)
     return image * (1.0 - 0.15 * ((np.arange(640) - 250) / 400) ** 2) * (1.0 + 2e-4 * (np.arange(480)[:, None] - 240))
