@@ -73,12 +73,13 @@ def prepare(
     first = reference.calibrate(reference_image, calibration_object, config.reference)
     if config.method == "paper":
         return _prepare_paper(first, reference_image, sweep, config, report)
-    return _prepare_exact(first, reference_image, sweep, zoom, full_turn, config, report)
+    return _prepare_exact(first, reference_image, calibration_object, sweep, zoom, full_turn, config, report)
 
 
 def _prepare_exact(
     first: ReferenceCamera,
     reference_image: Image,
+    calibration_object: CalibrationObject,
     sweep: Frames,
     zoom: Frames | None,
     full_turn: bool,
@@ -131,7 +132,7 @@ def _prepare_exact(
 
     taken = model.view(count)
     known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.k1)
-    refined = reference.resolve(first, known, config.reference)
+    refined = reference.resolve(first, known, reference_image, calibration_object, config.reference)
     camera, surroundings = _measured(model, taken.pan_rad, refined.camera)
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     swept = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)

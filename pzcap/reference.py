@@ -2,20 +2,27 @@
 
 Tsai's method (Tsai, 1986, noncoplanar points): the radial alignment constraint gives the orientation and two thirds of
 the position by linear equations that neither focal length nor radial distortion can disturb, a second linear system
-the focal length and the distance; then everything is refined together with the distortion by Levenberg-Marquardt.
+the focal length and the distance; then everything is refined together with the distortion by Levenberg-Marquardt. Once
+the lens is known from elsewhere, the pose is fitted to the grey values of the whole markers (`pzcap.markers`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
+from numpy.typing import NDArray
 
+from pzcap import markers
 from pzcap.types import Array, CalibrationObject, Camera, Image, PzcapError, ReferenceCamera
 
 MIN_MARKERS = 3
+AGREE = 5.0  # standard deviations between the pose of the corners and that of the grey values
+LEAST_CORNER_ERROR_PX = 0.02
+TOLERANCE = 0.25  # of a marker's side, by which the linear stages may miss its corners
+TRIPLES = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +58,9 @@ def detect(image: Image, calibration_object: CalibrationObject) -> Detection:
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)
     corners, found, _ = detector.detectMarkers(grey)
     known = {marker.id: marker.corners_m for marker in calibration_object.markers}
-    seen = {int(i): quad[0] for quad, i in zip(corners, [] if found is None else found.ravel(), strict=True)}
-    ids = tuple(sorted(set(seen) & set(known)))
+    quads = [(int(i), quad[0]) for quad, i in zip(corners, [] if found is None else found.ravel(), strict=True)]
+    seen = _consistent([(i, quad) for i, quad in quads if i in known], known, *grey.shape[::-1])
+    ids = tuple(sorted(seen))
     if len(ids) < MIN_MARKERS:
         raise PzcapError(
             f"{len(ids)} of the calibration object's {len(known)} markers found, {MIN_MARKERS} are needed; "
@@ -63,6 +71,37 @@ def detect(image: Image, calibration_object: CalibrationObject) -> Detection:
         raise PzcapError("all markers found lie in one plane; turn the calibration object so that two faces are seen")
     points_px = np.concatenate([refine_corners(grey, seen[i].astype(np.float64)) for i in ids])
     return Detection(ids, points_m, points_px)
+
+
+def _consistent(
+    quads: Sequence[tuple[int, Array]], known: Mapping[int, Array], width: int, height: int
+) -> dict[int, Array]:
+    """The quads (id, (4, 2) pixels) that one camera can see together; of two with one id at most one is true.
+
+    A pattern of the hall passes for a marker now and then. If not all agree, those that most agree with: the cameras
+    of triples are tried (Fischler and Bolles, 1981).
+    """
+
+    points_m = np.array([known[i] for i, _ in quads], np.float64).reshape(-1, 4, 3)
+    points_px = np.array([quad for _, quad in quads], np.float64).reshape(-1, 4, 2)
+    sides = np.linalg.norm(points_px - np.roll(points_px, 1, axis=1), axis=2).mean(axis=1)
+
+    def agreeing(sample: NDArray[np.int64]) -> dict[int, Array]:
+        try:
+            camera = tsai(points_m[sample].reshape(-1, 3), points_px[sample].reshape(-1, 2), width, height)
+        except (PzcapError, np.linalg.LinAlgError):
+            return {}
+        off = _residuals(camera, points_m.reshape(-1, 3), points_px.reshape(-1, 2))[0].reshape(-1, 8)
+        agree = np.abs(off).max(axis=1) < TOLERANCE * sides
+        return {i: quad for (i, quad), good in zip(quads, agree, strict=True) if good}
+
+    everything = dict(quads)
+    if len(quads) < MIN_MARKERS or len(best := agreeing(np.arange(len(quads)))) == len(quads):
+        return everything
+    rng = np.random.default_rng(0)
+    for _ in range(TRIPLES):
+        best = max(best, agreeing(rng.choice(len(quads), 3, replace=False)), key=len)
+    return best if len(best) >= MIN_MARKERS else everything
 
 
 def refine_corners(grey: Image, corners_px: Array) -> Array:
@@ -219,16 +258,33 @@ def _residuals(camera: Camera, points_m: Array, points_px: Array) -> tuple[Array
 
 
 def _stepped(camera: Camera, step: Array) -> Camera:
-    cam_R_world = Rotation.from_rotvec(step[:3]).as_matrix() @ camera.world_T_cam[:3, :3].T
-    translation = Rotation.from_rotvec(step[:3]).apply(-camera.world_T_cam[:3, :3].T @ camera.world_T_cam[:3, 3])
-    world_T_cam = np.eye(4)
-    world_T_cam[:3, :3] = cam_R_world.T
-    world_T_cam[:3, 3] = -cam_R_world.T @ (translation + step[3:6])
     focal_px = camera.focal_px * float(np.exp(np.clip(step[6], -0.5, 0.5)))
-    return replace(camera, world_T_cam=world_T_cam, focal_px=focal_px, k1=camera.k1 + float(step[7]))
+    return replace(markers.moved(camera, step[:6]), focal_px=focal_px, k1=camera.k1 + float(step[7]))
 
 
-def resolve(reference: ReferenceCamera, lens_camera: Camera, config: ReferenceConfig) -> ReferenceCamera:
-    """The pose again, for the intrinsics of ``lens_camera``, which the sweep and the zoom run know better."""
+def resolve(
+    reference: ReferenceCamera,
+    lens_camera: Camera,
+    image: Image,
+    calibration_object: CalibrationObject,
+    config: ReferenceConfig,
+) -> ReferenceCamera:
+    """The pose again, for the intrinsics of ``lens_camera``, which the sweep and the zoom run know better.
+
+    First from the corners, then from all grey values of the markers in ``image`` (H, W[, 3]), the one that
+    ``reference`` is of. Where that does not converge, or disagrees with the corners by more than their errors allow,
+    the corners' pose stays. The residuals are always those of the corners. Raises PzcapError as `detect` does.
+    """
     start = replace(lens_camera, world_T_cam=reference.camera.world_T_cam)
-    return fit(start, reference.points_m, reference.points_px, config, free_lens=False)
+    points_m, points_px = reference.points_m, reference.points_px
+    by_corners = fit(start, points_m, points_px, config, free_lens=False)
+    found = markers.fit_pose(by_corners.camera, image, calibration_object, detect(image, calibration_object).ids)
+    if found is None:
+        return by_corners
+    residuals_px = -_residuals(found.camera, points_m, points_px)[0].reshape(-1, 2)
+    shift = np.square(residuals_px - by_corners.residuals_px).sum(axis=1)
+    # six parameters fitted to N corners move them by sqrt(3 / N) of the corners' own error
+    error_px = max(1.2 * float(np.median(np.hypot(*by_corners.residuals_px.T))), LEAST_CORNER_ERROR_PX)
+    if np.sqrt(shift.mean()) > AGREE * np.sqrt(3.0 / len(shift)) * error_px:
+        return by_corners
+    return ReferenceCamera(found.camera, points_m, points_px, residuals_px)

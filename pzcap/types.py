@@ -219,7 +219,7 @@ class ReferenceCamera:
     camera: Camera
     points_m: Array  # (N, 3) marker corners, world
     points_px: Array  # (N, 2) where they were detected
-    residuals_px: Array  # (N, 2) detected minus projected
+    residuals_px: Array  # (N, 2) detected minus projected; of the corners, also where the pose is not fitted to them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
