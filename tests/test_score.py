@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from experiments import plots
 from experiments.metrics import Metric, format_value, meets_target, read_metrics, run_info, write_metrics
 from experiments.score import Score, metrics, project_true, score
 from experiments.silhouettes import ForegroundScorer, iou, outline_distance
@@ -342,3 +344,21 @@ def test_targets() -> None:
     assert meets_target(Metric("panzoom.pan.rms", 0.051, "deg")) is False
     assert meets_target(Metric("panzoom.pan.rms", None, "deg")) is None
     assert meets_target(Metric("speed.fps", 3.0, "1/s", "higher")) is None
+
+
+def test_the_picture_says_whether_the_covariance_can_be_believed(whole: Reconstruction, truth: Truth) -> None:
+    """Errors drawn from the claim are believable; of three times its size they are not. A camera may be missing."""
+    rng, off = np.random.default_rng(2), whole
+    for number, scale in enumerate((1.0, 3.0)):
+        track = whole.tracks[number]
+        assert track is not None
+        drawn = scale * rng.normal(size=(F, 2)) * [1e-4, 1e-3]
+        off = change(
+            off, "tracks", number, pan_rad=track.pan_rad + drawn[:, 0], focal_px=track.focal_px * np.exp(drawn[:, 1])
+        )
+    picture = plots.honesty(off, score(off, truth, None))
+    assert "believable" in picture
+    assert re.search(r"sigma [23]\.\dx too small", picture)
+    assert "nan" not in picture.lower()
+    lacking = fabricated.without_a_camera(whole)
+    assert "Camera 2" in plots.honesty(lacking, score(lacking, truth, None))
