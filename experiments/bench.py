@@ -240,7 +240,7 @@ def _job() -> None:
     with Bars(Console(stderr=True)) as bars:
         stages = bench(capture, prepared, config, bars)
     title = f"{capture.name}: {about['cpu']}, {about['cores']} cores, {config.threads} threads, load {load:.1f} before"
-    Console().print(table(stages, title))
+    Console(width=max(Console().width, 120)).print(table(stages, title))
 
 
 def main() -> int:
