@@ -11,9 +11,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from experiments.score import BodyErrors, Score
+from experiments.score import BodyErrors, CameraErrors, Score
 from experiments.silhouettes import Series
 from pzcap.types import JOINTS, Array, Mask, Reconstruction
 from sim.truth import Truth
@@ -105,6 +106,36 @@ def pan_zoom(reconstruction: Reconstruction, truth: Truth | None, result: Score 
             drawn.legend(loc="best", handlelength=1.4)
 
     return svg(11.5, 1.75 * rows + 0.5, draw)
+
+
+def honesty(reconstruction: Reconstruction, result: Score) -> str:
+    """A column a camera: the size of the errors between the bound and the claimed sigma; and whether the claim holds.
+
+    Below, each frame is a dot: its errors of pan and log focal in units of their own covariance. If that is honest,
+    half of the dots lie within the inner circle and 95 % within the outer one.
+    """
+    names, count = reconstruction.camera_names, len(reconstruction.camera_names)
+
+    def draw(figure: Figure) -> None:
+        rows: Any = figure.subfigures(2, 1, height_ratios=[2.0, 1.15])
+        axes = rows[0].subplots(2, count, sharex=True, sharey="row", squeeze=False)
+        clouds = rows[1].subplots(1, count, squeeze=False)[0]
+        for number, name in enumerate(names):
+            errors, colour = result.cameras[number], COLOURS[number % 4]
+            axes[0, number].set_title(f"Camera {name}")
+            axes[1, number].set_xlabel("frame")
+            pan, focal = np.degrees(1.0), 100.0
+            _size(axes[0, number], errors.pan_rad, errors.pan_sigma_rad, errors.pan_bound_rad, pan, colour)
+            _size(axes[1, number], errors.focal, errors.focal_sigma, errors.focal_bound, focal, colour)
+            _cloud(clouds[number], errors, colour)
+        axes[0, 0].set_ylabel("size of pan error [deg]")
+        axes[1, 0].set_ylabel("size of focal error [%]")
+        clouds[0].set_ylabel("focal error / sigma")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        if handles:
+            rows[0].legend(handles, labels, loc="outside upper left", ncols=3, handlelength=1.6)
+
+    return svg(11.5, 6.6, draw)
 
 
 def top_view(reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> str:
@@ -218,6 +249,57 @@ def _error(plot: Axes, error: Series | None, sigma: Series | None, scale: float,
         band = np.ma.masked_array(scale * sigma.values, ~sigma.valid)
         plot.fill_between(frames, -2 * band, 2 * band, color=colour, alpha=0.18, lw=0)
     _line(plot, Series(scale * error.values, error.valid), colour)
+
+
+def _size(
+    plot: Axes, error: Series | None, sigma: Series | None, least: Series | None, scale: float, colour: str
+) -> None:
+    """Size of the error on a logarithmic axis, the sigma that the estimate claims, and the bound."""
+    plot.set_yscale("log")
+    plot.grid(visible=True, which="major")
+    plot.minorticks_off()
+    if error is None:
+        return
+    frames = np.arange(len(error.valid))
+    # an error that happens to be next to nothing shall not stretch the axis
+    floor = 0.3 * float(least.values[least.valid].min()) if least is not None and least.valid.any() else 1e-9
+    size = np.ma.masked_array(scale * np.maximum(np.abs(error.values), floor), ~error.valid)
+    plot.plot(frames, size, ".", color=colour, ms=2.5, label="error")
+    if sigma is not None:
+        _line(plot, Series(scale * sigma.values, sigma.valid), colour, label="sigma claimed", lw=1.8)
+    if least is not None:
+        _line(plot, Series(scale * least.values, least.valid), INK, label="bound", lw=1.2, ls=(0, (4, 2)))
+
+
+CHI_50, CHI_95, REACH = 1.1774, 2.4477, 4.0
+"""Radii that hold half, and 95 %, of a plane's standard normal distribution; and of the plot."""
+
+
+def _cloud(plot: Axes, errors: CameraErrors, colour: str) -> None:
+    plot.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), aspect="equal", xlabel="pan error / sigma")
+    for radius in (CHI_50, CHI_95):
+        plot.add_patch(Circle((0.0, 0.0), radius, fill=False, ec=MUTED, lw=1.2))
+    if errors.normalised is None or errors.nees is None:
+        return
+    dots = errors.normalised[errors.nees.valid]
+    beyond = np.max(np.abs(dots), axis=1) > REACH
+    plot.plot(*dots[~beyond].T, ".", color=colour, ms=3.5)
+    edge = dots[beyond] / np.max(np.abs(dots[beyond]), axis=1, keepdims=True) * (REACH - 0.1)
+    plot.plot(*edge.T, "x", color=KEY, ms=4)  # further out than the plot reaches
+    nees = float(np.mean(errors.nees.values[errors.nees.valid]))
+    verdict, ink = _verdict(nees)
+    plot.set_title(f"NEES {nees:.2f}: {verdict}", color=ink, loc="center")
+    inside = 100.0 * np.mean(np.hypot(*dots.T) < CHI_95)
+    plot.text(0.02, 0.02, f"{inside:.0f} % inside", transform=plot.transAxes, color=INK, fontsize=8.0)
+
+
+def _verdict(nees: float) -> tuple[str, str]:
+    """In words, and a colour for them; the limits are those of the realistic case."""
+    if 0.5 <= nees <= 2.0:
+        return "believable", "#137a43"
+    if nees < 0.5:
+        return f"sigma {1.0 / np.sqrt(max(nees, 1e-6)):.1f}x too large", "#b06000"
+    return f"sigma {np.sqrt(nees):.1f}x too small", KEY
 
 
 def _shade(plot: Axes, where: Mask, colour: str, label: str) -> None:

@@ -84,8 +84,10 @@ def _send_errors(rec: rr.RecordingStream, reconstruction: Reconstruction, result
         plots: list[tuple[str, Series | None, float, str]] = [
             ("pan", errors.pan_rad, np.degrees(1.0), "deg"),
             ("pan_sigma", errors.pan_sigma_rad, np.degrees(1.0), "deg"),
+            ("pan_bound", errors.pan_bound_rad, np.degrees(1.0), "deg"),
             ("focal", errors.focal, 100.0, "%"),
             ("focal_sigma", errors.focal_sigma, 100.0, "%"),
+            ("focal_bound", errors.focal_bound, 100.0, "%"),
             ("reprojection", errors.reprojection_px, 1.0, "px"),
             ("nees", errors.nees, 1.0, "1"),
             ("iou", None if views is None else views.iou, 1.0, "1"),

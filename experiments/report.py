@@ -90,6 +90,7 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "camera_rows": _camera_rows(reconstruction, result),
         "panoramas": _panoramas(material),
         "pan_zoom": plots.pan_zoom(reconstruction, truth, result) if any(reconstruction.tracks) else None,
+        "honesty": None if result is None or not any(reconstruction.tracks) else plots.honesty(reconstruction, result),
         "top_view": plots.top_view(reconstruction, truth, result) if any(reconstruction.tracks) else None,
         "sheet": shown.sheet(),
         "silhouettes": None

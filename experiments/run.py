@@ -85,7 +85,9 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
         result: Score | None = None
         found: list[Metric] = []
         if truth is not None and foreground is not None:
-            result = score(reconstruction, truth, foreground.errors(frames))
+            with Bars(console) as bars:
+                errors = foreground.errors(frames)
+                result = score(reconstruction, truth, errors, lambda done, total: bars.update("score", done, total))
             found = metrics(result)
         info = run_info(tree, config.seed)
         if recorder is not None:

@@ -6,12 +6,14 @@ truth's own numbers, so that a bug in `pzcap.camera` shows and does not cancel o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments import bound
 from experiments.metrics import Direction, Metric
 from experiments.silhouettes import ForegroundErrors, Series
 from pzcap import camera as camera_model
@@ -30,7 +32,10 @@ class CameraErrors:
     focal: Series | None = None  # the same, relative to the true focal length
     pan_sigma_rad: Series | None = None  # what the estimate itself believes
     focal_sigma: Series | None = None
-    nees: Series | None = None  # of (pan, log focal), per degree of freedom
+    pan_bound_rad: Series | None = None  # the least standard deviation possible, from experiments.bound
+    focal_bound: Series | None = None
+    normalised: Array | None = None  # (F, 2) errors of pan and log focal, uncorrelated, in units of their own sigma
+    nees: Series | None = None  # mean square of these two: 1 on average if the covariance is honest
     reprojection_px: Series | None = None  # RMS over the static scene points in the image
     reprojection_points_px: Array | None = None  # (N,) the same distances, of all frames
     sweep_pan_rad: Array | None = None  # (M,) a frame of the sweep, one common offset removed
@@ -62,12 +67,21 @@ class Score:
     lost: int  # recorded views without a valid estimate
 
 
-def score(reconstruction: Reconstruction, truth: Truth, foreground: tuple[ForegroundErrors, ...] | None) -> Score:
+def no_report(_done: int, _total: int) -> None:
+    """For whoever does not want to hear how far it is."""
+
+
+def score(
+    reconstruction: Reconstruction,
+    truth: Truth,
+    foreground: tuple[ForegroundErrors, ...] | None,
+    report: Callable[[int, int], None] = no_report,
+) -> Score:
     """Compare ``reconstruction`` with ``truth``, frame by frame through their timecodes.
 
     Where a recording that bounded the truth's range was not brought, frame sets lie beyond it: those are not scored,
-    and stand at the truth's nearest frame. Raises PzcapError if the truth is of another capture: it lacks a camera or
-    all timecodes.
+    and stand at the truth's nearest frame. ``report(done, total)`` hears of every view whose bound is known. Raises
+    PzcapError if the truth is of another capture: it lacks a camera or all timecodes.
     """
     index = {timecode: frame for frame, timecode in enumerate(truth.timecodes)}
     known = np.array([timecode in index for timecode in reconstruction.timecodes], bool)
@@ -79,10 +93,12 @@ def score(reconstruction: Reconstruction, truth: Truth, foreground: tuple[Foregr
     frames = np.clip(np.arange(len(known)) - first + index[reconstruction.timecodes[first]], 0, len(index) - 1)
     if not known.all():
         reconstruction = _within(reconstruction, known)
+    least = bound.bounds(reconstruction, truth, frames, report)
     lost, cameras = 0, []
     for number, name in enumerate(reconstruction.camera_names):
         true, track = truth.camera_names.index(name), reconstruction.tracks[number]
-        cameras.append(_camera_errors(reconstruction, number, truth, true, frames))
+        errors = _camera_errors(reconstruction, number, truth, true, frames)
+        cameras.append(_with_bound(errors, least[number], known))
         found = np.zeros(len(frames), bool) if track is None else track.valid
         lost += int(np.sum(truth.recorded[true, frames] & known & ~found))  # a frame that was dropped is nobody's loss
     return Score(frames, tuple(cameras), foreground, _body_errors(reconstruction, truth, frames), lost)
@@ -137,7 +153,9 @@ def _camera_errors(
         found["pan_rad"], found["focal"] = Series(pan, track.valid), Series(focal, track.valid)
         found["pan_sigma_rad"] = Series(np.sqrt(np.maximum(track.covariance[:, 0, 0], 0.0)), track.valid)
         found["focal_sigma"] = Series(np.sqrt(np.maximum(track.covariance[:, 1, 1], 0.0)), track.valid)
-        found["nees"] = _nees(np.column_stack([pan, np.log1p(focal)]), track)
+        normalised, usable = _normalised(np.column_stack([pan, np.log1p(focal)]), track)
+        if usable.any():
+            found["normalised"], found["nees"] = normalised, Series(np.sum(normalised**2, axis=1) / 2, usable)
         if camera is not None:
             series, points = _reprojection(camera, track, truth, true, frames)
             found["reprojection_px"], found["reprojection_points_px"] = series, points
@@ -148,15 +166,20 @@ def _wrap(angle: Array) -> Array:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def _nees(error: Array, track: PanZoomTrack) -> Series | None:
-    """Squared error (F, 2) in units of its own covariance, over the two degrees of freedom: 1 on average if honest."""
+def _normalised(error: Array, track: PanZoomTrack) -> tuple[Array, Mask]:
+    """Errors (F, 2) in units of their own covariance, uncorrelated; 0 where there is none (F,)."""
     usable = track.valid & (np.linalg.det(track.covariance) > 0.0)
-    if not usable.any():
-        return None
-    values = np.zeros(len(error))
-    weight = np.linalg.inv(track.covariance[usable])
-    values[usable] = np.einsum("fi,fij,fj->f", error[usable], weight, error[usable]) / 2
-    return Series(values, usable)
+    values = np.zeros(error.shape)
+    values[usable] = np.linalg.solve(np.linalg.cholesky(track.covariance[usable]), error[usable][..., None])[..., 0]
+    return values, usable
+
+
+def _with_bound(errors: CameraErrors, least: bound.Bound | None, known: Mask) -> CameraErrors:
+    """``errors`` and the bound beside them, in the frame sets ``known`` (F,) to the truth."""
+    if least is None:
+        return errors
+    pan, focal = (Series(one.values.copy(), one.valid & known) for one in (least.pan_rad, least.log_focal))
+    return replace(errors, pan_bound_rad=pan, focal_bound=focal)
 
 
 def _reprojection(
@@ -229,8 +252,8 @@ def metrics(result: Score) -> list[Metric]:
         _metric("panzoom.reprojection.rms", _rms(points), "px"),
         _metric("panzoom.reprojection.p95", _percentile(points, 95), "px"),
         _metric("panzoom.lost", float(result.lost), "frames"),
-        _metric("panzoom.bound_ratio.pan", None, "1"),
-        _metric("panzoom.bound_ratio.focal", None, "1"),
+        _metric("panzoom.bound_ratio.pan", _over([(c.pan_rad, c.pan_bound_rad) for c in cameras]), "1"),
+        _metric("panzoom.bound_ratio.focal", _over([(c.focal, c.focal_bound) for c in cameras]), "1"),
         _metric("panzoom.nees", _mean(_joined([c.nees for c in cameras])), "1"),
     ]
     views = result.foreground or ()
@@ -274,6 +297,14 @@ def _joined(series: list[Series | None] | list[Series]) -> Array:
     """The valid values of all of them, (N,)."""
     parts = [one.values[one.valid] for one in series if one is not None]
     return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _over(pairs: list[tuple[Series | None, Series | None]]) -> float | None:
+    """RMS error over the RMS of its bound, in the frames that have both."""
+    both = [(e, b, e.valid & b.valid) for e, b in pairs if e is not None and b is not None]
+    error = _rms(np.concatenate([e.values[at] for e, _, at in both])) if both else None
+    least = _rms(np.concatenate([b.values[at] for _, b, at in both])) if both else None
+    return None if error is None or not least else error / least
 
 
 def _spread(key: str, errors: Array, unit: str) -> list[Metric]:

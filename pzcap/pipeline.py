@@ -7,10 +7,11 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from fractions import Fraction
 
 import numpy as np
 
-from pzcap import body, foreground, keyframes, panzoom, reference, tracking
+from pzcap import body, foreground, keyframes, panzoom, reference, smooth, tracking
 from pzcap.calibration import Prepared, prepare
 from pzcap.camera import at
 from pzcap.capture import FrameSets, frame_sets, read_image
@@ -36,6 +37,7 @@ class Config:
     panzoom: panzoom.PanZoomConfig = field(default_factory=panzoom.PanZoomConfig)
     foreground: foreground.ForegroundConfig = field(default_factory=foreground.ForegroundConfig)
     tracking: tracking.TrackingConfig = field(default_factory=tracking.TrackingConfig)
+    smooth: smooth.SmoothConfig = field(default_factory=smooth.SmoothConfig)
     threads: int = 2
 
     def __post_init__(self) -> None:
@@ -157,6 +159,7 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
             yield from map(_tracked, arrived)
             poses += arrived
 
+    tracks = tuple(_panzoom_track(history) if p else None for p, history in zip(prepared, found, strict=True))
     yield Finished(
         Reconstruction(
             capture_name=capture.name,
@@ -167,7 +170,7 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
             references=tuple(None if p is None else p.reference for p in prepared),
             cameras=tuple(None if p is None else p.camera for p in prepared),
             panoramas=tuple(None if p is None else p.panorama for p in prepared),
-            tracks=tuple(_panzoom_track(history) if p else None for p, history in zip(prepared, found, strict=True)),
+            tracks=smoothed(tracks, capture.frame_rate, config),
             motion=tracking.collect(poses, sets.keyframes) if tracker else None,
             notes=tuple(notes),
         ),
@@ -317,6 +320,22 @@ def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:
         inliers=column(lambda found: len(found.frame_points_px)).astype(np.int64),
         valid=column(lambda found: found.valid).astype(np.bool_),
     )
+
+
+def smoothed(
+    tracks: tuple[PanZoomTrack | None, ...], frame_rate: Fraction, config: Config
+) -> tuple[PanZoomTrack | None, ...]:
+    """The finished tracks, smoothed where the config says so.
+
+    A smoother looks ahead, and the pipeline runs forward: silhouettes and body were found with the cameras as each
+    frame alone gave them, whatever is done here.
+    """
+    if not config.smooth.enabled:
+        return tracks
+    settings, common = config.panzoom, np.zeros((2, 2))
+    if settings.method == "exact":  # systematic error, which its covariances hold, is not smoothed away
+        common = np.diag([np.deg2rad(settings.floor_deg) ** 2, settings.floor_focal**2])
+    return tuple(None if track is None else smooth.smooth(track, frame_rate, config.smooth, common) for track in tracks)
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from experiments import plots
 from experiments.metrics import Metric, format_value, meets_target, read_metrics, run_info, write_metrics
 from experiments.score import Score, metrics, project_true, score
 from experiments.silhouettes import ForegroundScorer, iou, outline_distance
@@ -43,7 +45,7 @@ def truth_of(whole: Reconstruction) -> Truth:
     solid[:] = np.packbits(body_mask())
     shadow[:] = np.packbits(shadow_mask())
     return Truth(
-        config="{}",
+        config='{"sensor": {"read_noise": 2.0, "shot_noise": 0.02}, "optics": {"vignetting": 0.8}}',
         frame_rate=Fraction(30),
         camera_names=whole.camera_names,
         timecodes=whole.timecodes,
@@ -147,6 +149,52 @@ def test_a_known_pan_and_zoom_error_is_read_off(whole: Reconstruction, truth: Tr
     assert found["panzoom.nees"] == pytest.approx(expected)
     # in the middle of the image 0.2 deg are focal * tan(0.2 deg) = 1.5 to 2.3 px; one camera in four
     assert 0.7 < (found["panzoom.reprojection.rms"] or 0.0) < 2.6
+
+
+def test_the_error_is_held_against_the_bound_of_the_same_frames(whole: Reconstruction, truth: Truth) -> None:
+    perfect = score(whole, truth, None)
+    for errors in perfect.cameras:
+        assert errors.pan_bound_rad is not None
+        assert errors.pan_bound_rad.valid.all()
+    bounds = [(e.pan_bound_rad, e.focal_bound) for e in perfect.cameras]
+    off = whole
+    for number, (pan, focal) in enumerate(bounds):
+        track = whole.tracks[number]
+        assert track is not None
+        assert pan is not None
+        assert focal is not None
+        sign = np.where(np.arange(F) % 2, 1.0, -1.0)
+        off = change(
+            off, "tracks", number, pan_rad=track.pan_rad + 3.0 * sign * pan.values,
+            focal_px=track.focal_px * (1.0 - 5.0 * sign * focal.values), valid=np.arange(F) != number,
+        )  # fmt: skip
+    found = values(score(off, truth, None))
+    assert found["panzoom.bound_ratio.pan"] == pytest.approx(3.0)
+    assert found["panzoom.bound_ratio.focal"] == pytest.approx(5.0)
+
+
+def test_errors_in_units_of_their_covariance_are_uncorrelated(whole: Reconstruction, truth: Truth) -> None:
+    """Errors drawn from a covariance with a correlation of 0.9 come out as if drawn from a unit matrix."""
+    track = whole.tracks[0]
+    assert track is not None
+    covariance = np.array([[1e-8, 0.9e-7], [0.9e-7, 1e-6]])
+    drawn = np.random.default_rng(0).multivariate_normal(np.zeros(2), covariance, F)
+    off = change(
+        whole, "tracks", 0, pan_rad=track.pan_rad + drawn[:, 0], focal_px=track.focal_px * np.exp(drawn[:, 1]),
+        covariance=np.tile(covariance, (F, 1, 1)),
+    )  # fmt: skip
+    errors = score(off, truth, None).cameras[0]
+    assert errors.normalised is not None
+    assert errors.nees is not None
+    np.testing.assert_allclose(
+        errors.nees.values, np.einsum("fi,ij,fj->f", drawn, np.linalg.inv(covariance), drawn) / 2
+    )
+    assert abs(np.mean(np.prod(errors.normalised, axis=1))) < 0.6
+
+
+def test_the_papers_panorama_has_no_bound(whole: Reconstruction, truth: Truth) -> None:
+    found = values(score(dataclasses.replace(whole, method="paper"), truth, None))
+    assert found["panzoom.bound_ratio.pan"] is None
 
 
 def test_a_pan_over_the_back_is_not_a_turn_off(whole: Reconstruction, truth: Truth) -> None:
@@ -296,3 +344,21 @@ def test_targets() -> None:
     assert meets_target(Metric("panzoom.pan.rms", 0.051, "deg")) is False
     assert meets_target(Metric("panzoom.pan.rms", None, "deg")) is None
     assert meets_target(Metric("speed.fps", 3.0, "1/s", "higher")) is None
+
+
+def test_the_picture_says_whether_the_covariance_can_be_believed(whole: Reconstruction, truth: Truth) -> None:
+    """Errors drawn from the claim are believable; of three times its size they are not. A camera may be missing."""
+    rng, off = np.random.default_rng(2), whole
+    for number, scale in enumerate((1.0, 3.0)):
+        track = whole.tracks[number]
+        assert track is not None
+        drawn = scale * rng.normal(size=(F, 2)) * [1e-4, 1e-3]
+        off = change(
+            off, "tracks", number, pan_rad=track.pan_rad + drawn[:, 0], focal_px=track.focal_px * np.exp(drawn[:, 1])
+        )
+    picture = plots.honesty(off, score(off, truth, None))
+    assert "believable" in picture
+    assert re.search(r"sigma [23]\.\dx too small", picture)
+    assert "nan" not in picture.lower()
+    lacking = fabricated.without_a_camera(whole)
+    assert "Camera 2" in plots.honesty(lacking, score(lacking, truth, None))
