@@ -14,6 +14,7 @@ from sim.optics import Rig
 
 _RATE_HZ = 240  # at which hands are simulated
 _SETTLE_S = 3.0  # an operator finds the athlete this long before the recording begins
+_TILT_SMOOTHING_S = 0.3  # nobody follows every jump with the tilt
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,12 +27,13 @@ class OperatorConfig:
     tremor_deg: float = 0.02  # standard deviation
     tremor_hz: float = 4.0
     body_height: float = 0.55  # of the body in the picture, image heights
-    whole_body: bool = True  # False: as close as `body_height` says, whatever of the body then leaves the picture
+    whole_body: bool = True  # False: as close as `body_height` says, if only the chest stays in the picture
     zoom_smoothing_s: float = 0.45
     sweep_step_deg: float = 2.05  # between the frames of the sweep
     sweep_speed_variation: float = 0.05  # standard deviation of a step, share of the step
     swing_deg_s: float = 0.0  # peak speed of a swing to and fro about the athlete; 0: none
     swing_hz: float = 1.9
+    zoom_swing_s: float = 0.0  # time to zoom through the lens's whole range and back, for its own sake; 0: as framed
     tilts: bool = False  # follows the body's height by hand, too; else the tilt stays locked
 
 
@@ -81,6 +83,14 @@ def swinging(hands: Hands, config: OperatorConfig, rng: np.random.Generator) -> 
     return replace(hands, pan=CubicSpline(time, hands.pan(time) + swing))
 
 
+def zooming(hands: Hands, rig: Rig, config: OperatorConfig, rng: np.random.Generator) -> Hands:
+    """The same hands, which zoom from one end of the lens's range to the other and back, again and again."""
+    time = hands.pan.x
+    low, high = np.log(rig.reference_focal_px * np.array([rig.config.zoom_min, rig.config.zoom_max]))
+    wave = np.sin(2 * np.pi * (time / config.zoom_swing_s + rng.uniform()))
+    return replace(hands, log_focal=CubicSpline(time, (low + high) / 2 + (high - low) / 2 * wave))
+
+
 def tilting(
     hands: Hands, rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rng: np.random.Generator
 ) -> Hands:
@@ -88,7 +98,8 @@ def tilting(
     elevation = _elevation(rig, _in_head(rig, points_m))
     middle = (elevation.max(axis=1) + elevation.min(axis=1)) / 2
     time = hands.pan.x
-    raised = _chase(np.interp(time, times_s, middle), config) + _tremor(len(time), config, rng)
+    target = gaussian_filter1d(np.interp(time, times_s, middle), _TILT_SMOOTHING_S * _RATE_HZ)
+    raised = _chase(target, config) + _tremor(len(time), config, rng)
     return replace(hands, raised=CubicSpline(time, raised))
 
 
@@ -122,12 +133,14 @@ def _sight(rig: Rig, points_m: Array, config: OperatorConfig) -> tuple[Array, Ar
     slope = np.tan(np.clip(_elevation(rig, head), -1.2, 1.2))
     tall = slope.max(axis=1) - slope.min(axis=1)
     centre = (left + right) / 2
-    if not config.whole_body:
-        return centre, config.body_height * rig.height / np.maximum(tall, 1e-3)
+    focal = config.body_height * rig.height / np.maximum(tall, 1e-3)
     # The tilt is fixed, so the body is off the centre at times: it must fit there, too.
+    if not config.whole_body:
+        chest = slope.min(axis=1) + 0.75 * tall
+        return centre, np.minimum(focal, 0.47 * rig.height / np.maximum(np.abs(chest), 1e-3))
     beyond = np.abs(slope).max(axis=1)
     aside = np.tan(np.minimum((left - right) / 2 + np.deg2rad(2.0), 1.2))
-    focal = np.minimum(config.body_height * rig.height / np.maximum(tall, 1e-3), 0.47 * rig.height / beyond)
+    focal = np.minimum(focal, 0.47 * rig.height / beyond)
     return centre, np.minimum(focal, 0.45 * rig.width / aside)
 
 

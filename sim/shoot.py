@@ -28,7 +28,7 @@ from sim.film import STILL_SCALE, FilmCamera
 from sim.furniture import REARRANGED
 from sim.gym import GymConfig
 from sim.motion import END_POINTS, MotionClip
-from sim.operator import Hands, OperatorConfig, follow, sweep, sweep_length, swinging, through, tilting
+from sim.operator import Hands, OperatorConfig, follow, sweep, sweep_length, swinging, through, tilting, zooming
 from sim.optics import OpticsConfig, Rig, build_rig, plate_for
 from sim.render import Stage, check_gl
 from sim.scene import build_stage, scene_points, skeleton, stream
@@ -277,6 +277,8 @@ def _operate(crew: _Crew, c: int, times_s: Array, outline_m: Array) -> Hands:
     hands = follow(rig, times_s, outline_m, config, stream(seed, "operator", c))
     if config.swing_deg_s > 0:
         hands = swinging(hands, config, stream(seed, "swing", c))
+    if config.zoom_swing_s > 0:
+        hands = zooming(hands, rig, config, stream(seed, "zoom swing", c))
     if config.tilts:
         hands = tilting(hands, rig, times_s, outline_m, config, stream(seed, "tilt", c))
     return hands
