@@ -95,11 +95,6 @@ def test_the_names_of_default_captures_have_not_changed(tmp_path: Path, monkeypa
     assert [path.name for path in tmp_path.iterdir()] == ["floor_exercise-0-4a1779511a57"]
 
 
-def test_what_an_effect_is_like_does_not_matter_while_it_is_off(shots: Shots, plain: Path) -> None:
-    other = replace(PLAIN, operator=OperatorConfig(swing_deg_s=0.0, swing_hz=5.0, zoom_swing_s=0.0, tilts=False))
-    assert changed(plain, shots("off", replace(other, crew=CrewConfig(walks_in_sweep=False)))) == set()
-
-
 # ------------------------------------------------------------------------------------------ the hall
 
 
@@ -246,7 +241,9 @@ def test_the_zoom_swings_through_its_range_and_nothing_else_does() -> None:
 
 
 def test_a_capture_without_a_zoom_run(shots: Shots, plain: Path) -> None:
-    hurried = shots("hurried", replace(PLAIN, zoom_frames=0))
+    """And what an effect is like does not matter while it is off."""
+    off = OperatorConfig(swing_deg_s=0.0, swing_hz=5.0, zoom_swing_s=0.0, tilts=False)
+    hurried = shots("hurried", replace(PLAIN, zoom_frames=0, operator=off))
     capture = read_capture(hurried / "capture")
     assert all(camera.zoom is None for camera in capture.cameras)
     assert not list(hurried.rglob("zoom.mp4"))
