@@ -39,8 +39,9 @@ from pzcap.types import Array
 NOISE: Final = (0.0, 2.0, 4.0, 8.0)
 ZOOM: Final = (1.0, 2.0, 3.0, 4.0)
 SHORT: Final = (
-    # A second of the motion, swept in steps twice as wide as usual: a job takes a minute and a half on two cores.
-    "shoot.motion_frames=24",
+    # Two thirds of a second, swept in steps twice as wide as usual: one or two minutes of one core's time a job.
+    "shoot.motion_frames=20",
+    "shoot.zoom_frames=14",
     "shoot.operator.sweep_step_deg=4.1",
     # Who films stays on the trunk, and so at the end of the lens's range.
     "shoot.operator.whole_body=false",
@@ -190,10 +191,10 @@ def _draw(figure: Figure, cells: Sequence[Cell]) -> None:
         ("focal_percent", "focal_bound_percent", "focal length error, RMS [%]"),
     )
     for row, (key, bound_key, label) in enumerate(rows):
-        error, bound = (_grid(cells, noise, zoom, name) for name in (key, bound_key))
+        error, bound, lost = (_grid(cells, noise, zoom, name) for name in (key, bound_key, "lost"))
         if min(len(noise), len(zoom)) > 1:
             _surfaces(figure.add_subplot(2, 2, 2 * row + 1, projection="3d"), noise, zoom, error, bound, label)
-        _curves(figure.add_subplot(2, 2, 2 * row + 2), noise, zoom, error, bound, label)
+        _curves(figure.add_subplot(2, 2, 2 * row + 2), noise, zoom, error, bound, lost, label)
 
 
 def _grid(cells: Sequence[Cell], noise: list[float], zoom: list[float], name: str) -> Array:
@@ -219,16 +220,22 @@ def _surfaces(plot: Any, noise: list[float], zoom: list[float], error: Array, bo
     plot.set_zticks(ticks, [f"{10**tick:.2g}" for tick in ticks])
 
 
-def _curves(plot: Axes, noise: list[float], zoom: list[float], error: Array, bound: Array, label: str) -> None:
+def _curves(
+    plot: Axes, noise: list[float], zoom: list[float], error: Array, bound: Array, lost: Array, label: str
+) -> None:
     for number, longest in enumerate(zoom):
         colour = mpl.colormaps["viridis"](0.85 * number / max(len(zoom) - 1, 1))
         plot.plot(noise, error[number], "o-", color=colour, ms=4, label=f"{longest:g}x")
+        holes = np.where(lost[number] > 0, error[number], np.nan)
+        plot.plot(noise, holes, "o", color=colour, ms=8, mfc="none", mew=1.2)
         plot.plot(noise, bound[number], "--", color=colour, lw=1.2)
+    if (lost > 0).any():
+        plot.plot([], [], "o", color=plots.MUTED, ms=8, mfc="none", mew=1.2, label="with frames lost")
     if np.isfinite(bound).any():
         plot.plot([], [], "--", color=plots.MUTED, lw=1.2, label="Cramér-Rao bound")
     plot.set(xlabel="noise [grey levels]", ylabel=label, yscale="log", xticks=noise)
     if np.isfinite(error).any():
-        plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(zoom) + 1, borderaxespad=0.2)
+        plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
 
 
 def _options(arguments: Sequence[str]) -> Mapping[str, Any]:

@@ -23,9 +23,9 @@ NOISE, ZOOM = (0.0, 4.0), (1.0, 3.0)
 class Bench:
     """Stands in for `experiments.run.run`: errors that are three times the bound, or a failure."""
 
-    def __init__(self, bounded: bool = True, fails: float | None = None) -> None:
+    def __init__(self, bounded: bool = True, fails: float | None = None, lost: float = 0.0) -> None:
         self.ran: list[Path] = []
-        self._bounded, self._fails = bounded, fails
+        self._bounded, self._fails, self._lost = bounded, fails, lost
 
     def __call__(self, config: AppConfig, tree: dict[str, Any], folder: Path, _: Console) -> None:
         self.ran.append(folder)
@@ -39,7 +39,7 @@ class Bench:
             Metric("panzoom.focal.rms", 10 * error, "%"),
             Metric("panzoom.bound_ratio.pan", ratio, "1"),
             Metric("panzoom.bound_ratio.focal", ratio, "1"),
-            Metric("panzoom.lost", 0.0, "frames"),
+            Metric("panzoom.lost", self._lost, "frames"),
         ]
         folder.mkdir(parents=True, exist_ok=True)
         write_metrics(folder / "metrics.json", found, {"config": tree, "seed": config.seed})
@@ -66,6 +66,7 @@ def test_every_job_is_run_and_shown(tmp_path: Path) -> None:
     assert picture.std() > 5
     page = (tmp_path / "surface.html").read_text()
     assert "<svg" in page
+    assert "with frames lost" not in page
     assert "Cramér-Rao bound" in page
     assert page.count("<tr>") == 1 + 4
 
@@ -94,6 +95,11 @@ def test_a_job_that_fails_leaves_a_hole(tmp_path: Path, capsys: pytest.CaptureFi
     assert "2 jobs left no figure" in (tmp_path / "surface.html").read_text()
 
 
+def test_errors_of_the_frames_that_were_not_lost_are_marked(tmp_path: Path) -> None:
+    sweep(tmp_path, Bench(lost=5.0))
+    assert "with frames lost" in (tmp_path / "surface.html").read_text()
+
+
 def test_without_a_bound_none_is_drawn(tmp_path: Path) -> None:
     assert sweep(tmp_path, Bench(bounded=False))
     assert "none is drawn" in (tmp_path / "surface.html").read_text()
@@ -107,7 +113,7 @@ def test_the_jobs_differ_in_noise_and_zoom_alone(tmp_path: Path) -> None:
         assert (shoot.sensor.read_noise, shoot.optics.zoom_max) == (job.noise, job.zoom)
         assert job.config.seed == shoot.seed == 7
         assert job.config.reconstruct.panzoom.method == "paper"
-        assert shoot.motion_frames == 24
+        assert shoot.motion_frames == 20
     assert len({json.dumps(job.tree["reconstruct"]) for job in jobs}) == 1
 
 

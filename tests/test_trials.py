@@ -16,7 +16,7 @@ from pzcap.video import VideoReader
 from sim import shoot as shooting
 from sim.crew import CrewConfig
 from sim.furniture import REARRANGED
-from sim.operator import OperatorConfig, follow, zooming
+from sim.operator import OperatorConfig, follow, swinging, through, zooming
 from sim.optics import OpticsConfig, build_rig
 from sim.scenery import WALLS
 from sim.sensor import SensorConfig
@@ -172,13 +172,18 @@ def test_the_crew_walks_through_the_sweep_alone(shots: Shots, plain: Path) -> No
 
 def test_a_fast_pan_reaches_its_speed_and_smears_the_picture(shots: Shots, plain: Path) -> None:
     swing = OperatorConfig(swing_deg_s=60.0, swing_hz=2.0)
-    open_shutter = replace(PLAIN, operator=swing, sensor=replace(PLAIN.sensor, sub_exposures=6), motion_frames=8)
+    still = through(np.linspace(0, 4, 961), np.zeros(961), np.full(961, 880.0))
+    hands = swinging(still, swing, np.random.default_rng(0))
+    fine = np.array([hands.at(t).pan_rad for t in np.arange(0, 4, 0.001)])
+    assert np.rad2deg(np.abs(np.diff(fine)).max() / 0.001) == pytest.approx(60.0, rel=0.01)
+    assert np.rad2deg(np.abs(fine).max()) == pytest.approx(60 / (2 * np.pi * 2), rel=0.01)
+    open_shutter = replace(PLAIN, operator=swing, sensor=replace(PLAIN.sensor, sub_exposures=6), motion_frames=6)
     blurred = shots("blurred", open_shutter)
     truth = load(blurred / "truth")
     speed = np.rad2deg(np.abs(np.diff(truth.pan_rad, axis=1))) * PLAIN.frame_rate
-    assert (speed.max(axis=1) > 50).all()  # differences of frames flatten the peak; 60 +- the athlete's own
+    assert (speed.max(axis=1) > 40).all()  # a third of a period, and the athlete's own speed on top
     assert speed.max() < 90
-    assert np.mean([[truth.mask(c, f).any() for f in range(8)] for c in range(4)]) == 1.0
+    assert np.mean([[truth.mask(c, f).any() for f in range(6)] for c in range(4)]) == 1.0
     # Along the pan the picture loses its edges, across it it keeps them; more so, the faster.
     lost, fast = [], []
     for c, images in enumerate(frames(blurred)):
@@ -189,7 +194,7 @@ def test_a_fast_pan_reaches_its_speed_and_smears_the_picture(shots: Shots, plain
             fast.append(abs(truth.pan_rad[c, f + 1] - truth.pan_rad[c, f - 1]))
     order = np.argsort(fast)
     third = len(order) // 3
-    assert np.mean(np.array(lost)[order[-third:]]) < 0.8 * np.mean(np.array(lost)[order[:third]])
+    assert np.mean(np.array(lost)[order[-third:]]) < 0.9 * np.mean(np.array(lost)[order[:third]])
     assert not changed(plain, blurred) & {"reference.png", "sweep.mp4", "zoom.mp4"}
 
 
