@@ -213,7 +213,7 @@ def _surfaces(plot: Any, noise: list[float], zoom: list[float], error: Array, bo
         plot.plot_surface(x, y, np.log10(error), color=plots.COLOURS[0], alpha=0.75, edgecolor="white", lw=0.6)
     if np.isfinite(bound).any():
         plot.plot_wireframe(x, y, np.log10(bound), color=plots.KEY, lw=1.0)
-    plot.set(xlabel="noise [grey levels]", ylabel="zoom", title=label, xticks=noise, yticks=zoom)
+    plot.set(xlabel="read noise [grey levels]", ylabel="zoom", title=label, xticks=noise, yticks=zoom)
     plot.invert_xaxis()
     low, high = plot.get_zlim()
     ticks: Array = np.arange(np.ceil(2 * low), np.floor(2 * high) + 1) / 2
@@ -233,7 +233,7 @@ def _curves(
         plot.plot([], [], "o", color=plots.MUTED, ms=8, mfc="none", mew=1.2, label="with frames lost")
     if np.isfinite(bound).any():
         plot.plot([], [], "--", color=plots.MUTED, lw=1.2, label="Cramér-Rao bound")
-    plot.set(xlabel="noise [grey levels]", ylabel=label, yscale="log", xticks=noise)
+    plot.set(xlabel="read noise [grey levels]", ylabel=label, yscale="log", xticks=noise)
     if np.isfinite(error).any():
         plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
 
