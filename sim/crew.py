@@ -1,23 +1,26 @@
-"""What people do by hand beside filming: measure the athlete with a tape, pose a figure at keyframes."""
+"""What people do beside filming: measure the athlete with a tape, pose a figure at keyframes, walk about the hall."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Pose, Subject
+from sim.motion import MotionClip
 
 
 @dataclass(frozen=True, slots=True)
 class CrewConfig:
-    """How well people measure and pose. Standard deviations."""
+    """How well people measure and pose (standard deviations), and whether they keep out of the picture."""
 
     tape_sigma_m: float = 0.005
     keyframes_per_s: float = 1.0
     keyframe_position_m: float = 0.00577  # along each axis; 10 mm in all
     keyframe_rotation_deg: float = 3.0  # of a joint; about a random axis, or about its own for a hinge
+    walks_in_sweep: bool = False  # somebody walks to and fro in the hall while the cameras sweep it
 
 
 def measure(measurements: dict[str, float], config: CrewConfig, rng: np.random.Generator) -> Subject:
@@ -48,3 +51,20 @@ def pose_by_hand(pose: Pose, config: CrewConfig, rng: np.random.Generator) -> Po
     rotations = (Rotation.from_quat(pose.rotations, scalar_first=True) * turn).as_quat(scalar_first=True)
     position = pose.root_position_m + rng.normal(size=3) * config.keyframe_position_m
     return Pose(position, rotations)
+
+
+def to_and_fro(clip: MotionClip, rng: np.random.Generator) -> Callable[[float], Pose]:
+    """Somebody who walks the way of ``clip`` again and again, there and back, across the middle of the hall."""
+    ends = np.array([clip.at(t).root_position_m for t in (0.0, clip.duration_s)])
+    middle = np.array([*ends[:, :2].mean(axis=0), 0.0])
+    spot = np.array([*rng.uniform(-1.5, 1.5, 2), 0.0])
+    heading = rng.uniform(0, 2 * np.pi)
+
+    def at(time_s: float) -> Pose:
+        way, at_s = divmod(time_s, clip.duration_s)
+        pose, turn = clip.at(at_s), Rotation.from_euler("z", heading + np.pi * (way % 2))
+        pelvis = turn * Rotation.from_quat(pose.rotations[0], scalar_first=True)
+        rotations = np.vstack([pelvis.as_quat(scalar_first=True), pose.rotations[1:]])
+        return Pose(spot + turn.apply(pose.root_position_m - middle), rotations)
+
+    return at

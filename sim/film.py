@@ -15,6 +15,7 @@ import numpy as np
 from pzcap.types import Array, Image, Mask, Pose
 from pzcap.video import write_video
 from sim.athlete import set_pose
+from sim.operator import Aim
 from sim.optics import Plate, Rig, lens_maps, plate_for, through_lens, vignette
 from sim.render import Stage
 from sim.sensor import Exposure, Sensor, SensorConfig
@@ -26,28 +27,23 @@ MOTION_SCALE: Final = 1.5
 _AHEAD = 4  # frames that may wait to be developed
 _SHADOW_LEVELS = 6  # grey levels by which a shadow darkens a pixel, at least
 
-Look = Callable[[float], tuple[float, float]]
-"""Pan (rad) and focal length (px) at a time (s)."""
+Look = Callable[[float], Aim]
+"""Where the camera looks at a time (s)."""
+Person = Callable[[float], Pose]
+"""The pose of whoever is in the hall, at a time (s)."""
 
 
 class FilmCamera:
-    """One camera on its tripod in the hall. ``pose_at`` gives the athlete's pose at a time."""
+    """One camera on its tripod in the hall."""
 
-    def __init__(
-        self,
-        stage: Stage,
-        rig: Rig,
-        pose_at: Callable[[float], Pose],
-        config: SensorConfig,
-        rng: np.random.Generator,
-    ) -> None:
-        self._stage, self._rig, self._pose_at, self._config = stage, rig, pose_at, config
+    def __init__(self, stage: Stage, rig: Rig, config: SensorConfig, rng: np.random.Generator) -> None:
+        self._stage, self._rig, self._config = stage, rig, config
         self._sensor = Sensor(config, vignette(rig), rng)
 
     def still(self, rng: np.random.Generator) -> Image:
         """Photograph the calibration object at the reference pose, nobody in the hall."""
         focal_px = self._rig.reference_focal_px
-        plate = self._aim(lambda _: (0.0, focal_px), 0.0, athlete=False)
+        plate = self._aim(lambda _: Aim(0.0, focal_px), 0.0, None)
         light = self._stage.picture(plate.size(STILL_SCALE), athlete=False, calibration_object=True)
         return self._develop(light, focal_px, STILL_SCALE, Exposure(self._config.exposure_drift, rng)(0.0), rng)
 
@@ -57,7 +53,8 @@ class FilmCamera:
         look: Look,
         times_s: Array,
         *,
-        athlete: bool,
+        person: Person | None,
+        light: float = 1.0,
         frame_rate: Fraction,
         crf: int,
         sub_exposures: int,
@@ -68,6 +65,7 @@ class FilmCamera:
         """Record a video; yield each frame's number once it is exposed. The video is complete at the end.
 
         times_s: (N,) the middle of each exposure, which lasts ``shutter_s`` and averages ``sub_exposures`` moments.
+        person: who is in the hall; None: nobody. light: the hall's brightness, 1 as it is lit by default.
         """
         exposure = Exposure(self._config.exposure_drift, rng)
         sub_exposures = sub_exposures if self._config.shutter_s > 0 else 1
@@ -77,8 +75,8 @@ class FilmCamera:
 
         def developed() -> Iterator[Image]:
             while (item := exposed.get()) is not None:
-                light, focal_px, gain = item
-                yield self._develop(light, focal_px, scale, gain, rng)
+                plate, focal_px, gain = item
+                yield self._develop(plate, focal_px, scale, gain, rng)
 
         with ThreadPoolExecutor(1) as pool:
             encoding = pool.submit(
@@ -86,9 +84,9 @@ class FilmCamera:
             )
             try:
                 for k, time_s in enumerate(times_s.tolist()):
-                    focal_px = look(time_s)[1]
-                    light = self._expose(look, time_s + offsets_s, focal_px, scale, athlete)
-                    _put(exposed, (light, focal_px, exposure(time_s)), encoding)
+                    focal_px = look(time_s).focal_px
+                    plate = self._expose(look, time_s + offsets_s, focal_px, scale, person)
+                    _put(exposed, (plate, focal_px, light * exposure(time_s)), encoding)
                     if encoding.done():
                         break
                     yield k
@@ -96,16 +94,16 @@ class FilmCamera:
                 _put(exposed, None, encoding)
             encoding.result()
 
-    def mask(self, look: Look, time_s: float) -> Mask:
-        """(height, width) the pixels that show the athlete."""
-        plate = self._aim(look, time_s, athlete=True)
-        maps = lens_maps(self._rig, plate, look(time_s)[1], 1.0)
+    def mask(self, look: Look, time_s: float, person: Person) -> Mask:
+        """(height, width) the pixels that show the person."""
+        plate = self._aim(look, time_s, person)
+        maps = lens_maps(self._rig, plate, look(time_s).focal_px, 1.0)
         return np.asarray(through_lens(self._stage.mask(plate.size(1.0)), maps, self._rig) > 127)
 
-    def shadow(self, look: Look, time_s: float, mask: Mask) -> Mask:
-        """(height, width) the pixels that the athlete's shadow darkens, off the athlete's own ``mask``."""
-        plate = self._aim(look, time_s, athlete=True)
-        maps = lens_maps(self._rig, plate, look(time_s)[1], MOTION_SCALE)
+    def shadow(self, look: Look, time_s: float, person: Person, mask: Mask) -> Mask:
+        """(height, width) the pixels that the person's shadow darkens, off the person's own ``mask``."""
+        plate = self._aim(look, time_s, person)
+        maps = lens_maps(self._rig, plate, look(time_s).focal_px, MOTION_SCALE)
         lit, dark = (
             through_lens(self._stage.picture(plate.size(MOTION_SCALE), athlete=shown), maps, self._rig)
             for shown in (False, True)
@@ -114,22 +112,22 @@ class FilmCamera:
         body = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8))
         return np.asarray(darker & (body == 0))
 
-    def _aim(self, look: Look, time_s: float, athlete: bool, focal_px: float | None = None) -> Plate:
+    def _aim(self, look: Look, time_s: float, person: Person | None, focal_px: float | None = None) -> Plate:
         """Set the scene for one moment; return the plate to render. ``focal_px`` overrules what the hands do."""
-        pan_rad, zoomed_px = look(time_s)
-        focal_px = focal_px or zoomed_px
-        if athlete:
-            set_pose(self._stage.model, self._stage.data, self._pose_at(time_s))
+        aim = look(time_s)
+        focal_px = focal_px or aim.focal_px
+        if person is not None:
+            set_pose(self._stage.model, self._stage.data, person(time_s))
         plate = plate_for(self._rig, focal_px)
-        self._stage.aim(self._rig.world_T_cam(pan_rad, focal_px), plate.vertical_view_deg(focal_px))
+        self._stage.aim(self._rig.world_T_cam(aim.pan_rad, focal_px, aim.raised_rad), plate.vertical_view_deg(focal_px))
         return plate
 
-    def _expose(self, look: Look, times_s: Array, focal_px: float, scale: float, athlete: bool) -> Image:
+    def _expose(self, look: Look, times_s: Array, focal_px: float, scale: float, person: Person | None) -> Image:
         """The mean of the plates at these times, during which the focal length hardly changes."""
         total = np.zeros(0, np.uint16)
         for k, time_s in enumerate(times_s.tolist()):
-            plate = self._aim(look, time_s, athlete, focal_px)
-            picture = self._stage.picture(plate.size(scale), athlete=athlete)
+            plate = self._aim(look, time_s, person, focal_px)
+            picture = self._stage.picture(plate.size(scale), athlete=person is not None)
             if len(times_s) == 1:
                 return picture
             total = picture.astype(np.uint16) if k == 0 else np.asarray(cv2.add(total, picture, dtype=cv2.CV_16U))

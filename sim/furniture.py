@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
@@ -10,6 +11,14 @@ from sim import fittings
 from sim.scenery import HALL_M, UP, WALLS, Scenery, Wall
 from sim.surfaces import PILASTER_M, PILASTERS_U
 from sim.textures import Canvas, Colour, courses, flecks, grain, scuff, tint, wear, weather
+
+REARRANGED: Final[dict[str, tuple[float, float, float]]] = {
+    "vault_south": (-7.9, 11.5, 0.0),
+    "vault_north": (-2.4, -12.1, 0.0),
+    "mats_west": (6.7, 0.4, 0.0),
+}
+"""What is carried to the edge of the carpet where things are not left as they were: beginning of its geoms' names, and
+by how much (m) it moves."""
 
 
 def furnish(scenery: Scenery, px_per_m: float, rng: np.random.Generator) -> None:
@@ -133,15 +142,21 @@ def _stand(scenery: Scenery, wall: Wall, u: float, off: float, px_per_m: float, 
 def _vaulting_box(scenery: Scenery, wall: Wall, u: float, off: float) -> None:
     for k in range(4):
         size = (1.5 - 0.1 * k, 0.8 - 0.1 * k, 0.25)
-        scenery.box("vault_layer", ("wood", "wood_red")[k % 2], wall.at(u, off, 0.14 + 0.26 * k), wall.along, size)
-    scenery.box("vault_top", "leather", wall.at(u, off, 1.13), wall.along, (1.15, 0.48, 0.18))
+        scenery.box(
+            f"vault_{wall.name}_layer", ("wood", "wood_red")[k % 2], wall.at(u, off, 0.14 + 0.26 * k), wall.along, size
+        )
+    scenery.box(f"vault_{wall.name}_top", "leather", wall.at(u, off, 1.13), wall.along, (1.15, 0.48, 0.18))
 
 
 def _mats(scenery: Scenery, wall: Wall, u: float, off: float, count: int) -> None:
     for k in range(count):
         shift = 0.05 * (-1) ** k
         scenery.box(
-            "mat", ("mat", "mat_green")[k % 2], wall.at(u + shift, off, 0.1 + 0.21 * k), wall.along, (1.9, 0.95, 0.2)
+            f"mats_{wall.name}",
+            ("mat", "mat_green")[k % 2],
+            wall.at(u + shift, off, 0.1 + 0.21 * k),
+            wall.along,
+            (1.9, 0.95, 0.2),
         )
 
 

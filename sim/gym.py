@@ -35,6 +35,8 @@ class GymConfig:
 
     shadows: bool = True  # the main light casts shadows
     texture_px_per_m: float = 200.0  # of the lower walls and the carpet; less where no camera comes near
+    lights_on: float = 1.0  # brightness while the motion is recorded, over that of all before
+    rearranged: bool = False  # vaulting boxes and mats stand elsewhere while the motion is recorded
 
     def __post_init__(self) -> None:
         if not 50.0 <= self.texture_px_per_m <= 500.0:

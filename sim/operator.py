@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -13,6 +14,7 @@ from sim.optics import Rig
 
 _RATE_HZ = 240  # at which hands are simulated
 _SETTLE_S = 3.0  # an operator finds the athlete this long before the recording begins
+_TILT_SMOOTHING_S = 0.3  # nobody follows every jump with the tilt
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,21 +27,35 @@ class OperatorConfig:
     tremor_deg: float = 0.02  # standard deviation
     tremor_hz: float = 4.0
     body_height: float = 0.55  # of the body in the picture, image heights
+    whole_body: bool = True  # False: as close as `body_height` says, if only the chest stays in the picture
     zoom_smoothing_s: float = 0.45
     sweep_step_deg: float = 2.05  # between the frames of the sweep
     sweep_speed_variation: float = 0.05  # standard deviation of a step, share of the step
+    swing_deg_s: float = 0.0  # peak speed of a swing to and fro about the athlete; 0: none
+    swing_hz: float = 1.9
+    zoom_swing_s: float = 0.0  # time to zoom through the lens's whole range and back, for its own sake; 0: as framed
+    tilts: bool = False  # follows the body's height by hand, too; else the tilt stays locked
+
+
+class Aim(NamedTuple):
+    """Where a camera looks."""
+
+    pan_rad: float
+    focal_px: float
+    raised_rad: float = 0.0  # above the tilt at which the head was locked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hands:
-    """Pan and focal length over time."""
+    """Pan, focal length and tilt over time."""
 
     pan: CubicSpline  # s -> rad
     log_focal: CubicSpline  # s -> log px
+    raised: CubicSpline | None = None  # s -> rad above the locked tilt; None: it stays locked
 
-    def at(self, time_s: float) -> tuple[float, float]:
-        """Pan in radians and focal length in pixels."""
-        return float(self.pan(time_s)), float(np.exp(self.log_focal(time_s)))
+    def at(self, time_s: float) -> Aim:
+        raised_rad = 0.0 if self.raised is None else float(self.raised(time_s))
+        return Aim(float(self.pan(time_s)), float(np.exp(self.log_focal(time_s))), raised_rad)
 
 
 def follow(rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rng: np.random.Generator) -> Hands:
@@ -57,6 +73,34 @@ def follow(rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rn
     limits = np.log(rig.reference_focal_px * np.array([rig.config.zoom_min, rig.config.zoom_max]))
     pan = _chase(target_rad, config) + _tremor(len(time), config, rng)
     return Hands(CubicSpline(time, pan), CubicSpline(time, np.clip(log_focal, *limits)))
+
+
+def swinging(hands: Hands, config: OperatorConfig, rng: np.random.Generator) -> Hands:
+    """The same hands, which swing to and fro with the peak speed and the frequency of ``config``."""
+    time = hands.pan.x
+    rate = 2 * np.pi * config.swing_hz
+    swing = np.deg2rad(config.swing_deg_s) / rate * np.sin(rate * time + rng.uniform(0, 2 * np.pi))
+    return replace(hands, pan=CubicSpline(time, hands.pan(time) + swing))
+
+
+def zooming(hands: Hands, rig: Rig, config: OperatorConfig, rng: np.random.Generator) -> Hands:
+    """The same hands, which zoom from one end of the lens's range to the other and back, again and again."""
+    time = hands.pan.x
+    low, high = np.log(rig.reference_focal_px * np.array([rig.config.zoom_min, rig.config.zoom_max]))
+    wave = np.sin(2 * np.pi * (time / config.zoom_swing_s + rng.uniform()))
+    return replace(hands, log_focal=CubicSpline(time, (low + high) / 2 + (high - low) / 2 * wave))
+
+
+def tilting(
+    hands: Hands, rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rng: np.random.Generator
+) -> Hands:
+    """The same hands, which tilt after the body's middle as they pan. Arguments as of `follow`."""
+    elevation = _elevation(rig, _in_head(rig, points_m))
+    middle = (elevation.max(axis=1) + elevation.min(axis=1)) / 2
+    time = hands.pan.x
+    target = gaussian_filter1d(np.interp(time, times_s, middle), _TILT_SMOOTHING_S * _RATE_HZ)
+    raised = _chase(target, config) + _tremor(len(time), config, rng)
+    return replace(hands, raised=CubicSpline(time, raised))
 
 
 def through(times_s: Array, pan_rad: Array, focal_px: Array) -> Hands:
@@ -82,18 +126,32 @@ def sweep(degrees: float, config: OperatorConfig, rng: np.random.Generator) -> A
 
 def _sight(rig: Rig, points_m: Array, config: OperatorConfig) -> tuple[Array, Array]:
     """Where an ideal operator would look (T,) rad, and with which focal length (T,) px."""
-    head = (points_m - rig.world_T_head[:3, 3]) @ rig.world_T_head[:3, :3]
+    head = _in_head(rig, points_m)
     azimuth = np.unwrap(np.arctan2(head[..., 1], head[..., 0]), axis=0)
     azimuth = azimuth[:, :1] + (azimuth - azimuth[:, :1] + np.pi) % (2 * np.pi) - np.pi
     left, right = azimuth.max(axis=1), azimuth.min(axis=1)
-    elevation = np.arctan2(head[..., 2], np.hypot(head[..., 0], head[..., 1])) - rig.tilt_rad
-    slope = np.tan(np.clip(elevation, -1.2, 1.2))
+    slope = np.tan(np.clip(_elevation(rig, head), -1.2, 1.2))
     tall = slope.max(axis=1) - slope.min(axis=1)
+    centre = (left + right) / 2
+    focal = config.body_height * rig.height / np.maximum(tall, 1e-3)
     # The tilt is fixed, so the body is off the centre at times: it must fit there, too.
+    if not config.whole_body:
+        chest = slope.min(axis=1) + 0.75 * tall
+        return centre, np.minimum(focal, 0.47 * rig.height / np.maximum(np.abs(chest), 1e-3))
     beyond = np.abs(slope).max(axis=1)
     aside = np.tan(np.minimum((left - right) / 2 + np.deg2rad(2.0), 1.2))
-    focal = np.minimum(config.body_height * rig.height / np.maximum(tall, 1e-3), 0.47 * rig.height / beyond)
-    return (left + right) / 2, np.minimum(focal, 0.45 * rig.width / aside)
+    focal = np.minimum(focal, 0.47 * rig.height / beyond)
+    return centre, np.minimum(focal, 0.45 * rig.width / aside)
+
+
+def _in_head(rig: Rig, points_m: Array) -> Array:
+    """World points (T, N, 3) in the frame of the tripod head."""
+    return (points_m - rig.world_T_head[:3, 3]) @ rig.world_T_head[:3, :3]
+
+
+def _elevation(rig: Rig, head_m: Array) -> Array:
+    """How far (T, N) rad points in the head's frame stand above the locked optical axis."""
+    return np.arctan2(head_m[..., 2], np.hypot(head_m[..., 0], head_m[..., 1])) - rig.tilt_rad
 
 
 def _chase(target_rad: Array, config: OperatorConfig) -> Array:

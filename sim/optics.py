@@ -71,10 +71,13 @@ class Rig:
         c = self.config
         return float(c.k1_wide + (c.k1_long - c.k1_wide) * self.zoom_share(focal_px))
 
-    def world_T_cam(self, pan_rad: float, focal_px: float) -> Array:
-        """(4, 4). The projection centre circles the pan axis and travels along the optical axis as the lens zooms."""
+    def world_T_cam(self, pan_rad: float, focal_px: float, raised_rad: float = 0.0) -> Array:
+        """(4, 4). The projection centre circles the pan axis and travels along the optical axis as the lens zooms.
+
+        ``raised_rad`` is how far the head is tilted above where it was locked, about the reference pose's centre.
+        """
         c = self.config
-        optical = _transform(Rotation.from_euler("y", -self.tilt_rad).as_matrix() @ _HEAD_R_CAM)
+        optical = _transform(Rotation.from_euler("y", -(self.tilt_rad + raised_rad)).as_matrix() @ _HEAD_R_CAM)
         optical = optical @ _transform(Rotation.from_euler("z", self.roll_rad).as_matrix())
         travel = c.centre_travel_m * (self.zoom_share(focal_px) - self.zoom_share(self.reference_focal_px))
         axis = _transform(np.eye(3), [-c.axis_behind_m, self.beside_m, 0.0])

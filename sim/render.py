@@ -80,6 +80,12 @@ class Stage:
         mujoco.mj_kinematics(model, self.data)
         mujoco.mj_camlight(model, self.data)
 
+    def carry(self, piece: str, by_m: tuple[float, float, float]) -> None:
+        """Carry the geoms whose names begin with ``piece`` elsewhere, for good."""
+        for geom in range(self.model.ngeom):
+            if self.model.geom(geom).name.startswith(piece):
+                self.model.geom_pos[geom] += by_m
+
     def picture(self, size: tuple[int, int], *, athlete: bool, calibration_object: bool = False) -> Image:
         """What the camera sees, of ``size`` (width, height): red-green-blue, the *bottom* row first."""
         self._update(athlete, calibration_object)

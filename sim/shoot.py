@@ -23,11 +23,12 @@ from pzcap.types import Array, CameraFiles, Capture, Image, Mask, PzcapError
 from pzcap.video import frames_per_day, frames_to_timecode
 from sim import gym, motion
 from sim.athlete import AthleteConfig, draw_measurements
-from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand
+from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand, to_and_fro
 from sim.film import STILL_SCALE, FilmCamera
+from sim.furniture import REARRANGED
 from sim.gym import GymConfig
 from sim.motion import END_POINTS, MotionClip
-from sim.operator import Hands, OperatorConfig, follow, sweep, sweep_length, through
+from sim.operator import Hands, OperatorConfig, follow, sweep, sweep_length, swinging, through, tilting, zooming
 from sim.optics import OpticsConfig, Rig, build_rig, plate_for
 from sim.render import Stage, check_gl
 from sim.scene import build_stage, scene_points, skeleton, stream
@@ -56,7 +57,7 @@ class ShootConfig:
     frame_rate: int = 30  # of the motion
     sweep_deg: float = 360.0  # 360: a full turn, and past its own start; less: centred on the reference pose
     sweep_frame_rate: int = 5
-    zoom_frames: int = 22
+    zoom_frames: int = 22  # 0: no zoom run
     gym: GymConfig = field(default_factory=GymConfig)
     athlete: AthleteConfig = field(default_factory=AthleteConfig)
     operator: OperatorConfig = field(default_factory=OperatorConfig)
@@ -64,14 +65,18 @@ class ShootConfig:
     sensor: SensorConfig = field(default_factory=SensorConfig)
     crew: CrewConfig = field(default_factory=CrewConfig)
 
+    def __post_init__(self) -> None:
+        if self.zoom_frames < 0 or self.zoom_frames == 1:
+            raise PzcapError(f"zoom_frames is {self.zoom_frames}; give 2 or more, or 0 for no zoom run")
+
 
 class _Files(NamedTuple):
-    """What one camera records; as `pzcap.types.CameraFiles`, and all of it."""
+    """What one camera records; as `pzcap.types.CameraFiles`."""
 
     name: str
     reference: Path
     sweep: Path
-    zoom: Path
+    zoom: Path | None
     motion: Path
 
 
@@ -179,20 +184,25 @@ def _assemble(config: ShootConfig, folder: Path) -> _Crew:
     stage = build_stage(config.seed, config.gym, config.athlete, measurements, largest)
     cameras, files = [], []
     for c, rig in enumerate(rigs):
-        cameras.append(FilmCamera(stage, rig, clip.at, config.sensor, stream(config.seed, "sensor", c)))
+        cameras.append(FilmCamera(stage, rig, config.sensor, stream(config.seed, "sensor", c)))
         name = str(c + 1)
         place = folder / f"camera{name}"
         place.mkdir(parents=True)
-        files.append(_Files(name, place / "reference.png", *(place / f"{k}.mp4" for k in ("sweep", "zoom", "motion"))))
+        zoom = place / "zoom.mp4" if config.zoom_frames else None
+        files.append(_Files(name, place / "reference.png", place / "sweep.mp4", zoom, place / "motion.mp4"))
     return _Crew(config, measurements, clip, stage, rigs, cameras, files)
 
 
-def _film_hall(crew: _Crew) -> Generator[Progress, None, list[tuple[Hands, Hands]]]:
-    """Reference image, sweep and zoom run of each camera; return the hands of the sweeps and the zoom runs."""
+def _film_hall(crew: _Crew) -> Generator[Progress, None, dict[str, list[Hands]]]:
+    """Reference image, sweep and zoom run of each camera; return the hands of each "sweep" and "zoom" run."""
     config, sensor = crew.config, crew.config.sensor
     focal_px = crew.rigs[0].reference_focal_px
     low, high = (math.log(focal_px * zoom) for zoom in (config.optics.zoom_min, config.optics.zoom_max))
-    hands: list[tuple[Hands, Hands]] = []
+    hands: dict[str, list[Hands]] = {"sweep": [], "zoom": []}
+    walker = None
+    if config.crew.walks_in_sweep:
+        somebody = motion.make("pedestrian", crew.measurements, stream(config.seed, "walker"))
+        walker = to_and_fro(somebody, stream(config.seed, "walker's way"))
     for c, (camera, files) in enumerate(zip(crew.cameras, crew.files, strict=True)):
         _write_png(files.reference, camera.still(stream(config.seed, "reference", c)))
         pan_rad = sweep(config.sweep_deg, config.operator, stream(config.seed, "sweep", c))
@@ -201,17 +211,20 @@ def _film_hall(crew: _Crew) -> Generator[Progress, None, list[tuple[Hands, Hands
             "sweep": (pan_rad, np.full(len(pan_rad), focal_px)),
             "zoom": (np.full(config.zoom_frames, locked_rad), np.exp(np.linspace(low, high, config.zoom_frames))),
         }
-        moving = {kind: through(np.arange(len(run[0])) / config.sweep_frame_rate, *run) for kind, run in runs.items()}
-        for kind, hand in moving.items():
-            count = len(runs[kind][0])
+        for kind, run in runs.items():
+            count = len(run[0])
+            if not count:
+                continue
+            times_s = np.arange(count) / config.sweep_frame_rate
+            hand = through(times_s, *run)
+            hands[kind].append(hand)
             exposing = camera.record(
-                getattr(files, kind), hand.at, np.arange(count) / config.sweep_frame_rate, athlete=False,
+                getattr(files, kind), hand.at, times_s, person=walker if kind == "sweep" else None,
                 frame_rate=Fraction(config.sweep_frame_rate), crf=sensor.crf_still, sub_exposures=1,
                 rng=stream(config.seed, kind, c),
             )  # fmt: skip
             for k in exposing:
                 yield Progress(f"{kind} {files.name}", k + 1, count)
-        hands.append((moving["sweep"], moving["zoom"]))
     return hands
 
 
@@ -223,9 +236,10 @@ def _film_motion(crew: _Crew) -> Generator[Progress, None, _Filmed]:
     frames = min(frames, config.motion_frames or frames)
     times_s = np.arange(frames) / config.frame_rate
     joints_m, outline_m = skeleton(crew.stage, crew.clip, times_s, crew.measurements)
-    hands = [
-        follow(rig, times_s, outline_m, config.operator, stream(seed, "operator", c)) for c, rig in enumerate(crew.rigs)
-    ]
+    hands = [_operate(crew, c, times_s, outline_m) for c in range(_CAMERAS)]
+    if config.gym.rearranged:
+        for piece, by_m in REARRANGED.items():
+            crew.stage.carry(piece, by_m)
     clock = stream(seed, "clock")
     start = int(clock.integers(frames_per_day(rate) // 3, frames_per_day(rate) // 2))
     early, late = rolls(_CAMERAS, sensor.largest_roll, clock)
@@ -240,20 +254,34 @@ def _film_motion(crew: _Crew) -> Generator[Progress, None, _Filmed]:
         recorded[c] = ~dropped[early[c] : early[c] + frames]
         indices = np.flatnonzero(~dropped)
         exposing = camera.record(
-            files.motion, hands[c].at, (indices - early[c]) / config.frame_rate, athlete=True, frame_rate=rate,
-            crf=sensor.crf_motion, sub_exposures=sensor.sub_exposures, rng=stream(seed, "motion video", c),
-            timecode=frames_to_timecode(start - early[c], rate), indices=indices.tolist(),
+            files.motion, hands[c].at, (indices - early[c]) / config.frame_rate, person=crew.clip.at,
+            light=config.gym.lights_on, frame_rate=rate, crf=sensor.crf_motion, sub_exposures=sensor.sub_exposures,
+            rng=stream(seed, "motion video", c), timecode=frames_to_timecode(start - early[c], rate),
+            indices=indices.tolist(),
         )  # fmt: skip
         for k in exposing:
             yield Progress(f"motion {files.name}", k + 1, len(indices))
         for f, time_s in enumerate(times_s.tolist()):
-            mask = camera.mask(hands[c].at, time_s)
+            mask = camera.mask(hands[c].at, time_s, crew.clip.at)
             mask_bits[c, f] = np.packbits(mask)
             if f % _SHADOW_EVERY == 0:
-                shadow_bits[c, f // _SHADOW_EVERY] = np.packbits(camera.shadow(hands[c].at, time_s, mask))
+                shadow_bits[c, f // _SHADOW_EVERY] = np.packbits(camera.shadow(hands[c].at, time_s, crew.clip.at, mask))
             yield Progress(f"masks {files.name}", f + 1, frames)
     timecodes = tuple(frames_to_timecode(start + f, rate) for f in range(frames))
     return _Filmed(times_s, timecodes, joints_m, hands, recorded, mask_bits, shadow_frames, shadow_bits)
+
+
+def _operate(crew: _Crew, c: int, times_s: Array, outline_m: Array) -> Hands:
+    """What the hands of camera ``c``'s operator do while the motion is recorded."""
+    seed, rig, config = crew.config.seed, crew.rigs[c], crew.config.operator
+    hands = follow(rig, times_s, outline_m, config, stream(seed, "operator", c))
+    if config.swing_deg_s > 0:
+        hands = swinging(hands, config, stream(seed, "swing", c))
+    if config.zoom_swing_s > 0:
+        hands = zooming(hands, rig, config, stream(seed, "zoom swing", c))
+    if config.tilts:
+        hands = tilting(hands, rig, times_s, outline_m, config, stream(seed, "tilt", c))
+    return hands
 
 
 def _write_papers(crew: _Crew, folder: Path, filmed: _Filmed) -> None:
@@ -278,14 +306,16 @@ def _write_papers(crew: _Crew, folder: Path, filmed: _Filmed) -> None:
     )
 
 
-def _truth(crew: _Crew, hall: list[tuple[Hands, Hands]], filmed: _Filmed) -> Truth:
+def _truth(crew: _Crew, hall: dict[str, list[Hands]], filmed: _Filmed) -> Truth:
     config, rigs = crew.config, crew.rigs
-    pan_rad, focal_px = _sampled(filmed.hands, filmed.times_s)
+    pan_rad, focal_px, raised_rad = _sampled(filmed.hands, filmed.times_s)
     frames = len(filmed.times_s)
     sweep_times_s = np.arange(sweep_length(config.sweep_deg, config.operator)) / config.sweep_frame_rate
     zoom_times_s = np.arange(config.zoom_frames) / config.sweep_frame_rate
-    sweep_pan_rad, _ = _sampled([sweeping for sweeping, _ in hall], sweep_times_s)
-    zoom_pan_rad, zoom_focal_px = _sampled([zooming for _, zooming in hall], zoom_times_s)
+    sweep_pan_rad = _sampled(hall["sweep"], sweep_times_s)[0]
+    zoom_pan_rad, zoom_focal_px = np.zeros((_CAMERAS, 1)), np.zeros((_CAMERAS, 0))
+    if config.zoom_frames:
+        zoom_pan_rad, zoom_focal_px, _ = _sampled(hall["zoom"], zoom_times_s)
     reference_px = rigs[0].reference_focal_px
     points = [
         scene_points(crew.stage, rig, sweep_pan_rad[c], _SCENE_POINTS, stream(config.seed, "points", c))
@@ -302,19 +332,21 @@ def _truth(crew: _Crew, hall: list[tuple[Hands, Hands]], filmed: _Filmed) -> Tru
         width=config.width,
         height=config.height,
         pan_rad=pan_rad,
-        tilt_rad=np.repeat([[rig.tilt_rad] for rig in rigs], frames, axis=1),
+        tilt_rad=np.array([[rig.tilt_rad] for rig in rigs]) + raised_rad,
         roll_rad=np.array([rig.roll_rad for rig in rigs]),
         focal_px=focal_px,
         principal_px=np.repeat([[rig.principal_px] for rig in rigs], frames, axis=1),
         k1=np.array([[rig.k1(f) for f in row] for rig, row in zip(rigs, focal_px, strict=True)]),
-        world_T_cam=_poses(rigs, pan_rad, focal_px),
+        world_T_cam=_poses(rigs, pan_rad, focal_px, raised_rad),
         recorded=filmed.recorded,
         reference_focal_px=np.full(_CAMERAS, reference_px),
         reference_principal_px=np.array([rig.principal_px for rig in rigs]),
         reference_k1=np.array([rig.k1(reference_px) for rig in rigs]),
         reference_world_T_cam=np.stack([rig.world_T_cam(0.0, reference_px) for rig in rigs]),
         sweep_pan_rad=sweep_pan_rad,
-        sweep_world_T_cam=_poses(rigs, sweep_pan_rad, np.full_like(sweep_pan_rad, reference_px)),
+        sweep_world_T_cam=_poses(
+            rigs, sweep_pan_rad, np.full_like(sweep_pan_rad, reference_px), np.zeros_like(sweep_pan_rad)
+        ),
         zoom_focal_px=zoom_focal_px,
         zoom_pan_rad=zoom_pan_rad[:, 0],
         scene_points_m=np.stack([group[:fewest] for group in points]),
@@ -330,19 +362,16 @@ def _truth(crew: _Crew, hall: list[tuple[Hands, Hands]], filmed: _Filmed) -> Tru
     )
 
 
-def _sampled(hands: list[Hands], times_s: Array) -> tuple[Array, Array]:
-    """Pan and focal length (C, N) at these times."""
+def _sampled(hands: list[Hands], times_s: Array) -> tuple[Array, Array, Array]:
+    """Pan, focal length and tilt above the locked one, (C, N) each, at these times."""
     values = np.array([[hand.at(t) for t in times_s.tolist()] for hand in hands])
-    return values[..., 0], values[..., 1]
+    return values[..., 0], values[..., 1], values[..., 2]
 
 
-def _poses(rigs: list[Rig], pan_rad: Array, focal_px: Array) -> Array:
-    """(C, N, 4, 4)"""
+def _poses(rigs: list[Rig], *aims: Array) -> Array:
+    """(C, N, 4, 4) for pan, focal length and tilt (C, N) each."""
     return np.array(
-        [
-            [rig.world_T_cam(pan, focal) for pan, focal in zip(pans, focals, strict=True)]
-            for rig, pans, focals in zip(rigs, pan_rad, focal_px, strict=True)
-        ]
+        [[rig.world_T_cam(*aim) for aim in zip(*row, strict=True)] for rig, *row in zip(rigs, *aims, strict=True)]
     )
 
 

@@ -18,6 +18,26 @@ from pzcap.types import PzcapError
 EXPERIMENTS = sorted(path.stem for path in (run.CONF / "experiment").glob("*.yaml"))
 
 
+TRIALS = {
+    "zoom_4x": {"optics.zoom_max", "operator.zoom_swing_s"},
+    "fast_pan": {"operator.swing_deg_s", "operator.swing_hz", "sensor.sub_exposures"},
+    "close_up": {"motion", "optics.zoom_max", "optics.tilt_deg", "operator.body_height", "operator.whole_body"},
+    "lights_on": {"gym.lights_on"},
+    "moved_object": {"gym.rearranged"},
+    "crew_in_sweep": {"crew.walks_in_sweep"},
+    "tilting": {"operator.tilts"},
+    "partial_sweep": {"sweep_deg", "zoom_frames"},
+}
+"""What each departs in from the default shoot."""
+
+
+def leaf(tree: dict[str, Any], key: str) -> Any:
+    value: Any = tree
+    for part in key.split("."):
+        value = value[part]
+    return value
+
+
 def composed(*overrides: str) -> dict[str, Any]:
     GlobalHydra.instance().clear()
     with initialize_config_dir(str(run.CONF), version_base="1.3"):
@@ -27,7 +47,9 @@ def composed(*overrides: str) -> dict[str, Any]:
 
 
 def test_the_experiments_of_the_readme_are_there() -> None:
-    assert {"floor_exercise", "pedestrian", "clean"} <= set(EXPERIMENTS)
+    readme = (run.CONF.parent / "README.md").read_text(encoding="utf-8")
+    assert {"floor_exercise", "pedestrian", "clean", *TRIALS} <= set(EXPERIMENTS)
+    assert all(name in readme for name in EXPERIMENTS)
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
@@ -40,6 +62,21 @@ def test_every_experiment_composes(experiment: str) -> None:
 def test_the_base_is_the_defaults_of_the_dataclasses() -> None:
     assert CONVERTER.unstructure(build(default_tree())) == default_tree()
     assert build(composed("experiment=floor_exercise")).shoot == AppConfig().shoot
+
+
+@pytest.mark.parametrize("trial", TRIALS)
+def test_a_trial_changes_what_it_is_about_and_leaves_the_other_troubles_on(trial: str) -> None:
+    shoot = composed(f"experiment={trial}")["shoot"]
+    plain = CONVERTER.unstructure(AppConfig().shoot)
+    leaves = [key for key in keys(plain) if not isinstance(leaf(plain, key), dict)]
+    assert {key for key in leaves if leaf(shoot, key) != leaf(plain, key)} == TRIALS[trial]
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_an_experiment_says_what_it_is_in_a_few_lines(experiment: str) -> None:
+    lines = (run.CONF / "experiment" / f"{experiment}.yaml").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 25
+    assert sum(line.startswith("# ") for line in lines) >= 3
 
 
 def test_the_method_reaches_the_reconstruction() -> None:

@@ -33,10 +33,10 @@ def pixels(rig: Rig, hands: Hands, points_m: Array) -> Array:
     """(T, N, 2) without distortion."""
     result = []
     for time_s, points in zip(TIMES_S.tolist(), points_m, strict=True):
-        pan_rad, focal_px = hands.at(time_s)
-        cam_T_world = np.linalg.inv(rig.world_T_cam(pan_rad, focal_px))
+        aim = hands.at(time_s)
+        cam_T_world = np.linalg.inv(rig.world_T_cam(*aim))
         seen = points @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
-        result.append(rig.principal_px + focal_px * seen[:, :2] / seen[:, 2:])
+        result.append(rig.principal_px + aim.focal_px * seen[:, :2] / seen[:, 2:])
     return np.array(result)
 
 
@@ -116,4 +116,4 @@ def test_a_partial_sweep_is_centred_on_the_reference() -> None:
 def test_hands_pass_through_what_they_are_given() -> None:
     times_s, pan_rad = np.arange(5) / 5, np.array([0.0, 0.1, 0.25, 0.3, 0.31])
     hands = through(times_s, pan_rad, np.geomspace(600, 2600, 5))
-    assert hands.at(0.4) == pytest.approx((0.25, np.sqrt(600 * 2600)))
+    assert hands.at(0.4) == pytest.approx((0.25, np.sqrt(600 * 2600), 0.0))

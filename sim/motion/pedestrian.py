@@ -42,10 +42,17 @@ def _curve(name: str, phase: Array) -> Array:
 
 def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip:
     """Walk once along the arc at constant speed; start, end and the phase of the first step vary with ``rng``."""
+    return walk(measurements, rng, _START_M, _END_M, _BULGE_M)
+
+
+def walk(
+    measurements: dict[str, float], rng: np.random.Generator, start_m: Array, end_m: Array, bulge_m: float
+) -> MotionClip:
+    """Walk from ``start_m`` to ``end_m`` (2,), about, on an arc that bulges ``bulge_m``, about, to the right."""
     times = knots(FRAMES)
     duration = (FRAMES - 1) / FRAME_RATE
-    start, end = _START_M + rng.normal(0.0, 0.1, 2), _END_M + rng.normal(0.0, 0.1, 2)
-    path, heading = _arc(start, end, _BULGE_M * float(rng.uniform(0.8, 1.2)), times / duration)
+    start, end = start_m + rng.normal(0.0, 0.1, 2), end_m + rng.normal(0.0, 0.1, 2)
+    path, heading = _arc(start, end, bulge_m * float(rng.uniform(0.8, 1.2)), times / duration)
     speed = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) / duration
     # Stride length and cadence rise together with speed: a walk ratio of 0.42 m per step/s at leg length 0.9 m.
     leg = measurements["thigh"] + measurements["shank"] + measurements["ankle_height"]
