@@ -23,6 +23,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -47,9 +48,8 @@ from pzcap import features, panzoom
 from pzcap.calibration import Prepared, prepare
 from pzcap.camera import at
 from pzcap.capture import frame_sets, read_capture, read_image
-from pzcap.features import Features
-from pzcap.rotations import Frames
-from pzcap.selfcalibration import Library, Shots, link, shum_szeliski, sinha_pollefeys, wu_radke
+from pzcap.rotations import Frames, Pair
+from pzcap.selfcalibration import Library, Shots, ZoomModel, link, shum_szeliski, sinha_pollefeys, wu_radke
 from pzcap.sweep import grey
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask, PzcapError
 from pzcap.video import VideoReader
@@ -188,9 +188,10 @@ def ours(prepared: Prepared, config: AppConfig, footage: Footage, masked: bool) 
     rotation, lens, valid = [], [], []
     last = None
     for image, mask in zip(footage.images, footage.masks, strict=True):
+        shown = image
         if masked and mask is not None:
-            image = cv2.inpaint(image, mask.astype(np.uint8), 3, cv2.INPAINT_TELEA)
-        found = localiser.localise(np.asarray(image, np.uint8), last)
+            shown = np.asarray(cv2.inpaint(image, mask.astype(np.uint8), 3, cv2.INPAINT_TELEA), np.uint8)
+        found = localiser.localise(shown, last)
         last = found if found.valid else None
         camera = at(prepared.camera, found.pan_rad, found.tilt_rad, found.focal_px)
         rotation.append(camera.world_T_cam[:3, :3])
@@ -199,9 +200,10 @@ def ours(prepared: Prepared, config: AppConfig, footage: Footage, masked: bool) 
     return Frames(np.array(rotation), np.array(lens), np.array(valid))
 
 
-def corrected(library: Library, found: Sequence[Features]) -> Frames:
-    """Wu and Radke's frames, one after the other."""
-    located = [library.locate(each) for each in found]
+def corrected(hall: Shots, calibrated: Frames, model: ZoomModel, filmed: Shots) -> Frames:
+    """Wu and Radke's frames, one after the other, by a library made of those of the hall."""
+    library = Library(hall, calibrated, model)
+    located = [library.locate(each) for each in filmed.found]
     return Frames(
         np.array([rotation for rotation, _, _ in located]),
         np.array([lens for _, lens, _ in located]),
@@ -241,8 +243,8 @@ def compare(
         )  # fmt: skip
         spent = time.perf_counter() - started
         for condition, footage in (("empty", hall), ("athlete", motion), ("masked", motion)):
-            masked = condition == "masked"
-            timed("ours", condition, footage.true, lambda f=footage, m=masked: ours(prepared, config, f, m), spent)  # type: ignore[misc]
+            work = partial(ours, prepared, config, footage, condition == "masked")
+            timed("ours", condition, footage.true, work, spent)
         done += 1
         report_step(f"camera {files.name}: compare", done, total)
 
@@ -250,19 +252,18 @@ def compare(
         started = time.perf_counter()
         pairs = link(shots)
         spent = time.perf_counter() - started
-        timed("shum_szeliski", "empty", hall.true, lambda s=shots, p=pairs: shum_szeliski(s, p), spent)  # type: ignore[misc]
-        timed("sinha_pollefeys", "empty", hall.true, lambda s=shots, p=pairs: sinha_pollefeys(s, p), spent)  # type: ignore[misc]
+        timed("shum_szeliski", "empty", hall.true, partial(shum_szeliski, shots, pairs), spent)
+        timed("sinha_pollefeys", "empty", hall.true, partial(sinha_pollefeys, shots, pairs), spent)
         started = time.perf_counter()
         calibrated, model = wu_radke(shots, pairs)
         spent += time.perf_counter() - started
-        timed("wu_radke", "empty", hall.true, lambda c=calibrated: c, spent)  # type: ignore[misc]
+        result["wu_radke", "empty"].append(errors_of(calibrated, hall.true, spent))
         done += 1
         report_step(f"camera {files.name}: compare", done, total)
 
         for condition in ("athlete", "masked"):
             filmed = shots_of(motion, condition == "masked")
-            timed("wu_radke", condition, motion.true,
-                  lambda s=filmed: corrected(Library(shots, calibrated, model), s.found), spent)  # type: ignore[misc]  # fmt: skip
+            timed("wu_radke", condition, motion.true, partial(corrected, shots, calibrated, model, filmed), spent)
             started = time.perf_counter()
             try:
                 linked = link(filmed)
@@ -270,13 +271,13 @@ def compare(
                 linked = []
             matching = time.perf_counter() - started
             for method, mosaic in (("shum_szeliski", shum_szeliski), ("sinha_pollefeys", sinha_pollefeys)):
-                timed(method, condition, motion.true, lambda s=filmed, p=linked, w=mosaic: _mosaic(w, s, p), matching)  # type: ignore[misc]
+                timed(method, condition, motion.true, partial(_mosaic, mosaic, filmed, linked), matching)
             done += 1
             report_step(f"camera {files.name}: compare", done, total)
     return result
 
 
-def _mosaic(method: Callable[[Shots, Any], Frames], shots: Shots, pairs: Any) -> Frames:
+def _mosaic(method: Callable[[Shots, Sequence[Pair]], Frames], shots: Shots, pairs: Sequence[Pair]) -> Frames:
     if not pairs:
         raise PzcapError("self-calibration: no three frames show the same")
     return method(shots, pairs)

@@ -72,12 +72,15 @@ def match_pairs(
         if len(matched) < least:
             continue
         a, b = found[first].points_px[matched[:, 0]], found[second].points_px[matched[:, 1]]
-        homography, inlier = cv2.findHomography(a, b, cv2.USAC_MAGSAC, 3.0, maxIters=3000, confidence=0.999)
-        if homography is None or not _plausible(homography, a):
+        model, inlier = cv2.findHomography(a, b, cv2.USAC_MAGSAC, 3.0, maxIters=3000, confidence=0.999)
+        if model is None:
+            continue
+        homography = np.asarray(model, np.float64)
+        if not _plausible(homography, a):
             continue
         agree = inlier.ravel() > 0
         if agree.sum() >= max(least, 0.25 * len(matched)):
-            pairs.append(Pair(first, second, a[agree], b[agree], np.asarray(homography, np.float64)))
+            pairs.append(Pair(first, second, a[agree], b[agree], homography))
     return pairs
 
 
@@ -180,7 +183,8 @@ def _tree(weighted: Sequence[tuple[float, Pair]], count: int) -> list[tuple[int,
     degree = np.zeros(count)
     for weight, pair in weighted:
         degree[[pair.first, pair.second]] += weight
-    reached, tree = {int(np.argmax(degree))}, []
+    reached = {int(np.argmax(degree))}
+    tree: list[tuple[int, int, Pair]] = []
     while True:
         edges = [(w, p) for w, p in weighted if (p.first in reached) != (p.second in reached)]
         if not edges:

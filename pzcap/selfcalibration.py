@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -93,7 +94,7 @@ def close_gap(shots: Shots, pairs: Sequence[Pair], start: Frames) -> Frames:
     """
     by_frames = {(pair.first, pair.second): pair for pair in pairs}
     order = shots.sequence
-    chain = [by_frames.get((a, b)) for a, b in zip(order, order[1:], strict=False)]
+    chain = [by_frames.get((a, b)) for a, b in pairwise(order)]
     ends = [
         (k, pair)
         for k in range(len(order) // 2, len(order))
@@ -117,7 +118,7 @@ def close_gap(shots: Shots, pairs: Sequence[Pair], start: Frames) -> Frames:
         lens = frames.lens.copy()
         lens[:, 0] += np.log(np.clip(angle / (2 * np.pi), 0.8, 1.25))
         frames = replace(frames, lens=lens)
-    tree = [(a, b, pair) for (a, b), pair in zip(zip(order, order[1:], strict=False), chain, strict=True) if pair]
+    tree = [(a, b, pair) for (a, b), pair in zip(pairwise(order), chain, strict=True) if pair]
     rest = [pair for pair in pairs if pair.second not in order or pair.first not in order]
     reached = set(order)
     while edges := [p for p in rest if (p.first in reached) != (p.second in reached)]:
@@ -169,20 +170,20 @@ def sinha_pollefeys(shots: Shots, pairs: Sequence[Pair]) -> Frames:
     mosaic, intrinsics, _ = adjust(mosaic, first, model, pairs)
 
     # stage 2: outwards, one step at a time
-    steps = [k for k in np.flatnonzero(start.valid & ~base)]
+    steps = [int(k) for k in np.flatnonzero(start.valid & ~base)]
     steps.sort(key=lambda k: abs(start.lens[k, 0] - first[0]))
     lens = mosaic.lens.copy()
     known = mosaic.valid.copy()
     frames = mosaic
     order = np.array([0.3, 0.005 * shots.width, 0.005 * shots.width, 0.05])
-    before = {}
+    before: dict[int, int] = {}
     for k in steps:
         linked = [pair for pair in pairs if k in (pair.first, pair.second) and known[_other(pair, k)]]
         if not linked:
             continue
         best = max(linked, key=lambda pair: len(pair.first_px))
         nearest = _other(best, k)
-        before[int(k)] = nearest
+        before[k] = nearest
         guess = lens[nearest].copy()
         guess[0] += start.lens[k, 0] - start.lens[nearest, 0]
         lens[k] = guess
@@ -202,7 +203,7 @@ def sinha_pollefeys(shots: Shots, pairs: Sequence[Pair]) -> Frames:
     # all at once: the mosaic's intrinsics and each step's, near those of the frame it was reached from
     members = [k for k in steps if known[k]]
     size = 4 * (1 + len(members))
-    where = {int(k): 4 * (1 + n) for n, k in enumerate(members)}
+    where = {k: 4 * (1 + n) for n, k in enumerate(members)}
     design = np.zeros((count, 4, size))
     design[:, :, :4] = np.eye(4)
     unknowns = np.concatenate([intrinsics, *(lens[k] for k in members)]) if members else intrinsics
@@ -376,9 +377,9 @@ class Library:
         query = len(self._sources)
         best: tuple[int, Pair | None] = (0, None)
         for n, (_, source, _, _) in enumerate(self._sources):
-            for pair in match_pairs([source, found], [(0, 1)]):
-                if len(pair.first_px) > best[0]:
-                    best = (len(pair.first_px), replace(pair, first=n, second=query))
+            for match in match_pairs([source, found], [(0, 1)]):
+                if len(match.first_px) > best[0]:
+                    best = (len(match.first_px), replace(match, first=n, second=query))
         pair = best[1]
         if pair is None:
             return None

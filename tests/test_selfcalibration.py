@@ -16,6 +16,7 @@ from pzcap.types import Array
 
 WIDTH, HEIGHT = 640, 480
 CENTRE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+OFF_CENTRE = CENTRE + np.array([3.0, -2.0])
 PANS = np.deg2rad(np.arange(0, 372, 12.0))
 ZOOM = np.exp(np.linspace(np.log(0.7), np.log(2.6), 9))
 
@@ -72,7 +73,7 @@ def turned(found: Frames, true: Frames) -> Array:
 
 
 PLAIN = truth(CENTRE, (0.0, 0.0))
-REAL = truth(CENTRE + (3.0, -2.0), (-0.05, 0.06))
+REAL = truth(OFF_CENTRE, (-0.05, 0.06))
 
 
 @pytest.mark.parametrize("method", ["shum_szeliski", "sinha_pollefeys", "wu_radke"])
@@ -118,7 +119,7 @@ def test_transfer_derivatives_match_finite_differences() -> None:
 
 
 def test_the_library_finds_frames_and_forgets_what_is_gone() -> None:
-    """Features with descriptors of their own: found by them anywhere, then from frame to frame; half of them removed."""
+    """Features with descriptors of their own: found by them anywhere, then frame by frame; half removed."""
     rng = np.random.default_rng(2)
     sphere = rng.normal(size=(6000, 3)) * (1, 1, 0.4)
     sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
@@ -131,7 +132,7 @@ def test_the_library_finds_frames_and_forgets_what_is_gone() -> None:
 
     everything = np.ones(6000, bool)
     shots = Shots(tuple(shoot(REAL, k, everything) for k in range(len(REAL.valid))), WIDTH, HEIGHT)
-    model = ZoomModel(float(np.log(880.0)), CENTRE + (3.0, -2.0), np.array([-0.05, 0.06, 0.0]))
+    model = ZoomModel(float(np.log(880.0)), OFF_CENTRE, np.array([-0.05, 0.06, 0.0]))
     library = Library(shots, REAL, model)
     pans, log_zooms = 0.4 + 0.02 * np.arange(20), np.linspace(0.1, 0.6, 20)
     moving = Frames(
