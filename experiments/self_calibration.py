@@ -61,8 +61,7 @@ MASK_MARGIN_PX = 6
 FAILED_FOCAL, FAILED_PAN_RAD = 0.05, np.deg2rad(1.0)
 METHODS: Final = ("ours", "shum_szeliski", "sinha_pollefeys", "wu_radke")
 NAMES: Final = {
-    "ours": "ours", "shum_szeliski": "Shum and Szeliski 2000", "sinha_pollefeys": "Sinha and Pollefeys 2006",
-    "wu_radke": "Wu and Radke 2013",
+    "ours": "ours", "shum_szeliski": "Shum-Szeliski", "sinha_pollefeys": "Sinha-Pollefeys", "wu_radke": "Wu-Radke"
 }  # fmt: skip
 CONDITIONS: Final = ("empty", "athlete", "masked")
 PLOT: Final = "self_calibration.png"
@@ -147,7 +146,8 @@ def motion_footage(capture: Capture, truth: Truth) -> list[Footage]:
                     row.append((image, at_frame))
     result = []
     kernel = np.ones((2 * MASK_MARGIN_PX + 1,) * 2, np.uint8)
-    for camera, row in enumerate(taken):
+    for files, row in zip(capture.cameras, taken, strict=True):
+        camera = truth.camera_names.index(files.name)
         indices = [frame for _, frame in row]
         masks = [cv2.dilate(truth.mask(camera, frame).astype(np.uint8), kernel) > 0 for frame in indices]
         true = _true(
@@ -228,13 +228,12 @@ def compare(
         result[method, condition].append(errors_of(found, true, before_s + time.perf_counter() - started))
 
     done = 0
-    for camera, files in enumerate(capture.cameras):
+    for files, motion in zip(capture.cameras, motions, strict=True):
         if files.sweep is None or files.zoom is None or files.reference is None or capture.calibration_object is None:
             raise PzcapError(
                 f"camera {files.name}: the comparison needs its reference image, sweep, zoom run and the object"
             )
-        hall, sweep = hall_footage(files, truth, camera)
-        motion = motions[camera]
+        hall, sweep = hall_footage(files, truth, truth.camera_names.index(files.name))
 
         started = time.perf_counter()
         prepared = prepare(
@@ -318,8 +317,8 @@ def print_comparison(console: Console, title: str, found: Sequence[Metric]) -> N
     by_key = {metric.key: metric.value for metric in found}
     table = Table(title=title, title_justify="left", header_style="bold")
     for name in ("method", "frames"):
-        table.add_column(name)
-    for name in ("focal %", "pan deg*", "principal px", "k1", "failures", "s"):
+        table.add_column(name, no_wrap=True)
+    for name in ("focal %", "pan deg*", "centre px", "k1", "failed", "s"):
         table.add_column(name, justify="right")
     for condition in CONDITIONS:
         for method in METHODS:
@@ -333,7 +332,7 @@ def print_comparison(console: Console, title: str, found: Sequence[Metric]) -> N
             table.add_row(NAMES[method], condition, *cells, f"{failed:.0f}/{count:.0f}", f"{seconds:.0f}")
         table.add_section()
     console.print(table)
-    console.print("* after removing one common rotation a camera; medians over the frames that did not fail")
+    console.print("* one common rotation a camera removed; medians over the frames that did not fail")
 
 
 def plot(path: Path, found: Sequence[Metric]) -> None:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
+from hydra.core.global_hydra import GlobalHydra
 from scipy.spatial.transform import Rotation
 
+from experiments import self_calibration
+from experiments.metrics import read_metrics
 from pzcap import rotations, selfcalibration
 from pzcap.camera import distort, head_T_cam
 from pzcap.features import Features
@@ -147,3 +153,52 @@ def test_the_library_finds_frames_and_forgets_what_is_gone() -> None:
         assert abs(np.exp(lens[0]) / moving.focal_px[k] - 1) < 5e-4
         assert Rotation.from_matrix(rotation.T @ moving.rotation[k]).magnitude() < np.deg2rad(0.02)
     assert len(library) < before
+
+
+def test_the_small_capture_by_the_command(
+    small_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All methods on all sets of frames of one camera: every figure is there, and ours is near.
+
+    Eight frames of motion hardly pan: what the mosaics make of them is not looked at.
+    """
+    GlobalHydra.instance().clear()
+    manifest = json.loads((small_capture / "capture" / "capture.json").read_text())
+    manifest["cameras"] = manifest["cameras"][2:3]
+    (tmp_path / "capture").mkdir()
+    (tmp_path / "capture" / "capture.json").write_text(json.dumps(manifest))
+    for path in (*(small_capture / "capture").glob("camera*"), *(small_capture / "capture").glob("[!c]*.json")):
+        (tmp_path / "capture" / path.name).symlink_to(path)
+    (tmp_path / "truth").symlink_to(small_capture / "truth")
+    monkeypatch.setattr(
+        "sys.argv", ["self_calibration", f"capture={tmp_path / 'capture'}", f"hydra.run.dir={tmp_path / 'out'}"]
+    )
+    assert self_calibration.main() == 0
+    found, _ = read_metrics(tmp_path / "out" / "metrics.json")
+    value = {metric.key: metric.value for metric in found}
+    assert len(value) == 4 * 3 * 7
+    for condition in self_calibration.CONDITIONS:
+        focal, failures = value[f"selfcal.ours.{condition}.focal.median"], value[f"selfcal.ours.{condition}.failures"]
+        assert focal is not None
+        assert focal < 1.0
+        assert failures is not None
+        assert failures <= 1
+    assert all(value[f"selfcal.{method}.empty.seconds"] for method in self_calibration.METHODS)
+    assert (tmp_path / "out" / self_calibration.PLOT).stat().st_size > 10000
+    out = capsys.readouterr().out
+    assert all(out.count(name) >= 3 for name in self_calibration.NAMES.values())
+
+
+def test_errors_are_what_was_put_in() -> None:
+    """A common rotation is not an error, a turn about the vertical of one frame is; one that is far off has failed."""
+    common = Rotation.from_rotvec([0.3, -0.8, 1.5]).as_matrix()
+    rotation = common @ REAL.rotation
+    rotation[4] = Rotation.from_rotvec(common @ [0.0, 0.0, np.deg2rad(0.5)]).as_matrix() @ rotation[4]
+    lens = REAL.lens.copy()
+    lens[7, 0] += np.log(1.1)
+    lens[9, 1] += 2.0
+    errors = self_calibration.errors_of(Frames(rotation, lens, REAL.valid), REAL, 1.0)
+    assert np.flatnonzero(errors.failed).tolist() == [7]
+    assert errors.pan_rad[4] == pytest.approx(np.deg2rad(0.5), rel=0.05)
+    assert errors.pan_rad[[0, 1, 2, 8]].max() < np.deg2rad(0.03)
+    assert errors.principal_px[9] == pytest.approx(2.0)
