@@ -91,7 +91,7 @@ def _plausible(homography: Array, points: Array) -> bool:
 
 
 def focals_of(homography: Array, centre_px: Array) -> tuple[float | None, float | None]:
-    """Focal lengths of the two frames of a homography, in closed form (Shum and Szeliski, 2000, section 5.1).
+    """Focal lengths of the two frames of a homography, in closed form (Shum and Szeliski, 2000).
 
     None where the motion does not show it: a turn of a few degrees, or zooming alone.
     """

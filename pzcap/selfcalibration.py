@@ -1,8 +1,9 @@
 """Self-calibration from the footage alone: the three methods that the paper names as alternatives to its own.
 
-The paper announces a comparison with them (section 7). Each is written here after its publication, with AKAZE matches
-in place of what was the features of its day, and with the camera model of `pzcap.types` (one coefficient of
-distortion, square pixels). What else was simplified stands with each method.
+The paper announces a comparison with them (section 7). Their outlines are kept: the abstracts and what later work says
+of them were at hand, the full texts were not, so that details may differ. AKAZE matches stand in place of the features
+of their day, and the camera model is that of `pzcap.types` (one coefficient of distortion, square pixels). What else was
+simplified stands with each method.
 """
 
 from __future__ import annotations
@@ -69,8 +70,8 @@ def shum_szeliski(shots: Shots, pairs: Sequence[Pair]) -> Frames:
     """A mosaic: focal lengths and rotations of all frames, no distortion, principal point in the middle.
 
     Focal lengths in closed form from the homographies; rotations chained; in a full turn the gap at the end gives the
-    focal length (section 5.2) and is spread over the turn; then all frames are aligned globally over all overlapping
-    pairs, each with a rotation and a focal length (section 6). Simplified: homographies from features instead of
+    focal length and is spread over the turn; then all frames are aligned globally over all overlapping
+    pairs, each with a rotation and a focal length. Simplified: homographies from features instead of
     registered patches, and residuals in pixels instead of between rays; no deghosting, which moves pixels, not cameras.
     """
     start = initial(pairs, len(shots.found), shots.centre_px, GUESS_WIDTHS * shots.width)
@@ -148,8 +149,8 @@ def _first(chain: Sequence[Pair | None]) -> Pair:
 def sinha_pollefeys(shots: Shots, pairs: Sequence[Pair]) -> Frames:
     """Intrinsics at one zoom by adjusting a mosaic, then outwards through the zoom, one step after the other.
 
-    The mosaic's frames share focal length, principal point and distortion (their sections 3.1-3.2); then every zoom
-    step has its own, adjusted with those before it, and at last all at once (section 3.3). Where a step does not show
+    The mosaic's frames share focal length, principal point and distortion; then every zoom
+    step has its own, adjusted with those before it, and at last all at once. Where a step does not show
     distortion or principal point they stay near the step before. Simplified: one coefficient of distortion; first
     values from closed-form focal lengths instead of the linear self-calibration; where there is no panorama at the
     widest zoom, the largest group of frames of one zoom is the mosaic, and the zoom goes outwards from it both ways;
@@ -257,7 +258,7 @@ class ZoomModel:
 
 
 def wu_radke(shots: Shots, pairs: Sequence[Pair]) -> tuple[Frames, ZoomModel]:
-    """The complete model from panned and zoomed frames: simple first values, then one nonlinear fit (their section 4).
+    """The complete model from panned and zoomed frames: simple first values, then one nonlinear fit.
 
     The principal point is first where the zoom run's pictures expand from. Simplified: our cameras have no encoder, so
     that every zoom step's focal length is free, and distortion a quadratic in its logarithm rather than in a reading;
@@ -310,7 +311,7 @@ def centre_of_zoom(shots: Shots, pairs: Sequence[Pair]) -> Array:
 
 
 class Library:
-    """Features on the sphere, with which a frame is found and which it keeps up to date (their section 5).
+    """Features on the sphere, with which a frame is found and which it keeps up to date.
 
     A frame's features are matched with the library's near where the last frame says they are; the pan, tilt, roll and
     zoom that most agree on correct the estimate, the model of the lens staying as it was calibrated. Then the features
