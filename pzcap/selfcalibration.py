@@ -2,8 +2,8 @@
 
 The paper announces a comparison with them (section 7). Their outlines are kept: the abstracts and what later work says
 of them were at hand, the full texts were not, so that details may differ. AKAZE matches stand in place of the features
-of their day, and the camera model is that of `pzcap.types` (one coefficient of distortion, square pixels). What else was
-simplified stands with each method.
+of their day, and the camera model is that of `pzcap.types` (one coefficient of distortion, square pixels). What else
+was simplified stands with each method.
 """
 
 from __future__ import annotations
