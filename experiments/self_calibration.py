@@ -34,6 +34,7 @@ import numpy as np
 from hydra.core.hydra_config import HydraConfig
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
+from rich import box
 from rich.console import Console
 from rich.table import Table
 from scipy.spatial.transform import Rotation
@@ -183,16 +184,17 @@ def shots_of(footage: Footage, masked: bool, sweep: int = 0, full_turn: bool = F
 
 
 def ours(prepared: Prepared, config: AppConfig, footage: Footage, masked: bool) -> Frames:
-    """Pan and zoom of the frames on the panorama of the empty hall."""
+    """Pan and zoom of the frames on the panorama of the empty hall.
+
+    Each is found from nothing: the frame before, near which ours looks, is some frames off and was not looked at.
+    """
     localiser = panzoom.Localiser(prepared.panorama, prepared.camera, config.reconstruct.panzoom)
     rotation, lens, valid = [], [], []
-    last = None
     for image, mask in zip(footage.images, footage.masks, strict=True):
         shown = image
         if masked and mask is not None:
             shown = np.asarray(cv2.inpaint(image, mask.astype(np.uint8), 3, cv2.INPAINT_TELEA), np.uint8)
-        found = localiser.localise(shown, last)
-        last = found if found.valid else None
+        found = localiser.localise(shown, None)
         camera = at(prepared.camera, found.pan_rad, found.tilt_rad, found.focal_px)
         rotation.append(camera.world_T_cam[:3, :3])
         lens.append([np.log(camera.focal_px), *camera.principal_px, camera.k1])
@@ -315,11 +317,11 @@ def metrics_of(result: dict[tuple[str, str], list[Errors]]) -> list[Metric]:
 def print_comparison(console: Console, title: str, found: Sequence[Metric]) -> None:
     """A row a method and set of frames."""
     by_key = {metric.key: metric.value for metric in found}
-    table = Table(title=title, title_justify="left", header_style="bold")
+    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE)
     for name in ("method", "frames"):
         table.add_column(name, no_wrap=True)
     for name in ("focal %", "pan deg*", "centre px", "k1", "failed", "s"):
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", no_wrap=True)
     for condition in CONDITIONS:
         for method in METHODS:
             key = f"selfcal.{method}.{condition}"
@@ -328,7 +330,7 @@ def print_comparison(console: Console, title: str, found: Sequence[Metric]) -> N
                 for name in ("focal.median", "pan_after_common_rotation.median", "principal.median", "k1.median")
             ]
             failed, count, seconds = (by_key[f"{key}.{name}"] or 0.0 for name in ("failures", "frames", "seconds"))
-            cells = ["–" if value is None else f"{value:.3g}" for value in values]
+            cells = ["–" if value is None else f"{value:.2g}" for value in values]
             table.add_row(NAMES[method], condition, *cells, f"{failed:.0f}/{count:.0f}", f"{seconds:.0f}")
         table.add_section()
     console.print(table)
