@@ -14,7 +14,8 @@ masked   the same frames without the athlete: no features where the true masks, 
 
 Self-calibration knows no reference pose: rotations, of all methods alike, are compared after the one rotation a camera
 that brings them all nearest to the truth. A frame fails where it is not linked or found, its focal length is off by
-more than 5 %, or its pan by more than a degree; medians are over the others.
+more than 5 %, or its pan by more than a degree, or fewer than five of its camera's are left; medians are over the
+others.
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ SWEEP_EVERY, ZOOM_EVERY, MOTION_EVERY = 6, 2, 7
 FEATURES, THRESHOLD = 800, 2e-4
 MASK_MARGIN_PX = 6
 FAILED_FOCAL, FAILED_PAN_RAD = 0.05, np.deg2rad(1.0)
+LEAST_FRAMES = 5  # of a camera: the common rotation would suit fewer by itself
 METHODS: Final = ("ours", "shum_szeliski", "sinha_pollefeys", "wu_radke")
 NAMES: Final = {
     "ours": "ours", "shum_szeliski": "Shum-Szeliski", "sinha_pollefeys": "Sinha-Pollefeys", "wu_radke": "Wu-Radke"
@@ -95,13 +97,15 @@ def errors_of(found: Frames, true: Frames, seconds: float) -> Errors:
     good = found.valid & (np.abs(focal) < FAILED_FOCAL)
     pan = np.full(len(good), np.inf)
     for _ in range(2):  # once more without what the first shows to be far off
-        if not good.any():
+        if good.sum() < LEAST_FRAMES:
             break
         u, _, vt = np.linalg.svd(np.einsum("fij,fkj->ik", true.rotation[good], found.rotation[good]))
         common = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
         apart = (common @ found.rotation) @ true.rotation.transpose(0, 2, 1)
         pan = np.abs(Rotation.from_matrix(apart).as_rotvec()[:, 2])  # about the world's vertical
         good &= pan < FAILED_PAN_RAD
+    if good.sum() < LEAST_FRAMES:
+        good[:] = False
     principal = np.hypot(*(found.lens[:, 1:3] - true.lens[:, 1:3]).T)
     return Errors(np.abs(focal), pan, principal, np.abs(found.lens[:, 3] - true.lens[:, 3]), ~good, seconds)
 
