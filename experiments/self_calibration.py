@@ -141,7 +141,7 @@ def hall_footage(files: CameraFiles, truth: Truth, camera: int) -> tuple[Footage
 def motion_footage(capture: Capture, truth: Truth) -> list[Footage]:
     """Frames of the motion of each camera, and the true masks."""
     sets = frame_sets(capture)
-    every = max(1, min(MOTION_EVERY, len(sets) // 8))
+    every = max(1, min(MOTION_EVERY, len(truth.timecodes) // 8))
     taken: list[list[tuple[Image, int]]] = [[] for _ in capture.cameras]
     for frames in sets:
         if frames.index % every == 0 and frames.timecode in truth.timecodes:
@@ -324,7 +324,7 @@ def metrics_of(result: dict[tuple[str, str], list[Errors]]) -> list[Metric]:
 def print_comparison(console: Console, title: str, found: Sequence[Metric]) -> None:
     """A row a method and set of frames."""
     by_key = {metric.key: metric.value for metric in found}
-    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE)
+    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE, padding=(0, 0))
     for name in ("method", "frames"):
         table.add_column(name, no_wrap=True)
     for name in ("focal %", "pan deg*", "centre px", "k1", "failed", "s"):
