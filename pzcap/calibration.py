@@ -18,9 +18,8 @@ from pzcap import cylinder, direct, features, panorama, reference
 from pzcap.bundle import Adjusted, Link, Model, Sigmas, adjust, thinned
 from pzcap.camera import View
 from pzcap.features import Features
-from pzcap.panorama import Brightness, Frames
 from pzcap.panzoom import PanZoomConfig, panorama_features, ransac_eq15, solve_eq15
-from pzcap.sweep import chain, grey, link_further, link_views, place, spaced
+from pzcap.sweep import Frames, chain, grey, link_further, link_views, place, spaced
 from pzcap.types import (
     FAR_AWAY,
     Array,
@@ -88,9 +87,7 @@ def _prepare_exact(
 ) -> Prepared:
     height, width = reference_image.shape[:2]
     view = View(0.0, 0.0, 0.0, first.camera.focal_px, first.camera.principal_px, 0.0)
-    chained = chain(
-        (image for _, image in sweep), view, full_turn, config.sweep, lambda done: report("match sweep", done, 0)
-    )
+    chained = chain(sweep, view, full_turn, config.sweep, lambda done: report("match sweep", done, 0))
     count = len(chained.pan_rad)
     sigmas = _sigmas(width, full_turn, zoom=False)
     coarse = adjust(_start(view, chained.pan_rad), chained.links, sigmas, iterations=6).model
@@ -102,8 +99,10 @@ def _prepare_exact(
     links = [*chained.links, *further, *links]
     pans, focals = [*coarse.pan_rad, pan], [coarse.log_focal[0]] * 2
     pan_of, focal_of = [*range(count), count], [0] * count + [1]
-    if zoom is not None:
-        found += _zoom_features(zoom, config, report)
+    zoomed = [] if zoom is None else _zoom_frames(zoom, config)
+    if zoomed:
+        report("match zoom run", 0, 1)
+        found += [_detect(image, config) for image in zoomed]
         run = link_zoom(found, coarse.pan_rad, count + 1, coarse.view(0), width, config)
         links += run.links
         pans.append(run.pan_rad)
@@ -112,23 +111,25 @@ def _prepare_exact(
         focal_of += list(range(2, 2 + len(run.log_focal)))
     start = Model(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
-        _padded(coarse.principal_px, 2 if zoom else 1), _padded(coarse.k1[:, None], 3 if zoom else 1)[:, 0],
+        _padded(coarse.principal_px, 2 if zoomed else 1), _padded(coarse.k1[:, None], 3 if zoomed else 1)[:, 0],
         coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height),
     )  # fmt: skip
-    sigmas = _sigmas(width, full_turn, zoom is not None)
+    sigmas = _sigmas(width, full_turn, zoom=bool(zoomed))
     quick = adjust(start, thinned(links, 5), sigmas, scale_px=4.0, iterations=12).model
-    adjusted = adjust(quick, links, sigmas, prior=start, scale_px=1.0, iterations=6)
-    brightness = panorama.fit_brightness([*chained.links, *further], count, adjusted.model.view(0), width, height)
-    frames = _stored(sweep, reference_image, zoom, brightness, adjusted.model.view(0), config)
+    matched = adjust(quick, links, sigmas, prior=start, scale_px=1.0, iterations=6)
+
+    # features say where frames lie to a quarter of a pixel, grey values say it better
+    brightness = panorama.fit_brightness([*chained.links, *further], count, matched.model.view(0), width, height)
+    flat = panorama.flatness(brightness, matched.model.view(0), width, height)
+    gains = [*np.exp(-brightness.log_gain), *[1.0] * (1 + len(zoomed))]
+    images = [*chained.images, *(grey(image) for image in [reference_image, *zoomed])]
+    kept = [direct.stored(image, flat * gain) for image, gain in zip(images, gains, strict=True)]
     pairs = dict.fromkeys((link.first, link.second) for link in links)
-    overlaps = [direct.overlap(frames, adjusted.model, *pair) for pair in pairs]
-    fitted = direct.adjust(
-        adjusted.model, frames, [one for one in overlaps if one is not None], sigmas, prior=start,
-        report=lambda done: report("adjust", done, direct.ITERATIONS),
-    )  # fmt: skip
-    model = fitted.model
-    if DEBUG is not None:
-        DEBUG.update(locals())
+    model = direct.adjust(
+        matched.model, kept, list(pairs), sigmas, prior=start,
+        report=lambda done: report("adjust grey values", done, direct.ITERATIONS),
+    ).model  # fmt: skip
+    del kept, images
 
     taken = model.view(count)
     known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.k1)
@@ -137,14 +138,14 @@ def _prepare_exact(
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     swept = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     pasted = panorama.stitch(
-        sweep, sweep_pan_rad, swept, full_turn, brightness, surroundings,
-        lambda done: report("paste sweep", done, count),
+        sweep, chained.kept, sweep_pan_rad, swept, full_turn, brightness, surroundings,
+        lambda done: report("paste sweep", done, 2 * count),
     )  # fmt: skip
     background = replace(
         pasted,
-        sweep_inliers=_sweep_inliers(adjusted, links, count),
+        sweep_inliers=_sweep_inliers(matched, links, count),
         closure_rad=chained.closure_rad,
-        residual_px=adjusted.residual_px,
+        residual_px=matched.residual_px,
     )
     return Prepared(refined, background, camera)
 
@@ -238,20 +239,6 @@ def _place_reference(
     return pan, kept
 
 
-DEBUG = None
-
-
-def _stored(
-    sweep: Frames, reference_image: Image, zoom: Frames | None, brightness: Brightness, view: View,
-    config: PanZoomConfig,
-) -> list[direct.Stored]:  # fmt: skip
-    """The frames of the sweep, the reference image and those of the zoom run, vignetting taken out."""
-    flat = panorama.flatness(brightness, view, reference_image.shape[1], reference_image.shape[0])
-    kept = [direct.stored(grey(image), flat * np.exp(-brightness.log_gain[k])) for k, (_, image) in enumerate(sweep)]
-    kept.append(direct.stored(grey(reference_image), flat))
-    return kept + [direct.stored(grey(image), flat) for image in _zoom_frames(zoom, config)]
-
-
 def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[Image]:
     """Some frames of the zoom run, evenly spaced."""
     if zoom is None:
@@ -259,18 +246,6 @@ def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[Image]:
     count = sum(1 for _ in zoom)
     chosen = set(np.round(np.linspace(0, count - 1, min(count, config.sweep.zoom_frames))).astype(int).tolist())
     return [image for number, (_, image) in enumerate(zoom) if number in chosen]
-
-
-def _zoom_features(zoom: Frames, config: PanZoomConfig, report: Callable[[str, int, int], None]) -> list[Features]:
-    """Features of some frames of the zoom run, evenly spaced."""
-    count = sum(1 for _ in zoom)
-    chosen = set(np.round(np.linspace(0, count - 1, min(count, config.sweep.zoom_frames))).astype(int).tolist())
-    result = []
-    for number, (_, image) in enumerate(zoom):
-        if number in chosen:
-            result.append(_detect(image, config))
-            report("match zoom run", len(result), len(chosen))
-    return result
 
 
 def _sweep_inliers(adjusted: Adjusted, links: Sequence[Link], count: int) -> NDArray[np.int64]:

@@ -9,7 +9,7 @@ fitted as there, with the same transfer from frame to frame, weighted by the gra
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -70,7 +70,7 @@ def stored(image: Image, flat: Array | NDArray[np.float32]) -> Stored:
     return np.asarray(np.clip(np.rint(soft * STORED), 0, 65535), np.uint16)
 
 
-def overlap(frames: Sequence[Stored], model: Model, first: int, second: int) -> Overlap | None:
+def _overlap(frames: Sequence[Stored], model: Model, first: int, second: int) -> Overlap | None:
     """Pixels of two frames to be compared; the finer of the two is shrunk to the other's resolution.
 
     None if the frames share too little.
@@ -112,14 +112,19 @@ def _edges(image: Stored) -> NDArray[np.int64]:
 def adjust(
     start: Model,
     frames: Sequence[Stored],
-    overlaps: Sequence[Overlap],
+    pairs: Sequence[tuple[int, int]],
     sigmas: Sigmas,
     *,
     prior: Model,
     report: Callable[[int], None],
 ) -> Fitted:
-    """Fit the model to the grey values; as `bundle.adjust`. ``start`` must be right to about a pixel."""
-    believed, mean = information(start, sigmas), vector(prior)
+    """Fit the model to the grey values of ``pairs`` of frames; as `bundle.adjust`.
+
+    ``start`` must be right to about a pixel.
+    """
+    loose = replace(sigmas, walls=1.0, unevenness=1.0, departures=1.0, roughness=0.5)
+    believed, mean = information(start, loose), vector(prior)
+    overlaps = [one for pair in pairs if (one := _overlap(frames, start, *pair)) is not None]
     ends = np.array([[one.first, one.second] for one in overlaps])
     bounds = np.cumsum([0, *(len(one.grey) for one in overlaps)])
     points = np.vstack([one.points_px for one in overlaps])
@@ -150,7 +155,8 @@ def adjust(
         scale = max(3.0 * spread, scale / 3.0)
     inverse[fixed, fixed] = 0.0
     good = np.abs(residual[seen]) < 2.0 * scale
-    return Fitted(model, inverse * (DOUBT * spread**2), float(np.sqrt(np.mean(residual[seen][good] ** 2))))
+    covariance = np.asarray(inverse * (DOUBT * spread**2), np.float64)
+    return Fitted(model, covariance, float(np.sqrt(np.mean(residual[seen][good] ** 2))))
 
 
 @njit(cache=True, nogil=True)
@@ -184,8 +190,8 @@ def _accumulate(
             difference = sample[0] - gains[link, 0] * lit - gains[link, 1] * shaded
             residual[n] = difference
             weight = (scale * scale / (scale * scale + difference * difference)) ** 2
-            for i in range(SIDES):
-                row[i] = sample[1] * jacobian[0, i] + sample[2] * jacobian[1, i]
+            for k in range(SIDES):
+                row[k] = sample[1] * jacobian[0, k] + sample[2] * jacobian[1, k]
             for k in range(len(touched) - SIDES):
                 touched[SIDES + k] = SIDES + number[nodes[k]]
                 row[touched[SIDES + k]] = shares[k] * (sample[1] * by_near[0] + sample[2] * by_near[1])

@@ -7,7 +7,7 @@ axis, a chain of displacements, each frame pasted where nothing is written yet.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -18,12 +18,10 @@ from pzcap import camera as geometry
 from pzcap import cylinder, features
 from pzcap.bundle import Link
 from pzcap.camera import View
-from pzcap.sweep import SweepConfig, grey
+from pzcap.sweep import Frames, SweepConfig, grey
 from pzcap.types import Array, Image, Mask, Panorama, PzcapError, Surroundings
 
-Frames = Iterable[tuple[int, Image]]
-"""Index and image (H, W, 3), as `video.VideoReader` yields them; is iterated more than once."""
-
+DIFFERENT = 8.0  # grey levels, mean over a few pixels, that noise and resampling do not make
 FEATHER_ROWS = 12.0  # pixels over which a frame fades in from its upper and lower edge
 
 
@@ -82,6 +80,7 @@ def _radial(points_px: Array, view: View, width: int, height: int) -> Array:
 
 def stitch(
     frames: Frames,
+    kept: NDArray[np.int64],
     pan_rad: Array,
     view: View,
     full_turn: bool,
@@ -89,23 +88,33 @@ def stitch(
     surroundings: Surroundings,
     report: Callable[[int], None],
 ) -> Panorama:
-    """Paste the frames of a sweep, taken at ``pan_rad`` (M,) with ``view``, on the cylinder about the pan axis.
+    """Paste the frames ``kept`` (M,) of a sweep, taken at ``pan_rad`` (M,) with ``view``, on the cylinder about the pan
+    axis.
 
-    The panorama has as many pixels to the radian as the sweep has in the middle of its frames. Its azimuth 0 is pan 0.
+    Twice: what differs from the first result, somebody who walked through the sweep, counts little in the second. The
+    panorama has as many pixels to the radian as the sweep has in the middle of its frames. Its azimuth 0 is pan 0.
     ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
     """
-    canvas: _Canvas | None = None
-    for number, (_, image) in enumerate(frames):
+    numbers = {int(index): number for number, index in enumerate(kept)}
+    pasted: tuple[Image, Mask] | None = None
+    for turn in range(2):
+        canvas: _Canvas | None = None
+        for index, image in frames:
+            if index not in numbers:
+                continue
+            number = numbers[index]
+            if canvas is None:
+                size = (image.shape[1], image.shape[0])
+                canvas = _Canvas(view, pan_rad, full_turn, size, brightness, surroundings)
+            canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]), pasted)
+            report(turn * len(kept) + number + 1)
         if canvas is None:
-            size = (image.shape[1], image.shape[0])
-            canvas = _Canvas(view, pan_rad, full_turn, size, brightness, surroundings)
-        canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]))
-        report(number + 1)
-    if canvas is None:
-        raise PzcapError("sweep: no frames; record the whole pan")
-    image, valid = canvas.finish()
+            raise PzcapError("sweep: no frames; record the whole pan")
+        pasted = canvas.finish()
+    assert canvas is not None
+    assert pasted is not None
     return Panorama(
-        image, valid, canvas.px_per_rad, canvas.origin, full_turn, pan_rad, np.zeros(len(pan_rad), np.int64), 0.0, 0.0,
+        *pasted, canvas.px_per_rad, canvas.origin, full_turn, pan_rad, np.zeros(len(pan_rad), np.int64), 0.0, 0.0,
         surroundings,
     )  # fmt: skip
 
@@ -152,7 +161,8 @@ class _Canvas:
         inside = (np.minimum(u, width - 1 - u) > 0) & (np.minimum(v, height - 1 - v) > 0)
         self.trust = (inside * (across + 0.02) * np.minimum(edge + 0.02, 1.0)).astype(np.float32)
 
-    def paste(self, image: Image, pan_rad: float, log_gain: float) -> None:
+    def paste(self, image: Image, pan_rad: float, log_gain: float, pasted: tuple[Image, Mask] | None) -> None:
+        """Add a frame; what differs from what was ``pasted`` before counts little."""
         start = int(np.floor(self.origin[0] - (pan_rad + self.left) * self.px_per_rad))
         stop = int(np.ceil(self.origin[0] - (pan_rad + self.right) * self.px_per_rad)) + 1
         if not self.full_turn:
@@ -170,8 +180,11 @@ class _Canvas:
         level = image.astype(np.float32) * (self.flat * np.float32(np.exp(-log_gain)))[..., None]
         warped = cv2.remap(level, column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         weight = cv2.remap(self.trust, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        warped = np.asarray(warped, np.float32) * weight[..., None]
         total = self.weight.shape[1]
+        if pasted is not None:
+            before = pasted[0].take(range(start, stop), axis=1, mode="wrap")
+            weight = np.asarray(weight * _agreement(np.asarray(warped, np.float32), before), np.float32)
+        warped = np.asarray(warped, np.float32) * weight[..., None]
         for shift in range(start // total, (stop - 1) // total + 1):  # a strip across the seam of a full turn
             low, high = max(start, shift * total), min(stop, (shift + 1) * total)
             self.colour[:, low - shift * total : high - shift * total] += warped[:, low - start : high - start]
@@ -182,6 +195,12 @@ class _Canvas:
         colour = self.colour / np.maximum(self.weight, 1e-6)[..., None]
         colour[~valid] = 0.0
         return np.clip(np.rint(colour), 0, 255).astype(np.uint8), valid
+
+
+def _agreement(image: NDArray[np.float32], before: Image) -> NDArray[np.float32]:
+    """(H, W) weights (Geman and McClure) of an image (H, W, 3) by its difference from another; never 0."""
+    difference = cv2.boxFilter(cv2.absdiff(image, before.astype(np.float32)).mean(axis=2), -1, (9, 9))
+    return np.asarray((DIFFERENT**2 / (DIFFERENT**2 + difference**2)) ** 2, np.float32)
 
 
 # --------------------------------------------------------------------------------------------------------------

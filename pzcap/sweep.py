@@ -20,12 +20,17 @@ from pzcap.camera import View
 from pzcap.features import Features
 from pzcap.types import Array, Image, Mask, PzcapError
 
+Frames = Iterable[tuple[int, Image]]
+"""Index and image (H, W, 3), as `video.VideoReader` yields them; is iterated more than once."""
+
 
 @dataclass(frozen=True, slots=True)
 class SweepConfig:
     threshold: float = 2e-4  # of AKAZE's response
     features: int = 1000  # a frame, at most
     ratio: float = 0.85  # of Lowe's test
+    min_step: float = 0.04  # frames less than so many image widths apart are left out,
+    max_skip: int = 8  # but never so many in a row
     overlaps: tuple[float, ...] = (0.25, 0.55)  # matched with the frames this far on, in fields of view, too
     min_matches: int = 12  # between two frames
     zoom_frames: int = 24  # of the zoom run, at most
@@ -33,8 +38,10 @@ class SweepConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chain:
-    """The sweep's frames, matched."""
+    """The sweep's frames, matched. Where it was panned slowly some are left out."""
 
+    kept: NDArray[np.int64]  # (M,) which frames of the video these are
+    images: tuple[Image, ...]  # (H, W) grey, a frame
     features: tuple[Features, ...]  # a frame
     pan_rad: Array  # (M,) from the displacements; the first frame's is 0
     links: tuple[Link, ...]
@@ -42,41 +49,47 @@ class Chain:
     full_turn: bool
 
 
-def chain(
-    frames: Iterable[Image], view: View, full_turn: bool, config: SweepConfig, report: Callable[[int], None]
-) -> Chain:
+def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, report: Callable[[int], None]) -> Chain:
     """Match the frames of a sweep with each other; ``view`` is what is known of the camera, at pan 0.
 
     Raises PzcapError where the sweep has a gap, or where a full turn does not close.
     """
     found: list[Features] = []
+    images: list[Image] = []
+    kept: list[int] = []
     links: list[Link] = []
     pans = [0.0]
-    width = 0
-    for index, image in enumerate(frames):
-        width = image.shape[1]
-        found.append(features.detect(grey(image), config.threshold, config.features))
-        if index:
-            expected = pans[-1] - pans[-2] if index > 1 else None
-            link = link_pan(found, index - 1, index, view, expected, config)
-            if link is None and expected is not None:  # the pan stopped, started or turned
-                link = link_pan(found, index - 1, index, view, None, config)
+    for index, image in frames:
+        report(index + 1)
+        if len(kept) > 1:
+            rate = (pans[-1] - pans[-2]) / (kept[-1] - kept[-2])
+            expected = rate * (index - kept[-1])
+            # it has hardly moved on: the next will do
+            if abs(expected) * view.focal_px < config.min_step * image.shape[1] and index - kept[-1] < config.max_skip:
+                continue
+        kept.append(index)
+        images.append(grey(image))
+        found.append(features.detect(images[-1], config.threshold, config.features))
+        if len(kept) > 1:
+            last = len(kept) - 1
+            link = link_pan(found, last - 1, last, view, expected, config) if last > 1 else None
+            if link is None:  # the pan stopped, started or turned
+                link = link_pan(found, last - 1, last, view, None, config)
             if link is None:
                 raise PzcapError(
-                    f"sweep: frames {index - 1} and {index} show nothing in common; pan more slowly, past texture"
+                    f"sweep: frames {kept[-2]} and {index} show nothing in common; pan more slowly, past texture"
                 )
             links.append(link)
             pans.append(pans[-1] + _turn(link, view))
-        report(index + 1)
     if len(found) < 3:
         raise PzcapError(f"sweep: {len(found)} frames are too few; record the whole pan")
     pan = np.array(pans)
     closure = 0.0
     if full_turn:
-        field = 2 * np.arctan(width / 2 / view.focal_px)
+        field = 2 * np.arctan(images[0].shape[1] / 2 / view.focal_px)
         pan, closure, seam = _close(found, pan, view, field, config)
         links.extend(seam)
-    return Chain(tuple(found), pan, tuple(links), closure, full_turn)
+    return Chain(np.array(kept), tuple(images), tuple(found), pan, tuple(links), closure, full_turn)
 
 
 def link_further(found: Sequence[Features], views: Sequence[View], width: int, config: SweepConfig) -> list[Link]:

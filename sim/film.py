@@ -20,7 +20,8 @@ from sim.optics import Plate, Rig, lens_maps, plate_for, through_lens, vignette
 from sim.render import Stage
 from sim.sensor import Exposure, Sensor, SensorConfig
 
-STILL_SCALE: Final = 2.0
+STILL_SCALE: Final = 4.0
+SWEEP_SCALE: Final = 2.0
 MOTION_SCALE: Final = 1.5
 """Pictures are rendered so much finer than the image. Several moments averaged smooth edges by themselves."""
 
@@ -70,7 +71,7 @@ class FilmCamera:
         exposure = Exposure(self._config.exposure_drift, rng)
         sub_exposures = sub_exposures if self._config.shutter_s > 0 else 1
         offsets_s = ((np.arange(sub_exposures) + 0.5) / sub_exposures - 0.5) * self._config.shutter_s
-        scale = STILL_SCALE if sub_exposures == 1 else MOTION_SCALE
+        scale = SWEEP_SCALE if sub_exposures == 1 else MOTION_SCALE
         exposed: queue.Queue[tuple[Image, float, float] | None] = queue.Queue(_AHEAD)
 
         def developed() -> Iterator[Image]:

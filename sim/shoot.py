@@ -24,7 +24,7 @@ from pzcap.video import frames_per_day, frames_to_timecode
 from sim import gym, motion
 from sim.athlete import AthleteConfig, draw_measurements
 from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand, to_and_fro
-from sim.film import STILL_SCALE, FilmCamera
+from sim.film import STILL_SCALE, SWEEP_SCALE, FilmCamera
 from sim.furniture import REARRANGED
 from sim.gym import GymConfig
 from sim.motion import END_POINTS, MotionClip
@@ -35,7 +35,7 @@ from sim.scene import build_stage, scene_points, skeleton, stream
 from sim.sensor import SensorConfig, draw_dropped, rolls
 from sim.truth import Truth, save
 
-VERSION: Final = 2
+VERSION: Final = 3
 """Of the simulator. Raise it with every change to a default or to what comes of one, so that cached captures are shot
 again."""
 
@@ -178,8 +178,9 @@ def _assemble(config: ShootConfig, folder: Path) -> _Crew:
     rigs = [
         build_rig(c, config.width, config.height, config.optics, stream(config.seed, "rig", c)) for c in range(_CAMERAS)
     ]
-    zooms = [1.0, *np.linspace(config.optics.zoom_min, config.optics.zoom_max, 9)]
-    plates = [plate_for(rig, rig.reference_focal_px * zoom).size(STILL_SCALE) for rig in rigs for zoom in zooms]
+    zooms = np.linspace(config.optics.zoom_min, config.optics.zoom_max, 9)
+    plates = [plate_for(rig, rig.reference_focal_px * zoom).size(SWEEP_SCALE) for rig in rigs for zoom in zooms]
+    plates += [plate_for(rig, rig.reference_focal_px).size(STILL_SCALE) for rig in rigs]
     largest = max(width for width, _ in plates), max(height for _, height in plates)
     stage = build_stage(config.seed, config.gym, config.athlete, measurements, largest)
     cameras, files = [], []
