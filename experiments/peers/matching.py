@@ -6,12 +6,13 @@ homography, decomposed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from experiments.peers.material import Background, Estimate, Shot
@@ -25,13 +26,13 @@ WINDOW_RAD: Final = np.deg2rad(60.0)  # of the panorama that MAGSAC looks at: wh
 THRESHOLD_PX: Final = 2.0  # of MAGSAC
 LEAST: Final = 8  # matches that must agree
 FIT_SCALE_PX: Final = 0.5  # beyond this the fit's loss (Cauchy) grows slowly
-RUNGS: Final = (1.0, 1.6, 2.56)  # AKAZE bridges no more than such a step of zoom: the frame is shrunk
+RUNGS: Final = (1.25, 2.2)  # AKAZE bridges no more than such a step of zoom: the frame is shrunk
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
     points_px: Array  # (N, 2)
-    descriptors: Array  # (N, D)
+    descriptors: NDArray[Any]  # (N, D)
 
 
 class Detector:
@@ -39,17 +40,20 @@ class Detector:
 
     def __init__(self, name: str) -> None:
         self.name = name
+        # how many are looked for: more cost time and gain nothing
+        self.frame_limit, self.panorama_limit = (1500, 12000) if name == "akaze" else (3000, 20000)
         self.rungs: Sequence[float] = RUNGS if name == "akaze" else (1.0,)
 
     def detect(self, image: Image, mask: Image | None, limit: int) -> Found:
-        if self.name == "akaze":
-            keypoints, descriptors = cv2.AKAZE.create(threshold=1e-4, max_points=limit).detectAndCompute(image, mask)
+        if self.name == "akaze":  # upright: the head does not roll
+            akaze = cv2.AKAZE.create(cv2.AKAZE_DESCRIPTOR_MLDB_UPRIGHT, threshold=1e-4, max_points=limit)
+            keypoints, descriptors = akaze.detectAndCompute(image, mask)
         else:
             sift = cv2.SIFT.create(nfeatures=limit, enable_precise_upscale=True)
             keypoints, descriptors = sift.detectAndCompute(image, mask)
         if len(keypoints) < 2:
             return Found(np.empty((0, 2)), np.empty((0, 1), np.uint8))
-        return Found(np.array([keypoint.pt for keypoint in keypoints]), descriptors)
+        return Found(np.array([keypoint.pt for keypoint in keypoints]), np.asarray(descriptors))
 
     def matcher(self, known: Found) -> cv2.DescriptorMatcher:
         """Trained with the descriptors of ``known``."""
@@ -71,7 +75,7 @@ class Features:
         self._solution = solution
         panorama = background.panorama
         inside = np.asarray(cv2.erode(panorama.valid.astype(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
-        known = self._detector.detect(grey(panorama.image), inside, 20000)
+        known = self._detector.detect(grey(panorama.image), inside, self._detector.panorama_limit)
         self._azimuth, self._slope = cylinder.from_panorama(panorama, known.points_px)
         self._points_m = background.points(known.points_px)
         self._matcher = self._detector.matcher(known)
@@ -94,7 +98,7 @@ class Features:
         """Inliers in ``image`` shrunk by ``rung``: points (N, 2), indices (N,), and what their homography says."""
         size = (round(image.shape[1] / rung), round(image.shape[0] / rung))
         small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-        found = self._detector.detect(small, None, 3000)
+        found = self._detector.detect(small, None, self._detector.frame_limit)
         if len(found.points_px) < LEAST:
             return None
         pairs = self._matcher.knnMatch(found.descriptors, k=2)
@@ -127,7 +131,7 @@ class Features:
                 return None
             agree = mask.ravel() > 0
             points_px, which, plane = points_px[agree], which[agree], plane[agree]
-            decomposed = decompose(homography, plane_focal)
+            decomposed = decompose(np.asarray(homography, np.float64), plane_focal)
             if decomposed is None or not 0.2 < decomposed[1] / plane_focal < 10.0:
                 return None
             pan, focal = background.pan_of(level @ decomposed[0].T), decomposed[1]
@@ -152,15 +156,30 @@ def decompose(homography: Array, plane_focal_px: float) -> tuple[Array, float] |
 
 
 def fit(background: Background, points_px: Array, points_m: Array, start: Estimate) -> Estimate:
-    """Pan and log focal of the calibrated camera, from points of the hall (N, 3) and where a frame shows them (N, 2)."""
+    """Pan and log focal of the calibrated camera, from points of the hall (N, 3) and their places in a frame (N, 2)."""
     camera = background.camera
 
     def residuals(unknowns: Array) -> Array:
-        seen, _ = geometry.project(
-            geometry.at(camera, float(unknowns[0]), camera.tilt_rad, float(np.exp(unknowns[1]))), points_m
-        )
-        return (seen - points_px).ravel()
+        now = geometry.at(camera, float(unknowns[0]), camera.tilt_rad, float(np.exp(unknowns[1])))
+        return (geometry.project(now, points_m)[0] - points_px).ravel()
 
+    return _solved(residuals, start)
+
+
+def fit_directions(
+    background: Background, points_px: Array, azimuth_rad: Array, slope: Array, start: Estimate
+) -> Estimate:
+    """The same from directions (N,) of the head frame, as they are seen from the projection centre."""
+    camera = background.camera
+
+    def residuals(unknowns: Array) -> Array:
+        view = geometry.view_at(camera, float(unknowns[0]), camera.tilt_rad, float(np.exp(unknowns[1])))
+        return (geometry.see(view, azimuth_rad, slope)[0] - points_px).ravel()
+
+    return _solved(residuals, start)
+
+
+def _solved(residuals: Callable[[Array], Array], start: Estimate) -> Estimate:
     solved = least_squares(
         residuals, np.array([start.pan_rad, np.log(start.focal_px)]), loss="cauchy", f_scale=FIT_SCALE_PX, xtol=1e-12,
         ftol=1e-12, gtol=1e-12,

@@ -157,7 +157,9 @@ def from_capture(
             report(f"camera {name}: {stage}", done, total)
 
         panorama, camera = (
-            _finished(finished, files.name) if finished else _prepared(capture, files, replace(config, method="exact"), tell)
+            _finished(finished, files.name)
+            if finished
+            else _prepared(capture, files, replace(config, method="exact"), tell)
         )
         paper = _prepared(capture, files, replace(config, method="paper"), tell) if with_paper else None
         sweep = _swept(files, panorama, camera)
