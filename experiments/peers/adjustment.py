@@ -12,6 +12,9 @@ from pzcap.sweep import grey
 from pzcap.types import Array, Image
 
 FEATURES: Final = 2000  # a frame
+LINKS: Final = 200  # matches between two frames that are adjusted: time grows with them
+LEAST: Final = 8  # that must agree
+STOP: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-9)
 PAD_PX: Final = 1  # to the left and on top: `cv2.detail` has the principal point at W / 2, half a pixel off
 
 
@@ -37,24 +40,23 @@ class RayAdjustment:
         frame = self._features(shot.image, start.focal_px)
         features = [*(self._sweep[i] for i in around), frame]
         count = len(features)
-        matches = [cv2.detail.MatchesInfo() for _ in range(count * count)]
-        for first in range(count):
-            for second in range(first + 1, count):
-                if second == count - 1:
-                    link = self._matcher.apply(features[first], frame)
-                else:
-                    link = self._link(around[first], around[second])
-                link.src_img_idx, link.dst_img_idx = first, second
-                matches[first * count + second] = link
-        if not any(matches[first * count + count - 1].confidence > 1.0 for first in range(count - 1)):
+        links = {(i, j): self._link(around[i], around[j]) for i in range(count - 1) for j in range(i + 1, count - 1)}
+        links |= {(i, count - 1): self._thinned(self._matcher.apply(features[i], frame)) for i in range(count - 1)}
+        if not any(links[i, count - 1].confidence > 0 for i in range(count - 1)):
             return None
-        for index, feature in enumerate(features):
-            feature.img_idx = index
+        # the adjustment reads above the diagonal only, but wants something everywhere
+        matches = [
+            links[min(i, j), max(i, j)] if i != j else links[0, count - 1] for i in range(count) for j in range(count)
+        ]
         focal = self._background.camera.lens.reference_focal_px
         known = [(self._background.sweep[i].pan_rad, focal) for i in around]
-        cameras = [self._camera(pan, focal) for pan, focal in [*known, (start.pan_rad, start.focal_px)]]
+        # what Python itself makes as CameraParams is not initialised, and crashes it: let the estimator make them
+        _, cameras = cv2.detail.HomographyBasedEstimator().apply(features, matches, None)
+        for camera, (pan, focal_px) in zip(cameras, [*known, (start.pan_rad, start.focal_px)], strict=True):
+            self._set(camera, pan, focal_px)
         adjuster = cv2.detail.BundleAdjusterRay()
-        adjuster.setConfThresh(1.0)
+        adjuster.setConfThresh(0.5)
+        adjuster.setTermCriteria(STOP)
         try:
             done, adjusted = adjuster.apply(features, matches, cameras)
         except cv2.error:  # it has no answer to a focal length that goes below 0
@@ -89,13 +91,25 @@ class RayAdjustment:
     def _link(self, first: int, second: int) -> Any:
         """Matches of two frames of the sweep, found once."""
         if (first, second) not in self._links:
-            self._links[first, second] = self._matcher.apply(self._sweep[first], self._sweep[second])
+            self._links[first, second] = self._thinned(self._matcher.apply(self._sweep[first], self._sweep[second]))
         return self._links[first, second]
 
-    def _camera(self, pan_rad: float, focal_px: float) -> Any:
-        camera = cv2.detail.CameraParams()
+    def _thinned(self, link: Any) -> Any:
+        """At most ``LINKS`` inliers of a link. OpenCV distrusts frames that agree too well; here all inliers count."""
+        kept = np.flatnonzero(np.asarray(link.inliers_mask) > 0)
+        if len(kept) < LEAST:
+            link.confidence, link.num_inliers = 0.0, 0
+            return link
+        if len(kept) > LINKS:
+            kept = kept[np.linspace(0, len(kept) - 1, LINKS).astype(int)]
+        matches = link.matches
+        link.matches = [matches[i] for i in kept]
+        link.inliers_mask = [1] * len(kept)
+        link.num_inliers, link.confidence = len(kept), 1.0
+        return link
+
+    def _set(self, camera: Any, pan_rad: float, focal_px: float) -> None:
         camera.focal, camera.aspect = focal_px, 1.0
         camera.ppx = (self._background.camera.lens.width + PAD_PX) / 2
         camera.ppy = (self._background.camera.lens.height + PAD_PX) / 2
         camera.R = self._background.rotation(pan_rad).astype(np.float32)
-        return camera
