@@ -51,7 +51,7 @@ class RayAdjustment:
         focal = self._background.camera.lens.reference_focal_px
         known = [(self._background.sweep[i].pan_rad, focal) for i in around]
         # what Python itself makes as CameraParams is not initialised, and crashes it: let the estimator make them
-        _, cameras = cv2.detail.HomographyBasedEstimator().apply(features, matches, None)
+        _, cameras = cv2.detail.HomographyBasedEstimator().apply(features, matches, [])
         for camera, (pan, focal_px) in zip(cameras, [*known, (start.pan_rad, start.focal_px)], strict=True):
             self._set(camera, pan, focal_px)
         adjuster = cv2.detail.BundleAdjusterRay()
