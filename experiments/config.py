@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, TypeVar
 
 import cattrs
@@ -123,9 +123,15 @@ def _complaints(error: BaseException, path: str) -> Iterable[str]:
             step = "" if note is None else str(getattr(note, "name", getattr(note, "index", "")))
             yield from _complaints(part, f"{path}.{step}" if path and step else path or step)
     elif isinstance(error, ForbiddenExtraKeysError):
-        known = CONVERTER.unstructure(error.cl()) if error.cl is not None else {}
+        known = {} if error.cl is None else _defaults(error.cl)
         for key in sorted(error.extra_fields):
             name = f"{path}.{key}" if path else key
             yield f"unknown key '{name}'; {nearest(name, keys(known, f'{path}.' if path else ''))}"
     else:
         yield f"{path or 'the whole'}: {error}"
+
+
+def _defaults(kind: type) -> Mapping[str, Any]:
+    """The tree of a dataclass, or its keys alone where it cannot be made without values."""
+    needed = [field for field in fields(kind) if field.default is MISSING and field.default_factory is MISSING]
+    return {field.name: None for field in fields(kind)} if needed else CONVERTER.unstructure(kind())

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from experiments.peers.material import Background, Estimate, Shot
+from experiments.peers.material import Background, Estimate, Shot, wrapped
 from pzcap import camera as geometry
 from pzcap import cylinder
 from pzcap.sweep import grey
@@ -113,8 +113,10 @@ class Features:
     def _sorted(self, points_px: Array, which: Array) -> tuple[Array, Array, Estimate] | None:
         """MAGSAC on a plane in front of where most matches are; the frame straightened for the zoom that this gives."""
         background = self._background
-        ahead, near = _densest(self._azimuth[which], WINDOW_RAD)
+        near = _densest(self._azimuth[which], WINDOW_RAD)
         points_px, which = points_px[near], which[near]
+        some = float(self._azimuth[which[0]])  # angles about one of them have no seam
+        ahead = some + float(np.median([wrapped(azimuth - some) for azimuth in self._azimuth[which]]))
         focal = plane_focal = background.camera.lens.reference_focal_px
         turned = self._azimuth[which] - ahead
         plane = plane_focal * np.column_stack([-np.tan(turned), -self._slope[which] / np.cos(turned)])
@@ -142,17 +144,17 @@ def decompose(homography: Array, plane_focal_px: float) -> tuple[Array, float] |
     """Rotation (3, 3), plane to frame, and focal length of the frame, from a homography between two straight views.
 
     Both principal points are at (0, 0). The rows of ``homography K_plane`` are the rotation's, the first two as much
-    longer as the frame's focal length. None where it mirrors.
+    longer as the frame's focal length. Where the last one points hangs on the perspective alone, which small views
+    hardly show: that the first two are normal to it says it far better. None where the homography is degenerate.
     """
     rows = homography @ np.diag([plane_focal_px, plane_focal_px, 1.0])
     rows = rows * np.sign(np.linalg.det(rows))
     length = np.linalg.norm(rows, axis=1)
     if not np.all(length > 1e-12):
         return None
-    focal = float(np.sqrt(length[0] * length[1]) / length[2])
-    u, _, vt = np.linalg.svd(rows / length[:, None])
-    rotation = u @ vt
-    return (rotation, focal) if np.linalg.det(rotation) > 0 else None
+    ahead = np.cross(rows[0], rows[1])
+    u, _, vt = np.linalg.svd(np.vstack([rows[:2] / length[:2, None], ahead / np.linalg.norm(ahead)]))
+    return u @ vt, float(np.sqrt(length[0] * length[1]) / length[2])
 
 
 def fit(background: Background, points_px: Array, points_m: Array, start: Estimate) -> Estimate:
@@ -187,10 +189,10 @@ def _solved(residuals: Callable[[Array], Array], start: Estimate) -> Estimate:
     return Estimate(float(solved.x[0]), float(np.exp(solved.x[1])))
 
 
-def _densest(azimuth_rad: Array, width_rad: float) -> tuple[float, Mask]:
-    """The middle of the window of the turn that holds most of these azimuths (N,), and which lie in it."""
+def _densest(azimuth_rad: Array, width_rad: float) -> Mask:
+    """Which of these azimuths (N,) lie in the window of the turn that holds most of them."""
     order = np.sort(np.mod(azimuth_rad, 2 * np.pi))
     twice = np.concatenate([order, order + 2 * np.pi])
     counts = np.searchsorted(twice, order + width_rad, side="right") - np.arange(len(order))
     middle = float(order[int(np.argmax(counts))]) + width_rad / 2
-    return middle, np.abs(np.mod(azimuth_rad - middle + np.pi, 2 * np.pi) - np.pi) <= width_rad / 2
+    return np.abs(np.mod(azimuth_rad - middle + np.pi, 2 * np.pi) - np.pi) <= width_rad / 2 + 1e-9

@@ -23,6 +23,7 @@ from pzcap.types import Array
 
 RESULTS: Final = ("metrics.json", "errors.png", "answers.csv")
 DOTS_PER_INCH: Final = 120
+WIDTH: Final = 124  # columns of text that the table takes
 DASHES: Final = ("-", "--", ":")
 
 
@@ -33,9 +34,9 @@ def print_table(console: Console, title: str, results: Sequence[Result]) -> None
     what = "" if scored else "agreement."
     of = "" if scored else " from the median of all"
     table = Table(title=f"{title}{of}", title_justify="left", header_style="bold")
-    table.add_column("method")
+    table.add_column("method", no_wrap=True)
     for column in ("pan median", "p95", "rms deg", "focal median", "p95", "rms %", "failures", "CPU ms"):
-        table.add_column(column, justify="right")
+        table.add_column(column, justify="right", no_wrap=True)
     for result in results:
         label, key = METHODS[result.name].label, f"peers.{result.name}."
         if result.missing is not None:
@@ -45,6 +46,7 @@ def print_table(console: Console, title: str, results: Sequence[Result]) -> None
         lost = figures[f"{key}failures"]
         failures = f"{format_value(lost)}/{len(result.answers)}"
         table.add_row(label, *map(_short, row), failures, format_value(figures[f"{key}time"]))
+    console.width = max(console.width, WIDTH)  # a wide table beats one whose figures are cut off
     console.print(table)
 
 
