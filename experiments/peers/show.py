@@ -23,7 +23,7 @@ from pzcap.types import Array
 
 RESULTS: Final = ("metrics.json", "errors.png", "answers.csv")
 DOTS_PER_INCH: Final = 120
-WIDTH: Final = 124  # columns of text that the table takes
+WIDTH: Final = 130  # columns of text that the table takes
 DASHES: Final = ("-", "--", ":")
 
 
