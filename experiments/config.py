@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any, TypeVar
 
 import cattrs
 from cattrs.errors import ForbiddenExtraKeysError
@@ -17,6 +17,8 @@ from cattrs.errors import ForbiddenExtraKeysError
 from pzcap import pipeline
 from pzcap.types import PzcapError
 from sim.shoot import ShootConfig
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,21 +70,26 @@ def _converter() -> cattrs.Converter:
 CONVERTER = _converter()
 
 
-def default_tree() -> dict[str, Any]:
+def default_tree(kind: type[AppConfig] = AppConfig) -> dict[str, Any]:
     """The defaults as plain dicts and lists, for Hydra."""
-    tree: dict[str, Any] = CONVERTER.unstructure(AppConfig())
+    tree: dict[str, Any] = CONVERTER.unstructure(kind())
     return tree
 
 
 def build(tree: Mapping[str, Any]) -> AppConfig:
     """The typed configuration of a composed tree. PzcapError, in one line, for everything that does not fit."""
+    return structured(tree, AppConfig, "configuration")
+
+
+def structured(tree: Any, kind: type[T], what: str) -> T:
+    """``tree`` as a ``kind``, a dataclass. PzcapError, in one line that begins with ``what``, where it does not fit."""
     try:
-        return CONVERTER.structure(tree, AppConfig)
+        return CONVERTER.structure(tree, kind)
     except Exception as error:
         complaints = list(_complaints(error, ""))
         if not complaints:
             raise
-        raise PzcapError("configuration: " + "; ".join(complaints)) from error
+        raise PzcapError(f"{what}: " + "; ".join(complaints)) from error
 
 
 def nearest(key: str, known: Iterable[str]) -> str:
@@ -116,9 +123,15 @@ def _complaints(error: BaseException, path: str) -> Iterable[str]:
             step = "" if note is None else str(getattr(note, "name", getattr(note, "index", "")))
             yield from _complaints(part, f"{path}.{step}" if path and step else path or step)
     elif isinstance(error, ForbiddenExtraKeysError):
-        known = CONVERTER.unstructure(error.cl()) if error.cl is not None else {}
+        known = {} if error.cl is None else _defaults(error.cl)
         for key in sorted(error.extra_fields):
             name = f"{path}.{key}" if path else key
             yield f"unknown key '{name}'; {nearest(name, keys(known, f'{path}.' if path else ''))}"
     else:
         yield f"{path or 'the whole'}: {error}"
+
+
+def _defaults(kind: type) -> Mapping[str, Any]:
+    """The tree of a dataclass, or its keys alone where it cannot be made without values."""
+    needed = [field for field in fields(kind) if field.default is MISSING and field.default_factory is MISSING]
+    return {field.name: None for field in fields(kind)} if needed else CONVERTER.unstructure(kind())

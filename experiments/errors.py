@@ -15,7 +15,7 @@ from hydra.errors import HydraException, MissingConfigException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from experiments.config import default_tree, keys, nearest
+from experiments.config import AppConfig, default_tree, keys, nearest
 from pzcap.types import PzcapError
 
 
@@ -23,15 +23,15 @@ class AlreadyReported(Exception):
     """A job failed and its line is printed. Carries the failure out of a sweep, whose other jobs go on."""
 
 
-def explain(error: BaseException) -> str | None:
-    """One line on what is wrong and what to do; None for what is a bug."""
+def explain(error: BaseException, config: type[AppConfig] = AppConfig) -> str | None:
+    """One line on what is wrong and what to do; None for what is a bug. ``config``: what the application is told."""
     if isinstance(error, PzcapError):
         return _one_line(str(error))
     if isinstance(error, MissingConfigException) and error.options:
         group, _, name = str(error.missing_cfg_file).rpartition("/")
         return f"no '{name}' in conf/{group}; {nearest(name, error.options)}"
     if isinstance(error, HydraException | OmegaConfBaseException):
-        return _explain_override(error)
+        return _explain_override(error, config)
     if isinstance(error, OSError):
         where = f" while writing {error.filename}" if error.filename else ""
         if error.errno == errno.ENOSPC:
@@ -53,8 +53,8 @@ def _keep(job: JobReturn, value: Any) -> None:
     job._return_value = value
 
 
-def guard(main: Callable[[], object]) -> int:
-    """Run ``main``, a Hydra application; the exit status."""
+def guard(main: Callable[[], object], config: type[AppConfig] = AppConfig) -> int:
+    """Run ``main``, a Hydra application that is told a ``config``; the exit status."""
     # Hydra swallows exceptions and prints its own several lines, unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     setattr(JobReturn, "return_value", property(_value_or_error, _keep))  # noqa: B010
@@ -66,7 +66,7 @@ def guard(main: Callable[[], object]) -> int:
         print("interrupted", file=sys.stderr)
         return 130
     except Exception as error:
-        line = explain(error)
+        line = explain(error, config)
         if line is None:
             raise
         print(f"error: {line}", file=sys.stderr)
@@ -82,13 +82,13 @@ def report(error: Exception) -> bool:
     return line is not None
 
 
-def _explain_override(error: HydraException | OmegaConfBaseException) -> str:
+def _explain_override(error: HydraException | OmegaConfBaseException, config: type[AppConfig]) -> str:
     text = str(error)
     unknown = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
     if unknown is not None:
         key = unknown.group(1)
         hydra = {"hydra": OmegaConf.to_container(OmegaConf.structured(HydraConf))}
-        known = keys(hydra) if key.startswith("hydra.") else ["experiment", *keys(default_tree())]
+        known = keys(hydra) if key.startswith("hydra.") else ["experiment", *keys(default_tree(config))]
         return f"unknown key '{key}'; {nearest(key, known)}"
     return _one_line(text)
 

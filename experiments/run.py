@@ -26,7 +26,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
 
-from experiments import memory, recording
+from experiments import footage, memory, recording
 from experiments.config import AppConfig, build, default_tree
 from experiments.errors import AlreadyReported, guard, report
 from experiments.metrics import Metric, format_value, meets_target, run_info, write_metrics
@@ -37,10 +37,7 @@ from experiments.silhouettes import ForegroundScorer
 from pzcap import pipeline, store
 from pzcap.capture import read_capture
 from pzcap.rerun_log import Recorder, outlines
-from pzcap.types import Array, Capture, PzcapError, Reconstruction
-from sim import truth as truth_files
-from sim.shoot import shoot_cached
-from sim.truth import Truth
+from pzcap.types import Array, Capture, Reconstruction
 
 CONF: Final = Path(__file__).parents[1] / "conf"
 RESULTS: Final = ("metrics.json", "report.html", "recording.rrd")
@@ -63,11 +60,11 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     named = None if config.capture is None else Path(config.capture).resolve()
     _forget(folder)
     with Bars(console) as bars:
-        shot = _shoot(config, bars) if named is None else _capture_in(named)
+        shot = footage.shoot(config, bars) if named is None else footage.capture_in(named)
     capture = read_capture(shot)
     if not (folder / "capture").exists():
         (folder / "capture").symlink_to(shot.resolve(), target_is_directory=True)
-    truth = _truth(shot)
+    truth = footage.truth_beside(shot)
 
     name = f"{capture.name}, {config.method}, seed {config.seed}"
     with ExitStack() as stack:
@@ -114,34 +111,6 @@ def _forget(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
     if (folder / "capture").is_symlink():  # else it is footage
         (folder / "capture").unlink()
-
-
-def _capture_in(folder: Path) -> Path:
-    """The capture that a user means: ``folder``, or the one inside it where it holds a truth, too."""
-    inside = folder / "capture"
-    return inside if inside.is_dir() and not (folder / "capture.json").exists() else folder
-
-
-def _shoot(config: AppConfig, bars: Bars) -> Path:
-    """The capture of the shoot's config: shot now, or kept from before."""
-    shoot = shoot_cached(config.shoot, Path(config.output.captures))
-    while True:
-        try:
-            step = next(shoot)
-        except StopIteration as end:
-            return Path(end.value) / "capture"
-        bars.update(step.stage, step.done, step.total)
-
-
-def _truth(capture: Path) -> Truth | None:
-    """The truth that lies beside a capture, if any."""
-    folder = capture.resolve().parent / "truth"
-    if not folder.is_dir():
-        return None
-    try:
-        return truth_files.load(folder)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise PzcapError(f"{folder}: not a readable truth ({error}); remove it to go on without a score") from error
 
 
 def _reconstruct(

@@ -40,12 +40,13 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from experiments import run
+from experiments import footage
 from experiments.config import AppConfig, build
 from experiments.errors import AlreadyReported, guard, report
 from experiments.metrics import Metric, run_info, write_metrics
 from experiments.plots import COLOURS, STYLE
 from experiments.progress import Bars
+from experiments.run import CONF
 from pzcap import features, panzoom
 from pzcap.calibration import Prepared, prepare
 from pzcap.camera import at
@@ -374,9 +375,13 @@ def run_comparison(config: AppConfig, tree: dict[str, Any], folder: Path, consol
     """Everything from the shoot to the plot, into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     with Bars(console) as bars:
-        shot = run._shoot(config, bars) if config.capture is None else run._capture_in(Path(config.capture).resolve())
+        shot = (
+            footage.shoot(config, bars)
+            if config.capture is None
+            else footage.capture_in(Path(config.capture).resolve())
+        )
     capture = read_capture(shot)
-    truth = run._truth(shot)
+    truth = footage.truth_beside(shot)
     if truth is None:
         raise PzcapError(f"{shot}: a comparison needs the truth; give a capture with truth/ beside it, or none")
     with Bars(console) as bars:
@@ -386,7 +391,7 @@ def run_comparison(config: AppConfig, tree: dict[str, Any], folder: Path, consol
     return found
 
 
-@hydra.main(version_base="1.3", config_path=str(run.CONF), config_name="config")
+@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 def _job(composed: DictConfig) -> None:
     out, err = Console(), Console(stderr=True)
     try:

@@ -20,8 +20,9 @@ from pzcap.cylinder import NODES, Hall, kernel_hall, near_at
 from pzcap.sweep import grey
 from pzcap.types import Array, Image, Panorama, PanZoomCamera
 
-LEVELS = ((3, 4), (1, 3), (0, 4))  # from coarse to fine: halvings of the size, and Gauss-Newton steps
-SAMPLES = 6000  # pixels looked at, about
+LEVELS = ((3, 4), (1, 2), (0, 3))  # from coarse to fine: halvings of the size, and Gauss-Newton steps
+SAMPLES = {3: 1500, 1: 2000, 0: 6000}  # pixels looked at on each level, about
+SMOOTHING = 0.8  # pixels, of both images: each pixel looked at speaks for those around it
 BORDER = 3  # pixels at the frame's edge left out
 SHOWN = 80  # points given back as matches
 
@@ -40,6 +41,7 @@ class Alignment:
 class _Level:
     layers: NDArray[np.float32]  # (H, W, 4) grey, its derivatives along columns and rows, 1 where all of them are known
     scale: float  # panorama pixels to one of this level's
+    samples: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +68,7 @@ class Aligner:
         border = (0, 0, self._margin, self._margin, cv2.BORDER_WRAP)
         image = cv2.copyMakeBorder(grey(panorama.image), *border).astype(np.float64)
         known = cv2.copyMakeBorder(panorama.valid.astype(np.float64), *border)
-        self._levels = {k: _level(image, np.asarray(known, np.float64), 2.0**k) for k, _ in LEVELS}
+        self._levels = {k: _level(image, np.asarray(known, np.float64), k) for k, _ in LEVELS}
 
     def align(self, image: Image, pan_rad: float, focal_px: float, *, coarse: bool) -> Alignment:
         """Refine a pan and a focal length.
@@ -114,11 +116,12 @@ class Aligner:
         shrink = max(1.0, focal_px / self._panorama.px_per_rad * level.scale)
         size = (round(lens.width / shrink), round(lens.height / shrink))
         small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
-        stride = max(1, int(np.sqrt(size[0] * size[1] / SAMPLES)))
-        u, v = np.meshgrid(np.arange(BORDER, size[0] - BORDER, stride), np.arange(BORDER, size[1] - BORDER, stride))
-        observed = small[v, u].ravel().astype(np.float64)
+        soft = np.asarray(cv2.GaussianBlur(small.astype(np.float32), (0, 0), SMOOTHING), np.float32)
+        cell = max(1, round(np.sqrt(size[0] * size[1] / level.samples)))
+        chosen = _edges(soft, cell)
+        observed = soft[chosen[:, 1], chosen[:, 0]].astype(np.float64)
         ratio = np.array([lens.width / size[0], lens.height / size[1]])
-        points = (np.column_stack([u.ravel(), v.ravel()]) + 0.5) * ratio - 0.5
+        points = (chosen + 0.5) * ratio - 0.5
         centre = np.array([(lens.width - 1) / 2, (lens.height - 1) / 2])
         squared = np.sum((points - centre) ** 2, axis=1) / np.sum(centre**2)
         powers = np.arange(3 if level.scale == 1 else 2)
@@ -258,13 +261,33 @@ def _normal(sampled: Array, shading: Array, gains: Array, residual: Array, weigh
     return normal, gradient
 
 
-def _level(image: Array, known: Array, scale: float) -> _Level:
+@njit(cache=True, nogil=True)
+def _edges(image: NDArray[np.float32], cell: int) -> NDArray[np.int64]:
+    """(N, 2) the pixel of the steepest edge in each cell of so many pixels across."""
+    rows, columns = (image.shape[0] - 2 * BORDER) // cell, (image.shape[1] - 2 * BORDER) // cell
+    chosen = np.empty((rows * columns, 2), np.int64)
+    for k in range(rows * columns):
+        top, left = BORDER + k // columns * cell, BORDER + k % columns * cell
+        steepest = np.float32(-1.0)
+        for i in range(top, top + cell):
+            for j in range(left, left + cell):
+                across, down = image[i, j + 1] - image[i, j - 1], image[i + 1, j] - image[i - 1, j]
+                steepness = across * across + down * down
+                if steepness > steepest:
+                    steepest = steepness
+                    chosen[k, 0], chosen[k, 1] = j, i
+    return chosen
+
+
+def _level(image: Array, known: Array, halvings: int) -> _Level:
+    scale = 2.0**halvings
     size = (int(image.shape[1] / scale), int(image.shape[0] / scale))
     # whole cells only, so that places scale exactly
     rows, columns = int(size[1] * scale), int(size[0] * scale)
-    small = cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA), (0, 0), SMOOTHING)
     complete = cv2.resize(known[:rows, :columns], size, interpolation=cv2.INTER_AREA) > 0.999
-    inside = cv2.erode(complete.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
+    inside = cv2.erode(complete.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0)
     by_column = cv2.sepFilter2D(small, cv2.CV_64F, np.array([-0.5, 0.0, 0.5]), np.array([1.0]))
     by_row = cv2.sepFilter2D(small, cv2.CV_64F, np.array([1.0]), np.array([-0.5, 0.0, 0.5]))
-    return _Level(np.dstack([small, by_column, by_row, inside]).astype(np.float32), scale)
+    layers = np.dstack([small, by_column, by_row, inside]).astype(np.float32)
+    return _Level(layers, scale, SAMPLES[halvings])

@@ -84,7 +84,7 @@ class Sigmas:
     principal_px: Array  # (p,) for each coefficient
     k1: Array  # (q,)
     offset: float = 0.02
-    travel: float = 0.003  # some millimetres
+    travel: float = 0.001  # some millimetres
     walls: float = 0.2
     unevenness: float = 0.1  # of the walls, from one azimuth to the next
     departures: float = 1e-3  # features are too few to tell

@@ -125,16 +125,19 @@ def _prepare_exact(
     images = [*chained.images, *(grey(image) for image in [reference_image, *zoomed])]
     kept = [direct.stored(image, flat * gain) for image, gain in zip(images, gains, strict=True)]
     pairs = dict.fromkeys((link.first, link.second) for link in links)
-    model = direct.adjust(
+    fitted = direct.adjust(
         matched.model, kept, list(pairs), sigmas, prior=start,
         report=lambda done: report("adjust grey values", done, direct.ITERATIONS),
-    ).model  # fmt: skip
+    )  # fmt: skip
+    model = fitted.model
     del kept, images
 
     taken = model.view(count)
     known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.k1)
     refined = reference.resolve(first, known, reference_image, calibration_object, config.reference)
+    scale = len(model.pan_rad)  # where the sweep's focal length stands among the unknowns
     camera, surroundings = _measured(model, taken.pan_rad, refined.camera)
+    camera = replace(camera, focal_sigma=float(np.sqrt(fitted.covariance[scale, scale])))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     swept = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     pasted = panorama.stitch(

@@ -40,7 +40,7 @@ BORDER = 4  # pixels at the edge left out
 SMOOTHING = 0.8  # pixels: less noise, and an image that a cubic can follow between its pixels
 STORED = 64.0  # steps to a grey level
 ITERATIONS = 6
-DOUBT = 100.0  # what is left over is no noise but the same everywhere: so many pixels are worth one
+DOUBT = 10.0  # what is left over is no noise but the same everywhere: so many pixels are worth one
 SETTLED_RAD = 2e-7  # a step this small ends the adjustment: a five thousandth of a pixel
 
 Stored = NDArray[np.uint16]
@@ -122,7 +122,7 @@ def adjust(
 
     ``start`` must be right to about a pixel.
     """
-    loose = replace(sigmas, walls=1.0, unevenness=1.0, departures=1.0, roughness=0.5)
+    loose = replace(sigmas, walls=0.3, unevenness=0.2, departures=0.1, roughness=0.05)
     believed, mean = information(start, loose), vector(prior)
     overlaps = [one for pair in pairs if (one := _overlap(frames, start, *pair)) is not None]
     ends = np.array([[one.first, one.second] for one in overlaps])

@@ -68,7 +68,11 @@ def match(
         index = np.array([pair[0].trainIdx for pair in forward])
         best = np.array([pair[0].distance for pair in forward])
         other = np.array([pair[1].distance for pair in forward])
-        back = np.array([pair.trainIdx for pair in matcher.match(second.descriptors, first.descriptors)])
+        # the way back is asked of those alone that may be matched
+        asked = np.unique(index[(best < ratio * other) & (best <= MAX_DISTANCE)])
+        back = np.full(len(second), -1)
+        if len(asked):
+            back[asked] = [pair.trainIdx for pair in matcher.match(second.descriptors[asked], first.descriptors)]
     good = (index >= 0) & (best < ratio * other) & (best <= MAX_DISTANCE)
     good &= back[index] == np.arange(len(first))
     return np.column_stack([np.flatnonzero(good), index[good]])

@@ -38,10 +38,11 @@ class PanZoomConfig:
     zoom_range: tuple[float, float] = (0.5, 4.0)  # searched where nothing is known, relative to the reference
     search_deg: float = 8.0  # beyond the frame's edges, where the frame before is known
     min_inliers: int = 12
-    min_agreement: float = 0.5  # of an alignment (see `align.Alignment`), or features are asked again
+    sure_agreement: float = 0.85  # of an alignment (see `align.Alignment`) alone, or features are asked
+    min_agreement: float = 0.5  # of one that features led to
     max_pan_sigma_deg: float = 0.05  # a frame known worse than this is not valid
-    floor_deg: float = 0.003  # systematic error of pan: the least standard deviation that is claimed
-    floor_focal: float = 4e-4  # the same of the focal length, relative
+    floor_deg: float = 0.0015  # systematic error of pan: the least standard deviation that is claimed
+    floor_focal: float = 2e-4  # the same of the focal length, relative
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     sweep: SweepConfig = field(default_factory=SweepConfig)
 
@@ -71,7 +72,7 @@ class Localiser:
             return self._localise_paper(image, prior)
         if prior is not None and prior.valid:
             aligned = self._aligner.align(image, prior.pan_rad, prior.focal_px, coarse=True)
-            if aligned.agreement > self._config.min_agreement:
+            if aligned.agreement > self._config.sure_agreement:
                 return self._aligned(aligned)
             found = self._localise_exact(image, prior)
         if prior is None or not prior.valid or not found.valid:
@@ -135,7 +136,7 @@ class Localiser:
     def _judge(self, solution: Solution, points_px: Array, panorama_px: Array) -> Localisation:
         config = self._config
         good = solution.inliers
-        covariance = solution.covariance + self._floor()
+        covariance = solution.covariance + self._systematic(solution.pan_rad)
         zoom = solution.focal_px / self._camera.lens.reference_focal_px
         valid = (
             good.sum() >= config.min_inliers
@@ -152,12 +153,16 @@ class Localiser:
         zoom = aligned.focal_px / self._camera.lens.reference_focal_px
         return Localisation(
             float(wrapped(np.array(aligned.pan_rad))), self._camera.tilt_rad, aligned.focal_px,
-            aligned.covariance + self._floor(), self._config.zoom_range[0] < zoom < self._config.zoom_range[1],
+            aligned.covariance + self._systematic(aligned.pan_rad),
+            self._config.zoom_range[0] < zoom < self._config.zoom_range[1],
             aligned.frame_points_px, aligned.panorama_points_px,
         )  # fmt: skip
 
-    def _floor(self) -> Array:
-        return np.diag([np.deg2rad(self._config.floor_deg) ** 2, self._config.floor_focal**2])
+    def _systematic(self, pan_rad: float) -> Array:
+        """The covariance (2, 2) of what no single frame shows: a floor, and the scale of the sweep, which stretches
+        focal lengths and shrinks pans together."""
+        scale = np.array([-float(wrapped(np.array(pan_rad))), 1.0]) * self._camera.focal_sigma
+        return np.diag([np.deg2rad(self._config.floor_deg) ** 2, self._config.floor_focal**2]) + np.outer(scale, scale)
 
     def _lost(self, prior: Localisation | None) -> Localisation:
         pan, focal = (0.0, self._camera.lens.reference_focal_px) if prior is None else (prior.pan_rad, prior.focal_px)
@@ -202,6 +207,19 @@ class Localiser:
             return everything
         reach = np.arctan(self._camera.lens.width / 2 / prior.focal_px) + np.deg2rad(self._config.search_deg)
         return [np.flatnonzero(np.abs(wrapped(self._azimuth - prior.pan_rad)) < reach), *everything]
+
+
+def predicted(before: Localisation | None, last: Localisation | None) -> Localisation | None:
+    """Where the next frame is expected, if the head and the ring turn on as they did; None if the last was lost."""
+    if before is None or last is None:
+        return last
+    turned = float(wrapped(np.array(last.pan_rad - before.pan_rad)))
+    return replace(
+        last,
+        pan_rad=float(wrapped(np.array(last.pan_rad + turned))),
+        tilt_rad=2 * last.tilt_rad - before.tilt_rad,
+        focal_px=last.focal_px**2 / before.focal_px,
+    )
 
 
 def panorama_features(panorama: Panorama, threshold: float, limit: int) -> Features:

@@ -276,9 +276,11 @@ class _Views:
     localisers: list[panzoom.Localiser | None]
     config: Config
     pool: ThreadPoolExecutor
+    before: list[Localisation | None] = field(init=False)
     last: list[Localisation | None] = field(init=False)
 
     def __post_init__(self) -> None:
+        self.before = [None] * len(self.prepared)
         self.last = [None] * len(self.prepared)
 
     def localise(self, frames: FrameSet) -> tuple[Localisation | None, ...]:
@@ -286,7 +288,8 @@ class _Views:
             localiser = self.localisers[index]
             if localiser is None or image is None:
                 return None
-            localisation = localiser.localise(image, self.last[index])
+            localisation = localiser.localise(image, panzoom.predicted(self.before[index], self.last[index]))
+            self.before[index] = self.last[index]
             self.last[index] = localisation if localisation.valid else None
             return localisation
 

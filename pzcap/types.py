@@ -209,6 +209,8 @@ class PanZoomCamera:
     roll_rad: float
     # the projection centre against the pan axis, forward and to the left (what the slide head left)
     offset_m: Array = field(default_factory=lambda: np.zeros(2))  # (2,)
+    # relative, of all focal lengths in common: the scale of the sweep, which only a closed circle fixes well
+    focal_sigma: float = 0.0
     travel_m: float = 0.0  # of the projection centre, forward along the optical axis, for each unit of log focal
 
 
