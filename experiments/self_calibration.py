@@ -251,9 +251,9 @@ def compare(
             capture.full_turn, config.reconstruct.panzoom,
         )  # fmt: skip
         spent = time.perf_counter() - started
-        for condition, footage in (("empty", hall), ("athlete", motion), ("masked", motion)):
-            work = partial(ours, prepared, config, footage, condition == "masked")
-            timed("ours", condition, footage.true, work, spent)
+        for condition, shown in (("empty", hall), ("athlete", motion), ("masked", motion)):
+            work = partial(ours, prepared, config, shown, condition == "masked")
+            timed("ours", condition, shown.true, work, spent)
         done += 1
         report_step(f"camera {files.name}: compare", done, total)
 

@@ -184,18 +184,17 @@ def _stitched(
     config: PanZoomConfig,
     report: Callable[[str, int, int], None],
 ) -> tuple[Panorama, NDArray[np.int64]]:
-    """The panorama of a sweep whose lens, tilt and roll are known, its first frame at pan 0, and which frames it is of."""
+    """The panorama of a sweep whose lens, tilt and roll are known, its first frame at pan 0; and its frames."""
     count = len(images)
     view = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
-    chained = chain(
-        list(enumerate(images)), view, full_turn, config.sweep, lambda done: report("match sweep", done, count)
-    )
+    numbered = list(enumerate(images))
+    chained = chain(numbered, view, full_turn, config.sweep, lambda done: report("match sweep", done, count))
     turned = [geometry.view_at(camera, float(pan), camera.tilt_rad, view.focal_px) for pan in chained.pan_rad]
     links = [*chained.links, *link_further(chained.features, turned, camera.lens.width, config.sweep)]
     pan_rad = _adjusted(chained.pan_rad, links, view)
     brightness = stitching.fit_brightness(links, len(pan_rad), view, camera.lens.width, camera.lens.height)
     panorama = stitching.stitch(
-        list(enumerate(images)), chained.kept, pan_rad, view, full_turn, brightness, FAR_AWAY,
+        numbered, chained.kept, pan_rad, view, full_turn, brightness, FAR_AWAY,
         lambda done: report("paste sweep", done, 2 * len(pan_rad)),
     )  # fmt: skip
     return panorama, chained.kept
