@@ -39,7 +39,7 @@ def pan_past(offset_m: Array, seed: int, noise: float = 0.3, near_m: float = 1.5
     world = np.concatenate([near, far])
     track, frame, points = [], [], []
     for k, pan in enumerate(PANS):
-        head_T_cam = camera.head_T_cam(pan, TRUE_VIEW.tilt_rad, TRUE_VIEW.roll_rad, offset_m)
+        head_T_cam = camera.head_T_cam(pan, TRUE_VIEW.tilt_rad, TRUE_VIEW.roll_rad, np.append(offset_m, 0.0))
         at = camera.Camera(WIDTH, HEIGHT, head_T_cam, 880.0, TRUE_VIEW.principal_px, TRUE_VIEW.k1)
         seen, depth = camera.project(at, world)
         inside = (depth > 0) & (seen >= 0).all(axis=1) & (seen <= (WIDTH - 1, HEIGHT - 1)).all(axis=1)
@@ -118,7 +118,8 @@ def test_the_direction_from_beside_the_axis_is_the_parallax_of_the_camera_model(
     azimuth, slope, nearness = np.array([0.3, -0.2]), np.array([0.1, -0.2]), np.array([0.1, 0.7])
     offset, pan = np.array([0.004, -0.003]), np.array([0.1, 0.1])
     seen, _, _ = slide.from_centre(azimuth, slope, nearness, pan, offset)
-    moved = camera.parallax(azimuth - pan, slope, nearness, offset)
+    turned = replace(TRUE_VIEW, pan_rad=pan, centre_m=np.append(offset, 0.0))
+    moved = camera.parallax(turned, azimuth, slope, nearness)
     np.testing.assert_allclose(seen, np.column_stack([azimuth + moved[0], slope + moved[1]]), atol=1e-5)
 
 
