@@ -30,6 +30,7 @@ SHOWN = 80  # points given back as matches
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
     pan_rad: float
+    tilt_rad: float
     focal_px: float
     covariance: Array  # (2, 2) of (pan, log focal), from the residuals alone
     agreement: float  # 1 - the median difference's share of the median contrast: near 1 where it fits, else about 0
@@ -49,18 +50,20 @@ class _Fitted:
     """A level's last step."""
 
     pan_rad: float
+    tilt_rad: float
     focal_px: float
     points: Array  # (N, 2)
-    sampled: Array  # (N, 6)
+    sampled: Array  # (N, 7)
     residual: Array  # (N,)
     weight: Array  # (N,)
-    normal: Array  # (2 + K, 2 + K)
+    normal: Array  # (P + K, P + K)
 
 
 class Aligner:
-    """Aligns frames of one camera with its panorama."""
+    """Aligns frames of one camera with its panorama; in tilt as well with ``free_tilt``, else the camera's is kept."""
 
-    def __init__(self, panorama: Panorama, camera: PanZoomCamera) -> None:
+    def __init__(self, panorama: Panorama, camera: PanZoomCamera, *, free_tilt: bool = False) -> None:
+        self._free = 3 if free_tilt else 2
         self._panorama = panorama
         self._camera = camera
         # a full turn goes on beyond its ends, so that no frame lies across a seam
@@ -70,29 +73,32 @@ class Aligner:
         known = cv2.copyMakeBorder(panorama.valid.astype(np.float64), *border)
         self._levels = {k: _level(image, np.asarray(known, np.float64), k) for k, _ in LEVELS}
 
-    def align(self, image: Image, pan_rad: float, focal_px: float, *, coarse: bool) -> Alignment:
-        """Refine a pan and a focal length.
+    def align(self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, *, coarse: bool) -> Alignment:
+        """Refine a pan and a focal length, and a tilt if that is free.
 
         The start may be off by some 15 pixels of the panorama with ``coarse``, else by one or two.
         """
         frame = grey(image)
         fitted = None
         for halvings, steps in LEVELS[0 if coarse else -1 :]:
-            fitted = self._fit(frame, self._levels[halvings], steps, pan_rad, focal_px)
+            fitted = self._fit(frame, self._levels[halvings], steps, pan_rad, tilt_rad, focal_px)
             if fitted is None:
-                return Alignment(pan_rad, focal_px, np.eye(2), 0.0, np.empty((0, 2)), np.empty((0, 2)))
-            pan_rad, focal_px = fitted.pan_rad, fitted.focal_px
+                nothing = np.empty((0, 2))
+                return Alignment(pan_rad, tilt_rad, focal_px, np.eye(2), 0.0, nothing, nothing)
+            pan_rad, tilt_rad, focal_px = fitted.pan_rad, fitted.tilt_rad, fitted.focal_px
         assert fitted is not None
         return self._judged(fitted)
 
-    def _fit(self, frame: Image, level: _Level, steps: int, pan_rad: float, focal_px: float) -> _Fitted | None:
+    def _fit(
+        self, frame: Image, level: _Level, steps: int, pan_rad: float, tilt_rad: float, focal_px: float
+    ) -> _Fitted | None:
         """Gauss-Newton with falling weights (Geman and McClure); None where the panorama is not known."""
         points, observed, shading = self._pixels(frame, level, focal_px)
         gains = np.zeros(shading.shape[1])
         gains[0] = 1.0
         looseness = 4.0  # tight weights from the first step on slow the convergence
         for step in range(steps):
-            sampled = self._sample(level, points, pan_rad, focal_px)
+            sampled = self._sample(level, points, pan_rad, tilt_rad, focal_px)
             usable = sampled[:, KNOWN] > 0.999
             if usable.sum() < 50:
                 return None
@@ -101,13 +107,14 @@ class Aligner:
             residual = observed - (shading @ gains) * sampled[:, VALUE]
             scale = looseness * max(1.4826 * float(np.median(np.abs(residual[usable]))), 1.0)
             weight = usable * (scale**2 / (scale**2 + residual**2)) ** 2
-            normal, gradient = _normal(sampled, shading, gains, residual, weight)
+            normal, gradient = _normal(sampled, shading, gains, residual, weight, self._free)
             change = np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), gradient)
             pan_rad += float(change[0])
             focal_px *= float(np.exp(np.clip(change[1], -0.1, 0.1)))
-            gains = gains + change[2:]
+            tilt_rad += float(change[2]) if self._free == 3 else 0.0
+            gains = gains + change[self._free :]
             looseness = max(looseness * 0.75, 2.0)
-        return _Fitted(pan_rad, focal_px, points, sampled, residual, weight, normal)
+        return _Fitted(pan_rad, tilt_rad, focal_px, points, sampled, residual, weight, normal)
 
     def _pixels(self, frame: Image, level: _Level, focal_px: float) -> tuple[Array, Array, Array]:
         """What is compared: pixels (N, 2), their grey values (N,), and r^0, r^2, ... of the vignetting (N, K)."""
@@ -127,17 +134,17 @@ class Aligner:
         powers = np.arange(3 if level.scale == 1 else 2)
         return points, observed, np.asarray(squared[:, None] ** powers, np.float64)
 
-    def _sample(self, level: _Level, points: Array, pan_rad: float, focal_px: float) -> Array:
-        """What the panorama shows at ``points`` (N, 2); (N, 6), columns VALUE to ROW."""
+    def _sample(self, level: _Level, points: Array, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
+        """What the panorama shows at ``points`` (N, 2); (N, 7), columns VALUE to ROW."""
         panorama, camera = self._panorama, self._camera
         principal, k1 = geometry.lens_at(camera.lens, focal_px)
         principal_slope, k1_slope = geometry.lens_slope(camera.lens, focal_px)
         column = panorama.origin_px[0] - pan_rad * panorama.px_per_rad
         if panorama.full_turn:
             column = np.mod(column, panorama.image.shape[1])
-        view = np.array([camera.tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
+        view = np.array([tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
         place = np.array([column + self._margin, panorama.origin_px[1], panorama.px_per_rad, level.scale])
-        centre = geometry.view_at(camera, pan_rad, camera.tilt_rad, focal_px).centre_m
+        centre = geometry.view_at(camera, pan_rad, tilt_rad, focal_px).centre_m
         beside = np.array([pan_rad, *centre])
         return _sample(level.layers, points, view, place, beside, kernel_hall(panorama.surroundings))
 
@@ -154,14 +161,15 @@ class Aligner:
         if self._panorama.full_turn:
             places[:, 0] = np.mod(places[:, 0], self._panorama.image.shape[1])
         return Alignment(
-            fitted.pan_rad, fitted.focal_px, np.asarray(variance * np.linalg.pinv(fitted.normal)[:2, :2], np.float64),
+            fitted.pan_rad, fitted.tilt_rad, fitted.focal_px,
+            np.asarray(variance * np.linalg.pinv(fitted.normal)[:2, :2], np.float64),
             1.0 - difference / max(contrast, 1.0), fitted.points[shown], places,
         )  # fmt: skip
 
 
-VALUE, BY_PAN, BY_LOG_FOCAL, KNOWN, COLUMN = range(5)
-"""Columns of what is sampled: the panorama's grey, how it changes with pan and log focal at a fixed pixel of the frame,
-1 where the panorama is known, and the panorama's column and (5) row there."""
+VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT, KNOWN, COLUMN = range(6)
+"""Columns of what is sampled: the panorama's grey, how it changes with pan, log focal and tilt at a fixed pixel of the
+frame, 1 where the panorama is known, and the panorama's column and (6) row there."""
 
 
 @njit(cache=True, nogil=True)
@@ -185,7 +193,7 @@ def _sample(
     pan, offset_x, offset_y, offset_z = beside
     nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
     height, width = layers.shape[:2]
-    out = np.zeros((len(points), 6))
+    out = np.zeros((len(points), 7))
     for n in range(len(points)):
         bent_x, bent_y = (points[n, 0] - principal_x) / focal, (points[n, 1] - principal_y) / focal
         bent = np.sqrt(bent_x * bent_x + bent_y * bent_y)
@@ -215,7 +223,7 @@ def _sample(
         cos_a, sin_a = forward / level, left / level
         column = column_0 - (alpha - to_x * sin_a + to_y * cos_a) * per_rad
         row = row_0 - (slope * (1.0 - to_x * cos_a - to_y * sin_a) + near * offset_z) * per_rad
-        out[n, 4], out[n, 5] = column, row
+        out[n, COLUMN], out[n, COLUMN + 1] = column, row
 
         column, row = (column + 0.5) / scale - 0.5, (row + 0.5) / scale - 0.5
         i, j = int(np.floor(row)), int(np.floor(column))
@@ -230,32 +238,38 @@ def _sample(
                 + w10 * layers[i + 1, j, k] + w11 * layers[i + 1, j + 1, k]
             )  # fmt: skip
         per_px = -per_rad / scale
-        out[n, 0] = value[0]
-        out[n, 1] = per_px * value[1]
-        out[n, 2] = per_px * (value[1] * d_azimuth + value[2] * d_slope)
-        out[n, 3] = value[3]
+        out[n, VALUE] = value[0]
+        out[n, BY_PAN] = per_px * value[1]
+        out[n, BY_LOG_FOCAL] = per_px * (value[1] * d_azimuth + value[2] * d_slope)
+        # tilting turns the ray's (forward, up) by itself
+        by_tilt = value[1] * left * up / across + value[2] * forward * (1.0 + up * up / across) / level
+        out[n, BY_TILT] = per_px * by_tilt
+        out[n, KNOWN] = value[3]
     return out
 
 
 @njit(cache=True, nogil=True)
-def _normal(sampled: Array, shading: Array, gains: Array, residual: Array, weight: Array) -> tuple[Array, Array]:
-    """Normal equations (2 + K, 2 + K) and (2 + K,) of pan, log focal and gains."""
-    count = shading.shape[1]
-    normal, gradient = np.zeros((2 + count, 2 + count)), np.zeros(2 + count)
-    row = np.zeros(2 + count)
+def _normal(
+    sampled: Array, shading: Array, gains: Array, residual: Array, weight: Array, free: int
+) -> tuple[Array, Array]:
+    """Normal equations (P + K, P + K) and (P + K,) of pan, log focal, (with P = ``free`` = 3) tilt, and gains."""
+    size = free + shading.shape[1]
+    normal, gradient = np.zeros((size, size)), np.zeros(size)
+    row = np.zeros(size)
     for n in range(len(residual)):
         if weight[n] <= 0.0:
             continue
         brightness = 0.0
-        for k in range(count):
+        for k in range(size - free):
             brightness += gains[k] * shading[n, k]
-            row[2 + k] = shading[n, k] * sampled[n, 0]
-        row[0], row[1] = brightness * sampled[n, 1], brightness * sampled[n, 2]
-        for i in range(2 + count):
+            row[free + k] = shading[n, k] * sampled[n, VALUE]
+        for k in range(free):
+            row[k] = brightness * sampled[n, BY_PAN + k]
+        for i in range(size):
             gradient[i] += weight[n] * row[i] * residual[n]
             for j in range(i + 1):
                 normal[i, j] += weight[n] * row[i] * row[j]
-    for i in range(2 + count):
+    for i in range(size):
         for j in range(i):
             normal[j, i] = normal[i, j]
     return normal, gradient

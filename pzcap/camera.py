@@ -253,12 +253,13 @@ def _see_all(view: Array, azimuth: Array, slope: Array, seen: Array) -> None:
 
 
 def pan_zoom_derivatives(camera: PanZoomCamera, view: View, azimuth_rad: Array, slope: Array) -> Array:
-    """Derivatives (N, 2, 2) of pixels with respect to (pan, log focal), the lens changing with the zoom."""
+    """Derivatives (N, 2, 3) of pixels with respect to (pan, log focal, tilt), the lens changing with the zoom."""
     full, _ = derivatives(view, azimuth_rad, slope)
     principal, k1 = lens_slope(camera.lens, view.focal_px)
-    result = np.empty((len(full), 2, 2))
+    result = np.empty((len(full), 2, 3))
     result[:, :, 0] = full[:, :, 0]
     result[:, :, 1] = full[:, :, 2] + principal + k1 * full[:, :, 6]
+    result[:, :, 2] = full[:, :, 1]
     return result
 
 

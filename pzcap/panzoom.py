@@ -31,6 +31,7 @@ WRAP = 64  # columns of a full turn repeated at its ends, for features on the se
 @dataclass(frozen=True, slots=True)
 class PanZoomConfig:
     method: str = "exact"  # or "paper": no distortion, no tilt, stops at eq. 15
+    free_tilt: bool = False  # the heads were tilted while the motion was recorded, too
     threshold: float = 1e-4  # of AKAZE's response
     frame_features: int = 1000
     panorama_features: int = 12000
@@ -49,6 +50,8 @@ class PanZoomConfig:
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise PzcapError(f"method {self.method!r} is not known; choose one of {', '.join(METHODS)}")
+        if self.free_tilt and self.method == "paper":
+            raise PzcapError("the paper's method knows no tilt; take method=exact, or free_tilt=false")
 
 
 class Localiser:
@@ -59,7 +62,7 @@ class Localiser:
         self._camera = camera
         self._config = config
         self._features = panorama_features(panorama, config.threshold, config.panorama_features)
-        self._aligner = Aligner(panorama, camera) if config.method == "exact" else None
+        self._aligner = Aligner(panorama, camera, free_tilt=config.free_tilt) if config.method == "exact" else None
         self._azimuth, self._slope = cylinder.from_panorama(panorama, self._features.points_px)
 
     def localise(self, image: Image, prior: Localisation | None) -> Localisation:
@@ -71,14 +74,14 @@ class Localiser:
         if self._aligner is None:
             return self._localise_paper(image, prior)
         if prior is not None and prior.valid:
-            aligned = self._aligner.align(image, prior.pan_rad, prior.focal_px, coarse=True)
+            aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, coarse=True)
             if aligned.agreement > self._config.sure_agreement:
                 return self._aligned(aligned)
             found = self._localise_exact(image, prior)
         if prior is None or not prior.valid or not found.valid:
             found = self._localise_exact(image, None)
         if found.valid:
-            aligned = self._aligner.align(image, found.pan_rad, found.focal_px, coarse=False)
+            aligned = self._aligner.align(image, found.pan_rad, found.tilt_rad, found.focal_px, coarse=False)
             moved = abs(aligned.pan_rad - found.pan_rad) * self._panorama.px_per_rad
             if aligned.agreement > self._config.min_agreement and moved < 3.0:
                 return replace(
@@ -124,10 +127,11 @@ class Localiser:
             return self._lost(prior)
         points, which = points[pairs[:, 0]], window[pairs[:, 1]]
         azimuth, slope = self._azimuth[which], self._slope[which]
-        pan, focal, agree = consensus(self._view_at, points, azimuth, slope, focals)
+        pan, focal, agree = consensus(self._view_at, points, azimuth, slope, focals, free_tilt=config.free_tilt)
         if agree.sum() < config.min_inliers:
             return self._lost(prior)
-        solution = solve(self._panorama, self._camera, pan, focal, points[agree], azimuth[agree], slope[agree])
+        matches = points[agree], azimuth[agree], slope[agree]
+        solution = solve(self._panorama, self._camera, pan, focal, *matches, free_tilt=config.free_tilt)
         return self._judge(solution, points[agree], self._features.points_px[which[agree]])
 
     def _view_at(self, focal_px: float) -> View:
@@ -145,14 +149,14 @@ class Localiser:
             and config.zoom_range[0] < zoom < config.zoom_range[1]
         )
         return Localisation(
-            float(wrapped(np.array(solution.pan_rad))), self._camera.tilt_rad, solution.focal_px, covariance,
+            float(wrapped(np.array(solution.pan_rad))), solution.tilt_rad, solution.focal_px, covariance,
             bool(valid), points_px[good], panorama_px[good],
         )  # fmt: skip
 
     def _aligned(self, aligned: Alignment) -> Localisation:
         zoom = aligned.focal_px / self._camera.lens.reference_focal_px
         return Localisation(
-            float(wrapped(np.array(aligned.pan_rad))), self._camera.tilt_rad, aligned.focal_px,
+            float(wrapped(np.array(aligned.pan_rad))), aligned.tilt_rad, aligned.focal_px,
             aligned.covariance + self._systematic(aligned.pan_rad),
             self._config.zoom_range[0] < zoom < self._config.zoom_range[1],
             aligned.frame_points_px, aligned.panorama_points_px,
@@ -246,6 +250,7 @@ def wrapped(angle_rad: Array) -> Array:
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
     pan_rad: float
+    tilt_rad: float
     focal_px: float
     covariance: Array  # (2, 2) of (pan, log focal), from the residuals alone
     inliers: Mask  # (N,)
@@ -259,30 +264,38 @@ def solve(
     points_px: Array,
     azimuth_rad: Array,
     slope: Array,
+    *,
+    free_tilt: bool = False,
 ) -> Solution:
-    """Pan and log focal by Gauss-Newton with falling weights (Geman and McClure), from matches (N,) and a start."""
-    scale = 8.0
+    """Pan, log focal, and tilt if that is free, by Gauss-Newton with falling weights (Geman and McClure), from matches
+    (N,) and a start at the camera's tilt."""
+    scale, tilt_rad = 8.0, camera.tilt_rad
+    free = 3 if free_tilt else 2
+    if free_tilt:
+        view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
+        tilt_rad += float(np.median(slope - geometry.look(view, points_px)[1]))
     for _ in range(30):
-        view = geometry.view_at(camera, pan_rad, camera.tilt_rad, focal_px)
+        view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
         directions = cylinder.from_centre(panorama, view, azimuth_rad, slope)
         seen, _ = geometry.see(view, *directions)
         residual = seen - points_px
         length = np.hypot(residual[:, 0], residual[:, 1])
         weight = (scale**2 / (scale**2 + length**2)) ** 2
-        jacobian = geometry.pan_zoom_derivatives(camera, view, *directions)
-        weighted = (jacobian * weight[:, None, None]).reshape(-1, 2)
-        normal = weighted.T @ jacobian.reshape(-1, 2)
-        step = -np.linalg.solve(normal + 1e-9 * np.eye(2), weighted.T @ residual.ravel())
+        jacobian = geometry.pan_zoom_derivatives(camera, view, *directions)[:, :, :free]
+        weighted = (jacobian * weight[:, None, None]).reshape(-1, free)
+        normal = weighted.T @ jacobian.reshape(-1, free) + 1e-9 * np.eye(free)
+        step = -np.linalg.solve(normal, weighted.T @ residual.ravel())
         pan_rad += float(step[0])
         focal_px *= float(np.exp(np.clip(step[1], -0.3, 0.3)))
+        tilt_rad += float(step[2]) if free_tilt else 0.0
         next_scale = max(3.0 * float(np.median(length)) / 1.1774, 0.3)
         if np.abs(step).max() < 1e-8 and abs(next_scale - scale) < 0.01 * scale:
             break
         scale = max(next_scale, scale / 2)
     inliers = length < 2.0 * scale
     variance = float(np.sum(weight * length**2) / (2 * weight.sum()))
-    covariance = np.asarray(variance * np.linalg.inv(normal + 1e-9 * np.eye(2)), np.float64)
-    return Solution(pan_rad, focal_px, covariance, inliers)
+    covariance = np.asarray(variance * np.linalg.inv(normal)[:2, :2], np.float64)
+    return Solution(pan_rad, tilt_rad, focal_px, covariance, inliers)
 
 
 # --------------------------------------------------------------------------------------------------------------

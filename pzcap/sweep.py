@@ -174,18 +174,26 @@ def _turn(link: Link, view: View) -> float:
 
 
 def consensus(
-    view_at: Callable[[float], View], points_px: Array, azimuth_rad: Array, slope: Array, focals_px: Array
+    view_at: Callable[[float], View],
+    points_px: Array,
+    azimuth_rad: Array,
+    slope: Array,
+    focals_px: Array,
+    *,
+    free_tilt: bool = False,
 ) -> tuple[float, float, Mask]:
     """The pan and the focal length, of those proposed, that most matches agree on, and which matches (N,) do.
 
     ``view_at`` gives the view, at pan 0, of a focal length. For a focal length one match gives the pan, and says by its
     slope whether it fits. So every match votes under every focal length, and the densest cluster of pans wins: this is
-    RANSAC (Fischler and Bolles, 1981) with all samples tried and none drawn.
+    RANSAC (Fischler and Bolles, 1981) with all samples tried and none drawn. With ``free_tilt`` the slopes of the
+    cluster may all be off by the same.
     """
     best, winner = np.zeros(len(points_px), bool), (0.0, float(focals_px[0]))
     for focal in focals_px:
         seen_azimuth, seen_slope = geometry.look(view_at(float(focal)), points_px)
-        fits = np.flatnonzero(np.abs(seen_slope - slope) < 5.0 / focal)
+        off = seen_slope - slope
+        fits = np.arange(len(off)) if free_tilt else np.flatnonzero(np.abs(off) < 5.0 / focal)
         if len(fits) <= best.sum():
             continue
         pans = np.mod(azimuth_rad - seen_azimuth, 2 * np.pi)[fits]
@@ -193,6 +201,9 @@ def consensus(
         cluster = features.densest(both, 8.0 / float(focal))
         agree = np.zeros(len(points_px), bool)
         agree[fits] = cluster[: len(fits)] | cluster[len(fits) :]
+        if free_tilt:
+            level = features.densest(off[agree], 10.0 / float(focal))
+            agree[np.flatnonzero(agree)[~level]] = False
         if agree.sum() > best.sum():
             best, winner = agree, (float(np.median(both[cluster])), float(focal))
     return *winner, best

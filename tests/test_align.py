@@ -8,15 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
-from pzcap.align import BY_LOG_FOCAL, BY_PAN, COLUMN, VALUE, Aligner
+from pzcap.align import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, VALUE, Aligner
 from pzcap.camera import look, view_at
 from pzcap.cylinder import from_axis, to_panorama
-from pzcap.types import Surroundings
+from pzcap.types import Array, Surroundings
 from tests import synthetic
 from tests.test_cylinder import camera_of, whole_turn
 
 OPTICS = synthetic.Optics()
-FOCAL = OPTICS.reference_focal_px
+FOCAL, TILT = OPTICS.reference_focal_px, OPTICS.tilt_rad
 PIXELS = np.stack(np.meshgrid(np.linspace(20, 300, 15), np.linspace(20, 220, 11)), axis=-1).reshape(-1, 2)
 
 
@@ -43,7 +43,7 @@ def test_samples_stand_where_the_camera_looks(aligner: Aligner) -> None:
     panorama = replace(aligner._panorama, surroundings=HALL)
     beside = Aligner(panorama, camera)
     for pan in (-3.0, 0.2, 3.1):
-        sampled = beside._sample(beside._levels[0], PIXELS, pan, 500.0)
+        sampled = beside._sample(beside._levels[0], PIXELS, pan, camera.tilt_rad, 500.0)
         view = view_at(camera, pan, camera.tilt_rad, 500.0)
         places = to_panorama(panorama, *from_axis(panorama, view, *look(view, PIXELS)))
         found = sampled[:, COLUMN:] - np.array([beside._margin, 0.0])
@@ -59,13 +59,14 @@ def test_derivatives_match_finite_differences() -> None:
     waves = 127 + 60 * np.sin(column / 9.0) + 60 * np.cos(row / 7.0 + column / 40.0)
     smooth = replace(whole, image=np.repeat(np.rint(waves).astype(np.uint8)[..., None], 3, axis=2))
     aligner = Aligner(smooth, camera_of(OPTICS))
-    level = aligner._levels[0]
-    here = aligner._sample(level, PIXELS, 0.3, 600.0)
-    step = 2e-3
-    by_pan = aligner._sample(level, PIXELS, 0.3 + step, 600.0) - aligner._sample(level, PIXELS, 0.3 - step, 600.0)
-    by_focal = aligner._sample(level, PIXELS, 0.3, 600.0 * np.exp(step))
-    by_focal -= aligner._sample(level, PIXELS, 0.3, 600.0 * np.exp(-step))
-    for column, numeric in ((BY_PAN, by_pan), (BY_LOG_FOCAL, by_focal)):
+    level, there, step = aligner._levels[0], np.array([0.3, OPTICS.tilt_rad, np.log(600.0)]), 2e-3
+
+    def at(place: Array) -> Array:
+        return aligner._sample(level, PIXELS, place[0], place[1], np.exp(place[2]))
+
+    here = at(there)
+    for column, along in ((BY_PAN, 0), (BY_TILT, 1), (BY_LOG_FOCAL, 2)):
+        numeric = at(there + step * np.eye(3)[along]) - at(there - step * np.eye(3)[along])
         numeric_grey = numeric[:, VALUE] / (2 * step)
         assert np.corrcoef(here[:, column], numeric_grey)[0, 1] > 0.99
         assert np.polyfit(numeric_grey, here[:, column], 1)[0] == pytest.approx(1.0, abs=0.05)
@@ -75,7 +76,7 @@ def test_derivatives_match_finite_differences() -> None:
 def test_pulls_in_from_the_frame_before(aligner: Aligner, pan: float, zoom: float) -> None:
     focal = FOCAL * zoom
     image = synthetic.render(OPTICS, pan, focal, gain=0.9)
-    found = aligner.align(image, pan + 6.0 / FOCAL, focal * 1.02, coarse=True)
+    found = aligner.align(image, pan + 6.0 / FOCAL, TILT, focal * 1.02, coarse=True)
     assert np.rad2deg(found.pan_rad - pan) == pytest.approx(0.0, abs=0.005)
     assert found.focal_px == pytest.approx(focal, rel=5e-4)
     assert found.agreement > 0.7
@@ -85,7 +86,7 @@ def test_a_person_with_her_shadow_is_left_out(aligner: Aligner) -> None:
     image = synthetic.render(OPTICS, 0.3, FOCAL)
     image[50:220, 130:200] = np.random.default_rng(0).integers(0, 255, (170, 70, 3))
     image[200:230, 100:240] = image[200:230, 100:240] // 2
-    found = aligner.align(image, 0.3 + 3.0 / FOCAL, FOCAL * 1.01, coarse=True)
+    found = aligner.align(image, 0.3 + 3.0 / FOCAL, TILT, FOCAL * 1.01, coarse=True)
     assert np.rad2deg(found.pan_rad - 0.3) == pytest.approx(0.0, abs=0.01)
     assert found.focal_px == pytest.approx(FOCAL, rel=1e-3)
     inside = (np.abs(found.frame_points_px - (165, 135)) < (33, 83)).all(axis=1)
@@ -95,13 +96,13 @@ def test_a_person_with_her_shadow_is_left_out(aligner: Aligner) -> None:
 def test_the_wrong_place_does_not_agree(aligner: Aligner) -> None:
     image = synthetic.render(OPTICS, 0.3, FOCAL)
     for pan in (1.3, -2.0, 0.9):
-        assert aligner.align(image, pan, FOCAL, coarse=True).agreement < 0.4
+        assert aligner.align(image, pan, TILT, FOCAL, coarse=True).agreement < 0.4
 
 
 def test_where_nothing_is_known_nothing_agrees(aligner: Aligner) -> None:
     panorama = aligner._panorama
     nothing = Aligner(replace(panorama, valid=np.zeros_like(panorama.valid)), camera_of(OPTICS))
-    found = nothing.align(synthetic.render(OPTICS, 0.3, FOCAL), 0.3, FOCAL, coarse=True)
+    found = nothing.align(synthetic.render(OPTICS, 0.3, FOCAL), 0.3, TILT, FOCAL, coarse=True)
     assert found.agreement == 0.0
     assert found.pan_rad == 0.3
     assert len(found.frame_points_px) == 0
@@ -112,7 +113,7 @@ def test_the_covariance_is_of_the_size_of_the_errors(aligner: Aligner) -> None:
     errors, sigmas = [], []
     for seed in range(8):
         image = synthetic.render(OPTICS, 0.3, FOCAL, noise_seed=seed)
-        found = aligner.align(image, 0.3, FOCAL, coarse=False)
+        found = aligner.align(image, 0.3, TILT, FOCAL, coarse=False)
         errors.append(found.pan_rad)
         sigmas.append(np.sqrt(found.covariance[0, 0]))
     assert 0.1 < np.std(errors) / np.mean(sigmas) < 10.0

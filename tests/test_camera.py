@@ -91,9 +91,9 @@ def test_pan_zoom_derivatives_carry_the_lens_along(log_zoom: float, pan: float) 
     azimuth, slope = camera.look(view, PIXELS)
     analytic = camera.pan_zoom_derivatives(head, view, azimuth, slope)
     step = 1e-6
-    for column, (d_pan, d_log) in enumerate(((step, 0.0), (0.0, step))):
-        ahead = camera.view_at(head, pan + d_pan, head.tilt_rad, focal * np.exp(d_log))
-        behind = camera.view_at(head, pan - d_pan, head.tilt_rad, focal * np.exp(-d_log))
+    for column, (d_pan, d_log, d_tilt) in enumerate(step * np.eye(3)):
+        ahead = camera.view_at(head, pan + d_pan, head.tilt_rad + d_tilt, focal * np.exp(d_log))
+        behind = camera.view_at(head, pan - d_pan, head.tilt_rad - d_tilt, focal * np.exp(-d_log))
         numeric = (camera.see(ahead, azimuth, slope)[0] - camera.see(behind, azimuth, slope)[0]) / (2 * step)
         np.testing.assert_allclose(analytic[:, :, column], numeric, rtol=1e-5, atol=2e-3)
 

@@ -92,6 +92,25 @@ def test_someone_in_the_picture_is_left_out(exact: calibration.Prepared) -> None
         assert inside.mean() < 0.05
 
 
+def test_a_tilted_frame_is_found_and_followed(exact: calibration.Prepared) -> None:
+    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig(free_tilt=True))
+    prior = None
+    for step in range(4):
+        pan, tilt = np.deg2rad(1.0 * step), OPTICS.tilt_rad + np.deg2rad(2.0 + 0.3 * step)
+        image = synthetic.render(replace(OPTICS, tilt_rad=tilt), pan, 1.5 * FOCAL, noise_seed=40 + step)
+        prior = localiser.localise(image, prior)
+        assert prior.valid
+        assert abs(np.rad2deg(prior.pan_rad - pan)) < 0.02
+        assert abs(np.rad2deg(prior.tilt_rad - tilt)) < 0.03
+        assert prior.focal_px == pytest.approx(1.5 * FOCAL, rel=2e-3)
+
+
+def test_a_tilted_frame_is_no_frame_of_a_camera_that_does_not_tilt(exact: calibration.Prepared) -> None:
+    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
+    tilted = synthetic.render(replace(OPTICS, tilt_rad=OPTICS.tilt_rad + np.deg2rad(3.0)), 0.1, 1.5 * FOCAL)
+    assert not localiser.localise(tilted, None).valid
+
+
 def test_a_jump_is_found_again(exact: calibration.Prepared) -> None:
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     first = localiser.localise(synthetic.render(OPTICS, 0.0, FOCAL), None)
@@ -152,6 +171,11 @@ def test_the_solution_of_equation_11_is_exact() -> None:
     points, azimuth, slope = matches(0.7, 700.0, 0.0)
     found = panzoom.solve(whole_turn(0), camera_of(OPTICS), 0.69, 650.0, points, azimuth, slope)
     assert found.pan_rad == pytest.approx(0.7, abs=1e-9)
+    assert found.focal_px == pytest.approx(700.0, rel=1e-9)
+    off = replace(camera_of(OPTICS), tilt_rad=OPTICS.tilt_rad + 0.03)
+    found = panzoom.solve(whole_turn(0), off, 0.69, 650.0, points, azimuth, slope, free_tilt=True)
+    assert found.pan_rad == pytest.approx(0.7, abs=1e-9)
+    assert found.tilt_rad == pytest.approx(OPTICS.tilt_rad, abs=1e-9)
     assert found.focal_px == pytest.approx(700.0, rel=1e-9)
 
 
