@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import cattrs
 from cattrs.errors import ForbiddenExtraKeysError
+from omegaconf import DictConfig, OmegaConf
 
 from pzcap import pipeline
 from pzcap.types import PzcapError
@@ -90,6 +91,12 @@ def structured(tree: Any, kind: type[T], what: str) -> T:
         if not complaints:
             raise
         raise PzcapError(f"{what}: " + "; ".join(complaints)) from error
+
+
+def plain(composed: DictConfig) -> dict[str, Any]:
+    """What Hydra composed, as dicts and lists, everything resolved."""
+    tree: dict[str, Any] = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)  # type: ignore[assignment]
+    return tree
 
 
 def nearest(key: str, known: Iterable[str]) -> str:

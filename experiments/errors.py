@@ -6,7 +6,8 @@ import errno
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from hydra.conf import HydraConf
@@ -80,6 +81,17 @@ def report(error: Exception) -> bool:
     if line is not None:
         print(f"error: {line}", file=sys.stderr, flush=True)
     return line is not None
+
+
+@contextmanager
+def reported() -> Iterator[None]:
+    """Around the work of a Hydra job: what a user can mend is said there and then, and is carried out of the sweep."""
+    try:
+        yield
+    except Exception as error:
+        if report(error):
+            raise AlreadyReported(str(error)) from error
+        raise
 
 
 def _explain_override(error: HydraException | OmegaConfBaseException, config: type[AppConfig]) -> str:

@@ -22,13 +22,13 @@ from typing import Any, Final
 import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from rich.console import Console
 from rich.table import Table
 
 from experiments import footage, memory, recording
-from experiments.config import AppConfig, build, default_tree
-from experiments.errors import AlreadyReported, guard, report
+from experiments.config import AppConfig, build, default_tree, plain
+from experiments.errors import guard, reported
 from experiments.metrics import Metric, format_value, meets_target, run_info, write_metrics
 from experiments.progress import Bars
 from experiments.report import Material, write_report
@@ -192,15 +192,11 @@ ConfigStore.instance().store(name="base", node=default_tree())
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 def _job(composed: DictConfig) -> None:
     out, err = Console(), Console(stderr=True)
-    try:
-        tree: dict[str, Any] = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)  # type: ignore[assignment]
+    with reported():
+        tree = plain(composed)
         config = build(tree)
         folder = Path(HydraConfig.get().runtime.output_dir)
         found = run(config, tree, folder, err)
-    except Exception as error:
-        if report(error):
-            raise AlreadyReported(str(error)) from error
-        raise
     what = config.capture or HydraConfig.get().runtime.choices["experiment"]
     print_table(out, f"{what}, {config.method}, seed {config.seed}", found)
     shown = os.path.relpath(folder) if folder.is_relative_to(Path.cwd()) else folder

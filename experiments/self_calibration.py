@@ -34,15 +34,15 @@ import matplotlib as mpl
 import numpy as np
 from hydra.core.hydra_config import HydraConfig
 from matplotlib.figure import Figure
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from rich import box
 from rich.console import Console
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from experiments import footage
-from experiments.config import AppConfig, build
-from experiments.errors import AlreadyReported, guard, report
+from experiments.config import AppConfig, build, plain
+from experiments.errors import guard, reported
 from experiments.metrics import Metric, run_info, write_metrics
 from experiments.plots import COLOURS, STYLE
 from experiments.progress import Bars
@@ -394,15 +394,11 @@ def run_comparison(config: AppConfig, tree: dict[str, Any], folder: Path, consol
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 def _job(composed: DictConfig) -> None:
     out, err = Console(), Console(stderr=True)
-    try:
-        tree: dict[str, Any] = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)  # type: ignore[assignment]
+    with reported():
+        tree = plain(composed)
         config = build(tree)
         folder = Path(HydraConfig.get().runtime.output_dir)
         found = run_comparison(config, tree, folder, err)
-    except Exception as error:
-        if report(error):
-            raise AlreadyReported(str(error)) from error
-        raise
     print_comparison(out, f"{config.capture or config.shoot.motion}, seed {config.seed}", found)
 
 

@@ -20,12 +20,12 @@ from typing import Any
 import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from rich.console import Console
 
 from experiments import footage
-from experiments.config import AppConfig, default_tree, structured
-from experiments.errors import AlreadyReported, guard, report
+from experiments.config import AppConfig, default_tree, plain, structured
+from experiments.errors import guard, reported
 from experiments.metrics import run_info, write_metrics
 from experiments.peers import bench, show
 from experiments.peers.folder import from_folder, is_folder_of_frames
@@ -84,15 +84,11 @@ ConfigStore.instance().store(name="peers_base", node=default_tree(PeersConfig))
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="peers")
 def _job(composed: DictConfig) -> None:
     out, err = Console(), Console(stderr=True)
-    try:
-        tree: dict[str, Any] = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)  # type: ignore[assignment]
+    with reported():
+        tree = plain(composed)
         config = structured(tree, PeersConfig, "configuration")
         folder = Path(HydraConfig.get().runtime.output_dir)
         results = run(config, tree, folder, err)
-    except Exception as error:
-        if report(error):
-            raise AlreadyReported(str(error)) from error
-        raise
     what = config.capture or f"{HydraConfig.get().runtime.choices['experiment']}, seed {config.seed}"
     show.print_table(out, f"{what}, every {config.every}. frame", results)
     shown = os.path.relpath(folder) if folder.is_relative_to(Path.cwd()) else folder
