@@ -123,7 +123,9 @@ def _prepare_exact(
     flat = panorama.flatness(brightness, matched.model.view(0), width, height)
     gains = [*np.exp(-brightness.log_gain), *[1.0] * (1 + len(zoomed))]
     images = [*chained.images, *(grey(image) for image in [reference_image, *zoomed])]
-    kept = [direct.stored(image, flat * gain) for image, gain in zip(images, gains, strict=True)]
+    kept = np.empty((len(images), height, width), np.uint16)
+    for stored, image, gain in zip(kept, images, gains, strict=True):
+        stored[:] = direct.stored(image, flat * gain)
     pairs = dict.fromkeys((link.first, link.second) for link in links)
     fitted = direct.adjust(
         matched.model, kept, list(pairs), sigmas, prior=start,

@@ -70,10 +70,12 @@ def stored(image: Image, flat: Array | NDArray[np.float32]) -> Stored:
     return np.asarray(np.clip(np.rint(soft * STORED), 0, 65535), np.uint16)
 
 
-def _overlap(frames: Sequence[Stored], model: Model, first: int, second: int) -> Overlap | None:
+def _overlap(
+    frames: Stored, edges: Sequence[NDArray[np.int64]], model: Model, first: int, second: int
+) -> Overlap | None:
     """Pixels of two frames to be compared; the finer of the two is shrunk to the other's resolution.
 
-    None if the frames share too little.
+    ``edges`` are those of the frames as they are. None if the frames share too little.
     """
     views = model.view(first), model.view(second)
     shrink = views[0].focal_px / views[1].focal_px
@@ -81,8 +83,10 @@ def _overlap(frames: Sequence[Stored], model: Model, first: int, second: int) ->
         first, second, views, shrink = second, first, (views[1], views[0]), 1.0 / shrink
     height, width = frames[first].shape
     size = (round(width / shrink), round(height / shrink))
-    small = frames[first] if shrink < 1.001 else cv2.resize(frames[first], size, interpolation=cv2.INTER_AREA)
-    chosen = _edges(np.asarray(small, np.uint16))
+    small, chosen = frames[first], edges[first]
+    if shrink > 1.001:
+        small = np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_AREA), np.uint16)
+        chosen = _edges(small)
     ratio = np.array([width / size[0], height / size[1]])
     points = (chosen.astype(np.float64) + 0.5) * ratio - 0.5
     seen, front = geometry.see(views[1], *geometry.look(views[0], points))
@@ -111,33 +115,33 @@ def _edges(image: Stored) -> NDArray[np.int64]:
 
 def adjust(
     start: Model,
-    frames: Sequence[Stored],
+    frames: Stored,
     pairs: Sequence[tuple[int, int]],
     sigmas: Sigmas,
     *,
     prior: Model,
     report: Callable[[int], None],
 ) -> Fitted:
-    """Fit the model to the grey values of ``pairs`` of frames; as `bundle.adjust`.
+    """Fit the model to the grey values of ``pairs`` of ``frames`` (F, H, W); as `bundle.adjust`.
 
     ``start`` must be right to about a pixel.
     """
     loose = replace(sigmas, walls=0.3, unevenness=0.2, departures=0.1, roughness=0.05)
     believed, mean = information(start, loose), vector(prior)
-    overlaps = [one for pair in pairs if (one := _overlap(frames, start, *pair)) is not None]
+    edges = [_edges(frame) for frame in frames]
+    overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, *pair)) is not None]
     ends = np.array([[one.first, one.second] for one in overlaps])
     bounds = np.cumsum([0, *(len(one.grey) for one in overlaps)])
     points = np.vstack([one.points_px for one in overlaps])
     grey = np.concatenate([one.grey for one in overlaps])
     radial = np.concatenate([one.radial for one in overlaps])
-    images = np.stack(frames)
     gains = np.tile([1.0, 0.0], (len(overlaps), 1))
     residual = np.zeros(len(grey))
     model, scale = start, 30.0
     for iteration in range(ITERATIONS):
         normal, gradient = np.zeros((len(mean), len(mean))), np.zeros(len(mean))
         _accumulate(
-            ends, bounds, points, grey, radial, images, vectors(model), *chains_of(model),
+            ends, bounds, points, grey, radial, frames, vectors(model), *chains_of(model),
             kernel_hall(model.surroundings), scale, gains, residual, normal, gradient,
         )  # fmt: skip
         seen = np.isfinite(residual)

@@ -31,11 +31,11 @@ def truth() -> Model:
 
 
 @pytest.fixture(scope="module")
-def frames() -> list[Stored]:
+def frames() -> Stored:
     model = truth()
     views = [model.view(frame) for frame in range(len(model.pan_of))]
     images = [synthetic.render(OPTICS, v.pan_rad, v.focal_px, noise_seed=i) for i, v in enumerate(views)]
-    return [direct.stored(grey(image), np.ones(image.shape[:2])) for image in images]
+    return np.stack([direct.stored(grey(image), np.ones(image.shape[:2])) for image in images])
 
 
 def off(seed: int) -> Model:
@@ -52,7 +52,7 @@ def silent(done: int) -> None:
     del done
 
 
-def adjusted(frames: list[Stored], start: Model) -> direct.Fitted:
+def adjusted(frames: Stored, start: Model) -> direct.Fitted:
     return direct.adjust(start, frames, PAIRS, SIGMAS, prior=start, report=silent)
 
 
@@ -64,7 +64,7 @@ def errors(found: Model) -> tuple[Array, Array]:
     return pan - line(truth().pan_rad), zoom[1:]
 
 
-def test_it_improves_on_features(frames: list[Stored]) -> None:
+def test_it_improves_on_features(frames: Stored) -> None:
     before, after = errors(off(0)), errors(adjusted(frames, off(0)).model)
     assert np.rad2deg(np.abs(after[0])).max() < 0.004  # a thirtieth of a pixel
     assert np.abs(after[1]).max() < 3e-4
@@ -72,14 +72,14 @@ def test_it_improves_on_features(frames: list[Stored]) -> None:
         assert np.sqrt(np.mean(then**2)) < 0.4 * np.sqrt(np.mean(first**2))
 
 
-def test_where_it_starts_does_not_matter(frames: list[Stored]) -> None:
+def test_where_it_starts_does_not_matter(frames: Stored) -> None:
     one, other = (adjusted(frames, off(seed)).model for seed in (1, 2))
     for first, then in zip(errors(one), errors(other), strict=True):
         np.testing.assert_allclose(first, then, atol=2e-4)  # other pixels are looked at
 
 
-def test_a_person_and_a_lamp_do_not_pull(frames: list[Stored]) -> None:
-    walked = [frame.copy() for frame in frames]
+def test_a_person_and_a_lamp_do_not_pull(frames: Stored) -> None:
+    walked = frames.copy()
     walked[2][60:200, 150:210] = 20 * int(direct.STORED)
     walked[4] = (walked[4] * 1.1).astype(np.uint16)
     plain, disturbed = (errors(adjusted(taken, off(0)).model) for taken in (frames, walked))
@@ -87,17 +87,18 @@ def test_a_person_and_a_lamp_do_not_pull(frames: list[Stored]) -> None:
         np.testing.assert_allclose(first, then, atol=5e-5)
 
 
-def test_its_sigmas_are_of_the_size_of_the_errors(frames: list[Stored]) -> None:
+def test_its_sigmas_are_of_the_size_of_the_errors(frames: Stored) -> None:
     found = adjusted(frames, off(3))
     sigma = np.sqrt(np.diag(found.covariance))
     normalised = (bundle.vector(found.model) - bundle.vector(truth()))[1:13] / sigma[1:13]
     assert 0.05 < np.sqrt(np.mean(normalised**2)) < 3.0
 
 
-def test_frames_without_overlap_are_not_compared(frames: list[Stored]) -> None:
-    assert direct._overlap(frames, truth(), 0, 7) is not None
+def test_frames_without_overlap_are_not_compared(frames: Stored) -> None:
+    edges = [direct._edges(frame) for frame in frames]
+    assert direct._overlap(frames, edges, truth(), 0, 7) is not None
     far = bundle.stepped(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(bundle.vector(truth())) - 8)]))
-    assert direct._overlap(frames, far, 0, 7) is None
+    assert direct._overlap(frames, edges, far, 0, 7) is None
 
 
 def test_the_cubic_goes_through_the_pixels_and_its_slope_is_its_derivative() -> None:
