@@ -42,8 +42,8 @@ class PanZoomConfig:
     sure_agreement: float = 0.85  # of an alignment (see `align.Alignment`) alone, or features are asked
     min_agreement: float = 0.5  # of one that features led to
     max_pan_sigma_deg: float = 0.05  # a frame known worse than this is not valid
-    floor_deg: float = 0.0015  # systematic error of pan: the least standard deviation that is claimed
-    floor_focal: float = 2e-4  # the same of the focal length, relative
+    floor_deg: float = 0.0012  # systematic error of pan: the least standard deviation that is claimed
+    floor_focal: float = 1.7e-4  # the same of the focal length, relative
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     sweep: SweepConfig = field(default_factory=SweepConfig)
 
