@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from pzcap import camera as geometry
 from pzcap.cylinder import NODES, Hall, kernel_hall, near_at
+from pzcap.sampling import STEPS, Stored, cubic, stored
 from pzcap.sweep import grey
-from pzcap.types import Array, Image, Panorama, PanZoomCamera
+from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 LEVELS = ((3, 4), (1, 2), (0, 3))  # from coarse to fine: halvings of the size, and Gauss-Newton steps
-SAMPLES = {3: 1500, 1: 2000, 0: 6000}  # pixels looked at on each level, about
-SMOOTHING = 0.8  # pixels, of both images: each pixel looked at speaks for those around it
+COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
 BORDER = 3  # pixels at the frame's edge left out
 SHOWN = 80  # points given back as matches
 
@@ -40,9 +40,10 @@ class Alignment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Level:
-    layers: NDArray[np.float32]  # (H, W, 4) grey, its derivatives along columns and rows, 1 where all of them are known
+    image: Stored  # (H, W)
+    known: Mask  # (H, W) all around a pixel is known
     scale: float  # panorama pixels to one of this level's
-    samples: int
+    pixels: int  # looked at, about
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,18 +61,21 @@ class _Fitted:
 
 
 class Aligner:
-    """Aligns frames of one camera with its panorama; in tilt as well with ``free_tilt``, else the camera's is kept."""
+    """Aligns frames of one camera with its panorama by about ``pixels`` of each frame; in tilt as well with
+    ``free_tilt``, else the camera's is kept."""
 
-    def __init__(self, panorama: Panorama, camera: PanZoomCamera, *, free_tilt: bool = False) -> None:
+    def __init__(
+        self, panorama: Panorama, camera: PanZoomCamera, *, pixels: int = 6000, free_tilt: bool = False
+    ) -> None:
         self._free = 3 if free_tilt else 2
         self._panorama = panorama
         self._camera = camera
         # a full turn goes on beyond its ends, so that no frame lies across a seam
         self._margin = panorama.image.shape[1] // 4 // 8 * 8 if panorama.full_turn else 0
         border = (0, 0, self._margin, self._margin, cv2.BORDER_WRAP)
-        image = cv2.copyMakeBorder(grey(panorama.image), *border).astype(np.float64)
-        known = cv2.copyMakeBorder(panorama.valid.astype(np.float64), *border)
-        self._levels = {k: _level(image, np.asarray(known, np.float64), k) for k, _ in LEVELS}
+        image = cv2.copyMakeBorder(grey(panorama.image), *border).astype(np.float32)
+        known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), *border).astype(np.float32)
+        self._levels = {k: _level(image, known, k, COARSE_PIXELS.get(k, pixels)) for k, _ in LEVELS}
 
     def align(self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, *, coarse: bool) -> Alignment:
         """Refine a pan and a focal length, and a tilt if that is free.
@@ -119,15 +123,16 @@ class Aligner:
     def _pixels(self, frame: Image, level: _Level, focal_px: float) -> tuple[Array, Array, Array]:
         """What is compared: pixels (N, 2), their grey values (N,), and r^0, r^2, ... of the vignetting (N, K)."""
         lens = self._camera.lens
-        # the frame is shrunk to the level's resolution, where it is finer
+        # where the frame is finer than the level
         shrink = max(1.0, focal_px / self._panorama.px_per_rad * level.scale)
-        size = (round(lens.width / shrink), round(lens.height / shrink))
-        small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
-        soft = np.asarray(cv2.GaussianBlur(small.astype(np.float32), (0, 0), SMOOTHING), np.float32)
-        cell = max(1, round(np.sqrt(size[0] * size[1] / level.samples)))
-        chosen = _edges(soft, cell)
-        observed = soft[chosen[:, 1], chosen[:, 0]].astype(np.float64)
-        ratio = np.array([lens.width / size[0], lens.height / size[1]])
+        if level.scale == 1:
+            soft, ratio = stored(frame, shrink), np.ones(2)
+        else:
+            size = (round(lens.width / shrink), round(lens.height / shrink))
+            soft = stored(np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8))
+            ratio = np.array([lens.width / size[0], lens.height / size[1]])
+        chosen = _edges(soft, max(1, round(np.sqrt(soft.size / level.pixels))))
+        observed = soft[chosen[:, 1], chosen[:, 0]] / STEPS
         points = (chosen + 0.5) * ratio - 0.5
         centre = np.array([(lens.width - 1) / 2, (lens.height - 1) / 2])
         squared = np.sum((points - centre) ** 2, axis=1) / np.sum(centre**2)
@@ -146,7 +151,7 @@ class Aligner:
         place = np.array([column + self._margin, panorama.origin_px[1], panorama.px_per_rad, level.scale])
         centre = geometry.view_at(camera, pan_rad, tilt_rad, focal_px).centre_m
         beside = np.array([pan_rad, *centre])
-        return _sample(level.layers, points, view, place, beside, kernel_hall(panorama.surroundings))
+        return _sample(level.image, level.known, points, view, place, beside, kernel_hall(panorama.surroundings))
 
     def _judged(self, fitted: _Fitted) -> Alignment:
         sampled, weight = fitted.sampled, fitted.weight
@@ -174,14 +179,15 @@ frame, 1 where the panorama is known, and the panorama's column and (6) row ther
 
 @njit(cache=True, nogil=True)
 def _sample(
-    layers: NDArray[np.float32],
+    image: Stored,
+    known: Mask,
     points: Array,
     view: Array,
     place: Array,
     beside: Array,
     hall: Hall,
 ) -> Array:
-    """`camera.look` and `cylinder.from_axis`, their derivatives, and bilinear samples of the layers, for points (N, 2).
+    """`camera.look` and `cylinder.from_axis`, their derivatives, and samples of the image, for points (N, 2).
 
     ``view``: tilt, roll, focal length, principal point, k1, and the latter three's derivatives by log focal. ``place``:
     panorama column of the pan, row of slope 0, pixels to the radian, scale of the level. ``beside``: pan, the
@@ -192,7 +198,6 @@ def _sample(
     column_0, row_0, per_rad, scale = place
     pan, offset_x, offset_y, offset_z = beside
     nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
-    height, width = layers.shape[:2]
     out = np.zeros((len(points), 7))
     for n in range(len(points)):
         bent_x, bent_y = (points[n, 0] - principal_x) / focal, (points[n, 1] - principal_y) / focal
@@ -226,25 +231,17 @@ def _sample(
         out[n, COLUMN], out[n, COLUMN + 1] = column, row
 
         column, row = (column + 0.5) / scale - 0.5, (row + 0.5) / scale - 0.5
-        i, j = int(np.floor(row)), int(np.floor(column))
-        if i < 0 or j < 0 or i + 1 >= height or j + 1 >= width:
+        inside, value, by_column, by_row = cubic(image, column, row)
+        if not inside or not known[int(np.rint(row)), int(np.rint(column))]:
             continue
-        b, a = row - i, column - j
-        w00, w01, w10, w11 = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
-        value = np.zeros(4)
-        for k in range(4):
-            value[k] = (
-                w00 * layers[i, j, k] + w01 * layers[i, j + 1, k]
-                + w10 * layers[i + 1, j, k] + w11 * layers[i + 1, j + 1, k]
-            )  # fmt: skip
         per_px = -per_rad / scale
-        out[n, VALUE] = value[0]
-        out[n, BY_PAN] = per_px * value[1]
-        out[n, BY_LOG_FOCAL] = per_px * (value[1] * d_azimuth + value[2] * d_slope)
+        out[n, VALUE] = value
+        out[n, BY_PAN] = per_px * by_column
+        out[n, BY_LOG_FOCAL] = per_px * (by_column * d_azimuth + by_row * d_slope)
         # tilting turns the ray's (forward, up) by itself
-        by_tilt = value[1] * left * up / across + value[2] * forward * (1.0 + up * up / across) / level
+        by_tilt = by_column * left * up / across + by_row * forward * (1.0 + up * up / across) / level
         out[n, BY_TILT] = per_px * by_tilt
-        out[n, KNOWN] = value[3]
+        out[n, KNOWN] = 1.0
     return out
 
 
@@ -276,16 +273,17 @@ def _normal(
 
 
 @njit(cache=True, nogil=True)
-def _edges(image: NDArray[np.float32], cell: int) -> NDArray[np.int64]:
+def _edges(image: Stored, cell: int) -> NDArray[np.int64]:
     """(N, 2) the pixel of the steepest edge in each cell of so many pixels across."""
     rows, columns = (image.shape[0] - 2 * BORDER) // cell, (image.shape[1] - 2 * BORDER) // cell
     chosen = np.empty((rows * columns, 2), np.int64)
     for k in range(rows * columns):
         top, left = BORDER + k // columns * cell, BORDER + k % columns * cell
-        steepest = np.float32(-1.0)
+        steepest = -1.0
         for i in range(top, top + cell):
             for j in range(left, left + cell):
-                across, down = image[i, j + 1] - image[i, j - 1], image[i + 1, j] - image[i - 1, j]
+                across = float(image[i, j + 1]) - float(image[i, j - 1])
+                down = float(image[i + 1, j]) - float(image[i - 1, j])
                 steepness = across * across + down * down
                 if steepness > steepest:
                     steepest = steepness
@@ -293,15 +291,12 @@ def _edges(image: NDArray[np.float32], cell: int) -> NDArray[np.int64]:
     return chosen
 
 
-def _level(image: Array, known: Array, halvings: int) -> _Level:
+def _level(image: NDArray[np.float32], known: NDArray[np.float32], halvings: int, pixels: int) -> _Level:
     scale = 2.0**halvings
     size = (int(image.shape[1] / scale), int(image.shape[0] / scale))
     # whole cells only, so that places scale exactly
     rows, columns = int(size[1] * scale), int(size[0] * scale)
-    small = cv2.GaussianBlur(cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA), (0, 0), SMOOTHING)
+    small = cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA)
     complete = cv2.resize(known[:rows, :columns], size, interpolation=cv2.INTER_AREA) > 0.999
     inside = cv2.erode(complete.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0)
-    by_column = cv2.sepFilter2D(small, cv2.CV_64F, np.array([-0.5, 0.0, 0.5]), np.array([1.0]))
-    by_row = cv2.sepFilter2D(small, cv2.CV_64F, np.array([1.0]), np.array([-0.5, 0.0, 0.5]))
-    layers = np.dstack([small, by_column, by_row, inside]).astype(np.float32)
-    return _Level(layers, scale, SAMPLES[halvings])
+    return _Level(stored(np.asarray(small, np.float32)), inside > 0, scale, pixels)

@@ -75,16 +75,27 @@ class Model:
         return Lens(width, height, float(np.exp(self.log_focal[0])), self.principal_px, self.k1)
 
 
+@dataclass(frozen=True, slots=True)
+class BeliefConfig:
+    """Standard deviations of what is believed of a camera before its footage is seen."""
+
+    tilt_deg: float = 12.0  # of tilt and of roll, about 0
+    principal: float = 0.01  # of the principal point about the image's centre, of the image's width
+    k1: float = 0.1  # about 0
+    offset_m: float = 0.03  # of the projection centre beside the pan axis
+    travel_m: float = 0.003  # of the same along the optical axis, for each unit of log focal
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sigmas:
-    """Standard deviations of what is believed before the matches."""
+    """The same of a model, and of what it says of the hall."""
 
     reference_focal: float  # relative
     angle_rad: float  # tilt and roll
     principal_px: Array  # (p,) for each coefficient
     k1: Array  # (q,)
-    offset: float = 0.02
-    travel: float = 0.001  # some millimetres
+    offset: float = 0.02  # camera heights
+    travel: float = 0.002
     walls: float = 0.2
     unevenness: float = 0.1  # of the walls, from one azimuth to the next
     departures: float = 1e-3  # features are too few to tell

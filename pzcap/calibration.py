@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from pzcap import camera as geometry
 from pzcap import cylinder, direct, features, panorama, reference
-from pzcap.bundle import Adjusted, Link, Model, Sigmas, adjust, thinned
+from pzcap.align import Aligner
+from pzcap.bundle import Adjusted, BeliefConfig, Link, Model, Sigmas, adjust, thinned
 from pzcap.camera import View
 from pzcap.features import Features
 from pzcap.panzoom import PanZoomConfig, panorama_features, ransac_eq15, solve_eq15
+from pzcap.sampling import stored
 from pzcap.sweep import Frames, chain, grey, link_further, link_views, place, spaced
 from pzcap.types import (
     FAR_AWAY,
@@ -35,12 +37,10 @@ from pzcap.types import (
 )
 from pzcap.zoom import link_zoom
 
-PRINCIPAL_SHARE = 0.01  # standard deviation of the principal point about the centre, of the image's width
-ANGLE_SIGMA_RAD = 0.2  # of tilt and roll
-K1_SIGMA = 0.1
 MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor
-NODES = (10, 72)  # slopes and azimuths at which the hall's distance is estimated
+NODES = (10, 72)  # slopes and azimuths at which the hall's distance is estimated from grey values
 WALL_NEARNESS = 0.15  # inverse distance of a wall before anything is known, in inverse heights of the camera
+SURE_AGREEMENT = 0.5  # of the reference image with the panorama (see `align.Alignment`)
 FOCAL_SIGMA = 0.005  # relative, of the reference calibration
 
 
@@ -89,7 +89,7 @@ def _prepare_exact(
     view = View(0.0, 0.0, 0.0, first.camera.focal_px, first.camera.principal_px, 0.0)
     chained = chain(sweep, view, full_turn, config.sweep, lambda done: report("match sweep", done, 0))
     count = len(chained.pan_rad)
-    sigmas = _sigmas(width, full_turn, zoom=False)
+    sigmas = _sigmas(first.camera, config.beliefs, full_turn, zoom=False)
     coarse = adjust(_start(view, chained.pan_rad), chained.links, sigmas, iterations=6).model
     further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
 
@@ -112,9 +112,9 @@ def _prepare_exact(
     start = Model(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
         _padded(coarse.principal_px, 2 if zoomed else 1), _padded(coarse.k1[:, None], 3 if zoomed else 1)[:, 0],
-        coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height),
+        coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
     )  # fmt: skip
-    sigmas = _sigmas(width, full_turn, zoom=bool(zoomed))
+    sigmas = _sigmas(first.camera, config.beliefs, full_turn, zoom=bool(zoomed))
     quick = adjust(start, thinned(links, 5), sigmas, scale_px=4.0, iterations=12).model
     matched = adjust(quick, links, sigmas, prior=start, scale_px=1.0, iterations=6)
 
@@ -124,11 +124,11 @@ def _prepare_exact(
     gains = [*np.exp(-brightness.log_gain), *[1.0] * (1 + len(zoomed))]
     images = [*chained.images, *(grey(image) for image in [reference_image, *zoomed])]
     kept = np.empty((len(images), height, width), np.uint16)
-    for stored, image, gain in zip(kept, images, gains, strict=True):
-        stored[:] = direct.stored(image, flat * gain)
+    for smooth, image, gain in zip(kept, images, gains, strict=True):
+        smooth[:] = stored(image * (flat * np.float32(gain)))
     pairs = dict.fromkeys((link.first, link.second) for link in links)
     fitted = direct.adjust(
-        matched.model, kept, list(pairs), sigmas, prior=start,
+        _refined(matched.model), kept, list(pairs), sigmas, prior=_refined(start),
         report=lambda done: report("adjust grey values", done, direct.ITERATIONS),
     )  # fmt: skip
     model = fitted.model
@@ -143,7 +143,7 @@ def _prepare_exact(
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     swept = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     pasted = panorama.stitch(
-        sweep, chained.kept, sweep_pan_rad, swept, full_turn, brightness, surroundings,
+        sweep, chained.kept, chained.images, sweep_pan_rad, swept, full_turn, brightness, surroundings,
         lambda done: report("paste sweep", done, 2 * count),
     )  # fmt: skip
     background = replace(
@@ -152,7 +152,20 @@ def _prepare_exact(
         closure_rad=chained.closure_rad,
         residual_px=matched.residual_px,
     )
-    return Prepared(refined, background, camera)
+    return Prepared(refined, _from_reference(background, camera, reference_image, refined.camera.focal_px), camera)
+
+
+def _from_reference(panorama: Panorama, camera: PanZoomCamera, reference_image: Image, focal_px: float) -> Panorama:
+    """The panorama, its azimuths counted from where the reference image lies on it.
+
+    The adjustment knows that already; here it is found in the same way as later the pan of every frame, so that what
+    is wrong with all of them alike is not wrong with their difference.
+    """
+    found = Aligner(panorama, camera).align(reference_image, 0.0, camera.tilt_rad, focal_px, coarse=False)
+    if found.agreement < SURE_AGREEMENT:
+        return panorama
+    origin_px = panorama.origin_px - np.array([found.pan_rad * panorama.px_per_rad, 0.0])
+    return replace(panorama, origin_px=origin_px, sweep_pan_rad=panorama.sweep_pan_rad - found.pan_rad)
 
 
 def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, Surroundings]:
@@ -161,13 +174,18 @@ def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCa
     The floor is where the calibration object stands, at world height 0. Were it elsewhere, offset and distances would
     be wrong by one factor, and what is made of them, their product, would still be right.
     """
-    camera_height_m = float(taken.world_T_cam[2, 3])
-    height_m = camera_height_m if camera_height_m > MIN_HEIGHT_M else 1.0
+    height_m = _height(taken)
     camera = PanZoomCamera(
-        model.lens(taken.width, taken.height), np.eye(4), model.tilt_rad, model.roll_rad, model.offset * height_m,
-        model.travel * height_m,
+        model.lens(taken.width, taken.height), np.eye(4), model.tilt_rad, model.roll_rad,
+        offset_m=model.offset * height_m, travel_m=model.travel * height_m,
     )  # fmt: skip
     return geometry.mount(taken, camera), _turned(model.surroundings, origin_rad, height_m)
+
+
+def _height(camera: Camera) -> float:
+    """Of a camera over its floor, metres."""
+    height_m = float(camera.world_T_cam[2, 3])
+    return height_m if height_m > MIN_HEIGHT_M else 1.0
 
 
 def _turned(hall: Surroundings, origin_rad: float, height_m: float) -> Surroundings:
@@ -190,22 +208,29 @@ def _start(view: View, pan_rad: Array) -> Model:
     )  # fmt: skip
 
 
-def _floor_and_walls(view: View, width: int, height: int) -> Surroundings:
-    """What is believed of a hall before anything is known, in camera heights."""
+def _floor_and_walls(view: View, width: int, height: int, rows: int) -> Surroundings:
+    """What is believed of a hall before anything is known, in camera heights; its departures at ``rows`` slopes."""
     edge = np.linspace(0, width - 1, 32)
     border = np.array([(u, v) for v in (0.0, height - 1.0) for u in edge])
     _, slope = geometry.look(view, border)
     slopes = np.array([slope.min(), slope.max()])
-    return Surroundings(1.0, np.full(NODES[1], WALL_NEARNESS), np.zeros(NODES), slopes)
+    return Surroundings(1.0, np.full(NODES[1], WALL_NEARNESS), np.zeros((rows, NODES[1])), slopes)
 
 
-def _sigmas(width: int, full_turn: bool, zoom: bool) -> Sigmas:
-    principal = PRINCIPAL_SHARE * width
+def _refined(model: Model) -> Model:
+    """The model with departures at all NODES, still 0: features are too few to tell them, and the fewer the faster."""
+    return replace(model, surroundings=replace(model.surroundings, departures=np.zeros(NODES)))
+
+
+def _sigmas(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool) -> Sigmas:
     # a circle that closes fixes the focal length far better than the calibration object can
     focal = 10.0 * FOCAL_SIGMA if full_turn else FOCAL_SIGMA
-    if not zoom:
-        return Sigmas(focal, ANGLE_SIGMA_RAD, np.array([principal]), np.array([K1_SIGMA]))
-    return Sigmas(focal, ANGLE_SIGMA_RAD, np.full(2, principal), np.array([K1_SIGMA, K1_SIGMA, 0.5 * K1_SIGMA]))
+    principal = np.full(2 if zoom else 1, beliefs.principal * camera.width)
+    k1 = beliefs.k1 * np.array([1.0, 1.0, 0.5] if zoom else [1.0])
+    height_m = _height(camera)
+    return Sigmas(
+        focal, np.deg2rad(beliefs.tilt_deg), principal, k1, beliefs.offset_m / height_m, beliefs.travel_m / height_m
+    )
 
 
 def _padded(coefficients: Array, order: int) -> Array:

@@ -31,19 +31,16 @@ from pzcap.bundle import (
     vectors,
 )
 from pzcap.cylinder import NODES, Hall, kernel_hall
-from pzcap.types import Array, Image
+from pzcap.sampling import STEPS, Stored, cubic, smoothed_further
+from pzcap.types import Array
 
 PIXELS = 700  # of a link, at most
 TILE = 16  # pixels: edges are taken from everywhere, so many across
 STRONGEST = 12  # of each tile
 BORDER = 4  # pixels at the edge left out
-SMOOTHING = 0.8  # pixels: less noise, and an image that a cubic can follow between its pixels
-STORED = 64.0  # steps to a grey level
 ITERATIONS = 6
 DOUBT = 10.0  # what is left over is no noise but the same everywhere: so many pixels are worth one
 SETTLED_RAD = 2e-7  # a step this small ends the adjustment: a five thousandth of a pixel
-
-Stored = NDArray[np.uint16]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,16 +61,10 @@ class Fitted:
     residual: float  # grey levels, RMS of what agrees
 
 
-def stored(image: Image, flat: Array | NDArray[np.float32]) -> Stored:
-    """A frame (H, W) as it is kept: smoothed a little, ``flat`` (H, W) times as bright."""
-    soft = cv2.GaussianBlur(image.astype(np.float32) * flat.astype(np.float32), (0, 0), SMOOTHING)
-    return np.asarray(np.clip(np.rint(soft * STORED), 0, 65535), np.uint16)
-
-
 def _overlap(
     frames: Stored, edges: Sequence[NDArray[np.int64]], model: Model, first: int, second: int
 ) -> Overlap | None:
-    """Pixels of two frames to be compared; the finer of the two is shrunk to the other's resolution.
+    """Pixels of two frames to be compared; the finer of the two is smoothed to the other's resolution.
 
     ``edges`` are those of the frames as they are. None if the frames share too little.
     """
@@ -82,13 +73,11 @@ def _overlap(
     if shrink < 0.999:
         first, second, views, shrink = second, first, (views[1], views[0]), 1.0 / shrink
     height, width = frames[first].shape
-    size = (round(width / shrink), round(height / shrink))
-    small, chosen = frames[first], edges[first]
+    fine, chosen = frames[first], edges[first]
     if shrink > 1.001:
-        small = np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_AREA), np.uint16)
-        chosen = _edges(small)
-    ratio = np.array([width / size[0], height / size[1]])
-    points = (chosen.astype(np.float64) + 0.5) * ratio - 0.5
+        fine = smoothed_further(fine, shrink)
+        chosen = _edges(fine)
+    points = chosen.astype(np.float64)
     seen, front = geometry.see(views[1], *geometry.look(views[0], points))
     inside = front & np.all((seen >= BORDER) & (seen <= np.array([width, height]) - 1 - BORDER), axis=1)
     which = np.flatnonzero(inside)
@@ -98,7 +87,7 @@ def _overlap(
     middle = np.array([width - 1, height - 1]) / 2
     radial = np.sum((points[which] - middle) ** 2, axis=1) / np.sum(middle**2)
     column, row = chosen[which].T
-    return Overlap(first, second, points[which], small[row, column] / STORED, radial)
+    return Overlap(first, second, points[which], fine[row, column] / STEPS, radial)
 
 
 def _edges(image: Stored) -> NDArray[np.int64]:
@@ -172,7 +161,7 @@ def _accumulate(
     """Normal equations of all pixels, each link's gain and shading eliminated. ``gains`` (L, 2) is brought up to date;
     ``residual`` (N,) is inf where the second frame does not show the pixel."""
     seen, jacobian, by_near = np.empty(2), np.empty((2, SIDES)), np.empty(2)
-    nodes, shares, sample = np.zeros(NODES, np.int64), np.zeros(NODES), np.empty(3)
+    nodes, shares = np.zeros(NODES, np.int64), np.zeros(NODES)
     number, used = np.empty((2, hall[1].size + hall[2].size), np.int64)
     touched = np.arange(SIDES + NODES if len(hall[1]) else SIDES)
     middle_x, middle_y = (images.shape[2] - 1) / 2, (images.shape[1] - 1) / 2
@@ -185,20 +174,21 @@ def _accumulate(
         shade, shade_by, shade_along = np.zeros((2, 2)), np.zeros((2, size)), np.zeros(2)
         for n in range(bounds[link], bounds[link + 1]):
             transfer(first, second, points[n, 0], points[n, 1], hall, seen, jacobian, by_near, nodes, shares)
-            if not _cubic(image, seen[0], seen[1], sample):
+            inside, value, by_x, by_y = cubic(image, seen[0], seen[1])
+            if not inside:
                 residual[n] = np.inf
                 continue
             lit = grey[n]
             outward = ((seen[0] - middle_x) ** 2 + (seen[1] - middle_y) ** 2) / (middle_x**2 + middle_y**2)
             shaded = lit * (outward - radial[n])
-            difference = sample[0] - gains[link, 0] * lit - gains[link, 1] * shaded
+            difference = value - gains[link, 0] * lit - gains[link, 1] * shaded
             residual[n] = difference
             weight = (scale * scale / (scale * scale + difference * difference)) ** 2
             for k in range(SIDES):
-                row[k] = sample[1] * jacobian[0, k] + sample[2] * jacobian[1, k]
+                row[k] = by_x * jacobian[0, k] + by_y * jacobian[1, k]
             for k in range(len(touched) - SIDES):
                 touched[SIDES + k] = SIDES + number[nodes[k]]
-                row[touched[SIDES + k]] = shares[k] * (sample[1] * by_near[0] + sample[2] * by_near[1])
+                row[touched[SIDES + k]] = shares[k] * (by_x * by_near[0] + by_y * by_near[1])
             for i in touched:
                 weighted = weight * row[i]
                 along[i] += weighted * difference
@@ -220,35 +210,3 @@ def _accumulate(
         summed -= shade_by.T @ (solved @ shade_by)
         along -= shade_by.T @ (solved @ shade_along)
         carry(summed, along, chains, columns, ends[link], used[:count], normal, gradient)
-
-
-@njit(cache=True, nogil=True)
-def _cubic(image: Stored, x: float, y: float, sample: Array) -> bool:
-    """Value and derivatives of an image between its pixels (Keys, 1981), into ``sample`` (3,); False at its edge."""
-    i, j = int(np.floor(y)), int(np.floor(x))
-    if i < 1 or j < 1 or i + 2 >= image.shape[0] or j + 2 >= image.shape[1]:
-        return False
-    b, a = y - i, x - j
-    sample[:] = 0.0
-    for k in range(-1, 3):
-        w_k, d_k = _keys(k - b)
-        value, slope = 0.0, 0.0
-        for m in range(-1, 3):
-            w_m, d_m = _keys(m - a)
-            grey = image[i + k, j + m] / STORED
-            value += w_m * grey
-            slope -= d_m * grey
-        sample[0] += w_k * value
-        sample[1] += w_k * slope
-        sample[2] -= d_k * value
-    return True
-
-
-@njit(cache=True, nogil=True)
-def _keys(t: float) -> tuple[float, float]:
-    """Keys' cubic kernel and its derivative."""
-    s = abs(t)
-    sign = 1.0 if t >= 0 else -1.0
-    if s < 1.0:
-        return (1.5 * s - 2.5) * s * s + 1.0, sign * (4.5 * s - 5.0) * s
-    return ((-0.5 * s + 2.5) * s - 4.0) * s + 2.0, sign * ((-1.5 * s + 5.0) * s - 4.0)

@@ -81,6 +81,7 @@ def _radial(points_px: Array, view: View, width: int, height: int) -> Array:
 def stitch(
     frames: Frames,
     kept: NDArray[np.int64],
+    greys: Sequence[Image],
     pan_rad: Array,
     view: View,
     full_turn: bool,
@@ -91,30 +92,25 @@ def stitch(
     """Paste the frames ``kept`` (M,) of a sweep, taken at ``pan_rad`` (M,) with ``view``, on the cylinder about the pan
     axis.
 
-    Twice: what differs from the first result, somebody who walked through the sweep, counts little in the second. The
-    panorama has as many pixels to the radian as the sweep has in the middle of its frames. Its azimuth 0 is pan 0.
-    ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
+    Twice: what differs from the first result, made of ``greys`` (M of them), is somebody who walked through the sweep,
+    and counts little in the second. The panorama has as many pixels to the radian as the sweep has in the middle of its
+    frames. Its azimuth 0 is pan 0. ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
     """
     numbers = {int(index): number for number, index in enumerate(kept)}
-    pasted: tuple[Image, Mask] | None = None
-    for turn in range(2):
-        canvas: _Canvas | None = None
-        for index, image in frames:
-            if index not in numbers:
-                continue
+    canvas = _Canvas(view, pan_rad, full_turn, greys[0].shape[::-1], 1, brightness, surroundings)
+    for number, image in enumerate(greys):
+        canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]), None)
+        report(number + 1)
+    before = canvas.finish()[0][..., 0]
+    canvas = _Canvas(view, pan_rad, full_turn, greys[0].shape[::-1], 3, brightness, surroundings)
+    for index, image in frames:
+        if index in numbers:
             number = numbers[index]
-            if canvas is None:
-                size = (image.shape[1], image.shape[0])
-                canvas = _Canvas(view, pan_rad, full_turn, size, brightness, surroundings)
-            canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]), pasted)
-            report(turn * len(kept) + number + 1)
-        if canvas is None:
-            raise PzcapError("sweep: no frames; record the whole pan")
-        pasted = canvas.finish()
-    assert canvas is not None
-    assert pasted is not None
+            canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]), before)
+            report(len(greys) + number + 1)
+    image, valid = canvas.finish()
     return Panorama(
-        *pasted, canvas.px_per_rad, canvas.origin, full_turn, pan_rad, np.zeros(len(pan_rad), np.int64), 0.0, 0.0,
+        image, valid, canvas.px_per_rad, canvas.origin, full_turn, pan_rad, np.zeros(len(pan_rad), np.int64), 0.0, 0.0,
         surroundings,
     )  # fmt: skip
 
@@ -127,7 +123,8 @@ class _Canvas:
         view: View,
         pan_rad: Array,
         full_turn: bool,
-        size: tuple[int, int],
+        size: tuple[int, ...],
+        channels: int,
         brightness: Brightness,
         surroundings: Surroundings,
     ) -> None:
@@ -151,7 +148,7 @@ class _Canvas:
             columns = int(np.ceil(origin_column - (pan_rad.min() + self.right) * self.px_per_rad)) + 1
         rows = int(np.ceil((slope.max() - slope.min()) * self.px_per_rad)) + 1
         self.origin = np.array([float(origin_column), float(slope.max() * self.px_per_rad)])
-        self.colour = np.zeros((rows, columns, 3), np.float32)
+        self.colour = np.zeros((rows, columns, channels), np.float32)
         self.weight = np.zeros((rows, columns), np.float32)
         u, v = np.meshgrid(np.arange(width), np.arange(height))
         self.flat = flatness(brightness, view, width, height)
@@ -161,8 +158,8 @@ class _Canvas:
         inside = (np.minimum(u, width - 1 - u) > 0) & (np.minimum(v, height - 1 - v) > 0)
         self.trust = (inside * (across + 0.02) * np.minimum(edge + 0.02, 1.0)).astype(np.float32)
 
-    def paste(self, image: Image, pan_rad: float, log_gain: float, pasted: tuple[Image, Mask] | None) -> None:
-        """Add a frame; what differs from what was ``pasted`` before counts little."""
+    def paste(self, image: Image, pan_rad: float, log_gain: float, before: Image | None) -> None:
+        """Add a frame; what differs from the grey panorama ``before`` counts little."""
         start = int(np.floor(self.origin[0] - (pan_rad + self.left) * self.px_per_rad))
         stop = int(np.ceil(self.origin[0] - (pan_rad + self.right) * self.px_per_rad)) + 1
         if not self.full_turn:
@@ -177,14 +174,16 @@ class _Canvas:
             return geometry.see(turned, azimuth + moved[0], slope + moved[1])[0]
 
         column, row = cylinder.smooth_map(to_frame, stop - start, self.weight.shape[0])
-        level = image.astype(np.float32) * (self.flat * np.float32(np.exp(-log_gain)))[..., None]
+        flat = self.flat * np.float32(np.exp(-log_gain))
+        level = image.astype(np.float32) * (flat if image.ndim == 2 else flat[..., None])
         warped = cv2.remap(level, column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        warped = np.asarray(warped, np.float32).reshape(*column.shape, -1)
         weight = cv2.remap(self.trust, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         total = self.weight.shape[1]
-        if pasted is not None:
-            before = pasted[0].take(range(start, stop), axis=1, mode="wrap")
-            weight = np.asarray(weight * _agreement(np.asarray(warped, np.float32), before), np.float32)
-        warped = np.asarray(warped, np.float32) * weight[..., None]
+        if before is not None:
+            there = before.take(range(start, stop), axis=1, mode="wrap")
+            weight = np.asarray(weight * _agreement(warped, there), np.float32)
+        warped = warped * weight[..., None]
         for shift in range(start // total, (stop - 1) // total + 1):  # a strip across the seam of a full turn
             low, high = max(start, shift * total), min(stop, (shift + 1) * total)
             self.colour[:, low - shift * total : high - shift * total] += warped[:, low - start : high - start]
@@ -198,8 +197,9 @@ class _Canvas:
 
 
 def _agreement(image: NDArray[np.float32], before: Image) -> NDArray[np.float32]:
-    """(H, W) weights (Geman and McClure) of an image (H, W, 3) by its difference from another; never 0."""
-    difference = cv2.boxFilter(cv2.absdiff(image, before.astype(np.float32)).mean(axis=2), -1, (9, 9))
+    """(H, W) weights (Geman and McClure) of an image (H, W, 3) by its difference from a grey one (H, W); never 0."""
+    difference = cv2.absdiff(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), before.astype(np.float32))
+    difference = cv2.boxFilter(difference, -1, (9, 9))
     return np.asarray((DIFFERENT**2 / (DIFFERENT**2 + difference**2)) ** 2, np.float32)
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pzcap import camera as geometry
 from pzcap import cylinder, features
 from pzcap.align import Aligner, Alignment
+from pzcap.bundle import BeliefConfig
 from pzcap.camera import View
 from pzcap.features import Features
 from pzcap.reference import ReferenceConfig
@@ -42,10 +43,12 @@ class PanZoomConfig:
     sure_agreement: float = 0.85  # of an alignment (see `align.Alignment`) alone, or features are asked
     min_agreement: float = 0.5  # of one that features led to
     max_pan_sigma_deg: float = 0.05  # a frame known worse than this is not valid
+    pixels: int = 6000  # of a frame that are aligned with the panorama: more take longer
     floor_deg: float = 0.0012  # systematic error of pan: the least standard deviation that is claimed
     floor_focal: float = 1.7e-4  # the same of the focal length, relative
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     sweep: SweepConfig = field(default_factory=SweepConfig)
+    beliefs: BeliefConfig = field(default_factory=BeliefConfig)
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -62,7 +65,9 @@ class Localiser:
         self._camera = camera
         self._config = config
         self._features = panorama_features(panorama, config.threshold, config.panorama_features)
-        self._aligner = Aligner(panorama, camera, free_tilt=config.free_tilt) if config.method == "exact" else None
+        self._aligner = None
+        if config.method == "exact":
+            self._aligner = Aligner(panorama, camera, pixels=config.pixels, free_tilt=config.free_tilt)
         self._azimuth, self._slope = cylinder.from_panorama(panorama, self._features.points_px)
 
     def localise(self, image: Image, prior: Localisation | None) -> Localisation:

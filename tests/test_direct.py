@@ -7,7 +7,7 @@ import pytest
 
 from pzcap import bundle, direct
 from pzcap.bundle import Model, Sigmas
-from pzcap.direct import Stored
+from pzcap.sampling import STEPS, Stored, stored
 from pzcap.sweep import grey
 from pzcap.types import FAR_AWAY, Array
 from tests import synthetic
@@ -35,7 +35,7 @@ def frames() -> Stored:
     model = truth()
     views = [model.view(frame) for frame in range(len(model.pan_of))]
     images = [synthetic.render(OPTICS, v.pan_rad, v.focal_px, noise_seed=i) for i, v in enumerate(views)]
-    return np.stack([direct.stored(grey(image), np.ones(image.shape[:2])) for image in images])
+    return np.stack([stored(grey(image)) for image in images])
 
 
 def off(seed: int) -> Model:
@@ -80,7 +80,7 @@ def test_where_it_starts_does_not_matter(frames: Stored) -> None:
 
 def test_a_person_and_a_lamp_do_not_pull(frames: Stored) -> None:
     walked = frames.copy()
-    walked[2][60:200, 150:210] = 20 * int(direct.STORED)
+    walked[2][60:200, 150:210] = 20 * int(STEPS)
     walked[4] = (walked[4] * 1.1).astype(np.uint16)
     plain, disturbed = (errors(adjusted(taken, off(0)).model) for taken in (frames, walked))
     for first, then in zip(plain, disturbed, strict=True):
@@ -99,18 +99,3 @@ def test_frames_without_overlap_are_not_compared(frames: Stored) -> None:
     assert direct._overlap(frames, edges, truth(), 0, 7) is not None
     far = bundle.stepped(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(bundle.vector(truth())) - 8)]))
     assert direct._overlap(frames, edges, far, 0, 7) is None
-
-
-def test_the_cubic_goes_through_the_pixels_and_its_slope_is_its_derivative() -> None:
-    rng = np.random.default_rng(0)
-    image = np.asarray(rng.integers(0, 16000, (12, 14)), np.uint16)
-    sample, ahead, behind = np.empty((3, 3))
-    assert direct._cubic(image, 5.0, 6.0, sample)
-    assert sample[0] == pytest.approx(image[6, 5] / direct.STORED)
-    for x, y in rng.uniform(2, 9, (20, 2)):
-        assert direct._cubic(image, x, y, sample)
-        for axis, (dx, dy) in enumerate(((1e-6, 0.0), (0.0, 1e-6))):
-            direct._cubic(image, x + dx, y + dy, ahead)
-            direct._cubic(image, x - dx, y - dy, behind)
-            assert sample[1 + axis] == pytest.approx((ahead[0] - behind[0]) / 2e-6, rel=1e-4, abs=1e-2)
-    assert not direct._cubic(image, 0.5, 5.0, sample)

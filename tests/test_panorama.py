@@ -11,13 +11,12 @@ from pzcap import bundle, panorama, sweep
 from pzcap.bundle import Link
 from pzcap.camera import View
 from pzcap.sweep import SweepConfig
-from pzcap.types import FAR_AWAY, Array, Image, PzcapError
+from pzcap.types import FAR_AWAY, Array, Image, Panorama, PzcapError
 from tests import synthetic
 
 OPTICS = synthetic.Optics()
 WIDTH, HEIGHT, FOCAL = OPTICS.width, OPTICS.height, OPTICS.reference_focal_px
 VIEW = View(0.0, OPTICS.tilt_rad, OPTICS.roll_rad, FOCAL, np.array(OPTICS.principal_px), OPTICS.k1)
-QUIET = panorama.Brightness(np.zeros(99), np.zeros(2))
 
 
 def silent(done: int) -> None:
@@ -26,6 +25,11 @@ def silent(done: int) -> None:
 
 def frames(optics: synthetic.Optics, pans: Array) -> list[tuple[int, Image]]:
     return [(i, synthetic.render(optics, pan, FOCAL, noise_seed=i)) for i, pan in enumerate(pans)]
+
+
+def stitched(taken: list[tuple[int, Image]], pans: Array, full_turn: bool, bright: panorama.Brightness) -> Panorama:
+    greys = [sweep.grey(image) for _, image in taken]
+    return panorama.stitch(taken, np.arange(len(pans)), greys, pans, VIEW, full_turn, bright, FAR_AWAY, silent)
 
 
 def hall_at(azimuth: Array, slope: Array) -> Array:
@@ -39,7 +43,7 @@ def hall_at(azimuth: Array, slope: Array) -> Array:
 def test_a_partial_sweep_is_pasted_where_it_belongs() -> None:
     pans = np.deg2rad(np.arange(0.0, 40.0, 5.0))
     bright = panorama.Brightness(np.zeros(len(pans)), np.array([-0.2, -0.02]))  # log(1 - 0.2 r^2)
-    found = panorama.stitch(frames(OPTICS, pans), np.arange(len(pans)), pans, VIEW, False, bright, FAR_AWAY, silent)
+    found = stitched(frames(OPTICS, pans), pans, False, bright)
     row, column = np.nonzero(found.valid)
     azimuth = (found.origin_px[0] - column) / found.px_per_rad
     slope = (found.origin_px[1] - row) / found.px_per_rad
@@ -54,7 +58,7 @@ def test_a_partial_sweep_is_pasted_where_it_belongs() -> None:
 def test_a_full_turn_wraps_and_shows_no_seam() -> None:
     pans = np.deg2rad(np.arange(0.0, 360.0, 12.0))
     bright = panorama.Brightness(np.zeros(len(pans)), np.array([-0.2, -0.02]))
-    found = panorama.stitch(frames(OPTICS, pans), np.arange(len(pans)), pans, VIEW, True, bright, FAR_AWAY, silent)
+    found = stitched(frames(OPTICS, pans), pans, True, bright)
     assert found.image.shape[1] == pytest.approx(2 * np.pi * found.px_per_rad)
     assert found.valid[40:-40].all()
     row, column = np.nonzero(found.valid)
@@ -71,10 +75,7 @@ def test_somebody_who_walks_through_the_sweep_leaves_no_ghost() -> None:
     walked = [(i, image.copy()) for i, image in alone]
     for (_, image), left in zip(walked[5:9], (200, 170, 140, 110), strict=True):
         image[60:200, left : left + 40] = (30, 40, 200)
-    clean, found = (
-        panorama.stitch(taken, np.arange(len(pans)), pans, VIEW, False, quiet, FAR_AWAY, silent)
-        for taken in (alone, walked)
-    )
+    clean, found = (stitched(taken, pans, False, quiet) for taken in (alone, walked))
     ghost = np.abs(found.image.astype(float) - clean.image).max(axis=2)
     assert ghost.max() > 0  # she was in the pictures
     assert np.percentile(ghost, 99.9) < 12
@@ -145,5 +146,3 @@ def test_gaps_and_open_circles_are_said_in_one_line() -> None:
         sweep.chain(half, guess, True, SweepConfig(), silent)
     with pytest.raises(PzcapError, match="too few"):
         panorama.stitch_paper(frames(OPTICS, np.zeros(1)), FOCAL, SweepConfig(), silent)
-    with pytest.raises(PzcapError, match="no frames"):
-        panorama.stitch([], np.zeros(0, int), np.zeros(0), VIEW, False, QUIET, FAR_AWAY, silent)
