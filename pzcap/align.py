@@ -22,6 +22,7 @@ from pzcap.sweep import grey
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 LEVELS = ((3, 4), (1, 2), (0, 3))  # from coarse to fine: halvings of the size, and Gauss-Newton steps
+REACH_PX = (15.0, 4.0, 1.5)  # by how much a start may be off on each, pixels of the panorama
 COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
 BORDER = 3  # pixels at the frame's edge left out
 SHOWN = 80  # points given back as matches
@@ -77,14 +78,14 @@ class Aligner:
         known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), *border).astype(np.float32)
         self._levels = {k: _level(image, known, k, COARSE_PIXELS.get(k, pixels)) for k, _ in LEVELS}
 
-    def align(self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, *, coarse: bool) -> Alignment:
+    def align(self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, off_px: float) -> Alignment:
         """Refine a pan and a focal length, and a tilt if that is free.
 
-        The start may be off by some 15 pixels of the panorama with ``coarse``, else by one or two.
+        The start may be off by ``off_px`` pixels of the panorama, up to 15; the less, the faster.
         """
         frame = grey(image)
         fitted = None
-        for halvings, steps in LEVELS[0 if coarse else -1 :]:
+        for halvings, steps in LEVELS[sum(reach >= off_px for reach in REACH_PX) - 1 :]:
             fitted = self._fit(frame, self._levels[halvings], steps, pan_rad, tilt_rad, focal_px)
             if fitted is None:
                 nothing = np.empty((0, 2))
@@ -125,15 +126,13 @@ class Aligner:
         lens = self._camera.lens
         # where the frame is finer than the level
         shrink = max(1.0, focal_px / self._panorama.px_per_rad * level.scale)
-        if level.scale == 1:
-            soft, ratio = stored(frame, shrink), np.ones(2)
-        else:
-            size = (round(lens.width / shrink), round(lens.height / shrink))
-            soft = stored(np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8))
-            ratio = np.array([lens.width / size[0], lens.height / size[1]])
+        whole = int(shrink)  # by fractions it is smoothed alone, see `sampling.stored`
+        size = (lens.width // whole, lens.height // whole)
+        small = cv2.resize(frame[: size[1] * whole, : size[0] * whole], size, interpolation=cv2.INTER_AREA)
+        soft = stored(np.asarray(small, np.uint8), shrink / whole)
         chosen = _edges(soft, max(1, round(np.sqrt(soft.size / level.pixels))))
-        observed = soft[chosen[:, 1], chosen[:, 0]] / STEPS
-        points = (chosen + 0.5) * ratio - 0.5
+        observed = np.asarray(soft[chosen[:, 1], chosen[:, 0]] / STEPS, np.float64)
+        points = (chosen + 0.5) * whole - 0.5
         centre = np.array([(lens.width - 1) / 2, (lens.height - 1) / 2])
         squared = np.sum((points - centre) ** 2, axis=1) / np.sum(centre**2)
         powers = np.arange(3 if level.scale == 1 else 2)
@@ -177,7 +176,7 @@ VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT, KNOWN, COLUMN = range(6)
 frame, 1 where the panorama is known, and the panorama's column and (6) row there."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sample(
     image: Stored,
     known: Mask,
@@ -202,8 +201,8 @@ def _sample(
     for n in range(len(points)):
         bent_x, bent_y = (points[n, 0] - principal_x) / focal, (points[n, 1] - principal_y) / focal
         bent = np.sqrt(bent_x * bent_x + bent_y * bent_y)
-        radius = bent
-        for _ in range(4):
+        radius = bent * (1.0 - k1 * bent * bent)  # so near that two steps of Newton's are enough
+        for _ in range(2):
             radius -= (radius * (1.0 + k1 * radius**2) - bent) / (1.0 + 3.0 * k1 * radius**2)
         squared = radius * radius
         factor = 1.0 + k1 * squared
@@ -277,17 +276,22 @@ def _edges(image: Stored, cell: int) -> NDArray[np.int64]:
     """(N, 2) the pixel of the steepest edge in each cell of so many pixels across."""
     rows, columns = (image.shape[0] - 2 * BORDER) // cell, (image.shape[1] - 2 * BORDER) // cell
     chosen = np.empty((rows * columns, 2), np.int64)
-    for k in range(rows * columns):
-        top, left = BORDER + k // columns * cell, BORDER + k % columns * cell
-        steepest = -1.0
-        for i in range(top, top + cell):
-            for j in range(left, left + cell):
-                across = float(image[i, j + 1]) - float(image[i, j - 1])
-                down = float(image[i + 1, j]) - float(image[i - 1, j])
-                steepness = across * across + down * down
-                if steepness > steepest:
-                    steepest = steepness
-                    chosen[k, 0], chosen[k, 1] = j, i
+    steepness = np.empty(columns * cell, np.float32)
+    steepest = np.empty(columns, np.float32)
+    for row in range(rows):
+        steepest[:] = -1.0
+        for i in range(BORDER + row * cell, BORDER + (row + 1) * cell):
+            above, here, below = image[i - 1], image[i], image[i + 1]
+            for n in range(columns * cell):
+                j = BORDER + n
+                across = np.float32(here[j + 1]) - np.float32(here[j - 1])
+                down = np.float32(below[j]) - np.float32(above[j])
+                steepness[n] = across * across + down * down
+            for column in range(columns):
+                for n in range(column * cell, (column + 1) * cell):
+                    if steepness[n] > steepest[column]:
+                        steepest[column] = steepness[n]
+                        chosen[row * columns + column, 0], chosen[row * columns + column, 1] = BORDER + n, i
     return chosen
 
 

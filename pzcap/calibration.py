@@ -161,7 +161,7 @@ def _from_reference(panorama: Panorama, camera: PanZoomCamera, reference_image: 
     The adjustment knows that already; here it is found in the same way as later the pan of every frame, so that what
     is wrong with all of them alike is not wrong with their difference.
     """
-    found = Aligner(panorama, camera).align(reference_image, 0.0, camera.tilt_rad, focal_px, coarse=False)
+    found = Aligner(panorama, camera).align(reference_image, 0.0, camera.tilt_rad, focal_px, 1.5)
     if found.agreement < SURE_AGREEMENT:
         return panorama
     origin_px = panorama.origin_px - np.array([found.pan_rad * panorama.px_per_rad, 0.0])

@@ -79,14 +79,15 @@ class Localiser:
         if self._aligner is None:
             return self._localise_paper(image, prior)
         if prior is not None and prior.valid:
-            aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, coarse=True)
-            if aligned.agreement > self._config.sure_agreement:
-                return self._aligned(aligned)
+            for off_px in (4.0, 15.0):  # most often the frame is where it was expected
+                aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px)
+                if aligned.agreement > self._config.sure_agreement:
+                    return self._aligned(aligned)
             found = self._localise_exact(image, prior)
         if prior is None or not prior.valid or not found.valid:
             found = self._localise_exact(image, None)
         if found.valid:
-            aligned = self._aligner.align(image, found.pan_rad, found.tilt_rad, found.focal_px, coarse=False)
+            aligned = self._aligner.align(image, found.pan_rad, found.tilt_rad, found.focal_px, 1.5)
             moved = abs(aligned.pan_rad - found.pan_rad) * self._panorama.px_per_rad
             if aligned.agreement > self._config.min_agreement and moved < 3.0:
                 return replace(

@@ -76,7 +76,7 @@ def test_derivatives_match_finite_differences() -> None:
 def test_pulls_in_from_the_frame_before(aligner: Aligner, pan: float, zoom: float) -> None:
     focal = FOCAL * zoom
     image = synthetic.render(OPTICS, pan, focal, gain=0.9)
-    found = aligner.align(image, pan + 6.0 / FOCAL, TILT, focal * 1.02, coarse=True)
+    found = aligner.align(image, pan + 6.0 / FOCAL, TILT, focal * 1.02, 15.0)
     assert np.rad2deg(found.pan_rad - pan) == pytest.approx(0.0, abs=0.005)
     assert found.focal_px == pytest.approx(focal, rel=5e-4)
     assert found.agreement > 0.7
@@ -86,7 +86,7 @@ def test_a_person_with_her_shadow_is_left_out(aligner: Aligner) -> None:
     image = synthetic.render(OPTICS, 0.3, FOCAL)
     image[50:220, 130:200] = np.random.default_rng(0).integers(0, 255, (170, 70, 3))
     image[200:230, 100:240] = image[200:230, 100:240] // 2
-    found = aligner.align(image, 0.3 + 3.0 / FOCAL, TILT, FOCAL * 1.01, coarse=True)
+    found = aligner.align(image, 0.3 + 3.0 / FOCAL, TILT, FOCAL * 1.01, 15.0)
     assert np.rad2deg(found.pan_rad - 0.3) == pytest.approx(0.0, abs=0.01)
     assert found.focal_px == pytest.approx(FOCAL, rel=1e-3)
     inside = (np.abs(found.frame_points_px - (165, 135)) < (33, 83)).all(axis=1)
@@ -96,13 +96,13 @@ def test_a_person_with_her_shadow_is_left_out(aligner: Aligner) -> None:
 def test_the_wrong_place_does_not_agree(aligner: Aligner) -> None:
     image = synthetic.render(OPTICS, 0.3, FOCAL)
     for pan in (1.3, -2.0, 0.9):
-        assert aligner.align(image, pan, TILT, FOCAL, coarse=True).agreement < 0.4
+        assert aligner.align(image, pan, TILT, FOCAL, 15.0).agreement < 0.4
 
 
 def test_where_nothing_is_known_nothing_agrees(aligner: Aligner) -> None:
     panorama = aligner._panorama
     nothing = Aligner(replace(panorama, valid=np.zeros_like(panorama.valid)), camera_of(OPTICS))
-    found = nothing.align(synthetic.render(OPTICS, 0.3, FOCAL), 0.3, TILT, FOCAL, coarse=True)
+    found = nothing.align(synthetic.render(OPTICS, 0.3, FOCAL), 0.3, TILT, FOCAL, 15.0)
     assert found.agreement == 0.0
     assert found.pan_rad == 0.3
     assert len(found.frame_points_px) == 0
@@ -113,7 +113,7 @@ def test_the_covariance_is_of_the_size_of_the_errors(aligner: Aligner) -> None:
     errors, sigmas = [], []
     for seed in range(8):
         image = synthetic.render(OPTICS, 0.3, FOCAL, noise_seed=seed)
-        found = aligner.align(image, 0.3, TILT, FOCAL, coarse=False)
+        found = aligner.align(image, 0.3, TILT, FOCAL, 1.5)
         errors.append(found.pan_rad)
         sigmas.append(np.sqrt(found.covariance[0, 0]))
     assert 0.1 < np.std(errors) / np.mean(sigmas) < 10.0
