@@ -132,7 +132,7 @@ class Aligner:
         soft = stored(np.asarray(small, np.uint8), shrink / whole)
         chosen = _edges(soft, max(1, round(np.sqrt(soft.size / level.pixels))))
         observed = np.asarray(soft[chosen[:, 1], chosen[:, 0]] / STEPS, np.float64)
-        points = (chosen + 0.5) * whole - 0.5
+        points = (chosen.astype(np.float64) + 0.5) * whole - 0.5
         centre = np.array([(lens.width - 1) / 2, (lens.height - 1) / 2])
         squared = np.sum((points - centre) ** 2, axis=1) / np.sum(centre**2)
         powers = np.arange(3 if level.scale == 1 else 2)

@@ -116,7 +116,7 @@ def _prepare_exact(
     )  # fmt: skip
     sigmas = _sigmas(first.camera, config.beliefs, full_turn, zoom=bool(zoomed))
     quick = adjust(start, thinned(links, 5), sigmas, scale_px=4.0, iterations=12).model
-    matched = adjust(quick, links, sigmas, prior=start, scale_px=1.0, iterations=6)
+    matched = adjust(quick, links, sigmas, prior=start, scale_px=1.0, iterations=3)
 
     # features say where frames lie to a quarter of a pixel, grey values say it better
     brightness = panorama.fit_brightness([*chained.links, *further], count, matched.model.view(0), width, height)
@@ -300,8 +300,8 @@ def _prepare_paper(
     pasted = panorama.stitch_paper(sweep, focal, config.sweep, lambda done: report("stitch sweep", done, 0))
     unfolded, covered, origin = cylinder.to_cylinder(reference_image, focal)
     inside = np.asarray(covered, np.uint8)
-    found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside)
-    landmarks = panorama_features(pasted, config.threshold, config.panorama_features)
+    found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside, features.ALL_SCALES)
+    landmarks = panorama_features(pasted, config.threshold, config.panorama_features, features.ALL_SCALES)
     pairs = features.match(found, landmarks, config.ratio)
     relative, places = found.points_px[pairs[:, 0]] - origin, landmarks.points_px[pairs[:, 1]]
     agree = ransac_eq15(relative, places)

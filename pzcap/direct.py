@@ -38,7 +38,7 @@ PIXELS = 700  # of a link, at most
 TILE = 16  # pixels: edges are taken from everywhere, so many across
 STRONGEST = 12  # of each tile
 BORDER = 4  # pixels at the edge left out
-ITERATIONS = 6
+ITERATIONS = 4
 DOUBT = 10.0  # what is left over is no noise but the same everywhere: so many pixels are worth one
 SETTLED_RAD = 2e-7  # a step this small ends the adjustment: a five thousandth of a pixel
 

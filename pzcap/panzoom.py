@@ -64,7 +64,8 @@ class Localiser:
         self._panorama = panorama
         self._camera = camera
         self._config = config
-        self._features = panorama_features(panorama, config.threshold, config.panorama_features)
+        scales = features.FEW_SCALES if config.method == "exact" else features.ALL_SCALES
+        self._features = panorama_features(panorama, config.threshold, config.panorama_features, scales)
         self._aligner = None
         if config.method == "exact":
             self._aligner = Aligner(panorama, camera, pixels=config.pixels, free_tilt=config.free_tilt)
@@ -186,7 +187,7 @@ class Localiser:
         config, lens = self._config, self._camera.lens
         unfolded, covered, origin = cylinder.to_cylinder(image, lens.reference_focal_px)
         inside = np.asarray(cv2.erode(covered.astype(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
-        found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside)
+        found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside, features.ALL_SCALES)
         relative, places = np.empty((0, 2)), np.empty((0, 2))
         agree = np.zeros(0, bool)
         for window in self._windows(prior):
@@ -232,13 +233,13 @@ def predicted(before: Localisation | None, last: Localisation | None) -> Localis
     )
 
 
-def panorama_features(panorama: Panorama, threshold: float, limit: int) -> Features:
+def panorama_features(panorama: Panorama, threshold: float, limit: int, scales: tuple[int, int]) -> Features:
     """AKAZE features of a panorama, away from its ragged edge."""
     border = WRAP if panorama.full_turn else 0
     image = cv2.copyMakeBorder(grey(panorama.image), 0, 0, border, border, cv2.BORDER_WRAP)
     known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), 0, 0, border, border, cv2.BORDER_WRAP)
     inside = np.asarray(cv2.erode(known, np.ones((9, 9), np.uint8)), np.uint8)
-    found = features.detect(np.asarray(image, np.uint8), threshold, limit, inside)
+    found = features.detect(np.asarray(image, np.uint8), threshold, limit, inside, scales)
     points = found.points_px - np.array([border, 0.0])
     own = (points[:, 0] >= -0.5) & (points[:, 0] < panorama.image.shape[1] - 0.5)
     return Features(points[own], found.descriptors[own], found.brightness[own])
