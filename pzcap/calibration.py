@@ -38,6 +38,7 @@ from pzcap.types import (
 from pzcap.zoom import link_zoom
 
 MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor
+PARTIAL_SCALE_SIGMA = 1e-3  # relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole
 NODES = (10, 72)  # slopes and azimuths at which the hall's distance is estimated from grey values
 WALL_NEARNESS = 0.15  # inverse distance of a wall before anything is known, in inverse heights of the camera
 SURE_AGREEMENT = 0.5  # of the reference image with the panorama (see `align.Alignment`)
@@ -139,7 +140,8 @@ def _prepare_exact(
     refined = reference.resolve(first, known, reference_image, calibration_object, config.reference)
     scale = len(model.pan_rad)  # where the sweep's focal length stands among the unknowns
     camera, surroundings = _measured(model, taken.pan_rad, refined.camera)
-    camera = replace(camera, focal_sigma=float(np.sqrt(fitted.covariance[scale, scale])))
+    doubt = 0.0 if full_turn else PARTIAL_SCALE_SIGMA
+    camera = replace(camera, focal_sigma=float(np.sqrt(fitted.covariance[scale, scale] + doubt**2)))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     swept = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     pasted = panorama.stitch(
