@@ -21,7 +21,9 @@ from pzcap.sampling import STEPS, Stored, cubic, stored
 from pzcap.sweep import grey
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
-LEVELS = ((3, 4), (1, 2), (0, 3))  # from coarse to fine: halvings of the size, and Gauss-Newton steps
+LEVELS = ((3, 4), (1, 2), (0, 2))  # from coarse to fine: halvings of the size, and Gauss-Newton steps, at least
+MOST_STEPS = 12  # on the finest, where they go on until one
+SETTLED_PX = 0.02  # is as small as that, in pixels of the frame
 REACH_PX = (15.0, 4.0, 1.5)  # by how much a start may be off on each, pixels of the panorama
 COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
 BORDER = 3  # pixels at the frame's edge left out
@@ -102,9 +104,9 @@ class Aligner:
         gains = np.zeros(shading.shape[1])
         gains[0] = 1.0
         looseness = 4.0  # tight weights from the first step on slow the convergence
-        for step in range(steps):
+        for step in range(MOST_STEPS if level.scale == 1 else steps):
             sampled = self._sample(level, points, pan_rad, tilt_rad, focal_px)
-            usable = sampled[:, KNOWN] > 0.999
+            usable = sampled[:, KNOWN] > 0
             if usable.sum() < 50:
                 return None
             if step == 0:  # the gain first, or everything is an outlier
@@ -119,6 +121,9 @@ class Aligner:
             tilt_rad += float(change[2]) if self._free == 3 else 0.0
             gains = gains + change[self._free :]
             looseness = max(looseness * 0.75, 2.0)
+            moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * frame.shape[1] / 2)
+            if step + 1 >= steps and moved_px < SETTLED_PX:
+                break
         return _Fitted(pan_rad, tilt_rad, focal_px, points, sampled, residual, weight, normal)
 
     def _pixels(self, frame: Image, level: _Level, focal_px: float) -> tuple[Array, Array, Array]:
@@ -155,7 +160,7 @@ class Aligner:
     def _judged(self, fitted: _Fitted) -> Alignment:
         sampled, weight = fitted.sampled, fitted.weight
         variance = float(weight @ fitted.residual**2) / float(weight.sum())
-        usable = sampled[:, KNOWN] > 0.999
+        usable = sampled[:, KNOWN] > 0
         value = sampled[usable, VALUE]
         contrast = float(np.median(np.abs(value - np.median(value))))
         difference = float(np.median(np.abs(fitted.residual[usable])))
