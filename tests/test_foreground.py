@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pzcap import foreground
+from pzcap.colours import floor_plane
 from pzcap.foreground import ForegroundConfig
 from pzcap.types import Camera, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera
 from tests.body_scene import HEIGHT, WIDTH, Clip, Shot, shoot
@@ -106,7 +107,7 @@ def test_a_camera_that_is_lost_gives_no_silhouette() -> None:
 
 def test_the_floor_ends_at_the_horizon(clip: Clip) -> None:
     camera: Camera = clip.shots[0][0].camera
-    plane = foreground._floor_plane(camera, 0, 0, 25.0)
+    plane = floor_plane(camera, 25.0)
     for u, v in ((0, 0), (WIDTH / 2, HEIGHT - 1), (WIDTH - 1, HEIGHT * 0.7)):
         ray = camera.world_T_cam[:3, :3] @ np.array(
             [(u - camera.principal_px[0]) / camera.focal_px, (v - camera.principal_px[1]) / camera.focal_px, 1.0]
