@@ -25,8 +25,8 @@ LARGEST: Final = 8.0
 """No pixel alone says more, for or against, than these log-odds."""
 FREEDOM: Final = 4.0  # of the t-distribution of what the hall differs by: compression and edges err far at times
 TYPICAL: Final = 2.78  # median of the squared difference over the variance of a colour, if that is right
-LEVELS: Final = 16  # of each colour in a palette
-ANY_COLOUR: Final = 0.3  # share of colours that the body may have besides those seen
+LEVELS: Final = 32  # of each colour in a palette
+ANY_COLOUR: Final = 0.2  # share of colours that the body may have besides those seen
 SHADOW_WINDOW: Final = (5, 5)  # half pixels over which a shadow is even
 SOFT_PX: Final = (0.0, 1.0, 1.4, 2.0)
 

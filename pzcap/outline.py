@@ -25,10 +25,11 @@ BAND: Final = np.ones((5, 5), np.uint8)
 """What is within two pixels of the first guess's outline is undecided."""
 UNSURE: Final = 1.5
 """So is the inside where the evidence says less than these log-odds."""
-NEARBY: Final = (11, 11)  # window of the colours nearby, in pixels of half the resolution
+DOUBT: Final = 0.0
+"""And so is what looks like the hall on the sharp frame by these: a gap too narrow for the soft evidence."""
+NEARBY: Final = (7, 7)  # window of the colours nearby, in pixels of half the resolution
 FEW: Final = 0.01  # share of that window which is body: with less, nothing is known of its colours
-COLOUR_VARIANCE: Final = np.array([100.0, 30.0, 30.0])  # of luma and chroma, added to what is measured
-HALL_SHARE: Final = 0.3  # of that, for the hall, which is known pixel by pixel
+COLOUR_VARIANCE: Final = 50.0  # of luma and chroma, added to what is measured nearby
 SURENESS: Final = 0.7  # of a neighbourhood's colours: neighbours err together
 SAY: Final = 4.0  # log-odds that they speak with at most
 COARSE_SAY: Final = 0.3  # weight of the soft evidence beside them
@@ -86,20 +87,22 @@ def _start(
             if outer[i, j] == 0:
                 probability[i, j] = 0.0
                 continue
-            if inner[i, j] > 0 and log_odds[i, j] > UNSURE:
-                probability[i, j] = 1.0
-                continue
-            say = log_odds[i, j]
+            say, sure = log_odds[i, j], inner[i, j] > 0 and log_odds[i, j] > UNSURE
             n, m = min(i // 2, share.shape[0] - 1), min(j // 2, share.shape[1] - 1)
             if share[n, m] > FEW:
                 colours = 0.0
                 for c in range(3):
-                    body = square[n, m, c] + COLOUR_VARIANCE[c]
-                    empty = missed[n, m, c] + HALL_SHARE * COLOUR_VARIANCE[c]
+                    body = square[n, m, c] + COLOUR_VARIANCE
+                    empty = missed[n, m, c] + COLOUR_VARIANCE
                     here = float(frame[i, j, c])
                     colours += (here - float(hall[i, j, c])) ** 2 / empty - (here - mean[n, m, c]) ** 2 / body
                     colours += np.log(empty / body)
-                say = COARSE_SAY * say + min(max(0.5 * SURENESS * colours, -SAY), SAY)
+                colours *= 0.5 * SURENESS
+                sure = sure and colours > DOUBT
+                say = COARSE_SAY * say + min(max(colours, -SAY), SAY)
+            if sure:
+                probability[i, j] = 1.0
+                continue
             probability[i, j] = 1.0 / (1.0 + np.exp(-say))
             if 0 < i < height - 1 and 0 < j < width - 1:
                 undecided[count, 0], undecided[count, 1] = i, j
