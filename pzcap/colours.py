@@ -27,7 +27,7 @@ FREEDOM: Final = 4.0  # of the t-distribution of what the hall differs by: compr
 TYPICAL: Final = 2.78  # median of the squared difference over the variance of a colour, if that is right
 LEVELS: Final = 32  # of each colour in a palette
 ANY_COLOUR: Final = 0.2  # share of colours that the body may have besides those seen
-SHADOW_WINDOW: Final = (5, 5)  # half pixels over which a shadow is even
+SHADOW_WINDOW: Final = (3, 3)  # half pixels over which a shadow is even
 SOFT_PX: Final = (0.0, 1.0, 1.4, 2.0)
 
 
@@ -39,9 +39,9 @@ class ForegroundConfig:
     camera_error_px: float = 0.22  # with parallax that the panorama does not have
     prior_log_odds: float = -1.0  # of body anywhere, nothing predicted
     floor_range_m: float = 25.0  # where shadows are expected
-    shadow_log_odds: float = -1.0  # of shadow against none, there
-    shadow_light: float = 0.7  # that a shadow leaves
-    shadow_spread: float = 0.2  # of its logarithm
+    shadow_log_odds: float = -2.5  # of shadow against none, there
+    shadow_light: float = 0.65  # that a shadow leaves
+    shadow_spread: float = 0.3  # of its logarithm
     prediction_sigma_px: float = 4.0
     prediction_floor: float = 2.5  # log-odds that a prediction speaks with at most
 
