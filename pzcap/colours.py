@@ -163,7 +163,7 @@ def _explain(
             spread = variance[i, j]
             best = exponent * np.log(1.0 + squares[i, j, 2] / (FREEDOM * spread))
             cross, own = windowed[i, j, 0], windowed[i, j, 1]
-            if 0.2 * own < cross < own and floor[0] * j + floor[1] * i + floor[2] < 0.0:
+            if best < shadow[0] and 0.2 * own < cross < own and floor[0] * j + floor[1] * i + floor[2] < 0.0:
                 light = cross / own
                 apart = 0.0
                 for c in range(3):

@@ -12,6 +12,7 @@ from typing import Final
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pzcap import outline
@@ -166,14 +167,24 @@ def _body(log_odds: Float32) -> Image:
     )
     if count < 2:
         return solid
-    mass = np.bincount(labels.ravel(), np.maximum(smooth, 0).ravel(), count)
-    mass[0] = 0
+    mass = _weigh(np.asarray(labels, np.int32), smooth, count)
     main = int(np.argmax(mass))
     low, high = boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]
     gap = np.maximum(np.max(np.maximum(low - high[main], low[main] - high), axis=1), 0) / boxes[main, 2:4].max()
     keep = mass >= PART * mass[main] * (1.0 + (gap / NEAR) ** 2)
     keep[0] = False
-    return solid * keep[labels]
+    return np.asarray(cv2.bitwise_and(solid, keep.astype(np.uint8)[labels]), np.uint8)
+
+
+@njit(cache=True, nogil=True)
+def _weigh(labels: NDArray[np.int32], log_odds: Float32, count: int) -> Array:
+    """Evidence for body in each labelled part (count,); the rest, labelled 0, has none."""
+    mass = np.zeros(count)
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            if labels[i, j] > 0 and log_odds[i, j] > 0:
+                mass[labels[i, j]] += log_odds[i, j]
+    return mass
 
 
 def _window(body: Image) -> tuple[int, int, int, int]:
