@@ -52,12 +52,10 @@ def halve(values: Pixels) -> Pixels:
     return cast(Pixels, cv2.resize(values[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA))
 
 
-def double(values: Float32, shape: tuple[int, ...]) -> Float32:
-    """Undo `halve`: (h, w) to ``shape`` (H, W)."""
+def double(values: Float32) -> Float32:
+    """Undo `halve`: (h, w) to (2 h, 2 w)."""
     height, width = values.shape
-    fine = cv2.resize(values, (2 * width, 2 * height), interpolation=cv2.INTER_LINEAR)
-    odd = shape[0] - 2 * height, shape[1] - 2 * width
-    return np.asarray(cv2.copyMakeBorder(fine, 0, odd[0], 0, odd[1], cv2.BORDER_REPLICATE), np.float32)
+    return np.asarray(cv2.resize(values, (2 * width, 2 * height), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

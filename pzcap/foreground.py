@@ -79,13 +79,8 @@ def subtract(
     matched = match_gain(image, background, known)
     log_odds = np.float32(config.prior_log_odds) if expected is None else _prior(halve(expected), config)
     log_odds = log_odds + _judge(compare(image, matched, known, camera, (0, 0), blur_px, config), log_odds)
-    probability = np.where(known, np.uint8(0), np.uint8(EVEN))
-    body = _body(log_odds)
-    if body.any():
-        left, top, right, bottom = _window(body)
-        part, half = np.s_[2 * top : 2 * bottom, 2 * left : 2 * right], np.s_[top:bottom, left:right]
-        found = _outlined(image[part], matched[part], log_odds[half])
-        probability[part] = np.where(known[part], found, np.maximum(found, EVEN))
+    probability = _outlined(image, matched, log_odds)
+    np.maximum(probability, EVEN, out=probability, where=~known)
     return Silhouette(probability, matched, True)
 
 
@@ -99,8 +94,10 @@ def evidence(
     """
     known = np.asarray(cv2.cvtColor(background, cv2.COLOR_BGR2GRAY) > 0, bool)
     compared = compare(image, background, known, camera, (left, top), None, config)
-    log_odds = double(_judge(compared, np.float32(config.prior_log_odds)), known.shape)
-    return np.asarray(np.rint(LOG_ODDS_STEPS * log_odds), np.int8)
+    log_odds = double(_judge(compared, np.float32(config.prior_log_odds)))
+    odd = known.shape[0] - log_odds.shape[0], known.shape[1] - log_odds.shape[1]
+    whole = np.pad(log_odds, ((0, odd[0]), (0, odd[1])), "edge")
+    return np.asarray(np.rint(LOG_ODDS_STEPS * whole), np.int8)
 
 
 def refine(
@@ -111,9 +108,9 @@ def refine(
     ``colours`` is their `evidence`; ``predicted`` (h, w) the signed distance, in pixels and positive inside, to the
     outline that the tracker expects.
     """
-    says = predicted.astype(np.float32) * np.float32(2.0 / config.prediction_sigma_px)
+    says = halve(predicted.astype(np.float32)) * np.float32(2.0 / config.prediction_sigma_px)
     np.clip(says, -config.prediction_floor, config.prediction_floor, out=says)
-    return _outlined(image, background, halve(says + colours * np.float32(1.0 / LOG_ODDS_STEPS)))
+    return _outlined(image, background, says + halve(colours.astype(np.float32)) * np.float32(1.0 / LOG_ODDS_STEPS))
 
 
 def _prior(expected: Float32, config: ForegroundConfig) -> Float32:
@@ -154,13 +151,16 @@ def match_gain(image: Image, background: Image, known: Mask) -> Image:
 
 def _judge(compared: Compared, prior: np.float32 | Float32) -> Float32:
     """Log-odds of body (h, w) from the colours alone. What is body whatever its colour shows which colours it has."""
-    sure = np.asarray(cv2.erode(_body(compared.judge() + prior), np.ones((3, 3), np.uint8)), np.uint8)
+    sure = np.asarray(cv2.erode(_body(_smooth(compared.judge() + prior)), np.ones((3, 3), np.uint8)), np.uint8)
     return compared.judge(sure if sure.sum() >= FEWEST else None)
 
 
-def _body(log_odds: Float32) -> Image:
+def _smooth(log_odds: Float32) -> Float32:
+    return np.asarray(cv2.blur(log_odds, WINDOW), np.float32)
+
+
+def _body(smooth: Float32) -> Image:
     """1 where the body is (h, w): the part with the most evidence, and what is near it for its own size."""
-    smooth = np.asarray(cv2.blur(log_odds, WINDOW), np.float32)
     solid = np.asarray(smooth > 0, np.uint8)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(
         cv2.morphologyEx(solid, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), connectivity=8
@@ -208,8 +208,16 @@ def _filled(solid: Image, log_odds: Float32) -> Image:
 
 
 def _outlined(image: Image, background: Image, log_odds: Float32) -> Image:
-    """Probability of body (H, W), its outline drawn on the sharp frame; ``log_odds`` is half as fine."""
-    smooth = np.asarray(cv2.blur(log_odds, WINDOW), np.float32)
-    solid = _filled(_body(log_odds), smooth)
-    fine, firm = double(smooth, image.shape), double(solid.astype(np.float32), image.shape)
-    return np.asarray(np.rint(255.0 * outline.draw(image, background, fine, (firm > 0.5).astype(np.uint8))), np.uint8)
+    """Probability of body (H, W), its outline drawn on the sharp frame; ``log_odds`` (h, w) is half as fine."""
+    probability = np.zeros(image.shape[:2], np.uint8)
+    smooth = _smooth(log_odds)
+    body = _body(smooth)
+    if not body.any():
+        return probability
+    left, top, right, bottom = _window(body)
+    part, half = np.s_[2 * top : 2 * bottom, 2 * left : 2 * right], np.s_[top:bottom, left:right]
+    solid = _filled(body[half], smooth[half])
+    fine, firm = double(smooth[half]), double(solid.astype(np.float32)) > 0.5
+    drawn = outline.draw(image[part], background[part], fine, firm.astype(np.uint8))
+    probability[part] = np.rint(255.0 * drawn)
+    return probability

@@ -41,10 +41,10 @@ OVERSHOOT: Final = 1.3  # of a sweep's steps: gets there sooner
 
 
 def draw(image: Image, background: Image, log_odds: Float32, solid: Image) -> Float32:
-    """Probability of body (h, w), given what the colours say softly.
+    """Probability of body (h, w), both even, given what the colours say softly.
 
     ``image`` and ``background`` are (h, w, 3), ``log_odds`` (h, w) those of body, ``solid`` (h, w) 1 where it is
-    at first guess, else 0.
+    at first guess, else 0. Black background counts as unknown.
     """
     inner, outer = np.asarray(cv2.erode(solid, BAND), np.uint8), np.asarray(cv2.dilate(solid, BAND), np.uint8)
     frame, hall = (np.asarray(cv2.cvtColor(one, cv2.COLOR_BGR2YCrCb), np.uint8) for one in (image, background))
@@ -60,9 +60,8 @@ def _nearby(frame: Image, hall: Image, inner: Image, outer: Image) -> tuple[Floa
     """Half as fine: mean and variance (h/2, w/2, 3) of the body's colours nearby, how much of it there is (h/2, w/2),
     and the mean square (h/2, w/2, 3) of what the hall differs by from the frame nearby."""
     half, empty = halve(frame).astype(np.float32), halve(hall).astype(np.float32)
-    height, width = half.shape[:2]
-    body = inner[: 2 * height : 2, : 2 * width : 2].astype(np.float32)
-    clear = 1.0 - outer[: 2 * height : 2, : 2 * width : 2].astype(np.float32)
+    body = inner[::2, ::2].astype(np.float32)
+    clear = ((outer[::2, ::2] == 0) & (hall[::2, ::2, 0] > 0)).astype(np.float32)
     share, mean, square = (_box(one) for one in (body, half * body[..., None], half * half * body[..., None]))
     mean /= np.maximum(share, 1e-6)[..., None]
     square = np.maximum(square / np.maximum(share, 1e-6)[..., None] - mean * mean, 0.0)
@@ -88,8 +87,8 @@ def _start(
                 probability[i, j] = 0.0
                 continue
             say, sure = log_odds[i, j], inner[i, j] > 0 and log_odds[i, j] > UNSURE
-            n, m = min(i // 2, share.shape[0] - 1), min(j // 2, share.shape[1] - 1)
-            if share[n, m] > FEW:
+            n, m = i // 2, j // 2
+            if share[n, m] > FEW and hall[i, j, 0] > 0:
                 colours = 0.0
                 for c in range(3):
                     body = square[n, m, c] + COLOUR_VARIANCE
