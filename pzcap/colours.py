@@ -24,11 +24,12 @@ Pixels = TypeVar("Pixels", Image, Float32)
 LARGEST: Final = 8.0
 """No pixel alone says more, for or against, than these log-odds."""
 FREEDOM: Final = 4.0  # of the t-distribution of what the hall differs by: compression and edges err far at times
+PEAK: Final = -2.6  # its log-density at 0, of three colours of variance 1
 TYPICAL: Final = 2.78  # median of the squared difference over the variance of a colour, if that is right
 LEVELS: Final = 32  # of each colour in a palette
 ANY_COLOUR: Final = 0.2  # share of colours that the body may have besides those seen
 SHADOW_WINDOW: Final = (3, 3)  # half pixels over which a shadow is even
-SOFT_PX: Final = (0.0, 1.0, 1.4, 2.0)
+SOFT_PX: Final = (0.0, 1.0, 1.4, 2.0)  # how soft a hall is tried to be, where nobody says
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +170,7 @@ def _explain(
                 usual = (np.log(light) - shadow[1]) / shadow[2]
                 dark = exponent * np.log(1.0 + apart / (FREEDOM * spread)) + shadow[0] - 0.5 * usual * usual
                 best = max(best, dark)
-            likelihood[i, j] = best - 2.6 - 1.5 * np.log(spread)
+            likelihood[i, j] = best + PEAK - 1.5 * np.log(spread)
 
 
 def _palette(frame: Image, where: Image) -> Array:

@@ -1,6 +1,6 @@
 """Where exactly the body ends: its outline, drawn on the sharp frame.
 
-The evidence of `pzcap.foreground` is as soft as the panorama, which leaves a band round the body undecided. There a
+The evidence of `pzcap.colours` is as soft as the panorama, which leaves a band round the body undecided. There a
 pixel is compared with the colours nearby that are surely body and with what the hall shows nearby, and then asks its
 neighbours, the more so the less the frame changes between them: a random walk with a prior (Grady 2005), which settles
 where the frame has an edge. It works on luma and chroma, which are nearly independent; footage has chroma at half the
