@@ -19,6 +19,7 @@ from pzcap.camera import View
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera, Surroundings
 
 GRID = 4  # maps are smooth: they are computed at every fourth pixel and interpolated, to 0.003 px
+WARP_GRID = 8  # to 0.01 px: an image is interpolated at steps of 1/32 px anyway
 
 Map = NDArray[np.float32]
 
@@ -49,14 +50,15 @@ def warp_background(
         lambda points: to_unwrapped(panorama, *from_axis(panorama, view, *geometry.look(view, points))),
         camera.lens.width,
         camera.lens.height,
+        WARP_GRID,
     )
     border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
     image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
     known = cv2.remap(panorama.valid.astype(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
     # BORDER_WRAP wraps rows as well, and a cylinder does not
-    valid = (known > 0) & (row >= 0) & (row <= panorama.image.shape[0] - 1)
-    image[~valid] = 0
-    return np.asarray(image, np.uint8), valid
+    inside = cv2.inRange(row, 0.0, float(panorama.image.shape[0] - 1))
+    known = cv2.bitwise_and(known, inside)
+    return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known > 0
 
 
 Hall = tuple[float, Array, Array, Array]
@@ -136,14 +138,14 @@ def to_unwrapped(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
     return np.asarray(panorama.origin_px - offset)
 
 
-def smooth_map(function: Callable[[Array], Array], width: int, height: int) -> tuple[Map, Map]:
+def smooth_map(function: Callable[[Array], Array], width: int, height: int, grid: int = GRID) -> tuple[Map, Map]:
     """Evaluate ``function``, pixels (..., 2) to pixels (..., 2), for a whole image: columns and rows, each (H, W).
 
-    It has to be smooth: it is evaluated on a grid and interpolated linearly.
+    It has to be smooth: it is evaluated on a grid, every ``grid`` pixels, and interpolated linearly.
     """
-    u, v = np.meshgrid(np.arange(0, width + GRID, GRID), np.arange(0, height + GRID, GRID))
+    u, v = np.meshgrid(np.arange(0, width + grid, grid), np.arange(0, height + grid, grid))
     coarse = function(np.stack([u, v], axis=-1).astype(np.float64)).astype(np.float32)
-    scale = np.array([[1.0 / GRID, 0.0, 0.0], [0.0, 1.0 / GRID, 0.0]])
+    scale = np.array([[1.0 / grid, 0.0, 0.0], [0.0, 1.0 / grid, 0.0]])
     fine = cv2.warpAffine(coarse, scale, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
     return np.ascontiguousarray(fine[..., 0]), np.ascontiguousarray(fine[..., 1])
 

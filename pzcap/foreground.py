@@ -1,15 +1,13 @@
 """Silhouettes: what in a frame is not the empty hall, as the panorama shows it through the estimated camera (stage 5).
 
-Per pixel three explanations compete, each with its likelihood: the hall (the warped panorama, its gain matched, with
-noise that grows with brightness and, where the picture is steep, with the camera's error); the hall in shadow (on the
-floor alone: darker by one factor over a small window); and the body (any colour). Where the body was predicted the
-tracker's confidence enters as prior log-odds. At last the outline is put where the mixture of the body's colour just
-inside and the hall's is one half (the matte).
+First at half the resolution: the hall's brightness is matched to the frame, and its colours say where the body is
+(`pzcap.colours`). Where the body was predicted that enters as prior. The part with the most evidence is the body, with
+what is near it for its size; holes where the hall is hardly seen are none. Then the outline is drawn on the sharp frame
+(`pzcap.outline`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import cv2
@@ -17,29 +15,28 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pzcap import outline
 from pzcap.camera import at
+from pzcap.colours import LARGEST, Compared, ForegroundConfig, compare, double, halve
 from pzcap.cylinder import warp_background
 from pzcap.types import Array, Camera, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
+__all__ = ["ForegroundConfig", "evidence", "match_gain", "refine", "separate", "subtract"]
+
 Float32 = NDArray[np.float32]
 
-LARGEST: Final = 6.0
-"""No pixel alone says more, for or against, than these log-odds."""
-LOG_ODDS_STEPS: Final = 20
-
-
-@dataclass(frozen=True, slots=True)
-class ForegroundConfig:
-    """Defaults suit 8-bit video; the noise is scaled to the footage automatically."""
-
-    read_noise: float = 3.0  # grey levels, with what compression adds
-    shot_noise: float = 0.15  # variance a grey level
-    camera_error_px: float = 0.5  # with blur and parallax that the panorama does not have
-    prior_log_odds: float = -1.0  # of body anywhere, nothing predicted
-    floor_range_m: float = 25.0  # where shadows are expected
-    shadow_darkest: float = 0.35  # of the light that is left
-    prediction_sigma_px: float = 4.0
-    prediction_floor: float = 2.5  # log-odds that a prediction speaks with at most
+LOG_ODDS_STEPS: Final = int(127 / LARGEST)
+EVEN: Final = 127
+"""Probability (of 255) where nothing is known."""
+SOFTNESS: Final = 5 / 12
+"""Variance (px2 of the panorama) of its blur: pixels of the sweep (1/12), interpolated twice (1/6 each)."""
+WINDOW: Final = (3, 3)  # half pixels over which the evidence is averaged
+FEWEST: Final = 30  # half pixels that show which colours the body has
+MARGIN_PX: Final = 16  # kept round the body for its outline
+SMALL: Final = 8  # half pixels: a hole this small is none
+HOLE: Final = -2.5  # mean log-odds: nor is one where the hall is seen no better
+NEAR: Final = 0.1  # of the body's size: a part this far off needs twice the evidence to be kept
+PART: Final = 0.02  # of the body's evidence, that a part needs
 
 
 def separate(
@@ -48,16 +45,20 @@ def separate(
     camera: PanZoomCamera,
     localisation: Localisation,
     config: ForegroundConfig,
+    expected: Float32 | None = None,
 ) -> Silhouette:
-    """Tell the athlete from the hall in one view. Invalid where the localisation is."""
+    """Tell the athlete from the hall in one view. Invalid where the localisation is.
+
+    ``expected`` (H, W), where there is one, is the probability of body that whoever follows it predicts.
+    """
     background, known = warp_background(
         panorama, camera, localisation.pan_rad, localisation.tilt_rad, localisation.focal_px
     )
     if not localisation.valid:
         return Silhouette(np.zeros(image.shape[:2], np.uint8), background, False)
     view = at(camera, localisation.pan_rad, localisation.tilt_rad, localisation.focal_px)
-    blur = 0.45 * np.sqrt(max((localisation.focal_px / panorama.px_per_rad) ** 2 - 1.0, 0.0))
-    return subtract(image, background, known, view, blur, config)
+    blur = float(np.sqrt(SOFTNESS) * localisation.focal_px / panorama.px_per_rad)
+    return subtract(image, background, known, view, blur, config, expected)
 
 
 def subtract(
@@ -67,16 +68,20 @@ def subtract(
     camera: Camera,
     blur_px: float,
     config: ForegroundConfig,
+    expected: Float32 | None = None,
 ) -> Silhouette:
     """Tell the athlete from the hall, given the empty hall in this very view.
 
-    ``background`` (H, W, 3) counts where it is ``known`` (H, W). ``blur_px`` is how much softer (sigma) it is than the
-    frame: a panorama at twice its own magnification has no finer detail to give.
+    ``background`` (H, W, 3) counts where it is ``known`` (H, W); where it is not, nothing is known of the body.
+    ``blur_px`` is how soft (sigma) it is: a panorama at twice its own magnification has no finer detail to give.
+    ``expected`` as in `separate`.
     """
     matched = match_gain(image, background, known)
-    log_odds = _log_odds(image, matched, known, camera, 0, 0, blur_px, config) + np.float32(config.prior_log_odds)
-    cv2.blur(log_odds, (3, 3), log_odds)
-    return Silhouette(_matte(image, matched, log_odds), matched, True)
+    log_odds = np.float32(config.prior_log_odds) if expected is None else _prior(halve(expected), config)
+    log_odds = log_odds + _judge(compare(image, matched, known, camera, (0, 0), blur_px, config), log_odds)
+    probability = _outlined(image, matched, log_odds)
+    np.maximum(probability, EVEN, out=probability, where=~known)
+    return Silhouette(probability, matched, True)
 
 
 def evidence(
@@ -88,9 +93,11 @@ def evidence(
     Black background counts as unknown.
     """
     known = np.asarray(cv2.cvtColor(background, cv2.COLOR_BGR2GRAY) > 0, bool)
-    return np.asarray(
-        np.rint(LOG_ODDS_STEPS * _log_odds(image, background, known, camera, left, top, 0.0, config)), np.int8
-    )
+    compared = compare(image, background, known, camera, (left, top), None, config)
+    log_odds = double(_judge(compared, np.float32(config.prior_log_odds)))
+    odd = known.shape[0] - log_odds.shape[0], known.shape[1] - log_odds.shape[1]
+    whole = np.pad(log_odds, ((0, odd[0]), (0, odd[1])), "edge")
+    return np.asarray(np.rint(LOG_ODDS_STEPS * whole), np.int8)
 
 
 def refine(
@@ -101,10 +108,16 @@ def refine(
     ``colours`` is their `evidence`; ``predicted`` (h, w) the signed distance, in pixels and positive inside, to the
     outline that the tracker expects.
     """
-    say = np.clip(predicted * (2.0 / config.prediction_sigma_px), -config.prediction_floor, config.prediction_floor)
-    log_odds = colours * np.float32(1.0 / LOG_ODDS_STEPS) + say.astype(np.float32)
-    cv2.blur(log_odds, (3, 3), log_odds)
-    return _matte(image, background, log_odds)
+    says = halve(predicted.astype(np.float32)) * np.float32(2.0 / config.prediction_sigma_px)
+    np.clip(says, -config.prediction_floor, config.prediction_floor, out=says)
+    return _outlined(image, background, says + halve(colours.astype(np.float32)) * np.float32(1.0 / LOG_ODDS_STEPS))
+
+
+def _prior(expected: Float32, config: ForegroundConfig) -> Float32:
+    """Log-odds (h, w) that a prediction speaks with: not too sure, so that a limb that is elsewhere is found."""
+    surest = 1.0 / (1.0 + np.exp(-config.prediction_floor))
+    expected = np.clip(expected, 1.0 - surest, surest)
+    return np.asarray(np.log(expected / (1.0 - expected)), np.float32)
 
 
 def match_gain(image: Image, background: Image, known: Mask) -> Image:
@@ -132,139 +145,79 @@ def match_gain(image: Image, background: Image, known: Mask) -> Image:
     return np.asarray(cv2.multiply(background, cv2.merge([gain] * 3), dtype=cv2.CV_8U), np.uint8)
 
 
-def _floor_plane(camera: Camera, left: int, top: int, reach_m: float) -> Array:
-    """Coefficients (3,) of column, row and 1: negative where a pixel's ray meets the floor within reach."""
-    turn = camera.world_T_cam[2, :3]
-    principal = camera.principal_px - np.array([left, top])
-    slope = turn[:2] / camera.focal_px
-    return np.array([slope[0], slope[1], turn[2] - slope @ principal + camera.world_T_cam[2, 3] / reach_m])
+# --------------------------------------------------------------------------------------------------------------
+# The body
 
 
-def _log_odds(
-    image: Image,
-    background: Image,
-    known: Mask,
-    camera: Camera,
-    left: int,
-    top: int,
-    blur_px: float,
-    config: ForegroundConfig,
-) -> Float32:
-    """Log-odds of body, from the colours alone, within +-LARGEST."""
-    frame = np.asarray(cv2.GaussianBlur(image, (0, 0), blur_px), np.uint8) if blur_px > 0.3 else image
-    grey = cv2.cvtColor(background, cv2.COLOR_BGR2GRAY)
-    steep_x, steep_y = (np.asarray(g, np.int16) for g in cv2.spatialGradient(grey))
-    log_odds = np.empty(known.shape, np.float32)
-    residual = np.empty(known.shape, np.float32)
-    squares = np.empty((*known.shape, 2), np.float32)
-    variance = np.empty(known.shape, np.float32)
-    _differences(
-        frame, background, steep_x, steep_y, config.read_noise, config.shot_noise, config.camera_error_px, residual,
-        variance, squares,
-    )  # fmt: skip
-    # heavy compression or a camera that is further off makes everything noisier alike
-    sampled = residual[::4, ::4][known[::4, ::4]]
-    scale = max(float(np.median(sampled)) / 2.37, 1.0) if sampled.size else 1.0  # chi-square of three: median 2.37
-    floor = _floor_plane(camera, left, top, config.floor_range_m)
-    windowed = cv2.blur(squares, (7, 7))
-    ratio = np.asarray(np.clip(windowed[..., 0] / np.maximum(windowed[..., 1], 1e-3), 0.0, 1.0), np.float32)
-    shadowed = np.empty(known.shape, np.float32)
-    _shadow(frame, background, ratio, variance, floor, config.shadow_darkest, scale, residual, shadowed)
-    cv2.blur(shadowed, (5, 5), shadowed)
-    np.minimum(residual / np.float32(scale), shadowed, out=log_odds)
-    _judge(log_odds, known)
-    return log_odds
+def _judge(compared: Compared, prior: np.float32 | Float32) -> Float32:
+    """Log-odds of body (h, w) from the colours alone. What is body whatever its colour shows which colours it has."""
+    sure = np.asarray(cv2.erode(_body(_smooth(compared.judge() + prior)), np.ones((3, 3), np.uint8)), np.uint8)
+    return compared.judge(sure if sure.sum() >= FEWEST else None)
+
+
+def _smooth(log_odds: Float32) -> Float32:
+    return np.asarray(cv2.blur(log_odds, WINDOW), np.float32)
+
+
+def _body(smooth: Float32) -> Image:
+    """1 where the body is (h, w): the part with the most evidence, and what is near it for its own size."""
+    solid = np.asarray(smooth > 0, np.uint8)
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(
+        cv2.morphologyEx(solid, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), connectivity=8
+    )
+    if count < 2:
+        return solid
+    mass = _weigh(np.asarray(labels, np.int32), smooth, count)
+    main = int(np.argmax(mass))
+    low, high = boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]
+    gap = np.maximum(np.max(np.maximum(low - high[main], low[main] - high), axis=1), 0) / boxes[main, 2:4].max()
+    keep = mass >= PART * mass[main] * (1.0 + (gap / NEAR) ** 2)
+    keep[0] = False
+    return np.asarray(cv2.bitwise_and(solid, keep.astype(np.uint8)[labels]), np.uint8)
 
 
 @njit(cache=True, nogil=True)
-def _differences(
-    frame: Image, background: Image, steep_x: NDArray[np.int16], steep_y: NDArray[np.int16], read: float, shot: float,
-    camera_error: float, residual: Float32, variance: Float32, squares: Float32,
-) -> None:  # fmt: skip
-    """Squared difference over its variance, summed over the colours; the products that a shadow's ratio needs."""
-    height, width = residual.shape
-    for i in range(height):
-        for j in range(width):
-            steep = (float(steep_x[i, j]) ** 2 + float(steep_y[i, j]) ** 2) / 64.0
-            mean = (float(background[i, j, 0]) + float(background[i, j, 1]) + float(background[i, j, 2])) / 3.0
-            noise = read * read + shot * mean + steep * camera_error * camera_error
-            total = 0.0
-            cross = 0.0
-            own = 0.0
-            for c in range(3):
-                f, b = float(frame[i, j, c]), float(background[i, j, c])
-                total += (f - b) ** 2
-                cross += f * b
-                own += b * b
-            variance[i, j] = noise
-            residual[i, j] = total / noise
-            squares[i, j, 0] = cross / noise
-            squares[i, j, 1] = own / noise
+def _weigh(labels: NDArray[np.int32], log_odds: Float32, count: int) -> Array:
+    """Evidence for body in each labelled part (count,); the rest, labelled 0, has none."""
+    mass = np.zeros(count)
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            if labels[i, j] > 0 and log_odds[i, j] > 0:
+                mass[labels[i, j]] += log_odds[i, j]
+    return mass
 
 
-@njit(cache=True, nogil=True)
-def _shadow(
-    frame: Image, background: Image, ratio: Float32, variance: Float32, floor: Array, darkest: float, scale: float,
-    residual: Float32, out: Float32,
-) -> None:  # fmt: skip
-    """Squared difference to the background darkened by ``ratio``; where there can be no shadow, a large number."""
-    height, width = ratio.shape
-    for i in range(height):
-        for j in range(width):
-            r = ratio[i, j]
-            if floor[0] * j + floor[1] * i + floor[2] >= 0.0 or r < darkest or r >= 1.0:
-                out[i, j] = residual[i, j] / scale
-                continue
-            total = 0.0
-            for c in range(3):
-                total += (float(frame[i, j, c]) - r * float(background[i, j, c])) ** 2
-            out[i, j] = total / (variance[i, j] * scale)
+def _window(body: Image) -> tuple[int, int, int, int]:
+    """Part of the view (left, top, right, bottom) that holds the body (h, w), with a margin."""
+    left, top, width, height = cv2.boundingRect(body)
+    margin = MARGIN_PX // 2
+    right, bottom = min(left + width + margin, body.shape[1]), min(top + height + margin, body.shape[0])
+    return max(left - margin, 0), max(top - margin, 0), right, bottom
 
 
-@njit(cache=True, nogil=True)
-def _judge(log_odds: Float32, known: Mask) -> None:
-    """Turn squared differences, in place, into log-odds: none where the hall is unknown."""
-    height, width = log_odds.shape
-    for i in range(height):
-        for j in range(width):
-            log_odds[i, j] = min(max(0.5 * log_odds[i, j] - 8.0, -LARGEST), LARGEST) if known[i, j] else 0.0
+def _filled(solid: Image, log_odds: Float32) -> Image:
+    """``solid`` (h, w) without holes that are small, or in which the hall is hardly seen."""
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(1 - solid, connectivity=4)
+    area = boxes[:, 4]
+    mean = np.bincount(labels.ravel(), log_odds.ravel(), count) / np.maximum(area, 1)
+    within = (boxes[:, 0] > 0) & (boxes[:, 1] > 0)
+    within &= (boxes[:, :2] + boxes[:, 2:4] < np.array(solid.shape)[::-1]).all(axis=1)
+    fill = within & ((area < SMALL) | (mean > HOLE))
+    fill[0] = False  # the body itself
+    return solid | fill[labels].astype(np.uint8)
 
 
-_RING = np.ones((5, 5), np.uint8)
-_MATTE_WINDOW = (11, 11)
-
-
-def _matte(image: Image, background: Image, log_odds: Float32) -> Image:
-    """Probability from log-odds; along the outline, from the mixture of the colours on either side."""
-    solid = (log_odds > 0).astype(np.uint8)
-    inner = np.asarray(cv2.erode(solid, _RING), np.uint8)
-    outer = np.asarray(cv2.dilate(solid, _RING), np.uint8)
-    masked = cv2.bitwise_and(image, image, mask=inner)
-    inside = np.asarray(cv2.boxFilter(masked, cv2.CV_32F, _MATTE_WINDOW, normalize=False), np.float32)
-    count = np.asarray(cv2.boxFilter(inner, cv2.CV_32F, _MATTE_WINDOW, normalize=False), np.float32)
-    probability = np.empty(log_odds.shape, np.uint8)
-    _mix(image, background, log_odds, inner, outer, inside, count, probability)
+def _outlined(image: Image, background: Image, log_odds: Float32) -> Image:
+    """Probability of body (H, W), its outline drawn on the sharp frame; ``log_odds`` (h, w) is half as fine."""
+    probability = np.zeros(image.shape[:2], np.uint8)
+    smooth = _smooth(log_odds)
+    body = _body(smooth)
+    if not body.any():
+        return probability
+    left, top, right, bottom = _window(body)
+    part, half = np.s_[2 * top : 2 * bottom, 2 * left : 2 * right], np.s_[top:bottom, left:right]
+    solid = _filled(body[half], smooth[half])
+    fine, firm = double(smooth[half]), double(solid.astype(np.float32)) > 0.5
+    drawn = outline.draw(image[part], background[part], fine, firm.astype(np.uint8))
+    probability[part] = np.rint(255.0 * drawn)
     return probability
-
-
-@njit(cache=True, nogil=True)
-def _mix(
-    image: Image, background: Image, log_odds: Float32, inner: Image, outer: Image, inside: Float32, count: Float32,
-    probability: Image,
-) -> None:  # fmt: skip
-    height, width = log_odds.shape
-    for i in range(height):
-        for j in range(width):
-            p = 1.0 / (1.0 + np.exp(-log_odds[i, j]))
-            if outer[i, j] > 0 and inner[i, j] == 0 and count[i, j] > 3:
-                contrast = 0.0
-                along = 0.0
-                for c in range(3):
-                    hall = float(background[i, j, c])
-                    span = inside[i, j, c] / count[i, j] - hall
-                    contrast += span * span
-                    along += (float(image[i, j, c]) - hall) * span
-                # where body and hall look alike the mixture says nothing
-                say = contrast / (contrast + 900.0)
-                p = say * min(max(along / max(contrast, 1.0), 0.0), 1.0) + (1.0 - say) * p
-            probability[i, j] = int(255.0 * p + 0.5)
