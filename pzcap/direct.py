@@ -58,7 +58,6 @@ class Overlap:
 class Fitted:
     model: Model
     covariance: Array  # (U, U) of `bundle.vector`, from the residuals alone
-    residual: float  # grey levels, RMS of what agrees
 
 
 def _overlap(
@@ -147,9 +146,7 @@ def adjust(
             break
         scale = max(3.0 * spread, scale / 3.0)
     inverse[fixed, fixed] = 0.0
-    good = np.abs(residual[seen]) < 2.0 * scale
-    covariance = np.asarray(inverse * (DOUBT * spread**2), np.float64)
-    return Fitted(model, covariance, float(np.sqrt(np.mean(residual[seen][good] ** 2))))
+    return Fitted(model, np.asarray(inverse * (DOUBT * spread**2), np.float64))
 
 
 @njit(cache=True, nogil=True)

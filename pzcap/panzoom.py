@@ -170,10 +170,7 @@ class Localiser:
         )  # fmt: skip
 
     def _systematic(self, pan_rad: float) -> Array:
-        """The covariance (2, 2) of what no single frame shows: a floor, and the scale of the sweep, which stretches
-        focal lengths and shrinks pans together."""
-        scale = np.array([-float(wrapped(np.array(pan_rad))), 1.0]) * self._camera.focal_sigma
-        return np.diag([np.deg2rad(self._config.floor_deg) ** 2, self._config.floor_focal**2]) + np.outer(scale, scale)
+        return systematic(self._config, self._camera, np.array(pan_rad))
 
     def _lost(self, prior: Localisation | None) -> Localisation:
         pan, focal = (0.0, self._camera.lens.reference_focal_px) if prior is None else (prior.pan_rad, prior.focal_px)
@@ -218,6 +215,17 @@ class Localiser:
             return everything
         reach = np.arctan(self._camera.lens.width / 2 / prior.focal_px) + np.deg2rad(self._config.search_deg)
         return [np.flatnonzero(np.abs(wrapped(self._azimuth - prior.pan_rad)) < reach), *everything]
+
+
+def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array) -> Array:
+    """The covariance (..., 2, 2) at pans (...) of what no single frame shows and all share: a floor, and the scale of
+    the sweep, which stretches focal lengths and shrinks pans together. The paper's method knows of none."""
+    pan_rad = wrapped(pan_rad)
+    if config.method == "paper":
+        return np.zeros((*pan_rad.shape, 2, 2))
+    scale = np.stack([-pan_rad, np.ones_like(pan_rad)], axis=-1) * camera.focal_sigma
+    floor = np.diag([np.deg2rad(config.floor_deg) ** 2, config.floor_focal**2])
+    return np.asarray(floor + scale[..., :, None] * scale[..., None, :])
 
 
 def predicted(before: Localisation | None, last: Localisation | None) -> Localisation | None:

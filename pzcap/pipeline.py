@@ -23,6 +23,7 @@ from pzcap.types import (
     FrameSet,
     Image,
     Localisation,
+    PanZoomCamera,
     PanZoomTrack,
     Pose,
     PzcapError,
@@ -159,6 +160,7 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
             yield from map(_tracked, arrived)
             poses += arrived
 
+    heads = tuple(None if p is None else p.camera for p in prepared)
     tracks = tuple(_panzoom_track(history) if p else None for p, history in zip(prepared, found, strict=True))
     yield Finished(
         Reconstruction(
@@ -168,9 +170,9 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
             timecodes=sets.timecodes,
             camera_names=tuple(files.name for files in capture.cameras),
             references=tuple(None if p is None else p.reference for p in prepared),
-            cameras=tuple(None if p is None else p.camera for p in prepared),
+            cameras=heads,
             panoramas=tuple(None if p is None else p.panorama for p in prepared),
-            tracks=smoothed(tracks, capture.frame_rate, config),
+            tracks=smoothed(tracks, heads, capture.frame_rate, config),
             motion=tracking.collect(poses, sets.keyframes) if tracker else None,
             notes=tuple(notes),
         ),
@@ -326,7 +328,10 @@ def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:
 
 
 def smoothed(
-    tracks: tuple[PanZoomTrack | None, ...], frame_rate: Fraction, config: Config
+    tracks: tuple[PanZoomTrack | None, ...],
+    cameras: tuple[PanZoomCamera | None, ...],
+    frame_rate: Fraction,
+    config: Config,
 ) -> tuple[PanZoomTrack | None, ...]:
     """The finished tracks, smoothed where the config says so.
 
@@ -335,10 +340,13 @@ def smoothed(
     """
     if not config.smooth.enabled:
         return tracks
-    settings, common = config.panzoom, np.zeros((2, 2))
-    if settings.method == "exact":  # systematic error, which its covariances hold, is not smoothed away
-        common = np.diag([np.deg2rad(settings.floor_deg) ** 2, settings.floor_focal**2])
-    return tuple(None if track is None else smooth.smooth(track, frame_rate, config.smooth, common) for track in tracks)
+    return tuple(
+        None
+        if track is None or camera is None
+        # systematic error, which the covariances hold, is not smoothed away
+        else smooth.smooth(track, frame_rate, config.smooth, panzoom.systematic(config.panzoom, camera, track.pan_rad))
+        for track, camera in zip(tracks, cameras, strict=True)
+    )
 
 
 # --------------------------------------------------------------------------------------------------------------

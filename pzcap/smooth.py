@@ -47,9 +47,9 @@ class SmoothConfig:
 def smooth(track: PanZoomTrack, frame_rate: Fraction, config: SmoothConfig, common: Array) -> PanZoomTrack:
     """``track`` smoothed, and its short gaps filled.
 
-    ``common`` (2, 2), of (pan, log focal), is the part of each frame's covariance that neighbouring frames share: zeros
-    where their errors are independent. In a gap the covariance grows with the time to the next frame that was found.
-    A gap longer than ``config.max_gap_s`` stays not valid, and so does what is missing at either end; tilt and inliers
+    ``common`` (2, 2) or (F, 2, 2), of (pan, log focal), is the part of each frame's covariance that neighbouring frames
+    share: zeros where their errors are independent. In a gap the covariance grows with the time to the next frame that
+    was found. A gap longer than ``config.max_gap_s`` stays not valid, and so does what is missing at either end; tilt and inliers
     of frames that were found stay as they are.
     """
     found = np.flatnonzero(track.valid)
@@ -59,6 +59,7 @@ def smooth(track: PanZoomTrack, frame_rate: Fraction, config: SmoothConfig, comm
     seen = track.valid[span]
     measured = np.zeros((len(seen), 2))
     measured[seen] = np.column_stack([np.unwrap(track.pan_rad[found]), np.log(track.focal_px[found])])
+    common = np.broadcast_to(common, track.covariance.shape)[span]
     noise = _apart(track.covariance[span], common)
 
     step_s = float(1 / frame_rate)
@@ -169,7 +170,7 @@ def _run(measured: Array, noise: Array, seen: Mask, step_s: float, jerks: Array)
 
 
 def _apart(covariance: Array, common: Array) -> Array:
-    """``covariance`` (F, 2, 2) less ``common`` (2, 2); what is left of it stays positive."""
+    """``covariance`` (F, 2, 2) less ``common`` (F, 2, 2); what is left of it stays positive."""
     scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-30))
     outer = scale[:, :, None] * scale[:, None, :]
     values, vectors = np.linalg.eigh((covariance - common) / outer)

@@ -98,8 +98,9 @@ class FilmCamera:
     def mask(self, look: Look, time_s: float, person: Person) -> Mask:
         """(height, width) the pixels that show the person."""
         plate = self._aim(look, time_s, person)
-        maps = lens_maps(self._rig, plate, look(time_s).focal_px, 1.0)
-        return np.asarray(through_lens(self._stage.mask(plate.size(1.0)), maps, self._rig) > 127)
+        # finer than the image, as pictures are: else an edge would stand up to half a pixel beside itself
+        maps = lens_maps(self._rig, plate, look(time_s).focal_px, MOTION_SCALE)
+        return np.asarray(through_lens(self._stage.mask(plate.size(MOTION_SCALE)), maps, self._rig) > 127)
 
     def shadow(self, look: Look, time_s: float, person: Person, mask: Mask) -> Mask:
         """(height, width) the pixels that the person's shadow darkens, off the person's own ``mask``."""

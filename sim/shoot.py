@@ -35,7 +35,7 @@ from sim.scene import build_stage, scene_points, skeleton, stream
 from sim.sensor import SensorConfig, draw_dropped, rolls
 from sim.truth import Truth, save
 
-VERSION: Final = 3
+VERSION: Final = 4
 """Of the simulator. Raise it with every change to a default or to what comes of one, so that cached captures are shot
 again."""
 

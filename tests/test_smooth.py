@@ -11,10 +11,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from pzcap.panzoom import PanZoomConfig
+from pzcap.panzoom import systematic
 from pzcap.pipeline import Config, smoothed
 from pzcap.smooth import SmoothConfig, jerk, smooth
 from pzcap.types import Array, PanZoomTrack, PzcapError
+from tests import synthetic
+from tests.test_cylinder import camera_of
 
 RATE = Fraction(30)
 NONE = np.zeros((2, 2))
@@ -155,14 +157,21 @@ def test_negative_settings_are_refused() -> None:
 
 
 def test_the_pipeline_smooths_when_it_is_told_to() -> None:
+    """And sets aside what all frames of a camera share: the floor, and the scale of its sweep."""
     _, track = drawn(7)
-    off = smoothed((track, None), RATE, Config())
+    camera = replace(camera_of(synthetic.Optics()), focal_sigma=1e-3)
+    off = smoothed((track, None), (camera, None), RATE, Config())
     assert off == (track, None)
-    config = Config(smooth=SmoothConfig(enabled=True), panzoom=PanZoomConfig(method="paper"))
-    on, missing = smoothed((track, None), RATE, config)
+    config = Config(smooth=SmoothConfig(enabled=True))
+    common = systematic(config.panzoom, camera, track.pan_rad)
+    assert np.all(common[:, 1, 1] > 1e-6)
+    whole = replace(track, covariance=track.covariance + common)
+    on, missing = smoothed((whole, None), (camera, None), RATE, config)
     assert missing is None
     assert on is not None
-    np.testing.assert_array_equal(on.pan_rad, smooth(track, RATE, SmoothConfig(), NONE).pan_rad)
+    alone = smooth(track, RATE, SmoothConfig(), NONE)
+    np.testing.assert_allclose(on.pan_rad, alone.pan_rad, atol=1e-9)
+    np.testing.assert_allclose(on.covariance, alone.covariance + common, rtol=1e-4)
 
 
 # --------------------------------------------------------------------------------------------------------------
