@@ -49,8 +49,8 @@ def smooth(track: PanZoomTrack, frame_rate: Fraction, config: SmoothConfig, comm
 
     ``common`` (2, 2) or (F, 2, 2), of (pan, log focal), is the part of each frame's covariance that neighbouring frames
     share: zeros where their errors are independent. In a gap the covariance grows with the time to the next frame that
-    was found. A gap longer than ``config.max_gap_s`` stays not valid, and so does what is missing at either end; tilt and inliers
-    of frames that were found stay as they are.
+    was found. A gap longer than ``config.max_gap_s`` stays not valid, and so does what is missing at either end; tilt
+    and inliers of frames that were found stay as they are.
     """
     found = np.flatnonzero(track.valid)
     if len(found) < FEWEST:
