@@ -241,7 +241,7 @@ def _padded(coefficients: Array, order: int) -> Array:
 
 
 def _detect(image: Image, config: PanZoomConfig) -> Features:
-    return features.detect(grey(image), config.sweep.threshold, config.sweep.features)
+    return features.detect(grey(image), config.sweep.threshold, config.sweep.features, scales=features.FEW_SCALES)
 
 
 def _place_reference(
@@ -302,8 +302,8 @@ def _prepare_paper(
     pasted = panorama.stitch_paper(sweep, focal, config.sweep, lambda done: report("stitch sweep", done, 0))
     unfolded, covered, origin = cylinder.to_cylinder(reference_image, focal)
     inside = np.asarray(covered, np.uint8)
-    found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside, features.ALL_SCALES)
-    landmarks = panorama_features(pasted, config.threshold, config.panorama_features, features.ALL_SCALES)
+    found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside)
+    landmarks = panorama_features(pasted, config.threshold, config.panorama_features)
     pairs = features.match(found, landmarks, config.ratio)
     relative, places = found.points_px[pairs[:, 0]] - origin, landmarks.points_px[pairs[:, 1]]
     agree = ransac_eq15(relative, places)

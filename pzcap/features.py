@@ -14,8 +14,8 @@ from pzcap.types import Array, Image, Mask
 MAX_DISTANCE = 130
 """Of 486 bits: descriptors further apart are not of the same thing, however much further all others are."""
 
-FEW_SCALES = (2, 2)  # of AKAZE, where images are about as fine: as many matches, in less than half the time
-ALL_SCALES = (4, 4)  # as its authors have it
+ALL_SCALES = (4, 4)  # octaves of AKAZE, and levels in each, as its authors have it
+FEW_SCALES = (2, 2)  # where images are about equally fine: as many matches, in less than half the time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,7 @@ class Features:
 
 
 def detect(
-    image: Image, threshold: float, limit: int, mask: Image | None = None, scales: tuple[int, int] = FEW_SCALES
+    image: Image, threshold: float, limit: int, mask: Image | None = None, scales: tuple[int, int] = ALL_SCALES
 ) -> Features:
     """The ``limit`` strongest AKAZE features of ``image`` (H, W), grey, whose response exceeds ``threshold``.
 

@@ -220,7 +220,7 @@ def stitch_paper(frames: Frames, focal_px: float, config: SweepConfig, report: C
     for number, (_, image) in enumerate(frames):
         unfolded, covered, origin = cylinder.to_cylinder(image, focal_px)
         inside = np.asarray(cv2.erode(covered.astype(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
-        found = features.detect(grey(unfolded), config.threshold, config.features, inside, features.ALL_SCALES)
+        found = features.detect(grey(unfolded), config.threshold, config.features, inside)
         if before is not None:
             pairs = features.match(before, found, config.ratio)
             moved = before.points_px[pairs[:, 0]] - found.points_px[pairs[:, 1]]

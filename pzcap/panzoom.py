@@ -42,7 +42,7 @@ class PanZoomConfig:
     min_inliers: int = 12
     sure_agreement: float = 0.85  # of an alignment (see `align.Alignment`) alone, or features are asked
     min_agreement: float = 0.5  # of one that features led to
-    max_pan_sigma_deg: float = 0.05  # a frame known worse than this is not valid
+    max_pan_sigma_deg: float = 0.05  # a frame whose matches tell less than this is not valid
     pixels: int = 6000  # of a frame that are aligned with the panorama: more take longer
     floor_deg: float = 0.0012  # systematic error of pan: the least standard deviation that is claimed
     floor_focal: float = 1.7e-4  # the same of the focal length, relative
@@ -64,8 +64,7 @@ class Localiser:
         self._panorama = panorama
         self._camera = camera
         self._config = config
-        scales = features.FEW_SCALES if config.method == "exact" else features.ALL_SCALES
-        self._features = panorama_features(panorama, config.threshold, config.panorama_features, scales)
+        self._features = panorama_features(panorama, config.threshold, config.panorama_features)
         self._aligner = None
         if config.method == "exact":
             self._aligner = Aligner(panorama, camera, pixels=config.pixels, free_tilt=config.free_tilt)
@@ -151,7 +150,7 @@ class Localiser:
         zoom = solution.focal_px / self._camera.lens.reference_focal_px
         valid = (
             good.sum() >= config.min_inliers
-            and np.sqrt(covariance[0, 0]) < np.deg2rad(config.max_pan_sigma_deg)
+            and np.sqrt(solution.covariance[0, 0]) < np.deg2rad(config.max_pan_sigma_deg)
             and bool(np.all(np.ptp(points_px[good], axis=0) > 0.2 * self._camera.lens.height))
             and config.zoom_range[0] < zoom < config.zoom_range[1]
         )
@@ -184,7 +183,7 @@ class Localiser:
         config, lens = self._config, self._camera.lens
         unfolded, covered, origin = cylinder.to_cylinder(image, lens.reference_focal_px)
         inside = np.asarray(cv2.erode(covered.astype(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
-        found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside, features.ALL_SCALES)
+        found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside)
         relative, places = np.empty((0, 2)), np.empty((0, 2))
         agree = np.zeros(0, bool)
         for window in self._windows(prior):
@@ -241,13 +240,13 @@ def predicted(before: Localisation | None, last: Localisation | None) -> Localis
     )
 
 
-def panorama_features(panorama: Panorama, threshold: float, limit: int, scales: tuple[int, int]) -> Features:
+def panorama_features(panorama: Panorama, threshold: float, limit: int) -> Features:
     """AKAZE features of a panorama, away from its ragged edge."""
     border = WRAP if panorama.full_turn else 0
     image = cv2.copyMakeBorder(grey(panorama.image), 0, 0, border, border, cv2.BORDER_WRAP)
     known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), 0, 0, border, border, cv2.BORDER_WRAP)
     inside = np.asarray(cv2.erode(known, np.ones((9, 9), np.uint8)), np.uint8)
-    found = features.detect(np.asarray(image, np.uint8), threshold, limit, inside, scales)
+    found = features.detect(np.asarray(image, np.uint8), threshold, limit, inside)
     points = found.points_px - np.array([border, 0.0])
     own = (points[:, 0] >= -0.5) & (points[:, 0] < panorama.image.shape[1] - 0.5)
     return Features(points[own], found.descriptors[own], found.brightness[own])

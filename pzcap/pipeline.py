@@ -115,7 +115,7 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
     """
     seconds = {"prepare": 0.0, "panzoom": 0.0, "foreground": 0.0, "tracking": 0.0}
     notes: list[str] = []
-    with ThreadPoolExecutor(config.threads) as pool:
+    with ThreadPoolExecutor(config.threads) as pool, ThreadPoolExecutor(1) as worker:
         sets = frame_sets(capture)
         tracker = _tracker(capture, sets, config, notes)
 
@@ -132,27 +132,24 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
 
         found: list[list[Localisation | None]] = [[] for _ in capture.cameras]
         poses: list[tracking.Tracked] = []
-        views = _Views(prepared, localisers, config, pool)
-        for frames in sets:
-            started = time.perf_counter()
-            localisations = views.localise(frames)
-            seconds["panzoom"] += time.perf_counter() - started
-            for history, localisation in zip(found, localisations, strict=True):
+        views = _Views(prepared, localisers, config, pool, seconds)
+        sight = map(views.look, sets)
+        seen = next(sight, None)
+        while seen is not None:
+            for history, localisation in zip(found, seen[0].localisations, strict=True):
                 history.append(localisation)
-            yield FrameLocalised(frames, localisations)
-
-            started = time.perf_counter()
-            cameras, silhouettes = views.separate(frames, localisations)
-            seconds["foreground"] += time.perf_counter() - started
-            yield FrameSeparated(frames, cameras, silhouettes)
-
+            yield from seen
+            # the next instant is looked at while the body is tracked in this one; at rest while somebody takes results
+            coming = worker.submit(next, sight, None)
+            arrived = []
             if tracker:
                 started = time.perf_counter()
-                arrived = tracker.push(_track_input(frames, cameras, silhouettes))
+                arrived = tracker.push(_track_input(seen[1]))
                 seconds["tracking"] += time.perf_counter() - started
-                yield from map(_tracked, arrived)
-                poses += arrived
-            yield Progress("motion", frames.index + 1, len(sets))
+            index, seen = seen[0].frames.index, coming.result()
+            yield from map(_tracked, arrived)
+            poses += arrived
+            yield Progress("motion", index + 1, len(sets))
         if tracker:
             started = time.perf_counter()
             arrived = tracker.finish()
@@ -278,12 +275,22 @@ class _Views:
     localisers: list[panzoom.Localiser | None]
     config: Config
     pool: ThreadPoolExecutor
+    seconds: dict[str, float]  # of each stage, added to
     before: list[Localisation | None] = field(init=False)
     last: list[Localisation | None] = field(init=False)
 
     def __post_init__(self) -> None:
         self.before = [None] * len(self.prepared)
         self.last = [None] * len(self.prepared)
+
+    def look(self, frames: FrameSet) -> tuple[FrameLocalised, FrameSeparated]:
+        started = time.perf_counter()
+        localisations = self.localise(frames)
+        localised = time.perf_counter()
+        cameras, silhouettes = self.separate(frames, localisations)
+        self.seconds["panzoom"] += localised - started
+        self.seconds["foreground"] += time.perf_counter() - localised
+        return FrameLocalised(frames, localisations), FrameSeparated(frames, cameras, silhouettes)
 
     def localise(self, frames: FrameSet) -> tuple[Localisation | None, ...]:
         def one(index: int, image: Image | None) -> Localisation | None:
@@ -365,16 +372,14 @@ def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]
     return tracking.Tracker(model, sets.keyframes, config.tracking)
 
 
-def _track_input(
-    frames: FrameSet, cameras: tuple[Camera | None, ...], silhouettes: tuple[Silhouette | None, ...]
-) -> tracking.TrackInput:
+def _track_input(seen: FrameSeparated) -> tracking.TrackInput:
     return tracking.TrackInput(
-        frames.index,
+        seen.frames.index,
         tuple(
             tracking.View(image, camera, silhouette)
             if image is not None and camera is not None and silhouette is not None and silhouette.valid
             else None
-            for image, camera, silhouette in zip(frames.images, cameras, silhouettes, strict=True)
+            for image, camera, silhouette in zip(seen.frames.images, seen.cameras, seen.silhouettes, strict=True)
         ),
     )
 

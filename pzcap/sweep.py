@@ -69,7 +69,7 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
                 continue
         kept.append(index)
         images.append(grey(image))
-        found.append(features.detect(images[-1], config.threshold, config.features))
+        found.append(features.detect(images[-1], config.threshold, config.features, scales=features.FEW_SCALES))
         if len(kept) > 1:
             last = len(kept) - 1
             link = link_pan(found, last - 1, last, view, expected, config) if last > 1 else None

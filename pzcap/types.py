@@ -27,7 +27,7 @@ Units
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Final
@@ -207,12 +207,12 @@ class PanZoomCamera:
     world_T_head: Array  # (4, 4)
     tilt_rad: float  # of the optical axis against the plane normal to the pan axis
     roll_rad: float
-    _: KW_ONLY
     # the projection centre against the pan axis, forward and to the left (what the slide head left)
-    offset_m: Array = field(default_factory=lambda: np.zeros(2))  # (2,)
+    offset_m: Array = field(default_factory=lambda: np.zeros(2), kw_only=True)  # (2,)
     # relative, of all focal lengths in common: the scale of the sweep, which only a closed circle fixes well
-    focal_sigma: float = 0.0
-    travel_m: float = 0.0  # of the projection centre, forward along the optical axis, for each unit of log focal
+    focal_sigma: float = field(default=0.0, kw_only=True)
+    # of the projection centre, forward along the optical axis, for each unit of log focal
+    travel_m: float = field(default=0.0, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
