@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from pzcap import raster, residuals
 from pzcap.body import DOF, Body, forward, lift, place, screws
-from pzcap.types import SEGMENTS, Array, Camera, Image, Pose
+from pzcap.foreground import LOG_ODDS_STEPS, ForegroundConfig, refine
+from pzcap.foreground import evidence as colour_evidence
+from pzcap.limbs import BELIEF_SCALE, GROUP, Ground, ground
+from pzcap.types import SEGMENTS, Array, Camera, Image, Pose, Silhouette
 
 Float32 = NDArray[np.float32]
 
@@ -23,6 +26,12 @@ LEVELS = 3
 """Pyramid levels: each halves the one below it."""
 DEPTH_TOLERANCE_M = 0.03
 _Z_SCALE = 2.0
+_SURE = 3.0  # log-odds that count in full
+
+SEGMENT_WIDTH_M = np.array(
+    [{"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07, "hand": 0.05,
+      "thigh": 0.15, "shank": 0.1, "foot": 0.08}[n.removeprefix("left_").removeprefix("right_")] for n in SEGMENTS]
+)  # fmt: skip
 
 
 def place_body(body: Body, pose: Pose) -> tuple[Array, Array, Array]:
@@ -49,8 +58,60 @@ def observe(image: Image, probability: Image, camera: Camera, left: int, top: in
     levels = [np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 0.7), np.float32)]
     for _ in range(LEVELS - 1):
         levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.float32))
-    smooth = cv2.GaussianBlur(probability, (0, 0), 0.7).astype(np.float32) / 255.0
-    return Observation(camera, left, top, tuple(levels), smooth)
+    return Observation(camera, left, top, tuple(levels), _smooth(probability))
+
+
+def _smooth(probability: Image) -> Float32:
+    return np.asarray(cv2.GaussianBlur(probability, (0, 0), 0.7), np.float32) / np.float32(255.0)
+
+
+@dataclass(slots=True, eq=False)
+class Cut:
+    """A view cut out around the body: what is kept of it until both directions of time have used it."""
+
+    image: Image  # (h, w, 3)
+    background: Image  # (h, w, 3)
+    colours: NDArray[np.int8]  # (h, w) of `pzcap.foreground.evidence`
+    belief: Float32  # (h / 4, w / 4) of `pzcap.limbs.Ground`
+    seen: Observation
+
+    def look_again(self, predicted: PlacedView, config: ForegroundConfig) -> None:
+        """Cut the silhouette once more, with the body where it is predicted."""
+        seen = self.seen
+        height, width = seen.probability.shape
+        outline = signed_distance(predicted, seen.left, seen.top, width, height)
+        better = _smooth(refine(self.image, self.background, self.colours, outline, config))
+        self.seen = Observation(seen.camera, seen.left, seen.top, seen.grey, better)
+
+    def ground(self, placed: PlacedView) -> Ground:
+        """What the limbs are judged by, the body being where it was ``placed``."""
+        seen = self.seen
+        corner = np.array([seen.left, seen.top]) + 0.5 * (BELIEF_SCALE - 1)
+        origin = (corner - [placed.z_left, placed.z_top]) / _Z_SCALE
+        shift = np.column_stack([BELIEF_SCALE / _Z_SCALE * np.eye(2), origin])
+        return ground(seen.camera, corner, self.belief, placed.cover, shift)
+
+
+def cut_out(
+    body: Body, image: Image, silhouette: Silhouette, camera: Camera, pose: Pose, margin: float,
+    config: ForegroundConfig,
+) -> Cut | None:  # fmt: skip
+    """The part of a view around the body, copied so that the frame itself can be let go. None where it is not seen."""
+    window = body_window(body, pose, camera, margin)
+    if window is None:
+        return None
+    left, top, right, bottom = window
+    part = np.s_[top:bottom, left:right]
+    image, background = image[part].copy(), silhouette.background[part].copy()
+    colours = colour_evidence(image, background, camera, left, top, config)
+    sure = np.clip(colours.astype(np.float32) / (LOG_ODDS_STEPS * _SURE), -1.0, 1.0)
+    small = (colours.shape[1] // BELIEF_SCALE, colours.shape[0] // BELIEF_SCALE)
+    sure = sure[: BELIEF_SCALE * small[1], : BELIEF_SCALE * small[0]]
+    belief = cv2.resize(sure, small, interpolation=cv2.INTER_AREA)
+    return Cut(
+        image, background, colours, np.asarray(belief, np.float32),
+        observe(image, silhouette.probability[part], camera, left, top),
+    )  # fmt: skip
 
 
 @dataclass(slots=True, eq=False)
@@ -73,6 +134,7 @@ class PlacedView:
     depth: Array  # (V,)
     facing: Float32  # (V,) cosine to the ray where visible, else 0
     z_buffer: Float32
+    cover: NDArray[np.uint8]  # bits of `pzcap.limbs.GROUP`, of all that lies there
     z_left: int
     z_top: int
 
@@ -110,13 +172,15 @@ def place_view(body: Body, points: Array, normals: Array, camera: Camera, scale:
     raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
     left, top, width, height = _window(pixels, depth, camera, 12)
     z_buffer = np.empty((int(height // scale) + 1, int(width // scale) + 1), np.float32)
-    raster.rasterise(pixels, depth, body.surface.faces, left, top, scale, z_buffer)
+    cover = np.empty(z_buffer.shape, np.uint8)
+    group = GROUP[body.surface.segment]
+    raster.rasterise(pixels, depth, body.surface.faces, group, left, top, scale, z_buffer, cover)
     facing = np.empty(len(points), np.float32)
     raster.visible(
         points, normals, pixels, depth, np.ascontiguousarray(camera.world_T_cam[:3, 3]), z_buffer, left, top, scale,
         DEPTH_TOLERANCE_M, facing,
     )  # fmt: skip
-    return PlacedView(pixels, depth, facing, z_buffer, left, top)
+    return PlacedView(pixels, depth, facing, z_buffer, cover, left, top)
 
 
 def _window(pixels: Array, depth: Array, camera: Camera, margin: int) -> tuple[int, int, int, int]:
@@ -151,10 +215,9 @@ def body_window(body: Body, pose: Pose, camera: Camera, margin: float) -> tuple[
 class Evidence:
     """The views of one instant."""
 
-    def __init__(self, body: Body, views: Sequence[Observation | None], segment_width_m: Array) -> None:
+    def __init__(self, body: Body, cuts: Sequence[Cut | None]) -> None:
         self.body = body
-        self.views = views
-        self._segment_width_m = segment_width_m
+        self.cuts = cuts
 
     def place(self, pose: Pose) -> tuple[Array, Array, Array]:
         """``world_T_segment``, and the skin's points and normals in the world."""
@@ -163,7 +226,17 @@ class Evidence:
     def visibility(self, pose: Pose) -> list[PlacedView | None]:
         """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
         _, points, normals = self.place(pose)
-        return [None if v is None else place_view(self.body, points, normals, v.camera) for v in self.views]
+        return [None if c is None else place_view(self.body, points, normals, c.seen.camera) for c in self.cuts]
+
+    def look_again(self, placed: Sequence[PlacedView | None], config: ForegroundConfig) -> None:
+        """Cut the silhouettes once more, with the body where it was ``placed``."""
+        for cut, where in zip(self.cuts, placed, strict=True):
+            if cut is not None and where is not None:
+                cut.look_again(where, config)
+
+    def grounds(self, placed: Sequence[PlacedView | None]) -> list[Ground | None]:
+        """What the limbs are judged by, the body being where it was ``placed``."""
+        return [None if c is None or p is None else c.ground(p) for c, p in zip(self.cuts, placed, strict=True)]
 
     def normal(
         self,
@@ -179,16 +252,16 @@ class Evidence:
         hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
         nuisance = np.full(residuals.NUISANCES, 1.0 / terms.shading_sigma**2)
-        for view, where, appearance in zip(self.views, placed, appearances, strict=True):
-            if view is None or where is None:
+        for cut, where, appearance in zip(self.cuts, placed, appearances, strict=True):
+            if cut is None or where is None:
                 continue
-            camera = view.camera
+            view, camera = cut.seen, cut.seen.camera
             raster.project(
                 points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, where.pixels, where.depth
             )
             scale = float(2**terms.level)
             px_per_m = camera.focal_px / max(float(np.linalg.norm(centre - camera.world_T_cam[:3, 3])), 0.5)
-            weight = (self._segment_width_m * px_per_m / scale > 3.0).astype(np.float64)  # too thin to be seen here
+            weight = (SEGMENT_WIDTH_M * px_per_m / scale > 3.0).astype(np.float64)  # too thin to be seen here
             if appearance is not None and terms.brightness_weight > 0:
                 residuals.photometric(
                     points, normals, surface.segment, where.facing, where.pixels, camera.world_T_cam,
@@ -207,11 +280,12 @@ class Evidence:
         assert hessian.shape == (DOF, DOF)
         return Normal(hessian, gradient, contour, brightness)
 
-    def learn(self, pose: Pose, appearances: Sequence[Appearance | None], rate: float) -> None:
-        """Let the appearance of what is visible at ``pose`` adapt by ``rate``; new points are taken as they are."""
-        for view, where, appearance in zip(self.views, self.visibility(pose), appearances, strict=True):
-            if view is None or where is None or appearance is None:
+    def learn(self, placed: Sequence[PlacedView | None], appearances: Sequence[Appearance | None], rate: float) -> None:
+        """Let the appearance of what is visible adapt by ``rate``; new points are taken as they are."""
+        for cut, where, appearance in zip(self.cuts, placed, appearances, strict=True):
+            if cut is None or where is None or appearance is None:
                 continue
+            view = cut.seen
             values = np.empty((LEVELS, len(where.depth)), np.float32)
             for level in range(LEVELS):
                 raster.sample(view.grey[level], view.left, view.top, float(2**level), where.pixels, values[level])

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobians
-from pzcap.evidence import Appearance, body_window
+from pzcap.evidence import Appearance, Cut, Evidence, cut_out
 from pzcap.following import Follower, Step, TrackingConfig, improve
-from pzcap.foreground import evidence
-from pzcap.merging import Cut, merge
+from pzcap.merging import merge
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
 
 __all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "View", "collect", "track"]
@@ -59,20 +58,6 @@ class _Instant:
     frame: int
     cuts: list[Cut | None]
     step: Step
-
-
-def _cut_out(body: Body, view: View | None, pose: Pose, config: TrackingConfig) -> Cut | None:
-    """The part of a view around the body, copied so that the frame itself can be let go."""
-    if view is None or not view.silhouette.valid:
-        return None
-    window = body_window(body, pose, view.camera, config.cut_out_margin)
-    if window is None:
-        return None
-    left, top, right, bottom = window
-    part = np.s_[top:bottom, left:right]
-    image, background = view.image[part].copy(), view.silhouette.background[part].copy()
-    colours = evidence(image, background, view.camera, left, top, config.foreground)
-    return Cut(view.camera, left, top, image, background, view.silhouette.probability[part].copy(), colours)
 
 
 class Tracker:
@@ -126,14 +111,17 @@ class Tracker:
         cuts = self._cut(item.views, pose)
         anchor = self._settle(pose, cuts)
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, cuts, anchor.pose)
-        self._ahead = Follower(self.body, self.config, anchor.pose, velocity, cuts)
-        back = Follower(self.body, self.config, anchor.pose, -velocity, cuts)
-        done = []
+        self._ahead = Follower(self.body, self.config, anchor.pose, velocity, cuts, True)
+        back = Follower(self.body, self.config, anchor.pose, -velocity, cuts, bool(self._lead))
+        done, behind = [], []
         for instant in reversed(self._waiting):
-            step, ahead = back.step(instant.cuts), instant.step
-            merged, _ = merge(self.body, ahead.pose, step.pose, ahead.variance, step.variance, instant.cuts)
+            behind.append(back.step(instant.cuts))
             instant.cuts = []
-            done.append(self._result(instant.frame, merged, ahead.hessian + step.hessian, step.seen or ahead.seen))
+        behind.reverse()
+        poses = merge(self.body, [i.step for i in self._waiting], behind)
+        for instant, pose, step in zip(self._waiting, poses, behind, strict=True):
+            done.append(self._result(instant.frame, pose, instant.step.hessian + step.hessian, step.seen))
+        done.reverse()
         for early in reversed(self._lead):
             step = back.step(self._cut(early.views, back.predict()))
             done.append(self._result(early.frame, step.pose, step.hessian, step.seen))
@@ -141,15 +129,24 @@ class Tracker:
         return [*reversed(done), self._result(item.frame, anchor.pose, anchor.hessian, True)]
 
     def _cut(self, views: Sequence[View | None], pose: Pose) -> list[Cut | None]:
-        return [_cut_out(self.body, view, pose, self.config) for view in views]
+        config = self.config
+        return [
+            None
+            if view is None or not view.silhouette.valid
+            else cut_out(
+                self.body, view.image, view.silhouette, view.camera, pose, config.cut_out_margin, config.foreground
+            )
+            for view in views
+        ]
 
     def _settle(self, pose: Pose, cuts: list[Cut | None]) -> Step:
         """A keyframe's pose, improved by the images with the hand's error as prior."""
         unseen: list[Appearance | None] = [None] * len(cuts)
         if all(cut is None for cut in cuts):
-            return Step(pose, np.zeros(DOF), self._hand, np.zeros(len(SEGMENTS)), False)
-        pose, normal, _ = improve(self.body, cuts, pose, self._hand, unseen, self.config)
-        return Step(pose, np.zeros(DOF), normal.hessian + self._hand, np.zeros(len(SEGMENTS)), True)
+            return Step(pose, np.zeros(DOF), self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), False)
+        evidence = Evidence(self.body, cuts)
+        pose, normal = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule, True)
+        return Step(pose, np.zeros(DOF), normal.hessian + self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), True)
 
     def _result(self, frame: int, pose: Pose, hessian: Array, valid: bool) -> Tracked:
         frames = forward(self.body, pose)
