@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap import raster, residuals
-from pzcap.body import DOF, Body, forward, lift, place, screws
+from pzcap.body import Body, forward, lift, place, screws
 from pzcap.foreground import LOG_ODDS_STEPS, ForegroundConfig, refine
 from pzcap.foreground import evidence as colour_evidence
 from pzcap.limbs import BELIEF_SCALE, GROUP, Ground, ground
+from pzcap.shape import ContourRows
 from pzcap.types import SEGMENTS, Array, Camera, Image, Pose, Silhouette
 
 Float32 = NDArray[np.float32]
@@ -246,7 +247,6 @@ class Evidence:
         terms: Terms,
     ) -> Normal:
         """Accumulate all residuals at ``pose``, with visibility as ``placed``."""
-        surface = self.body.surface
         frames, points, normals = self.place(pose)
         centre = np.ascontiguousarray(frames[0, :3, 3])
         hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
@@ -264,21 +264,46 @@ class Evidence:
             weight = (SEGMENT_WIDTH_M * px_per_m / scale > 3.0).astype(np.float64)  # too thin to be seen here
             if appearance is not None and terms.brightness_weight > 0:
                 residuals.photometric(
-                    points, normals, surface.segment, where.facing, where.pixels, camera.world_T_cam,
+                    points, normals, self.body.surface.segment, where.facing, where.pixels, camera.world_T_cam,
                     camera.focal_px, camera.k1, centre, view.grey[terms.level], view.left, view.top, scale,
                     appearance.value[terms.level], appearance.trust, terms.brightness_sigma, nuisance,
                     weight * terms.brightness_weight, hessians, gradients, brightness,
                 )  # fmt: skip
             if terms.contour_weight > 0:
-                residuals.contour(
-                    points, normals, surface.segment, surface.edges, where.depth, camera.world_T_cam,
-                    camera.focal_px, camera.principal_px, camera.k1, centre, where.z_buffer, where.z_left,
-                    where.z_top, _Z_SCALE, view.probability, view.left, view.top, terms.reach_px,
-                    terms.contour_sigma_px, np.full(len(SEGMENTS), terms.contour_weight), hessians, gradients, contour,
-                )  # fmt: skip
+                rows, segment, count = self._contour(view, where, points, normals, terms, contour)
+                residuals.accumulate(rows, segment, count, centre, hessians, gradients)
         hessian, gradient = lift(hessians, gradients, screws(frames, centre))
-        assert hessian.shape == (DOF, DOF)
         return Normal(hessian, gradient, contour, brightness)
+
+    def contour(self, pose: Pose, placed: Sequence[PlacedView | None], terms: Terms) -> ContourRows:
+        """The residuals of the contour alone, one by one."""
+        _, points, normals = self.place(pose)
+        parts, segments = [np.zeros((0, 8))], [np.zeros(0, np.int64)]
+        for cut, where in zip(self.cuts, placed, strict=True):
+            if cut is None or where is None:
+                continue
+            camera = cut.seen.camera
+            raster.project(
+                points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, where.pixels, where.depth
+            )
+            rows, segment, count = self._contour(cut.seen, where, points, normals, terms, np.zeros((16, 3)))
+            parts.append(rows[:count])
+            segments.append(segment[:count])
+        found = np.concatenate(parts)
+        return ContourRows(np.concatenate(segments), found[:, 5:], found[:, 2:5], found[:, 1], found[:, 0])
+
+    def _contour(
+        self, view: Observation, where: PlacedView, points: Array, normals: Array, terms: Terms, cost: Array
+    ) -> tuple[Array, NDArray[np.int64], int]:
+        camera, surface = view.camera, self.body.surface
+        rows, segment = np.empty((len(surface.edges), 8)), np.empty(len(surface.edges), np.int64)
+        count = residuals.contour(
+            points, normals, surface.segment, surface.edges, where.depth, camera.world_T_cam, camera.focal_px,
+            camera.principal_px, camera.k1, where.z_buffer, where.z_left, where.z_top, _Z_SCALE, view.probability,
+            view.left, view.top, terms.reach_px, terms.contour_sigma_px, np.full(len(SEGMENTS), terms.contour_weight),
+            rows, segment, cost,
+        )  # fmt: skip
+        return rows, segment, count
 
     def learn(self, placed: Sequence[PlacedView | None], appearances: Sequence[Appearance | None], rate: float) -> None:
         """Let the appearance of what is visible adapt by ``rate``; new points are taken as they are."""

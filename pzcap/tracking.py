@@ -18,6 +18,8 @@ from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobi
 from pzcap.evidence import Appearance, Cut, Evidence, cut_out
 from pzcap.following import Follower, Step, TrackingConfig, improve
 from pzcap.merging import merge
+from pzcap.polishing import correct, polish
+from pzcap.shape import ShapeEstimate
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
 
 __all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "View", "collect", "track"]
@@ -74,7 +76,9 @@ class Tracker:
         self.body, self.config = body, config
         self._keys = {key.frame: key.pose for key in keyframes}
         self._last_key = max(self._keys)
+        self._shape = ShapeEstimate(body)
         self._ahead: Follower | None = None
+        self._anchor: Step
         self._lead: list[TrackInput] = []  # before the first keyframe
         self._waiting: list[_Instant] = []  # since the latest one
         sigma = np.full(DOF, config.keyframe_rotation_sigma_rad)
@@ -111,22 +115,33 @@ class Tracker:
         cuts = self._cut(item.views, pose)
         anchor = self._settle(pose, cuts)
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, cuts, anchor.pose)
+        done = self._close(anchor, cuts, velocity)
+        if done:
+            anchor = self._settle(pose, cuts)  # the body has been corrected
         self._ahead = Follower(self.body, self.config, anchor.pose, velocity, cuts, True)
-        back = Follower(self.body, self.config, anchor.pose, -velocity, cuts, bool(self._lead))
-        done, behind = [], []
-        for instant in reversed(self._waiting):
-            behind.append(back.step(instant.cuts))
-            instant.cuts = []
-        behind.reverse()
-        poses = merge(self.body, [i.step for i in self._waiting], behind)
-        for instant, pose, step in zip(self._waiting, poses, behind, strict=True):
-            done.append(self._result(instant.frame, pose, instant.step.hessian + step.hessian, step.seen))
-        done.reverse()
-        for early in reversed(self._lead):
-            step = back.step(self._cut(early.views, back.predict()))
-            done.append(self._result(early.frame, step.pose, step.hessian, step.seen))
-        self._waiting, self._lead = [], []
-        return [*reversed(done), self._result(item.frame, anchor.pose, anchor.hessian, True)]
+        self._anchor = anchor
+        early = Follower(self.body, self.config, anchor.pose, -velocity, cuts, True)
+        for lead in reversed(self._lead):
+            step = early.step(self._cut(lead.views, early.predict()))
+            done.insert(0, self._result(lead.frame, step.pose, step.hessian, step.seen))
+        self._lead = []
+        return [*done, self._result(item.frame, anchor.pose, anchor.hessian, True)]
+
+    def _close(self, anchor: Step, cuts: list[Cut | None], velocity: Array) -> list[Tracked]:
+        """The frames since the latest keyframe, the next one now settled."""
+        waiting, self._waiting = self._waiting, []
+        if not waiting:
+            return []
+        back = Follower(self.body, self.config, anchor.pose, -velocity, cuts, False)
+        behind = [back.step(instant.cuts) for instant in reversed(waiting)][::-1]
+        views = [instant.cuts for instant in waiting]
+        poses = merge(self.body, [instant.step for instant in waiting], behind)
+        self.body = correct(self.body, self._shape, poses[::2], views[::2], self.config)
+        polished = polish(self.body, poses, views, self._anchor.pose, anchor.pose, self.config)
+        return [
+            self._result(instant.frame, pose, hessian, step.seen)
+            for instant, step, pose, hessian in zip(waiting, behind, polished.poses, polished.hessians, strict=True)
+        ]
 
     def _cut(self, views: Sequence[View | None], pose: Pose) -> list[Cut | None]:
         config = self.config
