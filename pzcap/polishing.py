@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pzcap.body import DOF, Body, forward, limit_residuals, retract
+from pzcap.body import DOF, Body, difference, forward, limit_residuals, retract
 from pzcap.evidence import Appearance, Cut, Evidence, PlacedView
 from pzcap.following import TrackingConfig
 from pzcap.shape import ShapeEstimate
 from pzcap.trajectory import smooth_step
-from pzcap.types import Array, Pose
+from pzcap.types import Array, Keyframe, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,17 +34,33 @@ def correct(
     poses: Sequence[Pose],
     views: Sequence[Sequence[Cut | None]],
     config: TrackingConfig,
-) -> Body:
-    """The body as these frames, too, have it."""
-    terms = config.schedule[-1].terms
-    weak = np.eye(DOF) * 1.0
+) -> None:
+    """Tell ``shape`` what the contours of some frames, tracked with ``body``, say."""
+    anything = config.shape_weight / config.start_widening**2 * np.eye(DOF)
     for pose, cuts in zip(poses, views, strict=True):
-        evidence = Evidence(body, cuts)
-        rows = evidence.contour(pose, evidence.visibility(pose), terms)
-        if len(rows.segment):
-            rows.weight[:] *= config.shape_weight
-            shape.add(forward(body, pose), rows, config.shape_weight * weak, np.zeros(DOF))
-    return shape.solve()
+        _add(body, shape, pose, cuts, config, anything, np.zeros(DOF))
+
+
+def correct_by_hand(
+    body: Body, shape: ShapeEstimate, pose: Pose, key: Keyframe, hand: Array, cuts: Sequence[Cut | None],
+    config: TrackingConfig,
+) -> None:  # fmt: skip
+    """Tell ``shape`` what a keyframe says: a hand knows where the joints are, and not only where the skin is.
+
+    ``pose`` is the one settled on, ``hand`` the information (43, 43) of the keyframe's.
+    """
+    _add(body, shape, pose, cuts, config, hand, hand @ difference(key.pose, pose))
+
+
+def _add(
+    body: Body, shape: ShapeEstimate, pose: Pose, cuts: Sequence[Cut | None], config: TrackingConfig, prior: Array,
+    pull: Array,
+) -> None:  # fmt: skip
+    evidence = Evidence(body, cuts)
+    rows = evidence.contour(pose, evidence.visibility(pose), config.schedule[-1].terms)
+    if len(rows.segment):
+        rows.weight[:] *= config.shape_weight
+        shape.add(forward(body, pose), rows, prior, pull)
 
 
 def polish(

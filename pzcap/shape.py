@@ -83,15 +83,17 @@ def basis(body: Body) -> Basis:
     for near, far in (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shank"), ("shank", "foot")):
         length = float(-body.offsets_m[_segments(far)[0], 2])
         add(tape, dict.fromkeys(_segments(far), (0, 0, -1.0)), {i: stretch(2, 1 / length) for i in _segments(near)})
-    for index in range(4):  # the trunk and the head: deeper, wider, further ahead
+    for index in range(4):  # the trunk and the head: deeper, wider, further ahead, further up
         half = half_axes(index)
         add(_SKIN_SIGMA_M, {}, {index: stretch(0, 1 / half[0])})
         add(_SKIN_SIGMA_M, {}, {index: stretch(1, 1 / half[1])})
         add(_SKIN_SIGMA_M, {}, {index: shift(0)})
-    for name in ("upper_arm", "forearm", "hand", "thigh", "shank"):  # thicker
+        add(_SKIN_SIGMA_M, {}, {index: shift(2)})
+    for name in ("upper_arm", "forearm", "hand", "thigh", "shank"):  # thicker, further ahead
         half = half_axes(_segments(name)[0])
         scale = 1 / float(half[:2].mean())
         add(_SKIN_SIGMA_M, {}, {i: stretch(0, scale) + stretch(1, scale) for i in _segments(name)})
+        add(_SKIN_SIGMA_M, {}, {i: shift(0) for i in _segments(name)})
     for name, axis in (("head", 2), ("hand", 2), ("foot", 0), ("foot", 1), ("foot", 2)):  # what ends a limb
         extent = 2 * float(half_axes(_segments(name)[0])[axis])
         add(_SKIN_SIGMA_M, {}, {i: stretch(axis, 1 / extent) for i in _segments(name)})

@@ -18,7 +18,7 @@ from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobi
 from pzcap.evidence import Appearance, Cut, Evidence, cut_out
 from pzcap.following import Follower, Step, TrackingConfig, improve
 from pzcap.merging import merge
-from pzcap.polishing import correct, polish
+from pzcap.polishing import correct, correct_by_hand, polish
 from pzcap.shape import ShapeEstimate
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
 
@@ -115,6 +115,9 @@ class Tracker:
         cuts = self._cut(item.views, pose)
         anchor = self._settle(pose, cuts)
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, cuts, anchor.pose)
+        if anchor.seen:
+            key = Keyframe(item.frame, pose)
+            correct_by_hand(self.body, self._shape, anchor.pose, key, self._hand, cuts, self.config)
         done = self._close(anchor, cuts, velocity)
         if done:
             anchor = self._settle(pose, cuts)  # the body has been corrected
@@ -136,7 +139,8 @@ class Tracker:
         behind = [back.step(instant.cuts) for instant in reversed(waiting)][::-1]
         views = [instant.cuts for instant in waiting]
         poses = merge(self.body, [instant.step for instant in waiting], behind)
-        self.body = correct(self.body, self._shape, poses[::2], views[::2], self.config)
+        correct(self.body, self._shape, poses[::2], views[::2], self.config)
+        self.body = self._shape.solve()
         polished = polish(self.body, poses, views, self._anchor.pose, anchor.pose, self.config)
         return [
             self._result(instant.frame, pose, hessian, step.seen)
