@@ -299,9 +299,9 @@ class Evidence:
         rows, segment = np.empty((len(surface.edges), 8)), np.empty(len(surface.edges), np.int64)
         count = residuals.contour(
             points, normals, surface.segment, surface.edges, where.depth, camera.world_T_cam, camera.focal_px,
-            camera.principal_px, camera.k1, where.z_buffer, where.z_left, where.z_top, _Z_SCALE, view.probability,
-            view.left, view.top, terms.reach_px, terms.contour_sigma_px, np.full(len(SEGMENTS), terms.contour_weight),
-            rows, segment, cost,
+            camera.principal_px, camera.k1, where.z_buffer, where.cover, GROUP, where.z_left, where.z_top, _Z_SCALE,
+            view.probability, view.left, view.top, terms.reach_px, terms.contour_sigma_px,
+            np.full(len(SEGMENTS), terms.contour_weight), rows, segment, cost,
         )  # fmt: skip
         return rows, segment, count
 

@@ -1,7 +1,9 @@
-"""Two estimates of one instant, from the keyframe before it and from the one after it, made one: drift removed.
+"""Two estimates of each instant, from the keyframe before it and from the one after it, made one: drift removed.
 
 Where the two agree they are averaged limb by limb, weighted by confidence, which falls with the distance from the
-keyframe (Yamamoto 2005). Where they do not, one of them has lost the limb, and the silhouettes decide which.
+keyframe (Yamamoto 2005). Where they do not, one of them has lost the limb. Which one is decided for all frames of the
+interval together: the limb that explains more of the silhouettes, and that leaps least on its way from one keyframe to
+the other.
 """
 
 from __future__ import annotations
@@ -10,41 +12,76 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, retract
+from pzcap.body import DOF_SEGMENT, Body, difference, forward, retract
 from pzcap.following import Step
 from pzcap.limbs import LIMBS
-from pzcap.types import Array, Pose
+from pzcap.types import SEGMENTS, Array, Pose
 
 AGREE_M: Final = 0.05
-_AROUND: Final = 2  # frames on either side that have a say in which pass kept a limb
-_SUPPORT_M2: Final = 0.004  # a pass whose limb explains so much more is believed against the other's confidence
+_LEAP_M: Final = 0.04  # what a joint's motion may change by in a frame
+_WORST_LEAP: Final = 10.0  # of the squares of that: a limb found again leaps once
+_SUPPORT_M2: Final = 0.01  # silhouette that weighs as much as a leap
 
 
-def merge(body: Body, ahead: Sequence[Step], back: Sequence[Step]) -> list[Pose]:
-    """The poses of an interval from the steps of its forward and backward pass, both in the order of the frames."""
+def merge(body: Body, before: Pose, ahead: Sequence[Step], back: Sequence[Step], after: Pose) -> list[Pose]:
+    """The poses between two keyframes from the steps of both passes, in the order of the frames."""
     if not ahead:
         return []
     share = np.array([a.variance / (a.variance + b.variance) for a, b in zip(ahead, back, strict=True)])  # of ``back``
-    apart = np.array([_apart(body, a.pose, b.pose) for a, b in zip(ahead, back, strict=True)])
-    gain = np.array([np.subtract(*(b.support - a.support).T) for a, b in zip(ahead, back, strict=True)])
+    support = np.array([[step.support for step in steps] for steps in (ahead, back)])  # (2, T, 4, 2)
+    joints = np.array([
+        [_joints(body, pose) for pose in (before, *(step.pose for step in steps), after)] for steps in (ahead, back)
+    ])  # (2, T + 2, 16, 3)  # fmt: skip
+    apart = np.linalg.norm(joints[0, 1:-1] - joints[1, 1:-1], axis=-1)
     for limb, members in enumerate(LIMBS):
+        share[:, list(members)] = share[:, list(members)].mean(axis=1, keepdims=True)
         disagree = apart[:, list(members)].max(axis=1) > AGREE_M
+        if not disagree.any():
+            continue
+        gain = (support[:, :, limb, 0] - support[:, :, limb, 1]) / _SUPPORT_M2
+        choice = _smoothest(joints[:, :, list(members[1:])], gain)
         for frame in np.flatnonzero(disagree):
-            around = slice(max(frame - _AROUND, 0), frame + _AROUND + 1)
-            say = float(np.sum(gain[around, limb] * disagree[around]) / np.sum(disagree[around]))
-            trust = float(np.mean(share[frame, list(members)])) - 0.5
-            share[frame, list(members)] = 1.0 if say / _SUPPORT_M2 + trust > 0.0 else 0.0
+            share[frame, list(members)] = choice[frame]
     return [_mix(a.pose, b.pose, s) for a, b, s in zip(ahead, back, share, strict=True)]
 
 
-def _apart(body: Body, one: Pose, other: Pose) -> Array:
-    """Distance (16,) between the joints, metres."""
-    return np.asarray(np.linalg.norm(forward(body, one)[:, :3, 3] - forward(body, other)[:, :3, 3], axis=1))
+def _joints(body: Body, pose: Pose) -> Array:
+    return forward(body, pose)[:, :3, 3]
+
+
+def _smoothest(joints_m: Array, gain: Array) -> NDArray[np.int64]:
+    """Which of two candidates (T,) to take in each frame, so that the sum of ``gain`` (2, T), less the leaps of the
+    joints (2, T + 2, J, 3), is greatest. The first and the last frame of the joints are known: both are alike."""
+    count = gain.shape[1]
+    total = np.zeros((2, 2))  # of the frame before the last, and of the last
+    origin = np.zeros((count + 1, 2, 2), np.int64)
+    for t in range(1, count + 2):
+        now = np.empty((2, 2))
+        own = gain[:, t - 1] if t <= count else np.zeros(2)
+        for b in range(2):
+            for c in range(2):
+                scores = [total[a, b] - _leap(joints_m, t, a, b, c) for a in range(2)]
+                origin[t - 1, b, c] = int(np.argmax(scores))
+                now[b, c] = max(scores) + own[c]
+        total = now
+    b, c = np.unravel_index(int(np.argmax(total)), (2, 2))
+    path = [int(c), int(b)]
+    for t in range(count + 1, 1, -1):
+        path.append(int(origin[t - 1, path[-1], path[-2]]))
+    return np.array(path[::-1][1:-1])
+
+
+def _leap(joints_m: Array, t: int, a: int, b: int, c: int) -> float:
+    """Cost of candidates ``a``, ``b`` and ``c`` in the frames up to ``t``."""
+    if t < 2:
+        return 0.0
+    bend = joints_m[c, t] - 2.0 * joints_m[b, t - 1] + joints_m[a, t - 2]
+    return float(np.minimum(np.sum(bend**2, axis=-1) / (2.0 * _LEAP_M**2), _WORST_LEAP).sum())
 
 
 def _mix(ahead: Pose, back: Pose, share: Array) -> Pose:
     """Each segment's rotation (and the root's position) turned by its ``share`` (16,) from ``ahead`` to ``back``."""
-    delta = difference(back, ahead)
-    assert len(delta) == DOF
-    return retract(ahead, share[DOF_SEGMENT] * delta)
+    assert len(share) == len(SEGMENTS)
+    return retract(ahead, share[DOF_SEGMENT] * difference(back, ahead))

@@ -117,6 +117,8 @@ def contour(
     principal: Array,
     k1: float,
     z_buffer: Float32,
+    cover: NDArray[np.uint8],
+    group: NDArray[np.uint8],
     z_left: int,
     z_top: int,
     z_scale: float,
@@ -135,7 +137,8 @@ def contour(
     Where the normal turns away from the camera between the two ends of a mesh edge lies a contour point. It counts
     if nothing hides it and no other part of the body lies just outside. Along its normal in the image, within
     ``reach`` pixels, the silhouette's edge is sought: the crossing of 1/2 that falls towards the outside (which is the
-    check of the contour's normal) and lies nearest. The residual is the signed distance to it. A row (8,) holds its
+    check of the contour's normal) and lies nearest, unless another part of the body (``cover`` holds the bits ``group``
+    (16,) of the segments there) has its own edge there. The residual is the signed distance to it. A row (8,) holds its
     weight, the residual, the gradient of the distance with respect to the point, and the point. ``cost`` (16, 3) gains
     squared distances, points with an edge found and points sought.
     """
@@ -209,6 +212,13 @@ def contour(
             previous = current
         if abs(best) > reach:
             continue
+        # the edge of another part of the body, which that part explains: no limb is drawn to it
+        column = int(np.rint((u + (best - 2.0) * nu - z_left) / z_scale))
+        line = int(np.rint((v + (best - 2.0) * nv - z_top) / z_scale))
+        if 0 <= column < width and 0 <= line < height:
+            there = cover[line, column]
+            if there != 0 and there & group[s] == 0:
+                continue
         # a soft or tilted edge (its gradient not along our normal) says little about where we are
         ex, ey = px + best * nu, py + best * nv
         gx = 0.5 * (bilinear(probability, ex + 1.0, ey) - bilinear(probability, ex - 1.0, ey))

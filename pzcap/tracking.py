@@ -138,7 +138,7 @@ class Tracker:
         back = Follower(self.body, self.config, anchor.pose, -velocity, cuts, False)
         behind = [back.step(instant.cuts) for instant in reversed(waiting)][::-1]
         views = [instant.cuts for instant in waiting]
-        poses = merge(self.body, [instant.step for instant in waiting], behind)
+        poses = merge(self.body, self._anchor.pose, [i.step for i in waiting], behind, anchor.pose)
         correct(self.body, self._shape, poses[::2], views[::2], self.config)
         self.body = self._shape.solve()
         polished = polish(self.body, poses, views, self._anchor.pose, anchor.pose, self.config)
