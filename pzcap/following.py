@@ -36,8 +36,8 @@ def _schedule() -> tuple[Round, ...]:
     return (
         Round(terms(2, 30.0, 8.0, 20.0), 3, 5.0),
         Round(terms(2, 20.0, 4.0, 20.0), 3),
-        Round(terms(1, 10.0, 2.0, 15.0), 3, look=True),
-        Round(terms(0, 5.0, 1.0, 12.0), 3),
+        Round(terms(1, 10.0, 2.0, 15.0), 2, look=True),
+        Round(terms(0, 5.0, 1.0, 12.0), 1),
     )
 
 

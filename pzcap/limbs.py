@@ -39,7 +39,7 @@ _NEAR: Final = np.ones((5, 5), np.uint8)  # pixels of a belief: an outline that 
 def _postures() -> Array:
     """(K, 4) turns to try, radians: the ball joint about its own three axes, then the hinge."""
     swings = [(0.0, 0.0)]
-    for size, count in ((0.4, 6), (0.8, 10), (1.3, 12)):
+    for size, count in ((0.5, 6), (1.1, 9)):
         angles = 2 * np.pi * np.arange(count) / count
         swings += list(zip(size * np.cos(angles), size * np.sin(angles), strict=True))
     return np.array([(x, y, z, h) for x, y in swings for z in (-0.8, 0.0, 0.8) for h in (-0.8, 0.0, 0.8)])
