@@ -53,7 +53,7 @@ class TrackingConfig:
     prediction_rotation_sigma_rad: float = 0.20
     velocity_gain: float = 0.8  # how fast the velocity follows
     limit_sigma_rad: float = 0.05
-    cut_out_margin: float = 0.35  # what is kept of a view around the body, in sizes of the body
+    cut_out_margin: float = 0.2  # what is kept of a view around the body, in sizes of the body
     doubt_m2: float = (
         0.004  # foreground that nothing explains, or hall that a limb lies on, to search for the limb again
     )

@@ -150,6 +150,8 @@ def contour(
     a = np.zeros(3)
     count = 0
     n3 = np.zeros(3)
+    stride = 2 if reach > 12.0 else 1  # pixels: a coarse search needs no fine steps
+    far = reach + stride
     for e in range(len(edges)):
         i, j = edges[e, 0], edges[e, 1]
         if depth[i] < 0 or depth[j] < 0:
@@ -192,20 +194,20 @@ def contour(
             continue
         px, py = u - left, v - top
         if (
-            min(px - reach * abs(nu), py - reach * abs(nv)) < 1.0
-            or px + reach * abs(nu) >= p_width - 2.0
-            or py + reach * abs(nv) >= p_height - 2.0
+            min(px - far * abs(nu), py - far * abs(nv)) < 1.0
+            or px + far * abs(nu) >= p_width - 2.0
+            or py + far * abs(nv) >= p_height - 2.0
         ):
             continue
         cost[s, 2] += segment_weight[s]
         best = np.inf
         slope = 0.0
-        steps = int(np.ceil(reach))
+        steps = stride * int(np.ceil(reach / stride))
         previous = bilinear(probability, px - steps * nu, py - steps * nv)
-        for k in range(-steps + 1, steps + 1):
+        for k in range(-steps + stride, steps + 1, stride):
             current = bilinear(probability, px + k * nu, py + k * nv)
             if previous >= 0.5 and current < 0.5:
-                crossing = k - 1 + (previous - 0.5) / (previous - current)
+                crossing = k - stride + stride * (previous - 0.5) / (previous - current)
                 if abs(crossing) < abs(best):
                     best = crossing
                     slope = previous - current
