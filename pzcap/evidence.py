@@ -84,6 +84,11 @@ class Cut:
         better = _smooth(refine(self.image, self.background, self.colours, outline, config))
         self.seen = Observation(seen.camera, seen.left, seen.top, seen.grey, better)
 
+    def looked(self) -> None:
+        """The silhouette will not be cut again: let go what that needs."""
+        self.image = self.background = np.zeros((0, 0, 3), np.uint8)
+        self.colours = np.zeros((0, 0), np.int8)
+
     def ground(self, placed: PlacedView) -> Ground:
         """What the limbs are judged by, the body being where it was ``placed``."""
         seen = self.seen

@@ -61,11 +61,12 @@ class TrackingConfig:
     foreground: ForegroundConfig = field(default_factory=ForegroundConfig)
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
     start_widening: float = 4.0  # of a prediction's sigma while the velocity is not known
-    shape_weight: float = 0.01  # of a frame's contour, on the body's shape: the next frame errs alike
+    shape_weight: float = 0.012  # of a frame's contour, on the body's shape: the next frame errs alike
     # what the motion accelerates by, a frame squared
     acceleration_position_sigma_m: float = 0.01
     acceleration_rotation_sigma_rad: float = 0.05
     polishing_sweeps: int = 2
+    longest_stretch: int = 120  # frames that wait for a keyframe to be tracked backward
     longest_lead: int = 120  # frames before the first keyframe that are kept to be tracked backward
 
 
@@ -135,13 +136,14 @@ class Follower:
         self, evidence: Evidence, pose: Pose, normal: Normal, placed: list[PlacedView | None]
     ) -> tuple[Pose, Normal, list[PlacedView | None], Array, list[int]]:
         """Search again for the limbs that the silhouettes do not bear out; also, which were found elsewhere."""
-        config, found = self.config, []
+        config = self.config
+        found: list[int] = []
         grounds = evidence.grounds(placed)
         support = self._limbs.support(pose, grounds)
         loose = self._limbs.loose(pose, grounds)
         doubtful = np.flatnonzero(loose > 1.3 * self._loose + config.doubt_m2)
         self._loose += np.where(loose < self._loose, 0.5, 0.1) * (loose - self._loose)
-        for limb in doubtful:
+        for limb in doubtful.tolist():
             other = self._limbs.search(limb, pose, grounds)
             if not _explains_more(self._limbs.support(other, grounds), support, config.doubt_m2):
                 continue

@@ -32,6 +32,9 @@ GROUP: Final[NDArray[np.uint8]] = np.array(
 """(16,) One bit a part of the body: the trunk with the head, then each limb."""
 BELIEF_SCALE: Final = 4
 _RELUCTANCE_M2: Final = 0.002  # what a turn of one radian must gain
+_ROUNDS: Final = ((1.0, 0.06), (0.4, 0.03), (0.15, 0.0))
+"""How widely the postures are spread, and by how many metres the silhouettes are blurred so that none slips between."""
+_LENIENCE: Final = np.float32(0.25)
 _HINGE_RANGE_RAD: Final = (0.0, 2.6)
 _NEAR: Final = np.ones((5, 5), np.uint8)  # pixels of a belief: an outline that is off by that is no lost limb
 
@@ -39,7 +42,7 @@ _NEAR: Final = np.ones((5, 5), np.uint8)  # pixels of a belief: an outline that 
 def _postures() -> Array:
     """(K, 4) turns to try, radians: the ball joint about its own three axes, then the hinge."""
     swings = [(0.0, 0.0)]
-    for size, count in ((0.5, 6), (1.1, 9)):
+    for size, count in ((0.5, 6), (1.0, 9)):
         angles = 2 * np.pi * np.arange(count) / count
         swings += list(zip(size * np.cos(angles), size * np.sin(angles), strict=True))
     return np.array([(x, y, z, h) for x, y in swings for z in (-0.8, 0.0, 0.8) for h in (-0.8, 0.0, 0.8)])
@@ -86,6 +89,7 @@ class _Patch:
     camera: Camera
     free: Float32  # (h, w) the belief, 0 where another part of the body covers
     corner: Array  # (2,)
+    m_per_px: float
 
 
 class LimbSearch:
@@ -121,15 +125,12 @@ class LimbSearch:
         patches = self._patches(limb, frames, grounds)
         first, second, _ = LIMBS[limb]
         bent = float(rigid.between(_STRAIGHT, pose.rotations[[second]])[0] @ _hinge(second))
-        at, best = np.zeros(4), -np.inf
-        for size in (1.0, 0.35):
+        at = np.zeros(4)
+        for size, blur_m in _ROUNDS:
             tries = at + size * _POSTURES
             tries[:, 3] = np.clip(bent + tries[:, 3], *_HINGE_RANGE_RAD) - bent
-            both = self._judge(limb, pose, frames, tries, patches)
-            scores = both[:, 0] - both[:, 1] - _RELUCTANCE_M2 * np.sum(tries**2, axis=1)
-            winner = int(np.argmax(scores))
-            if scores[winner] > best:
-                at, best = tries[winner], float(scores[winner])
+            both = self._judge(limb, pose, frames, tries, [_blurred(patch, blur_m) for patch in patches])
+            at = tries[int(np.argmax(both[:, 0] - both[:, 1] - _RELUCTANCE_M2 * np.sum(tries**2, axis=1)))]
         rotations = pose.rotations.copy()
         turns = np.stack([at[:3], at[3] * _hinge(second)])
         rotations[[first, second]] = rigid.turn(np.ascontiguousarray(rotations[[first, second]]), turns)
@@ -146,7 +147,7 @@ class LimbSearch:
             rows, columns = box[0]
             free = np.where(ground.cover[box[0]] & others, np.float32(0.0), ground.belief[box[0]])
             corner = ground.corner + BELIEF_SCALE * np.array([columns.start, rows.start])
-            patches.append(_Patch(ground.camera, free, corner))
+            patches.append(_Patch(ground.camera, free, corner, box[1]))
         return patches
 
     def _judge(self, limb: int, pose: Pose, frames: Array, tries: Array, patches: Sequence[_Patch]) -> Array:
@@ -181,6 +182,15 @@ def _cones(body: Body, limb: Sequence[int]) -> _Cones:
 
 def _hinge(segment: int) -> Array:
     return np.array(HINGE_AXES[SEGMENTS[segment]])
+
+
+def _blurred(patch: _Patch, sigma_m: float) -> _Patch:
+    if sigma_m == 0.0:
+        return patch
+    # blurred, a limb is less than the hall on both its sides: what lies on the hall counts for little as yet
+    lenient = np.maximum(patch.free, _LENIENCE * patch.free)
+    free = cv2.GaussianBlur(lenient, (0, 0), sigma_m / patch.m_per_px)
+    return _Patch(patch.camera, np.asarray(free, np.float32), patch.corner, patch.m_per_px)
 
 
 def _box(ground: Ground, centre_m: Array, radius_m: float) -> tuple[tuple[slice, slice], float] | None:

@@ -25,26 +25,29 @@ _WORST_LEAP: Final = 10.0  # of the squares of that: a limb found again leaps on
 _SUPPORT_M2: Final = 0.01  # silhouette that weighs as much as a leap
 
 
-def merge(body: Body, before: Pose, ahead: Sequence[Step], back: Sequence[Step], after: Pose) -> list[Pose]:
-    """The poses between two keyframes from the steps of both passes, in the order of the frames."""
-    if not ahead:
-        return []
+def merge(
+    body: Body, before: Pose, ahead: Sequence[Step], back: Sequence[Step], after: Pose
+) -> tuple[list[Pose], Array]:
+    """The poses between two keyframes from the steps of both passes, in the order of the frames; and how far apart
+    (T, 16), metres, the two have the joints of a limb that they disagree about, 0 where they agree."""
     share = np.array([a.variance / (a.variance + b.variance) for a, b in zip(ahead, back, strict=True)])  # of ``back``
     support = np.array([[step.support for step in steps] for steps in (ahead, back)])  # (2, T, 4, 2)
     joints = np.array([
         [_joints(body, pose) for pose in (before, *(step.pose for step in steps), after)] for steps in (ahead, back)
     ])  # (2, T + 2, 16, 3)  # fmt: skip
     apart = np.linalg.norm(joints[0, 1:-1] - joints[1, 1:-1], axis=-1)
+    doubt = np.zeros(apart.shape)
     for limb, members in enumerate(LIMBS):
         share[:, list(members)] = share[:, list(members)].mean(axis=1, keepdims=True)
         disagree = apart[:, list(members)].max(axis=1) > AGREE_M
+        doubt[:, list(members)] = np.where(disagree[:, None], apart[:, list(members)], 0.0)
         if not disagree.any():
             continue
         gain = (support[:, :, limb, 0] - support[:, :, limb, 1]) / _SUPPORT_M2
         choice = _smoothest(joints[:, :, list(members[1:])], gain)
         for frame in np.flatnonzero(disagree):
             share[frame, list(members)] = choice[frame]
-    return [_mix(a.pose, b.pose, s) for a, b, s in zip(ahead, back, share, strict=True)]
+    return [_mix(a.pose, b.pose, s) for a, b, s in zip(ahead, back, share, strict=True)], doubt
 
 
 def _joints(body: Body, pose: Pose) -> Array:
@@ -66,8 +69,8 @@ def _smoothest(joints_m: Array, gain: Array) -> NDArray[np.int64]:
                 origin[t - 1, b, c] = int(np.argmax(scores))
                 now[b, c] = max(scores) + own[c]
         total = now
-    b, c = np.unravel_index(int(np.argmax(total)), (2, 2))
-    path = [int(c), int(b)]
+    last = divmod(int(np.argmax(total)), 2)
+    path = [last[1], last[0]]
     for t in range(count + 1, 1, -1):
         path.append(int(origin[t - 1, path[-1], path[-2]]))
     return np.array(path[::-1][1:-1])

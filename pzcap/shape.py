@@ -7,6 +7,7 @@ what is left is gathered over the frames with the tape as prior. Left and right 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -47,7 +48,7 @@ def basis(body: Body) -> Basis:
     """The corrections of ``body``."""
     rows: list[tuple[Array, Array, float]] = []
 
-    def add(sigma_m: float, joints: dict[int, tuple[float, float, float]], skin: dict[int, Array]) -> None:
+    def add(sigma_m: float, joints: Mapping[int, Sequence[float]], skin: Mapping[int, Array]) -> None:
         joint_row, skin_row = np.zeros((16, 3)), np.zeros((16, 3, 4))
         for segment, direction in joints.items():
             joint_row[segment] = direction
@@ -97,6 +98,8 @@ def basis(body: Body) -> Basis:
     for name, axis in (("head", 2), ("hand", 2), ("foot", 0), ("foot", 1), ("foot", 2)):  # what ends a limb
         extent = 2 * float(half_axes(_segments(name)[0])[axis])
         add(_SKIN_SIGMA_M, {}, {i: stretch(axis, 1 / extent) for i in _segments(name)})
+    for axis in (0, 2):  # a shoe is no foot
+        add(_SKIN_SIGMA_M, {}, {i: shift(axis) for i in _segments("foot")})
     joints, skin, sigma = zip(*rows, strict=True)
     return Basis(np.array(joints), np.array(skin), np.array(sigma))
 
@@ -116,9 +119,9 @@ class ShapeEstimate:
     def __init__(self, body: Body) -> None:
         self._tape = body
         self._basis = basis(body)
-        self.amounts_m = np.zeros(len(self._basis.sigma_m))
-        self._information = np.diag(1.0 / self._basis.sigma_m**2)
-        self._vector = np.zeros(len(self.amounts_m))
+        self.amounts_m: Array = np.zeros(len(self._basis.sigma_m))
+        self._information: Array = np.diag(1.0 / self._basis.sigma_m**2)
+        self._vector: Array = np.zeros(len(self.amounts_m))
 
     def add(self, world_T_segment: Array, rows: ContourRows, prior: Array, pull: Array) -> None:
         """A frame, tracked with the body as corrected so far. ``prior`` (43, 43) is the information on its pose beside
@@ -137,7 +140,7 @@ class ShapeEstimate:
 
     def solve(self) -> Body:
         """The body as all frames so far have it."""
-        self.amounts_m = np.linalg.solve(self._information, self._vector)
+        self.amounts_m = np.asarray(np.linalg.solve(self._information, self._vector))
         return corrected(self._tape, self._basis, self.amounts_m)
 
     def _jacobians(self, frames: Array, rows: ContourRows) -> tuple[Array, Array]:

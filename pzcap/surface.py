@@ -18,8 +18,8 @@ from scipy.special import ellipe
 
 from pzcap.types import SEGMENTS, THORAX_FRACTION, Array
 
-RING_SPACING_M = 0.030
-POINT_SPACING_M = 0.036
+RING_SPACING_M = 0.022
+POINT_SPACING_M = 0.028
 _CAP_RINGS = 4
 
 

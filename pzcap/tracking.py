@@ -4,7 +4,8 @@ From each keyframe the body is followed forward in time to the next one, and fro
 predicts the pose with the velocity so far and improves it on what the images say: the brightness of every visible
 point of the skin against its slowly adapting appearance, and the body's contour against the silhouette
 (`pzcap.following`). A forward pass drifts away from its keyframe as a backward pass does from the other; merging them
-limb by limb by their confidence removes the drift (`pzcap.merging`).
+limb by limb by their confidence removes the drift (`pzcap.merging`). What is merged is then improved as a whole, after
+the body itself has been corrected from it (`pzcap.polishing`).
 """
 
 from __future__ import annotations
@@ -67,7 +68,8 @@ class Tracker:
 
     Results come an interval between keyframes late, since each interval is tracked from both ends; cut-outs of one
     interval are all that is kept. Before the first keyframe the body is tracked backward only, after the last one
-    forward only. Raises PzcapError when there is no keyframe.
+    forward only, and so is what lies further before a keyframe than ``longest_stretch``. Raises PzcapError when there
+    is no keyframe.
     """
 
     def __init__(self, body: Body, keyframes: Sequence[Keyframe], config: TrackingConfig) -> None:
@@ -78,7 +80,7 @@ class Tracker:
         self._last_key = max(self._keys)
         self._shape = ShapeEstimate(body)
         self._ahead: Follower | None = None
-        self._anchor: Step
+        self._anchor: Pose  # before what waits
         self._lead: list[TrackInput] = []  # before the first keyframe
         self._waiting: list[_Instant] = []  # since the latest one
         sigma = np.full(DOF, config.keyframe_rotation_sigma_rad)
@@ -99,8 +101,11 @@ class Tracker:
         step = self._ahead.step(cuts)
         if item.frame > self._last_key:
             return [self._result(item.frame, step.pose, step.hessian, step.seen)]
+        for cut in cuts:
+            if cut is not None:
+                cut.looked()
         self._waiting.append(_Instant(item.frame, cuts, step))
-        return []
+        return self._close(None) if len(self._waiting) >= self.config.longest_stretch else []
 
     def finish(self) -> list[Tracked]:
         """The footage has ended: what waited for a keyframe that did not come."""
@@ -118,11 +123,11 @@ class Tracker:
         if anchor.seen:
             key = Keyframe(item.frame, pose)
             correct_by_hand(self.body, self._shape, anchor.pose, key, self._hand, cuts, self.config)
-        done = self._close(anchor, cuts, velocity)
+        done = self._close(Follower(self.body, self.config, anchor.pose, -velocity, cuts, False))
         if done:
             anchor = self._settle(pose, cuts)  # the body has been corrected
         self._ahead = Follower(self.body, self.config, anchor.pose, velocity, cuts, True)
-        self._anchor = anchor
+        self._anchor = anchor.pose
         early = Follower(self.body, self.config, anchor.pose, -velocity, cuts, True)
         for lead in reversed(self._lead):
             step = early.step(self._cut(lead.views, early.predict()))
@@ -130,21 +135,25 @@ class Tracker:
         self._lead = []
         return [*done, self._result(item.frame, anchor.pose, anchor.hessian, True)]
 
-    def _close(self, anchor: Step, cuts: list[Cut | None], velocity: Array) -> list[Tracked]:
-        """The frames since the latest keyframe, the next one now settled."""
+    def _close(self, back: Follower | None) -> list[Tracked]:
+        """The frames that wait, with a pass ``back`` from the keyframe after them, or without."""
         waiting, self._waiting = self._waiting, []
         if not waiting:
             return []
-        back = Follower(self.body, self.config, anchor.pose, -velocity, cuts, False)
-        behind = [back.step(instant.cuts) for instant in reversed(waiting)][::-1]
-        views = [instant.cuts for instant in waiting]
-        poses = merge(self.body, self._anchor.pose, [i.step for i in waiting], behind, anchor.pose)
+        views, steps = [instant.cuts for instant in waiting], [instant.step for instant in waiting]
+        after = None if back is None else back.pose
+        if back is None or after is None:
+            poses, doubt = [step.pose for step in steps], np.zeros((len(steps), len(SEGMENTS)))
+        else:
+            behind = [back.step(cuts) for cuts in reversed(views)][::-1]
+            poses, doubt = merge(self.body, self._anchor, steps, behind, after)
         correct(self.body, self._shape, poses[::2], views[::2], self.config)
         self.body = self._shape.solve()
-        polished = polish(self.body, poses, views, self._anchor.pose, anchor.pose, self.config)
+        polished = polish(self.body, poses, views, self._anchor, after, self.config)
+        self._anchor = polished.poses[-1]
         return [
-            self._result(instant.frame, pose, hessian, step.seen)
-            for instant, step, pose, hessian in zip(waiting, behind, polished.poses, polished.hessians, strict=True)
+            self._result(instant.frame, polished.poses[t], polished.hessians[t], instant.step.seen, doubt[t])
+            for t, instant in enumerate(waiting)
         ]
 
     def _cut(self, views: Sequence[View | None], pose: Pose) -> list[Cut | None]:
@@ -167,7 +176,8 @@ class Tracker:
         pose, normal = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule, True)
         return Step(pose, np.zeros(DOF), normal.hessian + self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), True)
 
-    def _result(self, frame: int, pose: Pose, hessian: Array, valid: bool) -> Tracked:
+    def _result(self, frame: int, pose: Pose, hessian: Array, valid: bool, doubt_m: Array | float = 0.0) -> Tracked:
+        """``doubt_m`` (16,): how far apart two estimates of a joint are that do not agree."""
         frames = forward(self.body, pose)
         sigma = np.full(DOF, self.config.prediction_rotation_sigma_rad)
         sigma[:3] = self.config.prediction_position_sigma_m
@@ -175,7 +185,8 @@ class Tracker:
         jacobians = joint_jacobians(frames)
         variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
         # what the images cannot tell: joints that the tape has put elsewhere in the body
-        return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance + 2 * self.body.sigma_m**2), valid)
+        variance += 2 * self.body.sigma_m**2 + (0.5 * np.asarray(doubt_m)) ** 2
+        return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid)
 
 
 def track(
