@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from pzcap.body import DOF_SEGMENT, Body, difference, forward, retract
 from pzcap.following import Step
 from pzcap.limbs import LIMBS
-from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.types import SEGMENTS, Array, Mask, Pose
 
 AGREE_M: Final = 0.05
 _LEAP_M: Final = 0.04  # what a joint's motion may change by in a frame
 _WORST_LEAP: Final = 10.0  # of the squares of that: a limb found again leaps once
+_BESIDE: Final = 3  # frames around a leap that may be wrong with it
 _SUPPORT_M2: Final = 0.01  # silhouette that weighs as much as a leap
 
 
@@ -88,3 +89,18 @@ def _mix(ahead: Pose, back: Pose, share: Array) -> Pose:
     """Each segment's rotation (and the root's position) turned by its ``share`` (16,) from ``ahead`` to ``back``."""
     assert len(share) == len(SEGMENTS)
     return retract(ahead, share[DOF_SEGMENT] * difference(back, ahead))
+
+
+def leaping(body: Body, before: Pose, poses: Sequence[Pose], after: Pose, doubt_m: Array) -> Mask:
+    """Segments (T, 16) that the passes disagree about (``doubt_m`` of `merge`) at or beside a leap of their limb."""
+    joints = np.array([_joints(body, pose) for pose in (before, *poses, after)])
+    bend = np.linalg.norm(joints[2:] - 2.0 * joints[1:-1] + joints[:-2], axis=-1)
+    found = np.zeros(doubt_m.shape, bool)
+    for members in LIMBS:
+        rows = list(members)
+        doubted = doubt_m[:, rows].max(axis=1) > 0.0
+        leaps = np.flatnonzero(doubted & (bend[:, rows].max(axis=1) > 2.0 * _LEAP_M))
+        for frame in leaps:
+            beside = slice(max(frame - _BESIDE, 0), frame + _BESIDE + 1)
+            found[beside, rows[0] : rows[-1] + 1] |= doubted[beside, None]
+    return found

@@ -18,7 +18,7 @@ import numpy as np
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobians
 from pzcap.evidence import Appearance, Cut, Evidence, cut_out
 from pzcap.following import Follower, Step, TrackingConfig, improve
-from pzcap.merging import merge
+from pzcap.merging import leaping, merge
 from pzcap.polishing import correct, correct_by_hand, polish
 from pzcap.shape import ShapeEstimate
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
@@ -144,12 +144,14 @@ class Tracker:
         after = None if back is None else back.pose
         if back is None or after is None:
             poses, doubt = [step.pose for step in steps], np.zeros((len(steps), len(SEGMENTS)))
+            doubtful = doubt > 0.0
         else:
             behind = [back.step(cuts) for cuts in reversed(views)][::-1]
             poses, doubt = merge(self.body, self._anchor, steps, behind, after)
+            doubtful = leaping(self.body, self._anchor, poses, after, doubt)
         correct(self.body, self._shape, poses[::2], views[::2], self.config)
         self.body = self._shape.solve()
-        polished = polish(self.body, poses, views, self._anchor, after, self.config)
+        polished = polish(self.body, poses, views, self._anchor, after, doubtful, self.config)
         self._anchor = polished.poses[-1]
         return [
             self._result(instant.frame, polished.poses[t], polished.hessians[t], instant.step.seen, doubt[t])
