@@ -13,10 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, limit_residuals, retract
-from pzcap.evidence import Appearance, Cut, Evidence, Normal, PlacedView, Terms
+from pzcap.evidence import Appearance, Evidence, Normal, Terms
 from pzcap.foreground import ForegroundConfig
 from pzcap.limbs import LIMBS, LimbSearch
 from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.views import Cut, PlacedView
 
 
 @dataclass(frozen=True, slots=True)

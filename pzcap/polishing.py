@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, limit_residuals, retract
-from pzcap.evidence import Appearance, Cut, Evidence, PlacedView
+from pzcap.evidence import Appearance, Evidence
 from pzcap.following import TrackingConfig
 from pzcap.limbs import LIMBS, LimbSearch
 from pzcap.shape import ShapeEstimate
 from pzcap.trajectory import smooth_step
 from pzcap.types import Array, Keyframe, Mask, Pose
+from pzcap.views import Cut, PlacedView
 
 _DISBELIEF: Final = 0.05
 

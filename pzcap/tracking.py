@@ -16,12 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobians
-from pzcap.evidence import Appearance, Cut, Evidence, cut_out
+from pzcap.evidence import Appearance, Evidence
 from pzcap.following import Follower, Step, TrackingConfig, improve
 from pzcap.merging import leaping, merge
 from pzcap.polishing import correct, correct_by_hand, polish
 from pzcap.shape import ShapeEstimate
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
+from pzcap.views import Cut, cut_out
 
 __all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "View", "collect", "track"]
 

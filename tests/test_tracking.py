@@ -12,11 +12,12 @@ import pytest
 from pzcap import body as bodies
 from pzcap import foreground, tracking
 from pzcap.body import Body
-from pzcap.evidence import Appearance, Cut, Evidence, Terms, observe
+from pzcap.evidence import Appearance, Evidence, Terms
 from pzcap.following import Step
 from pzcap.merging import merge
 from pzcap.tracking import Tracked, TrackingConfig, TrackInput, View
 from pzcap.types import Array, Keyframe, Pose, PzcapError, Subject
+from pzcap.views import Cut, observe
 from tests.body_scene import HEIGHT, WIDTH, Clip, shoot
 
 FRAMES = 13
