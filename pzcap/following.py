@@ -12,26 +12,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pzcap.body import DOF, Body, difference, limit_residuals, retract
-from pzcap.evidence import (
-    Appearance,
-    Evidence,
-    Normal,
-    Observation,
-    Terms,
-    observe,
-    place_body,
-    place_view,
-    signed_distance,
-)
-from pzcap.foreground import ForegroundConfig, refine
-from pzcap.merging import Cut, best_of, mismatch
-from pzcap.types import SEGMENTS, Array, Mask, Pose
-
-SEGMENT_WIDTH_M = np.array(
-    [{"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07, "hand": 0.05,
-      "thigh": 0.15, "shank": 0.1, "foot": 0.08}[n.removeprefix("left_").removeprefix("right_")] for n in SEGMENTS]
-)  # fmt: skip
+from pzcap.body import DOF, DOF_SEGMENT, Body, difference, limit_residuals, retract
+from pzcap.evidence import Appearance, Evidence, Normal, Terms
+from pzcap.foreground import ForegroundConfig
+from pzcap.limbs import LIMBS, LimbSearch
+from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.views import Cut, PlacedView
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +37,8 @@ def _schedule() -> tuple[Round, ...]:
     return (
         Round(terms(2, 30.0, 8.0, 20.0), 3, 5.0),
         Round(terms(2, 20.0, 4.0, 20.0), 3),
-        Round(terms(1, 10.0, 2.0, 15.0), 3, look=True),
-        Round(terms(0, 5.0, 1.0, 12.0), 3),
+        Round(terms(1, 10.0, 2.0, 15.0), 2, look=True),
+        Round(terms(0, 5.0, 1.0, 12.0), 1),
     )
 
 
@@ -68,11 +54,20 @@ class TrackingConfig:
     prediction_rotation_sigma_rad: float = 0.20
     velocity_gain: float = 0.8  # how fast the velocity follows
     limit_sigma_rad: float = 0.05
-    cut_out_margin: float = 0.35  # what is kept of a view around the body, in sizes of the body
-    second_look: bool = True  # cut the silhouettes again, now that the body is predicted
+    cut_out_margin: float = 0.2  # what is kept of a view around the body, in sizes of the body
+    doubt_m2: float = (
+        0.004  # foreground that nothing explains, or hall that a limb lies on, to search for the limb again
+    )
+    step_tolerance: float = 1e-3  # metres, radians: a smaller step ends a round
     foreground: ForegroundConfig = field(default_factory=ForegroundConfig)
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
     start_widening: float = 4.0  # of a prediction's sigma while the velocity is not known
+    shape_weight: float = 0.012  # of a frame's contour, on the body's shape: the next frame errs alike
+    # what the motion accelerates by, a frame squared
+    acceleration_position_sigma_m: float = 0.01
+    acceleration_rotation_sigma_rad: float = 0.05
+    polishing_sweeps: int = 2
+    longest_stretch: int = 120  # frames that wait for a keyframe to be tracked backward
     longest_lead: int = 120  # frames before the first keyframe that are kept to be tracked backward
 
 
@@ -84,6 +79,7 @@ class Step:
     velocity: Array  # (43,) tangent a frame
     hessian: Array  # (43, 43) of what the images alone say
     variance: Array  # (16,) relative: how little each segment is to be trusted
+    support: Array  # (4, 2) of each limb, as `LimbSearch.support` has it
     seen: bool  # any view at all
 
 
@@ -91,23 +87,22 @@ class Follower:
     """Follows the body in one direction of time from a keyframe."""
 
     def __init__(
-        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, cuts: Sequence[Cut | None]
+        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, cuts: Sequence[Cut | None], look: bool
     ) -> None:
+        """``look``: the silhouettes are cut again on the way, the body being predicted."""
         self.body, self.config = body, config
         self.pose, self.velocity, self.age = pose, velocity, 0
         self._known = velocity != 0.0  # of each degree of freedom, whether the velocity is
+        self._look = look
+        self._limbs = LimbSearch(body)
+        self._loose = np.zeros(len(LIMBS))  # what is usual, square metres
         points = len(body.surface.points_m)
         self.appearances = [Appearance.unseen(points) for _ in cuts]
         sigma = np.full(DOF, config.prediction_rotation_sigma_rad)
         sigma[:3] = config.prediction_position_sigma_m
         self._sigma = sigma
-        self._usual = mismatch(body, pose, cuts)
-        _evidence(body, cuts).learn(pose, self.appearances, 1.0)
-
-    def _attempt(self, cuts: Sequence[Cut | None], start: Pose, known: Mask) -> tuple[Pose, Normal, Evidence]:
-        """Improve ``start``, trusting the prediction of the degrees of freedom (43,) whose velocity is ``known``."""
-        sigma = self._sigma * np.where(known, 1.0, self.config.start_widening)
-        return improve(self.body, cuts, start, np.diag(1.0 / sigma**2), self.appearances, self.config)
+        evidence = Evidence(body, cuts)
+        evidence.learn(evidence.visibility(pose), self.appearances, 1.0)
 
     def predict(self) -> Pose:
         return retract(self.pose, self.velocity)
@@ -118,23 +113,57 @@ class Follower:
         self.age += 1
         if all(cut is None for cut in cuts):  # nothing was seen: coast, and slow down
             self.pose, self.velocity = predicted, 0.9 * self.velocity
-            return Step(predicted, self.velocity, np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3), False)
-        pose, normal, evidence = self._attempt(cuts, predicted, self._known)
-        score = mismatch(self.body, pose, cuts)
-        if score > 1.2 * self._usual + 0.004:  # something was lost: look wider, and also where it was a frame ago
-            unknown = np.zeros(DOF, bool)
-            tries = [pose, *(self._attempt(cuts, start, unknown)[0] for start in (predicted, self.pose))]
-            pose, found = best_of(self.body, tries, cuts)
-            if found < score:
-                pose, normal, evidence = self._attempt(cuts, pose, self._known)
-                score = mismatch(self.body, pose, cuts)
-        self._usual += (0.5 if score < self._usual else 0.1) * (score - self._usual)
-        evidence.learn(pose, self.appearances, self.config.appearance_rate)
+            return Step(
+                predicted, self.velocity, np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3), np.zeros((4, 2)), False
+            )
+        evidence = Evidence(self.body, cuts)
+        sigma = self._sigma * np.where(self._known, 1.0, self.config.start_widening)
+        prior = np.diag(1.0 / sigma**2)
+        pose, normal = improve(
+            evidence, predicted, prior, self.appearances, self.config, self.config.schedule, self._look
+        )
+        placed = evidence.visibility(pose)
+        pose, normal, placed, support, found = self._recover(evidence, pose, normal, placed)
+        evidence.learn(placed, self.appearances, self.config.appearance_rate)
         gain = np.where(self._known, self.config.velocity_gain, 1.0)
-        self._known[:] = True
-        self.velocity = self.velocity + gain * (difference(pose, self.pose) - self.velocity)
+        velocity = self.velocity + gain * (difference(pose, self.pose) - self.velocity)
+        again = np.isin(DOF_SEGMENT, [s for limb in found for s in LIMBS[limb]])
+        self._known = ~again
+        self.velocity = np.where(again, 0.0, velocity)
         self.pose = pose
-        return Step(pose, self.velocity, normal.hessian, _variance(normal, self.age), True)
+        return Step(pose, self.velocity, normal.hessian, _variance(normal, self.age), support, True)
+
+    def _recover(
+        self, evidence: Evidence, pose: Pose, normal: Normal, placed: list[PlacedView | None]
+    ) -> tuple[Pose, Normal, list[PlacedView | None], Array, list[int]]:
+        """Search again for the limbs that the silhouettes do not bear out; also, which were found elsewhere."""
+        config = self.config
+        found: list[int] = []
+        grounds = evidence.grounds(placed)
+        support = self._limbs.support(pose, grounds)
+        loose = self._limbs.loose(pose, grounds)
+        doubtful = np.flatnonzero(loose > 1.3 * self._loose + config.doubt_m2)
+        self._loose += np.where(loose < self._loose, 0.5, 0.1) * (loose - self._loose)
+        for limb in doubtful.tolist():
+            other = self._limbs.search(limb, pose, grounds)
+            if not _explains_more(self._limbs.support(other, grounds), support, config.doubt_m2):
+                continue
+            free = np.where(np.isin(DOF_SEGMENT, LIMBS[limb]), config.start_widening, 0.1)
+            prior = np.diag(1.0 / (self._sigma * free) ** 2)
+            other, again = improve(evidence, other, prior, self.appearances, config, config.schedule[1:], self._look)
+            there = evidence.visibility(other)
+            grounds_there = evidence.grounds(there)
+            better = self._limbs.support(other, grounds_there)
+            if _explains_more(better, support, config.doubt_m2):
+                pose, normal, placed, grounds, support = other, again, there, grounds_there, better
+                found.append(limb)
+        return pose, normal, placed, support, found
+
+
+def _explains_more(support: Array, before: Array, by_m2: float) -> bool:
+    """Whether the limbs cover more of the body, not only less of the hall: an arm in front of the trunk does that."""
+    more = support.sum(axis=0) - before.sum(axis=0)
+    return bool(more[0] > by_m2 and more[0] - more[1] > by_m2)
 
 
 def _variance(normal: Normal, age: int) -> Array:
@@ -145,43 +174,22 @@ def _variance(normal: Normal, age: int) -> Array:
     return 0.1 * age + misfit**2
 
 
-def _evidence(
-    body: Body, cuts: Sequence[Cut | None], pose: Pose | None = None, config: TrackingConfig | None = None
-) -> Evidence:
-    """Prepare the views; with a pose, their silhouettes are cut a second time with the body where the pose has it."""
-    if pose is not None and config is not None:
-        _, points, normals = place_body(body, pose)
-    views: list[Observation | None] = []
-    for cut in cuts:
-        if cut is None:
-            views.append(None)
-            continue
-        probability = cut.probability
-        if pose is not None and config is not None:
-            height, width = probability.shape
-            placed = place_view(body, points, normals, cut.camera)
-            predicted = signed_distance(placed, cut.left, cut.top, width, height)
-            probability = refine(cut.image, cut.background, cut.colours, predicted, config.foreground)
-        views.append(observe(cut.image, probability, cut.camera, cut.left, cut.top))
-    return Evidence(body, views, SEGMENT_WIDTH_M)
-
-
 def improve(
-    body: Body,
-    cuts: Sequence[Cut | None],
+    evidence: Evidence,
     predicted: Pose,
     prior: Array,
     appearances: Sequence[Appearance | None],
     config: TrackingConfig,
-) -> tuple[Pose, Normal, Evidence]:
+    schedule: Sequence[Round],
+    look: bool,
+) -> tuple[Pose, Normal]:
     """Gauss-Newton from ``predicted``, whose information matrix (43, 43) is ``prior``, coarse to fine."""
     pose = predicted
-    evidence = _evidence(body, cuts)
     normal: Normal | None = None
-    for each in config.schedule:
-        if each.look and config.second_look:
-            evidence = _evidence(body, cuts, pose, config)
+    for each in schedule:
         placed = evidence.visibility(pose)
+        if each.look and look:
+            evidence.look_again(placed, config.foreground)
         stiff = np.ones(DOF)
         stiff[6:] = each.stiffness
         information = prior * stiff[:, None] * stiff
@@ -193,7 +201,7 @@ def improve(
             gradient = normal.gradient + information @ difference(predicted, pose) - stiffness * excess
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)
             pose = retract(pose, step)
-            if np.abs(step).max() < 1e-3:
+            if np.abs(step).max() < config.step_tolerance:
                 break
     assert normal is not None, "a schedule has at least one round"
-    return pose, normal, evidence
+    return pose, normal

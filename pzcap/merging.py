@@ -1,112 +1,106 @@
-"""Two estimates of one instant, from the keyframe before it and from the one after it, made one: drift removed.
+"""Two estimates of each instant, from the keyframe before it and from the one after it, made one: drift removed.
 
 Where the two agree they are averaged limb by limb, weighted by confidence, which falls with the distance from the
-keyframe (Yamamoto 2005). Where they do not, one of them has lost the limb, and the silhouettes decide which.
+keyframe (Yamamoto 2005). Where they do not, one of them has lost the limb. Which one is decided for all frames of the
+interval together: the limb that explains more of the silhouettes, and that leaps least on its way from one keyframe to
+the other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import raster
-from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, place, retract
-from pzcap.types import SEGMENTS, Array, Camera, Image, Mask, Pose
+from pzcap.body import DOF_SEGMENT, Body, difference, forward, retract
+from pzcap.following import Step
+from pzcap.limbs import LIMBS
+from pzcap.types import SEGMENTS, Array, Mask, Pose
 
-LIMBS: Final[tuple[tuple[int, ...], ...]] = ((0, 1, 2, 3), (4, 5, 6), (7, 8, 9), (10, 11, 12), (13, 14, 15))
-"""Segments of the trunk with the head, the arms and the legs."""
 AGREE_M: Final = 0.05
-_SCALE: Final = 2
-
-
-@dataclass(slots=True, eq=False)
-class Cut:
-    """A view cut out around the body: what is kept of it until both directions have used it."""
-
-    camera: Camera
-    left: int
-    top: int
-    image: Image  # (h, w, 3)
-    background: Image  # (h, w, 3)
-    probability: Image  # (h, w)
-    colours: NDArray[np.int8]  # (h, w) of `pzcap.foreground.evidence`
-
-
-def mismatch(body: Body, pose: Pose, cuts: Sequence[Cut | None]) -> float:
-    """Area (m2 at the body's distance, mean over the views) where body and silhouette differ: body that stands on no
-    silhouette, and silhouette that no body explains."""
-    points, _ = place(body, forward(body, pose))
-    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
-    areas = []
-    for cut in cuts:
-        if cut is None:
-            continue
-        camera = cut.camera
-        raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
-        silhouette = cut.probability[::_SCALE, ::_SCALE]
-        z_buffer = np.empty(silhouette.shape, np.float32)
-        raster.rasterise(pixels, depth, body.surface.faces, cut.left, cut.top, float(_SCALE), z_buffer)
-        differs = np.abs(np.isfinite(z_buffer) - silhouette.astype(np.float32) / 255.0).sum()
-        distance = max(float(depth[0]), 0.5)
-        areas.append(float(differs) * (_SCALE * distance / camera.focal_px) ** 2)
-    return float(np.mean(areas)) if areas else 0.0
+_LEAP_M: Final = 0.04  # what a joint's motion may change by in a frame
+_WORST_LEAP: Final = 10.0  # of the squares of that: a limb found again leaps once
+_BESIDE: Final = 3  # frames around a leap that may be wrong with it
+_SUPPORT_M2: Final = 0.01  # silhouette that weighs as much as a leap
 
 
 def merge(
-    body: Body, ahead: Pose, back: Pose, variance_ahead: Array, variance_back: Array, cuts: Sequence[Cut | None]
-) -> tuple[Pose, Mask]:
-    """One pose from the forward and the backward pass's, whose ``variance`` (16,) is relative.
+    body: Body, before: Pose, ahead: Sequence[Step], back: Sequence[Step], after: Pose
+) -> tuple[list[Pose], Array]:
+    """The poses between two keyframes from the steps of both passes, in the order of the frames; and how far apart
+    (T, 16), metres, the two have the joints of a limb that they disagree about, 0 where they agree."""
+    share = np.array([a.variance / (a.variance + b.variance) for a, b in zip(ahead, back, strict=True)])  # of ``back``
+    support = np.array([[step.support for step in steps] for steps in (ahead, back)])  # (2, T, 4, 2)
+    joints = np.array([
+        [_joints(body, pose) for pose in (before, *(step.pose for step in steps), after)] for steps in (ahead, back)
+    ])  # (2, T + 2, 16, 3)  # fmt: skip
+    apart = np.linalg.norm(joints[0, 1:-1] - joints[1, 1:-1], axis=-1)
+    doubt = np.zeros(apart.shape)
+    for limb, members in enumerate(LIMBS):
+        share[:, list(members)] = share[:, list(members)].mean(axis=1, keepdims=True)
+        disagree = apart[:, list(members)].max(axis=1) > AGREE_M
+        doubt[:, list(members)] = np.where(disagree[:, None], apart[:, list(members)], 0.0)
+        if not disagree.any():
+            continue
+        gain = (support[:, :, limb, 0] - support[:, :, limb, 1]) / _SUPPORT_M2
+        choice = _smoothest(joints[:, :, list(members[1:])], gain)
+        for frame in np.flatnonzero(disagree):
+            share[frame, list(members)] = choice[frame]
+    return [_mix(a.pose, b.pose, s) for a, b, s in zip(ahead, back, share, strict=True)], doubt
 
-    Returns also, per segment (16,), whether the two agreed.
-    """
-    joints_ahead, joints_back = forward(body, ahead)[:, :3, 3], forward(body, back)[:, :3, 3]
-    apart = np.linalg.norm(joints_ahead - joints_back, axis=1)
-    agree = np.ones(len(SEGMENTS), bool)
-    for limb in LIMBS:
-        agree[list(limb)] = apart[list(limb)].max() < AGREE_M
-    share = variance_ahead / (variance_ahead + variance_back)  # of the backward pass
-    if not agree.all():
-        share = np.where(agree, share, _choose(body, ahead, back, agree, share, cuts))
-    return _mix(ahead, back, share), agree
+
+def _joints(body: Body, pose: Pose) -> Array:
+    return forward(body, pose)[:, :3, 3]
+
+
+def _smoothest(joints_m: Array, gain: Array) -> NDArray[np.int64]:
+    """Which of two candidates (T,) to take in each frame, so that the sum of ``gain`` (2, T), less the leaps of the
+    joints (2, T + 2, J, 3), is greatest. The first and the last frame of the joints are known: both are alike."""
+    count = gain.shape[1]
+    total = np.zeros((2, 2))  # of the frame before the last, and of the last
+    origin = np.zeros((count + 1, 2, 2), np.int64)
+    for t in range(1, count + 2):
+        now = np.empty((2, 2))
+        own = gain[:, t - 1] if t <= count else np.zeros(2)
+        for b in range(2):
+            for c in range(2):
+                scores = [total[a, b] - _leap(joints_m, t, a, b, c) for a in range(2)]
+                origin[t - 1, b, c] = int(np.argmax(scores))
+                now[b, c] = max(scores) + own[c]
+        total = now
+    last = divmod(int(np.argmax(total)), 2)
+    path = [last[1], last[0]]
+    for t in range(count + 1, 1, -1):
+        path.append(int(origin[t - 1, path[-1], path[-2]]))
+    return np.array(path[::-1][1:-1])
+
+
+def _leap(joints_m: Array, t: int, a: int, b: int, c: int) -> float:
+    """Cost of candidates ``a``, ``b`` and ``c`` in the frames up to ``t``."""
+    if t < 2:
+        return 0.0
+    bend = joints_m[c, t] - 2.0 * joints_m[b, t - 1] + joints_m[a, t - 2]
+    return float(np.minimum(np.sum(bend**2, axis=-1) / (2.0 * _LEAP_M**2), _WORST_LEAP).sum())
 
 
 def _mix(ahead: Pose, back: Pose, share: Array) -> Pose:
     """Each segment's rotation (and the root's position) turned by its ``share`` (16,) from ``ahead`` to ``back``."""
-    delta = difference(back, ahead)
-    assert len(delta) == DOF
-    return retract(ahead, share[DOF_SEGMENT] * delta)
+    assert len(share) == len(SEGMENTS)
+    return retract(ahead, share[DOF_SEGMENT] * difference(back, ahead))
 
 
-def _choose(body: Body, ahead: Pose, back: Pose, agree: Mask, share: Array, cuts: Sequence[Cut | None]) -> Array:
-    """For the limbs on which the passes disagree, 0 (forward) or 1 (backward) as the silhouettes have it (16,)."""
-    choices = [np.where(agree, share, 0.0), np.where(agree, share, 1.0)]
-    scores = [mismatch(body, _mix(ahead, back, choice), cuts) for choice in choices]
-    best = int(np.argmin(scores))
-    choice, score = choices[best], scores[best]
-    for limb in LIMBS:
-        members = list(limb)
-        if agree[members].all():
-            continue
-        other = choice.copy()
-        other[members] = 1.0 - choice[members]
-        attempt = mismatch(body, _mix(ahead, back, other), cuts)
-        if attempt < score:
-            choice, score = other, attempt
-    return choice
-
-
-def best_of(body: Body, poses: Sequence[Pose], cuts: Sequence[Cut | None]) -> tuple[Pose, float]:
-    """The pose that the silhouettes prefer, each limb taken from whichever candidate it fits best, and its mismatch."""
-    pose, score = poses[0], mismatch(body, poses[0], cuts)
-    for other in poses[1:]:
-        attempt = mismatch(body, other, cuts)
-        first, second = (pose, other) if score <= attempt else (other, pose)
-        disagree = np.zeros(len(SEGMENTS), bool)
-        share = _choose(body, first, second, disagree, np.zeros(len(SEGMENTS)), cuts)
-        pose = _mix(first, second, share)
-        score = mismatch(body, pose, cuts)
-    return pose, score
+def leaping(body: Body, before: Pose, poses: Sequence[Pose], after: Pose, doubt_m: Array) -> Mask:
+    """Segments (T, 16) that the passes disagree about (``doubt_m`` of `merge`) at or beside a leap of their limb."""
+    joints = np.array([_joints(body, pose) for pose in (before, *poses, after)])
+    bend = np.linalg.norm(joints[2:] - 2.0 * joints[1:-1] + joints[:-2], axis=-1)
+    found = np.zeros(doubt_m.shape, bool)
+    for members in LIMBS:
+        rows = list(members)
+        doubted = doubt_m[:, rows].max(axis=1) > 0.0
+        leaps = np.flatnonzero(doubted & (bend[:, rows].max(axis=1) > 2.0 * _LEAP_M))
+        for frame in leaps:
+            beside = slice(max(frame - _BESIDE, 0), frame + _BESIDE + 1)
+            found[beside, rows[0] : rows[-1] + 1] |= doubted[beside, None]
+    return found

@@ -72,15 +72,25 @@ def pixel_gradient(point: Array, world_T_cam: Array, focal: float, k1: float, du
 
 @njit(cache=True, nogil=True)
 def rasterise(
-    pixels: Array, depth: Array, faces: NDArray[np.int64], left: int, top: int, scale: float, z_buffer: Float32
+    pixels: Array,
+    depth: Array,
+    faces: NDArray[np.int64],
+    group: NDArray[np.uint8],
+    left: int,
+    top: int,
+    scale: float,
+    z_buffer: Float32,
+    cover: NDArray[np.uint8],
 ) -> None:
-    """Nearest depth at every pixel of a window; infinity where there is no body.
+    """Nearest depth at every pixel of a window, infinity where there is no body; and in ``cover`` the bits of all the
+    parts of the body that lie there, ``group`` (V,) holding that of each point.
 
     Pixel ``(i, j)`` of the window stands at ``(left, top) + (j, i) * scale`` of the image. Depth is interpolated
     linearly over a triangle, which for triangles of centimetres seen from metres is exact to a millimetre.
     """
     height, width = z_buffer.shape
     z_buffer[:] = np.inf
+    cover[:] = 0
     for f in range(len(faces)):
         i0, i1, i2 = faces[f, 0], faces[f, 1], faces[f, 2]
         if depth[i0] < 0 or depth[i1] < 0 or depth[i2] < 0:
@@ -104,6 +114,7 @@ def rasterise(
                 w2 = ((x1 - x0) * (row - y0) - (column - x0) * (y1 - y0)) / area
                 if w1 < -1e-9 or w2 < -1e-9 or w1 + w2 > 1.0 + 1e-9:
                     continue
+                cover[row, column] |= group[i0]
                 z = depth[i0] + w1 * (depth[i1] - depth[i0]) + w2 * (depth[i2] - depth[i0])
                 if z < z_buffer[row, column]:
                     z_buffer[row, column] = z

@@ -116,8 +116,9 @@ def contour(
     focal: float,
     principal: Array,
     k1: float,
-    centre: Array,
     z_buffer: Float32,
+    cover: NDArray[np.uint8],
+    group: NDArray[np.uint8],
     z_left: int,
     z_top: int,
     z_scale: float,
@@ -127,16 +128,18 @@ def contour(
     reach: float,
     sigma: float,
     segment_weight: Array,
-    hessians: Array,
-    gradients: Array,
+    rows: Array,
+    row_segment: NDArray[np.int64],
     cost: Array,
-) -> None:
-    """Occluding contour of the body against the silhouette, accumulated into each segment's 6 x 6.
+) -> int:
+    """Occluding contour of the body against the silhouette: writes ``rows`` and returns how many.
 
     Where the normal turns away from the camera between the two ends of a mesh edge lies a contour point. It counts
     if nothing hides it and no other part of the body lies just outside. Along its normal in the image, within
     ``reach`` pixels, the silhouette's edge is sought: the crossing of 1/2 that falls towards the outside (which is the
-    check of the contour's normal) and lies nearest. The residual is the signed distance to it. ``cost`` (16, 3) gains
+    check of the contour's normal) and lies nearest, unless another part of the body (``cover`` holds the bits ``group``
+    (16,) of the segments there) has its own edge there. The residual is the signed distance to it. A row (8,) holds its
+    weight, the residual, the gradient of the distance with respect to the point, and the point. ``cost`` (16, 3) gains
     squared distances, points with an edge found and points sought.
     """
     height, width = z_buffer.shape
@@ -145,8 +148,10 @@ def contour(
     uv = np.zeros((1, 2))
     z1 = np.zeros(1)
     a = np.zeros(3)
-    row = np.zeros(6)
+    count = 0
     n3 = np.zeros(3)
+    stride = 2 if reach > 12.0 else 1  # pixels: a coarse search needs no fine steps
+    far = reach + stride
     for e in range(len(edges)):
         i, j = edges[e, 0], edges[e, 1]
         if depth[i] < 0 or depth[j] < 0:
@@ -189,26 +194,33 @@ def contour(
             continue
         px, py = u - left, v - top
         if (
-            min(px - reach * abs(nu), py - reach * abs(nv)) < 1.0
-            or px + reach * abs(nu) >= p_width - 2.0
-            or py + reach * abs(nv) >= p_height - 2.0
+            min(px - far * abs(nu), py - far * abs(nv)) < 1.0
+            or px + far * abs(nu) >= p_width - 2.0
+            or py + far * abs(nv) >= p_height - 2.0
         ):
             continue
         cost[s, 2] += segment_weight[s]
         best = np.inf
         slope = 0.0
-        steps = int(np.ceil(reach))
+        steps = stride * int(np.ceil(reach / stride))
         previous = bilinear(probability, px - steps * nu, py - steps * nv)
-        for k in range(-steps + 1, steps + 1):
+        for k in range(-steps + stride, steps + 1, stride):
             current = bilinear(probability, px + k * nu, py + k * nv)
             if previous >= 0.5 and current < 0.5:
-                crossing = k - 1 + (previous - 0.5) / (previous - current)
+                crossing = k - stride + stride * (previous - 0.5) / (previous - current)
                 if abs(crossing) < abs(best):
                     best = crossing
                     slope = previous - current
             previous = current
         if abs(best) > reach:
             continue
+        # the edge of another part of the body, which that part explains: no limb is drawn to it
+        column = int(np.rint((u + (best - 2.0) * nu - z_left) / z_scale))
+        line = int(np.rint((v + (best - 2.0) * nv - z_top) / z_scale))
+        if 0 <= column < width and 0 <= line < height:
+            there = cover[line, column]
+            if there != 0 and there & group[s] == 0:
+                continue
         # a soft or tilted edge (its gradient not along our normal) says little about where we are
         ex, ey = px + best * nu, py + best * nv
         gx = 0.5 * (bilinear(probability, ex + 1.0, ey) - bilinear(probability, ex - 1.0, ey))
@@ -222,14 +234,33 @@ def contour(
         robust = 1.0 / (1.0 + (best / (2.5 * sigma)) ** 2)
         weight = robust * robust * aligned * min(1.0, 3.0 * slope) * segment_weight[s] / (sigma * sigma)
         pixel_gradient(x[0], world_T_cam, focal, k1, nu, nv, a)
-        rx, ry, rz = x[0, 0] - centre[0], x[0, 1] - centre[1], x[0, 2] - centre[2]
-        row[0], row[1], row[2] = a[0], a[1], a[2]
-        row[3] = ry * a[2] - rz * a[1]
-        row[4] = rz * a[0] - rx * a[2]
-        row[5] = rx * a[1] - ry * a[0]
-        for k in range(6):
-            for m in range(6):
-                hessians[s, k, m] += weight * row[k] * row[m]
-            gradients[s, k] += weight * row[k] * best
+        row_segment[count] = s
+        rows[count, 0], rows[count, 1] = weight, best
+        for k in range(3):
+            rows[count, 2 + k] = a[k]
+            rows[count, 5 + k] = x[0, k]
+        count += 1
         cost[s, 0] += segment_weight[s] * best * best
         cost[s, 1] += segment_weight[s]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def accumulate(
+    rows: Array, row_segment: NDArray[np.int64], count: int, centre: Array, hessians: Array, gradients: Array
+) -> None:
+    """Add the first ``count`` rows of `contour` to each segment's 6 x 6."""
+    wrench = np.empty(6)
+    for n in range(count):
+        s = row_segment[n]
+        weight, residual = rows[n, 0], rows[n, 1]
+        for k in range(3):
+            wrench[k] = rows[n, 2 + k]
+        rx, ry, rz = rows[n, 5] - centre[0], rows[n, 6] - centre[1], rows[n, 7] - centre[2]
+        wrench[3] = ry * wrench[2] - rz * wrench[1]
+        wrench[4] = rz * wrench[0] - rx * wrench[2]
+        wrench[5] = rx * wrench[1] - ry * wrench[0]
+        for k in range(6):
+            for m in range(6):
+                hessians[s, k, m] += weight * wrench[k] * wrench[m]
+            gradients[s, k] += weight * wrench[k] * residual

@@ -4,7 +4,8 @@ From each keyframe the body is followed forward in time to the next one, and fro
 predicts the pose with the velocity so far and improves it on what the images say: the brightness of every visible
 point of the skin against its slowly adapting appearance, and the body's contour against the silhouette
 (`pzcap.following`). A forward pass drifts away from its keyframe as a backward pass does from the other; merging them
-limb by limb by their confidence removes the drift (`pzcap.merging`).
+limb by limb by their confidence removes the drift (`pzcap.merging`). What is merged is then improved as a whole, after
+the body itself has been corrected from it (`pzcap.polishing`).
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobians
-from pzcap.evidence import Appearance, body_window
+from pzcap.evidence import Appearance, Evidence
 from pzcap.following import Follower, Step, TrackingConfig, improve
-from pzcap.foreground import evidence
-from pzcap.merging import Cut, merge
+from pzcap.merging import leaping, merge
+from pzcap.polishing import correct, correct_by_hand, polish
+from pzcap.shape import ShapeEstimate
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
+from pzcap.views import Cut, cut_out
 
 __all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "View", "collect", "track"]
 
@@ -61,26 +64,13 @@ class _Instant:
     step: Step
 
 
-def _cut_out(body: Body, view: View | None, pose: Pose, config: TrackingConfig) -> Cut | None:
-    """The part of a view around the body, copied so that the frame itself can be let go."""
-    if view is None or not view.silhouette.valid:
-        return None
-    window = body_window(body, pose, view.camera, config.cut_out_margin)
-    if window is None:
-        return None
-    left, top, right, bottom = window
-    part = np.s_[top:bottom, left:right]
-    image, background = view.image[part].copy(), view.silhouette.background[part].copy()
-    colours = evidence(image, background, view.camera, left, top, config.foreground)
-    return Cut(view.camera, left, top, image, background, view.silhouette.probability[part].copy(), colours)
-
-
 class Tracker:
     """Tracks while the footage comes in: `push` instants in the order of their frames, then `finish`.
 
     Results come an interval between keyframes late, since each interval is tracked from both ends; cut-outs of one
     interval are all that is kept. Before the first keyframe the body is tracked backward only, after the last one
-    forward only. Raises PzcapError when there is no keyframe.
+    forward only, and so is what lies further before a keyframe than ``longest_stretch``. Raises PzcapError when there
+    is no keyframe.
     """
 
     def __init__(self, body: Body, keyframes: Sequence[Keyframe], config: TrackingConfig) -> None:
@@ -89,7 +79,9 @@ class Tracker:
         self.body, self.config = body, config
         self._keys = {key.frame: key.pose for key in keyframes}
         self._last_key = max(self._keys)
+        self._shape = ShapeEstimate(body)
         self._ahead: Follower | None = None
+        self._anchor: Pose  # before what waits
         self._lead: list[TrackInput] = []  # before the first keyframe
         self._waiting: list[_Instant] = []  # since the latest one
         sigma = np.full(DOF, config.keyframe_rotation_sigma_rad)
@@ -110,8 +102,11 @@ class Tracker:
         step = self._ahead.step(cuts)
         if item.frame > self._last_key:
             return [self._result(item.frame, step.pose, step.hessian, step.seen)]
+        for cut in cuts:
+            if cut is not None:
+                cut.looked()
         self._waiting.append(_Instant(item.frame, cuts, step))
-        return []
+        return self._close(None) if len(self._waiting) >= self.config.longest_stretch else []
 
     def finish(self) -> list[Tracked]:
         """The footage has ended: what waited for a keyframe that did not come."""
@@ -126,32 +121,66 @@ class Tracker:
         cuts = self._cut(item.views, pose)
         anchor = self._settle(pose, cuts)
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, cuts, anchor.pose)
-        self._ahead = Follower(self.body, self.config, anchor.pose, velocity, cuts)
-        back = Follower(self.body, self.config, anchor.pose, -velocity, cuts)
-        done = []
-        for instant in reversed(self._waiting):
-            step, ahead = back.step(instant.cuts), instant.step
-            merged, _ = merge(self.body, ahead.pose, step.pose, ahead.variance, step.variance, instant.cuts)
-            instant.cuts = []
-            done.append(self._result(instant.frame, merged, ahead.hessian + step.hessian, step.seen or ahead.seen))
-        for early in reversed(self._lead):
-            step = back.step(self._cut(early.views, back.predict()))
-            done.append(self._result(early.frame, step.pose, step.hessian, step.seen))
-        self._waiting, self._lead = [], []
-        return [*reversed(done), self._result(item.frame, anchor.pose, anchor.hessian, True)]
+        if anchor.seen:
+            key = Keyframe(item.frame, pose)
+            correct_by_hand(self.body, self._shape, anchor.pose, key, self._hand, cuts, self.config)
+        done = self._close(Follower(self.body, self.config, anchor.pose, -velocity, cuts, False))
+        if done:
+            anchor = self._settle(pose, cuts)  # the body has been corrected
+        self._ahead = Follower(self.body, self.config, anchor.pose, velocity, cuts, True)
+        self._anchor = anchor.pose
+        early = Follower(self.body, self.config, anchor.pose, -velocity, cuts, True)
+        for lead in reversed(self._lead):
+            step = early.step(self._cut(lead.views, early.predict()))
+            done.insert(0, self._result(lead.frame, step.pose, step.hessian, step.seen))
+        self._lead = []
+        return [*done, self._result(item.frame, anchor.pose, anchor.hessian, True)]
+
+    def _close(self, back: Follower | None) -> list[Tracked]:
+        """The frames that wait, with a pass ``back`` from the keyframe after them, or without."""
+        waiting, self._waiting = self._waiting, []
+        if not waiting:
+            return []
+        views, steps = [instant.cuts for instant in waiting], [instant.step for instant in waiting]
+        after = None if back is None else back.pose
+        if back is None or after is None:
+            poses, doubt = [step.pose for step in steps], np.zeros((len(steps), len(SEGMENTS)))
+            doubtful = doubt > 0.0
+        else:
+            behind = [back.step(cuts) for cuts in reversed(views)][::-1]
+            poses, doubt = merge(self.body, self._anchor, steps, behind, after)
+            doubtful = leaping(self.body, self._anchor, poses, after, doubt)
+        correct(self.body, self._shape, poses[::2], views[::2], self.config)
+        self.body = self._shape.solve()
+        polished = polish(self.body, poses, views, self._anchor, after, doubtful, self.config)
+        self._anchor = polished.poses[-1]
+        return [
+            self._result(instant.frame, polished.poses[t], polished.hessians[t], instant.step.seen, doubt[t])
+            for t, instant in enumerate(waiting)
+        ]
 
     def _cut(self, views: Sequence[View | None], pose: Pose) -> list[Cut | None]:
-        return [_cut_out(self.body, view, pose, self.config) for view in views]
+        config = self.config
+        return [
+            None
+            if view is None or not view.silhouette.valid
+            else cut_out(
+                self.body, view.image, view.silhouette, view.camera, pose, config.cut_out_margin, config.foreground
+            )
+            for view in views
+        ]
 
     def _settle(self, pose: Pose, cuts: list[Cut | None]) -> Step:
         """A keyframe's pose, improved by the images with the hand's error as prior."""
         unseen: list[Appearance | None] = [None] * len(cuts)
         if all(cut is None for cut in cuts):
-            return Step(pose, np.zeros(DOF), self._hand, np.zeros(len(SEGMENTS)), False)
-        pose, normal, _ = improve(self.body, cuts, pose, self._hand, unseen, self.config)
-        return Step(pose, np.zeros(DOF), normal.hessian + self._hand, np.zeros(len(SEGMENTS)), True)
+            return Step(pose, np.zeros(DOF), self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), False)
+        evidence = Evidence(self.body, cuts)
+        pose, normal = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule, True)
+        return Step(pose, np.zeros(DOF), normal.hessian + self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), True)
 
-    def _result(self, frame: int, pose: Pose, hessian: Array, valid: bool) -> Tracked:
+    def _result(self, frame: int, pose: Pose, hessian: Array, valid: bool, doubt_m: Array | float = 0.0) -> Tracked:
+        """``doubt_m`` (16,): how far apart two estimates of a joint are that do not agree."""
         frames = forward(self.body, pose)
         sigma = np.full(DOF, self.config.prediction_rotation_sigma_rad)
         sigma[:3] = self.config.prediction_position_sigma_m
@@ -159,7 +188,8 @@ class Tracker:
         jacobians = joint_jacobians(frames)
         variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
         # what the images cannot tell: joints that the tape has put elsewhere in the body
-        return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance + 2 * self.body.sigma_m**2), valid)
+        variance += 2 * self.body.sigma_m**2 + (0.5 * np.asarray(doubt_m)) ** 2
+        return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid)
 
 
 def track(

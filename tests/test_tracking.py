@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
 from pzcap import body as bodies
 from pzcap import foreground, tracking
 from pzcap.body import Body
-from pzcap.evidence import Appearance, Evidence, Terms, observe
-from pzcap.following import SEGMENT_WIDTH_M
-from pzcap.merging import Cut, merge, mismatch
+from pzcap.evidence import Appearance, Evidence, Terms
+from pzcap.following import Step
+from pzcap.merging import merge
 from pzcap.tracking import Tracked, TrackingConfig, TrackInput, View
 from pzcap.types import Array, Keyframe, Pose, PzcapError, Subject
+from pzcap.views import Cut, observe
 from tests.body_scene import HEIGHT, WIDTH, Clip, shoot
 
 FRAMES = 13
@@ -112,10 +115,21 @@ def test_no_keyframe_is_a_clear_error() -> None:
 # The parts
 
 
+def cuts(frame: int) -> list[Cut | None]:
+    """The views whole, with their true masks."""
+    rows: list[Cut | None] = []
+    for shot in clip().shots[frame]:
+        mask = (255 * shot.mask).astype(np.uint8)
+        belief = cv2.resize(
+            2.0 * shot.mask.astype(np.float32) - 1.0, (WIDTH // 4, HEIGHT // 4), interpolation=cv2.INTER_AREA
+        )
+        seen = observe(shot.image, mask, shot.camera, 0, 0)
+        rows.append(Cut(shot.image, shot.empty, np.zeros((HEIGHT, WIDTH), np.int8), belief, seen))
+    return rows
+
+
 def observed(frame: int, body: Body) -> Evidence:
-    shots = clip().shots[frame]
-    views = [observe(s.image, (255 * s.mask).astype(np.uint8), s.camera, 0, 0) for s in shots]
-    return Evidence(body, views, SEGMENT_WIDTH_M)
+    return Evidence(body, cuts(frame))
 
 
 def true_body() -> Body:
@@ -145,7 +159,7 @@ def test_brightness_gradient_is_the_derivative_of_its_cost() -> None:
     body, pose = true_body(), clip().poses[2]
     evidence = observed(2, body)
     appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
-    evidence.learn(pose, appearances, 1.0)
+    evidence.learn(evidence.visibility(pose), appearances, 1.0)
     # free shading would hide part of the cost in the nuisances: forbid it here
     terms = Terms(1, 5.0, 1.0, 1e4, 0.0, 1.0, 1e-9)
     placed = evidence.visibility(pose)
@@ -168,7 +182,7 @@ def test_shading_alone_moves_nothing() -> None:
     body, pose = true_body(), clip().poses[2]
     evidence = observed(2, body)
     appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
-    evidence.learn(pose, appearances, 1.0)
+    evidence.learn(evidence.visibility(pose), appearances, 1.0)
     _, _, normals = evidence.place(pose)
     for appearance in appearances:
         assert appearance is not None
@@ -183,46 +197,43 @@ def test_shading_alone_moves_nothing() -> None:
     assert free < 0.35 * forbidden
 
 
-NO_COLOURS = np.zeros((HEIGHT, WIDTH), np.int8)
-
-
-def cuts(frame: int) -> list[Cut | None]:
-    return [
-        Cut(s.camera, 0, 0, s.image, s.empty, (255 * s.mask).astype(np.uint8), NO_COLOURS) for s in clip().shots[frame]
-    ]
-
-
 def lost(pose: Pose, dof: int, by: float) -> Pose:
     delta = np.zeros(bodies.DOF)
     delta[dof] = by
     return bodies.retract(pose, delta)
 
 
+def step(pose: Pose, support: Array | None = None) -> Step:
+    nothing = np.zeros(bodies.DOF)
+    return Step(pose, nothing, np.diag(nothing), np.ones(16), np.zeros((4, 2)) if support is None else support, True)
+
+
 def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:
-    body, pose = true_body(), clip().poses[6]
+    body, poses = true_body(), clip().poses
     arm = int(np.flatnonzero(bodies.DOF_SEGMENT == 4)[1])
     leg = int(np.flatnonzero(bodies.DOF_SEGMENT == 13)[1])
-    ahead, back = lost(pose, arm, 0.9), lost(pose, leg, 0.8)
-    equal = np.ones(16)
-    merged, agree = merge(body, ahead, back, equal, equal, cuts(6))
-    error = np.linalg.norm(bodies.joints(body, merged) - clip().joints_m[6], axis=1)
-    assert error.max() < 0.02
-    assert not agree[[4, 5, 6]].any()
-    assert not agree[[13, 14, 15]].any()
-    assert agree[[0, 1, 2, 3, 7, 8, 9, 10, 11, 12]].all()
+    ahead = [step(lost(pose, arm, 0.9) if k == 3 else pose) for k, pose in enumerate(poses[1:-1])]
+    back = [step(lost(pose, leg, 0.8) if k == 3 else pose) for k, pose in enumerate(poses[1:-1])]
+    merged, doubt = merge(body, poses[0], ahead, back, poses[-1])
+    for found, true in zip(merged, poses[1:-1], strict=True):
+        np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, true), atol=0.001)
+    assert doubt[3, [5, 6, 14, 15]].min() > 0.05
+    assert doubt[2].max() == 0.0
 
 
 def test_where_passes_agree_confidence_weighs_them() -> None:
     body, pose = true_body(), clip().poses[6]
-    ahead, back = lost(pose, 3, 0.0), lost(pose, 3, 0.04)
-    merged, agree = merge(body, ahead, back, np.full(16, 1.0), np.full(16, 3.0), cuts(6))
-    assert agree.all()
-    np.testing.assert_allclose(bodies.difference(merged, ahead)[3], 0.01, atol=1e-9)
+    ahead, back = step(pose), step(lost(pose, 3, 0.04))
+    back.variance[:] = 3.0
+    (merged,), doubt = merge(body, pose, [ahead], [back], pose)
+    assert not doubt.any()
+    np.testing.assert_allclose(bodies.difference(merged, pose)[3], 0.01, atol=1e-9)
 
 
-def test_mismatch_is_least_at_the_truth() -> None:
-    body, pose = true_body(), clip().poses[3]
-    best = mismatch(body, pose, cuts(3))
-    assert best < 0.12
-    for dof in (0, 2, 4, 15):
-        assert mismatch(body, lost(pose, dof, 0.3), cuts(3)) > best + 0.01
+def test_a_stretch_that_no_keyframe_ends_is_given_up_in_time() -> None:
+    tracker = tracking.Tracker(
+        taped(), [by_hand(0), Keyframe(100, clip().poses[0])], replace(CONFIG, longest_stretch=4)
+    )
+    counts = [len(tracker.push(item)) for item in inputs()[:6]]
+    assert counts == [1, 0, 0, 0, 4, 0]
+    assert [r.frame for r in tracker.finish()] == [5]

@@ -1,0 +1,156 @@
+"""The frames between two keyframes once more, all at once: the body corrected, the drift and the jitter taken out.
+
+The passes from the keyframes have found the body in every frame, each from its own side. Now the contours of all these
+frames correct the body's shape (`pzcap.shape`); then every pose is improved against the silhouettes and against what
+each point of the skin looks like on average, with a motion that does not jerk (`pzcap.trajectory`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, limit_residuals, retract
+from pzcap.evidence import Appearance, Evidence
+from pzcap.following import TrackingConfig
+from pzcap.limbs import LIMBS, LimbSearch
+from pzcap.shape import ShapeEstimate
+from pzcap.trajectory import smooth_step
+from pzcap.types import Array, Keyframe, Mask, Pose
+from pzcap.views import Cut, PlacedView
+
+_DISBELIEF: Final = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polished:
+    """The poses of a stretch, and how well the images of each fix it."""
+
+    poses: list[Pose]
+    hessians: list[Array]  # (43, 43)
+
+
+def correct(
+    body: Body,
+    shape: ShapeEstimate,
+    poses: Sequence[Pose],
+    views: Sequence[Sequence[Cut | None]],
+    config: TrackingConfig,
+) -> None:
+    """Tell ``shape`` what the contours of some frames, tracked with ``body``, say."""
+    anything = config.shape_weight / config.start_widening**2 * np.eye(DOF)
+    for pose, cuts in zip(poses, views, strict=True):
+        _add(body, shape, pose, cuts, config, anything, np.zeros(DOF))
+
+
+def correct_by_hand(
+    body: Body, shape: ShapeEstimate, pose: Pose, key: Keyframe, hand: Array, cuts: Sequence[Cut | None],
+    config: TrackingConfig,
+) -> None:  # fmt: skip
+    """Tell ``shape`` what a keyframe says: a hand knows where the joints are, and not only where the skin is.
+
+    ``pose`` is the one settled on, ``hand`` the information (43, 43) of the keyframe's.
+    """
+    _add(body, shape, pose, cuts, config, hand, hand @ difference(key.pose, pose))
+
+
+def _add(
+    body: Body, shape: ShapeEstimate, pose: Pose, cuts: Sequence[Cut | None], config: TrackingConfig, prior: Array,
+    pull: Array,
+) -> None:  # fmt: skip
+    evidence = Evidence(body, cuts)
+    rows = evidence.contour(pose, evidence.visibility(pose), config.schedule[-1].terms)
+    if len(rows.segment):
+        rows.weight[:] *= config.shape_weight
+        shape.add(forward(body, pose), rows, prior, pull)
+
+
+def polish(
+    body: Body, poses: Sequence[Pose], views: Sequence[Sequence[Cut | None]], before: Pose | None, after: Pose | None,
+    doubtful: Mask, config: TrackingConfig,
+) -> Polished:  # fmt: skip
+    """Improve the ``poses`` of a stretch of frames; ``before`` and ``after`` it the body is held fast where known.
+
+    Where a segment is ``doubtful`` (T, 16) it is also tried to bridge it by the motion around, and to believe its
+    images only then; a limb is taken from there if that explains more of the silhouettes.
+    """
+    stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, after, config)
+    placed = stretch.visibility(poses)
+    appearances = stretch.appearances(placed)
+    sure = np.ones((len(poses), DOF))
+    found = stretch.sweep(poses, placed, appearances, sure)
+    if not doubtful.any():
+        return found
+    bridge = stretch.sweep(poses, placed, appearances, np.where(doubtful[:, DOF_SEGMENT], _DISBELIEF, 1.0))
+    other = stretch.sweep(bridge.poses, stretch.visibility(bridge.poses), appearances, sure)
+    return stretch.choose(found, other, doubtful)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stretch:
+    """Frames that are solved for together."""
+
+    body: Body
+    evidence: list[Evidence]
+    before: Pose | None
+    after: Pose | None
+    config: TrackingConfig
+
+    def visibility(self, poses: Sequence[Pose]) -> list[list[PlacedView | None]]:
+        return [each.visibility(pose) for each, pose in zip(self.evidence, poses, strict=True)]
+
+    def appearances(self, placed: Sequence[Sequence[PlacedView | None]]) -> list[Appearance]:
+        """What each point of the skin looks like on average, a view each."""
+        means = [Appearance.unseen(len(self.body.surface.points_m)) for _ in placed[0]]
+        for count, (each, where) in enumerate(zip(self.evidence, placed, strict=True), start=1):
+            each.learn(where, means, 1.0 / count)
+        return means
+
+    def sweep(
+        self, poses: Sequence[Pose], placed: Sequence[Sequence[PlacedView | None]], appearances: Sequence[Appearance],
+        belief: Array,
+    ) -> Polished:  # fmt: skip
+        """Some Gauss-Newton steps; the images count as far as ``belief`` (T, 43) has it."""
+        config = self.config
+        found, hessians = list(poses), [np.zeros((DOF, DOF)) for _ in poses]
+        sigma = np.full(DOF, config.acceleration_rotation_sigma_rad)
+        sigma[:3] = config.acceleration_position_sigma_m
+        for _ in range(config.polishing_sweeps):
+            gradients = []
+            for t, (each, where, say) in enumerate(zip(self.evidence, placed, belief, strict=True)):
+                normal = each.normal(found[t], where, appearances, config.schedule[-1].terms)
+                excess, violated = limit_residuals(found[t])
+                stiffness = violated / config.limit_sigma_rad**2
+                hessians[t] = say[:, None] * normal.hessian * say + np.diag(stiffness)
+                gradients.append(say * normal.gradient - stiffness * excess)
+            steps = smooth_step(found, hessians, gradients, sigma, self.before, self.after).clip(-0.5, 0.5)
+            found = [retract(pose, step) for pose, step in zip(found, steps, strict=True)]
+        return Polished(found, hessians)
+
+    def choose(self, one: Polished, other: Polished, doubtful: Mask) -> Polished:
+        """``one``, but the limbs that are ``doubtful`` as ``other`` has them where that explains more."""
+        frames = np.flatnonzero(doubtful.any(axis=1))
+        gain = self._support(other.poses, frames) - self._support(one.poses, frames)
+        poses, hessians = list(one.poses), list(one.hessians)
+        for limb, members in enumerate(LIMBS):
+            rows = list(members)
+            here = doubtful[frames][:, rows].any(axis=1)
+            if gain[here, limb].sum() <= 0.0:
+                continue
+            for t in frames[here]:
+                rotations = poses[t].rotations.copy()
+                rotations[rows] = other.poses[t].rotations[rows]
+                poses[t], hessians[t] = Pose(poses[t].root_position_m, rotations), other.hessians[t]
+        return Polished(poses, hessians)
+
+    def _support(self, poses: Sequence[Pose], frames: NDArray[np.int64]) -> Array:
+        """(N, 4) square metres that each limb explains, less those of the hall, in some ``frames``."""
+        search, rows = LimbSearch(self.body), []
+        for t in frames:
+            grounds = self.evidence[t].grounds(self.evidence[t].visibility(poses[t]))
+            rows.append(np.subtract(*search.support(poses[t], grounds).T))
+        return np.array(rows)

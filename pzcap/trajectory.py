@@ -1,0 +1,51 @@
+"""A stretch of frames improved all at once: each image's normal equations, and a motion that does not jerk.
+
+The passes from the keyframes see one frame at a time. Here all frames of a stretch are solved for together, with the
+second difference of the motion as prior: minimise over the steps ``d_t`` of all poses
+
+    sum_t 1/2 d_t' H_t d_t - g_t' d_t  +  sum_t 1/2 |d_(t-1) - 2 d_t + d_(t+1) + a_t|^2 / sigma^2
+
+with ``a_t`` the acceleration that the poses have now. The matrix is banded, so the cost is linear in the frames.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from pzcap.body import DOF, difference
+from pzcap.types import Array, Pose
+
+
+def smooth_step(
+    poses: Sequence[Pose], hessians: Sequence[Array], gradients: Sequence[Array], sigma: Array, before: Pose | None,
+    after: Pose | None,
+) -> Array:  # fmt: skip
+    """Steps (T, 43) of ``poses`` (T of them) with normal equations ``hessians`` (43, 43) and ``gradients`` (43,).
+
+    ``sigma`` (43,) is the standard deviation of the acceleration, a frame squared. ``before`` and ``after`` the
+    stretch the body is held fast where it is known.
+    """
+    chain = [*([before] if before else []), *poses, *([after] if after else [])]
+    first = 1 if before else 0
+    count = len(poses)
+    band = np.zeros((2 * DOF + 1 if count > 2 else min(count, 2) * DOF, count * DOF))
+    right = np.concatenate(gradients)
+    rows, columns = np.tril_indices(DOF)
+    for t, hessian in enumerate(hessians):
+        band[rows - columns, t * DOF + columns] += hessian[rows, columns]
+    information = 1.0 / sigma**2
+    velocity = [difference(b, a) for a, b in itertools.pairwise(chain)]
+    for k in range(1, len(chain) - 1):
+        bend = velocity[k] - velocity[k - 1]
+        three = [(k - 1 - first, 1.0), (k - first, -2.0), (k + 1 - first, 1.0)]
+        inside = [(t, c) for t, c in three if 0 <= t < count]
+        for i, (t, c) in enumerate(inside):
+            at = slice(t * DOF, (t + 1) * DOF)
+            right[at] -= c * information * bend
+            for other, d in inside[i:]:
+                band[(other - t) * DOF, at] += c * d * information
+    return np.asarray(solveh_banded(band, right, lower=True)).reshape(count, DOF)

@@ -1,0 +1,179 @@
+"""Views cut out around the body, and where its skin stands in them: what is kept of the footage while it is tracked.
+
+An `Observation` is what the residuals look at, as a pyramid; a `Cut` holds what it was made of besides, and a
+`PlacedView` the skin of a posed body, projected and tested for what is visible.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap import raster
+from pzcap.body import Body, forward, place
+from pzcap.foreground import LOG_ODDS_STEPS, ForegroundConfig, refine
+from pzcap.foreground import evidence as colour_evidence
+from pzcap.limbs import BELIEF_SCALE, GROUP, Ground, ground
+from pzcap.raster import Float32
+from pzcap.types import Array, Camera, Image, Pose, Silhouette
+
+LEVELS = 3
+"""Pyramid levels: each halves the one below it."""
+DEPTH_TOLERANCE_M = 0.03
+Z_SCALE = 2.0
+"""Pixels of a view that one of a z-buffer is wide."""
+_SURE = 3.0  # log-odds that count in full
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """One view, cut out around the body. Pixel ``(i, j)`` of level ``l`` stands at ``(left, top) + 2^l (j, i)``."""
+
+    camera: Camera
+    left: int
+    top: int
+    grey: tuple[Float32, ...]  # LEVELS images
+    probability: Float32  # (h, w) 0..1 of the finest level
+
+
+def observe(image: Image, probability: Image, camera: Camera, left: int, top: int) -> Observation:
+    """Prepare a cut-out whose top-left pixel stands at ``(left, top)`` of the view."""
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+    levels = [np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 0.7), np.float32)]
+    for _ in range(LEVELS - 1):
+        levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.float32))
+    return Observation(camera, left, top, tuple(levels), _smooth(probability))
+
+
+def _smooth(probability: Image) -> Float32:
+    return np.asarray(cv2.GaussianBlur(probability, (0, 0), 0.7), np.float32) / np.float32(255.0)
+
+
+@dataclass(slots=True, eq=False)
+class Cut:
+    """A view cut out around the body: what is kept of it until both directions of time have used it."""
+
+    image: Image  # (h, w, 3)
+    background: Image  # (h, w, 3)
+    colours: NDArray[np.int8]  # (h, w) of `pzcap.foreground.evidence`
+    belief: Float32  # (h / 4, w / 4) of `pzcap.limbs.Ground`
+    seen: Observation
+
+    def look_again(self, predicted: PlacedView, config: ForegroundConfig) -> None:
+        """Cut the silhouette once more, with the body where it is predicted."""
+        seen = self.seen
+        height, width = seen.probability.shape
+        outline = signed_distance(predicted, seen.left, seen.top, width, height)
+        better = _smooth(refine(self.image, self.background, self.colours, outline, config))
+        self.seen = Observation(seen.camera, seen.left, seen.top, seen.grey, better)
+
+    def looked(self) -> None:
+        """The silhouette will not be cut again: let go what that needs."""
+        self.image = self.background = np.zeros((0, 0, 3), np.uint8)
+        self.colours = np.zeros((0, 0), np.int8)
+
+    def ground(self, placed: PlacedView) -> Ground:
+        """What the limbs are judged by, the body being where it was ``placed``."""
+        seen = self.seen
+        corner = np.array([seen.left, seen.top]) + 0.5 * (BELIEF_SCALE - 1)
+        origin = (corner - [placed.z_left, placed.z_top]) / Z_SCALE
+        shift = np.column_stack([BELIEF_SCALE / Z_SCALE * np.eye(2), origin])
+        return ground(seen.camera, corner, self.belief, placed.cover, shift)
+
+
+def cut_out(
+    body: Body, image: Image, silhouette: Silhouette, camera: Camera, pose: Pose, margin: float,
+    config: ForegroundConfig,
+) -> Cut | None:  # fmt: skip
+    """The part of a view around the body, copied so that the frame itself can be let go. None where it is not seen."""
+    window = body_window(body, pose, camera, margin)
+    if window is None:
+        return None
+    left, top, right, bottom = window
+    part = np.s_[top:bottom, left:right]
+    image, background = image[part].copy(), silhouette.background[part].copy()
+    colours = colour_evidence(image, background, camera, left, top, config)
+    sure = np.clip(colours.astype(np.float32) / (LOG_ODDS_STEPS * _SURE), -1.0, 1.0)
+    small = (colours.shape[1] // BELIEF_SCALE, colours.shape[0] // BELIEF_SCALE)
+    sure = sure[: BELIEF_SCALE * small[1], : BELIEF_SCALE * small[0]]
+    belief = cv2.resize(sure, small, interpolation=cv2.INTER_AREA)
+    return Cut(
+        image, background, colours, np.asarray(belief, np.float32),
+        observe(image, silhouette.probability[part], camera, left, top),
+    )  # fmt: skip
+
+
+@dataclass(slots=True, eq=False)
+class PlacedView:
+    """The skin of a posed body in one view."""
+
+    pixels: Array  # (V, 2)
+    depth: Array  # (V,)
+    facing: Float32  # (V,) cosine to the ray where visible, else 0
+    z_buffer: Float32
+    cover: NDArray[np.uint8]  # bits of `pzcap.limbs.GROUP`, of all that lies there
+    z_left: int
+    z_top: int
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        return np.isfinite(self.z_buffer)
+
+
+def place_view(body: Body, points: Array, normals: Array, camera: Camera, scale: float = Z_SCALE) -> PlacedView:
+    """Project the placed skin and test what is visible."""
+    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
+    raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
+    left, top, width, height = _window(pixels, depth, camera, 12)
+    z_buffer = np.empty((int(height // scale) + 1, int(width // scale) + 1), np.float32)
+    cover = np.empty(z_buffer.shape, np.uint8)
+    group = GROUP[body.surface.segment]
+    raster.rasterise(pixels, depth, body.surface.faces, group, left, top, scale, z_buffer, cover)
+    facing = np.empty(len(points), np.float32)
+    raster.visible(
+        points, normals, pixels, depth, np.ascontiguousarray(camera.world_T_cam[:3, 3]), z_buffer, left, top, scale,
+        DEPTH_TOLERANCE_M, facing,
+    )  # fmt: skip
+    return PlacedView(pixels, depth, facing, z_buffer, cover, left, top)
+
+
+def _window(pixels: Array, depth: Array, camera: Camera, margin: int) -> tuple[int, int, int, int]:
+    """Left, top, width and height around the points seen; it may stand over the image's edge, but is never huge."""
+    box = np.empty(4)
+    raster.bounds(pixels, depth, box)
+    if box[2] < box[0]:
+        return 0, 0, 2, 2
+    left, top = max(int(box[0]) - margin, -camera.width), max(int(box[1]) - margin, -camera.height)
+    right, bottom = min(int(box[2]) + margin, 2 * camera.width), min(int(box[3]) + margin, 2 * camera.height)
+    return left, top, max(right - left, 2), max(bottom - top, 2)
+
+
+def body_window(body: Body, pose: Pose, camera: Camera, margin: float) -> tuple[int, int, int, int] | None:
+    """Part of the view (left, top, right, bottom) that holds the body, and ``margin`` of its size around it; None where
+    the body is out of view."""
+    points, _ = place(body, forward(body, pose))
+    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
+    raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
+    box = np.empty(4)
+    raster.bounds(pixels, depth, box)
+    if box[2] < box[0]:
+        return None
+    low, high = box[:2], box[2:]
+    pad = margin * float(np.max(high - low)) + 16
+    left, top = (int(v) for v in np.clip(np.floor(low - pad), 0, None))
+    right = int(min(np.ceil(high[0] + pad), camera.width))
+    bottom = int(min(np.ceil(high[1] + pad), camera.height))
+    return (left, top, right, bottom) if right - left >= 32 and bottom - top >= 32 else None
+
+
+def signed_distance(placed: PlacedView, left: int, top: int, width: int, height: int) -> Float32:
+    """Pixels from the outline of the placed body, positive inside, over a window (height, width) of the view."""
+    shift = np.array([[Z_SCALE, 0.0, placed.z_left - left], [0.0, Z_SCALE, placed.z_top - top]])
+    mask = cv2.warpAffine(placed.mask.astype(np.float32), shift, (width, height), flags=cv2.INTER_LINEAR) > 0.5
+    inside = mask.astype(np.uint8)
+    return np.asarray(
+        cv2.distanceTransform(inside, cv2.DIST_L2, 3) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 3), np.float32
+    )

@@ -1,0 +1,73 @@
+"""The body's corrections: what they change, and that contours find them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pzcap import body as bodies
+from pzcap.body import DOF, forward
+from pzcap.evidence import Evidence
+from pzcap.shape import ShapeEstimate, basis, corrected
+from pzcap.types import Array, Subject
+from tests.test_tracking import TERMS, clip, cuts, true_body
+
+
+def test_a_length_corrects_the_skeleton_and_stretches_the_skin() -> None:
+    body = true_body()
+    change = basis(body)
+    upper_arm = 4  # after trunk, shoulder drop and both widths
+    amounts = np.zeros(len(change.sigma_m))
+    amounts[upper_arm] = 0.01
+    longer = corrected(body, change, amounts)
+    moved = longer.offsets_m - body.offsets_m
+    np.testing.assert_allclose(moved[[5, 8], 2], -0.01)
+    assert np.count_nonzero(moved) == 2
+    arm = body.surface.segment == 4
+    reach = [shape.surface.points_m[arm, 2].min() for shape in (body, longer)]
+    assert 0.009 < reach[0] - reach[1] < 0.013
+    assert np.array_equal(longer.surface.points_m[~arm & (body.surface.segment != 7)],
+                          body.surface.points_m[~arm & (body.surface.segment != 7)])  # fmt: skip
+
+
+def test_jacobians_are_derivatives_of_the_skin() -> None:
+    """Moving the body by a correction moves each contour point as its row says."""
+    body, pose = true_body(), clip().poses[4]
+    evidence = Evidence(body, cuts(4))
+    rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+    shape = ShapeEstimate(body)
+    frames = forward(body, pose)
+    by_pose, by_shape = shape._jacobians(frames, rows)
+    change = basis(body)
+    local = np.einsum("nji,nj->ni", frames[rows.segment, :3, :3], rows.points_m - frames[rows.segment, :3, 3])
+    for k in range(len(change.sigma_m)):
+        amounts = np.zeros(len(change.sigma_m))
+        amounts[k] = 1e-3
+        there = forward(corrected(body, change, amounts), pose)
+        affine = 1e-3 * change.skin[k, rows.segment]
+        skin = local + np.einsum("nij,nj->ni", affine[:, :, :3], local) + affine[:, :, 3]
+        moved = np.einsum("nij,nj->ni", there[rows.segment, :3, :3], skin) + there[rows.segment, :3, 3]
+        expected = np.einsum("ni,ni->n", rows.gradients, moved - rows.points_m) / 1e-3
+        np.testing.assert_allclose(by_shape[:, k], expected, atol=1e-6 * max(1.0, np.abs(expected).max()))
+    assert by_pose.shape == (len(local), DOF)
+
+
+def amounts_found(measurements_m: dict[str, float]) -> Array:
+    """The corrections that true silhouettes at true poses ask for."""
+    body = bodies.build(Subject(measurements_m, 0.01))
+    shape = ShapeEstimate(body)
+    for frame in range(0, 13, 3):
+        evidence, pose = Evidence(body, cuts(frame)), clip().poses[frame]
+        rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+        rows.weight[:] *= 0.1
+        shape.add(forward(body, pose), rows, 1e6 * np.eye(DOF), np.zeros(DOF))
+    shape.solve()
+    return shape.amounts_m
+
+
+def test_a_wrong_tape_is_corrected() -> None:
+    """Thighs that are taken for two centimetres too short are made longer, by about half of that."""
+    thigh = 6
+    wrong = dict(clip().measurements_m)
+    wrong["thigh"] -= 0.02
+    assert 0.008 < amounts_found(wrong)[thigh] < 0.025
+    assert abs(amounts_found(clip().measurements_m)[thigh]) < 0.006

@@ -1,0 +1,57 @@
+"""A stretch solved at once: it follows the images where they speak and is smooth where they do not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pzcap import body as bodies
+from pzcap.body import DOF
+from pzcap.trajectory import smooth_step
+from pzcap.types import Array, Pose
+from tests.body_scene import swing
+
+SIGMA = np.full(DOF, 0.05)
+
+
+def shaken(count: int) -> tuple[list[Pose], Array]:
+    """Poses of a body that moves evenly, and what each is off by."""
+    rng = np.random.default_rng(1)
+    velocity = rng.normal(0, 0.02, DOF)
+    start = swing(0.2)
+    errors = 0.02 * rng.normal(size=(count, DOF))
+    even = [bodies.retract(start, t * velocity) for t in range(count)]
+    return [bodies.retract(pose, error) for pose, error in zip(even, errors, strict=True)], errors
+
+
+def test_without_images_a_stretch_between_known_ends_becomes_even() -> None:
+    poses, _ = shaken(12)
+    zeros = [np.zeros((DOF, DOF))] * 10
+    inner = poses[1:-1]
+    for _ in range(3):
+        steps = smooth_step(inner, zeros, [np.zeros(DOF)] * 10, SIGMA, poses[0], poses[-1])
+        inner = [bodies.retract(pose, step) for pose, step in zip(inner, steps, strict=True)]
+    chain = [poses[0], *inner, poses[-1]]
+    velocity = [bodies.difference(chain[t + 1], chain[t]) for t in range(11)]
+    assert np.abs(np.diff(velocity, axis=0)).max() < 1e-3
+
+
+def test_strong_images_have_their_way() -> None:
+    poses, errors = shaken(8)
+    hessians = [1e8 * np.eye(DOF)] * 8
+    gradients = [-1e8 * error for error in errors]
+    steps = smooth_step(poses, hessians, gradients, SIGMA, None, None)
+    np.testing.assert_allclose(steps, -errors, atol=1e-4)
+
+
+def test_weak_images_are_smoothed() -> None:
+    poses, errors = shaken(30)
+    hessians = [np.eye(DOF) / 0.02**2] * 30
+    steps = smooth_step(poses, hessians, [np.zeros(DOF)] * 30, 0.1 * SIGMA, None, None)
+    left = np.array([e + s for e, s in zip(errors, steps, strict=True)])
+    assert np.sqrt(np.mean(left**2)) < 0.6 * np.sqrt(np.mean(errors**2))
+
+
+def test_one_frame_alone_takes_its_own_step() -> None:
+    poses, errors = shaken(1)
+    steps = smooth_step(poses, [2.0 * np.eye(DOF)], [2.0 * errors[0]], SIGMA, None, None)
+    np.testing.assert_allclose(steps[0], errors[0])
