@@ -340,10 +340,12 @@ def test_values_are_read_by_people(value: float | None, text: str) -> None:
 
 
 def test_targets() -> None:
-    assert meets_target(Metric("panzoom.pan.rms", 0.05, "deg")) is True
-    assert meets_target(Metric("panzoom.pan.rms", 0.051, "deg")) is False
+    assert meets_target(Metric("panzoom.pan.rms", 0.003, "deg")) is True
+    assert meets_target(Metric("panzoom.pan.rms", 0.0031, "deg")) is False
     assert meets_target(Metric("panzoom.pan.rms", None, "deg")) is None
-    assert meets_target(Metric("speed.fps", 3.0, "1/s", "higher")) is None
+    assert meets_target(Metric("speed.fps", 15.0, "1/s", "higher")) is True
+    assert meets_target(Metric("speed.fps", 14.0, "1/s", "higher")) is False
+    assert meets_target(Metric("panorama.pan.rms", 1.0, "deg")) is None
 
 
 def test_the_picture_says_whether_the_covariance_can_be_believed(whole: Reconstruction, truth: Truth) -> None:
