@@ -62,7 +62,8 @@ def common_field(runs: Sequence[Run], cell_m: float = CELL_M) -> Drawn:
     low, high = focals.min() / cameras[0].lens.reference_focal_px, focals.max() / cameras[0].lens.reference_focal_px
     caption = (
         f"Common field of view of {len(cameras)} cameras on the floor between them (dotted, "
-        f"{floor.area_m2(floor.inside):.0f} m²). Grey: a point of the floor is seen by all. Coloured, with a dark border: somebody who stands there, "
+        f"{floor.area_m2(floor.inside):.0f} m²). Grey: a point of the floor is seen by all. Coloured, with a dark "
+        "border: somebody who stands there, "
         f"{BODY.height_m:.2f} m tall and {BODY.width_m:.1f} m wide, is whole in all pictures; the colour says how tall "
         f"in the camera that sees them smallest. (a) at the reference pose, whose edges are drawn; (b) turned towards "
         f"the body; (c) turned, and zoomed in as far as the body stays whole, within {low:.2f} to {high:.2f} times the "
