@@ -9,7 +9,7 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 import pytest
-import rerun as rr
+from rerun.chunk import RrdReader
 
 from experiments.figures import __main__ as command
 from experiments.figures import calibration, common_field, field, novel_view, page, panoramas, skeletons, zooming
@@ -132,6 +132,7 @@ def is_drawn(drawn: Drawn, folder: Path) -> None:
     assert len(drawn.caption) > 80
 
 
+@pytest.mark.slow
 def test_every_figure_is_drawn_from_a_small_run(
     run: Run, shot: calibration.Shot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -146,7 +147,8 @@ def test_every_figure_is_drawn_from_a_small_run(
         is_drawn(one, tmp_path)
         assert f'src="{one.stem}.png"' in text
         assert f'href="{one.stem}.svg"' in text
-    paths = rr.chunk.RrdReader(tmp_path / page.RECORDING).store().schema().entity_paths()
+    chunks = RrdReader(tmp_path / page.RECORDING).store().stream().to_chunks()
+    paths = {str(chunk.entity_path) for chunk in chunks}
     for one in drawn:
         assert f"/figures/{one.stem}/image" in paths
 
@@ -166,6 +168,12 @@ def test_what_the_captions_say_of_a_perfect_run(run: Run) -> None:
         said = common_field.common_field([run], 0.2).caption
     estimated, true = said.split("true cameras (")[1].split(" m²")[0].split(" for ")
     assert float(estimated) == pytest.approx(float(true), rel=0.02)
+
+
+def test_a_frame_that_is_not_found_is_no_figure(run: Run) -> None:
+    """Random panoramas and frames have nothing in common."""
+    with pytest.raises(PzcapError, match="not found after pan and zoom"):
+        calibration.shoot_again(dataclasses.replace(run, truth=None, truth_frames=None))
 
 
 def test_without_a_motion_its_figures_say_so(run: Run) -> None:

@@ -139,7 +139,7 @@ def matches(shot: Shot) -> Drawn:
     colours = [_shade(float(place)) for place in np.argsort(np.argsort(here[:, 1])) / max(len(some) - 1, 1)]
     lines(plot, list(np.stack([here, there], axis=1)), colours, 0.55, alpha=0.8)
     for points in (here, there):
-        plot.scatter(*points.T, s=9, facecolors="none", edgecolors=colours, linewidths=0.8)
+        plot.scatter(points[:, 0], points[:, 1], s=9, facecolors="none", edgecolors=colours, linewidths=0.8)
     plot.set_title(f"Camera {one.name}: panned and zoomed frame (left), panorama (right)")
     caption = (
         f"AKAZE matches between the image after pan and zoom and the panorama of camera {one.name}: "

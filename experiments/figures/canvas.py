@@ -63,6 +63,13 @@ def show(
     plot.spines[:].set_visible(False)
 
 
+def close_together(figure: Figure) -> None:
+    """Pictures that follow each other without room for axes between them."""
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    engine.set(w_pad=0.02, h_pad=0.02, wspace=0.01, hspace=0.0)
+
+
 def plain(colour: tuple[int, int, int]) -> Plain:
     """A colour of 0..255 as matplotlib takes it."""
     return colour[0] / 255, colour[1] / 255, colour[2] / 255
@@ -99,6 +106,13 @@ def seen(camera: Camera, points_m: Array) -> Array | None:
     """World points (N, 3) as ``camera`` sees them (N, 2); None where one is not before it."""
     pixels, depth = camera_model.project(camera, points_m)
     return pixels if np.all(depth > 0.2) else None
+
+
+def tripod(plot: Axes, place_m: Array, name: str, colour: str) -> None:
+    """A camera's place (2,) on the floor, its name beyond it."""
+    plot.plot(*place_m, "o", color=colour, ms=6, mec="white", zorder=4)
+    x, y = (1.12 * place_m).tolist()
+    plot.text(x, y, name, ha="center", va="center", color=colour, fontweight="bold")
 
 
 def letter(plot: Axes, text: str) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.figures.canvas import COLOURS, INK, MUTED, TRUTH_ON_PAPER, WIDTH, Drawn
+from experiments.figures.canvas import COLOURS, INK, MUTED, TRUTH_ON_PAPER, WIDTH, Drawn, tripod
 from experiments.figures.field import (
     CELL_M,
     FEET,
@@ -21,7 +21,7 @@ from experiments.figures.field import (
     zoom_range,
 )
 from experiments.figures.material import Run
-from pzcap.types import Array, PanZoomCamera
+from pzcap.types import Array, Mask, PanZoomCamera
 
 TITLES: Final = {"fixed": "(a) Fixed cameras", "pan": "(b) Pan cameras", "pan-zoom": "(c) Pan-zoom cameras"}
 BODY: Final = Standing()
@@ -40,7 +40,8 @@ def common_field(runs: Sequence[Run], cell_m: float = CELL_M) -> Drawn:
 
     figure = Figure(figsize=(WIDTH, 4.1))
     plots = figure.subplots(1, 3, sharey=True)
-    said, picture = [], None
+    said: list[str] = []
+    picture: Any = None
     for plot, freedom in zip(plots, FREEDOMS, strict=True):
         feet = common_height_px(cameras, floor, FEET, freedom, focals)
         tall = common_height_px(cameras, floor, BODY, freedom, focals)
@@ -75,7 +76,7 @@ def common_field(runs: Sequence[Run], cell_m: float = CELL_M) -> Drawn:
     return Drawn(1, "common_field_of_view", "Common field of view", caption, figure)
 
 
-def _areas(plot: Axes, floor: Floor, feet: Array, tall: Array) -> object:
+def _areas(plot: Axes, floor: Floor, feet: Array, tall: Array) -> Any:
     x, y = floor.points_m.T
     half = floor.cell_m / 2
     extent = (x.min() - half, x.max() + half, y.min() - half, y.max() + half)
@@ -87,7 +88,7 @@ def _areas(plot: Axes, floor: Floor, feet: Array, tall: Array) -> object:
     )
 
 
-def _border(plot: Axes, floor: Floor, where: Array, colour: str, width: float, **style: Any) -> None:
+def _border(plot: Axes, floor: Floor, where: Mask, colour: str, width: float, **style: Any) -> None:
     rim = 1  # of squares that are not inside: the border closes
     x, y = (np.pad(floor.grid(axis), rim, "reflect", reflect_type="odd") for axis in floor.points_m.T)
     inside = np.pad(floor.grid(where & floor.inside).astype(float), rim)
@@ -107,8 +108,7 @@ def _tripods(plot: Axes, cameras: Sequence[PanZoomCamera], names: Sequence[str],
                 c, s = np.cos(angle), np.sin(angle)
                 edge = place + 22.0 * np.array([c * ahead[0] - s * ahead[1], s * ahead[0] + c * ahead[1]])
                 plot.plot(*np.array([place, edge]).T, color=colour, lw=0.8, ls=(0, (5, 3)))
-        plot.plot(*place, "o", color=colour, ms=6, mec="white", zorder=4)
-        plot.annotate(name, place, place * 1.1, ha="center", va="center", color=colour, fontweight="bold")
+        tripod(plot, place, name, colour)
     plot.set_xticks(range(-12, 13, 4))
     plot.set_yticks(range(-8, 9, 4))
     plot.tick_params(colors=MUTED)

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from pzcap import camera as geometry
 from pzcap.types import Array, Mask, PanZoomCamera, PzcapError
 
+Value = TypeVar("Value", bound=np.generic)
 FREEDOMS: Final = ("fixed", "pan", "pan-zoom")
 ZOOM_STEP: Final = 0.03  # of log focal, between the focal lengths that are tried
 CELL_M: Final = 0.1  # of the floor
@@ -46,7 +48,7 @@ class Floor:
         """Of the squares ``where`` (N,)."""
         return float(np.sum(where & self.inside)) * self.cell_m**2
 
-    def grid(self, values: Array) -> Array:
+    def grid(self, values: NDArray[Value]) -> NDArray[Value]:
         """Values (N,) as rows and columns."""
         return values.reshape(self.shape)
 

@@ -25,10 +25,11 @@ from pzcap.types import Array, Camera, Image, Mask, Pose
 FINER: Final = 2  # rendered so much finer than shown, to smooth edges
 HEIGHT_M: Final = 3.6  # what of the world the picture is high, where the athlete is
 FOCAL: Final = 1.9  # image heights
-DOWN_DEG: Final = 24.0
+DOWN_DEG: Final = 30.0
 HIDDEN_M: Final = 0.03  # behind what a camera sees first
 BARE: Final = np.array([165.0, 165.0, 165.0])  # skin that no camera sees
-BEYOND: Final = np.array([228.0, 226.0, 224.0])  # where there is no floor
+BEYOND: Final = np.array([228.0, 226.0, 224.0])  # where the floor ends
+ROOM: Final = 1.12  # of the floor, in extents of the square that the tripods stand in: walls follow behind them
 
 
 def virtual_camera(run: Run, centre_m: Array, width: int, height: int) -> Camera:
@@ -81,13 +82,16 @@ def paint_floor(camera: Camera, located: Sequence[Located]) -> Array:
     down = rays[:, 2] < -1e-3
     points = centre + rays * (centre[2] / np.where(down, -rays[:, 2], 1.0))[:, None]
     total, weights = np.zeros((len(rays), 3)), np.zeros(len(rays))
+    places = np.array([one.camera.world_T_head[:2, 3] for one in located])
+    middle = (places.min(axis=0) + places.max(axis=0)) / 2
+    inside = down & np.all(np.abs(points[:, :2] - middle) <= ROOM * np.ptp(places, axis=0) / 2, axis=1)
     for one in located:
         head = (points - one.camera.world_T_head[:3, 3]) @ one.camera.world_T_head[:3, :3]
         away = np.hypot(head[:, 0], head[:, 1])
-        places = cylinder.to_panorama(one.panorama, np.arctan2(head[:, 1], head[:, 0]), head[:, 2] / away)
-        colour, known = _sample(one.panorama.image, places)
-        pasted, _ = _sample(one.panorama.valid.astype(np.uint8), places)
-        weight = np.where(known & (pasted[:, 0] > 0.5) & down & (away < 25.0), away**-4, 0.0)
+        pixels = cylinder.to_panorama(one.panorama, np.arctan2(head[:, 1], head[:, 0]), head[:, 2] / away)
+        colour, known = _sample(one.panorama.image, pixels)
+        pasted, _ = _sample(one.panorama.valid.astype(np.uint8), pixels)
+        weight = np.where(known & inside & (pasted[:, 0] > 0.5), np.maximum(away, 0.5) ** -4, 0.0)
         total, weights = total + weight[:, None] * colour, weights + weight
     picture = np.where(weights[:, None] > 0, total / np.maximum(weights, 1e-12)[:, None], BEYOND)
     return picture.reshape(camera.height, camera.width, 3)
@@ -106,8 +110,8 @@ def _paint_body(picture: Array, camera: Camera, skin: Skin, views: Sequence[tupl
     rays = _rays(camera)[shown.ravel()]
     along = rays @ camera.world_T_cam[:3, 2]
     surface = camera.world_T_cam[:3, 3] + rays * (depth[shown] / along)[:, None]
-    near, which = cKDTree(points).query(surface, k=4)
-    normal = np.sum(normals[which] / (near[..., None] + 1e-3), axis=1)
+    found: tuple[Array, NDArray[np.int64]] = cKDTree(points).query(surface, k=4)  # type: ignore[assignment]
+    normal = np.sum(normals[found[1]] / (found[0][..., None] + 1e-3), axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     total, weights = np.zeros_like(surface), np.zeros(len(surface))
     for image, view in views:

@@ -17,6 +17,7 @@ from experiments.figures.canvas import (
     Drawn,
     beneath,
     bones,
+    close_together,
     connect,
     letter,
     plain,
@@ -43,7 +44,7 @@ def skeletons(run: Run) -> Drawn:
     if motion is None or run.subject is None:
         raise PzcapError(f"{run.reconstruction.capture_name}: nobody was measured and tracked; Fig. 10 needs a motion")
     frames = _spread(run, one)
-    motion_frames = [f for f in _between(frames, 3) if motion.valid[f] and one.at[f] is not None]
+    motion_frames = [f for f in _between(sorted(frames), 3) if motion.valid[f] and one.at[f] is not None]
     pelvis = motion.joints_m[motion.valid, 0].mean(axis=0)
     view = virtual_camera(run, np.array([*pelvis[:2], 1.0]), *NOVEL_PX)
     person = body_model.build(run.subject)
@@ -51,7 +52,8 @@ def skeletons(run: Run) -> Drawn:
 
     rows = 3 if true_portraits is None else 4
     tall = [1.55, 1.22, 1.78, 1.78][:rows]
-    figure = Figure(figsize=(WIDTH, 0.55 + sum(tall) * 1.07))
+    figure = Figure(figsize=(WIDTH, 0.4 + sum(tall)))
+    close_together(figure)
     grid = figure.add_gridspec(rows, len(frames), height_ratios=tall)
     wide = figure.add_subplot(grid[0, :])
     middle = float(np.mean(one.track.pan_rad[one.track.valid]))
@@ -76,9 +78,9 @@ def skeletons(run: Run) -> Drawn:
     caption = (
         f"Motion of the athlete. Top: stick figures over the panorama of camera {one.name}, which turned the most; red "
         "those that a person posed (keyframes), else cyan the left side, orange the right. Below: frames of the same "
-        "camera, panned and zoomed by hand; arrows lead to where on the panorama the athlete is. Then the athlete from "
-        f"a view that no camera had, between cameras {' and '.join(o.name for o in run.located()[:2])} and "
-        "above them: the tracked body wears what the cameras saw in that frame, the floor what the panoramas show."
+        "camera, in the order of the panorama; arrows lead to where on it the athlete is. Then the athlete from a view "
+        f"that no camera had, between cameras {' and '.join(o.name for o in run.located()[:2])} and above them: the "
+        "tracked body wears what the cameras saw in that frame, the floor what the panoramas show."
     )
     if true is not None:
         error = 1000 * np.linalg.norm(body[:, :16] - true[:, :16], axis=2)[motion.valid].mean()
@@ -95,7 +97,7 @@ def _turned_most(run: Run) -> Located:
 
 
 def _spread(run: Run, one: Located) -> list[int]:
-    """COLUMNS frames that were recorded, located and tracked."""
+    """COLUMNS frames that were recorded, located and tracked, as they stand on the panorama from left to right."""
     motion = run.reconstruction.motion
     assert motion is not None
     good = [int(f) for f in np.flatnonzero(one.track.valid & motion.valid)]
@@ -104,7 +106,7 @@ def _spread(run: Run, one: Located) -> list[int]:
     for at in wanted:
         near = sorted(set(good) - chosen, key=lambda f: abs(f - at))
         chosen.update(islice((f for f in near if run.views(f)[one.number] is not None), 1))
-    return sorted(chosen)
+    return sorted(chosen, key=lambda f: -float(one.track.pan_rad[f]))
 
 
 def _between(frames: list[int], pieces: int) -> NDArray[np.int64]:
@@ -145,7 +147,7 @@ def _frame(plot: Axes, run: Run, one: Located, frame: int, body: Array, true: Ar
     show(plot, image)
     was = run.true_camera(one.name, frame)
     if true is not None and was is not None and (pixels := seen(was, true[frame])) is not None:
-        beneath(plot, bones(pixels), 2.6)
+        beneath(plot, bones(pixels), 2.2)
     if (pixels := seen(at, body[frame])) is not None:
         skeleton(plot, pixels, width=1.1)
     letter(plot, f"frame {frame}, zoom {at.focal_px / one.camera.lens.reference_focal_px:.1f}")

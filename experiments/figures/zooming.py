@@ -19,10 +19,12 @@ from experiments.figures.canvas import (
     Drawn,
     beneath,
     bones,
+    close_together,
     letter,
     seen,
     show,
     skeleton,
+    tripod,
 )
 from experiments.figures.material import Located, Run
 from experiments.plots import triangle
@@ -32,7 +34,7 @@ from pzcap.cylinder import warp_background
 from pzcap.types import Camera, Image, PanZoomCamera, PzcapError
 
 INSTANTS: Final = 4
-PATH, HERE = "#00916a", "#d55e00"
+HERE = "#d55e00"  # where somebody is on their path
 FADED: Final = 0.45  # of the panorama, where the frame saw nothing
 
 
@@ -56,7 +58,7 @@ def top_view(run: Run) -> Drawn:
             _camera(plot, run, one, int(frame))
         if true is not None:
             plot.plot(*true[:, 0, :2].T, color=TRUTH_ON_PAPER, lw=4.0)
-        plot.plot(*motion.joints_m[motion.valid, 0, :2].T, color=PATH, lw=1.4)
+        plot.plot(*motion.joints_m[motion.valid, 0, :2].T, color=INK, lw=1.4)
         if motion.valid[frame]:
             plot.plot(*motion.joints_m[frame, 0, :2], "o", color=HERE, ms=6, mec="white", mew=0.8, zorder=5)
         plot.set_title(f"frame {frame}", pad=3)
@@ -67,7 +69,7 @@ def top_view(run: Run) -> Drawn:
     caption = (
         "The cameras and the pedestrian from above at four instants, on a grid of 2 m. A camera is a triangle: its "
         "apex is the viewpoint, its height the focal length (4 m for the reference focal length), its base the width "
-        "of the image in the same measure, so that the angle at the apex is the angle of view. Green: the path of the "
+        "of the image in the same measure, so that the angle at the apex is the angle of view. Dark: the path of the "
         "pelvis, with a dot where it is."
     )
     if run.truth is not None:
@@ -85,7 +87,7 @@ def _floor(plot: Axes) -> None:
 
 
 def _camera(plot: Axes, run: Run, one: Located, frame: int) -> None:
-    colour, apex = COLOURS[one.number % len(COLOURS)], one.camera.world_T_head[:2, 3]
+    colour = COLOURS[one.number % len(COLOURS)]
     head, true = run.true_head(one.name), run.true_track(one.name)
     if head is not None and true is not None:
         plot.plot(*triangle(head, float(true[0][frame]), float(true[1][frame])).T, color=TRUTH_ON_PAPER, lw=4.0)
@@ -93,8 +95,7 @@ def _camera(plot: Axes, run: Run, one: Located, frame: int) -> None:
         corners = triangle(one.camera, float(one.track.pan_rad[frame]), float(one.track.focal_px[frame]))
         plot.fill(*corners.T, color=colour, alpha=0.16, lw=0)
         plot.plot(*corners.T, color=colour, lw=1.2)
-    plot.plot(*apex, "o", color=colour, ms=4.5)
-    plot.annotate(one.name, apex, apex * 1.14, ha="center", va="center", color=colour, fontweight="bold")
+    tripod(plot, one.camera.world_T_head[:2, 3], one.name, colour)
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -116,16 +117,16 @@ def focal_lengths(run: Run) -> Drawn:
             worst.append(100 * np.abs(track.focal_px / true[1] - 1)[track.valid].max())
         estimate = np.ma.masked_array(track.focal_px / width, ~track.valid)
         plot.plot(frames, estimate, color=colour, lw=1.6, ls=style, label=f"camera {one.name}", zorder=2 + one.number)
-    reference = np.mean([one.camera.lens.reference_focal_px for one in located]) / width
+    reference = float(np.mean([one.camera.lens.reference_focal_px for one in located])) / width
     plot.axhline(reference, color=INK, ls=":", lw=1.3, label="reference")
     plot.set(xlabel="frame", ylabel=f"focal length [×{width} px]", xlim=(0, len(located[0].track.valid) - 1))
     plot.set_ylim(0, None)
     plot.grid(visible=True, color="#e8eaed", lw=0.7)
     plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(located) + 1, borderaxespad=0.2)
     caption = (
-        "Focal length of each camera while the pedestrian walks from camera 3 to camera 2; cameras far from the path "
-        "stand at the long end of their lenses. Dotted: the focal length at the reference pose, in the mean of the "
-        "cameras."
+        "Focal length of each camera while the pedestrian walks: those that they leave zoom in, those that they come "
+        "near zoom out, and who is far all the time stays at the long end of the lens. Dotted: the focal length at the "
+        "reference pose, in the mean of the cameras."
     )
     if worst:
         caption += f" Pale, beneath: the truth, from which no frame departs by more than {max(worst):.3f} %."
@@ -145,7 +146,8 @@ def fixed_focus(run: Run) -> Drawn:
         (one for one in located if one is not changing), key=lambda one: far[located.index(one)], default=changing
     )
     frames = _instants(run)
-    figure = Figure(figsize=(WIDTH, 8.2))
+    figure = Figure(figsize=(WIDTH, 7.7))
+    close_together(figure)
     plots = figure.subplots(4, len(frames), squeeze=False)
     for pair, one in enumerate((changing, distant)):
         for column, frame in enumerate(frames):
@@ -208,6 +210,6 @@ def _zoomed(head: PanZoomCamera | None, true: Camera, focal_px: float) -> Camera
 def _body(plot: Axes, run: Run, camera: Camera, true: Camera | None, frame: int) -> None:
     body, was, motion = run.body(), run.true_body(), run.reconstruction.motion
     if was is not None and true is not None and (pixels := seen(true, was[frame])) is not None:
-        beneath(plot, bones(pixels), 3.0)
+        beneath(plot, bones(pixels), 2.2)
     if motion is not None and motion.valid[frame] and (pixels := seen(camera, body[frame])) is not None:
         skeleton(plot, pixels, width=1.1)
