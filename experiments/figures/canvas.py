@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import ConnectionPatch
+from matplotlib.ticker import MultipleLocator
 
 from experiments import plots
 from pzcap import camera as camera_model
@@ -24,6 +25,8 @@ from pzcap.types import Array, Camera, Image
 
 WIDTH: Final = 10.0
 """Of a figure, inches."""
+MARGIN_M: Final = 2.2
+"""Of floor about the tripods."""
 STYLE: Final[Any] = plots.STYLE | {"svg.fonttype": "path", "axes.grid": False, "savefig.dpi": 200}
 COLOURS: Final = plots.COLOURS
 INK, MUTED = plots.INK, plots.MUTED
@@ -65,9 +68,7 @@ def show(
 
 def close_together(figure: Figure) -> None:
     """Pictures that follow each other without room for axes between them."""
-    engine = figure.get_layout_engine()
-    assert engine is not None
-    engine.set(w_pad=0.02, h_pad=0.02, wspace=0.01, hspace=0.0)
+    figure.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02, wspace=0.01, hspace=0.0)
 
 
 def plain(colour: tuple[int, int, int]) -> Plain:
@@ -106,6 +107,16 @@ def seen(camera: Camera, points_m: Array) -> Array | None:
     """World points (N, 3) as ``camera`` sees them (N, 2); None where one is not before it."""
     pixels, depth = camera_model.project(camera, points_m)
     return pixels if np.all(depth > 0.2) else None
+
+
+def floor(plot: Axes, places_m: Array) -> None:
+    """Axes in metres of a floor on which tripods stand at (C, 2)."""
+    low, high = places_m.min(axis=0) - MARGIN_M, places_m.max(axis=0) + MARGIN_M
+    plot.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    for axis in (plot.xaxis, plot.yaxis):
+        axis.set_major_locator(MultipleLocator(4))
+        axis.set_minor_locator(MultipleLocator(2))
+    plot.tick_params(which="minor", length=0)
 
 
 def tripod(plot: Axes, place_m: Array, name: str, colour: str) -> None:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.figures.canvas import COLOURS, INK, MUTED, TRUTH_ON_PAPER, WIDTH, Drawn, tripod
+from experiments.figures.canvas import floor as frame_floor
 from experiments.figures.field import (
     CELL_M,
     FEET,
@@ -50,7 +51,7 @@ def common_field(runs: Sequence[Run], cell_m: float = CELL_M) -> Drawn:
         text = f"floor {areas[0]:.0f} m²; body {areas[1]:.0f} m²; {LARGE_PX:.0f} px tall {areas[2]:.0f} m²"
         if true:
             true_tall = common_height_px(true, floor, BODY, freedom, focals)
-            _border(plot, floor, true_tall >= 0, TRUTH_ON_PAPER, 3.4, zorder=2.5)
+            _border(plot, floor, true_tall >= 0, TRUTH_ON_PAPER, 3.0, zorder=2.5)
             said.append(f"{floor.area_m2(true_tall >= 0):.1f} for {areas[1]:.1f} m²")
         _border(plot, floor, tall >= 0, INK, 1.1, zorder=3)
         _border(plot, floor, floor.inside, MUTED, 0.7, linestyles="dotted", zorder=1)
@@ -98,7 +99,8 @@ def _border(plot: Axes, floor: Floor, where: Mask, colour: str, width: float, **
 
 def _tripods(plot: Axes, cameras: Sequence[PanZoomCamera], names: Sequence[str], *, wedges: bool) -> None:
     """Where the cameras stand, and the edges of what they see at the reference pose."""
-    plot.set(aspect="equal", xlim=(-12.4, 12.4), ylim=(-10.4, 10.4), xlabel="x [m]")
+    frame_floor(plot, np.array([camera.world_T_head[:2, 3] for camera in cameras]))
+    plot.set_xlabel("x [m]")
     for number, (camera, name) in enumerate(zip(cameras, names, strict=True)):
         place, ahead = camera.world_T_head[:2, 3], camera.world_T_head[:2, 0]
         colour = COLOURS[number % len(COLOURS)]
@@ -109,6 +111,4 @@ def _tripods(plot: Axes, cameras: Sequence[PanZoomCamera], names: Sequence[str],
                 edge = place + 22.0 * np.array([c * ahead[0] - s * ahead[1], s * ahead[0] + c * ahead[1]])
                 plot.plot(*np.array([place, edge]).T, color=colour, lw=0.8, ls=(0, (5, 3)))
         tripod(plot, place, name, colour)
-    plot.set_xticks(range(-12, 13, 4))
-    plot.set_yticks(range(-8, 9, 4))
     plot.tick_params(colors=MUTED)

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from experiments.figures.canvas import (
@@ -20,6 +19,7 @@ from experiments.figures.canvas import (
     beneath,
     bones,
     close_together,
+    floor,
     letter,
     seen,
     show,
@@ -49,11 +49,12 @@ def top_view(run: Run) -> Drawn:
     located, motion = run.located(), run.reconstruction.motion
     if motion is None:
         raise PzcapError(f"{run.reconstruction.capture_name}: no motion was tracked; Fig. 11 needs a path")
-    figure = Figure(figsize=(WIDTH, 7.4))
+    figure = Figure(figsize=(WIDTH, 7.8))
     plots = figure.subplots(2, 2, sharex=True, sharey=True)
     true = run.true_body()
     for plot, frame in zip(plots.ravel(), _instants(run), strict=False):
-        _floor(plot)
+        floor(plot, np.array([one.camera.world_T_head[:2, 3] for one in located]))
+        plot.grid(visible=True, which="both", color="#e8eaed", lw=0.7)
         for one in located:
             _camera(plot, run, one, int(frame))
         if true is not None:
@@ -75,15 +76,6 @@ def top_view(run: Run) -> Drawn:
     if run.truth is not None:
         caption += " Pale, beneath: triangles and path by the truth."
     return Drawn(11, "top_view", "Cameras and path from above", caption, figure)
-
-
-def _floor(plot: Axes) -> None:
-    plot.set(xlim=(-14, 14), ylim=(-10.5, 10.5), aspect="equal")
-    for axis in (plot.xaxis, plot.yaxis):
-        axis.set_major_locator(MultipleLocator(4))
-        axis.set_minor_locator(MultipleLocator(2))
-    plot.grid(visible=True, which="both", color="#e8eaed", lw=0.7)
-    plot.tick_params(which="minor", length=0)
 
 
 def _camera(plot: Axes, run: Run, one: Located, frame: int) -> None:
