@@ -18,7 +18,7 @@ from experiments.figures.field import FEET, Standing, common_height_px, floor_be
 from experiments.figures.material import Run, load
 from pzcap import body as body_model
 from pzcap import camera as camera_model
-from pzcap.types import Array, Lens, Localisation, PanZoomCamera, PzcapError, Subject
+from pzcap.types import Array, Lens, Localisation, PanZoomCamera, Pose, PzcapError, Subject
 from sim.anthropometry import draw_measurements
 from sim.gym import calibration_object
 from sim.restage import Hall
@@ -153,13 +153,17 @@ def test_every_figure_is_drawn_from_a_small_run(
         assert f"/figures/{one.stem}/image" in paths
 
 
-def test_without_a_truth_and_a_camera_figures_are_drawn_all_the_same(run: Run, tmp_path: Path) -> None:
+def test_without_a_truth_and_a_camera_figures_are_drawn_all_the_same(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(skeletons, "NOVEL_PX", (60, 66))
     whole = dataclasses.replace(fabricated.without_a_camera(run.reconstruction), motion=run.reconstruction.motion)
     lacking = dataclasses.replace(run, reconstruction=whole, truth=None, truth_frames=None)
     with mpl.rc_context(STYLE):
         for draw in (panoramas.panoramas, panoramas.located_frames, zooming.focal_lengths, zooming.fixed_focus):
             is_drawn(draw(lacking), tmp_path)
         is_drawn(zooming.top_view(lacking), tmp_path)
+        is_drawn(skeletons.skeletons(lacking), tmp_path)
 
 
 def test_what_the_captions_say_of_a_perfect_run(run: Run) -> None:
@@ -223,6 +227,18 @@ def test_the_novel_view_wears_what_the_cameras_saw(run: Run) -> None:
     picture = novel_view.render(painted, body_model.build(SUBJECT), 4, view).astype(int)
     chest = camera_model.project(view, motion.joints_m[4, 1:2])[0][0].round().astype(int)
     np.testing.assert_allclose(picture[chest[1], chest[0]], [0, 200, 0], atol=12)
+
+
+def test_the_athlete_is_portrayed_where_they_stand(run: Run) -> None:
+    motion = run.reconstruction.motion
+    assert motion is not None
+    view = novel_view.virtual_camera(run, motion.joints_m[4, 0], 120, 132)
+    with Hall(SMALL) as hall:
+        first, second = (hall.portray(view, Pose(motion.root_position_m[f], motion.rotations[f])) for f in (4, 7))
+    changed = np.abs(first.astype(int) - second).max(axis=2) > 30
+    for frame in (4, 7):
+        x, y = camera_model.project(view, motion.joints_m[frame, :1])[0][0].round().astype(int)
+        assert changed[y - 3 : y + 4, x - 3 : x + 4].mean() > 0.5
 
 
 def test_the_object_is_photographed_where_the_true_camera_sees_it() -> None:

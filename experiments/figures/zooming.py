@@ -49,7 +49,7 @@ def top_view(run: Run) -> Drawn:
     located, motion = run.located(), run.reconstruction.motion
     if motion is None:
         raise PzcapError(f"{run.reconstruction.capture_name}: no motion was tracked; Fig. 11 needs a path")
-    figure = Figure(figsize=(WIDTH, 7.8))
+    figure = Figure(figsize=(WIDTH, 7.5))
     plots = figure.subplots(2, 2, sharex=True, sharey=True)
     true = run.true_body()
     for plot, frame in zip(plots.ravel(), _instants(run), strict=False):
