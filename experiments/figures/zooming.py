@@ -116,9 +116,8 @@ def focal_lengths(run: Run) -> Drawn:
     plot.grid(visible=True, color="#e8eaed", lw=0.7)
     plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(located) + 1, borderaxespad=0.2)
     caption = (
-        "Focal length of each camera while the pedestrian walks: those that they leave zoom in, those that they come "
-        "near zoom out, and who is far all the time stays at the long end of the lens. Dotted: the focal length at the "
-        "reference pose, in the mean of the cameras."
+        "Focal length of each camera while the pedestrian walks, zoomed by hand so that the body fills the picture. "
+        "Dotted: the focal length at the reference pose, in the mean of the cameras."
     )
     if worst:
         caption += f" Pale, beneath: the truth, from which no frame departs by more than {max(worst):.3f} %."
