@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from experiments.score import BodyErrors, CameraErrors, Score
 from experiments.silhouettes import Series
-from pzcap.types import JOINTS, Array, Mask, Reconstruction
+from pzcap.types import JOINTS, Array, Mask, PanZoomCamera, Reconstruction
 from sim.truth import Truth
 
 STYLE: Final[Any] = {
@@ -309,6 +309,15 @@ def _shade(plot: Axes, where: Mask, colour: str, label: str) -> None:
         label = "_"
 
 
+def triangle(camera: PanZoomCamera, pan_rad: float, focal_px: float) -> Array:
+    """(4, 2) closed: the camera from above, its height the focal length, 4 m at the reference, its base the image."""
+    apex, ahead = camera.world_T_head[:2, 3], camera.world_T_head[:2, :2] @ np.array([np.cos(pan_rad), np.sin(pan_rad)])
+    scale = 4.0 / camera.lens.reference_focal_px
+    side = np.array([-ahead[1], ahead[0]]) * scale * camera.lens.width / 2
+    end = apex + scale * focal_px * ahead
+    return np.array([apex, end + side, end - side, apex])
+
+
 def _hall(plot: Axes, reconstruction: Reconstruction, frame: int) -> None:
     """The floor, and each camera as a triangle as long as its focal length."""
     plot.set(xlim=(-13, 13), ylim=(-10.5, 10.5), aspect="equal")
@@ -322,10 +331,6 @@ def _hall(plot: Axes, reconstruction: Reconstruction, frame: int) -> None:
         plot.plot(*apex, "o", color=colour, ms=4)
         if not track.valid[frame]:
             continue
-        pan, focal = track.pan_rad[frame], track.focal_px[frame]
-        ahead = camera.world_T_head[:2, :2] @ np.array([np.cos(pan), np.sin(pan)])
-        length = 4.0 * focal / camera.lens.reference_focal_px
-        side: Array = np.array([-ahead[1], ahead[0]]) * 4.0 * camera.lens.width / 2 / camera.lens.reference_focal_px
-        corners = np.array([apex, apex + length * ahead + side, apex + length * ahead - side, apex])
+        corners = triangle(camera, float(track.pan_rad[frame]), float(track.focal_px[frame]))
         plot.fill(corners[:, 0], corners[:, 1], color=colour, alpha=0.18, lw=0)
         plot.plot(corners[:, 0], corners[:, 1], color=colour, lw=1.0)

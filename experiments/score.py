@@ -17,7 +17,7 @@ from experiments import bound
 from experiments.metrics import Direction, Metric
 from experiments.silhouettes import ForegroundErrors, Series
 from pzcap import camera as camera_model
-from pzcap.types import Array, Mask, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
+from pzcap.types import Array, Mask, Panorama, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
 from sim.truth import Truth
 
 LOST_M: Final = 0.1
@@ -83,14 +83,7 @@ def score(
     and stand at the truth's nearest frame. ``report(done, total)`` hears of every view whose bound is known. Raises
     PzcapError if the truth is of another capture: it lacks a camera or all timecodes.
     """
-    index = {timecode: frame for frame, timecode in enumerate(truth.timecodes)}
-    known = np.array([timecode in index for timecode in reconstruction.timecodes], bool)
-    unknown = [] if known.any() else [reconstruction.timecodes[0]]
-    unknown += [name for name in reconstruction.camera_names if name not in truth.camera_names]
-    if unknown:
-        raise PzcapError(f"the truth beside the capture knows no '{unknown[0]}'; it is of another capture, remove it")
-    first = int(np.argmax(known))
-    frames = np.clip(np.arange(len(known)) - first + index[reconstruction.timecodes[first]], 0, len(index) - 1)
+    frames, known = frames_of(truth, reconstruction)
     if not known.all():
         reconstruction = _within(reconstruction, known)
     least = bound.bounds(reconstruction, truth, frames, report)
@@ -102,6 +95,22 @@ def score(
         found = np.zeros(len(frames), bool) if track is None else track.valid
         lost += int(np.sum(truth.recorded[true, frames] & known & ~found))  # a frame that was dropped is nobody's loss
     return Score(frames, tuple(cameras), foreground, _body_errors(reconstruction, truth, frames), lost)
+
+
+def frames_of(truth: Truth, reconstruction: Reconstruction) -> tuple[NDArray[np.int64], Mask]:
+    """Index into the truth of each frame set (F,), the nearest where it knows none, and whether it knows it (F,).
+
+    Raises PzcapError if the truth is of another capture: it lacks a camera or all timecodes.
+    """
+    index = {timecode: frame for frame, timecode in enumerate(truth.timecodes)}
+    known = np.array([timecode in index for timecode in reconstruction.timecodes], bool)
+    unknown = [] if known.any() else [reconstruction.timecodes[0]]
+    unknown += [name for name in reconstruction.camera_names if name not in truth.camera_names]
+    if unknown:
+        raise PzcapError(f"the truth beside the capture knows no '{unknown[0]}'; it is of another capture, remove it")
+    first = int(np.argmax(known))
+    frames = np.arange(len(known)) - first + index[reconstruction.timecodes[first]]
+    return np.clip(frames, 0, len(index) - 1), known
 
 
 def _within(reconstruction: Reconstruction, known: Mask) -> Reconstruction:
@@ -144,9 +153,8 @@ def _camera_errors(
         offset = reference.camera.world_T_cam[:3, 3] - truth.reference_world_T_cam[true, :3, 3]
         found["position_m"] = float(np.linalg.norm(offset))
         found["reference_px"] = _rms(np.linalg.norm(reference.residuals_px, axis=1))
-    if panorama is not None and len(panorama.sweep_pan_rad) == truth.sweep_pan_rad.shape[1]:
-        sweep = _wrap(panorama.sweep_pan_rad - truth.sweep_pan_rad[true])
-        found["sweep_pan_rad"] = _wrap(sweep - np.angle(np.mean(np.exp(1j * sweep))))
+    if panorama is not None:
+        found["sweep_pan_rad"] = sweep_errors(panorama, truth, true)
     if track is not None:
         pan = np.where(track.valid, _wrap(track.pan_rad - truth.pan_rad[true, frames]), 0.0)
         focal = np.where(track.valid, track.focal_px / truth.focal_px[true, frames] - 1.0, 0.0)
@@ -160,6 +168,14 @@ def _camera_errors(
             series, points = _reprojection(camera, track, truth, true, frames)
             found["reprojection_px"], found["reprojection_points_px"] = series, points
     return CameraErrors(**found)
+
+
+def sweep_errors(panorama: Panorama, truth: Truth, true: int) -> Array | None:
+    """(M,) pan of the sweep's frames against the truth, rad, one common offset removed; None of another sweep."""
+    if len(panorama.sweep_pan_rad) != truth.sweep_pan_rad.shape[1]:
+        return None
+    sweep = _wrap(panorama.sweep_pan_rad - truth.sweep_pan_rad[true])
+    return _wrap(sweep - np.angle(np.mean(np.exp(1j * sweep))))
 
 
 def _wrap(angle: Array) -> Array:

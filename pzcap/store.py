@@ -155,8 +155,9 @@ def _unflatten(
     if not any(key.startswith(prefix + ".") for key in arrays):
         return None
     values: dict[str, Any] = dict(images)
-    for name, hint in get_type_hints(kind).items():
-        key = f"{prefix}.{name}"
+    hints = get_type_hints(kind)
+    for name in (field.name for field in dataclasses.fields(cast(Any, kind))):  # not all that is annotated is a field
+        key, hint = f"{prefix}.{name}", hints[name]
         if name in images:
             continue
         if dataclasses.is_dataclass(hint):

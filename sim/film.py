@@ -41,12 +41,14 @@ class FilmCamera:
         self._stage, self._rig, self._config = stage, rig, config
         self._sensor = Sensor(config, vignette(rig), rng)
 
-    def still(self, rng: np.random.Generator) -> Image:
-        """Photograph the calibration object at the reference pose, nobody in the hall."""
-        focal_px = self._rig.reference_focal_px
-        plate = self._aim(lambda _: Aim(0.0, focal_px), 0.0, None)
-        light = self._stage.picture(plate.size(STILL_SCALE), athlete=False, calibration_object=True)
-        return self._develop(light, focal_px, STILL_SCALE, Exposure(self._config.exposure_drift, rng)(0.0), rng)
+    def still(self, rng: np.random.Generator, aim: Aim | None = None) -> Image:
+        """Photograph the calibration object at the reference pose, or with another ``aim``; nobody in the hall."""
+        scale = STILL_SCALE if aim is None else SWEEP_SCALE
+        aim = aim or Aim(0.0, self._rig.reference_focal_px)
+        focal_px = aim.focal_px
+        plate = self._aim(lambda _: aim, 0.0, None)
+        light = self._stage.picture(plate.size(scale), athlete=False, calibration_object=True)
+        return self._develop(light, focal_px, scale, Exposure(self._config.exposure_drift, rng)(0.0), rng)
 
     def record(
         self,

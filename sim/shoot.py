@@ -81,7 +81,7 @@ class _Files(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Crew:
+class Crew:
     """Four cameras in the hall, and what is to be filmed."""
 
     config: ShootConfig
@@ -159,7 +159,7 @@ def shoot(config: ShootConfig, folder: Path) -> Iterator[Progress]:
 
 def _shoot(config: ShootConfig, folder: Path) -> Iterator[Progress]:
     yield Progress("build", 0, 1)
-    crew = _assemble(config, folder / "capture")
+    crew = assemble(config, folder / "capture")
     yield Progress("build", 1, 1)
     try:
         hall = yield from _film_hall(crew)
@@ -172,7 +172,7 @@ def _shoot(config: ShootConfig, folder: Path) -> Iterator[Progress]:
         crew.stage.close()
 
 
-def _assemble(config: ShootConfig, folder: Path) -> _Crew:
+def assemble(config: ShootConfig, folder: Path) -> Crew:
     measurements = draw_measurements(config.athlete, stream(config.seed, "measurements"))
     clip = motion.make(config.motion, measurements, stream(config.seed, "motion"))
     rigs = [
@@ -191,10 +191,10 @@ def _assemble(config: ShootConfig, folder: Path) -> _Crew:
         place.mkdir(parents=True)
         zoom = place / "zoom.mp4" if config.zoom_frames else None
         files.append(_Files(name, place / "reference.png", place / "sweep.mp4", zoom, place / "motion.mp4"))
-    return _Crew(config, measurements, clip, stage, rigs, cameras, files)
+    return Crew(config, measurements, clip, stage, rigs, cameras, files)
 
 
-def _film_hall(crew: _Crew) -> Generator[Progress, None, dict[str, list[Hands]]]:
+def _film_hall(crew: Crew) -> Generator[Progress, None, dict[str, list[Hands]]]:
     """Reference image, sweep and zoom run of each camera; return the hands of each "sweep" and "zoom" run."""
     config, sensor = crew.config, crew.config.sensor
     focal_px = crew.rigs[0].reference_focal_px
@@ -229,7 +229,7 @@ def _film_hall(crew: _Crew) -> Generator[Progress, None, dict[str, list[Hands]]]
     return hands
 
 
-def _film_motion(crew: _Crew) -> Generator[Progress, None, _Filmed]:
+def _film_motion(crew: Crew) -> Generator[Progress, None, _Filmed]:
     """The motion, camera by camera, and its masks."""
     config, sensor, seed = crew.config, crew.config.sensor, crew.config.seed
     rate = Fraction(config.frame_rate)
@@ -272,7 +272,7 @@ def _film_motion(crew: _Crew) -> Generator[Progress, None, _Filmed]:
     return _Filmed(times_s, timecodes, joints_m, hands, recorded, mask_bits, shadow_frames, shadow_bits)
 
 
-def _operate(crew: _Crew, c: int, times_s: Array, outline_m: Array) -> Hands:
+def _operate(crew: Crew, c: int, times_s: Array, outline_m: Array) -> Hands:
     """What the hands of camera ``c``'s operator do while the motion is recorded."""
     seed, rig, config = crew.config.seed, crew.rigs[c], crew.config.operator
     hands = follow(rig, times_s, outline_m, config, stream(seed, "operator", c))
@@ -285,7 +285,7 @@ def _operate(crew: _Crew, c: int, times_s: Array, outline_m: Array) -> Hands:
     return hands
 
 
-def _write_papers(crew: _Crew, folder: Path, filmed: _Filmed) -> None:
+def _write_papers(crew: Crew, folder: Path, filmed: _Filmed) -> None:
     """What the crew writes down: the object, the tape's readings, the keyframes."""
     config = crew.config
     hand = stream(config.seed, "keyframes")
@@ -307,7 +307,7 @@ def _write_papers(crew: _Crew, folder: Path, filmed: _Filmed) -> None:
     )
 
 
-def _truth(crew: _Crew, hall: dict[str, list[Hands]], filmed: _Filmed) -> Truth:
+def _truth(crew: Crew, hall: dict[str, list[Hands]], filmed: _Filmed) -> Truth:
     config, rigs = crew.config, crew.rigs
     pan_rad, focal_px, raised_rad = _sampled(filmed.hands, filmed.times_s)
     frames = len(filmed.times_s)

@@ -270,7 +270,7 @@ def test_a_full_disk_gets_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(shooting, "_assemble", full)
+    monkeypatch.setattr(shooting, "assemble", full)
     with pytest.raises(PzcapError, match="the disk is full"):
         drain(shoot(TINY, tmp_path))
 
