@@ -2,6 +2,7 @@
 
     python -m experiments.run experiment=floor_exercise|pedestrian|clean seed=N hydra.run.dir=DIR
     python -m experiments.run capture=FOLDER              # footage of anyone's, docs/capture.md
+    python -m experiments.run estimator=module:function   # an estimator of anyone's, docs/estimators.md
     python -m experiments.run -m shoot.sensor.read_noise=0,2,8
 
 leaves DIR/{metrics.json, recording.rrd, report.html, reconstruction/} and the link DIR/capture.
@@ -26,7 +27,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 from rich.table import Table
 
-from experiments import footage, memory, recording
+from experiments import estimators, footage, memory, recording
 from experiments.config import AppConfig, build, default_tree, plain
 from experiments.errors import guard, reported
 from experiments.metrics import Metric, format_value, meets_target, run_info, write_metrics
@@ -57,6 +58,7 @@ class Reconstructed:
 def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console) -> list[Metric]:
     """Everything from the shoot to the report, into ``folder``. PzcapError for what the user can mend."""
     start = time.perf_counter()
+    estimator = None if config.estimator is None else estimators.find(config.estimator)
     named = None if config.capture is None else Path(config.capture).resolve()
     _forget(folder)
     with Bars(console) as bars:
@@ -66,7 +68,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
         (folder / "capture").symlink_to(shot.resolve(), target_is_directory=True)
     truth = footage.truth_beside(shot)
 
-    name = f"{capture.name}, {config.method}, seed {config.seed}"
+    name = f"{capture.name}, {config.estimator or config.method}, seed {config.seed}"
     with ExitStack() as stack:
         recorder = None
         if config.output.recording:
@@ -74,8 +76,12 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
                 Recorder(folder / "recording.rrd", capture, name=name, jpeg_quality=config.output.jpeg_quality)
             )
         foreground = None if truth is None else ForegroundScorer(truth, tuple(c.name for c in capture.cameras))
-        with Bars(console) as bars:
-            done = _reconstruct(capture, config, bars, foreground, recorder)
+        if estimator is None:
+            with Bars(console) as bars:
+                done = _reconstruct(capture, config, bars, foreground, recorder)
+        else:
+            with console.status(config.estimator or ""):
+                done = _estimate(estimator, capture, config.estimator or "")
         reconstruction = done.reconstruction
         store.save(reconstruction, folder / "reconstruction")
         frames = len(reconstruction.timecodes)
@@ -144,6 +150,14 @@ def _reconstruct(
     raise AssertionError("the pipeline ends with Finished")
 
 
+def _estimate(estimator: estimators.Estimator, capture: Capture, name: str) -> Reconstructed:
+    """Let an estimator of anyone's do what the pipeline does."""
+    memory.reset_peak()
+    start = time.perf_counter()
+    reconstruction = estimators.estimate(estimator, capture, name)
+    return Reconstructed(reconstruction, {}, time.perf_counter() - start, memory.peak_mib())
+
+
 class _Clock:
     """Iterates over something and sums up the time that it took, without the time that its user took."""
 
@@ -198,7 +212,7 @@ def _job(composed: DictConfig) -> None:
         folder = Path(HydraConfig.get().runtime.output_dir)
         found = run(config, tree, folder, err)
     what = config.capture or HydraConfig.get().runtime.choices["experiment"]
-    print_table(out, f"{what}, {config.method}, seed {config.seed}", found)
+    print_table(out, f"{what}, {config.estimator or config.method}, seed {config.seed}", found)
     shown = os.path.relpath(folder) if folder.is_relative_to(Path.cwd()) else folder
     for name in RESULTS:
         if (folder / name).exists():

@@ -251,7 +251,7 @@ def metrics(result: Score) -> list[Metric]:
         *_spread("panzoom.focal", focal, "%"),
         _metric("panzoom.reprojection.rms", _rms(points), "px"),
         _metric("panzoom.reprojection.p95", _percentile(points, 95), "px"),
-        _metric("panzoom.lost", float(result.lost), "frames"),
+        _metric("panzoom.lost", float(result.lost) if any(c.pan_rad for c in cameras) else None, "frames"),
         _metric("panzoom.bound_ratio.pan", _over([(c.pan_rad, c.pan_bound_rad) for c in cameras]), "1"),
         _metric("panzoom.bound_ratio.focal", _over([(c.focal, c.focal_bound) for c in cameras]), "1"),
         _metric("panzoom.nees", _mean(_joined([c.nees for c in cameras])), "1"),
