@@ -1,11 +1,18 @@
-"""Estimators for the tests: the small capture's own truth, as a perfect estimator would find it, and worse ones."""
+"""Estimators for the tests: the small capture's own truth, as a perfect estimator would find it; and ours, worsened.
+
+python -m experiments.gate estimator=tests.biased:pan_off
+python -m experiments.gate estimator=tests.biased:long_arm
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from experiments.footage import truth_beside
-from pzcap.types import Capture, Motion, PanZoomTrack
+from pzcap.pipeline import Config, reconstruct
+from pzcap.types import Array, Capture, Motion, PanZoomTrack, Reconstruction
 from sim.truth import Truth
 
 
@@ -45,3 +52,24 @@ def perfect_motion(capture: Capture) -> Motion:
 
 def a_dict(capture: Capture) -> dict[str, str]:
     return {"name": capture.name}
+
+
+def pan_off(capture: Capture) -> Reconstruction:
+    """Ours, every pan off by 0.01 degrees."""
+    whole = reconstruct(capture, Config())
+    tracks = (None if t is None else replace(t, pan_rad=t.pan_rad + np.deg2rad(0.01)) for t in whole.tracks)
+    return replace(whole, tracks=tuple(tracks))
+
+
+def long_arm(capture: Capture) -> Reconstruction:
+    """Ours, the left upper arm 3 % too long."""
+    whole = reconstruct(capture, Config())
+    assert whole.motion is not None
+    return replace(whole, motion=replace(whole.motion, joints_m=lengthened(whole.motion.joints_m)))
+
+
+def lengthened(joints_m: Array) -> Array:
+    """Joints (F, 16, 3), the left upper arm 3 % longer; what hangs on it goes along."""
+    longer = joints_m.copy()
+    longer[:, 5:7] += 0.03 * (joints_m[:, 5] - joints_m[:, 4])[:, None]
+    return longer
