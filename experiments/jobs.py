@@ -61,7 +61,8 @@ def name(config: DictConfig) -> str:
     What was overridden comes first, cut where it is long; then a hash of the whole configuration.
     """
     overrides = [str(o) for o in config.hydra.overrides.task if not str(o).startswith("experiment=")]
-    leaves = sorted(re.sub(r"^[^=]*\.(?=[^=.]+=)", "", override.lstrip("+~")) for override in overrides)
+    shorter = r"['\"]|^[^=]*\.(?=[^=.]+=)|(?<==).*/"  # of keys the last part, of paths too
+    leaves = sorted(re.sub(shorter, "", override.lstrip("+~")) for override in overrides)
     readable = re.sub(r"[^\w.,=+-]+", "_", ",".join(leaves))[:_LONGEST]
     tree = OmegaConf.to_container(_without_hydra(config), resolve=True)
     digest = hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()[:10]

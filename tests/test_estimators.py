@@ -88,6 +88,25 @@ def test_a_run_with_it_leaves_what_a_run_leaves(
     assert {"report.html", "recording.rrd"} <= {path.name for path in tmp_path.iterdir()}
 
 
+def test_a_sweep_over_estimators_goes_on_where_it_was(
+    pzcap_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = "estimator=tests.biased:perfect_tracks,tests.biased:perfect_motion"
+    quick = ["output.recording=false", f"capture={pzcap_capture}", f"hydra.sweep.dir={tmp_path}"]
+    monkeypatch.setattr("sys.argv", ["run", "-m", both, *quick])
+    for before in (0, 2):
+        GlobalHydra.instance().clear()
+        assert run.main() == 0
+        assert f"2 jobs: {before} done before" in capsys.readouterr().err
+    folders = sorted((tmp_path / "floor_exercise").iterdir())
+    assert [{path.name for path in folder.iterdir()} for folder in folders] == [
+        {".hydra", "job.json", "metrics.json", "report.html", "reconstruction", "capture"}
+    ] * 2
+    assert "perfect_motion" in folders[0].name
+    page = (folders[0] / "report.html").read_text(encoding="utf-8")
+    assert re.search(r"python -m experiments\.run \S*estimator=tests\.biased\S*perfect_motion\S* ", page)
+
+
 @pytest.mark.parametrize(
     ("name", "says"),
     [
