@@ -22,6 +22,7 @@ from typing import Any, Final, Literal
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -34,6 +35,7 @@ from pzcap.types import PzcapError
 GATE: Final = CONF / "gate.yaml"
 BASELINE: Final = CONF / "baseline.json"
 FOLDER: Final = Path("outputs/gate")
+WIDTH: Final = 110  # letters in a line of a log file
 
 Verdict = Literal["worse", "gone", "better", "new", "same"]
 
@@ -182,7 +184,7 @@ def measure(config: GateConfig, case: str, extra: Sequence[str], console: Consol
 
 def table(found: Sequence[Move]) -> Table:
     """Then and now."""
-    shown = Table(title="What moved", title_justify="left", header_style="bold")
+    shown = Table(title="What moved", title_justify="left", header_style="bold", box=box.SIMPLE)
     for name in ("case", "metric"):
         shown.add_column(name)
     for name in ("baseline", "now", "change", "allowed"):
@@ -246,7 +248,8 @@ def main() -> int:
     parser.add_argument("--renew", action="store_true", help="make the baseline of what is reached now")
     options, extra = parser.parse_known_args()
     task = _renew if options.renew else _compare
-    return guard(lambda: task(read_config(GATE), extra, Console(), Console(stderr=True)))
+    out = Console(width=None if sys.stdout.isatty() else WIDTH)
+    return guard(lambda: task(read_config(GATE), extra, out, Console(stderr=True)))
 
 
 if __name__ == "__main__":
