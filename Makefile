@@ -1,4 +1,4 @@
-# Two commands: `make demo` and `make test`. Each does all the set-up it needs.
+# `make demo`, `make test`, `make gate`. Each does all the set-up it needs.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 # the work has threads of its own
 export OPENBLAS_NUM_THREADS := 1
@@ -6,7 +6,7 @@ VENV := .venv
 RUN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test check setup clean
+.PHONY: demo test gate baseline check setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
@@ -14,6 +14,12 @@ demo: setup  ## shoot the floor exercise, reconstruct it, score it: outputs/demo
 
 test: check  ## everything that has to hold
 	$(RUN)/python -m pytest -n 2 --dist loadgroup
+
+gate: setup  ## is any figure worse than the committed baseline? two or three minutes
+	$(RUN)/python -m experiments.gate
+
+baseline: setup  ## make what is reached now the baseline, on purpose
+	$(RUN)/python -m experiments.gate --renew
 
 check: setup  ## style, types, and the arrows between the rooms
 	$(RUN)/ruff check .

@@ -42,6 +42,7 @@ class AppConfig:
 
     seed: int = 0  # of the shoot; stands at shoot.seed, too
     method: str = "exact"  # or "paper"; stands at reconstruct.panzoom.method, too
+    estimator: str | None = None  # module:function in place of the pipeline (docs/estimators.md)
     capture: str | None = None  # a capture folder made by anyone (docs/capture.md); null: shoot one
     shoot: ShootConfig = field(default_factory=ShootConfig)
     reconstruct: pipeline.Config = field(default_factory=pipeline.Config)
@@ -69,6 +70,11 @@ def _converter() -> cattrs.Converter:
 
 
 CONVERTER = _converter()
+
+
+OmegaConf.register_new_resolver(  # names the folder of a run: nobody's estimator overwrites the results of ours
+    "estimator_or", lambda estimator, method: method if estimator is None else str(estimator).replace(":", ".")
+)
 
 
 def default_tree(kind: type[AppConfig] = AppConfig) -> dict[str, Any]:

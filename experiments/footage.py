@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Final
 
 from experiments.config import AppConfig
 from experiments.progress import Bars
+from pzcap.calibration import no_report
 from pzcap.types import PzcapError
 from sim import truth as truth_files
-from sim.shoot import shoot_cached
+from sim.gym import GymConfig
+from sim.optics import OpticsConfig
+from sim.shoot import ShootConfig, shoot_cached
 from sim.truth import Truth
+
+SMALL: Final = ShootConfig(
+    motion="pedestrian",
+    motion_frames=8,
+    width=320,
+    height=240,
+    sweep_deg=80.0,
+    zoom_frames=8,
+    optics=OpticsConfig(zoom_max=1.8),  # no more than the coarse textures can serve
+    gym=GymConfig(texture_px_per_m=80.0),
+)
+"""Every effect on, as by default, but little of it: four cameras, 320 x 240, 40 sweep frames, 8 frames of motion."""
 
 
 def capture_in(folder: Path) -> Path:
@@ -20,13 +37,18 @@ def capture_in(folder: Path) -> Path:
 
 def shoot(config: AppConfig, bars: Bars) -> Path:
     """The capture of the shoot's config: shot now, or kept from before."""
-    shooting = shoot_cached(config.shoot, Path(config.output.captures))
+    return shot(config.shoot, Path(config.output.captures), bars.update) / "capture"
+
+
+def shot(config: ShootConfig, root: Path, report: Callable[[str, int, int], None] = no_report) -> Path:
+    """The folder of a shoot in ``root``, ``capture/`` and ``truth/`` in it: shot now, or kept from before."""
+    shooting = shoot_cached(config, root)
     while True:
         try:
             step = next(shooting)
         except StopIteration as end:
-            return Path(end.value) / "capture"
-        bars.update(step.stage, step.done, step.total)
+            return Path(end.value)
+        report(step.stage, step.done, step.total)
 
 
 def truth_beside(capture: Path) -> Truth | None:

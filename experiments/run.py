@@ -2,7 +2,8 @@
 
     python -m experiments.run experiment=floor_exercise|pedestrian|clean seed=N hydra.run.dir=DIR
     python -m experiments.run capture=FOLDER              # footage of anyone's, docs/capture.md
-    python -m experiments.run -m shoot.sensor.read_noise=0,2,8
+    python -m experiments.run estimator=module:function   # an estimator of anyone's, docs/estimators.md
+    python -m experiments.run -m shoot.sensor.read_noise=0,2,8    # a sweep: runs what is missing, `experiments.jobs`
 
 leaves DIR/{metrics.json, recording.rrd, report.html, reconstruction/} and the link DIR/capture.
 """
@@ -22,11 +23,11 @@ from typing import Any, Final
 import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
 
-from experiments import footage, memory, recording
+from experiments import estimators, footage, jobs, memory, recording
 from experiments.config import AppConfig, build, default_tree, plain
 from experiments.errors import guard, reported
 from experiments.metrics import Metric, format_value, meets_target, run_info, write_metrics
@@ -57,6 +58,7 @@ class Reconstructed:
 def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console) -> list[Metric]:
     """Everything from the shoot to the report, into ``folder``. PzcapError for what the user can mend."""
     start = time.perf_counter()
+    estimator = None if config.estimator is None else estimators.find(config.estimator)
     named = None if config.capture is None else Path(config.capture).resolve()
     _forget(folder)
     with Bars(console) as bars:
@@ -66,7 +68,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
         (folder / "capture").symlink_to(shot.resolve(), target_is_directory=True)
     truth = footage.truth_beside(shot)
 
-    name = f"{capture.name}, {config.method}, seed {config.seed}"
+    name = f"{capture.name}, {config.estimator or config.method}, seed {config.seed}"
     with ExitStack() as stack:
         recorder = None
         if config.output.recording:
@@ -74,8 +76,12 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
                 Recorder(folder / "recording.rrd", capture, name=name, jpeg_quality=config.output.jpeg_quality)
             )
         foreground = None if truth is None else ForegroundScorer(truth, tuple(c.name for c in capture.cameras))
-        with Bars(console) as bars:
-            done = _reconstruct(capture, config, bars, foreground, recorder)
+        if estimator is None:
+            with Bars(console) as bars:
+                done = _reconstruct(capture, config, bars, foreground, recorder)
+        else:
+            with console.status(config.estimator or ""):
+                done = _estimate(estimator, capture, config.estimator or "")
         reconstruction = done.reconstruction
         store.save(reconstruction, folder / "reconstruction")
         frames = len(reconstruction.timecodes)
@@ -98,10 +104,16 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     if config.output.report:
         with console.status("writing the report"):
             material = Material(capture, reconstruction, truth, result, found, info, done.outlines, done.stage_s)
-            write_report(
-                folder / "report.html", material, shlex.join(["python", "-m", "experiments.run", *sys.argv[1:]])
-            )
+            write_report(folder / "report.html", material, _command())
     return found
+
+
+def _command() -> str:
+    """What to type to get this run again."""
+    arguments = sys.argv[1:]
+    if HydraConfig.initialized() and not OmegaConf.is_missing(HydraConfig.get().job, "num"):
+        arguments = list(HydraConfig.get().overrides.task)  # a job of a sweep, perhaps in a process of its own
+    return shlex.join(["python", "-m", "experiments.run", *arguments])
 
 
 def _forget(folder: Path) -> None:
@@ -142,6 +154,14 @@ def _reconstruct(
             case _:
                 pass
     raise AssertionError("the pipeline ends with Finished")
+
+
+def _estimate(estimator: estimators.Estimator, capture: Capture, name: str) -> Reconstructed:
+    """Let an estimator of anyone's do what the pipeline does."""
+    memory.reset_peak()
+    start = time.perf_counter()
+    reconstruction = estimators.estimate(estimator, capture, name)
+    return Reconstructed(reconstruction, {}, time.perf_counter() - start, memory.peak_mib())
 
 
 class _Clock:
@@ -193,13 +213,22 @@ ConfigStore.instance().store(name="base", node=default_tree())
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 def _job(composed: DictConfig) -> None:
     out, err = Console(), Console(stderr=True)
-    with reported():
-        tree = plain(composed)
+    folder = Path(HydraConfig.get().runtime.output_dir)
+
+    def work(tree: dict[str, Any], here: Path) -> tuple[AppConfig, list[Metric]]:
         config = build(tree)
-        folder = Path(HydraConfig.get().runtime.output_dir)
-        found = run(config, tree, folder, err)
+        return config, run(config, tree, here, err)
+
+    if OmegaConf.is_missing(HydraConfig.get().job, "num"):
+        with reported():
+            config, found = work(plain(composed), folder)
+    else:  # a job of a sweep
+        result = jobs.carry_out(folder, composed, HydraConfig.get().overrides.task, work)
+        if result is None:
+            return
+        config, found = result
     what = config.capture or HydraConfig.get().runtime.choices["experiment"]
-    print_table(out, f"{what}, {config.method}, seed {config.seed}", found)
+    print_table(out, f"{what}, {config.estimator or config.method}, seed {config.seed}", found)
     shown = os.path.relpath(folder) if folder.is_relative_to(Path.cwd()) else folder
     for name in RESULTS:
         if (folder / name).exists():

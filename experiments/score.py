@@ -17,7 +17,7 @@ from experiments import bound
 from experiments.metrics import Direction, Metric
 from experiments.silhouettes import ForegroundErrors, Series
 from pzcap import camera as camera_model
-from pzcap.types import Array, Mask, Panorama, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
+from pzcap.types import PARENTS, Array, Mask, Panorama, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
 from sim.truth import Truth
 
 LOST_M: Final = 0.1
@@ -46,6 +46,7 @@ class CameraErrors:
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyErrors:
     joints_m: Array  # (F, 16) distance of each joint from the truth
+    limbs: Array  # (15,) length of each limb, joint to joint, relative to the true one; empty where nothing is valid
     valid: Mask  # (F,) the tracker gave an estimate
     keyframe: Mask  # (F,) a person posed it: not scored
     inverted: Mask  # (F,) head below the pelvis
@@ -236,13 +237,23 @@ def _body_errors(reconstruction: Reconstruction, truth: Truth, frames: NDArray[n
     true = truth.joints_m[frames]
     keyframe = np.zeros(len(frames), bool)
     keyframe[motion.keyframes] = True
+    lengths = [_limbs_m(joints[motion.valid]) for joints in (motion.joints_m, true)]
     return BodyErrors(
         joints_m=np.linalg.norm(motion.joints_m - true, axis=2),
+        limbs=lengths[0] / lengths[1] - 1.0,
         valid=motion.valid,
         keyframe=keyframe,
         inverted=truth.inverted[frames],
         airborne=truth.airborne[frames],
     )
+
+
+def _limbs_m(joints_m: Array) -> Array:
+    """Mean length (15,) of each limb: the way from a joint to its parent; empty for no frames (0, 16, 3)."""
+    if not len(joints_m):
+        return np.zeros(0)
+    children = np.arange(1, len(PARENTS))
+    return np.asarray(np.linalg.norm(joints_m[:, children] - joints_m[:, PARENTS[1:]], axis=2).mean(axis=0))
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -267,7 +278,7 @@ def metrics(result: Score) -> list[Metric]:
         *_spread("panzoom.focal", focal, "%"),
         _metric("panzoom.reprojection.rms", _rms(points), "px"),
         _metric("panzoom.reprojection.p95", _percentile(points, 95), "px"),
-        _metric("panzoom.lost", float(result.lost), "frames"),
+        _metric("panzoom.lost", float(result.lost) if any(c.pan_rad for c in cameras) else None, "frames"),
         _metric("panzoom.bound_ratio.pan", _over([(c.pan_rad, c.pan_bound_rad) for c in cameras]), "1"),
         _metric("panzoom.bound_ratio.focal", _over([(c.focal, c.focal_bound) for c in cameras]), "1"),
         _metric("panzoom.nees", _mean(_joined([c.nees for c in cameras])), "1"),
@@ -285,12 +296,14 @@ def _body_metrics(body: BodyErrors | None) -> list[Metric]:
     if body is None:
         none = np.zeros((0, 16))
         scored = inverted = airborne = none
+        limbs = np.zeros(0)
         keyframes = lost = None
     else:
         millimetres = 1000.0 * body.joints_m
         scored = millimetres[body.scored]
         inverted = millimetres[body.scored & body.inverted]
         airborne = millimetres[body.scored & body.airborne]
+        limbs = 100.0 * body.limbs
         keyframes = float(np.sum(body.keyframe))
         lost = float(np.sum(~body.valid | np.any(body.joints_m > LOST_M, axis=1)))
     return [
@@ -300,6 +313,8 @@ def _body_metrics(body: BodyErrors | None) -> list[Metric]:
         _metric("body.mpjpe.inverted", _mean(inverted), "mm"),
         _metric("body.mpjpe.airborne", _mean(airborne), "mm"),
         _metric("body.mpjpe.true_cameras", None, "mm"),
+        _metric("body.limb.rms", _rms(limbs), "%"),
+        _metric("body.limb.max", float(np.abs(limbs).max()) if limbs.size else None, "%"),
         _metric("body.keyframes", keyframes, "frames"),
         _metric("body.lost", lost, "frames"),
     ]

@@ -131,7 +131,7 @@ def test_every_metric_of_the_list_is_there(whole: Reconstruction, truth: Truth) 
         "panzoom.bound_ratio.pan", "panzoom.bound_ratio.focal", "panzoom.nees",
         "foreground.iou", "foreground.outline", "foreground.shadow",
         "body.mpjpe.mean", "body.mpjpe.p95", "body.mpjpe.max", "body.mpjpe.inverted", "body.mpjpe.airborne",
-        "body.mpjpe.true_cameras", "body.keyframes", "body.lost",
+        "body.mpjpe.true_cameras", "body.limb.rms", "body.limb.max", "body.keyframes", "body.lost",
     }  # fmt: skip
     assert found["foreground.iou"] is None  # no silhouette came
 
@@ -253,6 +253,17 @@ def test_frame_sets_beyond_the_truth_are_not_scored(whole: Reconstruction, truth
     assert result.body is not None
     assert not result.body.valid[:3].any()
     assert result.lost == 0
+
+
+def test_a_limb_that_is_too_long_is_read_off(whole: Reconstruction, truth: Truth) -> None:
+    assert whole.motion is not None
+    joints = whole.motion.joints_m.copy()
+    joints[:, 5:7] += 0.03 * (joints[:, 5] - joints[:, 4])[:, None]  # left upper arm; what hangs on it goes along
+    found = values(
+        score(dataclasses.replace(whole, motion=dataclasses.replace(whole.motion, joints_m=joints)), truth, None)
+    )
+    assert found["body.limb.max"] == pytest.approx(3.0)
+    assert found["body.limb.rms"] == pytest.approx(3.0 / np.sqrt(15.0))
 
 
 def test_a_truth_of_another_capture_is_refused(whole: Reconstruction, truth: Truth) -> None:

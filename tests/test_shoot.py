@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from experiments.footage import SMALL
 from pzcap.capture import frame_sets, read_capture, read_image
 from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError
 from pzcap.video import VideoReader
@@ -27,7 +28,6 @@ from sim.optics import OpticsConfig
 from sim.sensor import SensorConfig
 from sim.shoot import Progress, ShootConfig, shoot, shoot_cached
 from sim.truth import Truth, load
-from tests.conftest import SMALL
 
 TINY = replace(
     SMALL, motion_frames=2, width=160, height=120, sweep_deg=8.0, zoom_frames=2,
