@@ -186,7 +186,7 @@ def _speed(done: Reconstructed, frames: int, log_share: float | None) -> list[Me
     return [
         *(Metric(f"speed.{stage}", 1000.0 * seconds / frames, "ms/frame") for stage, seconds in done.stage_s.items()),
         # the cameras are prepared once a hall, whatever is filmed there: that is speed.prepare
-        Metric("speed.fps", frames / (done.seconds - done.stage_s["prepare"]), "frame sets/s", "higher"),
+        Metric("speed.fps", frames / (done.seconds - done.stage_s.get("prepare", 0.0)), "frame sets/s", "higher"),
         Metric("speed.log_share", None if log_share is None else 100.0 * log_share, "%"),
         Metric("memory.peak", done.peak_mib, "MiB"),
     ]
