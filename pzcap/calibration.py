@@ -100,7 +100,7 @@ def _prepare_exact(
     links = [*chained.links, *further, *links]
     pans, focals = [*coarse.pan_rad, pan], [coarse.log_focal[0]] * 2
     pan_of, focal_of = [*range(count), count], [0] * count + [1]
-    zoomed = [] if zoom is None else _zoom_frames(zoom, config)
+    zoomed = _zoom_frames(zoom, config)
     if zoomed:
         report("match zoom run", 0, 1)
         found += [_detect(image, config) for image in zoomed]
