@@ -5,6 +5,7 @@ export OPENBLAS_NUM_THREADS := 1
 VENV := .venv
 RUN := $(VENV)/bin
 READY := $(VENV)/.ready
+TRIED := $(VENV)/.tried
 
 .PHONY: demo test gate baseline check setup clean
 .DEFAULT_GOAL := demo
@@ -27,8 +28,13 @@ check: setup  ## style, types, and the arrows between the rooms
 	$(RUN)/mypy
 	$(RUN)/lint-imports
 
-setup: $(READY)
+setup: $(TRIED)
+
+$(TRIED): $(READY)
 	@sh .ci/system-libraries
+	@echo "A first small run, which compiles the kernels"
+	@$(RUN)/python -m experiments.first_run
+	@touch $@
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "pzcap needs Python 3.11 or newer; say make PYTHON=/path/to/python3.11"; exit 1; }

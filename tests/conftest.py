@@ -9,13 +9,14 @@ import pytest
 from hypothesis import settings
 
 from experiments import footage
+from experiments.config import AppConfig
 from experiments.footage import SMALL
 from sim.shoot import ShootConfig
 
 settings.register_profile("gate", derandomize=True)  # the same examples every time: a gate must not open by luck
 settings.load_profile("gate")
 
-CAPTURES = Path(__file__).parent.parent / "outputs" / "test_captures"
+CAPTURES = Path(__file__).parent.parent / AppConfig().output.captures
 
 
 def shot(config: ShootConfig) -> Path:
