@@ -155,7 +155,9 @@ def _follow(
         if image is None or found is None or not found.valid:
             return None
         known = prepared[number]
-        return foreground.separate(image, known.panorama, known.camera, found, config.foreground)
+        camera = at(known.camera, found.pan_rad, found.tilt_rad, found.focal_px)
+        expected = None if tracker is None else tracker.expect(frames.index, camera)
+        return foreground.separate(image, known.panorama, known.camera, found, config.foreground, expected)
 
     def views(work: Callable[[int, Image | None, Localisation | None], T], frames: FrameSet, found: Found) -> list[T]:
         return list(pool.map(work, range(len(prepared)), frames.images, found))

@@ -29,7 +29,6 @@ TYPICAL: Final = 2.78  # median of the squared difference over the variance of a
 LEVELS: Final = 32  # of each colour in a palette
 ANY_COLOUR: Final = 0.2  # share of colours that the body may have besides those seen
 SHADOW_WINDOW: Final = (3, 3)  # half pixels over which a shadow is even
-SOFT_PX: Final = (0.0, 1.0, 1.4, 2.0)  # how soft a hall is tried to be, where nobody says
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +42,9 @@ class ForegroundConfig:
     shadow_log_odds: float = -2.5  # of shadow against none, there
     shadow_light: float = 0.65  # that a shadow leaves
     shadow_spread: float = 0.3  # of its logarithm
-    prediction_sigma_px: float = 4.0
-    prediction_floor: float = 2.5  # log-odds that a prediction speaks with at most
+    prediction_sigma_px: float = 5.0
+    prediction_for: float = 2.5  # log-odds that a prediction speaks with at most, for the body
+    prediction_against: float = 1.5  # and against it
 
 
 def halve(values: Pixels) -> Pixels:
@@ -83,16 +83,14 @@ def compare(
     known: Mask,
     camera: Camera,
     corner: tuple[int, int],
-    blur_px: float | None,
+    blur_px: float,
     config: ForegroundConfig,
 ) -> Compared:
     """How well the empty hall explains a view, or a part of it whose top-left pixel stands at ``corner`` (x, y).
 
-    ``background`` (H, W, 3) counts where it is ``known`` (H, W). ``blur_px`` is how soft (sigma) it is; None: whatever
-    makes the frame most like it.
+    ``background`` (H, W, 3) counts where it is ``known`` (H, W). ``blur_px`` is how soft (sigma) it is.
     """
-    frame, hall, sure = halve(image), halve(background), halve(known.astype(np.uint8))
-    frame = _soften(frame, hall, sure) if blur_px is None else _blurred(frame, blur_px / 2)
+    frame, hall, sure = _blurred(halve(image), blur_px / 2), halve(background), halve(known.astype(np.uint8))
     steep_x, steep_y = (np.asarray(g, np.int16) for g in cv2.spatialGradient(cv2.cvtColor(hall, cv2.COLOR_BGR2GRAY)))
     variance, squares = np.empty(sure.shape, np.float32), np.empty((*sure.shape, 3), np.float32)
     _differences(frame, hall, steep_x, steep_y, config.noise, config.camera_error_px / 2, variance, squares)
@@ -119,14 +117,6 @@ def floor_plane(camera: Camera, reach_m: float) -> Array:
 
 def _blurred(image: Image, sigma: float) -> Image:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.uint8) if sigma > 0.3 else image
-
-
-def _soften(frame: Image, hall: Image, known: Image) -> Image:
-    """The frame as soft as the hall: blurred so that it differs least from it."""
-    tries = [_blurred(frame, blur_px / 2) for blur_px in SOFT_PX]
-    apart = [np.abs(one[::2, ::2].astype(np.int16) - hall[::2, ::2]).sum(axis=2) for one in tries]
-    there = known[::2, ::2] > 0
-    return tries[int(np.argmin([np.median(one[there]) for one in apart]))] if there.any() else frame
 
 
 @njit(cache=True, nogil=True)

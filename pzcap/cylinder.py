@@ -38,18 +38,29 @@ def from_panorama(panorama: Panorama, points_px: Array) -> tuple[Array, Array]:
     return offset[..., 0], offset[..., 1]
 
 
+Window = tuple[int, int, int, int]
+"""Part of a view: left, top, right, bottom; the last two lie outside."""
+
+
 def warp_background(
-    panorama: Panorama, camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float
+    panorama: Panorama,
+    camera: PanZoomCamera,
+    pan_rad: float,
+    tilt_rad: float,
+    focal_px: float,
+    window: Window | None = None,
 ) -> tuple[Image, Mask]:
     """The empty hall as ``camera`` sees it, (H, W, 3), and where the panorama knows it, (H, W).
 
-    Where it does not, the image is black.
+    Where it does not, the image is black. With a ``window``, that part of the view alone.
     """
     view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
+    left, top, right, bottom = window or (0, 0, camera.lens.width, camera.lens.height)
+    corner = np.array([left, top])
     column, row = smooth_map(
-        lambda points: to_unwrapped(panorama, *from_axis(panorama, view, *geometry.look(view, points))),
-        camera.lens.width,
-        camera.lens.height,
+        lambda points: to_unwrapped(panorama, *from_axis(panorama, view, *geometry.look(view, points + corner))),
+        right - left,
+        bottom - top,
         WARP_GRID,
     )
     border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from pzcap import raster, residuals
 from pzcap.body import Body, forward, lift, place, screws
-from pzcap.foreground import ForegroundConfig
 from pzcap.limbs import GROUP, Ground
 from pzcap.raster import Float32
 from pzcap.shape import ContourRows
@@ -84,12 +83,6 @@ class Evidence:
         """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
         _, points, normals = self.place(pose)
         return [None if c is None else place_view(self.body, points, normals, c.seen.camera) for c in self.cuts]
-
-    def look_again(self, placed: Sequence[PlacedView | None], config: ForegroundConfig) -> None:
-        """Cut the silhouettes once more, with the body where it was ``placed``."""
-        for cut, where in zip(self.cuts, placed, strict=True):
-            if cut is not None and where is not None:
-                cut.look_again(where, config)
 
     def grounds(self, placed: Sequence[PlacedView | None]) -> list[Ground | None]:
         """What the limbs are judged by, the body being where it was ``placed``."""

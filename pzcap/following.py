@@ -14,7 +14,6 @@ import numpy as np
 
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, limit_residuals, retract
 from pzcap.evidence import Appearance, Evidence, Normal, Terms
-from pzcap.foreground import ForegroundConfig
 from pzcap.limbs import LIMBS, LimbSearch
 from pzcap.types import SEGMENTS, Array, Pose
 from pzcap.views import Cut, PlacedView
@@ -27,7 +26,6 @@ class Round:
     terms: Terms
     iterations: int
     stiffness: float = 1.0  # the joints' prior; large: the body moves as a whole
-    look: bool = False  # cut the silhouettes again first, with the body where it was found so far
 
 
 def _schedule() -> tuple[Round, ...]:
@@ -37,7 +35,7 @@ def _schedule() -> tuple[Round, ...]:
     return (
         Round(terms(2, 30.0, 8.0, 20.0), 3, 5.0),
         Round(terms(2, 20.0, 4.0, 20.0), 3),
-        Round(terms(1, 10.0, 2.0, 15.0), 2, look=True),
+        Round(terms(1, 10.0, 2.0, 15.0), 2),
         Round(terms(0, 5.0, 1.0, 12.0), 1),
     )
 
@@ -59,7 +57,6 @@ class TrackingConfig:
         0.004  # foreground that nothing explains, or hall that a limb lies on, to search for the limb again
     )
     step_tolerance: float = 1e-3  # metres, radians: a smaller step ends a round
-    foreground: ForegroundConfig = field(default_factory=ForegroundConfig)
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
     start_widening: float = 4.0  # of a prediction's sigma while the velocity is not known
     shape_weight: float = 0.012  # of a frame's contour, on the body's shape: the next frame errs alike
@@ -87,13 +84,11 @@ class Follower:
     """Follows the body in one direction of time from a keyframe."""
 
     def __init__(
-        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, cuts: Sequence[Cut | None], look: bool
+        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, cuts: Sequence[Cut | None]
     ) -> None:
-        """``look``: the silhouettes are cut again on the way, the body being predicted."""
         self.body, self.config = body, config
         self.pose, self.velocity, self.age = pose, velocity, 0
         self._known = velocity != 0.0  # of each degree of freedom, whether the velocity is
-        self._look = look
         self._limbs = LimbSearch(body)
         self._loose = np.zeros(len(LIMBS))  # what is usual, square metres
         points = len(body.surface.points_m)
@@ -119,9 +114,7 @@ class Follower:
         evidence = Evidence(self.body, cuts)
         sigma = self._sigma * np.where(self._known, 1.0, self.config.start_widening)
         prior = np.diag(1.0 / sigma**2)
-        pose, normal = improve(
-            evidence, predicted, prior, self.appearances, self.config, self.config.schedule, self._look
-        )
+        pose, normal = improve(evidence, predicted, prior, self.appearances, self.config, self.config.schedule)
         placed = evidence.visibility(pose)
         pose, normal, placed, support, found = self._recover(evidence, pose, normal, placed)
         evidence.learn(placed, self.appearances, self.config.appearance_rate)
@@ -150,7 +143,7 @@ class Follower:
                 continue
             free = np.where(np.isin(DOF_SEGMENT, LIMBS[limb]), config.start_widening, 0.1)
             prior = np.diag(1.0 / (self._sigma * free) ** 2)
-            other, again = improve(evidence, other, prior, self.appearances, config, config.schedule[1:], self._look)
+            other, again = improve(evidence, other, prior, self.appearances, config, config.schedule[1:])
             there = evidence.visibility(other)
             grounds_there = evidence.grounds(there)
             better = self._limbs.support(other, grounds_there)
@@ -181,15 +174,12 @@ def improve(
     appearances: Sequence[Appearance | None],
     config: TrackingConfig,
     schedule: Sequence[Round],
-    look: bool,
 ) -> tuple[Pose, Normal]:
     """Gauss-Newton from ``predicted``, whose information matrix (43, 43) is ``prior``, coarse to fine."""
     pose = predicted
     normal: Normal | None = None
     for each in schedule:
         placed = evidence.visibility(pose)
-        if each.look and look:
-            evidence.look_again(placed, config.foreground)
         stiff = np.ones(DOF)
         stiff[6:] = each.stiffness
         information = prior * stiff[:, None] * stiff

@@ -8,6 +8,7 @@ what is near it for its size; holes where the hall is hardly seen are none. Then
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
@@ -17,15 +18,14 @@ from numpy.typing import NDArray
 
 from pzcap import outline
 from pzcap.camera import at
-from pzcap.colours import LARGEST, Compared, ForegroundConfig, compare, double, halve
-from pzcap.cylinder import warp_background
+from pzcap.colours import Compared, ForegroundConfig, compare, double, halve
+from pzcap.cylinder import Window, warp_background
 from pzcap.types import Array, Camera, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
-__all__ = ["ForegroundConfig", "evidence", "match_gain", "refine", "separate", "subtract"]
+__all__ = ["Expected", "ForegroundConfig", "match_gain", "separate", "subtract"]
 
 Float32 = NDArray[np.float32]
 
-LOG_ODDS_STEPS: Final = int(127 / LARGEST)
 EVEN: Final = 127
 """Probability (of 255) where nothing is known."""
 SOFTNESS: Final = 5 / 12
@@ -39,26 +39,49 @@ NEAR: Final = 0.1  # of the body's size: a part this far off needs twice the evi
 PART: Final = 0.02  # of the body's evidence, that a part needs
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """Where whoever follows the body expects it in a view, over the part of the view in which it can be."""
+
+    left: int  # even, as are width and height: half pixels
+    top: int
+    distance_px: Float32  # (h, w) of half pixels, to the outline; positive inside
+
+    @property
+    def window(self) -> Window:
+        height, width = self.distance_px.shape
+        return self.left, self.top, self.left + 2 * width, self.top + 2 * height
+
+
 def separate(
     image: Image,
     panorama: Panorama,
     camera: PanZoomCamera,
     localisation: Localisation,
     config: ForegroundConfig,
-    expected: Float32 | None = None,
+    expected: Expected | None = None,
 ) -> Silhouette:
-    """Tell the athlete from the hall in one view. Invalid where the localisation is.
+    """Tell the athlete from the hall in one view; only where the body is ``expected``, if somebody expects it.
 
-    ``expected`` (H, W), where there is one, is the probability of body that whoever follows it predicts.
+    Invalid where the localisation is.
     """
-    background, known = warp_background(
-        panorama, camera, localisation.pan_rad, localisation.tilt_rad, localisation.focal_px
-    )
+    height, width = image.shape[:2]
+    whole = Silhouette(
+        np.zeros((height, width), np.uint8), np.zeros((height, width, 3), np.uint8),
+        np.zeros((height // 2, width // 2), np.float32), localisation.valid,
+    )  # fmt: skip
     if not localisation.valid:
-        return Silhouette(np.zeros(image.shape[:2], np.uint8), background, False)
-    view = at(camera, localisation.pan_rad, localisation.tilt_rad, localisation.focal_px)
-    blur = float(np.sqrt(SOFTNESS) * localisation.focal_px / panorama.px_per_rad)
-    return subtract(image, background, known, view, blur, config, expected)
+        return whole
+    pan_rad, tilt_rad, focal_px = localisation.pan_rad, localisation.tilt_rad, localisation.focal_px
+    left, top, right, bottom = (0, 0, width, height) if expected is None else expected.window
+    part, half = np.s_[top:bottom, left:right], np.s_[top // 2 : bottom // 2, left // 2 : right // 2]
+    background, known = warp_background(panorama, camera, pan_rad, tilt_rad, focal_px, (left, top, right, bottom))
+    view = at(camera, pan_rad, tilt_rad, focal_px)
+    blur_px = float(np.sqrt(SOFTNESS) * focal_px / panorama.px_per_rad)
+    found = subtract(image[part], background, known, view, blur_px, config, expected)
+    whole.probability[part], whole.background[part] = found.probability, found.background
+    whole.evidence[half] = found.evidence
+    return whole
 
 
 def subtract(
@@ -68,56 +91,30 @@ def subtract(
     camera: Camera,
     blur_px: float,
     config: ForegroundConfig,
-    expected: Float32 | None = None,
+    expected: Expected | None = None,
 ) -> Silhouette:
     """Tell the athlete from the hall, given the empty hall in this very view.
 
     ``background`` (H, W, 3) counts where it is ``known`` (H, W); where it is not, nothing is known of the body.
     ``blur_px`` is how soft (sigma) it is: a panorama at twice its own magnification has no finer detail to give.
-    ``expected`` as in `separate`.
+    All are of the part of the view in which the body is ``expected``, or of the whole view.
     """
     matched = match_gain(image, background, known)
-    log_odds = np.float32(config.prior_log_odds) if expected is None else _prior(halve(expected), config)
-    log_odds = log_odds + _judge(compare(image, matched, known, camera, (0, 0), blur_px, config), log_odds)
-    probability = _outlined(image, matched, log_odds)
+    corner, prior = (0, 0), np.full(halve(known.astype(np.uint8)).shape, config.prior_log_odds, np.float32)
+    if expected is not None:
+        corner = expected.left, expected.top
+        prior = _prior(expected.distance_px, config)
+    evidence = _judge(compare(image, matched, known, camera, corner, blur_px, config), prior)
+    probability = _outlined(image, matched, evidence + prior)
     np.maximum(probability, EVEN, out=probability, where=~known)
-    return Silhouette(probability, matched, True)
+    return Silhouette(probability, matched, evidence, True)
 
 
-def evidence(
-    image: Image, background: Image, camera: Camera, left: int, top: int, config: ForegroundConfig
-) -> NDArray[np.int8]:
-    """What the colours of a cut-out alone say: log-odds of body (h, w) in steps of 1 / LOG_ODDS_STEPS.
-
-    ``image`` and ``background`` (h, w, 3; of `Silhouette`) are cut out with their top-left pixel at ``(left, top)``.
-    Black background counts as unknown.
-    """
-    known = np.asarray(cv2.cvtColor(background, cv2.COLOR_BGR2GRAY) > 0, bool)
-    compared = compare(image, background, known, camera, (left, top), None, config)
-    log_odds = double(_judge(compared, np.float32(config.prior_log_odds)))
-    odd = known.shape[0] - log_odds.shape[0], known.shape[1] - log_odds.shape[1]
-    whole = np.pad(log_odds, ((0, odd[0]), (0, odd[1])), "edge")
-    return np.asarray(np.rint(LOG_ODDS_STEPS * whole), np.int8)
-
-
-def refine(
-    image: Image, background: Image, colours: NDArray[np.int8], predicted: Array | Float32, config: ForegroundConfig
-) -> Image:
-    """A second look at a cut-out of a view, the body's outline now predicted: the new probability (h, w).
-
-    ``colours`` is their `evidence`; ``predicted`` (h, w) the signed distance, in pixels and positive inside, to the
-    outline that the tracker expects.
-    """
-    says = halve(predicted.astype(np.float32)) * np.float32(2.0 / config.prediction_sigma_px)
-    np.clip(says, -config.prediction_floor, config.prediction_floor, out=says)
-    return _outlined(image, background, says + halve(colours.astype(np.float32)) * np.float32(1.0 / LOG_ODDS_STEPS))
-
-
-def _prior(expected: Float32, config: ForegroundConfig) -> Float32:
-    """Log-odds (h, w) that a prediction speaks with: not too sure, so that a limb that is elsewhere is found."""
-    surest = 1.0 / (1.0 + np.exp(-config.prediction_floor))
-    expected = np.clip(expected, 1.0 - surest, surest)
-    return np.asarray(np.log(expected / (1.0 - expected)), np.float32)
+def _prior(distance_px: Float32, config: ForegroundConfig) -> Float32:
+    """Log-odds (h, w) that a prediction speaks with: not too sure, and less so against the body than for it, so that a
+    limb that is elsewhere is found."""
+    says = distance_px * np.float32(2.0 / config.prediction_sigma_px)
+    return np.asarray(np.clip(says, -config.prediction_against, config.prediction_for), np.float32)
 
 
 def match_gain(image: Image, background: Image, known: Mask) -> Image:
@@ -187,7 +184,7 @@ def _weigh(labels: NDArray[np.int32], log_odds: Float32, count: int) -> Array:
     return mass
 
 
-def _window(body: Image) -> tuple[int, int, int, int]:
+def _window(body: Image) -> Window:
     """Part of the view (left, top, right, bottom) that holds the body (h, w), with a margin."""
     left, top, width, height = cv2.boundingRect(body)
     margin = MARGIN_PX // 2

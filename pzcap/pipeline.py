@@ -133,20 +133,21 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
         found: list[list[Localisation | None]] = [[] for _ in capture.cameras]
         poses: list[tracking.Tracked] = []
         views = _Views(prepared, localisers, config, pool, seconds)
-        sight = map(views.look, sets)
+        sight = map(views.localise, sets)
         seen = next(sight, None)
         while seen is not None:
-            for history, localisation in zip(found, seen[0].localisations, strict=True):
+            for history, localisation in zip(found, seen.localisations, strict=True):
                 history.append(localisation)
-            yield from seen
-            # the next instant is looked at while the body is tracked in this one; at rest while somebody takes results
+            separated = views.separate(seen, tracker)
+            yield from (seen, separated)
+            # the next instant is localised while the body is tracked in this one; at rest while somebody takes results
             coming = worker.submit(next, sight, None)
             arrived = []
             if tracker:
                 started = time.perf_counter()
-                arrived = tracker.push(_track_input(seen[1]))
+                arrived = tracker.push(_track_input(separated))
                 seconds["tracking"] += time.perf_counter() - started
-            index, seen = seen[0].frames.index, coming.result()
+            index, seen = seen.frames.index, coming.result()
             yield from map(_tracked, arrived)
             poses += arrived
             yield Progress("motion", index + 1, len(sets))
@@ -283,16 +284,7 @@ class _Views:
         self.before = [None] * len(self.prepared)
         self.last = [None] * len(self.prepared)
 
-    def look(self, frames: FrameSet) -> tuple[FrameLocalised, FrameSeparated]:
-        started = time.perf_counter()
-        localisations = self.localise(frames)
-        localised = time.perf_counter()
-        cameras, silhouettes = self.separate(frames, localisations)
-        self.seconds["panzoom"] += localised - started
-        self.seconds["foreground"] += time.perf_counter() - localised
-        return FrameLocalised(frames, localisations), FrameSeparated(frames, cameras, silhouettes)
-
-    def localise(self, frames: FrameSet) -> tuple[Localisation | None, ...]:
+    def localise(self, frames: FrameSet) -> FrameLocalised:
         def one(index: int, image: Image | None) -> Localisation | None:
             localiser = self.localisers[index]
             if localiser is None or image is None:
@@ -302,22 +294,28 @@ class _Views:
             self.last[index] = localisation if localisation.valid else None
             return localisation
 
-        return tuple(self.pool.map(one, range(len(frames.images)), frames.images))
+        started = time.perf_counter()
+        localisations = tuple(self.pool.map(one, range(len(frames.images)), frames.images))
+        self.seconds["panzoom"] += time.perf_counter() - started
+        return FrameLocalised(frames, localisations)
 
-    def separate(
-        self, frames: FrameSet, localisations: tuple[Localisation | None, ...]
-    ) -> tuple[tuple[Camera | None, ...], tuple[Silhouette | None, ...]]:
-        def one(
-            prepared: Prepared | None, image: Image | None, found: Localisation | None
-        ) -> tuple[Camera | None, Silhouette | None]:
+    def separate(self, seen: FrameLocalised, tracker: tracking.Tracker | None) -> FrameSeparated:
+        """``tracker``, where there is one, says where it expects the body."""
+
+        def one(index: int) -> tuple[Camera | None, Silhouette | None]:
+            image, found, prepared = seen.frames.images[index], seen.localisations[index], self.prepared[index]
             if prepared is None or image is None or found is None or not found.valid:
                 return None, None
             camera = at(prepared.camera, found.pan_rad, found.tilt_rad, found.focal_px)
+            expected = None if tracker is None else tracker.expect(seen.frames.index, camera)
             settings = self.config.foreground
-            return camera, foreground.separate(image, prepared.panorama, prepared.camera, found, settings)
+            return camera, foreground.separate(image, prepared.panorama, prepared.camera, found, settings, expected)
 
-        pairs = list(self.pool.map(one, self.prepared, frames.images, localisations))
-        return tuple(camera for camera, _ in pairs), tuple(silhouette for _, silhouette in pairs)
+        started = time.perf_counter()
+        pairs = list(self.pool.map(one, range(len(seen.frames.images))))
+        self.seconds["foreground"] += time.perf_counter() - started
+        cameras, silhouettes = (tuple(parts) for parts in zip(*pairs, strict=True))
+        return FrameSeparated(seen.frames, cameras, silhouettes)
 
 
 def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:

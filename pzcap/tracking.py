@@ -18,11 +18,12 @@ import numpy as np
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobians
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import Follower, Step, TrackingConfig, improve
+from pzcap.foreground import Expected
 from pzcap.merging import leaping, merge
 from pzcap.polishing import correct, correct_by_hand, polish
 from pzcap.shape import ShapeEstimate
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
-from pzcap.views import Cut, cut_out
+from pzcap.views import Cut, cut_out, expect
 
 __all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "View", "collect", "track"]
 
@@ -88,6 +89,12 @@ class Tracker:
         sigma[:3] = config.keyframe_position_sigma_m
         self._hand = np.diag(1.0 / sigma**2)
 
+    def expect(self, frame: int, camera: Camera) -> Expected | None:
+        """Where the body is expected in a view of the next ``frame``, for whoever cuts its silhouette. None before the
+        first keyframe, and where the camera does not see it."""
+        pose = self._keys.get(frame) or (None if self._ahead is None else self._ahead.predict())
+        return None if pose is None else expect(self.body, pose, camera, self.config.cut_out_margin)
+
     def push(self, item: TrackInput) -> list[Tracked]:
         """Take in one instant; what is finished by it, in order."""
         if item.frame in self._keys:
@@ -102,9 +109,6 @@ class Tracker:
         step = self._ahead.step(cuts)
         if item.frame > self._last_key:
             return [self._result(item.frame, step.pose, step.hessian, step.seen)]
-        for cut in cuts:
-            if cut is not None:
-                cut.looked()
         self._waiting.append(_Instant(item.frame, cuts, step))
         return self._close(None) if len(self._waiting) >= self.config.longest_stretch else []
 
@@ -124,12 +128,12 @@ class Tracker:
         if anchor.seen:
             key = Keyframe(item.frame, pose)
             correct_by_hand(self.body, self._shape, anchor.pose, key, self._hand, cuts, self.config)
-        done = self._close(Follower(self.body, self.config, anchor.pose, -velocity, cuts, False))
+        done = self._close(Follower(self.body, self.config, anchor.pose, -velocity, cuts))
         if done:
             anchor = self._settle(pose, cuts)  # the body has been corrected
-        self._ahead = Follower(self.body, self.config, anchor.pose, velocity, cuts, True)
+        self._ahead = Follower(self.body, self.config, anchor.pose, velocity, cuts)
         self._anchor = anchor.pose
-        early = Follower(self.body, self.config, anchor.pose, -velocity, cuts, True)
+        early = Follower(self.body, self.config, anchor.pose, -velocity, cuts)
         for lead in reversed(self._lead):
             step = early.step(self._cut(lead.views, early.predict()))
             done.insert(0, self._result(lead.frame, step.pose, step.hessian, step.seen))
@@ -164,9 +168,7 @@ class Tracker:
         return [
             None
             if view is None or not view.silhouette.valid
-            else cut_out(
-                self.body, view.image, view.silhouette, view.camera, pose, config.cut_out_margin, config.foreground
-            )
+            else cut_out(self.body, view.image, view.silhouette, view.camera, pose, config.cut_out_margin)
             for view in views
         ]
 
@@ -176,7 +178,7 @@ class Tracker:
         if all(cut is None for cut in cuts):
             return Step(pose, np.zeros(DOF), self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), False)
         evidence = Evidence(self.body, cuts)
-        pose, normal = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule, True)
+        pose, normal = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule)
         return Step(pose, np.zeros(DOF), normal.hessian + self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), True)
 
     def _result(self, frame: int, pose: Pose, hessian: Array, valid: bool, doubt_m: Array | float = 0.0) -> Tracked:

@@ -289,10 +289,11 @@ class PanZoomTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Silhouette:
-    """Foreground of one view (stage 5)."""
+    """Foreground of one view (stage 5). Where nobody expects the athlete it is all zero."""
 
     probability: Image  # (H, W) 0..255, that the pixel shows the athlete
     background: Image  # (H, W, 3) the panorama as this camera sees it, gain matched to the frame
+    evidence: NDArray[np.float32]  # (H // 2, W // 2) log-odds that it shows the athlete, from its colours alone
     valid: bool
 
 

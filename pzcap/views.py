@@ -1,7 +1,7 @@
 """Views cut out around the body, and where its skin stands in them: what is kept of the footage while it is tracked.
 
-An `Observation` is what the residuals look at, as a pyramid; a `Cut` holds what it was made of besides, and a
-`PlacedView` the skin of a posed body, projected and tested for what is visible.
+An `Observation` is what the residuals look at, as a pyramid; a `Cut` is that and what limbs are judged by; a
+`PlacedView` is the skin of a posed body, projected and tested for what is visible.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pzcap import raster
 from pzcap.body import Body, forward, place
-from pzcap.foreground import LOG_ODDS_STEPS, ForegroundConfig, refine
-from pzcap.foreground import evidence as colour_evidence
+from pzcap.cylinder import Window
+from pzcap.foreground import Expected
 from pzcap.limbs import BELIEF_SCALE, GROUP, Ground, ground
 from pzcap.raster import Float32
 from pzcap.types import Array, Camera, Image, Pose, Silhouette
@@ -52,28 +52,12 @@ def _smooth(probability: Image) -> Float32:
     return np.asarray(cv2.GaussianBlur(probability, (0, 0), 0.7), np.float32) / np.float32(255.0)
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Cut:
     """A view cut out around the body: what is kept of it until both directions of time have used it."""
 
-    image: Image  # (h, w, 3)
-    background: Image  # (h, w, 3)
-    colours: NDArray[np.int8]  # (h, w) of `pzcap.foreground.evidence`
-    belief: Float32  # (h / 4, w / 4) of `pzcap.limbs.Ground`
     seen: Observation
-
-    def look_again(self, predicted: PlacedView, config: ForegroundConfig) -> None:
-        """Cut the silhouette once more, with the body where it is predicted."""
-        seen = self.seen
-        height, width = seen.probability.shape
-        outline = signed_distance(predicted, seen.left, seen.top, width, height)
-        better = _smooth(refine(self.image, self.background, self.colours, outline, config))
-        self.seen = Observation(seen.camera, seen.left, seen.top, seen.grey, better)
-
-    def looked(self) -> None:
-        """The silhouette will not be cut again: let go what that needs."""
-        self.image = self.background = np.zeros((0, 0, 3), np.uint8)
-        self.colours = np.zeros((0, 0), np.int8)
+    belief: Float32  # (h / 4, w / 4) of `pzcap.limbs.Ground`
 
     def ground(self, placed: PlacedView) -> Ground:
         """What the limbs are judged by, the body being where it was ``placed``."""
@@ -84,26 +68,36 @@ class Cut:
         return ground(seen.camera, corner, self.belief, placed.cover, shift)
 
 
-def cut_out(
-    body: Body, image: Image, silhouette: Silhouette, camera: Camera, pose: Pose, margin: float,
-    config: ForegroundConfig,
-) -> Cut | None:  # fmt: skip
+def cut_out(body: Body, image: Image, silhouette: Silhouette, camera: Camera, pose: Pose, margin: float) -> Cut | None:
     """The part of a view around the body, copied so that the frame itself can be let go. None where it is not seen."""
-    window = body_window(body, pose, camera, margin)
+    window = _around(place(body, forward(body, pose))[0], camera, margin)
     if window is None:
         return None
     left, top, right, bottom = window
     part = np.s_[top:bottom, left:right]
-    image, background = image[part].copy(), silhouette.background[part].copy()
-    colours = colour_evidence(image, background, camera, left, top, config)
-    sure = np.clip(colours.astype(np.float32) / (LOG_ODDS_STEPS * _SURE), -1.0, 1.0)
-    small = (colours.shape[1] // BELIEF_SCALE, colours.shape[0] // BELIEF_SCALE)
-    sure = sure[: BELIEF_SCALE * small[1], : BELIEF_SCALE * small[0]]
-    belief = cv2.resize(sure, small, interpolation=cv2.INTER_AREA)
-    return Cut(
-        image, background, colours, np.asarray(belief, np.float32),
-        observe(image, silhouette.probability[part], camera, left, top),
-    )  # fmt: skip
+    sure = np.clip(silhouette.evidence[top // 2 : bottom // 2, left // 2 : right // 2] / _SURE, -1.0, 1.0)
+    size = ((right - left) // BELIEF_SCALE, (bottom - top) // BELIEF_SCALE)
+    belief = cv2.resize(sure, size, interpolation=cv2.INTER_AREA)
+    seen = observe(image[part], silhouette.probability[part], camera, left, top)
+    return Cut(seen, np.asarray(belief, np.float32))
+
+
+def expect(body: Body, pose: Pose, camera: Camera, margin: float) -> Expected | None:
+    """What a silhouette is told of a pose that is expected. None where the body is out of view."""
+    points, normals = place(body, forward(body, pose))
+    window = _around(points, camera, margin)
+    if window is None:
+        return None
+    left, top, right, bottom = window
+    placed = place_view(body, points, normals, camera)
+    # pixels of the z-buffer to half pixels of the window, whose centres lie between its pixels
+    origin = (np.array([left, top]) + 0.5 - [placed.z_left, placed.z_top]) / Z_SCALE
+    shift = np.column_stack([np.eye(2), origin])
+    size = ((right - left) // 2, (bottom - top) // 2)
+    linear = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    inside = (cv2.warpAffine(placed.mask.astype(np.float32), shift, size, flags=linear) > 0.5).astype(np.uint8)
+    apart = cv2.distanceTransform(inside, cv2.DIST_L2, 3) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 3)
+    return Expected(left, top, np.asarray(Z_SCALE * apart, np.float32))
 
 
 @dataclass(slots=True, eq=False)
@@ -151,10 +145,9 @@ def _window(pixels: Array, depth: Array, camera: Camera, margin: int) -> tuple[i
     return left, top, max(right - left, 2), max(bottom - top, 2)
 
 
-def body_window(body: Body, pose: Pose, camera: Camera, margin: float) -> tuple[int, int, int, int] | None:
-    """Part of the view (left, top, right, bottom) that holds the body, and ``margin`` of its size around it; None where
-    the body is out of view."""
-    points, _ = place(body, forward(body, pose))
+def _around(points: Array, camera: Camera, margin: float) -> Window | None:
+    """Part of the view that holds the skin (V, 3), and ``margin`` of its size around it, of whole pixels of a belief;
+    None where the skin is out of view."""
     pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
     raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
     box = np.empty(4)
@@ -163,17 +156,7 @@ def body_window(body: Body, pose: Pose, camera: Camera, margin: float) -> tuple[
         return None
     low, high = box[:2], box[2:]
     pad = margin * float(np.max(high - low)) + 16
-    left, top = (int(v) for v in np.clip(np.floor(low - pad), 0, None))
-    right = int(min(np.ceil(high[0] + pad), camera.width))
-    bottom = int(min(np.ceil(high[1] + pad), camera.height))
+    left, top = (int(v) // 2 * 2 for v in np.clip(np.floor(low - pad), 0, None))
+    right = left + (int(min(np.ceil(high[0] + pad), camera.width)) - left) // BELIEF_SCALE * BELIEF_SCALE
+    bottom = top + (int(min(np.ceil(high[1] + pad), camera.height)) - top) // BELIEF_SCALE * BELIEF_SCALE
     return (left, top, right, bottom) if right - left >= 32 and bottom - top >= 32 else None
-
-
-def signed_distance(placed: PlacedView, left: int, top: int, width: int, height: int) -> Float32:
-    """Pixels from the outline of the placed body, positive inside, over a window (height, width) of the view."""
-    shift = np.array([[Z_SCALE, 0.0, placed.z_left - left], [0.0, Z_SCALE, placed.z_top - top]])
-    mask = cv2.warpAffine(placed.mask.astype(np.float32), shift, (width, height), flags=cv2.INTER_LINEAR) > 0.5
-    inside = mask.astype(np.uint8)
-    return np.asarray(
-        cv2.distanceTransform(inside, cv2.DIST_L2, 3) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 3), np.float32
-    )

@@ -67,7 +67,7 @@ def frames(count: int) -> Iterator[FrameLocalised | FrameSeparated]:
         found = Localisation(0.1, -0.07, 440.0, np.eye(2) * 1e-6, True, points, points)
         sets = FrameSet(index, f"01:00:00:{index:02d}", images)
         yield FrameLocalised(sets, (found, None, None, found))
-        silhouette = Silhouette(body, image, True)
+        silhouette = Silhouette(body, image, np.zeros((120, 160), np.float32), True)
         yield FrameSeparated(sets, (None,) * 4, (silhouette, None, None, silhouette))
 
 

@@ -124,7 +124,7 @@ def cuts(frame: int) -> list[Cut | None]:
             2.0 * shot.mask.astype(np.float32) - 1.0, (WIDTH // 4, HEIGHT // 4), interpolation=cv2.INTER_AREA
         )
         seen = observe(shot.image, mask, shot.camera, 0, 0)
-        rows.append(Cut(shot.image, shot.empty, np.zeros((HEIGHT, WIDTH), np.int8), belief, seen))
+        rows.append(Cut(seen, belief))
     return rows
 
 
