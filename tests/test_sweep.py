@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import random
@@ -101,6 +102,27 @@ def test_what_is_done_is_not_done_again_by_any_launcher(undisturbed: dict[str, d
     assert again.stderr == "24 jobs: 24 done before, 0 to do\n"
     assert began(shared) == 24
     assert results(shared) == undisturbed
+
+
+@pytest.mark.parametrize(
+    ("launcher", "package"),
+    [
+        ("joblib", "hydra_plugins.hydra_joblib_launcher"),
+        pytest.param("submitit_local", "hydra_plugins.hydra_submitit_launcher", marks=pytest.mark.slow),
+        pytest.param("ray", "ray", marks=pytest.mark.slow),
+    ],
+)
+def test_every_launcher_leaves_the_same(
+    launcher: str, package: str, undisturbed: dict[str, dict[str, str]], tmp_path: Path
+) -> None:
+    if importlib.util.find_spec(package) is None:
+        pytest.skip(f"{package} is not installed: pip install pzcap[launchers]")
+    done = sweep(tmp_path, "value=1,3", "noise=0,2", launcher=launcher)
+    assert done.returncode == 0, done.stderr
+    assert results(tmp_path) == {name: undisturbed[name] for name in results(tmp_path)}
+    assert len(results(tmp_path)) == 4
+    again = sweep(tmp_path, "value=1,3", "noise=0,2", launcher=launcher)
+    assert again.stderr == "4 jobs: 4 done before, 0 to do\n"
 
 
 def test_progress_says_how_much_is_left(tmp_path: Path) -> None:
