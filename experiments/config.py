@@ -75,6 +75,7 @@ CONVERTER = _converter()
 OmegaConf.register_new_resolver(  # names the folder of a run: nobody's estimator overwrites the results of ours
     "estimator_or", lambda estimator, method: method if estimator is None else str(estimator).replace(":", ".")
 )
+OmegaConf.register_new_resolver("share", lambda whole, part: round(whole * part))  # of pixels
 
 
 def default_tree(kind: type[AppConfig] = AppConfig) -> dict[str, Any]:

@@ -21,7 +21,8 @@ class RayLauncher(Launcher):
     """A Ray task a job. ``init`` goes to ray.init, ``remote`` (what a job takes of its machine) to ray.remote."""
 
     def __init__(self, init: DictConfig, remote: DictConfig) -> None:
-        self._init, self._remote = (OmegaConf.to_container(part, resolve=True) for part in (init, remote))
+        self._init: Any = OmegaConf.to_container(init, resolve=True)
+        self._remote: Any = OmegaConf.to_container(remote, resolve=True)
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
         """What Hydra hands to every launcher before the sweep."""
