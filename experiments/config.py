@@ -129,6 +129,14 @@ def keys(tree: Mapping[str, Any], prefix: str = "") -> list[str]:
     return found
 
 
+def leaves(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Dotted key -> value, of everything in ``tree`` that is no group."""
+    found: dict[str, Any] = {}
+    for key, value in tree.items():
+        found |= leaves(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {prefix + key: value}
+    return found
+
+
 def _complaints(error: BaseException, path: str) -> Iterable[str]:
     """One sentence for each thing that cattrs found wrong, with its dotted path."""
     if isinstance(error, cattrs.ClassValidationError | cattrs.IterableValidationError):

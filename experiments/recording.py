@@ -10,6 +10,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from experiments.config import CONVERTER, build, leaves
 from experiments.metrics import Metric, format_value, meets_target
 from experiments.score import Score
 from experiments.silhouettes import Series
@@ -42,13 +43,20 @@ def summarise(
         rec,
         {
             "metrics": values,
-            "run": {"seed": run["seed"], "config": json.dumps(run["config"]), "machine": json.dumps(run["machine"])},
+            "config": _settings(run["config"]),
+            "run": {"seed": run["seed"], "machine": json.dumps(run["machine"])},
             "versions": run["versions"],
         },
     )
     rec.log("/summary", rr.TextDocument(plain(_page(found, run)), media_type="text/markdown"), static=True)
     scored = any(metric.key.startswith("panzoom") for metric in found)
     rec.send_blueprint(layout(reconstruction, scored=scored))
+
+
+def _settings(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Dotted key -> value of all that was set, each of the one type that it has in every recording of a catalog."""
+    typed = leaves(CONVERTER.unstructure(build(tree)))
+    return {key: json.dumps(value) if isinstance(value, list | tuple) else value for key, value in typed.items()}
 
 
 def _send_truth(rec: rr.RecordingStream, reconstruction: Reconstruction, truth: Truth, result: Score) -> None:

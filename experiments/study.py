@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from experiments import jobs
+from experiments.config import leaves
 from experiments.metrics import Metric, read_metrics
 
 TABLE: Final = "runs.parquet"
@@ -80,17 +81,7 @@ def read(folder: Path, places: Sequence[Path]) -> Study:
 def _run(folder: Path) -> Run:
     metrics, info = read_metrics(folder / METRICS)
     mark = json.loads((folder / jobs.MARK).read_text(encoding="utf-8"))
-    settings = dict(_leaves(info["config"]))
-    return Run(folder, tuple(mark["overrides"]), settings, metrics, info["versions"], mark["seconds"])
-
-
-def _leaves(tree: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Dotted key and value of everything that is no group."""
-    return [
-        leaf
-        for key, value in tree.items()
-        for leaf in (_leaves(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [(prefix + key, value)])
-    ]
+    return Run(folder, tuple(mark["overrides"]), leaves(info["config"]), metrics, info["versions"], mark["seconds"])
 
 
 def table(study: Study) -> pa.Table:
