@@ -104,12 +104,13 @@ def test_what_is_done_is_not_done_again_by_any_launcher(undisturbed: dict[str, d
     assert results(shared) == undisturbed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("launcher", "package"),
     [
         ("joblib", "hydra_plugins.hydra_joblib_launcher"),
-        pytest.param("submitit_local", "hydra_plugins.hydra_submitit_launcher", marks=pytest.mark.slow),
-        pytest.param("ray", "ray", marks=pytest.mark.slow),
+        ("submitit_local", "hydra_plugins.hydra_submitit_launcher"),
+        ("ray", "ray"),
     ],
 )
 def test_every_launcher_leaves_the_same(
