@@ -22,7 +22,7 @@ from experiments.config import CONVERTER, AppConfig
 HEAD = """# Configuration
 
 Everything that `python -m experiments.run` can be told, with its default. `shoot` decides what is filmed, `reconstruct`
-how it is estimated, `output` what is left behind. A setting is given as `key=value`, values to be swept as `key=value,value`.
+how it is estimated, `output` what is left behind. A setting is given as `key=value`, values to sweep over as `key=a,b`.
 """
 
 

@@ -67,7 +67,7 @@ class Line:
 
 
 class Means(NamedTuple):
-    """Over the seeds: (M,) where, the mean, and the standard deviation."""
+    """Over the seeds: (M,) where, the mean, and the standard deviation (0 of one alone)."""
 
     x: Array
     mean: Array
@@ -79,7 +79,8 @@ def means(x: Array, values: Array) -> Means:
     known = np.isfinite(values)
     places = np.unique(x[known])
     groups = [values[known & (x == place)] for place in places]
-    return Means(places, np.array([g.mean() for g in groups]), np.array([g.std() for g in groups]))
+    sigma = [group.std(ddof=1) if len(group) > 1 else 0.0 for group in groups]
+    return Means(places, np.array([group.mean() for group in groups]), np.array(sigma))
 
 
 @dataclass(frozen=True, slots=True)

@@ -173,6 +173,15 @@ def test_folders_of_the_users_own_naming_are_told_apart_by_what_they_hold(tmp_pa
     }  # fmt: skip
 
 
+def test_axes_of_a_study_give_way_to_those_of_the_command(tmp_path: Path) -> None:
+    axes = "hydra.sweeper.params={value:'1,2,3',noise:'0,1'}"
+    assert sweep(tmp_path / "all", axes).returncode == 0
+    assert len(results(tmp_path / "all")) == 6
+    assert sweep(tmp_path / "fewer", axes, "value=7,8").returncode == 0
+    assert sorted({files["a.txt"][2] for files in results(tmp_path / "fewer").values()}) == ["7", "8"]
+    assert len(results(tmp_path / "fewer")) == 4
+
+
 # --------------------------------------------------------------------------------------------------------------
 # One job
 
