@@ -53,10 +53,6 @@ class Review:
     title: str
     marks: tuple[Bookmark, ...]  # the gravest first
 
-    @property
-    def severity(self) -> float:
-        return self.marks[0].severity if self.marks else 0.0
-
 
 def runs_in(folder: Path) -> list[Path]:
     """The folders in ``folder``, or itself, that hold a recording. PzcapError if there is none."""
@@ -73,11 +69,7 @@ def review(run: Path) -> Review:
     """Write RUN/review.rrd: all of the recording, its worst frames, and a layout a purpose."""
     marks = bookmarks.worst(bookmarks.errors(run / RECORDING))
     whole = store.load(run / "reconstruction")
-    purposes = [
-        layouts.overview(whole, scored=bool(marks)),
-        layouts.calibration(whole),
-        layouts.tracking(whole),
-    ]
+    purposes = layouts.overview(whole, scored=bool(marks)), layouts.calibration(whole), layouts.tracking(whole)
     first = {"calibration": 1, "tracking": 2}[marks[0].kind.purpose] if marks else 0
     blueprint = layouts.whole(_beside(rrb.Tabs(*purposes, active_tab=first)), whole)
     path = run / "review.rrd"
@@ -195,8 +187,10 @@ def _connected(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
 def reviews(folders: Sequence[Path]) -> list[Review]:
     """What to open for one folder, of a run or a study, or for two runs; the worst first."""
     if len(folders) == 2:
-        (first,), (second,) = (runs_in(folder) for folder in folders)
-        return [compare(first, second)]
+        first, second = (runs_in(folder) for folder in folders)
+        if len(first) > 1 or len(second) > 1:
+            raise PzcapError("two runs can be compared, not studies; give the folder of one job of each")
+        return [compare(first[0], second[0])]
     found = runs_in(folders[0])
     ranked = sorted(found, key=lambda run: -_gravest(run))
     return [review(run) for run in ranked[:AT_ONCE]]

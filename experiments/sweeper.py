@@ -145,7 +145,9 @@ def _account(plan: Sequence[Job], missing: Sequence[Job]) -> None:
     without = [job for job in missing if not jobs.finished(job.folder, job.key)]
     for job in without:
         if jobs.failure(job.folder) is None:
-            _say(f"error: {job.folder.name}: ended without a result or a reason")
+            changed = (job.folder / jobs.MARK).exists()  # other processes read the code later than this one
+            why = "the code changed while it ran" if changed else "ended without a result or a reason"
+            _say(f"error: {job.folder.name}: {why}")
     if without and len(plan) > 1:
         _say(f"{len(without)} of {len(plan)} jobs failed; the same command runs them again")
     if without:

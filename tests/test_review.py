@@ -110,6 +110,8 @@ def test_of_a_study_the_worst_runs_are_opened_the_worst_one_first(tmp_path: Path
     for name, worst in (("a", 20.0), ("b", 90.0), ("c", 50.0), ("d", 5.0), (".e.partial", 500.0)):
         fabricate(tmp_path / name, {"/error/mpjpe": peaks(1.0, f9=worst)})
     assert [one.title for one in review.reviews([tmp_path])] == ["b", "c", "a"]
+    with pytest.raises(PzcapError, match="give the folder of one job"):
+        review.reviews([tmp_path / "a", tmp_path])
 
 
 def test_two_runs_are_one_recording_that_says_where_they_differ(run: Path, tmp_path: Path) -> None:

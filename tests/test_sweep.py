@@ -19,7 +19,8 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
-from experiments import jobs, run
+from experiments import jobs, run, sweeper
+from experiments.errors import AlreadyReported
 from pzcap.types import PzcapError
 
 ROOT = Path(__file__).parents[1]
@@ -171,6 +172,14 @@ def test_folders_of_the_users_own_naming_are_told_apart_by_what_they_hold(tmp_pa
     assert {name: files["a.txt"][:3] for name, files in results(tmp_path).items()} == {
         "job0": "a 1", "job1": "a 7", "job2": "a 3"
     }  # fmt: skip
+
+
+def test_code_that_changed_while_a_job_ran_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / jobs.MARK).write_text('{"key": "of the code as it is now"}')
+    job = sweeper.Job((), tmp_path, "of the code as it was")
+    with pytest.raises(AlreadyReported):
+        sweeper._account([job], [job])
+    assert capsys.readouterr().err.endswith(": the code changed while it ran\n")
 
 
 def test_axes_of_a_study_give_way_to_those_of_the_command(tmp_path: Path) -> None:
