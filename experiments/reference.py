@@ -13,9 +13,9 @@ import io
 import json
 import textwrap
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any, get_type_hints
+from typing import Any, Final, get_type_hints
 
 from experiments.config import CONVERTER, AppConfig
 
@@ -24,6 +24,7 @@ HEAD = """# Configuration
 Everything that `python -m experiments.run` can be told, with its default. `shoot` decides what is filmed, `reconstruct`
 how it is estimated, `output` what is left behind. A setting is given as `key=value`, values to sweep over as `key=a,b`.
 """
+BAR: Final = r"\|"  # in a cell of a table
 
 
 def markdown() -> str:
@@ -31,22 +32,28 @@ def markdown() -> str:
     return "\n".join([HEAD, *_sections(AppConfig, "", CONVERTER.unstructure(AppConfig()))])
 
 
-def _sections(kind: type, path: str, defaults: dict[str, Any]) -> Iterator[str]:
-    hints, comments = get_type_hints(kind), _comments(kind)
+def descriptions(kind: type = AppConfig, prefix: str = "") -> dict[str, str]:
+    """Dotted key -> the comment beside it, of every setting that has one."""
+    hints, found = get_type_hints(kind), {prefix + name: comment for name, comment in _comments(kind).items()}
+    for field in fields(kind):
+        if is_dataclass(hints[field.name]):
+            found |= descriptions(hints[field.name], f"{prefix}{field.name}.")
+    return found
+
+
+def _sections(kind: type, path: str, defaults: Mapping[str, Any]) -> Iterator[str]:
+    hints, told = get_type_hints(kind), descriptions()
     groups = [field.name for field in fields(kind) if is_dataclass(hints[field.name])]
     yield f"## `{path}`\n" if path else "## The root\n"
     yield f"{inspect.cleandoc(_documented(kind))}\n"
+    keys = {f"{path}.{name}".lstrip("."): value for name, value in defaults.items() if name not in groups}
     rows = [
-        f"| `{path}.{name}` | `{json.dumps(value)}` | {comments.get(name, '')} |".replace("`.", "`")
-        for name, value in defaults.items()
-        if name not in groups
+        f"| `{key}` | `{json.dumps(value)}` | {told.get(key, '').replace('|', BAR)} |" for key, value in keys.items()
     ]
     if rows:
         yield "\n".join(["| key | default | |", "|---|---|---|", *rows, ""])
     for name in groups:
-        hint = hints[name]
-        assert isinstance(hint, type)
-        yield from _sections(hint, f"{path}.{name}".lstrip("."), defaults[name])
+        yield from _sections(hints[name], f"{path}.{name}".lstrip("."), defaults[name])
 
 
 def _documented(kind: type) -> str:
@@ -59,7 +66,7 @@ def _comments(kind: type) -> dict[str, str]:
     """Field -> the comment that ends its line."""
     source = textwrap.dedent(inspect.getsource(kind))
     beside = {
-        token.start[0]: token.string.lstrip("# ").replace("|", r"\|")
+        token.start[0]: token.string.lstrip("# ")
         for token in tokenize.generate_tokens(io.StringIO(source).readline)
         if token.type == tokenize.COMMENT
     }

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from experiments import plots
 from experiments.metrics import Metric, format_value
+from experiments.reference import descriptions
 from experiments.study import SEED, Run, Study, read, write_table
 from pzcap.types import Array
 
@@ -128,10 +129,11 @@ def write_study(folder: Path, places: Sequence[Path]) -> bool:
 
 def _context(study: Study) -> dict[str, Any]:
     panels = [panel for panel in PANELS if any(run.value(panel.metric) is not None for run in study.runs)]
-    plan, axes = Plan.of(study), tuple(dict.fromkeys((*study.axes, SEED)))
+    plan, axes, told = Plan.of(study), tuple(dict.fromkeys((*study.axes, SEED))), descriptions()
     return {
         "title": study.folder.name,
         "axes": [_short(axis) for axis in axes],
+        "varied": [(axis, told.get(axis, "")) for axis in study.axes],
         "panels": [panel.title for panel in panels],
         "figure": plots.svg(WIDTH_IN, ROW_IN * math.ceil(len(panels) / COLUMNS), lambda f: _draw(f, plan, panels)),
         "surface": _surfaces(plan, panels),

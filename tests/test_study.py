@@ -108,6 +108,7 @@ def test_every_point_leads_to_its_run_and_to_the_command_that_made_it(tmp_path: 
         assert (tmp_path / unquote(link)).is_file()
     assert page.count("<code>python -m experiments.run") == 6
     assert "Cramér-Rao bound" in page
+    assert f"<code>{NOISE}</code>, standard deviation, grey levels." in page
 
 
 def test_seeds_give_the_error_bars_and_what_else_differs_another_line(tmp_path: Path) -> None:
