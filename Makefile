@@ -7,7 +7,7 @@ RUN := $(VENV)/bin
 READY := $(VENV)/.ready
 TRIED := $(VENV)/.tried
 
-.PHONY: demo test gate baseline check setup clean
+.PHONY: demo test gate baseline docs check setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
@@ -21,6 +21,9 @@ gate: setup  ## is any figure worse than the committed baseline? two or three mi
 
 baseline: setup  ## make what is reached now the baseline, on purpose
 	$(RUN)/python -m experiments.gate --renew
+
+docs: setup  ## the pages of docs/ as a site: outputs/docs/index.html
+	$(RUN)/python -m sphinx -q -n -W -b html docs outputs/docs
 
 check: setup  ## style, types, and the arrows between the rooms
 	$(RUN)/ruff check .

@@ -75,6 +75,7 @@ CONVERTER = _converter()
 OmegaConf.register_new_resolver(  # names the folder of a run: nobody's estimator overwrites the results of ours
     "estimator_or", lambda estimator, method: method if estimator is None else str(estimator).replace(":", ".")
 )
+OmegaConf.register_new_resolver("share", lambda whole, part: round(whole * part))  # of pixels
 
 
 def default_tree(kind: type[AppConfig] = AppConfig) -> dict[str, Any]:
@@ -125,6 +126,14 @@ def keys(tree: Mapping[str, Any], prefix: str = "") -> list[str]:
         found.append(prefix + key)
         if isinstance(value, Mapping):
             found += keys(value, f"{prefix}{key}.")
+    return found
+
+
+def leaves(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Dotted key -> value, of everything in ``tree`` that is no group."""
+    found: dict[str, Any] = {}
+    for key, value in tree.items():
+        found |= leaves(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {prefix + key: value}
     return found
 
 

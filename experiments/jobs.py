@@ -34,6 +34,7 @@ MARK: Final = "job.json"  # of a finished job
 FAILED: Final = "failed.txt"  # of one that failed: its reason in the first line, a traceback below if it is a bug
 HYDRA: Final = ".hydra"  # what Hydra itself writes into a job's folder before the job begins
 _CODE: Final = Path(__file__).parents[1]
+_ABOVE: Final = ("experiment=", "study=")  # overrides that name the folders above a job's
 _LONGEST: Final = 80  # letters of the overrides in a folder's name
 
 
@@ -60,7 +61,7 @@ def name(config: DictConfig) -> str:
 
     What was overridden comes first, cut where it is long; then a hash of the whole configuration.
     """
-    overrides = [str(o) for o in config.hydra.overrides.task if not str(o).startswith("experiment=")]
+    overrides = [str(o) for o in config.hydra.overrides.task if not str(o).startswith(_ABOVE)]
     shorter = r"['\"]|^[^=]*\.(?=[^=.]+=)|(?<==).*/"  # of keys the last part, of paths too
     leaves = sorted(re.sub(shorter, "", override.lstrip("+~")) for override in overrides)
     readable = re.sub(r"[^\w.,=+-]+", "_", ",".join(leaves))[:_LONGEST]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
+from experiments import layouts
+from experiments.config import CONVERTER, build, leaves
 from experiments.metrics import Metric, format_value, meets_target
 from experiments.score import Score
 from experiments.silhouettes import Series
@@ -18,8 +19,6 @@ from pzcap.rerun_columns import CAMERA_COLOURS, TRUTH_COLOUR, path_part, plain, 
 from pzcap.rerun_log import Recorder
 from pzcap.types import JOINTS, Camera, Reconstruction
 from sim.truth import Truth
-
-PANORAMA_REACH_RAD: Final = 1.0
 
 
 def finish(recorder: Recorder, reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> None:
@@ -42,13 +41,20 @@ def summarise(
         rec,
         {
             "metrics": values,
-            "run": {"seed": run["seed"], "config": json.dumps(run["config"]), "machine": json.dumps(run["machine"])},
+            "config": _settings(run["config"]),
+            "run": {"seed": run["seed"], "machine": json.dumps(run["machine"])},
             "versions": run["versions"],
         },
     )
     rec.log("/summary", rr.TextDocument(plain(_page(found, run)), media_type="text/markdown"), static=True)
     scored = any(metric.key.startswith("panzoom") for metric in found)
-    rec.send_blueprint(layout(reconstruction, scored=scored))
+    rec.send_blueprint(layouts.whole(layouts.overview(reconstruction, scored=scored), reconstruction))
+
+
+def _settings(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Dotted key -> value of all that was set, each of the one type that it has in every recording of a catalog."""
+    typed = leaves(CONVERTER.unstructure(build(tree)))
+    return {key: json.dumps(value) if isinstance(value, list | tuple) else value for key, value in typed.items()}
 
 
 def _send_truth(rec: rr.RecordingStream, reconstruction: Reconstruction, truth: Truth, result: Score) -> None:
@@ -112,142 +118,6 @@ def _send_errors(rec: rr.RecordingStream, reconstruction: Reconstruction, result
     for kind in ("keyframe", "inverted", "airborne"):
         values = getattr(body, kind).astype(float)
         columns.send_series(rec, f"/phase/{kind}", values, everywhere, (150, 150, 158), kind)
-
-
-def layout(reconstruction: Reconstruction, *, scored: bool) -> rrb.Blueprint:
-    """The hall in the middle, the views about it as the cameras stand; panoramas, plots and totals below."""
-    names = reconstruction.camera_names
-    views = [_view(name) for name in names]
-    left, right = views[0::4] + views[3::4], views[1::4] + views[2::4]
-    hall = _hall(reconstruction)
-    top = rrb.Horizontal(*views, hall)
-    if left and right:
-        sides = rrb.Vertical(*reversed(left)), rrb.Vertical(*reversed(right))
-        top = rrb.Horizontal(sides[0], hall, sides[1], column_shares=[1.0, 2.1, 1.0])
-    panoramas = rrb.Grid(
-        *(_panorama(reconstruction, number, "matches") for number in range(len(names))),
-        grid_columns=2,
-        name="Panoramas",
-    )
-    stages = _reference(reconstruction), panoramas, _matches(reconstruction), _foreground(names)
-    pictures = rrb.Tabs(*stages, name="Stages", active_tab=1)
-    summary = rrb.TextDocumentView(name="Summary", origin="/summary")
-    bottom = rrb.Horizontal(pictures, _plots(scored), summary, column_shares=[1.5, 1.3, 0.8])
-    return rrb.Blueprint(
-        rrb.Vertical(top, bottom, row_shares=[1.55, 1.0]),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=columns.TIMELINE, fps=float(reconstruction.frame_rate)),
-    )
-
-
-def _hall(reconstruction: Reconstruction) -> rrb.Spatial3DView:
-    located = [
-        view_path("/world", name)
-        for name, track in zip(reconstruction.camera_names, reconstruction.tracks, strict=True)
-        if track is not None and track.valid.any()
-    ]
-    return rrb.Spatial3DView(
-        name="Hall",
-        origin="/",
-        contents=[
-            *(f"/world/{part}/**" for part in ("floor", "object", "body", "keyframes")),
-            "/truth/body/**",
-            *located,
-            *(f"{view}/image" for view in located),
-        ],
-        overrides={view: rr.Pinhole.from_fields().visualizer() for view in located},  # without its axes
-        background=(24, 25, 30),
-        line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            position=(0.0, -16.0, 8.5), look_target=(0.0, -1.2, 0.0), eye_up=(0.0, 0.0, 1.0)
-        ),
-    )
-
-
-def _panorama(reconstruction: Reconstruction, number: int, hidden: str) -> rrb.Spatial2DView:
-    """What lies before the reference pose; the rest is a scroll away."""
-    name, panorama = reconstruction.camera_names[number], reconstruction.panoramas[number]
-    bounds = None
-    if panorama is not None:
-        shown = columns.centred(panorama)
-        low, high = shown.origin_px[0] + np.array([-1.0, 1.0]) * PANORAMA_REACH_RAD * panorama.px_per_rad
-        bounds = rrb.VisualBounds2D(x_range=(low, high), y_range=(0.0, float(shown.image.shape[0])))
-    return rrb.Spatial2DView(
-        name=f"Panorama {plain(name)}",
-        origin=f"/panorama/{path_part(name)}",
-        contents=["$origin/**", f"- $origin/{hidden}"],
-        visual_bounds=bounds,
-    )
-
-
-def _view(name: str) -> rrb.Spatial2DView:
-    view, true = view_path("/world", name), view_path("/truth", name)
-    return rrb.Spatial2DView(
-        name=f"Camera {plain(name)}",
-        origin=view,
-        contents=[f"{view}/image", f"{view}/outline", f"{view}/skeleton", f"{true}/skeleton"],
-    )
-
-
-def _reference(reconstruction: Reconstruction) -> rrb.Grid:
-    """The calibration object, close up."""
-    views = []
-    for name, reference in zip(reconstruction.camera_names, reconstruction.references, strict=True):
-        bounds = None
-        if reference is not None:
-            low, high = reference.points_px.min(axis=0), reference.points_px.max(axis=0)
-            margin = 0.2 * (high - low)
-            bounds = rrb.VisualBounds2D(
-                x_range=(low[0] - margin[0], high[0] + margin[0]), y_range=(low[1] - margin[1], high[1] + margin[1])
-            )
-        path = f"/reference/{path_part(name)}"
-        views.append(rrb.Spatial2DView(name=f"Reference {plain(name)}", origin=path, visual_bounds=bounds))
-    return rrb.Grid(*views, name="Reference")
-
-
-def _foreground(names: Sequence[str]) -> rrb.Grid:
-    views = []
-    for name in names:
-        path = f"/foreground/{path_part(name)}"
-        views.append(rrb.Spatial2DView(name=f"Background {plain(name)}", origin=f"{path}/background"))
-        views.append(rrb.Spatial2DView(name=f"Foreground {plain(name)}", origin=f"{path}/probability"))
-    return rrb.Grid(*views, name="Foreground", grid_columns=4)
-
-
-def _matches(reconstruction: Reconstruction) -> rrb.Grid:
-    """Frame and panorama side by side; where a frame was followed without features there are none."""
-    views = []
-    for number, name in enumerate(reconstruction.camera_names):
-        view = view_path("/world", name)
-        contents = [f"{view}/image", f"{view}/matches"]
-        views.append(rrb.Spatial2DView(name=f"Frame {plain(name)}", origin=view, contents=contents))
-        views.append(_panorama(reconstruction, number, "sweep"))
-    return rrb.Grid(*views, name="Matches", grid_columns=4)
-
-
-def _plots(scored: bool) -> rrb.Container:
-    corner, hidden = rrb.PlotLegend(corner="RightTop"), rrb.PlotLegend(visible=False)
-    tracks = rrb.Vertical(
-        rrb.TimeSeriesView(name="Pan [deg]", contents=["/track/pan/**", "/truth/track/pan/**"]),
-        rrb.TimeSeriesView(name="Focal length [px]", contents=["/track/focal/**", "/truth/track/focal/**"]),
-        name="Pan and zoom",
-    )
-    if not scored:
-        return tracks
-    errors = rrb.Vertical(
-        rrb.TimeSeriesView(name="Pan error [deg]", contents=["/error/pan/**"], plot_legend=corner),
-        rrb.TimeSeriesView(name="Focal error [%]", contents=["/error/focal/**"], plot_legend=corner),
-        rrb.TimeSeriesView(name="Joint error [mm]", contents=["/error/joint/**", "/error/mpjpe"], plot_legend=hidden),
-        name="Errors",
-    )
-    silhouettes = rrb.Vertical(
-        rrb.TimeSeriesView(name="Silhouette IoU", contents=["/error/iou/**"]),
-        rrb.TimeSeriesView(name="Outline [px]", contents=["/error/outline/**"]),
-        rrb.TimeSeriesView(name="Reprojection [px]", contents=["/error/reprojection/**"]),
-        name="Pixels",
-    )
-    return rrb.Tabs(errors, tracks, silhouettes, name="Plots", active_tab=0)
 
 
 def _page(found: Sequence[Metric], run: Mapping[str, Any]) -> str:

@@ -212,7 +212,9 @@ ConfigStore.instance().store(name="base", node=default_tree())
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 def _job(composed: DictConfig) -> None:
-    out, err = Console(), Console(stderr=True)
+    # jobs side by side would write over each other's bars: what a sweep says of each is enough
+    aside = HydraConfig.get().runtime.choices["hydra/launcher"] != "basic"
+    out, err = Console(quiet=aside), Console(stderr=True, quiet=aside)
     folder = Path(HydraConfig.get().runtime.output_dir)
 
     def work(tree: dict[str, Any], here: Path) -> tuple[AppConfig, list[Metric]]:

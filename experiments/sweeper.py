@@ -48,8 +48,9 @@ class Resuming(BasicSweeper):
         super().__init__(max_batch_size, params)
 
     def sweep(self, arguments: list[str]) -> Any:
-        """Run what is missing. AlreadyReported if any job failed: each was said when it did."""
+        """Run what is missing, and show all. AlreadyReported if any job failed: each was said when it did."""
         assert self.launcher is not None
+        assert self.config is not None
         plan = self._plan(arguments)
         missing = [job for job in plan if not jobs.finished(job.folder, job.key)]
         for job in missing:
@@ -64,6 +65,7 @@ class Resuming(BasicSweeper):
                 except Exception as error:
                     why = " ".join(f"{type(error).__name__}: {error}".split())
                     raise PzcapError(f"the launcher gave up ({why}); the same command goes on from here") from error
+        _show(Path(self.config.hydra.sweep.dir), plan)
         _account(plan, missing)
         return results
 
@@ -71,10 +73,15 @@ class Resuming(BasicSweeper):
         """Every job of the sweep, composed, so that one that cannot be is refused before any work."""
         assert self.hydra_context is not None
         parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
-        parsed = parser.parse_overrides([*self._parse_config(), *arguments])
+        parsed = parser.parse_overrides([*self._of_study(arguments), *arguments])
         (batch,) = self.split_arguments(parsed, None)
         plan = {job.folder: job for job in (self._job(number, overrides) for number, overrides in enumerate(batch))}
         return list(plan.values())
+
+    def _of_study(self, arguments: Sequence[str]) -> list[str]:
+        """The axes in hydra.sweeper.params, but for those that the command line has its own values for."""
+        given = {argument.partition("=")[0] for argument in arguments}
+        return [axis for axis in self._parse_config() if axis.partition("=")[0] not in given]
 
     def _job(self, number: int, overrides: Sequence[str]) -> Job:
         assert self.hydra_context is not None
@@ -138,11 +145,21 @@ def _account(plan: Sequence[Job], missing: Sequence[Job]) -> None:
     without = [job for job in missing if not jobs.finished(job.folder, job.key)]
     for job in without:
         if jobs.failure(job.folder) is None:
-            _say(f"error: {job.folder.name}: ended without a result or a reason")
+            changed = (job.folder / jobs.MARK).exists()  # other processes read the code later than this one
+            why = "the code changed while it ran" if changed else "ended without a result or a reason"
+            _say(f"error: {job.folder.name}: {why}")
     if without and len(plan) > 1:
         _say(f"{len(without)} of {len(plan)} jobs failed; the same command runs them again")
     if without:
         raise AlreadyReported(f"{len(without)} jobs failed")
+
+
+def _show(folder: Path, plan: Sequence[Job]) -> None:
+    """The table and the page of the sweep, where its jobs are such as have metrics."""
+    from experiments import study_page  # with all that draws, which Hydra is not to load when it looks for plugins
+
+    if study_page.write_study(folder, [job.folder for job in plan if job.ended]):
+        _say(f"{folder}/{study_page.PAGE}")
 
 
 def _words(seconds: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import random
@@ -16,9 +17,11 @@ from typing import Any
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.plugins import Plugins
 from omegaconf import DictConfig, OmegaConf
 
 from experiments import jobs, run
+from experiments.errors import AlreadyReported
 from pzcap.types import PzcapError
 
 ROOT = Path(__file__).parents[1]
@@ -103,6 +106,28 @@ def test_what_is_done_is_not_done_again_by_any_launcher(undisturbed: dict[str, d
     assert results(shared) == undisturbed
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("launcher", "package"),
+    [
+        ("joblib", "hydra_plugins.hydra_joblib_launcher"),
+        ("submitit_local", "hydra_plugins.hydra_submitit_launcher"),
+        ("ray", "ray"),
+    ],
+)
+def test_every_launcher_leaves_the_same(
+    launcher: str, package: str, undisturbed: dict[str, dict[str, str]], tmp_path: Path
+) -> None:
+    if importlib.util.find_spec(package) is None:
+        pytest.skip(f"{package} is not installed: pip install pzcap[launchers]")
+    done = sweep(tmp_path, "value=1,3", "noise=0,2", launcher=launcher)
+    assert done.returncode == 0, done.stderr
+    assert results(tmp_path) == {name: undisturbed[name] for name in results(tmp_path)}
+    assert len(results(tmp_path)) == 4
+    again = sweep(tmp_path, "value=1,3", "noise=0,2", launcher=launcher)
+    assert again.stderr == "4 jobs: 4 done before, 0 to do\n"
+
+
 def test_progress_says_how_much_is_left(tmp_path: Path) -> None:
     lines = sweep(tmp_path, "value=1,2,3", "pause_s=0.03").stderr.splitlines()
     assert lines[0] == "3 jobs: 0 done before, 3 to do"
@@ -148,6 +173,26 @@ def test_folders_of_the_users_own_naming_are_told_apart_by_what_they_hold(tmp_pa
     assert {name: files["a.txt"][:3] for name, files in results(tmp_path).items()} == {
         "job0": "a 1", "job1": "a 7", "job2": "a 3"
     }  # fmt: skip
+
+
+def test_code_that_changed_while_a_job_ran_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Plugins.instance()  # loads Hydra's own sweepers anew: not after ours was derived from one of them
+    from experiments import sweeper
+
+    (tmp_path / jobs.MARK).write_text('{"key": "of the code as it is now"}')
+    job = sweeper.Job((), tmp_path, "of the code as it was")
+    with pytest.raises(AlreadyReported):
+        sweeper._account([job], [job])
+    assert capsys.readouterr().err.endswith(": the code changed while it ran\n")
+
+
+def test_axes_of_a_study_give_way_to_those_of_the_command(tmp_path: Path) -> None:
+    axes = "hydra.sweeper.params={value:'1,2,3',noise:'0,1'}"
+    assert sweep(tmp_path / "all", axes).returncode == 0
+    assert len(results(tmp_path / "all")) == 6
+    assert sweep(tmp_path / "fewer", axes, "value=7,8").returncode == 0
+    assert sorted({files["a.txt"][2] for files in results(tmp_path / "fewer").values()}) == ["7", "8"]
+    assert len(results(tmp_path / "fewer")) == 4
 
 
 # --------------------------------------------------------------------------------------------------------------

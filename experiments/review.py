@@ -1,0 +1,225 @@
+"""Open a run, a study, or two runs side by side in the viewer, at the worst frame.
+
+    python -m experiments.review outputs/demo                   # a run
+    python -m experiments.review outputs/study/noise            # a study: its worst runs, the worst one before
+    python -m experiments.review outputs/demo outputs/other     # two runs: where they differ most
+
+The worst frames by each metric are listed beside the views; a click on one goes there. What is opened is a copy with
+that list in it, RUN/review.rrd or RUN/comparison.rrd, which `rerun` opens anywhere.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import socket
+import subprocess
+import sys
+import sysconfig
+import time
+import uuid
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import Chunk, LazyChunkStream, RrdReader
+from rerun.experimental import ViewerClient
+
+from experiments import bookmarks, layouts
+from experiments.bookmarks import Bookmark
+from experiments.errors import guard
+from pzcap import store
+from pzcap.rerun_columns import TIMELINE, plain
+from pzcap.rerun_log import APPLICATION
+from pzcap.types import PzcapError
+
+RECORDING: Final = "recording.rrd"
+AT_ONCE: Final = 3  # runs of a study
+START_S: Final = 30.0
+LEFT_OUT: Final = ["/__properties/**", "/truth/**", "/phase/**"]
+"""Of the second of two runs: what it shares with the first, or what stands in the first one's views by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Review:
+    """A file for the viewer, and what to look at in it."""
+
+    path: Path
+    title: str
+    marks: tuple[Bookmark, ...]  # the gravest first
+
+
+def runs_in(folder: Path) -> list[Path]:
+    """The folders in ``folder``, or itself, that hold a recording. PzcapError if there is none."""
+    if (folder / RECORDING).is_file():
+        return [folder]
+    paths = (path.relative_to(folder) for path in sorted(folder.rglob(RECORDING)))
+    found = [folder / path.parent for path in paths if not any(part.startswith(".") for part in path.parts)]
+    if not found:
+        raise PzcapError(f"{folder}: no {RECORDING} in it; give the folder of a run, or of a study (output.recording)")
+    return found
+
+
+def review(run: Path) -> Review:
+    """Write RUN/review.rrd: all of the recording, its worst frames, and a layout a purpose."""
+    marks = bookmarks.worst(bookmarks.errors(run / RECORDING))
+    whole = store.load(run / "reconstruction")
+    purposes = layouts.overview(whole, scored=bool(marks)), layouts.calibration(whole), layouts.tracking(whole)
+    first = {"calibration": 1, "tracking": 2}[marks[0].kind.purpose] if marks else 0
+    blueprint = layouts.whole(_beside(rrb.Tabs(*purposes, active_tab=first)), whole)
+    path = run / "review.rrd"
+    page = _page(marks, "In brackets: how many times its target.")
+    _write(path, RrdReader(run / RECORDING).store().stream(), run.name, marks, page, blueprint)
+    return Review(path, run.name, tuple(marks))
+
+
+def compare(first: Path, second: Path) -> Review:
+    """Write FIRST/comparison.rrd: both runs in one recording, and where they differ."""
+    marks = bookmarks.differing(*(bookmarks.errors(run / RECORDING) for run in (first, second)))
+    whole = store.load(first / "reconstruction")
+    others = RrdReader(second / RECORDING).store().stream().drop(content=LEFT_OUT).map(_under_other)
+    both = LazyChunkStream.merge(RrdReader(first / RECORDING).store().stream(), others)
+    titles = told_apart(first.name, second.name)
+    content = rrb.Tabs(layouts.comparison(whole, titles), layouts.overview(whole, scored=True), active_tab=0)
+    path, title = first / "comparison.rrd", " and ".join(titles)
+    page = _page(marks, f"By how much {titles[1]} is above {titles[0]}. In brackets: in times of the target.")
+    _write(path, both, title, marks, page, layouts.whole(_beside(content), whole))
+    return Review(path, title, tuple(marks))
+
+
+def told_apart(first: str, second: str) -> tuple[str, str]:
+    """The names of two jobs without what they share, which can be long (`experiments.jobs.name`)."""
+    one, other = first.split(","), second.split(",")
+    return (
+        ",".join(part for part in one if part not in other) or first,
+        ",".join(part for part in other if part not in one) or second,
+    )
+
+
+def _under_other(chunk: Chunk) -> Chunk:
+    return chunk.with_entity_path(layouts.OTHER + chunk.entity_path)
+
+
+def _beside(content: rrb.Container) -> rrb.Container:
+    """``content``, and the bookmarks to its right."""
+    bare = rrb.archetypes.TextLogColumns(text_log_columns=[rrb.encodings.TextLogColumn("Body")])
+    listed = rrb.TextLogView(name="Worst frames", origin="/review/worst", columns=bare)
+    page = rrb.TextDocumentView(name="By gravity", origin="/review/page")
+    return rrb.Horizontal(content, rrb.Vertical(listed, page), column_shares=[5.0, 1.0])
+
+
+def _write(
+    path: Path, chunks: LazyChunkStream, title: str, marks: Sequence[Bookmark], page: str, blueprint: rrb.Blueprint
+) -> None:
+    partial = path.with_name(f".{path.name}.partial")
+    # a new id: under one id the viewer would take it for a part of the recording that it was made of
+    rec = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
+    rec.set_log_time_enabled(False)
+    rec.set_log_tick_enabled(False)
+    rec.save(partial, default_blueprint=blueprint)
+    rec.send_chunks(chunks)
+    rec.send_recording_name(plain(f"Review of {title}"))
+    for mark in sorted(marks, key=lambda mark: mark.frame):
+        rec.set_time(TIMELINE, sequence=mark.frame)
+        level = rr.TextLogLevel.WARN if mark.severity > 1.0 else rr.TextLogLevel.INFO
+        rec.log("/review/worst", rr.TextLog(plain(mark.text), level=level))
+    rec.log("/review/page", rr.TextDocument(plain(page), media_type="text/markdown"), static=True)
+    rec.disconnect()
+    partial.replace(path)
+
+
+def _page(marks: Sequence[Bookmark], note: str) -> str:
+    if not marks:
+        return "The recording holds no errors: there was no truth to score against."
+    rows = [f"| {mark.frame} | {mark.text} |" for mark in marks]
+    return "\n".join([note, "", "| frame | what |", "|---:|---|", *rows])
+
+
+def show(reviews: Sequence[Review], *, headless: bool = False) -> tuple[subprocess.Popen[bytes], ViewerClient]:
+    """A viewer of its own with all ``reviews``, the first one before, its clock on the worst frame."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    binary = Path(sysconfig.get_path("scripts")) / "rerun"
+    line = [str(binary), "--port", str(port), "--bind", "127.0.0.1", "--hide-welcome-screen"]
+    quiet = subprocess.DEVNULL
+    process = subprocess.Popen(
+        [*line, "--headless"] if headless else line, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
+    )
+    try:
+        client = _connected(process, port)
+        for one in reversed(reviews):
+            client.open(str(one.path.resolve()))
+            if one.marks:
+                client.set_time(TIMELINE, sequence=one.marks[0].frame, play_state="paused")
+    except BaseException:
+        close(process)
+        raise
+    return process, client
+
+
+def close(viewer: subprocess.Popen[bytes]) -> None:
+    """End a viewer of `show`: `rerun` is a script, and the viewer its child."""
+    with suppress(ProcessLookupError):
+        os.killpg(viewer.pid, signal.SIGTERM)
+    viewer.wait()
+
+
+def _connected(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
+    start = time.monotonic()
+    while True:
+        try:
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.get_state()  # its server answers before it does
+        except (ConnectionError, RuntimeError):
+            if process.poll() is not None or time.monotonic() - start > START_S:
+                raise PzcapError("the viewer does not start here; open the file where there is a screen") from None
+            time.sleep(0.2)
+        else:
+            return client
+
+
+def reviews(folders: Sequence[Path]) -> list[Review]:
+    """What to open for one folder, of a run or a study, or for two runs; the worst first."""
+    if len(folders) == 2:
+        first, second = (runs_in(folder) for folder in folders)
+        if len(first) > 1 or len(second) > 1:
+            raise PzcapError("two runs can be compared, not studies; give the folder of one job of each")
+        return [compare(first[0], second[0])]
+    found = runs_in(folders[0])
+    ranked = sorted(found, key=lambda run: -_gravest(run))
+    return [review(run) for run in ranked[:AT_ONCE]]
+
+
+def _gravest(run: Path) -> float:
+    return max((mark.severity for mark in bookmarks.worst(bookmarks.errors(run / RECORDING))), default=0.0)
+
+
+def _open(folders: Sequence[Path]) -> None:
+    found = reviews(folders)
+    for one in found:
+        print(one.path)
+        for mark in one.marks:
+            print(f"  frame {mark.frame}: {mark.text}")
+    sys.stdout.flush()
+    show(found)
+
+
+def main() -> int:
+    """The command. Exit status 0, or 1 with a line on stderr."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(prog="python -m experiments.review", description=__doc__, formatter_class=raw)
+    parser.add_argument("folder", type=Path, help="of a run or a study")
+    parser.add_argument("other", type=Path, nargs="?", help="of a run to compare it with")
+    given = parser.parse_args()
+    folders = [given.folder] if given.other is None else [given.folder, given.other]
+    return guard(lambda: _open(folders))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,73 @@
+"""``hydra/launcher: ray``: a sweep's jobs on a Ray cluster, or on this machine where RAY_ADDRESS names none.
+
+Hydra's own plugin of that name wants Amazon's client and a cloudpickle that joblib no longer takes; this one wants Ray.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.singleton import Singleton
+from hydra.core.utils import JobReturn, run_job, setup_globals
+from hydra.plugins.launcher import Launcher
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig, OmegaConf, open_dict
+
+
+class RayLauncher(Launcher):
+    """A Ray task a job. ``init`` goes to ray.init, ``remote`` (what a job takes of its machine) to ray.remote."""
+
+    def __init__(self, init: DictConfig, remote: DictConfig) -> None:
+        self._init: Any = OmegaConf.to_container(init, resolve=True)
+        self._remote: Any = OmegaConf.to_container(remote, resolve=True)
+
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        """What Hydra hands to every launcher before the sweep."""
+        self._context, self._task, self._config = hydra_context, task_function, config
+
+    def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
+        """Run the jobs, as many at once as the cluster has room for; their returns in the order given."""
+        import ray  # an optional extra, wanted by nothing before this
+
+        setup_globals()
+        if not ray.is_initialized():
+            ray.init(**self._init)
+        job = ray.remote(**self._remote)(_job)
+        shared = ray.put((self._context, self._config, self._task, Singleton.get_state()))
+        running = [job.remote(shared, number, given) for number, given in enumerate(job_overrides, initial_job_idx)]
+        return list(ray.get(running))
+
+
+def _job(
+    shared: tuple[HydraContext, DictConfig, TaskFunction, dict[Any, Any]], number: int, overrides: Sequence[str]
+) -> JobReturn:
+    """One job, in a process of the cluster's that knows nothing yet."""
+    context, config, task, singletons = shared
+    setup_globals()
+    Singleton.set_state(singletons)
+    composed = context.config_loader.load_sweep_config(config, list(overrides))
+    with open_dict(composed):
+        composed.hydra.job.num, composed.hydra.job.id = number, str(number)
+    HydraConfig.instance().set_config(composed)
+    return run_job(
+        hydra_context=context,
+        task_function=task,
+        config=composed,
+        job_dir_key="hydra.sweep.dir",
+        job_subdir_key="hydra.sweep.subdir",
+    )
+
+
+ConfigStore.instance().store(
+    group="hydra/launcher",
+    name="ray",
+    node={
+        "_target_": f"{RayLauncher.__module__}.{RayLauncher.__name__}",
+        "init": {"include_dashboard": False, "log_to_driver": False, "logging_level": "error"},
+        "remote": {"num_cpus": 1},
+    },
+    provider="pzcap",
+)

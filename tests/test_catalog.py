@@ -1,0 +1,63 @@
+"""The recordings of a sweep are a table, as docs/recording.md shows."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import time
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments import recording
+from experiments.config import default_tree
+from experiments.metrics import Metric, run_info
+from pzcap.rerun_log import Recorder
+from pzcap.types import Capture
+from tests import fabricated
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("datafusion") is None, reason="needs rerun-sdk[catalog]: pip install pzcap[catalog]"
+)
+DOCUMENT = Path(__file__).parents[1] / "docs" / "recording.md"
+EXAMPLE = next(block for block in re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S) if "Server" in block)
+
+
+def record(path: Path, noise: float, seed: int) -> None:
+    """A run without footage, of some pan error."""
+    path.parent.mkdir(parents=True)
+    capture = Capture(path.parent, "fabricated", Fraction(30), (), None, None, {}, full_turn=True)
+    tree = default_tree()
+    tree["shoot"]["sensor"]["read_noise"], tree["seed"] = noise, seed
+    found = [Metric("panzoom.pan.rms", 0.001 * (noise + seed), "deg"), Metric("body.mpjpe.mean", None, "mm")]
+    with Recorder(path, capture, name=f"noise {noise}") as recorder:
+        recording.summarise(recorder, fabricated.reconstruction(), found, run_info(tree, seed))
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which a study of 24 runs left its recordings."""
+    folder = tmp_path_factory.mktemp("catalog")
+    for noise in (0, 1.5, 2, 2.5, 3, 4, 5, 8):  # whole numbers and others, as they come from a command line
+        for seed in range(3):
+            record(folder / "outputs" / "study" / "noise" / f"{noise}-{seed}" / "recording.rrd", noise, seed)
+    return folder
+
+
+def test_the_example_runs(
+    recordings: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert sum(bool(line) for line in EXAMPLE.splitlines()) <= 10
+    monkeypatch.chdir(recordings)
+    names: dict[str, Any] = {}
+    start = time.process_time()
+    exec(compile(EXAMPLE, str(DOCUMENT), "exec"), names)
+    assert time.process_time() - start < 1.0
+    assert len(names["runs"]) == 24
+    table = names["pan_deg"].groupby(names["noise"]).mean()
+    np.testing.assert_allclose(table.index, [0, 1.5, 2, 2.5, 3, 4, 5, 8])
+    np.testing.assert_allclose(table, 0.001 * (table.index + 1))
+    assert "mean" in capsys.readouterr().out

@@ -1,0 +1,162 @@
+"""A study is one table and one page: every run in it, with what it takes to get it again."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import DictConfig
+
+from experiments import jobs, run, study, study_page
+from experiments.config import build, plain
+from experiments.metrics import Metric, run_info, write_metrics
+
+STUDIES = sorted(path.stem for path in (run.CONF / "study").glob("[!_]*.yaml"))
+NOISE, ZOOM = "shoot.sensor.read_noise", "shoot.optics.zoom_max"
+
+
+def composed(*overrides: str, hydra: bool = False) -> DictConfig:
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(run.CONF), version_base="1.3"):
+        return compose("config", overrides=list(overrides), return_hydra_config=hydra)
+
+
+def axes(name: str) -> dict[str, list[str]]:
+    params = composed(f"study={name}", hydra=True).hydra.sweeper.params
+    return {str(key): str(value).split(",") for key, value in params.items()}
+
+
+def fabricate(folder: Path, overrides: Sequence[str], *, bounded: bool = True, lost: float = 0.0) -> Path:
+    """A finished run whose errors are three times their bound."""
+    config = plain(composed(*overrides))
+    noise, zoom = config["shoot"]["sensor"]["read_noise"], config["shoot"]["optics"]["zoom_max"]
+    error = (1.0 + noise + 0.1 * config["seed"]) / zoom / 1000
+    found = [
+        Metric("panzoom.pan.rms", error, "deg"),
+        Metric("panzoom.focal.rms", 10 * error, "%"),
+        Metric("panzoom.bound_ratio.pan", 3.0 if bounded else None, "1"),
+        Metric("panzoom.bound_ratio.focal", 3.0 if bounded else None, "1"),
+        Metric("panzoom.lost", lost, "frames"),
+        Metric("body.mpjpe.mean", None, "mm"),
+    ]
+    place = folder / re.sub(r"[^\w.,=]", "_", ",".join(overrides))
+    place.mkdir(parents=True)
+    write_metrics(place / "metrics.json", found, run_info(config, config["seed"]))
+    (place / jobs.MARK).write_text(json.dumps({"key": "", "overrides": list(overrides), "seconds": 1.5}))
+    (place / "report.html").write_text("a report")
+    return place
+
+
+def grid(folder: Path, values: dict[str, Sequence[Any]], **how: Any) -> list[Path]:
+    jobs_ = itertools.product(*([f"{key}={value}" for value in values[key]] for key in values))
+    return [fabricate(folder, overrides, **how) for overrides in jobs_]
+
+
+def test_the_studies_of_the_issue_are_there() -> None:
+    assert {"noise", "zoom_range", "noise_x_zoom", "keyframes", "parallax", "frame_size"} == set(STUDIES)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_job_of_a_study_composes(name: str) -> None:
+    for choice in itertools.product(*([f"{key}={value}" for value in values] for key, values in axes(name).items())):
+        config = build(plain(composed(f"study={name}", *choice)))
+        assert config.shoot.width * 3 == config.shoot.height * 4
+        assert config.shoot.seed == config.seed
+
+
+def test_a_study_is_kept_in_a_folder_of_its_own_and_its_jobs_are_named_by_what_differs() -> None:
+    config = composed("study=noise", "seed=1", hydra=True)
+    assert config.hydra.sweep.dir == "outputs/study/noise"  # without ${hydra:...}: launchers ask before there is one
+    assert re.fullmatch(r"seed=1-[0-9a-f]{10}", jobs.name(config))
+
+
+def test_the_table_holds_settings_metrics_and_versions(tmp_path: Path) -> None:
+    places = grid(tmp_path, {NOISE: [0, 2.5], "seed": [0, 1]})
+    assert study_page.write_study(tmp_path, places)
+    table = pq.read_table(tmp_path / study.TABLE)
+    assert table.num_rows == 4
+    rows = table.to_pylist()
+    assert [row[f"config.{NOISE}"] for row in rows] == [0, 0, 2.5, 2.5]
+    assert [row["config.seed"] for row in rows] == [0, 1, 0, 1]
+    assert rows[2]["metric.panzoom.pan.rms"] == pytest.approx(3.5 / 3 / 1000)
+    assert table.schema.field("metric.panzoom.pan.rms").metadata == {b"unit": b"deg"}
+    assert rows[0]["metric.body.mpjpe.mean"] is None
+    assert rows[0]["version.numpy"] == np.__version__
+    assert rows[0]["config.reconstruct.panzoom.zoom_range"].startswith("[")
+    assert rows[1]["command"] == f"python -m experiments.run {NOISE}=0 seed=1"
+    assert (tmp_path / rows[3]["path"]) == places[3]
+
+
+def test_every_point_leads_to_its_run_and_to_the_command_that_made_it(tmp_path: Path) -> None:
+    places = grid(tmp_path, {NOISE: [0, 4], "seed": [0, 1, 2]})
+    study_page.write_study(tmp_path, places)
+    page = (tmp_path / study_page.PAGE).read_text()
+    for place in places:
+        assert page.count(f'href="#{place.name}"') == 2  # a point in each of two panels
+        assert f'<tr id="{place.name}">' in page
+    for link in re.findall(r'href="([^#"]+)"', page):
+        assert (tmp_path / unquote(link)).is_file()
+    assert page.count("<code>python -m experiments.run") == 6
+    assert "Cramér-Rao bound" in page
+    assert f"<code>{NOISE}</code>, standard deviation, grey levels." in page
+
+
+def test_seeds_give_the_error_bars_and_what_else_differs_another_line(tmp_path: Path) -> None:
+    places = grid(tmp_path, {NOISE: [0, 4], "method": ["exact", "paper"], "seed": [0, 1, 2]})
+    plan = study_page.Plan.of(study.read(tmp_path, places))
+    assert (plan.x, plan.others, plan.names) == (NOISE, ("method",), None)
+    assert [line.label for line in plan.lines] == ["method exact", "method paper"]
+    line = plan.lines[0]
+    found = study_page.means(line.x, line.values("panzoom.pan.rms"))
+    np.testing.assert_allclose(found.x, [0, 4])
+    np.testing.assert_allclose(found.mean, [1.1 / 3000, 5.1 / 3000])
+    np.testing.assert_allclose(found.sigma, 0.1 / 3000)
+    np.testing.assert_allclose(line.bounds(study_page.PANELS[0]), line.values("panzoom.pan.rms") / 3)
+
+
+def test_what_is_no_number_stands_side_by_side(tmp_path: Path) -> None:
+    plan = study_page.Plan.of(study.read(tmp_path, grid(tmp_path, {"experiment": ["pedestrian", "clean"]})))
+    assert (plan.x, plan.names) == ("experiment", ("pedestrian", "clean"))
+    np.testing.assert_allclose(plan.lines[0].x, [0, 1])
+
+
+def test_two_axes_of_numbers_are_a_surface(tmp_path: Path) -> None:
+    places = grid(tmp_path, {NOISE: [0, 4], ZOOM: [1.5, 3]})
+    study_page.write_study(tmp_path, places)
+    assert (tmp_path / study_page.PAGE).read_text().count("<svg") == 2
+    study_page.write_study(tmp_path, places[:2])
+    assert (tmp_path / study_page.PAGE).read_text().count("<svg") == 1
+
+
+def test_without_a_bound_none_is_drawn_and_lost_frames_are_marked(tmp_path: Path) -> None:
+    places = grid(tmp_path, {NOISE: [0, 4]}, bounded=False, lost=5.0)
+    study_page.write_study(tmp_path, places)
+    page = (tmp_path / study_page.PAGE).read_text()
+    assert "Cramér-Rao" not in page
+    assert "with frames lost" in page
+
+
+def test_a_job_that_failed_is_named_with_its_reason(tmp_path: Path) -> None:
+    places = grid(tmp_path, {NOISE: [0, 4]})
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    (broken / jobs.FAILED).write_text("camera 2: the sweep shows nothing\n")
+    study_page.write_study(tmp_path, [*places, broken])
+    page = (tmp_path / study_page.PAGE).read_text()
+    assert "Without a result: 1" in page
+    assert "camera 2: the sweep shows nothing" in page
+
+
+def test_jobs_without_metrics_make_no_page(tmp_path: Path) -> None:
+    assert not study_page.write_study(tmp_path, [tmp_path / "nothing"])
+    assert not list(tmp_path.iterdir())
