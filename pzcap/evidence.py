@@ -1,4 +1,4 @@
-"""What the images of one instant say about a pose: silhouettes and appearance, as normal equations.
+"""What the images of one instant say about a pose: silhouettes, appearance and keypoints, as normal equations.
 
 `Evidence` holds the views of one instant (`pzcap.views`) and, for a pose, accumulates the weighted normal equations of
 all residuals in the 43 numbers of the pose's tangent.
@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import raster, residuals
+from pzcap import landmarks, raster, residuals
 from pzcap.body import Body, forward, lift, place, screws
 from pzcap.foreground import ForegroundConfig
+from pzcap.landmarks import in_world, places
 from pzcap.limbs import GROUP, Ground
 from pzcap.raster import Float32
 from pzcap.shape import ContourRows
@@ -57,6 +58,8 @@ class Terms:
     contour_weight: float  # neighbouring contour points err together: each counts for this much of an independent one
     brightness_weight: float
     shading_sigma: float  # relative change of a limb's brightness that light may explain
+    keypoint_weight: float = 0.0  # a detector errs alike in all views and frames
+    keypoint_scale: float = 3.0  # sigmas; of the robust weight
 
 
 @dataclass(slots=True, eq=False)
@@ -75,6 +78,8 @@ class Evidence:
     def __init__(self, body: Body, cuts: Sequence[Cut | None]) -> None:
         self.body = body
         self.cuts = cuts
+        # a detector's keypoints on the body; most captures have none
+        self._places = places(body) if any(cut is not None and cut.person is not None for cut in cuts) else None
 
     def place(self, pose: Pose) -> tuple[Array, Array, Array]:
         """``world_T_segment``, and the skin's points and normals in the world."""
@@ -108,6 +113,7 @@ class Evidence:
         hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
         nuisance = np.full(residuals.NUISANCES, 1.0 / terms.shading_sigma**2)
+        marks = None if self._places is None else in_world(self._places, frames)
         for cut, where, appearance in zip(self.cuts, placed, appearances, strict=True):
             if cut is None or where is None:
                 continue
@@ -127,6 +133,11 @@ class Evidence:
                 )  # fmt: skip
             if terms.contour_weight > 0:
                 rows, segment, count = self._contour(view, where, points, normals, terms, contour)
+                residuals.accumulate(rows, segment, count, centre, hessians, gradients)
+            if marks is not None and cut.person is not None and terms.keypoint_weight > 0:
+                rows, segment, count = landmarks.residuals(
+                    marks, camera, cut.person, terms.keypoint_scale, terms.keypoint_weight
+                )
                 residuals.accumulate(rows, segment, count, centre, hessians, gradients)
         hessian, gradient = lift(hessians, gradients, screws(frames, centre))
         return Normal(hessian, gradient, contour, brightness)

@@ -31,14 +31,14 @@ class Round:
 
 
 def _schedule() -> tuple[Round, ...]:
-    def terms(level: int, reach: float, contour_sigma: float, brightness_sigma: float) -> Terms:
-        return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15)
+    def terms(level: int, reach: float, contour_sigma: float, brightness_sigma: float, keypoint_scale: float) -> Terms:
+        return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
 
     return (
-        Round(terms(2, 30.0, 8.0, 20.0), 3, 5.0),
-        Round(terms(2, 20.0, 4.0, 20.0), 3),
-        Round(terms(1, 10.0, 2.0, 15.0), 2, look=True),
-        Round(terms(0, 5.0, 1.0, 12.0), 1),
+        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 3, 5.0),
+        Round(terms(2, 20.0, 4.0, 20.0, 10.0), 3),
+        Round(terms(1, 10.0, 2.0, 15.0, 5.0), 2, look=True),
+        Round(terms(0, 5.0, 1.0, 12.0, 3.0), 1),
     )
 
 

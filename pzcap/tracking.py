@@ -11,13 +11,14 @@ the body itself has been corrected from it (`pzcap.polishing`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobians
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import Follower, Step, TrackingConfig, improve
+from pzcap.keypoints import NOBODY
 from pzcap.merging import leaping, merge
 from pzcap.polishing import correct, correct_by_hand, polish
 from pzcap.shape import ShapeEstimate
@@ -34,6 +35,7 @@ class View:
     image: Image  # (H, W, 3)
     camera: Camera
     silhouette: Silhouette
+    people: Array = field(default_factory=lambda: NOBODY)  # (P, 26, 3) a detector's, as in `pzcap.keypoints`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,7 +167,14 @@ class Tracker:
             None
             if view is None or not view.silhouette.valid
             else cut_out(
-                self.body, view.image, view.silhouette, view.camera, pose, config.cut_out_margin, config.foreground
+                self.body,
+                view.image,
+                view.silhouette,
+                view.camera,
+                pose,
+                config.cut_out_margin,
+                config.foreground,
+                view.people,
             )
             for view in views
         ]

@@ -12,10 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import raster
+from pzcap import landmarks, raster
 from pzcap.body import Body, forward, place
 from pzcap.foreground import LOG_ODDS_STEPS, ForegroundConfig, refine
 from pzcap.foreground import evidence as colour_evidence
+from pzcap.keypoints import NOBODY
 from pzcap.limbs import BELIEF_SCALE, GROUP, Ground, ground
 from pzcap.raster import Float32
 from pzcap.types import Array, Camera, Image, Pose, Silhouette
@@ -61,6 +62,7 @@ class Cut:
     colours: NDArray[np.int8]  # (h, w) of `pzcap.foreground.evidence`
     belief: Float32  # (h / 4, w / 4) of `pzcap.limbs.Ground`
     seen: Observation
+    person: Array | None = None  # (26, 3) what a detector found of the body, as in `pzcap.keypoints`
 
     def look_again(self, predicted: PlacedView, config: ForegroundConfig) -> None:
         """Cut the silhouette once more, with the body where it is predicted."""
@@ -86,9 +88,12 @@ class Cut:
 
 def cut_out(
     body: Body, image: Image, silhouette: Silhouette, camera: Camera, pose: Pose, margin: float,
-    config: ForegroundConfig,
+    config: ForegroundConfig, people: Array = NOBODY,
 ) -> Cut | None:  # fmt: skip
-    """The part of a view around the body, copied so that the frame itself can be let go. None where it is not seen."""
+    """The part of a view around the body, copied so that the frame itself can be let go. None where it is not seen.
+
+    Of the ``people`` that a detector found, the one nearest to the ``pose`` is the athlete.
+    """
     window = body_window(body, pose, camera, margin)
     if window is None:
         return None
@@ -100,9 +105,12 @@ def cut_out(
     small = (colours.shape[1] // BELIEF_SCALE, colours.shape[0] // BELIEF_SCALE)
     sure = sure[: BELIEF_SCALE * small[1], : BELIEF_SCALE * small[0]]
     belief = cv2.resize(sure, small, interpolation=cv2.INTER_AREA)
+    person = None
+    if len(people):
+        person = landmarks.nearest(landmarks.in_world(landmarks.places(body), forward(body, pose)), camera, people)
     return Cut(
         image, background, colours, np.asarray(belief, np.float32),
-        observe(image, silhouette.probability[part], camera, left, top),
+        observe(image, silhouette.probability[part], camera, left, top), person,
     )  # fmt: skip
 
 
