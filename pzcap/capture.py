@@ -210,9 +210,9 @@ class FrameSets:
                 images = tuple(future.result() for future in ahead)
                 if index + 1 < stop:
                     ahead = [pool.submit(next, view) for view in views]
-                yield FrameSet(index, self.timecodes[index], images, self._people(index))
+                yield FrameSet(index, self.timecodes[index], images, self.people(index))
 
-    def _people(self, index: int) -> tuple[Array, ...]:
+    def people(self, index: int) -> tuple[Array, ...]:
         """What the detector found in each camera's picture of a frame set."""
         if not any(self._keypoints):
             return ()
