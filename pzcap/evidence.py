@@ -81,6 +81,11 @@ class Evidence:
         # a detector's keypoints on the body; most captures have none
         self._places = places(body) if any(cut is not None and cut.person is not None for cut in cuts) else None
 
+    @property
+    def detected(self) -> bool:
+        """Whether a detector found the body in any view."""
+        return self._places is not None
+
     def place(self, pose: Pose) -> tuple[Array, Array, Array]:
         """``world_T_segment``, and the skin's points and normals in the world."""
         return place_body(self.body, pose)

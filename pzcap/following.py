@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
@@ -83,6 +84,10 @@ class Step:
     seen: bool  # any view at all
 
 
+_LEAP: Final = 3.0
+"""Sigmas of the prediction that nobody moves by."""
+
+
 class Follower:
     """Follows the body in one direction of time from a keyframe."""
 
@@ -128,6 +133,8 @@ class Follower:
         gain = np.where(self._known, self.config.velocity_gain, 1.0)
         velocity = self.velocity + gain * (difference(pose, self.pose) - self.velocity)
         again = np.isin(DOF_SEGMENT, [s for limb in found for s in LIMBS[limb]])
+        if evidence.detected:  # keypoints pull from far away: what came so is no motion
+            again |= np.abs(difference(pose, predicted)) > _LEAP * sigma
         self._known = ~again
         self.velocity = np.where(again, 0.0, velocity)
         self.pose = pose
