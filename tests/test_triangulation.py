@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from experiments.triangulation import meet, smooth
+from experiments import triangulation
+from experiments.triangulation import _cameras, meet, smooth, triangulate
 from pzcap.camera import project
 from pzcap.keypoints import KEYPOINTS
-from pzcap.types import Array, Camera, PzcapError
+from pzcap.types import JOINTS, Array, Camera, Capture, Keyframe, Pose, PzcapError, Subject
 from tests.body_scene import _POSITIONS, _aim
+from tests.fabricated import reconstruction
 
 RNG = np.random.default_rng(4)
 POINTS = np.array([0.0, 0.2, 0.9]) + RNG.uniform(-0.8, 0.8, (len(KEYPOINTS), 3))
@@ -73,3 +78,43 @@ def test_the_filter_bridges_gaps_and_keeps_slow_motion() -> None:
     np.testing.assert_allclose(smooth(shaken, off, 30.0, "nose")[10:-10], way[10:-10], atol=0.02)
     with pytest.raises(PzcapError, match="nose"):
         smooth(shaken, np.full(90, np.inf), 30.0, "nose")
+
+
+class Sets(list[tuple[Array, ...]]):
+    """Frame sets, of which only the keypoints are looked at."""
+
+    keyframes = (Keyframe(3, Pose(np.zeros(3), np.zeros((16, 4)))),)
+
+    def people(self, index: int) -> tuple[Array, ...]:
+        return self[index]
+
+
+def test_the_body_from_keypoints_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exact in the limbs, where nothing errs; also with a second person in a view, and a view that nobody is in."""
+    whole = reconstruction()
+    assert whole.motion is not None
+    true, sets = whole.motion.joints_m, Sets()
+    for frame, joints in enumerate(true):
+        people = []
+        for camera in _cameras(whole, frame):
+            assert camera is not None
+            person = np.zeros((1, len(KEYPOINTS), 3))
+            for name in set(JOINTS) & set(KEYPOINTS):
+                pixels, _ = project(camera, joints[[JOINTS.index(name)]])
+                person[0, KEYPOINTS.index(name)] = [*pixels[0], 0.8]
+            people.append(person)
+        people[0] = np.concatenate([0.5 * people[0], people[0]])
+        people[1] = people[1][: frame % 2]
+        sets.append(tuple(people))
+    monkeypatch.setattr(triangulation, "frame_sets", lambda _: sets)
+    subject = Subject({"shoulder_drop": 0.05}, 0.005)
+    capture = Capture(Path(), "fabricated", Fraction(30), (), None, subject, {}, True)
+    motion = triangulate(capture, whole)
+    limbs = [joint for joint, name in enumerate(JOINTS) if name in KEYPOINTS and name != "neck"]
+    np.testing.assert_allclose(motion.joints_m[:, limbs], true[:, limbs], atol=1e-6)
+    assert np.abs(motion.joints_m - true).max() < 0.05
+    assert motion.valid.all()
+    assert motion.keyframes.tolist() == [3]
+    monkeypatch.setattr(triangulation, "frame_sets", lambda _: Sets([()] * len(true)))
+    with pytest.raises(PzcapError, match="no camera has keypoints"):
+        triangulate(capture, whole)
