@@ -50,7 +50,7 @@ def triangulate(capture: Capture, reconstruction: Reconstruction) -> Motion:
     for frame in range(len(sets)):
         views = [
             (camera, max(people, key=lambda person: person[:, 2].sum()))
-            for camera, people in zip(_cameras(reconstruction, frame), sets.people(frame), strict=True)
+            for camera, people in zip(cameras_at(reconstruction, frame), sets.people(frame), strict=True)
             if camera is not None and len(people)
         ]
         points[frame], off[frame] = meet(views)
@@ -69,7 +69,8 @@ def triangulate(capture: Capture, reconstruction: Reconstruction) -> Motion:
     return Motion(hips, identity, joints, sigma, keyframes, np.ones(len(sets), bool))
 
 
-def _cameras(reconstruction: Reconstruction, frame: int) -> list[Camera | None]:
+def cameras_at(reconstruction: Reconstruction, frame: int) -> list[Camera | None]:
+    """The cameras of one instant; None where one is lost."""
     return [
         None
         if camera is None or track is None or not track.valid[frame]

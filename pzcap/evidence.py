@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from pzcap import landmarks, raster, residuals
 from pzcap.body import Body, forward, lift, place, screws
 from pzcap.foreground import ForegroundConfig
-from pzcap.landmarks import in_world, places
 from pzcap.limbs import GROUP, Ground
 from pzcap.raster import Float32
 from pzcap.shape import ContourRows
@@ -58,7 +57,7 @@ class Terms:
     contour_weight: float  # neighbouring contour points err together: each counts for this much of an independent one
     brightness_weight: float
     shading_sigma: float  # relative change of a limb's brightness that light may explain
-    keypoint_weight: float = 0.0  # a detector errs alike in all views and frames
+    keypoint_weight: float = 0.0  # as that of the contour: a detector errs alike in all views
     keypoint_scale: float = 3.0  # sigmas; of the robust weight
 
 
@@ -79,7 +78,9 @@ class Evidence:
         self.body = body
         self.cuts = cuts
         # a detector's keypoints on the body; most captures have none
-        self._places = places(body) if any(cut is not None and cut.person is not None for cut in cuts) else None
+        self._places = (
+            landmarks.places(body) if any(cut is not None and cut.person is not None for cut in cuts) else None
+        )
 
     @property
     def detected(self) -> bool:
@@ -118,7 +119,7 @@ class Evidence:
         hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
         nuisance = np.full(residuals.NUISANCES, 1.0 / terms.shading_sigma**2)
-        marks = None if self._places is None else in_world(self._places, frames)
+        marks = None if self._places is None else landmarks.in_world(self._places, frames)
         for cut, where, appearance in zip(self.cuts, placed, appearances, strict=True):
             if cut is None or where is None:
                 continue

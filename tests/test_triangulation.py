@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from experiments import triangulation
-from experiments.triangulation import _cameras, meet, smooth, triangulate
+from experiments.triangulation import cameras_at, meet, smooth, triangulate
 from pzcap.camera import project
 from pzcap.keypoints import KEYPOINTS
 from pzcap.types import JOINTS, Array, Camera, Capture, Keyframe, Pose, PzcapError, Subject
@@ -96,7 +96,7 @@ def test_the_body_from_keypoints_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     true, sets = whole.motion.joints_m, Sets()
     for frame, joints in enumerate(true):
         people = []
-        for camera in _cameras(whole, frame):
+        for camera in cameras_at(whole, frame):
             assert camera is not None
             person = np.zeros((1, len(KEYPOINTS), 3))
             for name in set(JOINTS) & set(KEYPOINTS):
