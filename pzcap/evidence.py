@@ -77,15 +77,11 @@ class Evidence:
     def __init__(self, body: Body, cuts: Sequence[Cut | None]) -> None:
         self.body = body
         self.cuts = cuts
-        # a detector's keypoints on the body; most captures have none
-        self._places = (
-            landmarks.places(body) if any(cut is not None and cut.person is not None for cut in cuts) else None
-        )
 
     @property
     def detected(self) -> bool:
         """Whether a detector found the body in any view."""
-        return self._places is not None
+        return any(cut is not None and cut.person is not None for cut in self.cuts)
 
     def place(self, pose: Pose) -> tuple[Array, Array, Array]:
         """``world_T_segment``, and the skin's points and normals in the world."""
@@ -119,7 +115,6 @@ class Evidence:
         hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
         nuisance = np.full(residuals.NUISANCES, 1.0 / terms.shading_sigma**2)
-        marks = None if self._places is None else landmarks.in_world(self._places, frames)
         for cut, where, appearance in zip(self.cuts, placed, appearances, strict=True):
             if cut is None or where is None:
                 continue
@@ -140,11 +135,12 @@ class Evidence:
             if terms.contour_weight > 0:
                 rows, segment, count = self._contour(view, where, points, normals, terms, contour)
                 residuals.accumulate(rows, segment, count, centre, hessians, gradients)
-            if marks is not None and cut.person is not None and terms.keypoint_weight > 0:
-                rows, segment, count = landmarks.residuals(
-                    marks, camera, cut.person, terms.keypoint_scale, terms.keypoint_weight
+            if cut.person is not None and terms.keypoint_weight > 0:
+                rows, keypoint = landmarks.residuals(
+                    self.body.landmarks, frames, camera, cut.person, terms.keypoint_scale
                 )
-                residuals.accumulate(rows, segment, count, centre, hessians, gradients)
+                rows[:, 0] *= terms.keypoint_weight
+                residuals.accumulate(rows, landmarks.SEGMENT[keypoint], len(rows), centre, hessians, gradients)
         hessian, gradient = lift(hessians, gradients, screws(frames, centre))
         return Normal(hessian, gradient, contour, brightness)
 

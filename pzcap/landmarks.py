@@ -2,11 +2,12 @@
 
 A detector was taught by people who clicked on pictures: its hip is no hip joint, and nobody clicks on the same spot of
 a shoulder twice. So each keypoint has a place on the body and a sigma that admits by how much it may be meant to lie
-elsewhere; what one detector gets wrong it gets wrong in every frame. To that comes what the detector says of itself.
+elsewhere. But whatever one detector means by it, it means in every frame: that can be found out.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -14,8 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap import raster
-from pzcap.body import Body
 from pzcap.keypoints import KEYPOINTS
+from pzcap.surface import Surface
 from pzcap.types import SEGMENTS, Array, Camera
 
 _Place = tuple[str, tuple[float, float, float], float]
@@ -58,6 +59,8 @@ SIGMA_M: Final[Array] = np.array([sigma for _, _, sigma in _PLACES.values()])
 _DETECTOR_M: Final = 0.015
 """How well a detector that is quite sure finds what it means. On the body, not in the image: whatever the size of a
 person, the detector looks at a picture of one size."""
+_POSTURE_M: Final = 0.010
+"""By how much what a detector means changes with the posture, and with where it looks from."""
 _LEAST_CONFIDENCE: Final = 0.05
 _NEAR_M: Final = 0.5
 """Keypoints further off than this are somebody else's."""
@@ -66,22 +69,29 @@ _LARGEST_SHARE: Final = 0.7
 _SHOULDERS: Final = [SEGMENTS.index("left_upper_arm"), SEGMENTS.index("right_upper_arm")]
 
 
-def places(body: Body) -> Array:
-    """Where the keypoints lie, (26, 3), each in its segment's frame."""
-    skin = body.surface
+@dataclass(frozen=True, slots=True, eq=False)
+class Landmarks:
+    """Where on a body a detector's keypoints lie, as far as that is known."""
+
+    points_m: Array  # (26, 3) each in the frame of its segment, `SEGMENT`
+    sigma_m: Array  # (26,) of each of the three
+
+
+def usual(offsets_m: Array, skin: Surface) -> Landmarks:
+    """What detectors mean on the whole, on a body of these joints (16, 3 in their parents' frames) and this skin."""
     points = np.zeros((len(KEYPOINTS), 3))
     for s in np.unique(SEGMENT[_SHARE.any(axis=1)]):
         own = skin.points_m[skin.segment == s]
         share = _SHARE[here := s == SEGMENT]
         points[here] = np.maximum(share, 0.0) * own.max(axis=0) - np.minimum(share, 0.0) * own.min(axis=0)
-    points[_NECK] = body.offsets_m[_SHOULDERS].mean(axis=0)
-    return points
+    points[_NECK] = offsets_m[_SHOULDERS].mean(axis=0)
+    return Landmarks(points, SIGMA_M)
 
 
-def in_world(points_m: Array, world_T_segment: Array) -> Array:
-    """The keypoints (26, 3) of `places`, the segments being at ``world_T_segment`` (16, 4, 4)."""
+def in_world(marks: Landmarks, world_T_segment: Array) -> Array:
+    """The keypoints (26, 3), the segments being at ``world_T_segment`` (16, 4, 4)."""
     frames = world_T_segment[SEGMENT]
-    return np.asarray(np.einsum("kij,kj->ki", frames[:, :3, :3], points_m) + frames[:, :3, 3])
+    return np.asarray(np.einsum("kij,kj->ki", frames[:, :3, :3], marks.points_m) + frames[:, :3, 3])
 
 
 def _seen(world_m: Array, camera: Camera) -> tuple[Array, Array]:
@@ -91,10 +101,9 @@ def _seen(world_m: Array, camera: Camera) -> tuple[Array, Array]:
     return pixels, depth
 
 
-def _sigma_px(camera: Camera, depth: Array, confidence: Array) -> Array:
-    """Standard deviation (26,) of where keypoints are seen that lie at this ``depth`` (26,)."""
-    sigma_m = np.hypot(SIGMA_M, _DETECTOR_M / np.maximum(confidence, _LEAST_CONFIDENCE))
-    return np.asarray(sigma_m * camera.focal_px / np.maximum(depth, 0.1))
+def _noise_m(person: Array) -> Array:
+    """How well the detector found what it means (26,)."""
+    return np.asarray(_DETECTOR_M / np.maximum(person[:, 2], _LEAST_CONFIDENCE))
 
 
 def _known(depth: Array, person: Array) -> Array:
@@ -116,19 +125,10 @@ def nearest(world_m: Array, camera: Camera, people: Array) -> Array | None:
     return who
 
 
-def misfit(world_m: Array, camera: Camera, person: Array) -> tuple[Array, Array]:
-    """How many sigmas (26,) the keypoints of a ``person`` (26, 3) are from where they should be, and the confidence
-    (26,) in each, 0 where there is none."""
-    pixels, depth = _seen(world_m, camera)
-    apart = np.linalg.norm(person[:, :2] - pixels, axis=1)
-    return apart / _sigma_px(camera, depth, person[:, 2]), _known(depth, person)
-
-
 @njit(cache=True, nogil=True)
 def _rows(
     world: Array, world_T_cam: Array, focal: float, k1: float, pixels: Array, person: Array, known: Array,
-    sigma: Array, scale: float, weight: float, segment: NDArray[np.int64], rows: Array,
-    row_segment: NDArray[np.int64],
+    sigma: Array, scale: float, rows: Array, keypoint: NDArray[np.int64],
 ) -> int:  # fmt: skip
     count = 0
     for k in range(len(world)):
@@ -137,8 +137,8 @@ def _rows(
         squared = (person[k, 0] - pixels[k, 0]) ** 2 + (person[k, 1] - pixels[k, 1]) ** 2
         robust = 1.0 / (1.0 + squared / (scale * sigma[k]) ** 2)
         for axis in range(2):
-            row_segment[count] = segment[k]
-            rows[count, 0] = weight * robust * robust / sigma[k] ** 2
+            keypoint[count] = k
+            rows[count, 0] = robust * robust / sigma[k] ** 2
             rows[count, 1] = person[k, axis] - pixels[k, axis]
             raster.pixel_gradient(world[k], world_T_cam, focal, k1, 1.0 - axis, float(axis), rows[count, 2:5])
             rows[count, 5:] = world[k]
@@ -147,18 +147,50 @@ def _rows(
 
 
 def residuals(
-    world_m: Array, camera: Camera, person: Array, scale: float, weight: float
-) -> tuple[Array, NDArray[np.int64], int]:
-    """What a ``person`` (26, 3) says in one view, as rows for `pzcap.residuals.accumulate`: rows (52, 8), the segment
-    of each (52,) and how many there are.
+    marks: Landmarks, world_T_segment: Array, camera: Camera, person: Array, scale: float
+) -> tuple[Array, NDArray[np.int64]]:
+    """What a ``person`` (26, 3) says in one view: rows (N, 8) for `pzcap.residuals.accumulate`, and the keypoint of
+    each (N,).
 
     The residual is the way in pixels from where a keypoint should be to where the detector saw it, a row for each of
-    its two parts; both are weighted by Geman-McClure of so many sigmas (``scale``), and by ``weight``.
+    its two parts; both are weighted by Geman-McClure of so many sigmas (``scale``).
     """
-    pixels, depth = _seen(world_m, camera)
-    rows, segment = np.empty((2 * len(world_m), 8)), np.empty(2 * len(world_m), np.int64)
+    world = in_world(marks, world_T_segment)
+    pixels, depth = _seen(world, camera)
+    sigma = np.hypot(marks.sigma_m, _noise_m(person)) * camera.focal_px / np.maximum(depth, 0.1)
+    rows, keypoint = np.empty((2 * len(world), 8)), np.empty(2 * len(world), np.int64)
     count = _rows(
-        world_m, camera.world_T_cam, camera.focal_px, camera.k1, pixels, person, _known(depth, person),
-        _sigma_px(camera, depth, person[:, 2]), scale, weight, SEGMENT, rows, segment,
+        world, camera.world_T_cam, camera.focal_px, camera.k1, pixels, person, _known(depth, person), sigma, scale,
+        rows, keypoint,
     )  # fmt: skip
-    return rows, segment, count
+    return rows[:count], keypoint[:count]
+
+
+class LandmarkEstimate:
+    """Gathers what one detector means by its keypoints, on one body.
+
+    A detector that sees a hip above the joint makes the trunk short, and a short trunk is a bent one. So what it means
+    is found out from poses that other evidence fixes.
+    """
+
+    def __init__(self, marks: Landmarks) -> None:
+        self._usual = marks
+        self._information = np.eye(3) / marks.sigma_m[:, None, None] ** 2
+        self._vector = np.zeros(marks.points_m.shape)
+
+    def add(self, world_T_segment: Array, camera: Camera, person: Array, weight: float) -> None:
+        """A view (26, 3) of a body that is known to be at ``world_T_segment``, and counts for so much."""
+        rows, keypoint = residuals(self._usual, world_T_segment, camera, person, 3.0)
+        noise = _noise_m(person)
+        # the rows admit that a keypoint lies elsewhere, which is what is asked for here
+        own = weight * rows[:, 0] * (np.hypot(self._usual.sigma_m, noise) / noise)[keypoint] ** 2
+        local = np.einsum("ni,nij->nj", rows[:, 2:5], world_T_segment[SEGMENT[keypoint], :3, :3])
+        np.add.at(self._information, keypoint, own[:, None, None] * local[:, :, None] * local[:, None, :])
+        np.add.at(self._vector, keypoint, (own * rows[:, 1])[:, None] * local)
+
+    def solve(self) -> Landmarks:
+        """The landmarks as all views so far have them."""
+        moved = np.linalg.solve(self._information, self._vector[..., None])[..., 0]
+        variance = np.trace(np.linalg.inv(self._information), axis1=1, axis2=2) / 3.0
+        sigma = np.minimum(np.hypot(np.sqrt(variance), _POSTURE_M), self._usual.sigma_m)
+        return Landmarks(self._usual.points_m + moved, sigma)

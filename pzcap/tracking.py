@@ -11,7 +11,7 @@ the body itself has been corrected from it (`pzcap.polishing`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobi
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import Follower, Step, TrackingConfig, improve
 from pzcap.keypoints import NOBODY
+from pzcap.landmarks import LandmarkEstimate
 from pzcap.merging import leaping, merge
 from pzcap.polishing import correct, correct_by_hand, polish
 from pzcap.shape import ShapeEstimate
@@ -82,6 +83,7 @@ class Tracker:
         self._keys = {key.frame: key.pose for key in keyframes}
         self._last_key = max(self._keys)
         self._shape = ShapeEstimate(body)
+        self._landmarks = LandmarkEstimate(body.landmarks)
         self._ahead: Follower | None = None
         self._anchor: Pose  # before what waits
         self._lead: list[TrackInput] = []  # before the first keyframe
@@ -126,6 +128,7 @@ class Tracker:
         if anchor.seen:
             key = Keyframe(item.frame, pose)
             correct_by_hand(self.body, self._shape, anchor.pose, key, self._hand, cuts, self.config)
+            self._learn_landmarks([anchor.pose], [cuts], 1.0)
         done = self._close(Follower(self.body, self.config, anchor.pose, -velocity, cuts, False))
         if done:
             anchor = self._settle(pose, cuts)  # the body has been corrected
@@ -154,6 +157,7 @@ class Tracker:
             doubtful = leaping(self.body, self._anchor, poses, after, doubt)
         correct(self.body, self._shape, poses[::2], views[::2], self.config)
         self.body = self._shape.solve()
+        self._learn_landmarks(poses, views, self.config.landmark_weight)
         polished = polish(self.body, poses, views, self._anchor, after, doubtful, self.config)
         self._anchor = polished.poses[-1]
         return [
@@ -178,6 +182,15 @@ class Tracker:
             )
             for view in views
         ]
+
+    def _learn_landmarks(self, poses: Sequence[Pose], views: Sequence[Sequence[Cut | None]], weight: float) -> None:
+        """Find out where the detector's keypoints lie, from some frames in which the body is known."""
+        for pose, cuts in zip(poses, views, strict=True):
+            frames = forward(self.body, pose)
+            for cut in cuts:
+                if cut is not None and cut.person is not None:
+                    self._landmarks.add(frames, cut.seen.camera, cut.person, weight)
+        self.body = replace(self.body, landmarks=self._landmarks.solve())
 
     def _settle(self, pose: Pose, cuts: list[Cut | None]) -> Step:
         """A keyframe's pose, improved by the images with the hand's error as prior."""

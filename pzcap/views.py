@@ -107,7 +107,7 @@ def cut_out(
     belief = cv2.resize(sure, small, interpolation=cv2.INTER_AREA)
     person = None
     if len(people):
-        person = landmarks.nearest(landmarks.in_world(landmarks.places(body), forward(body, pose)), camera, people)
+        person = landmarks.nearest(landmarks.in_world(body.landmarks, forward(body, pose)), camera, people)
     return Cut(
         image, background, colours, np.asarray(belief, np.float32),
         observe(image, silhouette.probability[part], camera, left, top), person,

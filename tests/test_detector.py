@@ -58,7 +58,7 @@ def test_its_keypoints_lie_where_ours_are_expected() -> None:
     aim = hands.at(0.0)
     pose = rig.world_T_cam(aim.pan_rad, aim.focal_px, aim.raised_rad)
     for frame in range(0, FRAMES, 7):
-        ours = landmarks.in_world(landmarks.places(body), bodies.forward(body, swing(TIMES_S[frame])))
+        ours = landmarks.in_world(body.landmarks, bodies.forward(body, swing(TIMES_S[frame])))
         pixels, depth = rig.see(pose, aim.focal_px, ours)
         off_m = np.linalg.norm(pixels[ROWS] - ideal()[frame], axis=1) * depth[ROWS] / aim.focal_px
         assert np.all(off_m < 1.7 * landmarks.SIGMA_M[ROWS])

@@ -15,7 +15,7 @@ from pzcap.keypoints import KEYPOINTS
 from pzcap.residuals import accumulate
 from pzcap.types import SEGMENTS, Array, Camera, Pose, Subject
 from sim.anthropometry import draw_measurements
-from tests.body_scene import _aim, swing
+from tests.body_scene import _POSITIONS, _aim, swing
 
 
 def person() -> Body:
@@ -28,7 +28,7 @@ AT = {name: KEYPOINTS.index(name) for name in KEYPOINTS}
 
 
 def marks(pose: Pose, body: Body = BODY) -> Array:
-    return landmarks.in_world(landmarks.places(body), bodies.forward(body, pose))
+    return landmarks.in_world(body.landmarks, bodies.forward(body, pose))
 
 
 def detected(pose: Pose, camera: Camera = CAMERA, confidence: float = 0.9) -> Array:
@@ -58,13 +58,13 @@ def test_keypoints_lie_where_their_names_say() -> None:
         assert at[side + "heel"][2] < at[side + "ankle"][2]
 
 
-def linearised(pose: Pose, seen: Array, scale: float, weight: float = 1.0) -> tuple[Array, Array]:
+def linearised(pose: Pose, seen: Array, scale: float) -> tuple[Array, Array]:
     """Hessian (43, 43) and gradient (43,) of the keypoints at ``pose``."""
     frames = bodies.forward(BODY, pose)
     centre = np.ascontiguousarray(frames[0, :3, 3])
     hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
-    world = landmarks.in_world(landmarks.places(BODY), frames)
-    accumulate(*landmarks.residuals(world, CAMERA, seen, scale, weight), centre, hessians, gradients)
+    rows, keypoint = landmarks.residuals(BODY.landmarks, frames, CAMERA, seen, scale)
+    accumulate(rows, landmarks.SEGMENT[keypoint], len(rows), centre, hessians, gradients)
     return bodies.lift(hessians, gradients, bodies.screws(frames, centre))
 
 
@@ -78,7 +78,8 @@ def test_gradient_is_the_derivative_of_the_robust_cost(time_s: float, seed: int)
     seen[:, :2] += rng.normal(0.0, 8.0, (len(seen), 2))
     seen[:, 2] = rng.uniform(0.1, 1.0, len(seen))
     # of where a keypoint lies, not of how far away it is: the sigma is taken at the pose
-    sigma = landmarks._sigma_px(CAMERA, project(CAMERA, marks(pose))[1], seen[:, 2])
+    depth = project(CAMERA, marks(pose))[1]
+    sigma = np.hypot(BODY.landmarks.sigma_m, landmarks._noise_m(seen)) * CAMERA.focal_px / depth
 
     def cost(delta: Array) -> float:
         pixels, _ = project(CAMERA, marks(bodies.retract(pose, delta)))
@@ -137,3 +138,29 @@ def test_the_athlete_is_the_nearest() -> None:
     assert landmarks.nearest(marks(pose), CAMERA, other[None]) is None
     other[:, 2] = 0.0
     assert landmarks.nearest(marks(pose), CAMERA, np.stack([other])) is None
+
+
+def test_what_a_detector_means_is_found_out() -> None:
+    """From some poses that are known, seen by four cameras; of a keypoint that it does not have nothing is learnt."""
+    rng = np.random.default_rng(1)
+    meant = landmarks.Landmarks(
+        BODY.landmarks.points_m + rng.normal(0.0, 0.015, BODY.landmarks.points_m.shape), BODY.landmarks.sigma_m
+    )
+    cameras = [_aim(position, np.array([0.0, 0.2, 0.9])) for position in _POSITIONS]
+    estimate = landmarks.LandmarkEstimate(BODY.landmarks)
+    before = np.linalg.norm(meant.points_m - BODY.landmarks.points_m, axis=1)
+    for time_s in np.linspace(0.0, 1.0, 20):
+        frames = bodies.forward(BODY, swing(time_s))
+        for camera in cameras:
+            pixels, _ = project(camera, landmarks.in_world(meant, frames))
+            pixels += rng.normal(0.0, 2.0, pixels.shape)
+            confidence = np.where(np.arange(len(pixels)) == AT["head_top"], 0.0, 0.8)
+            estimate.add(frames, camera, np.column_stack([pixels, confidence]), 1.0)
+    found = estimate.solve()
+    off = np.linalg.norm(found.points_m - meant.points_m, axis=1)
+    seen = np.arange(len(off)) != AT["head_top"]
+    assert off[seen].mean() < 0.2 * before[seen].mean()
+    assert off[seen].max() < 0.010
+    assert found.sigma_m[seen].max() < 0.015
+    np.testing.assert_array_equal(found.points_m[~seen], BODY.landmarks.points_m[~seen])
+    np.testing.assert_array_equal(found.sigma_m[~seen], BODY.landmarks.sigma_m[~seen])

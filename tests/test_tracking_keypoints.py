@@ -22,8 +22,9 @@ def detected(frame: int, camera: int) -> Array:
     """One person (1, 26, 3), as a detector errs: by 15 mm on the body in all views, by 2.5 pixels in each."""
     rng, always = np.random.default_rng([frame, camera]), np.random.default_rng(0)
     body, shot = true_body(), clip().shots[frame][camera]
-    meant = landmarks.places(body) + always.normal(0.0, 0.015, (len(KEYPOINTS), 3))
-    pixels, _ = project(shot.camera, landmarks.in_world(meant, bodies.forward(body, clip().poses[frame])))
+    meant = body.landmarks.points_m + always.normal(0.0, 0.015, (len(KEYPOINTS), 3))
+    marks = landmarks.Landmarks(meant, body.landmarks.sigma_m)
+    pixels, _ = project(shot.camera, landmarks.in_world(marks, bodies.forward(body, clip().poses[frame])))
     pixels += rng.normal(0.0, 2.5, pixels.shape)
     return np.column_stack([pixels, rng.uniform(0.5, 1.0, len(pixels))])[None]
 
