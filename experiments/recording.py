@@ -186,7 +186,7 @@ def _view(name: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         name=f"Camera {plain(name)}",
         origin=view,
-        contents=[f"{view}/image", f"{view}/outline", f"{view}/skeleton", f"{true}/skeleton"],
+        contents=[*(f"{view}/{part}" for part in ("image", "outline", "keypoints", "skeleton")), f"{true}/skeleton"],
     )
 
 
