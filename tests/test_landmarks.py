@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,6 +25,7 @@ def person() -> Body:
     return bodies.build(Subject(draw_measurements(np.random.default_rng(3)), 0.005))
 
 
+PAGE = (Path(__file__).parents[1] / "docs" / "capture.md").read_text(encoding="utf-8")
 BODY = person()
 CAMERA = _aim(np.array([-6.0, -5.0, 1.7]), np.array([0.0, 0.2, 0.9]))
 AT = {name: KEYPOINTS.index(name) for name in KEYPOINTS}
@@ -56,6 +60,17 @@ def test_keypoints_lie_where_their_names_say() -> None:
         assert at[side + "big_toe"][0] > at[side + "small_toe"][0] > at[side + "ankle"][0] > at[side + "heel"][0]
         assert abs(at[side + "small_toe"][1]) > abs(at[side + "big_toe"][1])
         assert at[side + "heel"][2] < at[side + "ankle"][2]
+
+
+def test_the_page_says_by_how_much_they_may_be_meant_elsewhere() -> None:
+    section = PAGE.split("\n## Keypoints\n")[1].split("\n## ")[0]
+    told = {}
+    for row in re.findall(r"^\| (.*?) \| .*? \| ([\d, ]+) \|$", section, re.MULTILINE):
+        names, sigmas = (part.split(", ") for part in row)
+        told |= dict(zip(names, sigmas * (len(names) if len(sigmas) == 1 else 1), strict=True))
+    for name, sigma_m in zip(KEYPOINTS, landmarks.SIGMA_M, strict=True):
+        plain = name.removeprefix("left_").removeprefix("right_").replace("_", " ")
+        assert float(told.get(plain) or told[plain + "s"]) == pytest.approx(1000 * sigma_m)
 
 
 def linearised(pose: Pose, seen: Array, scale: float) -> tuple[Array, Array]:
