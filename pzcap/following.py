@@ -64,13 +64,13 @@ class TrackingConfig:
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
     start_widening: float = 4.0  # of a prediction's sigma while the velocity is not known
     shape_weight: float = 0.012  # of a frame's contour, on the body's shape: the next frame errs alike
-    landmark_weight: float = 0.1  # of a frame's keypoints, on what the detector means: the next frame errs alike
     # what the motion accelerates by, a frame squared
     acceleration_position_sigma_m: float = 0.01
     acceleration_rotation_sigma_rad: float = 0.05
     polishing_sweeps: int = 2
     longest_stretch: int = 120  # frames that wait for a keyframe to be tracked backward
     longest_lead: int = 120  # frames before the first keyframe that are kept to be tracked backward
+    landmark_weight: float = 0.1  # of a frame's keypoints, on what the detector means: the next frame errs alike
 
 
 @dataclass(slots=True, eq=False)
