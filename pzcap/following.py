@@ -70,7 +70,6 @@ class TrackingConfig:
     polishing_sweeps: int = 2
     longest_stretch: int = 120  # frames that wait for a keyframe to be tracked backward
     longest_lead: int = 120  # frames before the first keyframe that are kept to be tracked backward
-    landmark_weight: float = 0.1  # of a frame's keypoints, on what the detector means: the next frame errs alike
 
 
 @dataclass(slots=True, eq=False)

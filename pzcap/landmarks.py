@@ -170,7 +170,7 @@ class LandmarkEstimate:
     """Gathers what one detector means by its keypoints, on one body.
 
     A detector that sees a hip above the joint makes the trunk short, and a short trunk is a bent one. So what it means
-    is found out from poses that other evidence fixes.
+    is found out from poses that a hand has fixed; those that its own keypoints had a part in would bear it out.
     """
 
     def __init__(self, marks: Landmarks) -> None:
@@ -178,12 +178,12 @@ class LandmarkEstimate:
         self._information = np.eye(3) / marks.sigma_m[:, None, None] ** 2
         self._vector = np.zeros(marks.points_m.shape)
 
-    def add(self, world_T_segment: Array, camera: Camera, person: Array, weight: float) -> None:
-        """A view (26, 3) of a body that is known to be at ``world_T_segment``, and counts for so much."""
+    def add(self, world_T_segment: Array, camera: Camera, person: Array) -> None:
+        """A view (26, 3) of a body that is known to be at ``world_T_segment``."""
         rows, keypoint = residuals(self._usual, world_T_segment, camera, person, 3.0)
         noise = _noise_m(person)
         # the rows admit that a keypoint lies elsewhere, which is what is asked for here
-        own = weight * rows[:, 0] * (np.hypot(self._usual.sigma_m, noise) / noise)[keypoint] ** 2
+        own = rows[:, 0] * (np.hypot(self._usual.sigma_m, noise) / noise)[keypoint] ** 2
         local = np.einsum("ni,nij->nj", rows[:, 2:5], world_T_segment[SEGMENT[keypoint], :3, :3])
         np.add.at(self._information, keypoint, own[:, None, None] * local[:, :, None] * local[:, None, :])
         np.add.at(self._vector, keypoint, (own * rows[:, 1])[:, None] * local)

@@ -128,7 +128,7 @@ class Tracker:
         if anchor.seen:
             key = Keyframe(item.frame, pose)
             correct_by_hand(self.body, self._shape, anchor.pose, key, self._hand, cuts, self.config)
-            self._learn_landmarks([anchor.pose], [cuts], 1.0)
+            self._learn_landmarks(anchor.pose, cuts)
         done = self._close(Follower(self.body, self.config, anchor.pose, -velocity, cuts, False))
         if done:
             anchor = self._settle(pose, cuts)  # the body has been corrected
@@ -156,8 +156,7 @@ class Tracker:
             poses, doubt = merge(self.body, self._anchor, steps, behind, after)
             doubtful = leaping(self.body, self._anchor, poses, after, doubt)
         correct(self.body, self._shape, poses[::2], views[::2], self.config)
-        self.body = self._shape.solve()
-        self._learn_landmarks(poses, views, self.config.landmark_weight)
+        self.body = replace(self._shape.solve(), landmarks=self.body.landmarks)
         polished = polish(self.body, poses, views, self._anchor, after, doubtful, self.config)
         self._anchor = polished.poses[-1]
         return [
@@ -183,13 +182,12 @@ class Tracker:
             for view in views
         ]
 
-    def _learn_landmarks(self, poses: Sequence[Pose], views: Sequence[Sequence[Cut | None]], weight: float) -> None:
-        """Find out where the detector's keypoints lie, from some frames in which the body is known."""
-        for pose, cuts in zip(poses, views, strict=True):
-            frames = forward(self.body, pose)
-            for cut in cuts:
-                if cut is not None and cut.person is not None:
-                    self._landmarks.add(frames, cut.seen.camera, cut.person, weight)
+    def _learn_landmarks(self, pose: Pose, cuts: Sequence[Cut | None]) -> None:
+        """Find out where the detector's keypoints lie, from a frame in which a hand has posed the body."""
+        frames = forward(self.body, pose)
+        for cut in cuts:
+            if cut is not None and cut.person is not None:
+                self._landmarks.add(frames, cut.seen.camera, cut.person)
         self.body = replace(self.body, landmarks=self._landmarks.solve())
 
     def _settle(self, pose: Pose, cuts: list[Cut | None]) -> Step:

@@ -170,7 +170,7 @@ def test_what_a_detector_means_is_found_out() -> None:
             pixels, _ = project(camera, landmarks.in_world(meant, frames))
             pixels += rng.normal(0.0, 2.0, pixels.shape)
             confidence = np.where(np.arange(len(pixels)) == AT["head_top"], 0.0, 0.8)
-            estimate.add(frames, camera, np.column_stack([pixels, confidence]), 1.0)
+            estimate.add(frames, camera, np.column_stack([pixels, confidence]))
     found = estimate.solve()
     off = np.linalg.norm(found.points_m - meant.points_m, axis=1)
     seen = np.arange(len(off)) != AT["head_top"]
