@@ -159,7 +159,7 @@ def _panoramas(reconstruction: Reconstruction) -> rrb.Grid:
 
 def _view(name: str, root: str = "", run: str = "") -> rrb.Spatial2DView:
     view = view_path(f"{root}/world", name)
-    shown = [f"{view}/{part}" for part in ("image", "outline", "skeleton")]
+    shown = [f"{view}/{part}" for part in ("image", "outline", "keypoints", "skeleton")]
     true = [] if root else [f"{view_path('/truth', name)}/skeleton"]  # it stands in the views of the first alone
     title = f"Camera {plain(name)}" + (f": {plain(run)}" if run else "")
     return rrb.Spatial2DView(name=title, origin=view, contents=[*shown, *true])

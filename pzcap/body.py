@@ -17,7 +17,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import rigid
+from pzcap import landmarks, rigid
+from pzcap.landmarks import Landmarks
 from pzcap.surface import Surface, build_surface
 from pzcap.types import (
     HINGE_AXES,
@@ -108,6 +109,7 @@ class Body:
     offsets_m: Array  # (16, 3) joint of each segment in its parent's frame; zero for the root
     surface: Surface
     sigma_m: float  # of one measurement
+    landmarks: Landmarks  # where a detector's keypoints lie
 
 
 def build(subject: Subject) -> Body:
@@ -119,7 +121,8 @@ def build(subject: Subject) -> Body:
     absurd = [name for name in MEASUREMENTS if not 0.02 <= m[name] <= 2.5]
     if absurd:
         raise PzcapError(f"subject: {absurd[0]} = {m[absurd[0]]} m cannot be; measurements are in metres")
-    return Body(_offsets(m), build_surface(m), subject.sigma_m)
+    offsets, surface = _offsets(m), build_surface(m)
+    return Body(offsets, surface, subject.sigma_m, landmarks.usual(offsets, surface))
 
 
 def _offsets(m: dict[str, float]) -> Array:

@@ -15,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from pzcap.keypoints import NOBODY, read_keypoints
 from pzcap.papers import (
     Json,
     dump_json,
@@ -26,7 +27,7 @@ from pzcap.papers import (
     write_object,
     write_subject,
 )
-from pzcap.types import CameraFiles, Capture, FrameSet, Image, Keyframe, PzcapError
+from pzcap.types import Array, CameraFiles, Capture, FrameSet, Image, Keyframe, PzcapError
 from pzcap.video import VideoReader, frames_per_day, frames_to_timecode, timecode_to_frames
 
 FORMAT = "pzcap-capture"
@@ -34,11 +35,12 @@ VERSION = 1
 MANIFEST = "capture.json"
 _ENTRIES = ("format", "version", "name", "frame_rate", "full_turn", "cameras", "object", "subject", "keyframes")
 _FOOTAGE = ("reference", "sweep", "zoom", "motion")
+_PLACES = (*_FOOTAGE, "keypoints")
 _RATE_TOLERANCE = 1e-4  # containers round 30000/1001 to 29.97
 
 
 def read_capture(folder: Path) -> Capture:
-    """Read a capture folder and check everything it names, but for the pixels.
+    """Read a capture folder and check everything it names, but for the pixels and for what a detector found in them.
 
     Raises PzcapError naming the file at fault and the remedy: a file that is missing or no JSON, a wrong version, a
     missing, misspelt or malformed entry, a video that cannot be opened, lacks its timecode, or has another frame rate
@@ -83,7 +85,7 @@ def write_capture(capture: Capture) -> None:
         "frame_rate": f"{capture.frame_rate.numerator}/{capture.frame_rate.denominator}",
         "full_turn": capture.full_turn,
         "cameras": [
-            {"name": c.name, **{kind: relative(getattr(c, kind)) for kind in _FOOTAGE}} for c in capture.cameras
+            {"name": c.name, **{kind: relative(getattr(c, kind)) for kind in _places(c)}} for c in capture.cameras
         ],
     }
     if capture.calibration_object is not None:
@@ -131,9 +133,15 @@ def _frame_rate(entry: Json) -> Fraction:
 
 
 def _read_camera(entry: Json, folder: Path) -> CameraFiles:
-    entry.only("name", *_FOOTAGE)
+    entry.only("name", *_PLACES)
     reference, sweep, zoom, motion = (entry.file(kind, folder) for kind in _FOOTAGE)
-    return CameraFiles(entry["name"].text(), reference, sweep, zoom, motion)
+    keypoints = entry.file("keypoints", folder, or_folder=True)
+    return CameraFiles(entry["name"].text(), reference, sweep, zoom, motion, keypoints)
+
+
+def _places(camera: CameraFiles) -> tuple[str, ...]:
+    """What is written of a camera: all its footage, with null for what is missing, and keypoints if it has them."""
+    return _PLACES if camera.keypoints else _FOOTAGE
 
 
 def _check_videos(camera: CameraFiles, rate: Fraction) -> None:
@@ -168,8 +176,16 @@ class FrameSets:
     ``len()`` is the number of frame sets, ``timecodes`` names each, ``keyframes`` holds the poses set by hand.
     """
 
-    def __init__(self, readers: Sequence[VideoReader | None], starts: Sequence[int], first: int, count: int) -> None:
+    def __init__(
+        self,
+        readers: Sequence[VideoReader | None],
+        keypoints: Sequence[dict[int, Array]],
+        starts: Sequence[int],
+        first: int,
+        count: int,
+    ) -> None:
         self._readers = readers
+        self._keypoints = keypoints  # of each camera, by its own index
         self._starts = starts  # of each camera's index 0, on the common clock
         self._first = first  # of the first frame set, on the common clock
         rate = next(reader.frame_rate for reader in readers if reader is not None)
@@ -194,7 +210,16 @@ class FrameSets:
                 images = tuple(future.result() for future in ahead)
                 if index + 1 < stop:
                     ahead = [pool.submit(next, view) for view in views]
-                yield FrameSet(index=index, timecode=self.timecodes[index], images=images)
+                yield FrameSet(index, self.timecodes[index], images, self.people(index))
+
+    def people(self, index: int) -> tuple[Array, ...]:
+        """What the detector found in each camera's picture of a frame set."""
+        if not any(self._keypoints):
+            return ()
+        clock = self._first + index
+        return tuple(
+            found.get(clock - start, NOBODY) for found, start in zip(self._keypoints, self._starts, strict=True)
+        )
 
     def _view(self, camera: int, start: int, stop: int) -> Iterator[Image | None]:
         """One camera's image for each of the frame sets, None where it has none."""
@@ -215,7 +240,7 @@ def frame_sets(capture: Capture) -> FrameSets:
 
     The range is what all cameras with a recording have in common. Within it a frame that a camera dropped is None, and
     so is every view of a camera that recorded no motion. Raises PzcapError if no camera recorded the motion, the
-    recordings do not overlap, or a keyframe lies outside them.
+    recordings do not overlap, a keyframe lies outside them, or keypoints cannot be read.
     """
     readers = [None if camera.motion is None else VideoReader(camera.motion) for camera in capture.cameras]
     recorded = [reader for reader in readers if reader is not None]
@@ -236,7 +261,11 @@ def frame_sets(capture: Capture) -> FrameSets:
         raise PzcapError(
             f"{capture.folder}: the motion videos have no timecode in common; check that the clocks were synchronised"
         )
-    sets = FrameSets(readers, starts, first, stop - first)
+    keypoints = [
+        {} if reader is None or camera.keypoints is None else read_keypoints(camera.keypoints, reader.indices)
+        for camera, reader in zip(capture.cameras, readers, strict=True)
+    ]
+    sets = FrameSets(readers, keypoints, starts, first, stop - first)
     keyframes = []
     for timecode, pose in capture.keyframe_poses.items():
         index = (timecode_to_frames(timecode, capture.frame_rate) - first) % day

@@ -1,4 +1,4 @@
-"""What the images of one instant say about a pose: silhouettes and appearance, as normal equations.
+"""What the images of one instant say about a pose: silhouettes, appearance and keypoints, as normal equations.
 
 `Evidence` holds the views of one instant (`pzcap.views`) and, for a pose, accumulates the weighted normal equations of
 all residuals in the 43 numbers of the pose's tangent.
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import raster, residuals
+from pzcap import landmarks, raster, residuals
 from pzcap.body import Body, forward, lift, place, screws
 from pzcap.limbs import GROUP, Ground
 from pzcap.raster import Float32
@@ -56,6 +56,8 @@ class Terms:
     contour_weight: float  # neighbouring contour points err together: each counts for this much of an independent one
     brightness_weight: float
     shading_sigma: float  # relative change of a limb's brightness that light may explain
+    keypoint_weight: float = 0.0  # as that of the contour: a detector errs alike in all views
+    keypoint_scale: float = 3.0  # sigmas; of the robust weight
 
 
 @dataclass(slots=True, eq=False)
@@ -74,6 +76,11 @@ class Evidence:
     def __init__(self, body: Body, cuts: Sequence[Cut | None]) -> None:
         self.body = body
         self.cuts = cuts
+
+    @property
+    def detected(self) -> bool:
+        """Whether a detector found the body in any view."""
+        return any(cut is not None and cut.person is not None for cut in self.cuts)
 
     def place(self, pose: Pose) -> tuple[Array, Array, Array]:
         """``world_T_segment``, and the skin's points and normals in the world."""
@@ -121,6 +128,12 @@ class Evidence:
             if terms.contour_weight > 0:
                 rows, segment, count = self._contour(view, where, points, normals, terms, contour)
                 residuals.accumulate(rows, segment, count, centre, hessians, gradients)
+            if cut.person is not None and terms.keypoint_weight > 0:
+                rows, keypoint = landmarks.residuals(
+                    self.body.landmarks, frames, camera, cut.person, terms.keypoint_scale
+                )
+                rows[:, 0] *= terms.keypoint_weight
+                residuals.accumulate(rows, landmarks.SEGMENT[keypoint], len(rows), centre, hessians, gradients)
         hessian, gradient = lift(hessians, gradients, screws(frames, centre))
         return Normal(hessian, gradient, contour, brightness)
 

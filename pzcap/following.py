@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
@@ -29,14 +30,14 @@ class Round:
 
 
 def _schedule() -> tuple[Round, ...]:
-    def terms(level: int, reach: float, contour_sigma: float, brightness_sigma: float) -> Terms:
-        return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15)
+    def terms(level: int, reach: float, contour_sigma: float, brightness_sigma: float, keypoint_scale: float) -> Terms:
+        return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
 
     return (
-        Round(terms(2, 30.0, 8.0, 20.0), 3, 5.0),
-        Round(terms(2, 20.0, 4.0, 20.0), 3),
-        Round(terms(1, 10.0, 2.0, 15.0), 2),
-        Round(terms(0, 5.0, 1.0, 12.0), 1),
+        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 3, 5.0),
+        Round(terms(2, 20.0, 4.0, 20.0, 10.0), 3),
+        Round(terms(1, 10.0, 2.0, 15.0, 5.0), 2),
+        Round(terms(0, 5.0, 1.0, 12.0, 3.0), 1),
     )
 
 
@@ -80,6 +81,10 @@ class Step:
     seen: bool  # any view at all
 
 
+_LEAP: Final = 3.0
+"""Sigmas of the prediction that nobody moves by."""
+
+
 class Follower:
     """Follows the body in one direction of time from a keyframe."""
 
@@ -121,6 +126,8 @@ class Follower:
         gain = np.where(self._known, self.config.velocity_gain, 1.0)
         velocity = self.velocity + gain * (difference(pose, self.pose) - self.velocity)
         again = np.isin(DOF_SEGMENT, [s for limb in found for s in LIMBS[limb]])
+        if evidence.detected:  # keypoints pull from far away: what came so is no motion
+            again |= np.abs(difference(pose, predicted)) > _LEAP * sigma
         self._known = ~again
         self.velocity = np.where(again, 0.0, velocity)
         self.pose = pose

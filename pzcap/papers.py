@@ -75,12 +75,12 @@ class Json:
             raise self.error(f"must be {' x '.join('n' if n < 0 else str(n) for n in shape)} finite numbers")
         return array
 
-    def file(self, key: str, folder: Path) -> Path | None:
-        """An optional file, which must exist if it is named."""
+    def file(self, key: str, folder: Path, or_folder: bool = False) -> Path | None:
+        """An optional file, which must exist if it is named; with ``or_folder`` it may be a folder of them."""
         if not isinstance(self.value, dict) or self.value.get(key) is None:
             return None
         path = folder / self[key].text()
-        if not path.is_file():
+        if not (path.is_file() or (or_folder and path.is_dir())):
             raise self[key].error(f"the file {path} is missing; bring it, or put null in its place")
         return path
 

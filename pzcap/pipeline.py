@@ -15,6 +15,7 @@ from pzcap import body, foreground, keyframes, panzoom, reference, smooth, track
 from pzcap.calibration import Prepared, prepare
 from pzcap.camera import at
 from pzcap.capture import FrameSets, frame_sets, read_image
+from pzcap.keypoints import NOBODY
 from pzcap.types import (
     Array,
     Camera,
@@ -371,13 +372,15 @@ def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]
 
 
 def _track_input(seen: FrameSeparated) -> tracking.TrackInput:
+    people = seen.frames.keypoints or (NOBODY,) * len(seen.cameras)
+    views = zip(seen.frames.images, seen.cameras, seen.silhouettes, people, strict=True)
     return tracking.TrackInput(
         seen.frames.index,
         tuple(
-            tracking.View(image, camera, silhouette)
+            tracking.View(image, camera, silhouette, found)
             if image is not None and camera is not None and silhouette is not None and silhouette.valid
             else None
-            for image, camera, silhouette in zip(seen.frames.images, seen.cameras, seen.silhouettes, strict=True)
+            for image, camera, silhouette, found in views
         ),
     )
 

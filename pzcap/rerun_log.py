@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pzcap.capture import read_image
 from pzcap.pipeline import CameraPrepared, Event, FrameLocalised, FrameSeparated
 from pzcap.rerun_columns import (
+    KEYPOINT_COLOUR,
     OUTLINE_COLOUR,
     PIXEL_CENTRE,
     TIMELINE,
@@ -161,6 +162,8 @@ class Recorder:
             view = f"{view_path('/world', name)}/image"
             self.rec.log(view, rr.Clear(recursive=False) if image is None else encoded(image, self._quality))
             log_matches(self.rec, name, found, self._panoramas.get(index))
+        for name, people in zip(names, event.frames.keypoints, strict=False):  # there may be none at all
+            log_keypoints(self.rec, name, people)
 
     def _separated(self, event: FrameSeparated, names: Sequence[str]) -> None:
         self.rec.set_time(TIMELINE, sequence=event.frames.index)
@@ -253,6 +256,14 @@ def log_matches(rec: rr.RecordingStream, name: str, found: Localisation | None, 
     colours = _rainbow(found.frame_points_px[some, 0])
     for path, points in zip(paths, (found.frame_points_px[some], there), strict=True):
         rec.log(path, rr.Points2D(points + PIXEL_CENTRE, colors=colours, radii=rr.Radius.ui_points(2.0)))
+
+
+def log_keypoints(rec: rr.RecordingStream, name: str, people: Array) -> None:
+    """What a detector found in a view, (P, 26, 3); the surer, the brighter."""
+    path, found = f"{view_path('/world', name)}/keypoints", people[people[..., 2] > 0.0]
+    colours = np.outer(0.3 + 0.7 * found[:, 2], KEYPOINT_COLOUR).astype(np.uint8)
+    points = rr.Points2D(found[:, :2] + PIXEL_CENTRE, colors=colours, radii=rr.Radius.ui_points(3.0))
+    rec.log(path, points if len(found) else rr.Clear(recursive=False))
 
 
 def log_silhouette(rec: rr.RecordingStream, name: str, silhouette: Silhouette | None, jpeg_quality: int = 75) -> None:

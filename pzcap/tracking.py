@@ -11,7 +11,7 @@ the body itself has been corrected from it (`pzcap.polishing`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, joint_jacobi
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import Follower, Step, TrackingConfig, improve
 from pzcap.foreground import Expected
+from pzcap.keypoints import NOBODY
+from pzcap.landmarks import LandmarkEstimate
 from pzcap.merging import leaping, merge
 from pzcap.polishing import correct, correct_by_hand, polish
 from pzcap.shape import ShapeEstimate
@@ -35,6 +37,7 @@ class View:
     image: Image  # (H, W, 3)
     camera: Camera
     silhouette: Silhouette
+    people: Array = field(default_factory=lambda: NOBODY)  # (P, 26, 3) a detector's, as in `pzcap.keypoints`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +84,7 @@ class Tracker:
         self._keys = {key.frame: key.pose for key in keyframes}
         self._last_key = max(self._keys)
         self._shape = ShapeEstimate(body)
+        self._landmarks = LandmarkEstimate(body.landmarks)
         self._ahead: Follower | None = None
         self._anchor: Pose  # before what waits
         self._lead: list[TrackInput] = []  # before the first keyframe
@@ -128,6 +132,7 @@ class Tracker:
         if anchor.seen:
             key = Keyframe(item.frame, pose)
             correct_by_hand(self.body, self._shape, anchor.pose, key, self._hand, cuts, self.config)
+            self._learn_landmarks(anchor.pose, cuts)
         done = self._close(Follower(self.body, self.config, anchor.pose, -velocity, cuts))
         if done:
             anchor = self._settle(pose, cuts)  # the body has been corrected
@@ -155,7 +160,7 @@ class Tracker:
             poses, doubt = merge(self.body, self._anchor, steps, behind, after)
             doubtful = leaping(self.body, self._anchor, poses, after, doubt)
         correct(self.body, self._shape, poses[::2], views[::2], self.config)
-        self.body = self._shape.solve()
+        self.body = replace(self._shape.solve(), landmarks=self.body.landmarks)
         polished = polish(self.body, poses, views, self._anchor, after, doubtful, self.config)
         self._anchor = polished.poses[-1]
         return [
@@ -168,9 +173,17 @@ class Tracker:
         return [
             None
             if view is None or not view.silhouette.valid
-            else cut_out(self.body, view.image, view.silhouette, view.camera, pose, config.cut_out_margin)
+            else cut_out(self.body, view.image, view.silhouette, view.camera, pose, config.cut_out_margin, view.people)
             for view in views
         ]
+
+    def _learn_landmarks(self, pose: Pose, cuts: Sequence[Cut | None]) -> None:
+        """Find out where the detector's keypoints lie, from a frame in which a hand has posed the body."""
+        frames = forward(self.body, pose)
+        for cut in cuts:
+            if cut is not None and cut.person is not None:
+                self._landmarks.add(frames, cut.seen.camera, cut.person)
+        self.body = replace(self.body, landmarks=self._landmarks.solve())
 
     def _settle(self, pose: Pose, cuts: list[Cut | None]) -> Step:
         """A keyframe's pose, improved by the images with the hand's error as prior."""

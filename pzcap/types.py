@@ -147,6 +147,7 @@ class CameraFiles:
     sweep: Path | None  # pan sweep of the empty hall
     zoom: Path | None  # zoom run with the head locked
     motion: Path | None  # the motion, with timecode
+    keypoints: Path | None = None  # what a detector found in the motion: a folder or a file
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,6 +171,7 @@ class FrameSet:
     index: int
     timecode: str
     images: tuple[Image | None, ...]  # one a camera, (H, W, 3)
+    keypoints: tuple[Array, ...] = ()  # one a camera, (P, 26, 3) as in `pzcap.keypoints`; none: no camera has any
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -12,10 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import raster
+from pzcap import landmarks, raster
 from pzcap.body import Body, forward, place
 from pzcap.cylinder import Window
 from pzcap.foreground import Expected
+from pzcap.keypoints import NOBODY
 from pzcap.limbs import BELIEF_SCALE, GROUP, Ground, ground
 from pzcap.raster import Float32
 from pzcap.types import Array, Camera, Image, Pose, Silhouette
@@ -58,6 +59,7 @@ class Cut:
 
     seen: Observation
     belief: Float32  # (h / 4, w / 4) of `pzcap.limbs.Ground`
+    person: Array | None = None  # (26, 3) what a detector found of the body, as in `pzcap.keypoints`
 
     def ground(self, placed: PlacedView) -> Ground:
         """What the limbs are judged by, the body being where it was ``placed``."""
@@ -68,9 +70,15 @@ class Cut:
         return ground(seen.camera, corner, self.belief, placed.cover, shift)
 
 
-def cut_out(body: Body, image: Image, silhouette: Silhouette, camera: Camera, pose: Pose, margin: float) -> Cut | None:
-    """The part of a view around the body, copied so that the frame itself can be let go. None where it is not seen."""
-    window = _around(place(body, forward(body, pose))[0], camera, margin)
+def cut_out(
+    body: Body, image: Image, silhouette: Silhouette, camera: Camera, pose: Pose, margin: float, people: Array = NOBODY
+) -> Cut | None:
+    """The part of a view around the body, copied so that the frame itself can be let go. None where it is not seen.
+
+    Of the ``people`` that a detector found, the one nearest to the ``pose`` is the athlete.
+    """
+    frames = forward(body, pose)
+    window = _around(place(body, frames)[0], camera, margin)
     if window is None:
         return None
     left, top, right, bottom = window
@@ -79,7 +87,8 @@ def cut_out(body: Body, image: Image, silhouette: Silhouette, camera: Camera, po
     size = ((right - left) // BELIEF_SCALE, (bottom - top) // BELIEF_SCALE)
     belief = cv2.resize(sure, size, interpolation=cv2.INTER_AREA)
     seen = observe(image[part], silhouette.probability[part], camera, left, top)
-    return Cut(seen, np.asarray(belief, np.float32))
+    person = landmarks.nearest(landmarks.in_world(body.landmarks, frames), camera, people) if len(people) else None
+    return Cut(seen, np.asarray(belief, np.float32), person)
 
 
 def expect(body: Body, pose: Pose, camera: Camera, margin: float) -> Expected | None:

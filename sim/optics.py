@@ -85,6 +85,13 @@ class Rig:
         along = _transform(np.eye(3), [0.0, 0.0, float(travel)])
         return self.world_T_head @ axis @ pan @ np.linalg.inv(axis) @ optical @ along
 
+    def see(self, world_T_cam: Array, focal_px: float, points_m: Array) -> tuple[Array, Array]:
+        """World points (N, 3) to pixels (N, 2) and depth (N,) in metres, which is above 0 where a point can be seen."""
+        x, y, depth = ((points_m - world_T_cam[:3, 3]) @ world_T_cam[:3, :3]).T
+        xy = np.column_stack([x, y]) / np.where(depth > 0.1, depth, 0.1)[:, None]
+        factor = 1 + self.k1(focal_px) * np.sum(xy**2, axis=1, keepdims=True)
+        return self.principal_px + focal_px * factor * xy, depth
+
 
 def build_rig(camera: int, width: int, height: int, config: OpticsConfig, rng: np.random.Generator) -> Rig:
     """Put up the tripod of camera 0 to 3 near its corner, looking over the centre of the hall."""

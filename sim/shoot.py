@@ -24,6 +24,7 @@ from pzcap.video import frames_per_day, frames_to_timecode
 from sim import gym, motion
 from sim.athlete import AthleteConfig, draw_measurements
 from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand, to_and_fro
+from sim.detector import Detector, DetectorConfig, write_openpose
 from sim.film import STILL_SCALE, SWEEP_SCALE, FilmCamera
 from sim.furniture import REARRANGED
 from sim.gym import GymConfig
@@ -64,6 +65,7 @@ class ShootConfig:
     optics: OpticsConfig = field(default_factory=OpticsConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
     crew: CrewConfig = field(default_factory=CrewConfig)
+    detector: DetectorConfig = field(default_factory=DetectorConfig)
 
     def __post_init__(self) -> None:
         if self.zoom_frames < 0 or self.zoom_frames == 1:
@@ -78,6 +80,7 @@ class _Files(NamedTuple):
     sweep: Path
     zoom: Path | None
     motion: Path
+    keypoints: Path | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,7 +193,8 @@ def assemble(config: ShootConfig, folder: Path) -> Crew:
         place = folder / f"camera{name}"
         place.mkdir(parents=True)
         zoom = place / "zoom.mp4" if config.zoom_frames else None
-        files.append(_Files(name, place / "reference.png", place / "sweep.mp4", zoom, place / "motion.mp4"))
+        keypoints = place / "keypoints" if config.detector.enabled else None
+        files.append(_Files(name, place / "reference.png", place / "sweep.mp4", zoom, place / "motion.mp4", keypoints))
     return Crew(config, measurements, clip, stage, rigs, cameras, files)
 
 
@@ -250,18 +254,24 @@ def _film_motion(crew: Crew) -> Generator[Progress, None, _Filmed]:
     mask_bits = np.zeros((_CAMERAS, frames, packed), np.uint8)
     shadow_bits = np.zeros((_CAMERAS, len(shadow_frames), packed), np.uint8)
     recorded = np.ones((_CAMERAS, frames), bool)
+    detector = Detector(crew.stage, crew.measurements, config.detector, stream(seed, "detector"))
     for c, (camera, files) in enumerate(zip(crew.cameras, crew.files, strict=True)):
         dropped = draw_dropped(early[c] + frames + late[c], sensor.dropped_share, stream(seed, "dropped", c))
         recorded[c] = ~dropped[early[c] : early[c] + frames]
         indices = np.flatnonzero(~dropped)
+        exposed_s = (indices - early[c]) / config.frame_rate
         exposing = camera.record(
-            files.motion, hands[c].at, (indices - early[c]) / config.frame_rate, person=crew.clip.at,
+            files.motion, hands[c].at, exposed_s, person=crew.clip.at,
             light=config.gym.lights_on, frame_rate=rate, crf=sensor.crf_motion, sub_exposures=sensor.sub_exposures,
             rng=stream(seed, "motion video", c), timecode=frames_to_timecode(start - early[c], rate),
             indices=indices.tolist(),
         )  # fmt: skip
         for k in exposing:
             yield Progress(f"motion {files.name}", k + 1, len(indices))
+        if files.keypoints is not None:
+            rng = stream(seed, "detector", c)
+            found = detector.watch(crew.rigs[c], hands[c], crew.clip.at, exposed_s, sensor.shutter_s, rng)
+            write_openpose(files.keypoints, files.motion.stem, found)
         for f, time_s in enumerate(times_s.tolist()):
             mask = camera.mask(hands[c].at, time_s, crew.clip.at)
             mask_bits[c, f] = np.packbits(mask)

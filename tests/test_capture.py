@@ -270,6 +270,33 @@ def _no_manifest(folder: Path) -> None:
     (folder / "capture.json").unlink()
 
 
+def _detect(folder: Path, camera: int, pictures: int) -> None:
+    """Let a detector find somebody at column ``n`` of the ``n``-th picture of a camera."""
+    place = folder / f"camera{camera}" / "keypoints"
+    place.mkdir()
+    for n in range(pictures):
+        people = [{"pose_keypoints_2d": [float(n), 0.0, 1.0] * 25}]
+        (place / f"motion_{n:012d}_keypoints.json").write_text(json.dumps({"people": people}))
+
+    def name(manifest: Any) -> None:
+        manifest["cameras"][camera - 1]["keypoints"] = f"camera{camera}/keypoints"
+
+    edit(folder / "capture.json", name)
+
+
+def _keypoints_gone(folder: Path) -> None:
+    edit(folder / "capture.json", lambda m: m["cameras"][0].update(keypoints="found"))
+
+
+def _keypoints_of_another_video(folder: Path) -> None:
+    _detect(folder, 2, 50)
+
+
+def _keypoints_broken(folder: Path) -> None:
+    _detect(folder, 2, 5)
+    (folder / "camera2" / "keypoints" / "motion_000000000003_keypoints.json").write_text('{"people": [{')
+
+
 @pytest.mark.parametrize(
     ("damage", "expected"),
     [
@@ -280,6 +307,9 @@ def _no_manifest(folder: Path) -> None:
         (_no_picture, "cannot be decoded"),
         (_no_json, "not valid JSON"),
         (_no_manifest, "cannot be read"),
+        (_keypoints_gone, "found is missing"),
+        (_keypoints_of_another_video, "where the video holds"),
+        (_keypoints_broken, "not valid JSON"),
     ],
 )
 def test_damage_gets_one_line(folder: Path, damage: Callable[[Path], None], expected: str) -> None:
@@ -292,3 +322,22 @@ def test_damage_gets_one_line(folder: Path, damage: Callable[[Path], None], expe
 def test_a_missing_image_gets_one_line(tmp_path: Path) -> None:
     with pytest.raises(PzcapError, match="no such image"):
         read_image(tmp_path / "reference.png")
+
+
+def test_keypoints_come_with_their_pictures(folder: Path) -> None:
+    """A detector counts pictures: camera 1 started 3 frames early, camera 3 one, and dropped frames 4 and 5 since."""
+    _detect(folder, 1, 13)
+    _detect(folder, 3, 12)
+    capture = read_capture(folder)
+    write_capture(capture)
+    assert read_capture(folder).cameras[0].keypoints == folder / "camera1" / "keypoints"
+    assert read_capture(folder).cameras[1].keypoints is None
+    sets = list(frame_sets(capture))
+    assert [float(frames.keypoints[0][0, 0, 0]) for frames in sets] == [float(k + 3) for k in range(10)]
+    assert all(frames.keypoints[1].shape == (0, 26, 3) for frames in sets)
+    counts = [[float(person[0, 0]) for person in frames.keypoints[2]] for frames in sets]
+    assert counts == [[1], [2], [3], [4], [], [], [5], [6], [7], [8]]
+
+
+def test_without_keypoints_a_frame_set_has_none(folder: Path) -> None:
+    assert all(frames.keypoints == () for frames in frame_sets(read_capture(folder)))

@@ -65,7 +65,9 @@ def frames(count: int) -> Iterator[FrameLocalised | FrameSeparated]:
         images = (image, image, None, image)
         points = rng.uniform(0, 200, (300, 2))
         found = Localisation(0.1, -0.07, 440.0, np.eye(2) * 1e-6, True, points, points)
-        sets = FrameSet(index, f"01:00:00:{index:02d}", images)
+        people = rng.uniform(0.2, 1.0, (1, 26, 3)) * [fabricated.WIDTH, fabricated.HEIGHT, 1.0]
+        nobody = people[:0]
+        sets = FrameSet(index, f"01:00:00:{index:02d}", images, (people if index else nobody, nobody, nobody, people))
         yield FrameLocalised(sets, (found, None, None, found))
         silhouette = Silhouette(body, image, np.zeros((120, 160), np.float32), True)
         yield FrameSeparated(sets, (None,) * 4, (silhouette, None, None, silhouette))
@@ -108,6 +110,7 @@ def test_every_stage_is_there(recording: tuple[Path, Reconstruction]) -> None:
     paths = {str(chunk.entity_path) for chunk in RrdReader(recording[0]).store().stream().to_chunks()}
     assert {
         "/world/floor", "/world/object", "/world/camera/1", "/world/camera/1/view", "/world/camera/1/view/image",
+        "/world/camera/1/view/keypoints",
         "/world/camera/1/view/matches", "/world/camera/1/view/outline", "/world/camera/1/view/skeleton",
         "/foreground/1/background", "/foreground/1/probability", "/panorama/1/frame", "/panorama/1/matches",
         "/track/pan/1", "/track/focal/1", "/world/body/skeleton", "/world/body/path", "/world/keyframes/0", "/notes",

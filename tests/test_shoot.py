@@ -19,11 +19,13 @@ from scipy.spatial.transform import Rotation
 
 from experiments.footage import SMALL
 from pzcap.capture import frame_sets, read_capture, read_image
-from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError
+from pzcap.keypoints import KEYPOINTS
+from pzcap.types import HINGE_AXES, JOINTS, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError
 from pzcap.video import VideoReader
 from sim import film
 from sim import shoot as shooting
 from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand
+from sim.detector import DetectorConfig
 from sim.optics import OpticsConfig
 from sim.sensor import SensorConfig
 from sim.shoot import Progress, ShootConfig, shoot, shoot_cached
@@ -250,6 +252,27 @@ def test_dropped_frames_are_gaps(tmp_path: Path) -> None:
     sets = frame_sets(read_capture(tmp_path / "capture"))
     present = np.array([[image is not None for image in frames.images] for frames in sets]).T
     np.testing.assert_array_equal(present, truth.recorded)
+
+
+def test_a_detector_finds_the_athlete_and_changes_no_footage(tmp_path: Path) -> None:
+    """In the frames that were not dropped, and in them alone."""
+    config = replace(TINY, motion_frames=8, sensor=SensorConfig(dropped_share=0.4, sub_exposures=1))
+    drain(shoot(config, tmp_path / "without"))
+    drain(shoot(replace(config, detector=DetectorConfig(enabled=True)), tmp_path / "with"))
+    without, found = listing(tmp_path / "without" / "capture"), listing(tmp_path / "with" / "capture")
+    assert [name for name in without if found[name] != without[name]] == ["capture.json"]
+    truth = load(tmp_path / "with" / "truth")
+    joints = [JOINTS.index(name) for name in KEYPOINTS if name in JOINTS]
+    points = [KEYPOINTS.index(JOINTS[joint]) for joint in joints]
+    off = []
+    for f, frames in enumerate(frame_sets(read_capture(tmp_path / "with" / "capture"))):
+        for c, people in enumerate(frames.keypoints):
+            assert len(people) == truth.recorded[c, f]
+            for person in people[:, points]:
+                distance = np.linalg.norm(person[:, :2] - project(truth, c, f, truth.joints_m[f, joints]), axis=1)
+                off += distance[person[:, 2] > 0].tolist()
+    assert len(off) > 100
+    assert np.median(off) < 3.0
 
 
 def test_a_failing_encoder_ends_the_shoot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,131 @@
+"""The body from a detector's keypoints alone, as one would do it without this library's tracker.
+
+Each keypoint of each frame for itself: its rays, one a view, meet in a point; views that do not agree are left out.
+Then each keypoint's way is filtered. It is what Pose2Sim and anipose do, here with cameras that pan and zoom.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from pzcap import camera as cameras
+from pzcap.capture import frame_sets
+from pzcap.keypoints import KEYPOINTS
+from pzcap.types import (
+    JOINTS,
+    LUMBAR_FRACTION,
+    THORAX_FRACTION,
+    Array,
+    Camera,
+    Capture,
+    Motion,
+    PzcapError,
+    Reconstruction,
+)
+
+LEAST_CONFIDENCE: Final = 0.2
+AGREE_M: Final = 0.15
+"""A ray that passes by further off is of something else."""
+CUTOFF_HZ: Final = 6.0
+"""Of the Butterworth filter of order four, forward and backward; Pose2Sim's default."""
+_TRIPOD: Final = {f"{side}_{name}" for side in ("left", "right") for name in ("shoulder", "hip")}
+
+
+def triangulate(capture: Capture, reconstruction: Reconstruction) -> Motion:
+    """The joints, from the capture's keypoints and the cameras that were found; its rotations are none.
+
+    Joints of the trunk that no detector finds are put where they are in somebody who stands upright. Raises PzcapError
+    where the capture has no keypoints, or a joint is never seen by two cameras.
+    """
+    sets = frame_sets(capture)
+    if not sets.people(0):
+        raise PzcapError(f"{capture.folder}: no camera has keypoints; name them in capture.json (docs/capture.md)")
+    if capture.subject is None:
+        raise PzcapError(f"{capture.folder}: there is no subject.json; write it (docs/capture.md)")
+    points, off = np.empty((len(sets), len(KEYPOINTS), 3)), np.empty((len(sets), len(KEYPOINTS)))
+    for frame in range(len(sets)):
+        views = [
+            (camera, max(people, key=lambda person: person[:, 2].sum()))
+            for camera, people in zip(cameras_at(reconstruction, frame), sets.people(frame), strict=True)
+            if camera is not None and len(people)
+        ]
+        points[frame], off[frame] = meet(views)
+    at = {name: KEYPOINTS.index(name) for name in (*_TRIPOD, *(set(JOINTS) & set(KEYPOINTS)))}
+    found = {name: smooth(points[:, k], off[:, k], float(capture.frame_rate), name) for name, k in at.items()}
+    hips, shoulders = ((found[f"left_{name}"] + found[f"right_{name}"]) / 2 for name in ("hip", "shoulder"))
+    up = shoulders - hips
+    neck = shoulders + up / np.linalg.norm(up, axis=1, keepdims=True) * capture.subject.measurements_m["shoulder_drop"]
+    found |= {"pelvis": hips, "neck": neck}
+    found |= {"lumbar": hips + LUMBAR_FRACTION * (neck - hips), "thorax": hips + THORAX_FRACTION * (neck - hips)}
+    joints = np.stack([found[name] for name in JOINTS], axis=1)
+    identity = np.zeros((*joints.shape[:2], 4))
+    identity[..., 0] = 1.0
+    sigma = np.full(joints.shape[:2], np.sqrt(np.mean(off[np.isfinite(off)] ** 2)))
+    keyframes = np.array([key.frame for key in sets.keyframes], np.int64)  # not used, and not scored, as with others
+    return Motion(hips, identity, joints, sigma, keyframes, np.ones(len(sets), bool))
+
+
+def cameras_at(reconstruction: Reconstruction, frame: int) -> list[Camera | None]:
+    """The cameras of one instant; None where one is lost."""
+    return [
+        None
+        if camera is None or track is None or not track.valid[frame]
+        else cameras.at(camera, track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame])
+        for camera, track in zip(reconstruction.cameras, reconstruction.tracks, strict=True)
+    ]
+
+
+def meet(views: list[tuple[Camera, Array]]) -> tuple[Array, Array]:
+    """Where the keypoints (K, 3) of one person in some views (K, 3 each) are in the world (K, 3), and by how much (K,)
+    their rays miss that on average, metres; infinity where no two views agree.
+
+    Of all pairs of views the one is taken whose point most confidence agrees with; then all that agree are used.
+    """
+    count = len(views[0][1]) if views else len(KEYPOINTS)
+    best, points, off = np.zeros(count), np.zeros((count, 3)), np.full(count, np.inf)
+    if len(views) < 2:
+        return points, off
+    origins = np.array([camera.world_T_cam[:3, 3] for camera, _ in views])  # (V, 3)
+    directions = np.array([cameras.rays(camera, person[:, :2]) for camera, person in views])  # (V, K, 3)
+    confidence = np.array([person[:, 2] for _, person in views])
+    confidence[confidence < LEAST_CONFIDENCE] = 0.0
+    across = np.eye(3) - directions[..., :, None] * directions[..., None, :]  # (V, K, 3, 3) what is beside a ray
+
+    def solve(weight: Array) -> Array:
+        """The points nearest to all rays of some ``weight`` (V, K)."""
+        weighted = weight[..., None, None] * across
+        right = np.einsum("vkij,vj->ki", weighted, origins)
+        return np.asarray(np.linalg.solve(weighted.sum(axis=0) + 1e-12 * np.eye(3), right[..., None])[..., 0])
+
+    def miss(at: Array) -> Array:
+        """How far (V, K) the rays pass by points (K, 3)."""
+        return np.linalg.norm(np.einsum("vkij,vkj->vki", across, at - origins[:, None]), axis=-1)
+
+    agreeing = np.zeros(confidence.shape, bool)
+    for pair in combinations(range(len(views)), 2):
+        both = np.zeros(confidence.shape)
+        both[list(pair)] = np.all(confidence[list(pair)] > 0.0, axis=0)
+        agree = (miss(solve(both)) < AGREE_M) & (confidence > 0.0) & both.any(axis=0)
+        worth = np.where(agree[list(pair)].all(axis=0), np.sum(confidence * agree, axis=0), 0.0)
+        agreeing = np.where(worth > best, agree, agreeing)
+        best = np.maximum(worth, best)
+    points = solve(confidence**2 * agreeing)
+    seen = agreeing.sum(axis=0) >= 2
+    off[seen] = (np.sum(agreeing * miss(points), axis=0)[seen]) / agreeing.sum(axis=0)[seen]
+    return points, off
+
+
+def smooth(points: Array, off: Array, frame_rate: float, name: str) -> Array:
+    """The way (F, 3) of a keypoint, gaps bridged where ``off`` (F,) is infinite, filtered."""
+    known = np.flatnonzero(np.isfinite(off))
+    if not len(known):
+        raise PzcapError(f"keypoints: {name} is never seen by two cameras that agree; run another detector")
+    whole = np.column_stack([np.interp(np.arange(len(off)), known, points[known, axis]) for axis in range(3)])
+    if len(whole) < 16 or frame_rate <= 2 * CUTOFF_HZ:
+        return whole
+    filtered = sosfiltfilt(butter(2, CUTOFF_HZ, fs=frame_rate, output="sos"), whole, axis=0)
+    return np.asarray(filtered)
