@@ -34,9 +34,9 @@ def _schedule() -> tuple[Round, ...]:
         return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
 
     return (
-        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 3, 5.0),
-        Round(terms(2, 20.0, 4.0, 20.0, 10.0), 3),
-        Round(terms(1, 10.0, 2.0, 15.0, 5.0), 2),
+        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 5, 5.0),
+        Round(terms(2, 20.0, 4.0, 20.0, 10.0), 4),
+        Round(terms(1, 10.0, 2.0, 15.0, 5.0), 3),
         Round(terms(0, 5.0, 1.0, 12.0, 3.0), 1),
     )
 
