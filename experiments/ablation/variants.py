@@ -1,0 +1,75 @@
+"""What is changed, one thing at a time: a list of named variants of the tracker and of what it is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from pzcap.following import Round
+from pzcap.tracking import TrackingConfig
+
+Known = Literal["cameras", "masks", "body", "keyframes"]
+Group = Literal["default", "evidence", "keyframes", "truth"]
+Change = Callable[[TrackingConfig], TrackingConfig]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Posing:
+    """Which frames are keyframes: a choice of those that the capture has, or some more, posed at a rate."""
+
+    choose: Callable[[int], list[int]]  # of how many there are, which
+    per_s: float = 0.0  # posed besides
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variant:
+    key: str  # in metrics
+    label: str
+    group: Group
+    change: Change = lambda config: config
+    posing: Posing = Posing(lambda count: list(range(count)))
+    known: frozenset[Known] = frozenset()  # what the experiment puts in from the truth
+
+
+def _rounds(edit: Callable[[Round], Round]) -> Change:
+    return lambda config: replace(config, schedule=tuple(edit(each) for each in config.schedule))
+
+
+def _terms(**values: Any) -> Change:
+    return _rounds(lambda each: replace(each, terms=replace(each.terms, **values)))
+
+
+def _config(**values: Any) -> Change:
+    return lambda config: replace(config, **values)
+
+
+def _half(count: int) -> list[int]:
+    return [int(i) for i in np.rint(np.linspace(0, count - 1, max((count + 1) // 2, min(count, 2))))]
+
+
+_ALL: Final = Posing(lambda count: list(range(count)))
+
+VARIANTS: Final[tuple[Variant, ...]] = (
+    Variant("default", "default", "default"),
+    Variant("no_brightness", "no brightness", "evidence", _terms(brightness_weight=0.0)),
+    Variant("no_shading", "no shading", "evidence", _terms(shading_sigma=1e-6)),
+    Variant("no_contour", "no contour", "evidence", _terms(contour_weight=0.0)),
+    Variant("no_second_look", "no second look", "evidence", _rounds(lambda each: replace(each, look=False))),
+    Variant("no_limb_search", "no limb search", "evidence", _config(doubt_m2=np.inf)),
+    Variant("no_limits", "no joint limits", "evidence", _config(limit_sigma_rad=np.inf)),
+    Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
+    Variant("no_polishing", "no polishing", "evidence", _config(polishing_sweeps=0)),
+    Variant("first", "first keyframe alone", "keyframes", posing=Posing(lambda _: [0])),
+    Variant("ends", "keyframes at the ends", "keyframes", posing=Posing(lambda count: sorted({0, count - 1}))),
+    Variant("half", "half of the keyframes", "keyframes", posing=Posing(_half)),
+    Variant("two_a_second", "two keyframes a second", "keyframes", posing=replace(_ALL, per_s=2.0)),
+    Variant("four_a_second", "four keyframes a second", "keyframes", posing=replace(_ALL, per_s=4.0)),
+    Variant("true_cameras", "true cameras", "truth", known=frozenset({"cameras"})),
+    Variant("true_masks", "true masks", "truth", known=frozenset({"masks"})),
+    Variant("true_body", "true body measures", "truth", known=frozenset({"body"})),
+    Variant("true_keyframes", "true keyframes", "truth", known=frozenset({"keyframes"})),
+    Variant("all_true", "all of these true", "truth", known=frozenset({"cameras", "masks", "body", "keyframes"})),
+)
