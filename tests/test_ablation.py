@@ -80,7 +80,7 @@ def test_the_command_leaves_a_table_metrics_and_plots(
 
 def test_keyframes_are_left_out_and_posed_besides(material: Material) -> None:
     def frames(key: str) -> list[int]:
-        return [keyframe.frame for keyframe in trial.keyframes(material, BY_KEY[key].posing, False)]
+        return [keyframe.frame for keyframe in trial.keyframes(material, BY_KEY[key])]
 
     given = [keyframe.frame for keyframe in material.sets.keyframes]
     assert frames("default") == given
@@ -90,8 +90,10 @@ def test_keyframes_are_left_out_and_posed_besides(material: Material) -> None:
 
 
 def test_a_keyframe_that_is_posed_besides_has_the_error_of_a_hand(material: Material) -> None:
-    posing = BY_KEY["four_a_second"].posing
-    by_hand, true = (trial.keyframes(material, posing, known) for known in (False, True))
+    often = BY_KEY["four_a_second"]
+    by_hand, true = (
+        trial.keyframes(material, each) for each in (often, replace(often, known=frozenset({"keyframes"})))
+    )
     for one, other in zip(by_hand, true, strict=True):
         assert one.frame == other.frame
         assert 0.0 < np.linalg.norm(one.pose.root_position_m - other.pose.root_position_m) < 0.04

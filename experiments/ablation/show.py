@@ -43,40 +43,37 @@ def metrics_of(outcomes: Sequence[Outcome]) -> list[Metric]:
     return found
 
 
-def _rows(outcomes: Sequence[Outcome]) -> list[list[str | float | None]]:
-    """A row a variant: group, label, figures, difference of the mean to the default's, CPU milliseconds."""
-    usual = outcomes[0].figures["mpjpe.mean"]
-    rows: list[list[str | float | None]] = []
-    for outcome in outcomes:
-        mean = outcome.figures["mpjpe.mean"]
-        more = None if mean is None or usual is None else mean - usual
-        figures = [outcome.figures[name] for name in FIGURES]
-        rows.append([outcome.variant.group, outcome.variant.label, *figures, more, outcome.cpu_ms])
-    return rows
+def _numbers(outcome: Outcome, usual: Outcome) -> list[float | None]:
+    """The figures, by how much the mean is more than as ``usual``, and CPU milliseconds."""
+    mean, before = outcome.figures["mpjpe.mean"], usual.figures["mpjpe.mean"]
+    more = None if mean is None or before is None else mean - before
+    return [*(outcome.figures[name] for name in FIGURES), more, outcome.cpu_ms]
 
 
 def print_budget(console: Console, title: str, outcomes: Sequence[Outcome]) -> None:
+    """A row a variant, the default first."""
     table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE, padding=(0, 1))
     table.add_column("joint errors in mm", no_wrap=True)
     for name in ("mean", "p95", "inverted", "airborne", "lost", "± mean", "CPU ms"):
         table.add_column(name, justify="right", no_wrap=True)
-    rows = _rows(outcomes)
-    for (group, label, *values), (following, *_) in zip(rows, [*rows[1:], rows[-1]], strict=True):
-        cells = ["–" if value is None else f"{value:.1f}" for value in values]
-        cells[4], cells[6] = f"{values[4]:.0f}", f"{values[6]:.0f}"
-        if values[5] is not None:
-            cells[5] = "" if group == "default" else f"{values[5]:+.1f}"
-        table.add_row(str(label), *cells, end_section=group != following)
+    forms = ("{:.1f}",) * 4 + ("{:.0f}", "{:+.1f}", "{:.0f}")
+    for outcome, following in zip(outcomes, [*outcomes[1:], outcomes[-1]], strict=True):
+        values = zip(forms, _numbers(outcome, outcomes[0]), strict=True)
+        cells = ["–" if value is None else form.format(value) for form, value in values]
+        last = outcome.variant.group != following.variant.group
+        table.add_row(outcome.variant.label, *cells, end_section=last)
     console.width = max(console.width, WIDTH)  # a wide table beats one whose figures are cut off
     console.print(table)
 
 
 def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """The table's numbers."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         names = [f"{name} [{unit}]" for name, unit in FIGURES.items()]
         writer.writerow(["group", "variant", *names, "difference of mean [mm]", "CPU [ms/frame]"])
-        writer.writerows(_rows(outcomes))
+        for outcome in outcomes:
+            writer.writerow([outcome.variant.group, outcome.variant.label, *_numbers(outcome, outcomes[0])])
 
 
 def plot_budget(path: Path, outcomes: Sequence[Outcome]) -> None:

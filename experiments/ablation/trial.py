@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.ablation.variants import Posing, Variant
+from experiments.ablation.variants import Variant
 from experiments.config import CONVERTER
 from experiments.score import body_errors, body_metrics, frames_of
 from pzcap import body, camera, foreground, pipeline, tracking
@@ -95,7 +95,7 @@ def attempt(
     return Outcome(
         variant,
         {metric.key.removeprefix("body."): metric.value for metric in found},
-        len(motion.keyframes) / _duration_s(material),
+        len(motion.keyframes) * float(material.capture.frame_rate) / len(material.sets),
         1000.0 * seconds / len(material.sets),
     )
 
@@ -104,7 +104,7 @@ def follow(
     material: Material, variant: Variant, config: pipeline.Config, report: Callable[[str, int, int], None]
 ) -> tuple[Motion, float]:
     """The motion under ``variant``, and the tracker's CPU seconds."""
-    keys = keyframes(material, variant.posing, "keyframes" in variant.known)
+    keys = keyframes(material, variant)
     subject = material.subject
     if "body" in variant.known:
         subject = Subject(material.truth.measurements_m, SURE_SIGMA_M)
@@ -122,16 +122,18 @@ def follow(
     return tracking.collect(tracked, keys), seconds + time.thread_time() - started
 
 
-def keyframes(material: Material, posing: Posing, true: bool) -> list[Keyframe]:
-    """Those of the capture that are chosen, and as many more as are posed besides, by a hand as good as the crew's."""
-    truth, given = material.truth, material.sets.keyframes
-    keys = {given[i].frame: given[i].pose for i in posing.choose(len(given))}
-    crew = CONVERTER.structure(json.loads(truth.config)["crew"], CrewConfig)
-    crew, hand = replace(crew, keyframes_per_s=posing.per_s), stream(SEED, "more keyframes")
-    if posing.per_s:
-        for frame in keyframe_indices(len(material.sets), float(material.capture.frame_rate), crew):
-            keys.setdefault(frame, pose_by_hand(_true_pose(material, frame), crew, hand))
-    return [Keyframe(frame, _true_pose(material, frame) if true else keys[frame]) for frame in sorted(keys)]
+def keyframes(material: Material, variant: Variant) -> list[Keyframe]:
+    """Those of the capture that are chosen, and those posed besides by a hand as good as the crew's; where they are
+    known, the true poses in the same frames."""
+    given, crew = material.sets.keyframes, CONVERTER.structure(json.loads(material.truth.config)["crew"], CrewConfig)
+    poses = {given[i].frame: given[i].pose for i in variant.chosen(len(given))}
+    if variant.posed_per_s:
+        often, hand = replace(crew, keyframes_per_s=variant.posed_per_s), stream(SEED, "more keyframes")
+        for frame in keyframe_indices(len(material.sets), float(material.capture.frame_rate), often):
+            poses.setdefault(frame, pose_by_hand(_true_pose(material, frame), crew, hand))
+    if "keyframes" in variant.known:
+        poses = {frame: _true_pose(material, frame) for frame in poses}
+    return [Keyframe(frame, poses[frame]) for frame in sorted(poses)]
 
 
 def _view(
@@ -172,7 +174,3 @@ def true_silhouette(image: Image, mask: Mask) -> Silhouette:
 def _true_pose(material: Material, frame: int) -> Pose:
     at = material.true_frames[frame]
     return Pose(material.truth.root_position_m[at], material.truth.rotations[at])
-
-
-def _duration_s(material: Material) -> float:
-    return max(len(material.sets) - 1, 1) / float(material.capture.frame_rate)

@@ -16,12 +16,13 @@ Group = Literal["default", "evidence", "keyframes", "truth"]
 Change = Callable[[TrackingConfig], TrackingConfig]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Posing:
-    """Which frames are keyframes: a choice of those that the capture has, or some more, posed at a rate."""
+def _all(count: int) -> list[int]:
+    return list(range(count))
 
-    choose: Callable[[int], list[int]]  # of how many there are, which
-    per_s: float = 0.0  # posed besides
+
+def _half(count: int) -> list[int]:
+    """Evenly spaced, with both ends."""
+    return [int(i) for i in np.rint(np.linspace(0, count - 1, max((count + 1) // 2, min(count, 2))))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +31,8 @@ class Variant:
     label: str
     group: Group
     change: Change = lambda config: config
-    posing: Posing = Posing(lambda count: list(range(count)))
+    chosen: Callable[[int], list[int]] = _all  # which keyframes are used, of how many the capture has
+    posed_per_s: float = 0.0  # keyframes that the experiment poses besides
     known: frozenset[Known] = frozenset()  # what the experiment puts in from the truth
 
 
@@ -46,12 +48,6 @@ def _config(**values: Any) -> Change:
     return lambda config: replace(config, **values)
 
 
-def _half(count: int) -> list[int]:
-    return [int(i) for i in np.rint(np.linspace(0, count - 1, max((count + 1) // 2, min(count, 2))))]
-
-
-_ALL: Final = Posing(lambda count: list(range(count)))
-
 VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("default", "default", "default"),
     Variant("no_brightness", "no brightness", "evidence", _terms(brightness_weight=0.0)),
@@ -62,14 +58,15 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("no_limits", "no joint limits", "evidence", _config(limit_sigma_rad=np.inf)),
     Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
     Variant("no_polishing", "no polishing", "evidence", _config(polishing_sweeps=0)),
-    Variant("first", "first keyframe alone", "keyframes", posing=Posing(lambda _: [0])),
-    Variant("ends", "keyframes at the ends", "keyframes", posing=Posing(lambda count: sorted({0, count - 1}))),
-    Variant("half", "half of the keyframes", "keyframes", posing=Posing(_half)),
-    Variant("two_a_second", "two keyframes a second", "keyframes", posing=replace(_ALL, per_s=2.0)),
-    Variant("four_a_second", "four keyframes a second", "keyframes", posing=replace(_ALL, per_s=4.0)),
+    Variant("first", "first keyframe alone", "keyframes", chosen=lambda _: [0]),
+    Variant("ends", "keyframes at the ends", "keyframes", chosen=lambda count: sorted({0, count - 1})),
+    Variant("half", "half of the keyframes", "keyframes", chosen=_half),
+    Variant("two_a_second", "two keyframes a second", "keyframes", posed_per_s=2.0),
+    Variant("four_a_second", "four keyframes a second", "keyframes", posed_per_s=4.0),
     Variant("true_cameras", "true cameras", "truth", known=frozenset({"cameras"})),
     Variant("true_masks", "true masks", "truth", known=frozenset({"masks"})),
     Variant("true_body", "true body measures", "truth", known=frozenset({"body"})),
     Variant("true_keyframes", "true keyframes", "truth", known=frozenset({"keyframes"})),
     Variant("all_true", "all of these true", "truth", known=frozenset({"cameras", "masks", "body", "keyframes"})),
 )
+"""The default comes first: the others are compared with it."""
