@@ -62,9 +62,8 @@ class TrackingConfig:
     foreground: ForegroundConfig = field(default_factory=ForegroundConfig)
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
     start_widening: float = 4.0  # of a prediction's sigma while the velocity is not known
-    shape_weight: float = (
-        0.012  # of a frame's contour, on the body's shape: the next frame errs alike; 0: not corrected
-    )
+    # of a frame's contour, on the body's shape: the next frame errs alike; 0: the body stays as the tape has it
+    shape_weight: float = 0.012
     # what the motion accelerates by, a frame squared
     acceleration_position_sigma_m: float = 0.01
     acceleration_rotation_sigma_rad: float = 0.05
