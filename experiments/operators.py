@@ -50,6 +50,7 @@ SCORED: Final = {
     "panzoom.focal.rms": "focal %",
 }  # fmt: skip
 """Figures of a run that are compared, and what the table calls them."""
+WIDTH: Final = 96  # columns of text that the table takes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,6 +113,7 @@ def print_comparison(console: Console, title: str, metrics: Sequence[Metric]) ->
     for moves, name in NAMES.items():
         keys = ("body.height", "body.cut", *SCORED)
         table.add_row(name, *(format_value(by_key[f"operators.{moves}.{key}"]) for key in keys))
+    console.width = max(console.width, WIDTH)  # a wide table beats one whose figures are cut off
     console.print(table)
 
 
