@@ -17,7 +17,7 @@ from experiments import bound
 from experiments.metrics import Direction, Metric
 from experiments.silhouettes import ForegroundErrors, Series
 from pzcap import camera as camera_model
-from pzcap.types import PARENTS, Array, Mask, Panorama, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
+from pzcap.types import PARENTS, Array, Mask, Motion, Panorama, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
 from sim.truth import Truth
 
 LOST_M: Final = 0.1
@@ -95,7 +95,9 @@ def score(
         cameras.append(_with_bound(errors, least[number], known))
         found = np.zeros(len(frames), bool) if track is None else track.valid
         lost += int(np.sum(truth.recorded[true, frames] & known & ~found))  # a frame that was dropped is nobody's loss
-    return Score(frames, tuple(cameras), foreground, _body_errors(reconstruction, truth, frames), lost)
+    motion = reconstruction.motion
+    body = None if motion is None else body_errors(motion, truth, frames)
+    return Score(frames, tuple(cameras), foreground, body, lost)
 
 
 def frames_of(truth: Truth, reconstruction: Reconstruction) -> tuple[NDArray[np.int64], Mask]:
@@ -230,10 +232,8 @@ def _reprojection(
 # The body
 
 
-def _body_errors(reconstruction: Reconstruction, truth: Truth, frames: NDArray[np.int64]) -> BodyErrors | None:
-    motion = reconstruction.motion
-    if motion is None:
-        return None
+def body_errors(motion: Motion, truth: Truth, frames: NDArray[np.int64]) -> BodyErrors:
+    """Compare a motion with the truth, whose frames (F,) are those of `frames_of`."""
     true = truth.joints_m[frames]
     keyframe = np.zeros(len(frames), bool)
     keyframe[motion.keyframes] = True
@@ -289,10 +289,11 @@ def metrics(result: Score) -> list[Metric]:
         _metric("foreground.outline", _mean(_joined([view.outline_px for view in views])), "px"),
         _metric("foreground.shadow", _mean(100.0 * _joined([view.shadow for view in views])), "%"),
     ]
-    return found + _body_metrics(result.body)
+    return found + body_metrics(result.body)
 
 
-def _body_metrics(body: BodyErrors | None) -> list[Metric]:
+def body_metrics(body: BodyErrors | None) -> list[Metric]:
+    """The metrics of the body; None, all of them, where nobody was tracked."""
     if body is None:
         none = np.zeros((0, 16))
         scored = inverted = airborne = none

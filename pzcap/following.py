@@ -60,7 +60,8 @@ class TrackingConfig:
     step_tolerance: float = 1e-3  # metres, radians: a smaller step ends a round
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
     start_widening: float = 4.0  # of a prediction's sigma while the velocity is not known
-    shape_weight: float = 0.012  # of a frame's contour, on the body's shape: the next frame errs alike
+    # of a frame's contour, on the body's shape: the next frame errs alike; 0: the body stays as the tape has it
+    shape_weight: float = 0.012
     # what the motion accelerates by, a frame squared
     acceleration_position_sigma_m: float = 0.01
     acceleration_rotation_sigma_rad: float = 0.05

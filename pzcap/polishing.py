@@ -62,6 +62,8 @@ def _add(
     body: Body, shape: ShapeEstimate, pose: Pose, cuts: Sequence[Cut | None], config: TrackingConfig, prior: Array,
     pull: Array,
 ) -> None:  # fmt: skip
+    if not config.shape_weight:
+        return
     evidence = Evidence(body, cuts)
     rows = evidence.contour(pose, evidence.visibility(pose), config.schedule[-1].terms)
     if len(rows.segment):

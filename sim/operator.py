@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -21,6 +21,7 @@ _TILT_SMOOTHING_S = 0.3  # nobody follows every jump with the tilt
 class OperatorConfig:
     """How steady the hands are and how the picture is framed."""
 
+    moves: Literal["pan_zoom", "pan", "none"] = "pan_zoom"  # pan: zoomed once, for all of it; none: locked
     reaction_s: float = 0.15  # what is seen is acted upon this much later
     bandwidth_hz: float = 0.9  # of the hand on the pan bar, a mass on a spring
     damping: float = 0.55  # of the same; below 1 it overshoots
@@ -64,15 +65,21 @@ def follow(rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rn
     times_s: (T,) evenly spaced. points_m: (T, N, 3) points that span the body, world.
     """
     time = np.arange(times_s[0] - _SETTLE_S, times_s[-1] + 1.0, 1 / _RATE_HZ)
+    limits_px = rig.reference_focal_px * np.array([rig.config.zoom_min, rig.config.zoom_max])
     target_rad, wanted_px = _sight(rig, points_m, config)
+    if config.moves != "pan_zoom":
+        wanted_px = np.full_like(wanted_px, wanted_px.min())
+    if config.moves == "none":
+        pan_rad, longest_px = _whole_way(rig, points_m)
+        focal_px = np.clip(min(longest_px, wanted_px[0]), *limits_px)
+        return through(time[[0, -1]], np.full(2, pan_rad), np.full(2, focal_px))
     target_rad = np.interp(time, times_s, target_rad)
     log_focal = np.interp(time, times_s, np.log(wanted_px))
     # Who films a routine knows it, and opens the lens before it is needed.
     samples = config.zoom_smoothing_s * _RATE_HZ
     log_focal = gaussian_filter1d(minimum_filter1d(log_focal, max(1, round(2 * samples)), mode="nearest"), samples)
-    limits = np.log(rig.reference_focal_px * np.array([rig.config.zoom_min, rig.config.zoom_max]))
     pan = _chase(target_rad, config) + _tremor(len(time), config, rng)
-    return Hands(CubicSpline(time, pan), CubicSpline(time, np.clip(log_focal, *limits)))
+    return Hands(CubicSpline(time, pan), CubicSpline(time, np.clip(log_focal, *np.log(limits_px))))
 
 
 def swinging(hands: Hands, config: OperatorConfig, rng: np.random.Generator) -> Hands:
@@ -142,6 +149,15 @@ def _sight(rig: Rig, points_m: Array, config: OperatorConfig) -> tuple[Array, Ar
     aside = np.tan(np.minimum((left - right) / 2 + np.deg2rad(2.0), 1.2))
     focal = np.minimum(focal, 0.47 * rig.height / beyond)
     return centre, np.minimum(focal, 0.45 * rig.width / aside)
+
+
+def _whole_way(rig: Rig, points_m: Array) -> tuple[float, float]:
+    """Pan (rad) of a locked camera that has all of the body's way in view, and its longest focal length (px)."""
+    head = _in_head(rig, points_m)
+    azimuth = np.unwrap(np.unwrap(np.arctan2(head[..., 1], head[..., 0]), axis=0), axis=1)
+    centre, half = (azimuth.max() + azimuth.min()) / 2, np.ptp(azimuth) / 2
+    beyond = (np.abs(np.tan(_elevation(rig, head))) / np.cos(azimuth - centre)).max()
+    return float(centre), float(min(0.47 * rig.height / beyond, 0.45 * rig.width / np.tan(half + np.deg2rad(2.0))))
 
 
 def _in_head(rig: Rig, points_m: Array) -> Array:

@@ -16,7 +16,10 @@ from sim.motion._kinematics import CHAINS, DOF, Frames, exp
 from sim.motion._normal import NormalEquations
 
 RATE = 240
-CASES = [("floor_exercise", 0), ("floor_exercise", 7), ("pedestrian", 0), ("pedestrian", 5)]
+CASES = [
+    ("floor_exercise", 0), ("floor_exercise", 7), ("pedestrian", 0), ("pedestrian", 5), ("full_turn_jump", 0),
+    ("full_turn_jump", 3), ("crouching_turn", 0), ("crouching_turn", 6),
+]  # fmt: skip
 
 
 class Watched:
@@ -143,6 +146,47 @@ def test_pedestrian_walks_from_near_camera_3_to_near_camera_2() -> None:
         assert not watched.contacts[:, :2].any()
 
 
+def _turned(watched: Watched) -> Array:
+    """How far (T,) rad the line through the hips has turned to the left since the start."""
+    across = watched.joints[:, JOINTS.index("left_hip"), :2] - watched.joints[:, JOINTS.index("right_hip"), :2]
+    azimuth = np.unwrap(np.arctan2(across[:, 1], across[:, 0]))
+    return azimuth - azimuth[0]
+
+
+def test_the_jump_turns_once_and_most_of_that_in_the_air_with_the_arms_in() -> None:
+    for seed in (0, 3):
+        watched = watch("full_turn_jump", seed)
+        turned, flight = _turned(watched), np.flatnonzero(watched.airborne)
+        assert abs(turned[-1] - 2 * np.pi) < 0.2
+        assert np.array_equal(flight, np.arange(flight[0], flight[-1] + 1)), "one flight"
+        assert 0.5 < len(flight) / RATE < 0.65
+        assert turned[flight[-1]] - turned[flight[0]] > 1.5 * np.pi
+        assert np.ptp(watched.centre[flight, 2]) > 0.3
+        middle = flight[len(flight) // 2]
+        for side in ("left", "right"):
+            wrist = watched.joints[middle, JOINTS.index(f"{side}_wrist")]
+            assert np.linalg.norm((wrist - watched.centre[middle])[:2]) < 0.32, side
+        assert not watched.contacts[:, :2].any()
+
+
+def test_the_crouching_turn_goes_down_round_with_the_arms_wrapped_and_up_again() -> None:
+    for seed in (0, 6):
+        watched = watch("crouching_turn", seed)
+        turned, height = _turned(watched), watched.joints[:, 0, 2] / watched.joints[0, 0, 2]
+        assert abs(turned[-1] - 2 * np.pi) < 0.2
+        crouched = (turned > 0.3) & (turned < 2 * np.pi - 0.3)
+        assert height[crouched].max() < 0.65
+        assert height[-1] > 0.97
+        for side, other in (("left", "right"), ("right", "left")):
+            wrist = watched.joints[:, JOINTS.index(f"{side}_wrist")]
+            near, far = (watched.joints[:, JOINTS.index(f"{name}_elbow")] for name in (side, other))
+            assert np.all(
+                np.linalg.norm(wrist - far, axis=1)[crouched] < np.linalg.norm(near - far, axis=1)[crouched]
+            ), "the forearm crosses the trunk"
+        assert not watched.airborne.any()
+        assert not watched.contacts[:, :2].any()
+
+
 def test_joint_limits_hold(watched: Watched) -> None:
     vectors = watched.local.as_rotvec().reshape(-1, 16, 3)
     for s, name in enumerate(SEGMENTS[1:], start=1):
@@ -182,7 +226,7 @@ def test_the_same_seed_gives_the_same_motion() -> None:
 def test_an_unknown_motion_names_the_nearest() -> None:
     with pytest.raises(PzcapError, match=r"'floor_exercize'.*floor_exercise"):
         motion.make("floor_exercize", {}, np.random.default_rng(0))
-    assert set(motion.names()) >= {"floor_exercise", "pedestrian"}
+    assert set(motion.names()) >= {"floor_exercise", "pedestrian", "full_turn_jump", "crouching_turn"}
 
 
 def test_a_motion_is_a_file(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -48,6 +49,24 @@ def test_the_body_stays_in_the_picture(speed_m_s: float, camera: int) -> None:
     seen = pixels(rig, follow(rig, TIMES_S, points_m, CONFIG, np.random.default_rng(0)), points_m)
     assert ((seen > 0) & (seen < [640, 480])).all(axis=2).mean() > 0.995
     assert np.abs(seen.mean(axis=1)[:, 0] - 320).mean() < 60
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+def test_who_does_not_zoom_or_stays_away_frames_all_of_the_way(camera: int) -> None:
+    """The body is in the picture all the same, and the smaller for it."""
+    rig = build_rig(camera, 640, 480, OpticsConfig(zoom_min=0.4), np.random.default_rng(camera))
+    points_m, height_px = body(run(4.0)), []
+    moves: tuple[Literal["pan_zoom", "pan", "none"], ...] = ("pan_zoom", "pan", "none")
+    for each in moves:
+        hands = follow(rig, TIMES_S, points_m, replace(CONFIG, moves=each), np.random.default_rng(0))
+        aims = np.array([hands.at(t)[:2] for t in TIMES_S.tolist()])
+        assert (np.ptp(aims[:, 0]) < 1e-9) == (each == "none")
+        assert (np.ptp(aims[:, 1]) < 1e-6) == (each != "pan_zoom")
+        seen = pixels(rig, hands, points_m)
+        assert ((seen > 0) & (seen < [640, 480])).all(axis=2).mean() > 0.995
+        height_px.append(float(np.median(np.ptp(seen[..., 1], axis=1))))
+    assert height_px[0] > 0.99 * height_px[1] > 0.98 * height_px[2]
+    assert height_px[0] > 1.3 * height_px[2]
 
 
 def test_a_standing_body_has_the_height_asked_for() -> None:

@@ -48,6 +48,12 @@ def interpolate(keys: Sequence[tuple[float, Keys]], times_s: Array) -> dict[str,
     return out
 
 
+def curve(keys: Sequence[tuple[float, float]], times_s: Array) -> Array:
+    """Join (time, value) keys: (T,); monotone between them, and constant before the first and after the last."""
+    at, values = np.array(keys, dtype=float).T
+    return np.asarray(PchipInterpolator(at, values)(np.clip(times_s, at[0], at[-1])))
+
+
 def joint_rotations(channels: Mapping[str, Array], pelvis: Array) -> Array:
     """Return rotations (T, 16, 3, 3), parent from segment, of channels and the pelvis's own (T, 3, 3)."""
     count = len(pelvis)

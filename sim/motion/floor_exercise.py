@@ -6,15 +6,12 @@ flight ballistic and feet and hands stand still; then the whole is turned onto a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from pzcap.types import Array
-from sim.motion._authoring import Keys, interpolate, joint_rotations
+from sim.motion._authoring import Keys, curve, interpolate, joint_rotations
 from sim.motion._clip import MotionClip
 from sim.motion._fit import Contact, fit, knots
 
@@ -142,18 +139,14 @@ def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip
     """Tumble from one corner of the carpet towards the opposite one; corner, line and start vary with ``rng``."""
     times = knots(FRAMES)
 
-    def curve(keys: Sequence[tuple[float, float]]) -> Array:
-        at, values = np.array(keys, dtype=float).T
-        return PchipInterpolator(at, values)(np.clip(times, at[0], at[-1]))
-
     heading = 45.0 + 90.0 * float(rng.integers(4)) + float(rng.normal(0.0, 1.5))
     direction = np.array([np.cos(np.radians(heading)), np.sin(np.radians(heading))])
     middle = rng.normal(0.0, 0.15, 2)
-    angles = np.stack([np.full_like(times, heading), curve(_TUMBLE), curve(_TWIST)], axis=1)
+    angles = np.stack([np.full_like(times, heading), curve(_TUMBLE, times), curve(_TWIST, times)], axis=1)
     pelvis = Rotation.from_euler("ZYZ", angles, degrees=True).as_matrix()
     rotations = joint_rotations(interpolate([*_running_keys(), *_KEYS], times), pelvis)
     hip_height = measurements["thigh"] + measurements["shank"] + measurements["ankle_height"]
-    travel = curve(_TRAVEL) * hip_height / 0.9
+    travel = curve(_TRAVEL, times) * hip_height / 0.9
     path = middle + (travel - travel[-1] / 2)[:, None] * direction
-    roots = np.concatenate([path, (curve(_HEIGHT) * hip_height)[:, None]], axis=1)
+    roots = np.concatenate([path, (curve(_HEIGHT, times) * hip_height)[:, None]], axis=1)
     return fit(measurements, FRAMES, roots, rotations, [*_running_contacts(), *_CONTACTS], (0.15, 0.15, 0.15))

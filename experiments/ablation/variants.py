@@ -1,0 +1,72 @@
+"""What is changed, one thing at a time: a list of named variants of the tracker and of what it is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from pzcap.following import Round
+from pzcap.tracking import TrackingConfig
+
+Known = Literal["cameras", "masks", "body", "keyframes"]
+Group = Literal["default", "evidence", "keyframes", "truth"]
+Change = Callable[[TrackingConfig], TrackingConfig]
+
+
+def _all(count: int) -> list[int]:
+    return list(range(count))
+
+
+def _half(count: int) -> list[int]:
+    """Evenly spaced, with both ends."""
+    return [int(i) for i in np.rint(np.linspace(0, count - 1, max((count + 1) // 2, min(count, 2))))]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variant:
+    key: str  # in metrics
+    label: str
+    group: Group
+    change: Change = lambda config: config
+    chosen: Callable[[int], list[int]] = _all  # which keyframes are used, of how many the capture has
+    posed_per_s: float = 0.0  # keyframes that the experiment poses besides
+    known: frozenset[Known] = frozenset()  # what the experiment puts in from the truth
+
+
+def _rounds(edit: Callable[[Round], Round]) -> Change:
+    return lambda config: replace(config, schedule=tuple(edit(each) for each in config.schedule))
+
+
+def _terms(**values: Any) -> Change:
+    return _rounds(lambda each: replace(each, terms=replace(each.terms, **values)))
+
+
+def _config(**values: Any) -> Change:
+    return lambda config: replace(config, **values)
+
+
+VARIANTS: Final[tuple[Variant, ...]] = (
+    Variant("default", "default", "default"),
+    Variant("no_brightness", "no brightness", "evidence", _terms(brightness_weight=0.0)),
+    Variant("no_shading", "no shading", "evidence", _terms(shading_sigma=1e-6)),
+    Variant("no_contour", "no contour", "evidence", _terms(contour_weight=0.0)),
+    Variant("no_second_look", "no second look", "evidence", _rounds(lambda each: replace(each, look=False))),
+    Variant("no_limb_search", "no limb search", "evidence", _config(doubt_m2=np.inf)),
+    Variant("no_limits", "no joint limits", "evidence", _config(limit_sigma_rad=np.inf)),
+    Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
+    Variant("no_polishing", "no polishing", "evidence", _config(polishing_sweeps=0)),
+    Variant("first", "first keyframe alone", "keyframes", chosen=lambda _: [0]),
+    Variant("ends", "keyframes at the ends", "keyframes", chosen=lambda count: sorted({0, count - 1})),
+    Variant("half", "half of the keyframes", "keyframes", chosen=_half),
+    Variant("two_a_second", "two keyframes a second", "keyframes", posed_per_s=2.0),
+    Variant("four_a_second", "four keyframes a second", "keyframes", posed_per_s=4.0),
+    Variant("true_cameras", "true cameras", "truth", known=frozenset({"cameras"})),
+    Variant("true_masks", "true masks", "truth", known=frozenset({"masks"})),
+    Variant("true_body", "true body measures", "truth", known=frozenset({"body"})),
+    Variant("true_keyframes", "true keyframes", "truth", known=frozenset({"keyframes"})),
+    Variant("all_true", "all of these true", "truth", known=frozenset({"cameras", "masks", "body", "keyframes"})),
+)
+"""The default comes first: the others are compared with it."""
