@@ -20,11 +20,11 @@ from experiments.config import CONVERTER
 from experiments.score import body_errors, body_metrics, frames_of
 from pzcap import body, camera, foreground, pipeline, tracking
 from pzcap.capture import FrameSets, frame_sets
+from pzcap.keypoints import NOBODY
 from pzcap.types import (
     Camera,
     Capture,
     FrameSet,
-    Image,
     Keyframe,
     Localisation,
     Mask,
@@ -41,6 +41,7 @@ from sim.truth import Truth
 
 SURE_SIGMA_M: Final = 0.0005
 """Of a true length: what `sim.crew.measure` claims of a tape that does not err."""
+SURE: Final = 8.0  # log-odds of a true mask
 SEED: Final = 0  # of keyframes that the crew did not pose
 
 
@@ -112,7 +113,7 @@ def follow(
     tracked: list[tracking.Tracked] = []
     seconds = 0.0
     for frames in material.sets:
-        views = tuple(_view(material, frames, number, variant, config) for number in range(len(frames.images)))
+        views = tuple(_view(material, frames, number, variant, config, tracker) for number in range(len(frames.images)))
         started = time.thread_time()
         tracked += tracker.push(tracking.TrackInput(frames.index, views))
         seconds += time.thread_time() - started
@@ -137,7 +138,12 @@ def keyframes(material: Material, variant: Variant) -> list[Keyframe]:
 
 
 def _view(
-    material: Material, frames: FrameSet, number: int, variant: Variant, config: pipeline.Config
+    material: Material,
+    frames: FrameSet,
+    number: int,
+    variant: Variant,
+    config: pipeline.Config,
+    tracker: tracking.Tracker,
 ) -> tracking.View | None:
     """What the tracker is given of one camera, as `pzcap.pipeline` has it but for what the ``variant`` knows."""
     found, truth = material.found, material.truth
@@ -148,13 +154,15 @@ def _view(
     here = truth.camera_names.index(found.camera_names[number]), int(material.true_frames[frame])
     aim = float(track.pan_rad[frame]), float(track.tilt_rad[frame]), float(track.focal_px[frame])
     if "masks" in variant.known:
-        silhouette = true_silhouette(image, truth.mask(*here))
+        silhouette = true_silhouette(truth.mask(*here))
     else:
         none = np.empty((0, 2))
         located = Localisation(*aim, track.covariance[frame], True, none, none)
-        silhouette = foreground.separate(image, panorama, head, located, config.foreground)
+        expected = tracker.expect(frame, camera.at(head, *aim)) if variant.expected else None
+        silhouette = foreground.separate(image, panorama, head, located, config.foreground, expected)
     seen = true_camera(truth, *here) if "cameras" in variant.known else camera.at(head, *aim)
-    return tracking.View(image, seen, silhouette)
+    people = frames.keypoints[number] if frames.keypoints else NOBODY
+    return tracking.View(image, seen, silhouette, people)
 
 
 def true_camera(truth: Truth, number: int, frame: int) -> Camera:
@@ -164,11 +172,13 @@ def true_camera(truth: Truth, number: int, frame: int) -> Camera:
     )  # fmt: skip
 
 
-def true_silhouette(image: Image, mask: Mask) -> Silhouette:
-    """The true ``mask`` (H, W) as a silhouette, before a hall that shows it: whatever is cut out of this ``image``
-    (H, W, 3) again, by its colours, is the mask once more."""
-    hall = np.where(mask[:, :, None], image + np.uint8(128), image)  # differs from the athlete by 128 of 256 everywhere
-    return Silhouette(np.where(mask, np.uint8(255), np.uint8(0)), hall, True)
+def true_silhouette(mask: Mask) -> Silhouette:
+    """The true ``mask`` (H, W) as a silhouette that is sure of it; the hall behind it is nothing to the tracker."""
+    height, width = mask.shape
+    evidence = np.where(mask[: height // 2 * 2 : 2, : width // 2 * 2 : 2], np.float32(SURE), np.float32(-SURE))
+    return Silhouette(
+        np.where(mask, np.uint8(255), np.uint8(0)), np.zeros((height, width, 3), np.uint8), evidence, True
+    )
 
 
 def _true_pose(material: Material, frame: int) -> Pose:

@@ -8,7 +8,6 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from pzcap.following import Round
 from pzcap.tracking import TrackingConfig
 
 Known = Literal["cameras", "masks", "body", "keyframes"]
@@ -33,15 +32,16 @@ class Variant:
     change: Change = lambda config: config
     chosen: Callable[[int], list[int]] = _all  # which keyframes are used, of how many the capture has
     posed_per_s: float = 0.0  # keyframes that the experiment poses besides
+    expected: bool = True  # whether the silhouettes are cut knowing where the tracker expects the body
     known: frozenset[Known] = frozenset()  # what the experiment puts in from the truth
 
 
-def _rounds(edit: Callable[[Round], Round]) -> Change:
-    return lambda config: replace(config, schedule=tuple(edit(each) for each in config.schedule))
-
-
 def _terms(**values: Any) -> Change:
-    return _rounds(lambda each: replace(each, terms=replace(each.terms, **values)))
+    def change(config: TrackingConfig) -> TrackingConfig:
+        rounds = (replace(each, terms=replace(each.terms, **values)) for each in config.schedule)
+        return replace(config, schedule=tuple(rounds))
+
+    return change
 
 
 def _config(**values: Any) -> Change:
@@ -53,7 +53,7 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("no_brightness", "no brightness", "evidence", _terms(brightness_weight=0.0)),
     Variant("no_shading", "no shading", "evidence", _terms(shading_sigma=1e-6)),
     Variant("no_contour", "no contour", "evidence", _terms(contour_weight=0.0)),
-    Variant("no_second_look", "no second look", "evidence", _rounds(lambda each: replace(each, look=False))),
+    Variant("no_expectation", "body not expected", "evidence", expected=False),
     Variant("no_limb_search", "no limb search", "evidence", _config(doubt_m2=np.inf)),
     Variant("no_limits", "no joint limits", "evidence", _config(limit_sigma_rad=np.inf)),
     Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
