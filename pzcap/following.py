@@ -96,14 +96,15 @@ class Follower:
         self.pose, self.velocity, self.age = pose, velocity, 0
         self._known = velocity != 0.0  # of each degree of freedom, whether the velocity is
         self._limbs = LimbSearch(body)
-        self._loose = np.zeros(len(LIMBS))  # what is usual, square metres
         points = len(body.surface.points_m)
         self.appearances = [Appearance.unseen(points) for _ in cuts]
         sigma = np.full(DOF, config.prediction_rotation_sigma_rad)
         sigma[:3] = config.prediction_position_sigma_m
         self._sigma = sigma
         evidence = Evidence(body, cuts)
-        evidence.learn(evidence.visibility(pose), self.appearances, 1.0)
+        placed = evidence.visibility(pose)
+        evidence.learn(placed, self.appearances, 1.0)
+        self._loose = self._limbs.loose(pose, evidence.grounds(placed))  # what is usual, square metres
 
     def predict(self) -> Pose:
         return retract(self.pose, self.velocity)

@@ -23,6 +23,7 @@ AGREE_M: Final = 0.05
 _LEAP_M: Final = 0.04  # what a joint's motion may change by in a frame
 _WORST_LEAP: Final = 10.0  # of the squares of that: a limb found again leaps once
 _BESIDE: Final = 3  # frames around a leap that may be wrong with it
+_NEARER: Final = 2.0  # what a pass is worth beside its own keyframe: where nothing tells, the leap is in the middle
 _SUPPORT_M2: Final = 0.01  # silhouette that weighs as much as a leap
 
 
@@ -36,6 +37,8 @@ def merge(
     joints = np.array([
         [_joints(body, pose) for pose in (before, *(step.pose for step in steps), after)] for steps in (ahead, back)
     ])  # (2, T + 2, 16, 3)  # fmt: skip
+    way = np.arange(1, len(ahead) + 1) / (len(ahead) + 1)
+    nearer = _NEARER * np.stack([1.0 - way, way])
     apart = np.linalg.norm(joints[0, 1:-1] - joints[1, 1:-1], axis=-1)
     doubt = np.zeros(apart.shape)
     for limb, members in enumerate(LIMBS):
@@ -44,7 +47,7 @@ def merge(
         doubt[:, list(members)] = np.where(disagree[:, None], apart[:, list(members)], 0.0)
         if not disagree.any():
             continue
-        gain = (support[:, :, limb, 0] - support[:, :, limb, 1]) / _SUPPORT_M2
+        gain = (support[:, :, limb, 0] - support[:, :, limb, 1]) / _SUPPORT_M2 + nearer
         choice = _smoothest(joints[:, :, list(members[1:])], gain)
         for frame in np.flatnonzero(disagree):
             share[frame, list(members)] = choice[frame]
