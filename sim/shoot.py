@@ -47,10 +47,10 @@ _SCENE_POINTS: Final = 600  # rays cast for each camera
 
 @dataclass(frozen=True, slots=True)
 class ShootConfig:
-    """All that decides what a capture looks like. The same config gives the same bytes."""
+    """All that decides what a capture looks like. The same config, and files that it names, give the same bytes."""
 
     seed: int = 0
-    motion: str = "floor_exercise"  # a module of sim.motion
+    motion: str = "floor_exercise"  # a module of sim.motion, or a BVH file
     motion_frames: int = 0  # film only so many from the start; 0: the whole motion
     width: int = 640
     height: int = 480
@@ -114,13 +114,14 @@ class Progress(NamedTuple):
 
 
 def shoot_cached(config: ShootConfig, root: Path) -> Generator[Progress, None, Path]:
-    """Shoot into a folder of ``root`` named by the config's hash, or find it there; return the folder.
+    """Shoot into a folder of ``root`` named by a hash of config and files, or find it there; return the folder.
 
     A shoot that was killed leaves only a temporary folder behind, which is never used.
-    Raises PzcapError if the disk is full, GL is missing, or the motion is unknown.
+    Raises PzcapError if the disk is full, GL is missing, the motion is unknown, or a file cannot be used.
     """
-    canonical = json.dumps([VERSION, _departures(asdict(config), asdict(ShootConfig()))], sort_keys=True)
-    name = f"{config.motion}-{config.seed}-{hashlib.sha256(canonical.encode()).hexdigest()[:12]}"
+    departures = _departures(asdict(config), asdict(ShootConfig()))
+    canonical = json.dumps([VERSION, departures, *_hashes(_own_files(config))], sort_keys=True)
+    name = f"{motion.title(config.motion)}-{config.seed}-{hashlib.sha256(canonical.encode()).hexdigest()[:12]}"
     folder = root / name
     if (folder / _COMPLETE).is_file():
         return folder
@@ -145,6 +146,20 @@ def _departures(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, A
         for key, value in values.items()
         if value != defaults[key]
     }
+
+
+def _own_files(config: ShootConfig) -> list[Path]:
+    """The user's own files that a capture is made of."""
+    acted = motion.file_of(config.motion)
+    return [acted] if acted else []
+
+
+def _hashes(paths: list[Path]) -> list[str]:
+    """Of what stands in the files, so that a capture of what stood there before is not taken for one of them."""
+    try:
+        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths]
+    except OSError as error:
+        raise PzcapError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
 
 def shoot(config: ShootConfig, folder: Path) -> Iterator[Progress]:
@@ -296,7 +311,7 @@ def _write_papers(crew: Crew, folder: Path, filmed: _Filmed) -> None:
     write_capture(
         Capture(
             folder=folder,
-            name=f"{config.motion}, seed {config.seed}",
+            name=f"{motion.title(config.motion)}, seed {config.seed}",
             frame_rate=Fraction(config.frame_rate),
             cameras=tuple(CameraFiles(*files) for files in crew.files),
             calibration_object=gym.calibration_object(),

@@ -1,0 +1,85 @@
+"""Shoots of a user's own: motion from a BVH file, hands from a table, pictures on the walls."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pzcap.types import PzcapError
+from sim import motion
+from sim import shoot as shooting
+from sim.anthropometry import draw_measurements
+from sim.shoot import VERSION, Progress, ShootConfig, shoot, shoot_cached
+from sim.truth import Truth, load
+from tests.bvh_files import Style, t_pose, write_bvh
+from tests.test_shoot import TINY
+
+
+@pytest.fixture
+def bvh(tmp_path: Path) -> Path:
+    """The pedestrian, in somebody else's hands."""
+    rng = np.random.default_rng(3)
+    measurements = draw_measurements(rng)
+    clip = motion.make("pedestrian", measurements, rng)
+    return write_bvh(tmp_path / "a walk.bvh", clip, measurements, Style(rest=t_pose(), unit=100.0))
+
+
+def filmed(config: ShootConfig, folder: Path) -> Truth:
+    list(shoot(config, folder))
+    return load(folder / "truth")
+
+
+@pytest.fixture
+def place_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[object]:
+    """The folder in which a config's capture is kept; nothing is filmed."""
+
+    def pretend(_: ShootConfig, folder: Path) -> Iterator[Progress]:
+        (folder / "capture").mkdir()
+        yield Progress("sweep", 1, 1)
+
+    def find(config: ShootConfig) -> str:
+        run = shoot_cached(config, tmp_path / "captures")
+        while True:
+            try:
+                next(run)
+            except StopIteration as end:
+                return Path(end.value).name
+
+    monkeypatch.setattr(shooting, "shoot", pretend)
+    return find
+
+
+def test_captures_with_no_file_are_kept_where_they_were(place_of) -> None:  # type: ignore[no-untyped-def]
+    """What was shot before there were such files is not shot again."""
+    for config, departures in (
+        (ShootConfig(), {}),
+        (replace(ShootConfig(), motion="pedestrian", seed=2), {"motion": "pedestrian", "seed": 2}),
+    ):
+        key = hashlib.sha256(json.dumps([VERSION, departures], sort_keys=True).encode()).hexdigest()[:12]
+        assert place_of(config) == f"{config.motion}-{config.seed}-{key}"
+
+
+def test_a_motion_from_a_file_is_filmed(bvh: Path, tmp_path: Path) -> None:
+    truth = filmed(replace(TINY, motion=str(bvh)), tmp_path / "shoot")
+    assert json.loads((tmp_path / "shoot" / "capture" / "capture.json").read_text())["name"] == "a walk, seed 0"
+    clip = motion.make(str(bvh), truth.measurements_m, np.random.default_rng(0))
+    np.testing.assert_allclose(truth.root_position_m[1], clip.at(1 / 30).root_position_m, atol=1e-12)
+    assert truth.mask_bits.any(axis=2).all(), "the athlete is in every picture"
+
+
+def test_another_content_is_another_capture(bvh: Path, place_of) -> None:  # type: ignore[no-untyped-def]
+    config = replace(TINY, motion=str(bvh))
+    first = place_of(config)
+    assert first.startswith("a walk-0-")
+    assert place_of(config) == first
+    bvh.write_text(bvh.read_text() + "\n")
+    assert place_of(config) != first
+    bvh.unlink()
+    with pytest.raises(PzcapError, match=r"a walk\.bvh: cannot be read: No such file"):
+        place_of(config)
