@@ -39,6 +39,15 @@ def t_pose() -> dict[str, Array]:
     }
 
 
+def astride() -> dict[str, Array]:
+    """A T-pose with legs apart, feet square to them."""
+    return t_pose() | {
+        f"{side}_{part}": Rotation.from_euler("x", 20.0 * sign, degrees=True).as_matrix()
+        for side, sign in (("left", 1.0), ("right", -1.0))
+        for part in ("thigh", "shank", "foot")
+    }
+
+
 @dataclass(frozen=True)
 class Style:
     """How a program writes a figure."""

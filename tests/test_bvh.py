@@ -17,14 +17,16 @@ from sim.motion import MotionClip
 from sim.motion._fit import floor_points
 from sim.motion._kinematics import Frames, log
 from sim.motion._retarget import _limited
-from tests.bvh_files import MIXAMO, XSENS, Y_UP, Style, t_pose, write_bvh
+from tests.bvh_files import MIXAMO, XSENS, Y_UP, Style, astride, t_pose, write_bvh
 
 CMU = {name: joint.removeprefix("mixamorig:") for name, joint in MIXAMO.items()}
 STYLES = {
     "as we are": Style(),
     "t-pose, y up, centimetres": Style(rest=t_pose(), axes=Y_UP, unit=100.0, rate=120.0),
     "xsens, other order": Style(names=XSENS, rest=t_pose(), axes=Y_UP, unit=100.0, order="YXZ"),
-    "facing backwards": Style(names=CMU, axes=np.diag([-1.0, -1.0, 1.0]), unit=39.37, order="XYZ"),
+    "cmu, legs astride, facing backwards": Style(
+        names=CMU, rest=astride(), axes=np.diag([-1.0, -1.0, 1.0]), unit=39.37, order="XYZ"
+    ),
 }
 
 

@@ -6,6 +6,7 @@ that may be any upright one; the way through the hall is as long, in leg lengths
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -21,6 +22,7 @@ from sim.motion._fit import FloorPoint, floor_points
 from sim.motion._kinematics import Frames, exp, log
 
 _SPACE_M: Final = (18.0, 13.0)  # between the tripods
+_FASTEST_RAD_S: Final = np.radians(2000.0)  # of a limb; a somersault's fastest reaches three quarters of it
 _STRAIGHT: Final = np.sin(np.radians(6.0)) ** 3  # a limb bent much less than this does not tell how it is turned
 _FLOOR_PERCENTILE: Final = 5.0  # of the heights of the lowest point: the floor, below which a few frames may reach
 _LIFT_S: Final = 0.1  # it takes to lift what would enter the floor
@@ -35,7 +37,7 @@ def retarget(bvh: Bvh, measurements: dict[str, float]) -> MotionClip:
     file's joints are not those of a person.
     """
     figure = understand(bvh)
-    first = _first_frame(figure.turns)
+    first = _first_frame(figure.turns, bvh.frame_s)
     duration_s = (len(figure.turns) - first - 1) * bvh.frame_s
     frame_count = int(duration_s * FRAME_RATE + 0.05) + 1  # frame times are rounded in files
     if frame_count < 2:
@@ -52,10 +54,10 @@ def retarget(bvh: Bvh, measurements: dict[str, float]) -> MotionClip:
     return MotionClip.from_samples(frame_count, times, frames.roots_m, quaternions, contact)
 
 
-def _first_frame(turns: Array) -> int:
-    """1 if the motion begins in the second frame: many files show the rest pose in their first."""
-    resting = [np.allclose(turned, np.eye(3), atol=1e-9) for turned in turns[:2]]
-    return int(resting == [True, False])
+def _first_frame(turns: Array, frame_s: float) -> int:
+    """1 if the motion begins in the second frame: many files show a T-pose in their first, and jump."""
+    speeds = [np.linalg.norm(log(a.swapaxes(-1, -2) @ b), axis=1).max() / frame_s for a, b in pairwise(turns[:3])]
+    return int(len(speeds) == 2 and speeds[0] > _FASTEST_RAD_S > speeds[1])
 
 
 def _path(bvh: Bvh, figure: Figure, measurements: dict[str, float]) -> Array:
@@ -118,10 +120,16 @@ def _wanted(figure: Figure) -> tuple[Array, dict[str, Array]]:
         straight = figure.rest[hand] - figure.rest[joint[f"{side}_forearm"]]
         along = figure.ends[hand] - figure.rest[hand] if hand in figure.ends else straight
         wanted[:, SEGMENTS.index(f"{side}_hand")] = turns[:, hand] @ _hanging_to(along if along.any() else straight)
-        toes = figure.ends.get(foot, figure.rest[foot]) - figure.rest[foot]
-        heading = exp(np.array([0.0, 0.0, np.arctan2(toes[1], toes[0])]))  # at rest the soles lie on the floor
-        wanted[:, SEGMENTS.index(f"{side}_foot")] = turns[:, foot] @ heading
+        wanted[:, SEGMENTS.index(f"{side}_foot")] = turns[:, foot] @ _foot_at_rest(figure, side)
     return wanted, bends
+
+
+def _foot_at_rest(figure: Figure, side: str) -> Array:
+    """(3, 3) Level as seen from the side, and seen from the front square to the leg, which may stand astride."""
+    hip, ankle = (figure.joint[f"{side}_{part}"] for part in ("thigh", "foot"))
+    square = _hanging_to((figure.rest[ankle] - figure.rest[hip]) * (0.0, 1.0, 1.0))
+    toes = square.T @ (figure.ends.get(ankle, figure.rest[ankle]) - figure.rest[ankle])
+    return square @ exp(np.array([0.0, 0.0, np.arctan2(toes[1], toes[0])]))
 
 
 def _limb(figure: Figure, near: str, hinge: str, end: str) -> tuple[Array, Array]:
