@@ -33,6 +33,7 @@ from sim.optics import OpticsConfig, Rig, build_rig, plate_for
 from sim.render import Stage, check_gl
 from sim.scene import build_stage, scene_points, skeleton, stream
 from sim.sensor import SensorConfig, draw_dropped, rolls
+from sim.trajectories import read_hands
 from sim.truth import Truth, save
 
 VERSION: Final = 4
@@ -91,6 +92,8 @@ class Crew:
     rigs: list[Rig]
     cameras: list[FilmCamera]
     files: list[_Files]
+    times_s: Array  # (F,) of the frames of the motion
+    given_hands: list[Hands]  # what the cameras do, if a file says it; empty: operators follow the body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +154,8 @@ def _departures(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, A
 def _own_files(config: ShootConfig) -> list[Path]:
     """The user's own files that a capture is made of."""
     acted = motion.file_of(config.motion)
-    return [acted] if acted else []
+    driven = Path(config.operator.trajectories) if config.operator.trajectories else None
+    return [path for path in (acted, driven) if path]
 
 
 def _hashes(paths: list[Path]) -> list[str]:
@@ -193,20 +197,24 @@ def assemble(config: ShootConfig, folder: Path) -> Crew:
     rigs = [
         build_rig(c, config.width, config.height, config.optics, stream(config.seed, "rig", c)) for c in range(_CAMERAS)
     ]
+    frames = round(clip.duration_s * config.frame_rate) + 1
+    times_s = np.arange(min(frames, config.motion_frames or frames)) / config.frame_rate
+    given = config.operator.trajectories
+    named = {str(c + 1): rig for c, rig in enumerate(rigs)}
+    given_hands = read_hands(Path(given), named, config.frame_rate, float(times_s[-1])) if given else []
     zooms = np.linspace(config.optics.zoom_min, config.optics.zoom_max, 9)
     plates = [plate_for(rig, rig.reference_focal_px * zoom).size(SWEEP_SCALE) for rig in rigs for zoom in zooms]
     plates += [plate_for(rig, rig.reference_focal_px).size(STILL_SCALE) for rig in rigs]
     largest = max(width for width, _ in plates), max(height for _, height in plates)
     stage = build_stage(config.seed, config.gym, config.athlete, measurements, largest)
     cameras, files = [], []
-    for c, rig in enumerate(rigs):
+    for c, (name, rig) in enumerate(named.items()):
         cameras.append(FilmCamera(stage, rig, config.sensor, stream(config.seed, "sensor", c)))
-        name = str(c + 1)
         place = folder / f"camera{name}"
         place.mkdir(parents=True)
         zoom = place / "zoom.mp4" if config.zoom_frames else None
         files.append(_Files(name, place / "reference.png", place / "sweep.mp4", zoom, place / "motion.mp4"))
-    return Crew(config, measurements, clip, stage, rigs, cameras, files)
+    return Crew(config, measurements, clip, stage, rigs, cameras, files, times_s, given_hands)
 
 
 def _film_hall(crew: Crew) -> Generator[Progress, None, dict[str, list[Hands]]]:
@@ -248,11 +256,9 @@ def _film_motion(crew: Crew) -> Generator[Progress, None, _Filmed]:
     """The motion, camera by camera, and its masks."""
     config, sensor, seed = crew.config, crew.config.sensor, crew.config.seed
     rate = Fraction(config.frame_rate)
-    frames = round(crew.clip.duration_s * rate) + 1
-    frames = min(frames, config.motion_frames or frames)
-    times_s = np.arange(frames) / config.frame_rate
+    times_s, frames = crew.times_s, len(crew.times_s)
     joints_m, outline_m = skeleton(crew.stage, crew.clip, times_s, crew.measurements)
-    hands = [_operate(crew, c, times_s, outline_m) for c in range(_CAMERAS)]
+    hands = crew.given_hands or [_operate(crew, c, times_s, outline_m) for c in range(_CAMERAS)]
     if config.gym.rearranged:
         for piece, by_m in REARRANGED.items():
             crew.stage.carry(piece, by_m)

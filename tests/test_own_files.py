@@ -15,6 +15,7 @@ from pzcap.types import PzcapError
 from sim import motion
 from sim import shoot as shooting
 from sim.anthropometry import draw_measurements
+from sim.operator import OperatorConfig
 from sim.shoot import VERSION, Progress, ShootConfig, shoot, shoot_cached
 from sim.truth import Truth, load
 from tests.bvh_files import Style, t_pose, write_bvh
@@ -33,6 +34,15 @@ def bvh(tmp_path: Path) -> Path:
 def filmed(config: ShootConfig, folder: Path) -> Truth:
     list(shoot(config, folder))
     return load(folder / "truth")
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """What four cameras do in three frames."""
+    path = tmp_path / "hands.csv"
+    rows = [f"{c},{f},{c + f / 4},{120 + 40 * c + 7 * f},{f / 8 - c / 4}" for c in (1, 2, 3, 4) for f in (0, 1, 2)]
+    path.write_text("\n".join(["camera,frame,pan_deg,focal_px,tilt_deg", *rows]))
+    return path
 
 
 @pytest.fixture
@@ -83,3 +93,30 @@ def test_another_content_is_another_capture(bvh: Path, place_of) -> None:  # typ
     bvh.unlink()
     with pytest.raises(PzcapError, match=r"a walk\.bvh: cannot be read: No such file"):
         place_of(config)
+
+
+def test_cameras_do_what_the_table_says(table: Path, tmp_path: Path) -> None:
+    operator = OperatorConfig(trajectories=str(table))
+    truth = filmed(replace(TINY, motion_frames=3, operator=operator), tmp_path / "shoot")
+    cameras, frames = np.mgrid[1:5, 0:3]
+    np.testing.assert_allclose(np.rad2deg(truth.pan_rad), cameras + frames / 4, atol=1e-9)
+    np.testing.assert_allclose(truth.focal_px, 120 + 40 * cameras + 7 * frames, rtol=1e-9)
+    reference = truth.reference_world_T_cam[:, None, :3, 2]  # where the locked camera looks
+    locked_deg = np.rad2deg(truth.tilt_rad) - (frames / 8 - cameras / 4)
+    np.testing.assert_allclose(locked_deg, np.repeat(locked_deg[:, :1], 3, axis=1), atol=1e-9)
+    risen_deg = np.rad2deg(np.arcsin(truth.world_T_cam[..., :3, 2][..., 2]) - np.arcsin(reference[..., 2]))
+    np.testing.assert_allclose(risen_deg, frames / 8 - cameras / 4, atol=0.05)  # the axis leans a little
+
+
+def test_another_table_is_another_capture(table: Path, place_of) -> None:  # type: ignore[no-untyped-def]
+    config = replace(TINY, operator=OperatorConfig(trajectories=str(table)))
+    first = place_of(config)
+    table.write_text(table.read_text().replace("1,0,1.0", "1,0,1.1"))
+    assert place_of(config) != first
+
+
+def test_a_table_that_ends_too_early_is_refused_before_anything_is_filmed(table: Path, tmp_path: Path) -> None:
+    steps = shoot(replace(TINY, motion_frames=5, operator=OperatorConfig(trajectories=str(table))), tmp_path / "shoot")
+    assert next(steps).stage == "build"
+    with pytest.raises(PzcapError, match=r"camera 1 has 0\.000 to 0\.067 s; it films"):
+        next(steps)
