@@ -35,6 +35,7 @@ from sim.scene import build_stage, scene_points, skeleton, stream
 from sim.sensor import SensorConfig, draw_dropped, rolls
 from sim.trajectories import read_hands
 from sim.truth import Truth, save
+from sim.wallpaper import wall_pictures
 
 VERSION: Final = 4
 """Of the simulator. Raise it with every change to a default or to what comes of one, so that cached captures are shot
@@ -155,13 +156,13 @@ def _own_files(config: ShootConfig) -> list[Path]:
     """The user's own files that a capture is made of."""
     acted = motion.file_of(config.motion)
     driven = Path(config.operator.trajectories) if config.operator.trajectories else None
-    return [path for path in (acted, driven) if path]
+    return [path for path in (acted, driven, *wall_pictures(config.gym.wall_pictures).values()) if path]
 
 
 def _hashes(paths: list[Path]) -> list[str]:
-    """Of what stands in the files, so that a capture of what stood there before is not taken for one of them."""
+    """Of names and contents, so that a capture of what stood there before is not taken for one of these files."""
     try:
-        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths]
+        return [f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths]
     except OSError as error:
         raise PzcapError(f"{error.filename}: cannot be read: {error.strerror}") from error
 

@@ -120,3 +120,15 @@ def test_a_table_that_ends_too_early_is_refused_before_anything_is_filmed(table:
     assert next(steps).stage == "build"
     with pytest.raises(PzcapError, match=r"camera 1 has 0\.000 to 0\.067 s; it films"):
         next(steps)
+
+
+def test_another_picture_or_the_same_on_another_wall_is_another_capture(place_of, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    walls = tmp_path / "walls"
+    walls.mkdir()
+    (walls / "north.png").write_bytes(b"a picture")
+    config = replace(TINY, gym=replace(TINY.gym, wall_pictures=str(walls)))
+    first = place_of(config)
+    (walls / "north.png").rename(walls / "south.png")
+    second = place_of(config)
+    (walls / "south.png").write_bytes(b"another picture")
+    assert len({first, second, place_of(config)}) == 3
