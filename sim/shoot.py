@@ -124,7 +124,7 @@ def shoot_cached(config: ShootConfig, root: Path) -> Generator[Progress, None, P
     Raises PzcapError if the disk is full, GL is missing, the motion is unknown, or a file cannot be used.
     """
     departures = _departures(asdict(config), asdict(ShootConfig()))
-    canonical = json.dumps([VERSION, departures, *_hashes(_own_files(config))], sort_keys=True)
+    canonical = json.dumps([VERSION, departures, *file_hashes(config)], sort_keys=True)
     name = f"{motion.title(config.motion)}-{config.seed}-{hashlib.sha256(canonical.encode()).hexdigest()[:12]}"
     folder = root / name
     if (folder / _COMPLETE).is_file():
@@ -152,15 +152,14 @@ def _departures(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, A
     }
 
 
-def _own_files(config: ShootConfig) -> list[Path]:
-    """The user's own files that a capture is made of."""
+def file_hashes(config: ShootConfig) -> list[str]:
+    """Of the user's own files that a capture is made of, names and contents: changed, they make another capture.
+
+    Raises PzcapError if one cannot be read.
+    """
     acted = motion.file_of(config.motion)
     driven = Path(config.operator.trajectories) if config.operator.trajectories else None
-    return [path for path in (acted, driven, *wall_pictures(config.gym.wall_pictures).values()) if path]
-
-
-def _hashes(paths: list[Path]) -> list[str]:
-    """Of names and contents, so that a capture of what stood there before is not taken for one of these files."""
+    paths = [path for path in (acted, driven, *wall_pictures(config.gym.wall_pictures).values()) if path]
     try:
         return [f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths]
     except OSError as error:

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments import jobs
+from experiments.config import CONVERTER, default_tree
 from pzcap.types import PzcapError
 from sim import motion
 from sim import shoot as shooting
@@ -110,9 +112,12 @@ def test_cameras_do_what_the_table_says(table: Path, tmp_path: Path) -> None:
 
 def test_another_table_is_another_capture(table: Path, place_of) -> None:  # type: ignore[no-untyped-def]
     config = replace(TINY, operator=OperatorConfig(trajectories=str(table)))
-    first = place_of(config)
+    tree = default_tree() | {"shoot": CONVERTER.unstructure(config)}
+    first, job = place_of(config), jobs.key(tree)
+    assert jobs.key(tree) == job
     table.write_text(table.read_text().replace("1,0,1.0", "1,0,1.1"))
     assert place_of(config) != first
+    assert jobs.key(tree) != job, "a finished job of a sweep is not that of another table"
 
 
 def test_a_table_that_ends_too_early_is_refused_before_anything_is_filmed(table: Path, tmp_path: Path) -> None:
