@@ -229,6 +229,9 @@ def test_a_figure_that_cannot_be_ours_is_refused(tmp_path: Path) -> None:
     lying = {name: Rotation.from_euler("y", -90.0, degrees=True).as_matrix() for name in ("left_thigh", "left_shank")}
     write_bvh(path, ours("pedestrian"), measured(0), Style(rest=lying))
     refused(path, "does not stand upright")
+    hand = sound.index("OFFSET", sound.index("LeftHand"))
+    path.write_text(sound[:hand] + "OFFSET 0 0 0" + sound[sound.index("\n", hand) :])
+    refused(path, "'mixamorig:LeftForeArm' and 'mixamorig:LeftHand' coincide")
     frame_time = sound.index("Frame Time")
     path.write_text(sound[:frame_time] + sound[frame_time:].replace("0.016666667", "0.0001", 1))
     refused(path, "it must last two frames")

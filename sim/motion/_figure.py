@@ -26,6 +26,7 @@ _SYNONYMS: Final[dict[str, tuple[str, ...]]] = {
 "right". The first that is there is taken. The spine is found by what hangs from it."""
 _NAMESPACE: Final = re.compile(r"^(.*:|mixamorig\d*|bip\d+)")
 _UPRIGHT: Final = np.cos(np.pi / 4)
+_SHORTEST: Final = 1e-3  # limb, of the figure's size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +42,10 @@ class Figure:
 
 def understand(bvh: Bvh) -> Figure:
     """Tell which joint is which. Raises PzcapError if one is missing or the figure does not stand while at rest."""
-    joint = _named(bvh) | _spine(bvh, _named(bvh))
+    joint = _named(bvh)
+    joint |= _spine(bvh, joint)
     axes = _axes(bvh, joint)
+    _check_limbs(bvh, joint)
     ends = dict(bvh.tips)
     for j in set(bvh.parents) - {-1}:
         ends[j] = bvh.rest[[child for child, parent in enumerate(bvh.parents) if parent == j]].mean(axis=0)
@@ -103,6 +106,17 @@ def _chain(bvh: Bvh, joint: int) -> list[int]:
     while bvh.parents[chain[-1]] >= 0:
         chain.append(bvh.parents[chain[-1]])
     return chain
+
+
+def _check_limbs(bvh: Bvh, joint: dict[str, int]) -> None:
+    """Position channels may move joints against their parents, and so onto them."""
+    for side in ("left", "right"):
+        for near, far in (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shank"), ("shank", "foot")):
+            a, b = joint[f"{side}_{near}"], joint[f"{side}_{far}"]
+            ways = np.concatenate([bvh.rest[None, b] - bvh.rest[None, a], bvh.places[:, b] - bvh.places[:, a]])
+            shortest = float(np.linalg.norm(ways, axis=1).min())
+            if shortest <= _SHORTEST * float(np.linalg.norm(bvh.rest, axis=1).max()):
+                raise PzcapError(f"{bvh.path}: '{bvh.names[a]}' and '{bvh.names[b]}' coincide, at rest or in a frame")
 
 
 def _axes(bvh: Bvh, joint: dict[str, int]) -> Array:

@@ -6,6 +6,7 @@ that may be any upright one; the way through the hall is as long, in leg lengths
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
@@ -36,16 +37,14 @@ def retarget(bvh: Bvh, measurements: dict[str, float]) -> MotionClip:
     The figure's forward at rest becomes the world's x. Raises PzcapError if the motion does not fit the hall or the
     file's joints are not those of a person.
     """
-    figure = understand(bvh)
-    first = _first_frame(figure.turns, bvh.frame_s)
-    duration_s = (len(figure.turns) - first - 1) * bvh.frame_s
+    figure = _without_t_pose(understand(bvh), bvh.frame_s)
+    duration_s = (len(figure.turns) - 1) * bvh.frame_s
     frame_count = int(duration_s * FRAME_RATE + 0.05) + 1  # frame times are rounded in files
     if frame_count < 2:
         raise PzcapError(
             f"{bvh.path}: the motion lasts {duration_s:.3f} s; it must last two frames, {1 / FRAME_RATE:.3f} s"
         )
-    rotations = _rotations(figure)[first:]
-    roots = _path(bvh, figure, measurements)[first:]
+    rotations, roots = _rotations(figure), _path(bvh, figure, measurements)
     times = np.arange(len(roots), dtype=np.float64) * bvh.frame_s
     frames, points = Frames.place(body_tree(measurements), roots, rotations), floor_points(measurements)
     frames = _on_the_floor(frames, points, bvh.frame_s)
@@ -54,10 +53,12 @@ def retarget(bvh: Bvh, measurements: dict[str, float]) -> MotionClip:
     return MotionClip.from_samples(frame_count, times, frames.roots_m, quaternions, contact)
 
 
-def _first_frame(turns: Array, frame_s: float) -> int:
-    """1 if the motion begins in the second frame: many files show a T-pose in their first, and jump."""
+def _without_t_pose(figure: Figure, frame_s: float) -> Figure:
+    """The figure without its first frame if it jumps from there: many files show a T-pose before the motion."""
+    turns = figure.turns
     speeds = [np.linalg.norm(log(a.swapaxes(-1, -2) @ b), axis=1).max() / frame_s for a, b in pairwise(turns[:3])]
-    return int(len(speeds) == 2 and speeds[0] > _FASTEST_RAD_S > speeds[1])
+    jumps = len(speeds) == 2 and speeds[0] > _FASTEST_RAD_S > speeds[1]
+    return replace(figure, places=figure.places[1:], turns=turns[1:]) if jumps else figure
 
 
 def _path(bvh: Bvh, figure: Figure, measurements: dict[str, float]) -> Array:
@@ -129,7 +130,8 @@ def _foot_at_rest(figure: Figure, side: str) -> Array:
     hip, ankle = (figure.joint[f"{side}_{part}"] for part in ("thigh", "foot"))
     square = _hanging_to((figure.rest[ankle] - figure.rest[hip]) * (0.0, 1.0, 1.0))
     toes = square.T @ (figure.ends.get(ankle, figure.rest[ankle]) - figure.rest[ankle])
-    return square @ exp(np.array([0.0, 0.0, np.arctan2(toes[1], toes[0])]))
+    outwards_rad = np.arctan2(toes[1], toes[0]) if toes[0] > abs(toes[1]) else 0.0  # else they do not tell
+    return square @ exp(np.array([0.0, 0.0, outwards_rad]))
 
 
 def _limb(figure: Figure, near: str, hinge: str, end: str) -> tuple[Array, Array]:
