@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -56,7 +57,7 @@ class Style:
     rest: Mapping[str, Array] = field(default_factory=dict)  # world from segment, where it is not the identity
     axes: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) ours of the file's
     unit: float = 1.0  # of length, a metre
-    order: str = "ZXY"  # of the rotations
+    order: Literal["ZXY", "YXZ", "XYZ"] = "ZXY"  # of the rotations
     rate: float = 60.0  # frames a second
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +22,8 @@ from sim.shoot import VERSION, Progress, ShootConfig, shoot, shoot_cached
 from sim.truth import Truth, load
 from tests.bvh_files import Style, t_pose, write_bvh
 from tests.test_shoot import TINY
+
+PlaceOf = Callable[[ShootConfig], str]
 
 
 @pytest.fixture
@@ -48,7 +50,7 @@ def table(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def place_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[object]:
+def place_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PlaceOf:
     """The folder in which a config's capture is kept; nothing is filmed."""
 
     def pretend(_: ShootConfig, folder: Path) -> Iterator[Progress]:
@@ -67,7 +69,7 @@ def place_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[object
     return find
 
 
-def test_captures_with_no_file_are_kept_where_they_were(place_of) -> None:  # type: ignore[no-untyped-def]
+def test_captures_with_no_file_are_kept_where_they_were(place_of: PlaceOf) -> None:
     """What was shot before there were such files is not shot again."""
     for config, departures in (
         (ShootConfig(), {}),
@@ -85,7 +87,7 @@ def test_a_motion_from_a_file_is_filmed(bvh: Path, tmp_path: Path) -> None:
     assert truth.mask_bits.any(axis=2).all(), "the athlete is in every picture"
 
 
-def test_another_content_is_another_capture(bvh: Path, place_of) -> None:  # type: ignore[no-untyped-def]
+def test_another_content_is_another_capture(bvh: Path, place_of: PlaceOf) -> None:
     config = replace(TINY, motion=str(bvh))
     first = place_of(config)
     assert first.startswith("a walk-0-")
@@ -110,7 +112,7 @@ def test_cameras_do_what_the_table_says(table: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(risen_deg, frames / 8 - cameras / 4, atol=0.05)  # the axis leans a little
 
 
-def test_another_table_is_another_capture(table: Path, place_of) -> None:  # type: ignore[no-untyped-def]
+def test_another_table_is_another_capture(table: Path, place_of: PlaceOf) -> None:
     config = replace(TINY, operator=OperatorConfig(trajectories=str(table)))
     tree = default_tree() | {"shoot": CONVERTER.unstructure(config)}
     first, job = place_of(config), jobs.key(tree)
@@ -127,7 +129,7 @@ def test_a_table_that_ends_too_early_is_refused_before_anything_is_filmed(table:
         next(steps)
 
 
-def test_another_picture_or_the_same_on_another_wall_is_another_capture(place_of, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_another_picture_or_the_same_on_another_wall_is_another_capture(place_of: PlaceOf, tmp_path: Path) -> None:
     walls = tmp_path / "walls"
     walls.mkdir()
     (walls / "north.png").write_bytes(b"a picture")

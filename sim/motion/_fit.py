@@ -62,6 +62,7 @@ class FloorPoint:
 
 
 def floor_points(measurements: dict[str, float]) -> tuple[FloorPoint, ...]:
+    """Return what of a person with these measurements may touch the floor."""
     m, points = measurements, []
     for side in ("left", "right"):
         foot, hand = SEGMENTS.index(f"{side}_foot"), SEGMENTS.index(f"{side}_hand")
