@@ -24,9 +24,10 @@ from typing import Any, Final, TypeVar
 from omegaconf import DictConfig, OmegaConf
 
 from experiments import estimators
-from experiments.config import plain
+from experiments.config import plain, structured
 from experiments.errors import explain
 from pzcap.types import PzcapError
+from sim.shoot import ShootConfig, file_hashes
 
 T = TypeVar("T")
 
@@ -39,11 +40,19 @@ _LONGEST: Final = 80  # letters of the overrides in a folder's name
 
 
 def key(tree: Mapping[str, Any]) -> str:
-    """What a result depends on, as a hash: configuration, our code, and the file of a user's estimator."""
+    """What a result depends on, as a hash: configuration, our code, and a user's own files."""
     named = tree.get("estimator")
     theirs = estimators.source(str(named)) if named else None
     parts = [json.dumps(tree, sort_keys=True), _code(), theirs.read_bytes().hex() if theirs else ""]
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(parts + _filmed_files(tree)).encode()).hexdigest()
+
+
+def _filmed_files(tree: Mapping[str, Any]) -> list[str]:
+    """Hashes of what of a user's is filmed. None where it cannot be: the job itself fails, and says why."""
+    try:
+        return file_hashes(structured(tree.get("shoot"), ShootConfig, "shoot"))
+    except PzcapError:
+        return []
 
 
 @cache

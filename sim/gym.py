@@ -17,6 +17,7 @@ from pzcap.types import Array, CalibrationObject, Marker, PzcapError
 from sim.furniture import furnish
 from sim.scenery import HALL_M, UP, WALLS, Scenery
 from sim.surfaces import CARPET_M, LOWER_M, carpet, ceiling, floor, lower_wall, upper_wall
+from sim.wallpaper import cover, wall_pictures
 
 HALL_GROUP: Final = 0
 OBJECT_GROUP: Final = 3
@@ -36,6 +37,7 @@ class GymConfig:
     shadows: bool = True  # the main light casts shadows
     texture_px_per_m: float = 200.0  # of the lower walls and the carpet; less where no camera comes near
     lights_on: float = 1.0  # brightness while the motion is recorded, over that of all before
+    wall_pictures: str = ""  # folder of pictures that cover walls: north, east, south, west, as PNG or JPEG
     rearranged: bool = False  # vaulting boxes and mats stand elsewhere while the motion is recorded
 
     def __post_init__(self) -> None:
@@ -49,8 +51,11 @@ def build_gym(spec: mujoco.MjSpec, config: GymConfig, rng: np.random.Generator) 
     scenery = Scenery(spec, HALL_GROUP)
     length, width, height = HALL_M
     ppm = config.texture_px_per_m
+    pictures = wall_pictures(config.wall_pictures)
     for wall in WALLS.values():
         lower, upper = lower_wall(wall, ppm, rng), upper_wall(wall, 0.6 * ppm, rng)
+        if wall.name in pictures:  # painted all the same, so that nothing else in the hall changes
+            cover(pictures[wall.name], lower, upper)
         for name, part, z in (("lower", lower, LOWER_M / 2), ("upper", upper, (LOWER_M + height) / 2)):
             scenery.panel(
                 f"wall_{wall.name}_{name}", part.image, wall.at(wall.length / 2, 0.0, z), wall.along, UP,

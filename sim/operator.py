@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
-from pzcap.types import Array
+from pzcap.types import Array, PzcapError
 from sim.optics import Rig
 
 _RATE_HZ = 240  # at which hands are simulated
@@ -36,6 +36,14 @@ class OperatorConfig:
     swing_hz: float = 1.9
     zoom_swing_s: float = 0.0  # time to zoom through the lens's whole range and back, for its own sake; 0: as framed
     tilts: bool = False  # follows the body's height by hand, too; else the tilt stays locked
+    trajectories: str = ""  # CSV file of what the cameras do while the motion is recorded, in place of operators
+
+    def __post_init__(self) -> None:
+        if self.trajectories and (self.swing_deg_s or self.zoom_swing_s or self.tilts):
+            raise PzcapError(
+                f"the operator's swing_deg_s, zoom_swing_s and tilts have no effect: {self.trajectories} says what the "
+                "cameras do; leave them out"
+            )
 
 
 class Aim(NamedTuple):
@@ -50,9 +58,9 @@ class Aim(NamedTuple):
 class Hands:
     """Pan, focal length and tilt over time."""
 
-    pan: CubicSpline  # s -> rad
-    log_focal: CubicSpline  # s -> log px
-    raised: CubicSpline | None = None  # s -> rad above the locked tilt; None: it stays locked
+    pan: PPoly  # s -> rad
+    log_focal: PPoly  # s -> log px
+    raised: PPoly | None = None  # s -> rad above the locked tilt; None: it stays locked
 
     def at(self, time_s: float) -> Aim:
         raised_rad = 0.0 if self.raised is None else float(self.raised(time_s))

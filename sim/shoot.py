@@ -34,7 +34,9 @@ from sim.optics import OpticsConfig, Rig, build_rig, plate_for
 from sim.render import Stage, check_gl
 from sim.scene import build_stage, scene_points, skeleton, stream
 from sim.sensor import SensorConfig, draw_dropped, rolls
+from sim.trajectories import read_hands
 from sim.truth import Truth, save
+from sim.wallpaper import wall_pictures
 
 VERSION: Final = 4
 """Of the simulator. Raise it with every change to a default or to what comes of one, so that cached captures are shot
@@ -48,10 +50,10 @@ _SCENE_POINTS: Final = 600  # rays cast for each camera
 
 @dataclass(frozen=True, slots=True)
 class ShootConfig:
-    """All that decides what a capture looks like. The same config gives the same bytes."""
+    """All that decides what a capture looks like. The same config, and files that it names, give the same bytes."""
 
     seed: int = 0
-    motion: str = "floor_exercise"  # a module of sim.motion
+    motion: str = "floor_exercise"  # a module of sim.motion, or a BVH file
     motion_frames: int = 0  # film only so many from the start; 0: the whole motion
     width: int = 640
     height: int = 480
@@ -94,6 +96,8 @@ class Crew:
     rigs: list[Rig]
     cameras: list[FilmCamera]
     files: list[_Files]
+    times_s: Array  # (F,) of the frames of the motion
+    given_hands: list[Hands]  # what the cameras do, if a file says it; empty: operators follow the body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,13 +121,14 @@ class Progress(NamedTuple):
 
 
 def shoot_cached(config: ShootConfig, root: Path) -> Generator[Progress, None, Path]:
-    """Shoot into a folder of ``root`` named by the config's hash, or find it there; return the folder.
+    """Shoot into a folder of ``root`` named by a hash of config and files, or find it there; return the folder.
 
     A shoot that was killed leaves only a temporary folder behind, which is never used.
-    Raises PzcapError if the disk is full, GL is missing, or the motion is unknown.
+    Raises PzcapError if the disk is full, GL is missing, the motion is unknown, or a file cannot be used.
     """
-    canonical = json.dumps([VERSION, _departures(asdict(config), asdict(ShootConfig()))], sort_keys=True)
-    name = f"{config.motion}-{config.seed}-{hashlib.sha256(canonical.encode()).hexdigest()[:12]}"
+    departures = _departures(asdict(config), asdict(ShootConfig()))
+    canonical = json.dumps([VERSION, departures, *file_hashes(config)], sort_keys=True)
+    name = f"{motion.title(config.motion)}-{config.seed}-{hashlib.sha256(canonical.encode()).hexdigest()[:12]}"
     folder = root / name
     if (folder / _COMPLETE).is_file():
         return folder
@@ -148,6 +153,20 @@ def _departures(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, A
         for key, value in values.items()
         if value != defaults[key]
     }
+
+
+def file_hashes(config: ShootConfig) -> list[str]:
+    """Of the user's own files that a capture is made of, names and contents: changed, they make another capture.
+
+    Raises PzcapError if one cannot be read.
+    """
+    acted = motion.file_of(config.motion)
+    driven = Path(config.operator.trajectories) if config.operator.trajectories else None
+    paths = [path for path in (acted, driven, *wall_pictures(config.gym.wall_pictures).values()) if path]
+    try:
+        return [f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths]
+    except OSError as error:
+        raise PzcapError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
 
 def shoot(config: ShootConfig, folder: Path) -> Iterator[Progress]:
@@ -181,21 +200,25 @@ def assemble(config: ShootConfig, folder: Path) -> Crew:
     rigs = [
         build_rig(c, config.width, config.height, config.optics, stream(config.seed, "rig", c)) for c in range(_CAMERAS)
     ]
+    frames = round(clip.duration_s * config.frame_rate) + 1
+    times_s = np.arange(min(frames, config.motion_frames or frames)) / config.frame_rate
+    given = config.operator.trajectories
+    named = {str(c + 1): rig for c, rig in enumerate(rigs)}
+    given_hands = read_hands(Path(given), named, config.frame_rate, float(times_s[-1])) if given else []
     zooms = np.linspace(config.optics.zoom_min, config.optics.zoom_max, 9)
     plates = [plate_for(rig, rig.reference_focal_px * zoom).size(SWEEP_SCALE) for rig in rigs for zoom in zooms]
     plates += [plate_for(rig, rig.reference_focal_px).size(STILL_SCALE) for rig in rigs]
     largest = max(width for width, _ in plates), max(height for _, height in plates)
     stage = build_stage(config.seed, config.gym, config.athlete, measurements, largest)
     cameras, files = [], []
-    for c, rig in enumerate(rigs):
+    for c, (name, rig) in enumerate(named.items()):
         cameras.append(FilmCamera(stage, rig, config.sensor, stream(config.seed, "sensor", c)))
-        name = str(c + 1)
         place = folder / f"camera{name}"
         place.mkdir(parents=True)
         zoom = place / "zoom.mp4" if config.zoom_frames else None
         keypoints = place / "keypoints" if config.detector.enabled else None
         files.append(_Files(name, place / "reference.png", place / "sweep.mp4", zoom, place / "motion.mp4", keypoints))
-    return Crew(config, measurements, clip, stage, rigs, cameras, files)
+    return Crew(config, measurements, clip, stage, rigs, cameras, files, times_s, given_hands)
 
 
 def _film_hall(crew: Crew) -> Generator[Progress, None, dict[str, list[Hands]]]:
@@ -237,11 +260,9 @@ def _film_motion(crew: Crew) -> Generator[Progress, None, _Filmed]:
     """The motion, camera by camera, and its masks."""
     config, sensor, seed = crew.config, crew.config.sensor, crew.config.seed
     rate = Fraction(config.frame_rate)
-    frames = round(crew.clip.duration_s * rate) + 1
-    frames = min(frames, config.motion_frames or frames)
-    times_s = np.arange(frames) / config.frame_rate
+    times_s, frames = crew.times_s, len(crew.times_s)
     joints_m, outline_m = skeleton(crew.stage, crew.clip, times_s, crew.measurements)
-    hands = [_operate(crew, c, times_s, outline_m) for c in range(_CAMERAS)]
+    hands = crew.given_hands or [_operate(crew, c, times_s, outline_m) for c in range(_CAMERAS)]
     if config.gym.rearranged:
         for piece, by_m in REARRANGED.items():
             crew.stage.carry(piece, by_m)
@@ -306,7 +327,7 @@ def _write_papers(crew: Crew, folder: Path, filmed: _Filmed) -> None:
     write_capture(
         Capture(
             folder=folder,
-            name=f"{config.motion}, seed {config.seed}",
+            name=f"{motion.title(config.motion)}, seed {config.seed}",
             frame_rate=Fraction(config.frame_rate),
             cameras=tuple(CameraFiles(*files) for files in crew.files),
             calibration_object=gym.calibration_object(),

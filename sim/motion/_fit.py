@@ -52,7 +52,7 @@ class Contact:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Point:
+class FloorPoint:
     """A ball on a segment that may touch the floor but not enter it."""
 
     name: str
@@ -61,18 +61,19 @@ class _Point:
     radius_m: float
 
 
-def _points(measurements: dict[str, float]) -> tuple[_Point, ...]:
+def floor_points(measurements: dict[str, float]) -> tuple[FloorPoint, ...]:
+    """Return what of a person with these measurements may touch the floor."""
     m, points = measurements, []
     for side in ("left", "right"):
         foot, hand = SEGMENTS.index(f"{side}_foot"), SEGMENTS.index(f"{side}_hand")
         sole, half_width = -m["ankle_height"], 0.16 * m["foot"]
         for name, x, y in (("heel", -0.25, 0.0), ("toe", 0.70, 1.0), ("toe", 0.70, -1.0)):
-            points.append(_Point(f"{side}_{name}", foot, np.array([x * m["foot"], y * half_width, sole]), 0.0))
+            points.append(FloorPoint(f"{side}_{name}", foot, np.array([x * m["foot"], y * half_width, sole]), 0.0))
         for along, radius in ((0.30, 0.022), (0.92, 0.012)):
-            points.append(_Point(f"{side}_hand", hand, np.array([0.0, 0.0, -along * m["hand"]]), radius))
-        points.append(_Point("", SEGMENTS.index(f"{side}_shank"), np.zeros(3), m["girth_knee"] / 6.0))
-        points.append(_Point("", SEGMENTS.index(f"{side}_forearm"), np.zeros(3), m["girth_elbow"] / 6.0))
-    points.append(_Point("", SEGMENTS.index("head"), np.array([0.02, 0.0, 0.55 * m["head"]]), 0.5 * m["head"]))
+            points.append(FloorPoint(f"{side}_hand", hand, np.array([0.0, 0.0, -along * m["hand"]]), radius))
+        points.append(FloorPoint("", SEGMENTS.index(f"{side}_shank"), np.zeros(3), m["girth_knee"] / 6.0))
+        points.append(FloorPoint("", SEGMENTS.index(f"{side}_forearm"), np.zeros(3), m["girth_elbow"] / 6.0))
+    points.append(FloorPoint("", SEGMENTS.index("head"), np.array([0.02, 0.0, 0.55 * m["head"]]), 0.5 * m["head"]))
     return tuple(points)
 
 
@@ -81,7 +82,7 @@ class _Problem:
     """What stays the same from one iteration to the next."""
 
     authored: Frames
-    points: tuple[_Point, ...]
+    points: tuple[FloorPoint, ...]
     stand: Mask  # (P, T) this point stands on the floor
     flight: Mask  # (T,) nothing does; the knots beside the first and last of these still do
     root_sigma_m: Array  # (3,)
@@ -231,7 +232,7 @@ def fit(
     Authored roots (T, 3) and rotations (T, 16, 3, 3) are at `knots`. Whatever is authored about where the feet stand
     is only a wish: the contacts say when they stand, and where follows from the poses.
     """
-    times, tree, points = knots(frame_count), body_tree(measurements), _points(measurements)
+    times, tree, points = knots(frame_count), body_tree(measurements), floor_points(measurements)
     stand = np.zeros((len(points), len(times)), dtype=bool)
     for contact in contacts:
         first, last = np.round(np.array([contact.start_s, contact.end_s]) * KNOT_RATE).astype(int)
@@ -256,7 +257,7 @@ from any possible motion; damped at the end, where the bend of the floor's soft 
 
 
 def _dense_clip(
-    frames: Frames, frame_count: int, times: Array, points: tuple[_Point, ...], stand: Mask, flight: Mask
+    frames: Frames, frame_count: int, times: Array, points: tuple[FloorPoint, ...], stand: Mask, flight: Mask
 ) -> MotionClip:
     """Sample between the knots so finely that what is between the samples does not matter.
 
