@@ -111,7 +111,7 @@ def nearest(key: str, known: Iterable[str]) -> str:
     known = sorted(known)
     by_leaf = {name: name.rpartition(".")[2] for name in known}
     close = difflib.get_close_matches(key, known, n=3, cutoff=0.6)
-    leaves = difflib.get_close_matches(key.rpartition(".")[2], set(by_leaf.values()), n=3, cutoff=0.6)
+    leaves = difflib.get_close_matches(key.rpartition(".")[2], set(by_leaf.values()), n=3, cutoff=0.65)
     close += [name for name in known if by_leaf[name] in leaves and name not in close]
     if close:
         return f"did you mean {', '.join(close[:3])}?"

@@ -15,27 +15,23 @@ operators.png} beside.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import hydra
 import matplotlib as mpl
 import numpy as np
-from hydra.core.hydra_config import HydraConfig
 from matplotlib.figure import Figure
-from omegaconf import DictConfig
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from experiments import footage
-from experiments.config import CONVERTER, AppConfig, build, plain
-from experiments.errors import guard, reported
+from experiments.command import command
+from experiments.config import CONVERTER, AppConfig
 from experiments.metrics import Metric, format_value, run_info, write_metrics
 from experiments.plots import COLOURS, STYLE
-from experiments.run import CONF
 from experiments.run import run as run_one
 from experiments.score import BodyErrors, body_errors, frames_of
 from pzcap import store
@@ -154,22 +150,9 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     return metrics
 
 
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
-def _job(composed: DictConfig) -> None:
-    out, err = Console(), Console(stderr=True)
-    with reported():
-        tree = plain(composed)
-        config = build(tree)
-        metrics = run(config, tree, Path(HydraConfig.get().runtime.output_dir), err)
-    print_comparison(out, f"{config.shoot.motion}, seed {config.seed}", metrics)
-
-
 def main() -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
-    if not any(argument.startswith("experiment=") for argument in sys.argv[1:]):
-        sys.argv.append("experiment=operators")
-    command: Callable[[], object] = _job
-    return guard(command)
+    return command("operators", run, print_comparison)
 
 
 if __name__ == "__main__":

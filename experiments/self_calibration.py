@@ -29,24 +29,20 @@ from pathlib import Path
 from typing import Any, Final
 
 import cv2
-import hydra
 import matplotlib as mpl
 import numpy as np
-from hydra.core.hydra_config import HydraConfig
 from matplotlib.figure import Figure
-from omegaconf import DictConfig
 from rich import box
 from rich.console import Console
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from experiments import footage
-from experiments.config import AppConfig, build, plain
-from experiments.errors import guard, reported
+from experiments.command import command
+from experiments.config import AppConfig
 from experiments.metrics import Metric, run_info, write_metrics
 from experiments.plots import COLOURS, STYLE
 from experiments.progress import Bars
-from experiments.run import CONF
 from pzcap import features, panzoom
 from pzcap.calibration import Prepared, prepare
 from pzcap.camera import at
@@ -391,23 +387,9 @@ def run_comparison(config: AppConfig, tree: dict[str, Any], folder: Path, consol
     return found
 
 
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
-def _job(composed: DictConfig) -> None:
-    out, err = Console(), Console(stderr=True)
-    with reported():
-        tree = plain(composed)
-        config = build(tree)
-        folder = Path(HydraConfig.get().runtime.output_dir)
-        found = run_comparison(config, tree, folder, err)
-    print_comparison(out, f"{config.capture or config.shoot.motion}, seed {config.seed}", found)
-
-
 def main() -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
-    if not any(argument.startswith("experiment=") for argument in sys.argv[1:]):
-        sys.argv.append("experiment=self_calibration")
-    command: Callable[[], object] = _job
-    return guard(command)
+    return command("self_calibration", run_comparison, print_comparison)
 
 
 if __name__ == "__main__":

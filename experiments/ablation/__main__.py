@@ -20,25 +20,20 @@ Joints are scored as in a run, in frames that are keyframes neither by default n
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import hydra
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
 from rich.console import Console
 
 from experiments import footage
 from experiments.ablation import show
 from experiments.ablation.trial import Outcome, attempt, prepare
 from experiments.ablation.variants import VARIANTS, Variant
-from experiments.config import AppConfig, build, plain
-from experiments.errors import guard, reported
+from experiments.command import command
+from experiments.config import AppConfig
 from experiments.metrics import run_info, write_metrics
 from experiments.progress import Bars
-from experiments.run import CONF
 from pzcap.capture import read_capture
 from pzcap.types import PzcapError
 
@@ -68,22 +63,9 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     return outcomes
 
 
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
-def _job(composed: DictConfig) -> None:
-    out, err = Console(), Console(stderr=True)
-    with reported():
-        tree = plain(composed)
-        config = build(tree)
-        outcomes = run(config, tree, Path(HydraConfig.get().runtime.output_dir), err)
-    show.print_budget(out, f"{config.capture or config.shoot.motion}, seed {config.seed}", outcomes)
-
-
 def main() -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
-    if not any(argument.startswith("experiment=") for argument in sys.argv[1:]):
-        sys.argv.append("experiment=ablation")
-    command: Callable[[], object] = _job
-    return guard(command)
+    return command("ablation", run, show.print_budget)
 
 
 if __name__ == "__main__":
