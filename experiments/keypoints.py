@@ -70,10 +70,11 @@ def _command() -> None:
         raise PzcapError(f"{folder}: no truth lies beside it to compare with; shoot one (shoot.detector.enabled=true)")
     if not any(camera.keypoints for camera in capture.cameras):
         raise PzcapError(f"{folder}: no camera has keypoints; name them in capture.json (docs/capture.md)")
-    table = Table(title=capture.name, title_justify="left", header_style="bold")
+    title = f"{capture.name}: joint errors in mm, and frames lost"
+    table = Table(title=title, title_justify="left", header_style="bold")
     table.add_column("the body")
     for key in SHOWN:
-        table.add_column(key, justify="right")
+        table.add_column(key.rpartition(".")[2], justify="right")
     with Bars(Console(stderr=True)) as bars:
         for name, found in compare(capture, truth, bars):
             table.add_row(name, *(format_value(found[key]) for key in SHOWN))
