@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pzcap import outline
 from pzcap.camera import at
-from pzcap.colours import Compared, ForegroundConfig, compare, double, halve
+from pzcap.colours import Compared, ForegroundConfig, compare, double
 from pzcap.cylinder import Window, warp_background
 from pzcap.types import Array, Camera, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
@@ -100,10 +100,11 @@ def subtract(
     All are of the part of the view in which the body is ``expected``, or of the whole view.
     """
     matched = match_gain(image, background, known)
-    corner, prior = (0, 0), np.full(halve(known.astype(np.uint8)).shape, config.prior_log_odds, np.float32)
-    if expected is not None:
-        corner = expected.left, expected.top
-        prior = _prior(expected.distance_px, config)
+    if expected is None:
+        half = known.shape[0] // 2, known.shape[1] // 2
+        corner, prior = (0, 0), np.full(half, config.prior_log_odds, np.float32)
+    else:
+        corner, prior = (expected.left, expected.top), _prior(expected.distance_px, config)
     evidence = _judge(compare(image, matched, known, camera, corner, blur_px, config), prior)
     probability = _outlined(image, matched, evidence + prior)
     np.maximum(probability, EVEN, out=probability, where=~known)
@@ -146,7 +147,7 @@ def match_gain(image: Image, background: Image, known: Mask) -> Image:
 # The body
 
 
-def _judge(compared: Compared, prior: np.float32 | Float32) -> Float32:
+def _judge(compared: Compared, prior: Float32) -> Float32:
     """Log-odds of body (h, w) from the colours alone. What is body whatever its colour shows which colours it has."""
     sure = np.asarray(cv2.erode(_body(_smooth(compared.judge() + prior)), np.ones((3, 3), np.uint8)), np.uint8)
     return compared.judge(sure if sure.sum() >= FEWEST else None)
