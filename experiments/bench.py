@@ -146,6 +146,7 @@ def _follow(
     tracker = None
     if capture.subject is not None and sets.keyframes:
         tracker = tracking.Tracker(body.build(capture.subject), sets.keyframes, config.tracking)
+    before: Found = [None] * len(prepared)
     last: Found = [None] * len(prepared)
 
     def localise(number: int, image: Image | None, prior: Localisation | None) -> Localisation | None:
@@ -167,10 +168,13 @@ def _follow(
         if frames.index % COLD_EVERY == WARM:
             for number, image in enumerate(frames.images):
                 stages.cold.time(localise, number, image, None)
-        known = all(found is not None and found.valid for found in last)  # a view that was lost is a cold start
-        prior = [found if found is not None and found.valid else None for found in last]
-        timed = stages.follow if warm and known else Stage("", "")
-        last = timed.time(views, localise, frames, prior)
+        prior = [panzoom.predicted(*pair) for pair in zip(before, last, strict=True)]
+        # a view that was lost is a cold start
+        timed = stages.follow if warm and all(found is not None for found in prior) else Stage("", "")
+        before = last
+        last = [
+            found if found is not None and found.valid else None for found in timed.time(views, localise, frames, prior)
+        ]
         timed = stages.separate if warm else Stage("", "")
         silhouettes = timed.time(views, separate, frames, last)
         if tracker is not None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pzcap import camera as geometry
 from pzcap.cylinder import NODES, Hall, kernel_hall, near_at
-from pzcap.sampling import STEPS, Stored, cubic, stored
+from pzcap.sampling import Stored, cubic, softened, stored
 from pzcap.sweep import grey
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
@@ -26,6 +26,7 @@ MOST_STEPS = 12  # on the finest, where they go on until one
 SETTLED_PX = 0.02  # is as small as that, in pixels of the frame
 REACH_PX = (15.0, 4.0, 1.5)  # by how much a start may be off on each, pixels of the panorama
 COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
+LINEAR = 1e-3  # change of log focal, or of tilt, up to which rays are straight lines in it: to 0.001 pixels
 BORDER = 3  # pixels at the frame's edge left out
 SHOWN = 80  # points given back as matches
 
@@ -47,6 +48,15 @@ class _Level:
     known: Mask  # (H, W) all around a pixel is known
     scale: float  # panorama pixels to one of this level's
     pixels: int  # looked at, about
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rays:
+    """Where pixels of a frame look, and how that changes near one tilt and focal length."""
+
+    tilt_rad: float
+    focal_px: float
+    directions: Array  # (N, 6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,8 +114,11 @@ class Aligner:
         gains = np.zeros(shading.shape[1])
         gains[0] = 1.0
         looseness = 4.0  # tight weights from the first step on slow the convergence
+        rays = self._rays(points, pan_rad, tilt_rad, focal_px)
         for step in range(MOST_STEPS if level.scale == 1 else steps):
-            sampled = self._sample(level, points, pan_rad, tilt_rad, focal_px)
+            if max(abs(np.log(focal_px / rays.focal_px)), abs(tilt_rad - rays.tilt_rad)) > LINEAR:
+                rays = self._rays(points, pan_rad, tilt_rad, focal_px)
+            sampled = self._sample(level, rays, pan_rad, tilt_rad, focal_px)
             usable = sampled[:, KNOWN] > 0
             if usable.sum() < 50:
                 return None
@@ -134,28 +147,34 @@ class Aligner:
         whole = int(shrink)  # by fractions it is smoothed alone, see `sampling.stored`
         size = (lens.width // whole, lens.height // whole)
         small = cv2.resize(frame[: size[1] * whole, : size[0] * whole], size, interpolation=cv2.INTER_AREA)
-        soft = stored(np.asarray(small, np.uint8), shrink / whole)
+        soft = softened(np.asarray(small, np.uint8), shrink / whole)
         chosen = _edges(soft, max(1, round(np.sqrt(soft.size / level.pixels))))
-        observed = np.asarray(soft[chosen[:, 1], chosen[:, 0]] / STEPS, np.float64)
-        points = (chosen.astype(np.float64) + 0.5) * whole - 0.5
-        centre = np.array([(lens.width - 1) / 2, (lens.height - 1) / 2])
-        squared = np.sum((points - centre) ** 2, axis=1) / np.sum(centre**2)
-        powers = np.arange(3 if level.scale == 1 else 2)
-        return points, observed, np.asarray(squared[:, None] ** powers, np.float64)
+        observed = soft[chosen[:, 1], chosen[:, 0]].astype(np.float64)
+        points = (chosen + 0.5) * whole - 0.5
+        middle_x, middle_y = (lens.width - 1) / 2, (lens.height - 1) / 2
+        squared = ((points[:, 0] - middle_x) ** 2 + (points[:, 1] - middle_y) ** 2) / (middle_x**2 + middle_y**2)
+        powers = [np.ones_like(squared), squared, squared * squared]
+        return points, observed, np.column_stack(powers[: 3 if level.scale == 1 else 2])
 
-    def _sample(self, level: _Level, points: Array, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
-        """What the panorama shows at ``points`` (N, 2); (N, 7), columns VALUE to ROW."""
+    def _rays(self, points: Array, pan_rad: float, tilt_rad: float, focal_px: float) -> _Rays:
+        """Where ``points`` (N, 2) look."""
         panorama, camera = self._panorama, self._camera
         principal, k1 = geometry.lens_at(camera.lens, focal_px)
         principal_slope, k1_slope = geometry.lens_slope(camera.lens, focal_px)
+        view = np.array([tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
+        centre = geometry.view_at(camera, pan_rad, tilt_rad, focal_px).centre_m
+        directions = _directions(points, view, np.array([pan_rad, *centre]), kernel_hall(panorama.surroundings))
+        return _Rays(tilt_rad, focal_px, directions)
+
+    def _sample(self, level: _Level, rays: _Rays, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
+        """What the panorama shows along ``rays`` (N), as those change; (N, 7), columns VALUE to ROW."""
+        panorama = self._panorama
         column = panorama.origin_px[0] - pan_rad * panorama.px_per_rad
         if panorama.full_turn:
             column = np.mod(column, panorama.image.shape[1])
-        view = np.array([tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
         place = np.array([column + self._margin, panorama.origin_px[1], panorama.px_per_rad, level.scale])
-        centre = geometry.view_at(camera, pan_rad, tilt_rad, focal_px).centre_m
-        beside = np.array([pan_rad, *centre])
-        return _sample(level.image, level.known, points, view, place, beside, kernel_hall(panorama.surroundings))
+        change = np.array([np.log(focal_px / rays.focal_px), tilt_rad - rays.tilt_rad])
+        return _sample(level.image, level.known, rays.directions, change, place)
 
     def _judged(self, fitted: _Fitted) -> Alignment:
         sampled, weight = fitted.sampled, fitted.weight
@@ -165,7 +184,8 @@ class Aligner:
         contrast = float(np.median(np.abs(value - np.median(value))))
         difference = float(np.median(np.abs(fitted.residual[usable])))
         strength = np.abs(sampled[:, BY_PAN]) * weight
-        shown = np.sort(np.argsort(-strength, kind="stable")[: 5 * SHOWN : 5])
+        least = np.partition(strength, -min(5 * SHOWN, len(strength)))[-min(5 * SHOWN, len(strength))]
+        shown = np.flatnonzero(strength >= least)[::5]
         places = sampled[shown, COLUMN:] - np.array([self._margin, 0.0])
         if self._panorama.full_turn:
             places[:, 0] = np.mod(places[:, 0], self._panorama.image.shape[1])
@@ -182,69 +202,80 @@ frame, 1 where the panorama is known, and the panorama's column and (6) row ther
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sample(
-    image: Stored,
-    known: Mask,
-    points: Array,
-    view: Array,
-    place: Array,
-    beside: Array,
-    hall: Hall,
-) -> Array:
-    """`camera.look` and `cylinder.from_axis`, their derivatives, and samples of the image, for points (N, 2).
+def _directions(points: Array, view: Array, beside: Array, hall: Hall) -> Array:
+    """`camera.look` and `cylinder.from_axis` for points (N, 2), at pan 0: (N, 6) azimuth and slope, and both by log
+    focal, and both by tilt.
 
-    ``view``: tilt, roll, focal length, principal point, k1, and the latter three's derivatives by log focal. ``place``:
-    panorama column of the pan, row of slope 0, pixels to the radian, scale of the level. ``beside``: pan, the
-    projection centre beside the axis. The result's columns are VALUE and so on.
+    ``view``: tilt, roll, focal length, principal point, k1, and the latter three's derivatives by log focal.
+    ``beside``: pan, the projection centre beside the axis.
     """
     tilt, roll, focal, principal_x, principal_y, k1, slope_x, slope_y, slope_k1 = view
     cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
-    column_0, row_0, per_rad, scale = place
     pan, offset_x, offset_y, offset_z = beside
     nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
-    out = np.zeros((len(points), 7))
-    for n in range(len(points)):
-        bent_x, bent_y = (points[n, 0] - principal_x) / focal, (points[n, 1] - principal_y) / focal
+    out = np.empty((len(points), 6))
+    by_focal = 1.0 / focal
+    for n in range(len(points)):  # divisions are what takes the time here
+        bent_x, bent_y = (points[n, 0] - principal_x) * by_focal, (points[n, 1] - principal_y) * by_focal
         bent = np.sqrt(bent_x * bent_x + bent_y * bent_y)
         radius = bent * (1.0 - k1 * bent * bent)  # so near that two steps of Newton's are enough
         for _ in range(2):
-            radius -= (radius * (1.0 + k1 * radius**2) - bent) / (1.0 + 3.0 * k1 * radius**2)
+            squared = k1 * radius * radius
+            radius -= (radius * (1.0 + squared) - bent) / (1.0 + 3.0 * squared)
         squared = radius * radius
-        factor = 1.0 + k1 * squared
-        x, y = bent_x / factor, bent_y / factor
+        by_factor = 1.0 / (1.0 + k1 * squared)
+        x, y = bent_x * by_factor, bent_y * by_factor
         # the fixed pixel's ray as log focal grows: lens^-1 (d bent - r^2 xy dk1), lens = factor + 2 k1 xy xy^T
-        push_x = -bent_x - slope_x / focal - squared * x * slope_k1
-        push_y = -bent_y - slope_y / focal - squared * y * slope_k1
-        along = 2.0 * k1 * (x * push_x + y * push_y) / (factor * (factor + 2.0 * k1 * squared))
-        d_x, d_y = push_x / factor - along * x, push_y / factor - along * y
+        push_x = -bent_x - slope_x * by_focal - squared * x * slope_k1
+        push_y = -bent_y - slope_y * by_focal - squared * y * slope_k1
+        along = 2.0 * k1 * (x * push_x + y * push_y) / (1.0 + 3.0 * k1 * squared)
+        d_x, d_y = (push_x - along * x) * by_factor, (push_y - along * y) * by_factor
 
         left, down = -(cos_r * x - sin_r * y), sin_r * x + cos_r * y
         d_left, d_down = -(cos_r * d_x - sin_r * d_y), sin_r * d_x + cos_r * d_y
         forward, up = cos_t + sin_t * down, sin_t - cos_t * down
         d_forward, d_up = sin_t * d_down, -cos_t * d_down
-        across = forward * forward + left * left
-        level = np.sqrt(across)
-        d_azimuth = (forward * d_left - left * d_forward) / across
-        d_slope = d_up / level - up * (forward * d_forward + left * d_left) / (across * level)
-        alpha, slope = np.arctan2(left, forward), up / level
-        near = near_at(hall, pan + alpha, slope, nodes, shares) if len(hall[1]) else 0.0
+        by_across = 1.0 / (forward * forward + left * left)
+        by_level = np.sqrt(by_across)
+        azimuth, slope = np.arctan2(left, forward), up * by_level
+        near = near_at(hall, pan + azimuth, slope, nodes, shares) if len(hall[1]) else 0.0
         to_x, to_y = near * offset_x, near * offset_y
-        cos_a, sin_a = forward / level, left / level
-        column = column_0 - (alpha - to_x * sin_a + to_y * cos_a) * per_rad
-        row = row_0 - (slope * (1.0 - to_x * cos_a - to_y * sin_a) + near * offset_z) * per_rad
-        out[n, COLUMN], out[n, COLUMN + 1] = column, row
+        cos_a, sin_a = forward * by_level, left * by_level
+        out[n, 0] = azimuth - to_x * sin_a + to_y * cos_a
+        out[n, 1] = slope * (1.0 - to_x * cos_a - to_y * sin_a) + near * offset_z
+        out[n, 2] = (forward * d_left - left * d_forward) * by_across
+        out[n, 3] = (d_up - up * (forward * d_forward + left * d_left) * by_across) * by_level
+        # tilting turns the ray's (forward, up) by itself
+        out[n, 4] = left * up * by_across
+        out[n, 5] = forward * (1.0 + up * up * by_across) * by_level
+    return out
 
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sample(image: Stored, known: Mask, directions: Array, change: Array, place: Array) -> Array:
+    """Samples of the image and their derivatives along directions (N, 6), `_directions`, which have changed by
+    ``change`` in log focal and tilt.
+
+    ``place``: panorama column of the pan, row of slope 0, pixels to the radian, scale of the level. The columns of the
+    result are VALUE and so on.
+    """
+    column_0, row_0, per_rad, scale = place
+    per_px = -per_rad / scale
+    out = np.zeros((len(directions), 7))
+    for n in range(len(directions)):
+        azimuth, slope, azimuth_by_focal, slope_by_focal, azimuth_by_tilt, slope_by_tilt = directions[n]
+        azimuth += azimuth_by_focal * change[0] + azimuth_by_tilt * change[1]
+        slope += slope_by_focal * change[0] + slope_by_tilt * change[1]
+        column, row = column_0 - azimuth * per_rad, row_0 - slope * per_rad
+        out[n, COLUMN], out[n, COLUMN + 1] = column, row
         column, row = (column + 0.5) / scale - 0.5, (row + 0.5) / scale - 0.5
         inside, value, by_column, by_row = cubic(image, column, row)
         if not inside or not known[int(np.rint(row)), int(np.rint(column))]:
             continue
-        per_px = -per_rad / scale
         out[n, VALUE] = value
         out[n, BY_PAN] = per_px * by_column
-        out[n, BY_LOG_FOCAL] = per_px * (by_column * d_azimuth + by_row * d_slope)
-        # tilting turns the ray's (forward, up) by itself
-        by_tilt = by_column * left * up / across + by_row * forward * (1.0 + up * up / across) / level
-        out[n, BY_TILT] = per_px * by_tilt
+        out[n, BY_LOG_FOCAL] = per_px * (by_column * azimuth_by_focal + by_row * slope_by_focal)
+        out[n, BY_TILT] = per_px * (by_column * azimuth_by_tilt + by_row * slope_by_tilt)
         out[n, KNOWN] = 1.0
     return out
 
@@ -277,20 +308,19 @@ def _normal(
 
 
 @njit(cache=True, nogil=True)
-def _edges(image: Stored, cell: int) -> NDArray[np.int64]:
-    """(N, 2) the pixel of the steepest edge in each cell of so many pixels across."""
+def _edges(image: NDArray[np.float32], cell: int) -> NDArray[np.int64]:
+    """(N, 2) the pixel of the steepest edge in each cell of so many pixels across; every second row is looked at."""
     rows, columns = (image.shape[0] - 2 * BORDER) // cell, (image.shape[1] - 2 * BORDER) // cell
     chosen = np.empty((rows * columns, 2), np.int64)
     steepness = np.empty(columns * cell, np.float32)
     steepest = np.empty(columns, np.float32)
     for row in range(rows):
         steepest[:] = -1.0
-        for i in range(BORDER + row * cell, BORDER + (row + 1) * cell):
+        for i in range(BORDER + row * cell, BORDER + (row + 1) * cell, 2):
             above, here, below = image[i - 1], image[i], image[i + 1]
             for n in range(columns * cell):
                 j = BORDER + n
-                across = np.float32(here[j + 1]) - np.float32(here[j - 1])
-                down = np.float32(below[j]) - np.float32(above[j])
+                across, down = here[j + 1] - here[j - 1], below[j] - above[j]
                 steepness[n] = across * across + down * down
             for column in range(columns):
                 for n in range(column * cell, (column + 1) * cell):

@@ -103,10 +103,11 @@ def near_at(hall: Hall, azimuth: float, slope: float, nodes: NDArray[np.int64], 
     rows, around = departures.shape
     up = min(max((slope - slopes[0]) / (slopes[1] - slopes[0]), 0.0), 1.0) * (rows - 1)
     row = min(int(up), rows - 2)
-    left = (azimuth / (2 * np.pi)) % 1.0 * around
-    column = int(left) % around
-    b, a = up - row, left - int(left)
-    beyond = (column + 1) % around
+    turns = azimuth / (2 * np.pi)
+    left = (turns - np.floor(turns)) * around  # faster than the remainder
+    column = min(int(left), around - 1)
+    beyond = column + 1 if column + 1 < around else 0
+    b, a = up - row, left - column
     wall, floor = (1 - a) * walls[column] + a * walls[beyond], -slope / height
     nodes[0], nodes[1] = column, beyond
     nodes[2], nodes[3] = around * (row + 1) + column, around * (row + 1) + beyond
@@ -118,8 +119,10 @@ def near_at(hall: Hall, azimuth: float, slope: float, nodes: NDArray[np.int64], 
     )  # fmt: skip
     before = nearer if wall > floor else 0.0
     shares[0], shares[1] = before * (1 - a), before * a
-    shares[2:] *= max(wall, floor)
-    return max(wall, floor) * nearer
+    nearest = max(wall, floor)
+    for k in range(2, NODES):
+        shares[k] *= nearest
+    return nearest * nearer
 
 
 @njit(cache=True, nogil=True)

@@ -18,13 +18,17 @@ Stored = NDArray[np.uint16]
 """(H, W) a smoothed grey image, in STEPS to a grey level."""
 
 
-def stored(image: NDArray[np.uint8] | NDArray[np.float32], shrink: float = 1.0) -> Stored:
+def softened(image: NDArray[np.uint8] | NDArray[np.float32], shrink: float = 1.0) -> NDArray[np.float32]:
     """A grey image (H, W), smoothed as it would be were it ``shrink`` times smaller.
 
     It keeps its pixels: an image that is made smaller by a fraction has its edges moved by up to a tenth of a pixel.
     """
-    soft = cv2.GaussianBlur(image.astype(np.float32), (0, 0), _smoothing(shrink))
-    return np.asarray(np.clip(np.rint(soft * STEPS), 0, 65535), np.uint16)
+    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), _smoothing(shrink)), np.float32)
+
+
+def stored(image: NDArray[np.uint8] | NDArray[np.float32]) -> Stored:
+    """A grey image (H, W), smoothed and in STEPS."""
+    return np.asarray(np.clip(np.rint(softened(image) * STEPS), 0, 65535), np.uint16)
 
 
 def smoothed_further(image: Stored, shrink: float) -> Stored:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pzcap.align import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, VALUE, Aligner
+from pzcap.align import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, LINEAR, VALUE, Aligner
 from pzcap.camera import look, view_at
 from pzcap.cylinder import from_axis, to_panorama
 from pzcap.types import Array, Surroundings
@@ -37,19 +37,35 @@ def aligner() -> Aligner:
 HALL = Surroundings(1.7, np.linspace(0.05, 0.6, 12), np.linspace(0, 0.1, 24).reshape(2, 12), np.array([-0.4, 0.3]))
 
 
+def sampled_at(aligner: Aligner, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
+    """What the panorama shows at PIXELS."""
+    rays = aligner._rays(PIXELS, pan_rad, tilt_rad, focal_px)
+    return aligner._sample(aligner._levels[0], rays, pan_rad, tilt_rad, focal_px)
+
+
 def test_samples_stand_where_the_camera_looks(aligner: Aligner) -> None:
     """The compiled loop against `camera.look` and `cylinder.from_axis`, parallax and the seam included."""
     camera = replace(camera_of(OPTICS), offset_m=np.array([0.005, -0.003]), travel_m=0.004)
     panorama = replace(aligner._panorama, surroundings=HALL)
     beside = Aligner(panorama, camera)
     for pan in (-3.0, 0.2, 3.1):
-        sampled = beside._sample(beside._levels[0], PIXELS, pan, camera.tilt_rad, 500.0)
+        sampled = sampled_at(beside, pan, camera.tilt_rad, 500.0)
         view = view_at(camera, pan, camera.tilt_rad, 500.0)
         places = to_panorama(panorama, *from_axis(panorama, view, *look(view, PIXELS)))
         found = sampled[:, COLUMN:] - np.array([beside._margin, 0.0])
         off = np.mod(found[:, 0] - places[:, 0] + 50, panorama.image.shape[1]) - 50
         np.testing.assert_allclose(off, 0.0, atol=1e-5)
         np.testing.assert_allclose(found[:, 1], places[:, 1], atol=1e-5)
+
+
+def test_rays_may_be_taken_as_straight_so_near(aligner: Aligner) -> None:
+    tilt, focal = OPTICS.tilt_rad, 500.0
+    near = aligner._rays(PIXELS, 0.2, tilt, focal)
+    for by_tilt, by_focal in ((LINEAR, 0.0), (0.0, -LINEAR), (LINEAR, LINEAR)):
+        moved = tilt + by_tilt, focal * np.exp(by_focal)
+        straight = aligner._sample(aligner._levels[0], near, 0.2, *moved)
+        exact = sampled_at(aligner, 0.2, *moved)
+        np.testing.assert_allclose(straight[:, COLUMN:], exact[:, COLUMN:], atol=1e-3)
 
 
 def test_derivatives_match_finite_differences() -> None:
@@ -59,10 +75,10 @@ def test_derivatives_match_finite_differences() -> None:
     waves = 127 + 60 * np.sin(column / 9.0) + 60 * np.cos(row / 7.0 + column / 40.0)
     smooth = replace(whole, image=np.repeat(np.rint(waves).astype(np.uint8)[..., None], 3, axis=2))
     aligner = Aligner(smooth, camera_of(OPTICS))
-    level, there, step = aligner._levels[0], np.array([0.3, OPTICS.tilt_rad, np.log(600.0)]), 2e-3
+    there, step = np.array([0.3, OPTICS.tilt_rad, np.log(600.0)]), 2e-3
 
     def at(place: Array) -> Array:
-        return aligner._sample(level, PIXELS, place[0], place[1], np.exp(place[2]))
+        return sampled_at(aligner, place[0], place[1], np.exp(place[2]))
 
     here = at(there)
     for column, along in ((BY_PAN, 0), (BY_TILT, 1), (BY_LOG_FOCAL, 2)):

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pzcap.sampling import STEPS, cubic, smoothed_further, stored
+from pzcap.sampling import STEPS, cubic, smoothed_further, softened, stored
 
 
 def test_the_cubic_goes_through_the_pixels_and_its_slope_is_its_derivative() -> None:
@@ -37,9 +37,10 @@ def test_smoothing_is_that_of_a_smaller_image_and_moves_nothing(shrink: float) -
     """An image of waves, smoothed for a size, and smoothed after it was made that small: as strong, and in place."""
     u = np.arange(1200)
     waves = np.tile(128 + 60 * np.sin(2 * np.pi * u / (12 * shrink) + 0.4), (60, 1)).astype(np.float32)
-    fine = stored(waves, shrink)
-    np.testing.assert_allclose(smoothed_further(stored(waves), shrink)[:, 60:-60], fine[:, 60:-60], atol=STEPS * 0.2)
-    small = stored(cv2.resize(waves, (round(1200 / shrink), round(60 / shrink)), interpolation=cv2.INTER_AREA))
+    fine = softened(waves, shrink)
+    further = smoothed_further(stored(waves), shrink) / STEPS
+    np.testing.assert_allclose(further[:, 60:-60], fine[:, 60:-60], atol=0.2)
+    small = softened(cv2.resize(waves, (round(1200 / shrink), round(60 / shrink)), interpolation=cv2.INTER_AREA))
     span, phase = _wave(fine[30], 12 * shrink)
     small_span, _ = _wave(small[8], 12 * shrink * small.shape[1] / 1200)
     assert span == pytest.approx(small_span, rel=0.02)
