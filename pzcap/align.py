@@ -23,7 +23,7 @@ from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 LEVELS = ((3, 4), (1, 2), (0, 2))  # from coarse to fine: halvings of the size, and Gauss-Newton steps, at least
 MOST_STEPS = 12  # on the finest, where they go on until one
-SETTLED_PX = 0.02  # is as small as that, in pixels of the frame
+SETTLED_PX = 0.005  # is as small as that, in pixels of the frame
 REACH_PX = (15.0, 4.0, 1.5)  # by how much a start may be off on each, pixels of the panorama
 COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
 LINEAR = 1e-3  # change of log focal, or of tilt, up to which rays are straight lines in it: to 0.001 pixels
@@ -78,7 +78,7 @@ class Aligner:
     ``free_tilt``, else the camera's is kept."""
 
     def __init__(
-        self, panorama: Panorama, camera: PanZoomCamera, *, pixels: int = 6000, free_tilt: bool = False
+        self, panorama: Panorama, camera: PanZoomCamera, *, pixels: int = 4000, free_tilt: bool = False
     ) -> None:
         self._free = 3 if free_tilt else 2
         self._panorama = panorama
@@ -142,19 +142,18 @@ class Aligner:
     def _pixels(self, frame: Image, level: _Level, focal_px: float) -> tuple[Array, Array, Array]:
         """What is compared: pixels (N, 2), their grey values (N,), and r^0, r^2, ... of the vignetting (N, K)."""
         lens = self._camera.lens
-        # where the frame is finer than the level
-        shrink = max(1.0, focal_px / self._panorama.px_per_rad * level.scale)
-        whole = int(shrink)  # by fractions it is smoothed alone, see `sampling.stored`
+        shrink = focal_px / self._panorama.px_per_rad * level.scale  # the frame is so much finer than the level
+        whole = max(int(shrink), 1)  # by fractions it is smoothed alone, see `sampling.softened`
         size = (lens.width // whole, lens.height // whole)
         small = cv2.resize(frame[: size[1] * whole, : size[0] * whole], size, interpolation=cv2.INTER_AREA)
         soft = softened(np.asarray(small, np.uint8), shrink / whole)
         chosen = _edges(soft, max(1, round(np.sqrt(soft.size / level.pixels))))
         observed = soft[chosen[:, 1], chosen[:, 0]].astype(np.float64)
-        points = (chosen + 0.5) * whole - 0.5
+        points = (chosen.astype(np.float64) + 0.5) * whole - 0.5
         middle_x, middle_y = (lens.width - 1) / 2, (lens.height - 1) / 2
         squared = ((points[:, 0] - middle_x) ** 2 + (points[:, 1] - middle_y) ** 2) / (middle_x**2 + middle_y**2)
         powers = [np.ones_like(squared), squared, squared * squared]
-        return points, observed, np.column_stack(powers[: 3 if level.scale == 1 else 2])
+        return points, observed, np.stack(powers[: 3 if level.scale == 1 else 2], axis=1)
 
     def _rays(self, points: Array, pan_rad: float, tilt_rad: float, focal_px: float) -> _Rays:
         """Where ``points`` (N, 2) look."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pzcap import camera as geometry
 from pzcap import cylinder, direct, features, panorama, reference
-from pzcap.align import Aligner
+from pzcap.align import Aligner, Alignment
 from pzcap.bundle import Adjusted, BeliefConfig, Link, Model, Sigmas, adjust, thinned
 from pzcap.camera import View
 from pzcap.features import Features
@@ -130,7 +130,7 @@ def _prepare_exact(
     pairs = dict.fromkeys((link.first, link.second) for link in links)
     fitted = direct.adjust(
         _refined(matched.model), kept, list(pairs), sigmas, prior=_refined(start),
-        report=lambda done: report("adjust grey values", done, direct.ITERATIONS),
+        pixels=config.sweep.pixels, report=lambda done: report("adjust grey values", done, direct.ITERATIONS),
     )  # fmt: skip
     model = fitted.model
     del kept, images
@@ -154,20 +154,21 @@ def _prepare_exact(
         closure_rad=chained.closure_rad,
         residual_px=matched.residual_px,
     )
-    return Prepared(refined, _from_reference(background, camera, reference_image, refined.camera.focal_px), camera)
+    aligner = Aligner(background, camera, pixels=config.pixels)
+    aligned = aligner.align(reference_image, 0.0, camera.tilt_rad, refined.camera.focal_px, 1.5)
+    return Prepared(refined, _counted_from(background, aligned), camera)
 
 
-def _from_reference(panorama: Panorama, camera: PanZoomCamera, reference_image: Image, focal_px: float) -> Panorama:
+def _counted_from(panorama: Panorama, reference: Alignment) -> Panorama:
     """The panorama, its azimuths counted from where the reference image lies on it.
 
-    The adjustment knows that already; here it is found in the same way as later the pan of every frame, so that what
-    is wrong with all of them alike is not wrong with their difference.
+    The adjustment knows that already; but found in the same way as later the pan of every frame, what is wrong with all
+    of them alike is not wrong with their difference.
     """
-    found = Aligner(panorama, camera).align(reference_image, 0.0, camera.tilt_rad, focal_px, 1.5)
-    if found.agreement < SURE_AGREEMENT:
+    if reference.agreement < SURE_AGREEMENT:
         return panorama
-    origin_px = panorama.origin_px - np.array([found.pan_rad * panorama.px_per_rad, 0.0])
-    return replace(panorama, origin_px=origin_px, sweep_pan_rad=panorama.sweep_pan_rad - found.pan_rad)
+    origin_px = panorama.origin_px - np.array([reference.pan_rad * panorama.px_per_rad, 0.0])
+    return replace(panorama, origin_px=origin_px, sweep_pan_rad=panorama.sweep_pan_rad - reference.pan_rad)
 
 
 def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, Surroundings]:

@@ -31,12 +31,10 @@ from pzcap.bundle import (
     vectors,
 )
 from pzcap.cylinder import NODES, Hall, kernel_hall
-from pzcap.sampling import STEPS, Stored, cubic, smoothed_further
+from pzcap.sampling import Stored, at_pixels, cubic, softened_further
 from pzcap.types import Array
 
-PIXELS = 700  # of a link, at most
 TILE = 16  # pixels: edges are taken from everywhere, so many across
-STRONGEST = 12  # of each tile
 BORDER = 4  # pixels at the edge left out
 ITERATIONS = 4
 DOUBT = 10.0  # what is left over is no noise but the same everywhere: so many pixels are worth one
@@ -61,9 +59,9 @@ class Fitted:
 
 
 def _overlap(
-    frames: Stored, edges: Sequence[NDArray[np.int64]], model: Model, first: int, second: int
+    frames: Stored, edges: Sequence[NDArray[np.int64]], model: Model, first: int, second: int, most: int
 ) -> Overlap | None:
-    """Pixels of two frames to be compared; the finer of the two is smoothed to the other's resolution.
+    """``most`` pixels of two frames to be compared; the finer of the two is smoothed to the other's resolution.
 
     ``edges`` are those of the frames as they are. None if the frames share too little.
     """
@@ -72,30 +70,31 @@ def _overlap(
     if shrink < 0.999:
         first, second, views, shrink = second, first, (views[1], views[0]), 1.0 / shrink
     height, width = frames[first].shape
-    fine, chosen = frames[first], edges[first]
+    fine, chosen = None, edges[first]
     if shrink > 1.001:
-        fine = smoothed_further(fine, shrink)
-        chosen = _edges(fine)
+        fine = softened_further(frames[first], shrink)
+        chosen = _edges(fine, most)
     points = chosen.astype(np.float64)
     seen, front = geometry.see(views[1], *geometry.look(views[0], points))
     inside = front & np.all((seen >= BORDER) & (seen <= np.array([width, height]) - 1 - BORDER), axis=1)
     which = np.flatnonzero(inside)
-    which = which[:: max(1, len(which) // PIXELS)]
-    if len(which) < PIXELS // 10:
+    which = which[:: max(1, len(which) // most)]
+    if len(which) < most // 10:
         return None
     middle = np.array([width - 1, height - 1]) / 2
     radial = np.sum((points[which] - middle) ** 2, axis=1) / np.sum(middle**2)
-    column, row = chosen[which].T
-    return Overlap(first, second, points[which], fine[row, column] / STEPS, radial)
+    grey = at_pixels(frames[first], chosen[which]) if fine is None else fine[chosen[which, 1], chosen[which, 0]]
+    return Overlap(first, second, points[which], np.asarray(grey, np.float64), radial)
 
 
-def _edges(image: Stored) -> NDArray[np.int64]:
-    """(N, 2) the pixels of the strongest edges, the same number in every tile."""
+def _edges(image: Stored | NDArray[np.float32], most: int) -> NDArray[np.int64]:
+    """(N, 2) the pixels of the strongest edges, the same number in every tile, and some times ``most`` in all."""
     inner = image[BORDER : image.shape[0] - BORDER, BORDER : image.shape[1] - BORDER].astype(np.float32)
     strength = np.hypot(cv2.Sobel(inner, cv2.CV_32F, 1, 0), cv2.Sobel(inner, cv2.CV_32F, 0, 1))
     rows, columns = (side // TILE for side in strength.shape)
     tiles = strength[: rows * TILE, : columns * TILE].reshape(rows, TILE, columns, TILE).swapaxes(1, 2)
-    best = np.sort(np.argpartition(-tiles.reshape(rows, columns, TILE**2), STRONGEST, axis=2)[:, :, :STRONGEST], axis=2)
+    strongest = min(max(round(20 * most / (rows * columns)), 1), TILE**2 - 1)
+    best = np.sort(np.argpartition(-tiles.reshape(rows, columns, TILE**2), strongest, axis=2)[:, :, :strongest], axis=2)
     row = np.arange(rows)[:, None, None] * TILE + best // TILE
     column = np.arange(columns)[None, :, None] * TILE + best % TILE
     return np.stack([column.ravel(), row.ravel()], axis=1) + BORDER
@@ -108,16 +107,18 @@ def adjust(
     sigmas: Sigmas,
     *,
     prior: Model,
+    pixels: int,
     report: Callable[[int], None],
 ) -> Fitted:
-    """Fit the model to the grey values of ``pairs`` of ``frames`` (F, H, W); as `bundle.adjust`.
+    """Fit the model to the grey values of ``pairs`` of ``frames`` (F, H, W), of ``pixels`` of each pair at most; as
+    `bundle.adjust`.
 
     ``start`` must be right to about a pixel.
     """
     loose = replace(sigmas, walls=0.3, unevenness=0.2, departures=0.1, roughness=0.05)
     believed, mean = information(start, loose), vector(prior)
-    edges = [_edges(frame) for frame in frames]
-    overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, *pair)) is not None]
+    edges = [_edges(frame, pixels) for frame in frames]
+    overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, *pair, pixels)) is not None]
     ends = np.array([[one.first, one.second] for one in overlaps])
     bounds = np.cumsum([0, *(len(one.grey) for one in overlaps)])
     points = np.vstack([one.points_px for one in overlaps])

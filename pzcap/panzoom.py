@@ -43,7 +43,7 @@ class PanZoomConfig:
     sure_agreement: float = 0.85  # of an alignment (see `align.Alignment`) alone, or features are asked
     min_agreement: float = 0.5  # of one that features led to
     max_pan_sigma_deg: float = 0.05  # a frame whose matches tell less than this is not valid
-    pixels: int = 6000  # of a frame that are aligned with the panorama: more take longer
+    pixels: int = 4000  # of a frame that are aligned with the panorama: more take longer
     floor_deg: float = 0.0012  # systematic error of pan: the least standard deviation that is claimed
     floor_focal: float = 1.7e-4  # the same of the focal length, relative
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)

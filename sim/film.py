@@ -20,10 +20,8 @@ from sim.optics import Plate, Rig, lens_maps, plate_for, through_lens, vignette
 from sim.render import Stage
 from sim.sensor import Exposure, Sensor, SensorConfig
 
-STILL_SCALE: Final = 4.0
-SWEEP_SCALE: Final = 2.0
-MOTION_SCALE: Final = 1.5
-"""Pictures are rendered so much finer than the image. Several moments averaged smooth edges by themselves."""
+_REFERENCE_SCALE: Final = 4.0  # the reference image is rendered so much finer at least
+_AVERAGED: Final = 0.75  # several moments averaged smooth edges by themselves: they need less supersampling
 
 _AHEAD = 4  # frames that may wait to be developed
 _SHADOW_LEVELS = 6  # grey levels by which a shadow darkens a pixel, at least
@@ -34,16 +32,23 @@ Person = Callable[[float], Pose]
 """The pose of whoever is in the hall, at a time (s)."""
 
 
+def finest_plate(rig: Rig, config: SensorConfig, zoom: float) -> tuple[int, int]:
+    """Width and height of the largest picture that is rendered at a zoom."""
+    scale = max(config.supersampling, _REFERENCE_SCALE if zoom == 1.0 else 0.0)
+    return plate_for(rig, rig.reference_focal_px * zoom).size(scale)
+
+
 class FilmCamera:
     """One camera on its tripod in the hall."""
 
     def __init__(self, stage: Stage, rig: Rig, config: SensorConfig, rng: np.random.Generator) -> None:
         self._stage, self._rig, self._config = stage, rig, config
+        self._averaged_scale = _AVERAGED * config.supersampling
         self._sensor = Sensor(config, vignette(rig), rng)
 
     def still(self, rng: np.random.Generator, aim: Aim | None = None) -> Image:
         """Photograph the calibration object at the reference pose, or with another ``aim``; nobody in the hall."""
-        scale = STILL_SCALE if aim is None else SWEEP_SCALE
+        scale = max(self._config.supersampling, _REFERENCE_SCALE if aim is None else 0.0)
         aim = aim or Aim(0.0, self._rig.reference_focal_px)
         focal_px = aim.focal_px
         plate = self._aim(lambda _: aim, 0.0, None)
@@ -73,7 +78,7 @@ class FilmCamera:
         exposure = Exposure(self._config.exposure_drift, rng)
         sub_exposures = sub_exposures if self._config.shutter_s > 0 else 1
         offsets_s = ((np.arange(sub_exposures) + 0.5) / sub_exposures - 0.5) * self._config.shutter_s
-        scale = SWEEP_SCALE if sub_exposures == 1 else MOTION_SCALE
+        scale = self._config.supersampling if sub_exposures == 1 else self._averaged_scale
         exposed: queue.Queue[tuple[Image, float, float] | None] = queue.Queue(_AHEAD)
 
         def developed() -> Iterator[Image]:
@@ -101,15 +106,15 @@ class FilmCamera:
         """(height, width) the pixels that show the person."""
         plate = self._aim(look, time_s, person)
         # finer than the image, as pictures are: else an edge would stand up to half a pixel beside itself
-        maps = lens_maps(self._rig, plate, look(time_s).focal_px, MOTION_SCALE)
-        return np.asarray(through_lens(self._stage.mask(plate.size(MOTION_SCALE)), maps, self._rig) > 127)
+        maps = lens_maps(self._rig, plate, look(time_s).focal_px, self._averaged_scale)
+        return np.asarray(through_lens(self._stage.mask(plate.size(self._averaged_scale)), maps, self._rig) > 127)
 
     def shadow(self, look: Look, time_s: float, person: Person, mask: Mask) -> Mask:
         """(height, width) the pixels that the person's shadow darkens, off the person's own ``mask``."""
         plate = self._aim(look, time_s, person)
-        maps = lens_maps(self._rig, plate, look(time_s).focal_px, MOTION_SCALE)
+        maps = lens_maps(self._rig, plate, look(time_s).focal_px, self._averaged_scale)
         lit, dark = (
-            through_lens(self._stage.picture(plate.size(MOTION_SCALE), athlete=shown), maps, self._rig)
+            through_lens(self._stage.picture(plate.size(self._averaged_scale), athlete=shown), maps, self._rig)
             for shown in (False, True)
         )
         darker = lit.mean(axis=2) - dark.mean(axis=2) > _SHADOW_LEVELS

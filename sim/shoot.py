@@ -25,12 +25,12 @@ from sim import gym, motion
 from sim.athlete import AthleteConfig, draw_measurements
 from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand, to_and_fro
 from sim.detector import Detector, DetectorConfig, write_openpose
-from sim.film import STILL_SCALE, SWEEP_SCALE, FilmCamera
+from sim.film import FilmCamera, finest_plate
 from sim.furniture import REARRANGED
 from sim.gym import GymConfig
 from sim.motion import END_POINTS, MotionClip
 from sim.operator import Hands, OperatorConfig, follow, sweep, sweep_length, swinging, through, tilting, zooming
-from sim.optics import OpticsConfig, Rig, build_rig, plate_for
+from sim.optics import OpticsConfig, Rig, build_rig
 from sim.render import Stage, check_gl
 from sim.scene import build_stage, scene_points, skeleton, stream
 from sim.sensor import SensorConfig, draw_dropped, rolls
@@ -205,9 +205,8 @@ def assemble(config: ShootConfig, folder: Path) -> Crew:
     given = config.operator.trajectories
     named = {str(c + 1): rig for c, rig in enumerate(rigs)}
     given_hands = read_hands(Path(given), named, config.frame_rate, float(times_s[-1])) if given else []
-    zooms = np.linspace(config.optics.zoom_min, config.optics.zoom_max, 9)
-    plates = [plate_for(rig, rig.reference_focal_px * zoom).size(SWEEP_SCALE) for rig in rigs for zoom in zooms]
-    plates += [plate_for(rig, rig.reference_focal_px).size(STILL_SCALE) for rig in rigs]
+    zooms = [1.0, *np.linspace(config.optics.zoom_min, config.optics.zoom_max, 9).tolist()]
+    plates = [finest_plate(rig, config.sensor, zoom) for rig in rigs for zoom in zooms]
     largest = max(width for width, _ in plates), max(height for _, height in plates)
     stage = build_stage(config.seed, config.gym, config.athlete, measurements, largest)
     cameras, files = [], []

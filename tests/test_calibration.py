@@ -65,7 +65,9 @@ def shrunk() -> Panorama:
 def test_pan_0_is_where_the_reference_image_lies_on_the_panorama() -> None:
     panorama, camera = shrunk(), camera_of(OPTICS)
     image = synthetic.render(OPTICS, 0.8 / FOCAL, FOCAL)
-    counted = calibration._from_reference(panorama, camera, image, FOCAL)
+    counted = calibration._counted_from(
+        panorama, Aligner(panorama, camera).align(image, 0.0, OPTICS.tilt_rad, FOCAL, 1.5)
+    )
     again = Aligner(counted, camera).align(image, 0.0, camera.tilt_rad, FOCAL, 1.5)
     assert again.pan_rad == pytest.approx(0.0, abs=0.01 / FOCAL)
     np.testing.assert_allclose(counted.sweep_pan_rad, panorama.sweep_pan_rad - 0.8 / FOCAL, atol=0.05 / FOCAL)
@@ -74,4 +76,5 @@ def test_pan_0_is_where_the_reference_image_lies_on_the_panorama() -> None:
 def test_a_reference_image_of_something_else_moves_nothing() -> None:
     panorama = shrunk()
     nonsense = np.random.default_rng(0).integers(0, 255, (OPTICS.height, OPTICS.width, 3)).astype(np.uint8)
-    assert calibration._from_reference(panorama, camera_of(OPTICS), nonsense, FOCAL) is panorama
+    aligned = Aligner(panorama, camera_of(OPTICS)).align(nonsense, 0.0, OPTICS.tilt_rad, FOCAL, 1.5)
+    assert calibration._counted_from(panorama, aligned) is panorama

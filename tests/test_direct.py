@@ -48,12 +48,15 @@ def off(seed: int) -> Model:
     return bundle.stepped(true, step)
 
 
+PIXELS = 700
+
+
 def silent(done: int) -> None:
     del done
 
 
 def adjusted(frames: Stored, start: Model) -> direct.Fitted:
-    return direct.adjust(start, frames, PAIRS, SIGMAS, prior=start, report=silent)
+    return direct.adjust(start, frames, PAIRS, SIGMAS, prior=start, pixels=PIXELS, report=silent)
 
 
 def errors(found: Model) -> tuple[Array, Array]:
@@ -95,7 +98,7 @@ def test_its_sigmas_are_of_the_size_of_the_errors(frames: Stored) -> None:
 
 
 def test_frames_without_overlap_are_not_compared(frames: Stored) -> None:
-    edges = [direct._edges(frame) for frame in frames]
-    assert direct._overlap(frames, edges, truth(), 0, 7) is not None
+    edges = [direct._edges(frame, PIXELS) for frame in frames]
+    assert direct._overlap(frames, edges, truth(), 0, 7, PIXELS) is not None
     far = bundle.stepped(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(bundle.vector(truth())) - 8)]))
-    assert direct._overlap(frames, edges, far, 0, 7) is None
+    assert direct._overlap(frames, edges, far, 0, 7, PIXELS) is None
