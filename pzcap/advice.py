@@ -29,7 +29,7 @@ _BESIDE: Final = 2  # frames on either side that say what the images have a keyf
 _ASTRAY: Final = 5  # frames that a timecode may be off by
 _CHANCE: Final = 1e-3  # that a hand as good as stated sets a part of the body so far off
 _UNKNOWN_M: Final = 1.0  # of a joint, in a frame in which nobody was tracked
-_RISK_M2: Final = 1e-4  # a frame: that a limb is lost unnoticed, some 0.3 m off, once in a thousand
+_RISK_M2: Final = 3e-4  # a frame: that a limb is lost unnoticed, some 0.3 m off, in three of a thousand
 
 
 @dataclass(frozen=True, slots=True)
