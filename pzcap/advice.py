@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pzcap.body import Body, difference, forward, joint_jacobians, joints, retract
 from pzcap.limbs import LIMBS
@@ -132,7 +132,7 @@ class _Hand:
             off, count = (seen_m - self.joints_m)[rows].ravel(), 3 * len(rows)
             hand = self.covariance[rows][:, :, rows].reshape(count, count)
             covariance = hand + np.diag(np.repeat(sigma_m[rows] ** 2 / 3.0, 3))
-            found[part] = float(off @ np.linalg.solve(covariance, off) / chi2.ppf(1.0 - _CHANCE, count))
+            found[part] = float(off @ np.linalg.solve(covariance, off) / chdtri(count, _CHANCE))
         return found
 
 
