@@ -80,6 +80,7 @@ def _context(material: Material, command: str) -> dict[str, Any]:
     body = None if result is None else result.body
     by_key = {metric.key: metric for metric in material.metrics}
     shown = _Frames(material)
+    contradicted, next_keyframe = _advice(material)
     return {
         "title": reconstruction.capture_name,
         "method": reconstruction.method,
@@ -100,7 +101,8 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "silhouettes": None
         if result is None or result.foreground is None
         else plots.silhouettes(reconstruction, result),
-        "body_error": None if body is None else plots.body_error(body, *_advice(material)),
+        "body_error": None if body is None else plots.body_error(body, contradicted, next_keyframe),
+        "contradicted": contradicted,
         "joint_bars": None if body is None or not body.scored.any() else plots.joint_bars(body),
         "worst": shown.worst(),
         "stage_times": plots.stage_times(material.stage_s) if material.stage_s else None,
