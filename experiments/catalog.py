@@ -63,7 +63,8 @@ def _command() -> None:
     for name in (given.setting, *found.columns):
         table.add_column(name, justify="right")
     for value, row in found.iterrows():
-        table.add_row(f"{value:g}" if isinstance(value, float) else str(value), *(f"{number:.4g}" for number in row))
+        name = f"{value:g}" if isinstance(value, float) else str(value)
+        table.add_row(name, *("–" if number != number else f"{number:.4g}" for number in row))  # no spread of one run
     out = Console()
     out.print(table)
     out.print(f"{len(recordings)} recordings, asked in {wall:.2f} s ({cpu:.2f} s of CPU)", highlight=False)

@@ -41,7 +41,7 @@ from pzcap.types import PzcapError
 RECORDING: Final = "recording.rrd"
 AT_ONCE: Final = 3  # runs of a study
 START_S: Final = 30.0
-NO_VIEWER: Final = "the viewer does not start here; open the file where there is a screen"
+NO_VIEWER: Final = "the viewer does not start here, for want of a screen or a graphics driver; open the file elsewhere"
 LEFT_OUT: Final = ["/__properties/**", "/truth/**", "/phase/**"]
 """Of the second of two runs: what it shares with the first, or what stands in the first one's views by name."""
 
