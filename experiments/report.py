@@ -36,7 +36,7 @@ class Material:
     run: Mapping[str, Any]
     outlines: Mapping[tuple[int, int], Sequence[Array]]  # (frame set, camera) -> closed lines (N, 2) px
     stage_s: Mapping[str, float]
-    tracking: TrackingConfig  # what was said of the keyframes
+    tracking: TrackingConfig  # that the body was tracked with
 
 
 @dataclass(frozen=True, slots=True)

@@ -147,9 +147,9 @@ def _in_line(motion: Motion, near: Sequence[int], frame: int) -> tuple[Pose, flo
 
 
 def _near(motion: Motion, frame: int, reach: int) -> list[int]:
-    """The frames within ``reach`` of a frame, but for itself, in which the body was tracked."""
+    """The frames within ``reach`` of a frame in which the body was tracked and no hand has set it."""
     around = range(max(frame - reach, 0), min(frame + reach + 1, len(motion.valid)))
-    return [t for t in around if t != frame and motion.valid[t]]
+    return [t for t in around if t != frame and motion.valid[t] and t not in motion.keyframes]
 
 
 def _pose(motion: Motion, frame: int) -> Pose:

@@ -36,6 +36,7 @@ class Filmed:
 
 
 def truth_of(crew: Crew, hall: dict[str, list[Hands]], filmed: Filmed) -> Truth:
+    """How it truly was. ``hall`` holds the hands of each camera's "sweep" and, if there was one, "zoom" run."""
     config, rigs = crew.config, crew.rigs
     pan_rad, focal_px, raised_rad = _sampled(filmed.hands, filmed.times_s)
     frames = len(filmed.times_s)

@@ -79,6 +79,7 @@ class Crew:
 
 
 def assemble(config: ShootConfig, folder: Path) -> Crew:
+    """Draw all that chance decides from the seed, build the hall, and make a folder in ``folder`` for each camera."""
     measurements = draw_measurements(config.athlete, stream(config.seed, "measurements"))
     clip = motion.make(config.motion, measurements, stream(config.seed, "motion"))
     rigs = [
