@@ -11,9 +11,10 @@ from experiments.progress import Bars
 from pzcap.calibration import no_report
 from pzcap.types import PzcapError
 from sim import truth as truth_files
+from sim.captures import shoot_cached
 from sim.gym import GymConfig
 from sim.optics import OpticsConfig
-from sim.shoot import ShootConfig, shoot_cached
+from sim.staging import ShootConfig
 from sim.truth import Truth
 
 SMALL: Final = ShootConfig(

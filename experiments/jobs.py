@@ -27,7 +27,8 @@ from experiments import estimators
 from experiments.config import plain, structured
 from experiments.errors import explain
 from pzcap.types import PzcapError
-from sim.shoot import ShootConfig, file_hashes
+from sim.captures import file_hashes
+from sim.staging import ShootConfig
 
 T = TypeVar("T")
 

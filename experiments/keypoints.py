@@ -23,7 +23,8 @@ from experiments.errors import guard
 from experiments.footage import capture_in, truth_beside
 from experiments.metrics import Metric, format_value
 from experiments.progress import Bars
-from experiments.score import metrics, score
+from experiments.score import score
+from experiments.totals import metrics
 from experiments.triangulation import triangulate
 from pzcap import pipeline
 from pzcap.capture import read_capture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import matplotlib as mpl
@@ -161,8 +161,9 @@ def top_view(reconstruction: Reconstruction, truth: Truth | None, result: Score 
     return svg(11.5, 2.9, draw)
 
 
-def body_error(body: BodyErrors) -> str:
-    """Joint errors over time, and what made each stretch hard."""
+def body_error(body: BodyErrors, contradicted: Sequence[int], suggested: int | None) -> str:
+    """Joint errors over time, and what made each stretch hard. The keyframes that the images contradict are crossed,
+    and a line stands where another keyframe would help most."""
 
     def draw(figure: Figure) -> None:
         plot = figure.subplots()
@@ -175,10 +176,15 @@ def body_error(body: BodyErrors) -> str:
         _line(plot, Series(mean.copy(), body.valid), INK, label="mean of the 16 joints", lw=1.8)
         keys = np.flatnonzero(body.keyframe)
         plot.plot(keys, np.zeros(len(keys)), "^", color=KEY, ms=6, clip_on=False, label="keyframe", zorder=5)
+        if contradicted:
+            crosses = np.zeros(len(contradicted))
+            plot.plot(contradicted, crosses, "x", color=INK, ms=9, mew=2, clip_on=False, label="contradicted", zorder=6)
+        if suggested is not None:
+            plot.axvline(suggested, color=KEY, ls=":", lw=1.4, label="next keyframe")
         plot.set(xlabel="frame", ylabel="joint error [mm]", xlim=(0, max(frames[-1], 1)))
         # A single joint that is lost for a moment shall not flatten all the rest.
         plot.set_ylim(0, max(1.3 * mean.max(), float(np.percentile(worst, 97)), 10.0))
-        plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, borderaxespad=0.2)
+        plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=7, borderaxespad=0.2)
 
     return svg(11.5, 3.2, draw)
 

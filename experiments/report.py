@@ -15,8 +15,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from experiments import pictures, plots
 from experiments.metrics import TARGETS, Metric, format_value, meets_target
 from experiments.score import Score
+from pzcap import advice
+from pzcap.body import build
 from pzcap.capture import frame_sets, read_image
 from pzcap.rerun_columns import TRUTH_COLOUR, Colour, figures, instants
+from pzcap.tracking import TrackingConfig
 from pzcap.types import Array, Camera, Capture, FrameSet, Image, Reconstruction
 from sim.truth import Truth
 
@@ -33,6 +36,7 @@ class Material:
     run: Mapping[str, Any]
     outlines: Mapping[tuple[int, int], Sequence[Array]]  # (frame set, camera) -> closed lines (N, 2) px
     stage_s: Mapping[str, float]
+    tracking: TrackingConfig  # that the body was tracked with
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +80,7 @@ def _context(material: Material, command: str) -> dict[str, Any]:
     body = None if result is None else result.body
     by_key = {metric.key: metric for metric in material.metrics}
     shown = _Frames(material)
+    contradicted, next_keyframe = _advice(material)
     return {
         "title": reconstruction.capture_name,
         "method": reconstruction.method,
@@ -96,7 +101,8 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "silhouettes": None
         if result is None or result.foreground is None
         else plots.silhouettes(reconstruction, result),
-        "body_error": None if body is None else plots.body_error(body),
+        "body_error": None if body is None else plots.body_error(body, contradicted, next_keyframe),
+        "contradicted": contradicted,
         "joint_bars": None if body is None or not body.scored.any() else plots.joint_bars(body),
         "worst": shown.worst(),
         "stage_times": plots.stage_times(material.stage_s) if material.stage_s else None,
@@ -106,6 +112,17 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "machine": material.run["machine"],
         "config": json.dumps(material.run["config"], indent=2, ensure_ascii=False),
     }
+
+
+def _advice(material: Material) -> tuple[list[int], int | None]:
+    """The keyframes that the images contradict, and the frame where the next one would help most."""
+    capture, motion = material.capture, material.reconstruction.motion
+    if motion is None or capture.subject is None:
+        return [], None
+    keyframes, hand_sigma = frame_sets(capture).keyframes, material.tracking.hand_sigma
+    found = advice.contradictions(motion, keyframes, build(capture.subject), hand_sigma)
+    next_one = advice.suggestion(motion)
+    return [each.frame for each in found], None if next_one is None else next_one.frame
 
 
 def _headline(metric: Metric, name: str, text: str) -> dict[str, Any]:

@@ -41,6 +41,7 @@ from pzcap.types import PzcapError
 RECORDING: Final = "recording.rrd"
 AT_ONCE: Final = 3  # runs of a study
 START_S: Final = 30.0
+NO_VIEWER: Final = "the viewer does not start here, for want of a screen or a graphics driver; open the file elsewhere"
 LEFT_OUT: Final = ["/__properties/**", "/truth/**", "/phase/**"]
 """Of the second of two runs: what it shares with the first, or what stands in the first one's views by name."""
 
@@ -157,6 +158,9 @@ def show(reviews: Sequence[Review], *, headless: bool = False) -> tuple[subproce
             client.open(str(one.path.resolve()))
             if one.marks:
                 client.set_time(TIMELINE, sequence=one.marks[0].frame, play_state="paused")
+    except ConnectionError:  # it had answered, and ended for want of a screen or a driver
+        close(process)
+        raise PzcapError(NO_VIEWER) from None
     except BaseException:
         close(process)
         raise
@@ -178,7 +182,7 @@ def _connected(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
             client.get_state()  # its server answers before it does
         except (ConnectionError, RuntimeError):
             if process.poll() is not None or time.monotonic() - start > START_S:
-                raise PzcapError("the viewer does not start here; open the file where there is a screen") from None
+                raise PzcapError(NO_VIEWER) from None
             time.sleep(0.2)
         else:
             return client

@@ -33,8 +33,9 @@ from experiments.errors import guard, reported
 from experiments.metrics import Metric, format_value, meets_target, run_info, write_metrics
 from experiments.progress import Bars
 from experiments.report import Material, write_report
-from experiments.score import Score, metrics, score
+from experiments.score import Score, score
 from experiments.silhouettes import ForegroundScorer
+from experiments.totals import metrics
 from pzcap import pipeline, store
 from pzcap.capture import read_capture
 from pzcap.rerun_log import Recorder, outlines
@@ -103,7 +104,10 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     write_metrics(folder / "metrics.json", found, info)
     if config.output.report:
         with console.status("writing the report"):
-            material = Material(capture, reconstruction, truth, result, found, info, done.outlines, done.stage_s)
+            material = Material(
+                capture, reconstruction, truth, result, found, info, done.outlines, done.stage_s,
+                config.reconstruct.tracking,
+            )  # fmt: skip
             write_report(folder / "report.html", material, _command())
     return found
 

@@ -69,6 +69,13 @@ class TrackingConfig:
     longest_stretch: int = 120  # frames that wait for a keyframe to be tracked backward
     longest_lead: int = 120  # frames before the first keyframe that are kept to be tracked backward
 
+    @property
+    def hand_sigma(self) -> Array:
+        """(43,) How well a hand sets a keyframe: the standard deviation of the pose's tangent."""
+        sigma = np.full(DOF, self.keyframe_rotation_sigma_rad)
+        sigma[:3] = self.keyframe_position_sigma_m
+        return sigma
+
 
 @dataclass(slots=True, eq=False)
 class Step:

@@ -1,4 +1,4 @@
-"""Poses that a person set by hand at a few frames: check them, and say where the next one would help most."""
+"""Poses that a person set by hand at a few frames: check them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pzcap.body import DOF_SEGMENT, Body, joints, limit_residuals
-from pzcap.types import HINGE_AXES, JOINTS, SEGMENTS, Array, Keyframe, Motion, Pose, PzcapError
+from pzcap.types import HINGE_AXES, JOINTS, SEGMENTS, Array, Keyframe, Pose, PzcapError
 
 _HINGE_TOLERANCE_RAD = np.deg2rad(25.0)
 _LIMIT_TOLERANCE_RAD = np.deg2rad(20.0)
@@ -80,16 +80,3 @@ def _check_pose(pose: Pose, body: Body) -> list[str]:
     if heights.min() < -_FLOOR_TOLERANCE_M:
         notes.append(f"{JOINTS[int(heights.argmin())]} is {-heights.min():.2f} m below the floor")
     return notes
-
-
-def suggest(motion: Motion) -> int | None:
-    """The frame whose pose, set by hand, would help most: where the joints are least certain. None if the motion is
-    empty or every frame is a keyframe already."""
-    doubt = np.sqrt(np.mean(motion.sigma_m**2, axis=1)) if len(motion.sigma_m) else np.zeros(0)
-    doubt = np.where(motion.valid, doubt, doubt.max(initial=0.0) + 1.0)
-    doubt[motion.keyframes] = -1.0
-    if not len(doubt) or doubt.max() < 0:
-        return None
-    # of a stretch that is equally uncertain, the middle
-    worst = np.flatnonzero(doubt >= doubt.max() - 1e-12)
-    return int(worst[len(worst) // 2])

@@ -13,7 +13,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from pzcap import body, foreground, keyframes, panzoom, reference, smooth, tracking
+from pzcap import advice, body, foreground, keyframes, panzoom, reference, smooth, tracking
 from pzcap.calibration import Prepared, prepare
 from pzcap.camera import at
 from pzcap.capture import FrameSets, frame_sets, read_image
@@ -161,6 +161,11 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
             yield from map(_tracked, arrived)
             poses += arrived
 
+    motion = None
+    if tracker and capture.subject:
+        motion = tracking.collect(poses, sets.keyframes)
+        taped, hand_sigma = body.build(capture.subject), config.tracking.hand_sigma
+        notes += advice.notes(motion, sets.keyframes, taped, hand_sigma, sets.timecodes)
     heads = tuple(None if p is None else p.camera for p in prepared)
     tracks = tuple(_panzoom_track(history) if p else None for p, history in zip(prepared, found, strict=True))
     yield Finished(
@@ -174,7 +179,7 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
             cameras=heads,
             panoramas=tuple(None if p is None else p.panorama for p in prepared),
             tracks=smoothed(tracks, heads, capture.frame_rate, config),
-            motion=tracking.collect(poses, sets.keyframes) if tracker else None,
+            motion=motion,
             notes=tuple(notes),
         ),
         seconds,

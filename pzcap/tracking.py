@@ -89,9 +89,7 @@ class Tracker:
         self._anchor: Pose  # before what waits
         self._lead: list[TrackInput] = []  # before the first keyframe
         self._waiting: list[_Instant] = []  # since the latest one
-        sigma = np.full(DOF, config.keyframe_rotation_sigma_rad)
-        sigma[:3] = config.keyframe_position_sigma_m
-        self._hand = np.diag(1.0 / sigma**2)
+        self._hand = np.diag(1.0 / config.hand_sigma**2)
 
     def expect(self, frame: int, camera: Camera) -> Expected | None:
         """Where the body is expected in a view of the next ``frame``, for whoever cuts its silhouette. None before the

@@ -325,4 +325,4 @@ class Reconstruction:
     panoramas: tuple[Panorama | None, ...]  # (C,)
     tracks: tuple[PanZoomTrack | None, ...]  # (C,)
     motion: Motion | None
-    notes: tuple[str, ...]  # what was skipped, and why
+    notes: tuple[str, ...]  # what was skipped, and why; what the motion says about its keyframes

@@ -11,7 +11,7 @@ from pzcap.types import Camera, Image, Pose
 from sim.athlete import set_pose
 from sim.operator import Aim
 from sim.scene import stream
-from sim.shoot import ShootConfig, assemble
+from sim.staging import ShootConfig, assemble
 
 
 class Hall:

@@ -10,14 +10,19 @@ import sys
 import sysconfig
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from experiments import bookmarks, review
 from experiments.metrics import read_metrics
 from pzcap import store
+from pzcap.types import Image
+from tests.viewer import likeness, needs_vulkan, screenshot
 
 pytestmark = pytest.mark.xdist_group("experiments")
+DEMO = Path(__file__).parents[1] / "outputs" / "demo"
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -90,6 +95,35 @@ def test_the_reconstruction_loads(finished: tuple[Path, str]) -> None:
     whole = store.load(finished[0] / "reconstruction")
     assert len(whole.timecodes) == 8
     assert whole.method == "exact"
+
+
+def filmed(recording: Path, camera: str) -> dict[int, Image]:
+    """Frame -> image of a camera, as the recording holds them."""
+    stream = RrdReader(recording).store().stream().filter(content=f"/world/camera/{camera}/view/image")
+    found = {}
+    for batch in (chunk.to_record_batch() for chunk in stream.to_chunks()):
+        if "EncodedImage:blob" in batch.schema.names:
+            for frame, blob in zip(batch["frame"].to_pylist(), batch["EncodedImage:blob"].to_pylist(), strict=True):
+                image = cv2.imdecode(np.array(blob[0], np.uint8), cv2.IMREAD_COLOR)
+                assert image is not None
+                found[frame] = np.asarray(image, np.uint8)
+    return found
+
+
+@pytest.mark.slow
+@needs_vulkan
+def test_the_viewer_shows_the_demos_recording(request: pytest.FixtureRequest) -> None:
+    """At its worst frame: of the demo where there is one, else of a small run."""
+    run = DEMO if (DEMO / review.RECORDING).is_file() else request.getfixturevalue("finished")[0]
+    path = run / review.RECORDING
+    marks = tuple(bookmarks.worst(bookmarks.errors(path)))
+    pixels, state = screenshot(review.Review(path, "as it was recorded", marks))
+    worst = marks[0].frame
+    assert state.recordings[0].current_time == worst
+    assert not [view for view in state.views if view.reports]
+    images = filmed(path, "1")
+    far = max(images, key=lambda frame: abs(frame - worst))
+    assert likeness(pixels, images[worst]) > max(0.8, likeness(pixels, images[far]))
 
 
 def test_footage_inside_the_runs_own_folder_survives(small_capture: Path, tmp_path: Path) -> None:

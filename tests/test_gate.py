@@ -18,7 +18,8 @@ from experiments.config import build
 from experiments.errors import AlreadyReported
 from experiments.gate import Case, GateConfig, Tolerance, figures, judge, moves, read_baseline, write_baseline
 from experiments.metrics import Metric
-from experiments.score import metrics, score
+from experiments.score import score
+from experiments.totals import metrics
 from pzcap.types import PzcapError, Reconstruction
 from tests import fabricated
 from tests.biased import lengthened

@@ -14,11 +14,12 @@ import pytest
 from experiments import jobs
 from experiments.config import CONVERTER, default_tree
 from pzcap.types import PzcapError
-from sim import motion
-from sim import shoot as shooting
+from sim import captures, motion
 from sim.anthropometry import draw_measurements
+from sim.captures import VERSION, shoot_cached
 from sim.operator import OperatorConfig
-from sim.shoot import VERSION, Progress, ShootConfig, shoot, shoot_cached
+from sim.shoot import Progress, shoot
+from sim.staging import ShootConfig
 from sim.truth import Truth, load
 from tests.bvh_files import Style, t_pose, write_bvh
 from tests.test_shoot import TINY
@@ -65,7 +66,7 @@ def place_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PlaceOf:
             except StopIteration as end:
                 return Path(end.value).name
 
-    monkeypatch.setattr(shooting, "shoot", pretend)
+    monkeypatch.setattr(captures, "shoot", pretend)
     return find
 
 

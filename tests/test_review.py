@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sysconfig
 from fractions import Fraction
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
@@ -22,10 +20,10 @@ from pzcap.pipeline import FrameLocalised
 from pzcap.rerun_log import Recorder
 from pzcap.types import Array, CameraFiles, Capture, FrameSet, Localisation, PzcapError
 from tests import fabricated
+from tests.viewer import needs_vulkan, screenshot
 
 FRAMES = 40
 GREEN, ORANGE = (60, 200, 40), (10, 120, 230)  # blue, green, red
-NEEDS = "needs a Vulkan driver: apt-get install --no-install-recommends mesa-vulkan-drivers libvulkan1"
 
 
 def fabricate(run: Path, errors: dict[str, Array], worst: int | None = None) -> Path:
@@ -148,27 +146,24 @@ def test_a_folder_without_a_recording_gets_one_line(tmp_path: Path) -> None:
         review.reviews([tmp_path])
 
 
-def vulkan() -> bool:
-    """Whether there is a driver that the viewer can draw with."""
-    named = os.environ.get("VK_DRIVER_FILES") or os.environ.get("VK_ICD_FILENAMES")
-    return bool(named) or any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
+def test_a_viewer_that_ends_at_once_gets_one_line(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As it does where there is no driver to draw with."""
+
+    class Gone:
+        def open(self, _: str) -> None:
+            raise ConnectionError("transport error")
+
+    monkeypatch.setattr(review, "_connected", lambda *_: Gone())
+    with pytest.raises(PzcapError, match="the viewer does not start here"):
+        review.show([review.review(run)], headless=True)
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not vulkan(), reason=NEEDS)
+@needs_vulkan
 def test_the_viewer_stands_at_the_worst_frame(run: Path) -> None:
-    process, client = review.show([review.review(run)], headless=True)
-    try:
-        shots = [client.take_screenshot()]
-        while len(shots) < 2 or (shots[-1] != shots[-2] and len(shots) < 20):
-            shots.append(client.take_screenshot())
-        state = client.get_state()
-    finally:
-        review.close(process)
+    pixels, state = screenshot(review.review(run))
     assert state.recordings[0].current_time == 25
     assert not [view for view in state.views if view.reports]
-    pixels = cv2.imdecode(np.frombuffer(shots[-1], np.uint8), cv2.IMREAD_COLOR)
-    assert pixels is not None
     green, orange = (np.abs(pixels.astype(int) - colour).max(axis=2) < 30 for colour in (GREEN, ORANGE))
     assert green.sum() > 50_000  # the four views of that frame, as the layout for tracking shows them
     assert orange.sum() < 500

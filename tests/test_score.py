@@ -17,8 +17,9 @@ from hypothesis import strategies as st
 
 from experiments import plots
 from experiments.metrics import Metric, format_value, meets_target, read_metrics, run_info, write_metrics
-from experiments.score import Score, metrics, project_true, score
+from experiments.score import Score, project_true, score
 from experiments.silhouettes import ForegroundScorer, iou, outline_distance
+from experiments.totals import metrics
 from pzcap import camera as camera_model
 from pzcap.types import Camera, PzcapError, Reconstruction
 from sim.truth import Truth

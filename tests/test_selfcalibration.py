@@ -11,8 +11,9 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 from scipy.spatial.transform import Rotation
 
-from experiments import self_calibration
 from experiments.metrics import read_metrics
+from experiments.self_calibration import show, trial
+from experiments.self_calibration.__main__ import main
 from pzcap import rotations, selfcalibration
 from pzcap.camera import distort, head_T_cam
 from pzcap.features import Features
@@ -173,20 +174,20 @@ def test_the_small_capture_by_the_command(
     monkeypatch.setattr(
         "sys.argv", ["self_calibration", f"capture={tmp_path / 'capture'}", f"hydra.run.dir={tmp_path / 'out'}"]
     )
-    assert self_calibration.main() == 0
+    assert main() == 0
     found, _ = read_metrics(tmp_path / "out" / "metrics.json")
     value = {metric.key: metric.value for metric in found}
     assert len(value) == 4 * 3 * 7
-    for condition in self_calibration.CONDITIONS:
+    for condition in trial.CONDITIONS:
         focal, failures = value[f"selfcal.ours.{condition}.focal.median"], value[f"selfcal.ours.{condition}.failures"]
         assert focal is not None
         assert focal < 1.0
         assert failures is not None
         assert failures <= 1
-    assert all(value[f"selfcal.{method}.empty.seconds"] for method in self_calibration.METHODS)
-    assert (tmp_path / "out" / self_calibration.PLOT).stat().st_size > 10000
+    assert all(value[f"selfcal.{method}.empty.seconds"] for method in trial.METHODS)
+    assert (tmp_path / "out" / show.PLOT).stat().st_size > 10000
     out = capsys.readouterr().out
-    assert all(out.count(name) >= 3 for name in self_calibration.NAMES.values())
+    assert all(out.count(name) >= 3 for name in show.NAMES.values())
 
 
 def test_errors_are_what_was_put_in() -> None:
@@ -197,7 +198,7 @@ def test_errors_are_what_was_put_in() -> None:
     lens = REAL.lens.copy()
     lens[7, 0] += np.log(1.1)
     lens[9, 1] += 2.0
-    errors = self_calibration.errors_of(Frames(rotation, lens, REAL.valid), REAL, 1.0)
+    errors = trial.errors_of(Frames(rotation, lens, REAL.valid), REAL, 1.0)
     assert np.flatnonzero(errors.failed).tolist() == [7]
     assert errors.pan_rad[4] == pytest.approx(np.deg2rad(0.5), rel=0.05)
     assert errors.pan_rad[[0, 1, 2, 8]].max() < np.deg2rad(0.03)

@@ -22,13 +22,15 @@ from pzcap.capture import frame_sets, read_capture, read_image
 from pzcap.keypoints import KEYPOINTS
 from pzcap.types import HINGE_AXES, JOINTS, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError
 from pzcap.video import VideoReader
-from sim import film
+from sim import captures, film
 from sim import shoot as shooting
+from sim.captures import shoot_cached
 from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand
 from sim.detector import DetectorConfig
 from sim.optics import OpticsConfig
 from sim.sensor import SensorConfig
-from sim.shoot import Progress, ShootConfig, shoot, shoot_cached
+from sim.shoot import Progress, shoot
+from sim.staging import ShootConfig
 from sim.truth import Truth, load
 
 TINY = replace(
@@ -218,7 +220,7 @@ def test_a_shoot_is_reused_and_a_killed_one_is_not(tmp_path: Path, monkeypatch: 
         shot.append(config.seed)
         yield Progress("sweep", 2, 2)
 
-    monkeypatch.setattr(shooting, "shoot", pretend)
+    monkeypatch.setattr(captures, "shoot", pretend)
     killed = shoot_cached(TINY, tmp_path)
     next(killed)
     killed.close()
@@ -303,7 +305,7 @@ def test_no_gl_gets_one_line(tmp_path: Path, backend: str, expected: str) -> Non
     """In a process of its own: the backend is chosen when MuJoCo is first imported."""
     script = (
         "import sys; from pathlib import Path\n"
-        "from sim.shoot import ShootConfig, shoot; from pzcap.types import PzcapError\n"
+        "from sim.shoot import shoot; from sim.staging import ShootConfig; from pzcap.types import PzcapError\n"
         "try: list(shoot(ShootConfig(), Path(sys.argv[1])))\n"
         "except PzcapError as error: print(error); sys.exit(3)"
     )

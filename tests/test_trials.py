@@ -13,14 +13,16 @@ import pytest
 from pzcap.capture import frame_sets, read_capture
 from pzcap.types import Array, Image, Mask, PzcapError
 from pzcap.video import VideoReader
-from sim import shoot as shooting
+from sim import captures
+from sim.captures import shoot_cached
 from sim.crew import CrewConfig
 from sim.furniture import REARRANGED
 from sim.operator import OperatorConfig, follow, swinging, through, zooming
 from sim.optics import OpticsConfig, build_rig
 from sim.scenery import WALLS
 from sim.sensor import SensorConfig
-from sim.shoot import Progress, ShootConfig, shoot, shoot_cached
+from sim.shoot import Progress, shoot
+from sim.staging import ShootConfig
 from sim.truth import Truth, load
 from tests.conftest import SMALL
 
@@ -90,7 +92,7 @@ def test_the_names_of_default_captures_have_not_changed(tmp_path: Path, monkeypa
         (folder / "capture").mkdir()
         yield Progress("sweep", 1, 1)
 
-    monkeypatch.setattr(shooting, "shoot", pretend)
+    monkeypatch.setattr(captures, "shoot", pretend)
     list(shoot_cached(ShootConfig(), tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["floor_exercise-0-a0940be232ff"]
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from experiments.ablation.variants import Variant
 from experiments.config import CONVERTER
-from experiments.score import body_errors, body_metrics, frames_of
+from experiments.score import body_errors, frames_of
+from experiments.totals import body_metrics
 from pzcap import body, camera, foreground, pipeline, tracking
 from pzcap.capture import FrameSets, frame_sets
 from pzcap.keypoints import NOBODY

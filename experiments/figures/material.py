@@ -33,7 +33,7 @@ from pzcap.types import (
     Reconstruction,
     Subject,
 )
-from sim.shoot import ShootConfig
+from sim.staging import ShootConfig
 from sim.truth import Truth
 
 Views = Callable[[int], tuple[Image | None, ...]]
