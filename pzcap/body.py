@@ -216,8 +216,8 @@ def limit_residuals(pose: Pose) -> tuple[Array, Array]:
 
 
 def place(body: Body, world_T_segment: Array) -> tuple[Array, Array]:
-    """Skin in the world: points (V, 3) and unit normals (V, 3)."""
+    """Skin in the world: points (V, 3) and unit normals (V, 3), a coordinate after the other in memory."""
     surface = body.surface
-    points, normals = np.empty_like(surface.points_m), np.empty_like(surface.normals)
+    points, normals = (np.empty(surface.points_m.shape, order="F") for _ in range(2))
     rigid.carry(world_T_segment, surface.segment, surface.points_m, surface.normals, points, normals)
     return points, normals

@@ -109,12 +109,29 @@ def expect(body: Body, pose: Pose, camera: Camera, margin: float) -> Expected | 
     return Expected(left, top, np.asarray(Z_SCALE * apart, np.float32))
 
 
-@dataclass(slots=True, eq=False)
-class PlacedView:
-    """The skin of a posed body in one view."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Skin:
+    """The skin of a posed body from one camera, seen or not."""
 
-    pixels: Array  # (V, 2)
-    depth: Array  # (V,)
+    pixels: Array  # (V, 2) a coordinate after the other in memory
+    depth: Array  # (V,) -1 behind the camera
+    above: Array  # (V,) metres that the camera stands above the skin's tangent: negative where the skin faces away
+
+
+def project(points: Array, normals: Array, camera: Camera) -> Skin:
+    """Where placed skin (V, 3), as `pzcap.body.place` has it, stands in a view."""
+    skin = Skin(np.empty((len(points), 2), order="F"), np.empty(len(points)), np.empty(len(points)))
+    pose = camera.world_T_cam
+    raster.project(points, pose, camera.focal_px, camera.principal_px, camera.k1, skin.pixels, skin.depth)
+    raster.above(points, normals, pose, skin.above)
+    return skin
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedView:
+    """What of a posed body is visible in one view."""
+
+    skin: Skin
     facing: Float32  # (V,) cosine to the ray where visible, else 0
     z_buffer: Float32
     cover: NDArray[np.uint8]  # bits of `pzcap.limbs.GROUP`, of all that lies there
@@ -126,27 +143,27 @@ class PlacedView:
         return np.isfinite(self.z_buffer)
 
 
-def place_view(body: Body, points: Array, normals: Array, camera: Camera, scale: float = Z_SCALE) -> PlacedView:
+def place_view(body: Body, points: Array, normals: Array, camera: Camera) -> PlacedView:
     """Project the placed skin and test what is visible."""
-    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
-    raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
-    left, top, width, height = _window(pixels, depth, camera, 12)
+    skin, scale = project(points, normals, camera), Z_SCALE
+    left, top, width, height = _window(skin, camera, 12)
     z_buffer = np.empty((int(height // scale) + 1, int(width // scale) + 1), np.float32)
-    cover = np.empty(z_buffer.shape, np.uint8)
-    group = GROUP[body.surface.segment]
-    raster.rasterise(pixels, depth, body.surface.faces, group, left, top, scale, z_buffer, cover)
-    facing = np.empty(len(points), np.float32)
+    cover, facing = np.empty(z_buffer.shape, np.uint8), np.empty(len(points), np.float32)
+    surface = body.surface
+    raster.rasterise(
+        skin.pixels, skin.depth, surface.faces, surface.segment, GROUP, left, top, scale, z_buffer, cover
+    )
     raster.visible(
-        points, normals, pixels, depth, np.ascontiguousarray(camera.world_T_cam[:3, 3]), z_buffer, left, top, scale,
-        DEPTH_TOLERANCE_M, facing,
+        points, skin.above, skin.pixels, skin.depth, camera.world_T_cam, z_buffer, left, top, scale, DEPTH_TOLERANCE_M,
+        facing,
     )  # fmt: skip
-    return PlacedView(pixels, depth, facing, z_buffer, cover, left, top)
+    return PlacedView(skin, facing, z_buffer, cover, left, top)
 
 
-def _window(pixels: Array, depth: Array, camera: Camera, margin: int) -> tuple[int, int, int, int]:
+def _window(skin: Skin, camera: Camera, margin: int) -> tuple[int, int, int, int]:
     """Left, top, width and height around the points seen; it may stand over the image's edge, but is never huge."""
     box = np.empty(4)
-    raster.bounds(pixels, depth, box)
+    raster.bounds(skin.pixels, skin.depth, box)
     if box[2] < box[0]:
         return 0, 0, 2, 2
     left, top = max(int(box[0]) - margin, -camera.width), max(int(box[1]) - margin, -camera.height)
@@ -155,9 +172,9 @@ def _window(pixels: Array, depth: Array, camera: Camera, margin: int) -> tuple[i
 
 
 def _around(points: Array, camera: Camera, margin: float) -> Window | None:
-    """Part of the view that holds the skin (V, 3), and ``margin`` of its size around it, of whole pixels of a belief;
+    """Part of the view that holds the points (V, 3) of the skin, and ``margin`` of its size around it, of whole pixels of a belief;
     None where the skin is out of view."""
-    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
+    pixels, depth = np.empty((len(points), 2), order="F"), np.empty(len(points))
     raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
     box = np.empty(4)
     raster.bounds(pixels, depth, box)
