@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,7 @@ from pzcap.body import Body, forward, lift, place, screws
 from pzcap.limbs import GROUP, Ground
 from pzcap.raster import Float32
 from pzcap.shape import ContourRows
-from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.types import SEGMENTS, Array, Image, Pose
 from pzcap.views import LEVELS, Z_SCALE, Cut, Observation, PlacedView, Skin, place_view, project
 
 SEGMENT_WIDTH_M = np.array(
@@ -95,6 +95,14 @@ class Evidence:
         """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
         _, points, normals = self.place(pose)
         return [None if c is None else place_view(self.body, points, normals, c.seen.camera) for c in self.cuts]
+
+    def moved(self, placed: Sequence[PlacedView | None], pose: Pose) -> list[PlacedView | None]:
+        """The skin at a ``pose`` that is so near to where it was ``placed`` that the same of it is visible."""
+        _, points, normals = self.place(pose)
+        return [
+            None if c is None or p is None else replace(p, skin=project(points, normals, c.seen.camera))
+            for c, p in zip(self.cuts, placed, strict=True)
+        ]
 
     def grounds(self, placed: Sequence[PlacedView | None]) -> list[Ground | None]:
         """What the limbs are judged by, the body being where it was ``placed``."""
@@ -180,7 +188,7 @@ class Evidence:
 
 @njit(cache=True, nogil=True)
 def _adapt(
-    grey: tuple[Float32, ...], left: float, top: float, pixels: Array, facing: Float32, rate: float, value: Float32,
+    grey: tuple[Image, ...], left: float, top: float, pixels: Array, facing: Float32, rate: float, value: Float32,
     trust: Float32,
 ) -> None:  # fmt: skip
     """Move the appearance of all points that face the camera by ``rate`` to what a pyramid has at their ``pixels``."""

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.types import Array
+from pzcap.types import Array, Image
 
 Float32 = NDArray[np.float32]
 
@@ -195,7 +195,7 @@ def visible(
 
 
 @njit(cache=True, nogil=True, inline="always")
-def bilinear(image: Float32, x: float, y: float) -> float:
+def bilinear(image: Image, x: float, y: float) -> float:
     column, row = int(x), int(y)
     fx, fy = x - column, y - row
     upper = image[row, column] * (1.0 - fx) + image[row, column + 1] * fx
@@ -204,7 +204,7 @@ def bilinear(image: Float32, x: float, y: float) -> float:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def sloped(image: Float32, x: float, y: float) -> tuple[float, float, float]:
+def sloped(image: Image, x: float, y: float) -> tuple[float, float, float]:
     """What `bilinear` has at ``(x, y)``, and by how much it grows across and down, from a pixel before to one after."""
     j, i = int(x), int(y)
     fx, fy = x - j, y - i

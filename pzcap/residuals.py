@@ -15,13 +15,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.raster import bilinear, pixel_gradient, ray, sloped, stand
-from pzcap.types import Array
+from pzcap.types import Array, Image
 
 Float32 = NDArray[np.float32]
 
 NUISANCES: Final = 4
 """Per segment and view: a gain and a shading gradient along the three axes of the world."""
 RESIDUAL: Final = 6
+EVEN: Final = 127.5  # of a silhouette's probability, 0..255
+STEEP: Final = 255.0 / 3.0  # a fall of it, in a stride, that leaves no doubt
+SOFTEST: Final = 12.75  # a slope of it, a pixel, that is an edge
 WIDTH: Final = 7 + NUISANCES  # a row: its Jacobian by the segment's twist, the residual, and by the nuisances
 FACING: Final = 0.15  # cosine: skin that is seen more obliquely tells little
 
@@ -37,7 +40,7 @@ def photometric(
     focal: float,
     k1: float,
     centre: Array,
-    image: Float32,
+    image: Image,
     left: float,
     top: float,
     scale: float,
@@ -144,7 +147,7 @@ def contour(
     z_left: int,
     z_top: int,
     z_scale: float,
-    probability: Float32,
+    probability: Image,
     left: float,
     top: float,
     reach: float,
@@ -214,11 +217,11 @@ def contour(
         _, gx, gy = sloped(probability, px + offset * nu, py + offset * nv)
         steepness = np.sqrt(gx * gx + gy * gy)
         aligned = -(gx * nu + gy * nv) / max(steepness, 1e-9)
-        if steepness < 0.05 or aligned < 0.5:
+        if steepness < SOFTEST or aligned < 0.5:
             continue
         robust = 1.0 / (1.0 + (offset / (2.5 * sigma)) ** 2)
         row_segment[count] = s
-        rows[count, 0] = robust * robust * aligned * min(1.0, 3.0 * slope) * weight / (sigma * sigma)
+        rows[count, 0] = robust * robust * aligned * min(1.0, slope / STEEP) * weight / (sigma * sigma)
         rows[count, 1] = offset
         rows[count, 2:5] = pixel_gradient(across, down, away, camera, focal, k1, nu, nv)
         rows[count, 5:] = x, y, z
@@ -247,7 +250,7 @@ def _depth(z_buffer: Float32, column: float, row: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _crossing(
-    probability: Float32, x: float, y: float, nu: float, nv: float, stride: int, steps: int
+    probability: Image, x: float, y: float, nu: float, nv: float, stride: int, steps: int
 ) -> tuple[float, float]:
     """How far along ``(nu, nv)`` the nearest place lies where the silhouette ends, and how much it falls in a stride
     there; infinitely far where there is none within so many ``steps`` to either side."""
@@ -257,11 +260,11 @@ def _crossing(
         further_in = bilinear(probability, x - k * nu, y - k * nv)
         further_out = bilinear(probability, x + k * nu, y + k * nv)
         found, fall = np.inf, 0.0
-        if further_in >= 0.5 and inner < 0.5:
+        if further_in >= EVEN and inner < EVEN:
             fall = further_in - inner
-            found = stride * (further_in - 0.5) / fall - k
-        if outer >= 0.5 and further_out < 0.5:
-            other = k - stride + stride * (outer - 0.5) / (outer - further_out)
+            found = stride * (further_in - EVEN) / fall - k
+        if outer >= EVEN and further_out < EVEN:
+            other = k - stride + stride * (outer - EVEN) / (outer - further_out)
             if other < abs(found):
                 found, fall = other, outer - further_out
         if found < np.inf:

@@ -36,21 +36,21 @@ class Observation:
     camera: Camera
     left: int
     top: int
-    grey: tuple[Float32, ...]  # LEVELS images
-    probability: Float32  # (h, w) 0..1 of the finest level
+    grey: tuple[Image, ...]  # LEVELS images
+    probability: Image  # (h, w) 0..255 of the finest level
 
 
 def observe(image: Image, probability: Image, camera: Camera, left: int, top: int) -> Observation:
     """Prepare a cut-out whose top-left pixel stands at ``(left, top)`` of the view."""
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
-    levels = [np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 0.7), np.float32)]
+    levels = [_smooth(grey)]
     for _ in range(LEVELS - 1):
-        levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.float32))
+        levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.uint8))
     return Observation(camera, left, top, tuple(levels), _smooth(probability))
 
 
-def _smooth(probability: Image) -> Float32:
-    return np.asarray(cv2.GaussianBlur(probability, (0, 0), 0.7), np.float32) / np.float32(255.0)
+def _smooth(image: Image) -> Image:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
