@@ -65,11 +65,11 @@ def warp_background(
     )
     border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
     image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
-    known = cv2.remap(panorama.valid.astype(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
+    known = cv2.remap(panorama.valid.view(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
     # BORDER_WRAP wraps rows as well, and a cylinder does not
     inside = cv2.inRange(row, 0.0, float(panorama.image.shape[0] - 1))
     known = cv2.bitwise_and(known, inside)
-    return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known > 0
+    return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known.view(np.bool_)
 
 
 Hall = tuple[float, Array, Array, Array]

@@ -30,14 +30,17 @@ class Round:
 
 
 def _schedule() -> tuple[Round, ...]:
-    def terms(level: int, reach: float, contour_sigma: float, brightness_sigma: float, keypoint_scale: float) -> Terms:
-        return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
+    def terms(level: int, every: int, reach: float, contour_sigma: float, brightness_sigma: float, keypoint_scale: float) -> Terms:
+        return Terms(level, every, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
+    import os
+    E=[int(x) for x in os.environ.get("EVERY","2,2,1,1").split(",")]
+    I=[int(x) for x in os.environ.get("ITS","5,4,3,1").split(",")]
 
     return (
-        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 5, 5.0),
-        Round(terms(2, 20.0, 4.0, 20.0, 10.0), 4),
-        Round(terms(1, 10.0, 2.0, 15.0, 5.0), 3),
-        Round(terms(0, 5.0, 1.0, 12.0, 3.0), 1),
+        Round(terms(2, E[0], 30.0, 8.0, 20.0, 10.0), I[0], 5.0),
+        Round(terms(2, E[1], 20.0, 4.0, 20.0, 10.0), I[1]),
+        Round(terms(1, E[2], 10.0, 2.0, 15.0, 5.0), I[2]),
+        Round(terms(0, E[3], 5.0, 1.0, 12.0, 3.0), I[3]),
     )
 
 

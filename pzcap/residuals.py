@@ -49,6 +49,7 @@ def photometric(
     sigma: float,
     nuisance_weight: Array,
     segment_weight: Array,
+    every: int,
     hessians: Array,
     gradients: Array,
     cost: Array,
@@ -64,7 +65,7 @@ def photometric(
     camera = stand(world_T_cam)
     rows, weights, joint = np.empty((WIDTH, len(points))), np.empty(len(points)), np.empty((WIDTH, WIDTH))
     count, before = 0, -1
-    for n in range(len(points)):
+    for n in range(0, len(points), every):
         s = segment[n]
         if s != before:  # points come segment by segment
             if count > 0:
@@ -153,6 +154,7 @@ def contour(
     reach: float,
     sigma: float,
     weight: float,
+    every: int,
     rows: Array,
     row_segment: NDArray[np.int64],
     cost: Array,
@@ -173,7 +175,7 @@ def contour(
     count = 0
     stride = 2 if reach > 12.0 else 1  # pixels: a coarse search needs no fine steps
     far = reach + stride
-    for e in range(len(edges)):
+    for e in range(0, len(edges), every):
         i, j = edges[e, 0], edges[e, 1]
         if (above[i] > 0.0) == (above[j] > 0.0) or depth[i] < 0.0 or depth[j] < 0.0:
             continue
