@@ -130,7 +130,7 @@ class Evidence:
             if appearance is not None and terms.brightness_weight > 0:
                 scale = float(2**terms.level)
                 away = max(math.dist(centre, camera.world_T_cam[:3, 3]), 0.5)
-                thick = SEGMENT_WIDTH_M * camera.focal_px / away > _THIN_PX * scale
+                thick = (SEGMENT_WIDTH_M * camera.focal_px / away > _THIN_PX * scale).astype(np.float64)
                 residuals.photometric(
                     points, normals, self.body.surface.segment, where.facing, skin.pixels, camera.world_T_cam,
                     camera.focal_px, camera.k1, centre, view.grey[terms.level], view.left, view.top, scale,

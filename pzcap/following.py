@@ -30,11 +30,15 @@ class Round:
 
 
 def _schedule() -> tuple[Round, ...]:
-    def terms(level: int, every: int, reach: float, contour_sigma: float, brightness_sigma: float, keypoint_scale: float) -> Terms:
+    def terms(
+        level: int, every: int, reach: float, contour_sigma: float, brightness_sigma: float, keypoint_scale: float
+    ) -> Terms:
         return Terms(level, every, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
+
     import os
-    E=[int(x) for x in os.environ.get("EVERY","2,2,1,1").split(",")]
-    I=[int(x) for x in os.environ.get("ITS","5,4,3,1").split(",")]
+
+    E = [int(x) for x in os.environ.get("EVERY", "2,2,1,1").split(",")]
+    I = [int(x) for x in os.environ.get("ITS", "5,4,3,1").split(",")]
 
     return (
         Round(terms(2, E[0], 30.0, 8.0, 20.0, 10.0), I[0], 5.0),

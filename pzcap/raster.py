@@ -95,7 +95,7 @@ def pixel_gradient(
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def rasterise(
     pixels: Array,
     depth: Array,
@@ -160,7 +160,7 @@ def _fill(row: int, column: int, face: Face, bit: int, z_buffer: Float32, cover:
     z_buffer[row, column] = min(z_buffer[row, column], z if inside else FAR)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def visible(
     points: Array,
     height: Array,
@@ -218,5 +218,3 @@ def sloped(image: Image, x: float, y: float) -> tuple[float, float, float]:
         ex * image[i + 1, j + 1] + fx * image[i + 1, j + 2]
     )
     return ey * upper + fy * lower, 0.5 * (right - left), 0.5 * (ey * (lower - above) + fy * (below - upper))
-
-

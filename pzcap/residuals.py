@@ -29,7 +29,7 @@ WIDTH: Final = 7 + NUISANCES  # a row: its Jacobian by the segment's twist, the 
 FACING: Final = 0.15  # cosine: skin that is seen more obliquely tells little
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def photometric(
     points: Array,
     normals: Array,
@@ -97,7 +97,7 @@ def photometric(
         _gather(rows, weights, count, nuisance_weight, joint, hessians[before], gradients[before])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _gather(
     rows: Array, weights: Array, count: int, nuisance_weight: Array, joint: Array, hessian: Array, gradient: Array
 ) -> None:
@@ -130,7 +130,7 @@ def _products(rows: Array, weights: Array, count: int, joint: Array) -> None:
             joint[i, j] = total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def contour(
     points: Array,
     normals: Array,
@@ -250,7 +250,7 @@ def _depth(z_buffer: Float32, column: float, row: float) -> float:
     return z_buffer[i, j] if 0 <= i < z_buffer.shape[0] and 0 <= j < z_buffer.shape[1] else -np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _crossing(
     probability: Image, x: float, y: float, nu: float, nv: float, stride: int, steps: int
 ) -> tuple[float, float]:

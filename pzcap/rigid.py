@@ -82,7 +82,7 @@ def chain(root: Array, quaternions: Array, offsets: Array, parents: NDArray[np.i
 def carry(
     frames: Array, segment: NDArray[np.int64], points: Array, normals: Array, out_points: Array, out_normals: Array
 ) -> None:
-    """Points and normals (V, 3) from their segments' frames to the world; fastest where a segment's follow each other."""
+    """Points and normals (V, 3) from their segments' frames to the world. A segment's best follow each other."""
     first = 0
     while first < len(points):
         s, last = segment[first], first + 1

@@ -42,8 +42,7 @@ class Observation:
 
 def observe(image: Image, probability: Image, camera: Camera, left: int, top: int) -> Observation:
     """Prepare a cut-out whose top-left pixel stands at ``(left, top)`` of the view."""
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
-    levels = [_smooth(grey)]
+    levels = [_smooth(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))]
     for _ in range(LEVELS - 1):
         levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.uint8))
     return Observation(camera, left, top, tuple(levels), _smooth(probability))
@@ -150,9 +149,7 @@ def place_view(body: Body, points: Array, normals: Array, camera: Camera) -> Pla
     z_buffer = np.empty((int(height // scale) + 1, int(width // scale) + 1), np.float32)
     cover, facing = np.empty(z_buffer.shape, np.uint8), np.empty(len(points), np.float32)
     surface = body.surface
-    raster.rasterise(
-        skin.pixels, skin.depth, surface.faces, surface.segment, GROUP, left, top, scale, z_buffer, cover
-    )
+    raster.rasterise(skin.pixels, skin.depth, surface.faces, surface.segment, GROUP, left, top, scale, z_buffer, cover)
     raster.visible(
         points, skin.above, skin.pixels, skin.depth, camera.world_T_cam, z_buffer, left, top, scale, DEPTH_TOLERANCE_M,
         facing,
@@ -172,8 +169,8 @@ def _window(skin: Skin, camera: Camera, margin: int) -> tuple[int, int, int, int
 
 
 def _around(points: Array, camera: Camera, margin: float) -> Window | None:
-    """Part of the view that holds the points (V, 3) of the skin, and ``margin`` of its size around it, of whole pixels of a belief;
-    None where the skin is out of view."""
+    """Part of the view that holds the skin's points (V, 3), and ``margin`` of its size around them, of whole pixels of
+    a belief; None where the skin is out of view."""
     pixels, depth = np.empty((len(points), 2), order="F"), np.empty(len(points))
     raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
     box = np.empty(4)
