@@ -55,7 +55,6 @@ class Terms:
     """Which residuals count, and how, in one round of iterations."""
 
     level: int
-    every: int  # of the skin's points and edges, which are looked at: all of them, every second one ...
     reach_px: float  # how far from the body's contour the silhouette's edge is sought
     contour_sigma_px: float
     brightness_sigma: float  # grey levels; scale of the robust weight
@@ -135,7 +134,7 @@ class Evidence:
                     points, normals, self.body.surface.segment, where.facing, skin.pixels, camera.world_T_cam,
                     camera.focal_px, camera.k1, centre, view.grey[terms.level], view.left, view.top, scale,
                     appearance.value[terms.level], appearance.trust, terms.brightness_sigma, nuisance,
-                    terms.every * terms.brightness_weight * thick, terms.every, hessians, gradients, brightness,
+                    terms.brightness_weight * thick, hessians, gradients, brightness,
                 )  # fmt: skip
             if terms.contour_weight > 0:
                 rows, segment, count = self._contour(view, where, skin, points, normals, terms, contour)
@@ -172,7 +171,7 @@ class Evidence:
             points, normals, surface.segment, surface.edges, skin.depth, skin.above, camera.world_T_cam,
             camera.focal_px, camera.principal_px, camera.k1, where.z_buffer, where.cover, GROUP, where.z_left,
             where.z_top, Z_SCALE, view.probability, view.left, view.top, terms.reach_px, terms.contour_sigma_px,
-            terms.every * terms.contour_weight, terms.every, rows, segment, cost,
+            terms.contour_weight, rows, segment, cost,
         )  # fmt: skip
         return rows, segment, count
 

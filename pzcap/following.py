@@ -30,21 +30,14 @@ class Round:
 
 
 def _schedule() -> tuple[Round, ...]:
-    def terms(
-        level: int, every: int, reach: float, contour_sigma: float, brightness_sigma: float, keypoint_scale: float
-    ) -> Terms:
-        return Terms(level, every, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
-
-    import os
-
-    E = [int(x) for x in os.environ.get("EVERY", "2,2,1,1").split(",")]
-    I = [int(x) for x in os.environ.get("ITS", "5,4,3,1").split(",")]
+    def terms(level: int, reach: float, contour_sigma: float, brightness_sigma: float, keypoint_scale: float) -> Terms:
+        return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
 
     return (
-        Round(terms(2, E[0], 30.0, 8.0, 20.0, 10.0), I[0], 5.0),
-        Round(terms(2, E[1], 20.0, 4.0, 20.0, 10.0), I[1]),
-        Round(terms(1, E[2], 10.0, 2.0, 15.0, 5.0), I[2]),
-        Round(terms(0, E[3], 5.0, 1.0, 12.0, 3.0), I[3]),
+        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 5, 5.0),
+        Round(terms(2, 20.0, 4.0, 20.0, 10.0), 4),
+        Round(terms(1, 10.0, 2.0, 15.0, 5.0), 3),
+        Round(terms(0, 5.0, 1.0, 12.0, 3.0), 1),
     )
 
 
@@ -191,7 +184,7 @@ def improve(
 ) -> tuple[Pose, Normal, list[PlacedView | None]]:
     """Gauss-Newton from ``predicted``, whose information matrix (43, 43) is ``prior``, coarse to fine.
 
-    The last round moves the skin by less than a pixel: what was visible before it is so after it.
+    The last round hardly moves the skin: what was visible before it is so after it.
     """
     pose = predicted
     normal: Normal | None = None

@@ -49,7 +49,6 @@ def photometric(
     sigma: float,
     nuisance_weight: Array,
     segment_weight: Array,
-    every: int,
     hessians: Array,
     gradients: Array,
     cost: Array,
@@ -65,7 +64,7 @@ def photometric(
     camera = stand(world_T_cam)
     rows, weights, joint = np.empty((WIDTH, len(points))), np.empty(len(points)), np.empty((WIDTH, WIDTH))
     count, before = 0, -1
-    for n in range(0, len(points), every):
+    for n in range(len(points)):
         s = segment[n]
         if s != before:  # points come segment by segment
             if count > 0:
@@ -154,7 +153,6 @@ def contour(
     reach: float,
     sigma: float,
     weight: float,
-    every: int,
     rows: Array,
     row_segment: NDArray[np.int64],
     cost: Array,
@@ -175,7 +173,7 @@ def contour(
     count = 0
     stride = 2 if reach > 12.0 else 1  # pixels: a coarse search needs no fine steps
     far = reach + stride
-    for e in range(0, len(edges), every):
+    for e in range(len(edges)):
         i, j = edges[e, 0], edges[e, 1]
         if (above[i] > 0.0) == (above[j] > 0.0) or depth[i] < 0.0 or depth[j] < 0.0:
             continue
