@@ -198,11 +198,7 @@ def lift(hessians: Array, gradients: Array, twists: Array) -> tuple[Array, Array
     ``hessians`` (16, 6, 6) and ``gradients`` (16, 6) are with respect to a segment's own twist about the centre that
     ``twists`` (43, 6) of ``screws`` were taken about.
     """
-    masked = np.where(MOVES.T[:, :, None], twists[None], 0.0)  # (16, 43, 6)
-    half = masked @ hessians  # (16, 43, 6)
-    hessian = half.transpose(1, 0, 2).reshape(DOF, -1) @ masked.transpose(1, 0, 2).reshape(DOF, -1).T
-    gradient = np.einsum("sdk,sk->d", masked, gradients)
-    return hessian, gradient
+    return rigid.lift(hessians, gradients, twists, DOF_SEGMENT, _PARENTS, MOVES)
 
 
 def limit_residuals(pose: Pose) -> tuple[Array, Array]:
@@ -216,8 +212,8 @@ def limit_residuals(pose: Pose) -> tuple[Array, Array]:
 
 
 def place(body: Body, world_T_segment: Array) -> tuple[Array, Array]:
-    """Skin in the world: points (V, 3) and unit normals (V, 3)."""
+    """Skin in the world: points (V, 3) and unit normals (V, 3), a coordinate after the other in memory."""
     surface = body.surface
-    points, normals = np.empty_like(surface.points_m), np.empty_like(surface.normals)
+    points, normals = (np.empty(surface.points_m.shape, order="F") for _ in range(2))
     rigid.carry(world_T_segment, surface.segment, surface.points_m, surface.normals, points, normals)
     return points, normals

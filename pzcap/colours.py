@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.ndimage import convolve1d
 
 from pzcap.types import Array, Camera, Image, Mask
 
@@ -28,6 +27,7 @@ PEAK: Final = -2.6  # its log-density at 0, of three colours of variance 1
 TYPICAL: Final = 2.78  # median of the squared difference over the variance of a colour, if that is right
 LEVELS: Final = 32  # of each colour in a palette
 ANY_COLOUR: Final = 0.2  # share of colours that the body may have besides those seen
+EVENLY: Final = np.float32(3.0 * np.log(256))  # less the log-density of a colour that may be any
 SHADOW_WINDOW: Final = (3, 3)  # half pixels over which a shadow is even
 
 
@@ -47,10 +47,16 @@ class ForegroundConfig:
     prediction_against: float = 1.5  # and against it
 
 
+def shrink(values: Pixels, by: int) -> Pixels:
+    """(H, W, ...) at so many times less the resolution; last rows or columns that fill no pixel are left out."""
+    height, width = values.shape[0] // by, values.shape[1] // by
+    whole = values[: by * height, : by * width]
+    return cast(Pixels, cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+
+
 def halve(values: Pixels) -> Pixels:
     """(H, W, ...) at half the resolution; an odd last row or column is left out."""
-    height, width = values.shape[0] // 2, values.shape[1] // 2
-    return cast(Pixels, cv2.resize(values[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA))
+    return shrink(values, 2)
 
 
 def double(values: Float32) -> Float32:
@@ -70,10 +76,9 @@ class Compared:
     def judge(self, where: Image | None = None) -> Float32:
         """Log-odds of body (h, w) within +-LARGEST. ``where`` (h, w) is not 0 in what is surely body: that is what
         colours the body has. Without it, it may have any colour."""
-        palette = np.full((LEVELS,) * 3, LEVELS**-3.0) if where is None else _palette(self.frame, where)
-        density = (np.log(palette) - 3.0 * np.log(256 / LEVELS)).astype(np.float32)
+        palette = np.zeros((LEVELS,) * 3, np.float32) if where is None else _palette(self.frame, where)
         log_odds = np.empty(self.likelihood.shape, np.float32)
-        _judge(self.frame, self.likelihood, self.known, density, log_odds)
+        _judge(self.frame, self.likelihood, self.known, palette, log_odds)
         return log_odds
 
 
@@ -163,17 +168,45 @@ def _explain(
             likelihood[i, j] = best + PEAK - 1.5 * np.log(spread)
 
 
-def _palette(frame: Image, where: Image) -> Array:
-    """How the colours of ``frame`` are distributed ``where`` (h, w) is not 0: the share of each cell."""
-    counts = cv2.calcHist([frame], [0, 1, 2], where, [LEVELS] * 3, [0, 256] * 3).astype(np.float64)
-    for axis in range(3):
-        counts = convolve1d(counts, [0.25, 0.5, 0.25], axis, mode="nearest")
-    return np.asarray(ANY_COLOUR * LEVELS**-3.0 + (1.0 - ANY_COLOUR) * counts / counts.sum())
+@njit(cache=True, nogil=True)
+def _palette(frame: Image, where: Image) -> Float32:
+    """How the colours of ``frame`` are distributed ``where`` (h, w) is not 0: the log-share of each cell, over that of
+    an even distribution. A colour counts for the cells around its own as well: half as much on either side."""
+    height, width = where.shape
+    counts = np.zeros((LEVELS, LEVELS, LEVELS), np.int64)
+    cell = 256 // LEVELS
+    total = 0
+    for i in range(height):
+        for j in range(width):
+            if where[i, j] > 0:
+                counts[frame[i, j, 0] // cell, frame[i, j, 1] // cell, frame[i, j, 2] // cell] += 1
+                total += 1
+    shares = np.zeros((LEVELS, LEVELS, LEVELS))
+    last = LEVELS - 1
+    for a in range(LEVELS):
+        for b in range(LEVELS):
+            for c in range(LEVELS):
+                if counts[a, b, c] == 0:
+                    continue
+                for da in range(-1, 2):
+                    for db in range(-1, 2):
+                        for dc in range(-1, 2):
+                            near = 1.0 / (8 << (abs(da) + abs(db) + abs(dc)))
+                            at = min(max(a + da, 0), last), min(max(b + db, 0), last), min(max(c + dc, 0), last)
+                            shares[at] += near * counts[a, b, c]
+    palette = np.full((LEVELS, LEVELS, LEVELS), np.float32(np.log(ANY_COLOUR)))
+    for a in range(LEVELS):
+        for b in range(LEVELS):
+            for c in range(LEVELS):
+                if shares[a, b, c] > 0.0:
+                    seen = (1.0 - ANY_COLOUR) * shares[a, b, c] / total * LEVELS**3
+                    palette[a, b, c] = np.log(ANY_COLOUR + seen)
+    return palette
 
 
 @njit(cache=True, nogil=True)
-def _judge(frame: Image, likelihood: Float32, known: Image, density: Float32, log_odds: Float32) -> None:
-    """Log-odds of body, given the log-``density`` of its colours in each cell: none where the hall is unknown."""
+def _judge(frame: Image, likelihood: Float32, known: Image, palette: Float32, log_odds: Float32) -> None:
+    """Log-odds of body, given the ``palette`` of its colours: none where the hall is unknown."""
     height, width = likelihood.shape
     cell = 256 // LEVELS
     for i in range(height):
@@ -181,5 +214,5 @@ def _judge(frame: Image, likelihood: Float32, known: Image, density: Float32, lo
             if known[i, j] == 0:
                 log_odds[i, j] = 0.0
                 continue
-            body = density[frame[i, j, 0] // cell, frame[i, j, 1] // cell, frame[i, j, 2] // cell]
-            log_odds[i, j] = min(max(body - likelihood[i, j], -LARGEST), LARGEST)
+            body = palette[frame[i, j, 0] // cell, frame[i, j, 1] // cell, frame[i, j, 2] // cell]
+            log_odds[i, j] = min(max(body - EVENLY - likelihood[i, j], -LARGEST), LARGEST)

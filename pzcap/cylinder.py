@@ -65,11 +65,11 @@ def warp_background(
     )
     border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
     image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
-    known = cv2.remap(panorama.valid.astype(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
+    known = cv2.remap(panorama.valid.view(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
     # BORDER_WRAP wraps rows as well, and a cylinder does not
     inside = cv2.inRange(row, 0.0, float(panorama.image.shape[0] - 1))
     known = cv2.bitwise_and(known, inside)
-    return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known > 0
+    return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known.view(np.bool_)
 
 
 Hall = tuple[float, Array, Array, Array]
@@ -157,11 +157,13 @@ def smooth_map(function: Callable[[Array], Array], width: int, height: int, grid
 
     It has to be smooth: it is evaluated on a grid, every ``grid`` pixels, and interpolated linearly.
     """
-    u, v = np.meshgrid(np.arange(0, width + grid, grid), np.arange(0, height + grid, grid))
-    coarse = function(np.stack([u, v], axis=-1).astype(np.float64)).astype(np.float32)
-    scale = np.array([[1.0 / grid, 0.0, 0.0], [0.0, 1.0 / grid, 0.0]])
-    fine = cv2.warpAffine(coarse, scale, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-    return np.ascontiguousarray(fine[..., 0]), np.ascontiguousarray(fine[..., 1])
+    # where `cv2.resize` puts the pixels of the grid, of which the first ones lie outside
+    u, v = (np.arange(-(grid + 1) / 2, size + grid, grid) for size in (width, height))
+    nodes = function(np.stack(np.meshgrid(u, v), axis=-1)).astype(np.float32)
+    fine = (grid * len(u), grid * len(v))
+    column, row = (cv2.resize(nodes[..., k], fine, interpolation=cv2.INTER_LINEAR) for k in range(2))
+    inside = np.s_[grid : grid + height, grid : grid + width]
+    return np.ascontiguousarray(column[inside]), np.ascontiguousarray(row[inside])
 
 
 # --------------------------------------------------------------------------------------------------------------

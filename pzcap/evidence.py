@@ -6,10 +6,13 @@ all residuals in the 43 numbers of the pose's tangent.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from pzcap import landmarks, raster, residuals
@@ -17,13 +20,15 @@ from pzcap.body import Body, forward, lift, place, screws
 from pzcap.limbs import GROUP, Ground
 from pzcap.raster import Float32
 from pzcap.shape import ContourRows
-from pzcap.types import SEGMENTS, Array, Pose
-from pzcap.views import LEVELS, Z_SCALE, Cut, Observation, PlacedView, place_view
+from pzcap.types import SEGMENTS, Array, Image, Pose
+from pzcap.views import LEVELS, Z_SCALE, Cut, Observation, PlacedView, Skin, place_view, project
 
 SEGMENT_WIDTH_M = np.array(
     [{"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07, "hand": 0.05,
       "thigh": 0.15, "shank": 0.1, "foot": 0.08}[n.removeprefix("left_").removeprefix("right_")] for n in SEGMENTS]
 )  # fmt: skip
+_THIN_PX: Final = 3.0  # a segment less wide than this is not seen at a pyramid's level
+LEARNING: Final = 0.25  # cosine: of skin that is seen more obliquely nothing is learned
 
 
 def place_body(body: Body, pose: Pose) -> tuple[Array, Array, Array]:
@@ -91,6 +96,14 @@ class Evidence:
         _, points, normals = self.place(pose)
         return [None if c is None else place_view(self.body, points, normals, c.seen.camera) for c in self.cuts]
 
+    def moved(self, placed: Sequence[PlacedView | None], pose: Pose) -> list[PlacedView | None]:
+        """The skin at a ``pose`` that is so near to where it was ``placed`` that the same of it is visible."""
+        _, points, normals = self.place(pose)
+        return [
+            None if c is None or p is None else replace(p, skin=project(points, normals, c.seen.camera))
+            for c, p in zip(self.cuts, placed, strict=True)
+        ]
+
     def grounds(self, placed: Sequence[PlacedView | None]) -> list[Ground | None]:
         """What the limbs are judged by, the body being where it was ``placed``."""
         return [None if c is None or p is None else c.ground(p) for c, p in zip(self.cuts, placed, strict=True)]
@@ -112,21 +125,19 @@ class Evidence:
             if cut is None or where is None:
                 continue
             view, camera = cut.seen, cut.seen.camera
-            raster.project(
-                points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, where.pixels, where.depth
-            )
-            scale = float(2**terms.level)
-            px_per_m = camera.focal_px / max(float(np.linalg.norm(centre - camera.world_T_cam[:3, 3])), 0.5)
-            weight = (SEGMENT_WIDTH_M * px_per_m / scale > 3.0).astype(np.float64)  # too thin to be seen here
+            skin = project(points, normals, camera)
             if appearance is not None and terms.brightness_weight > 0:
+                scale = float(2**terms.level)
+                away = max(math.dist(centre, camera.world_T_cam[:3, 3]), 0.5)
+                thick = (SEGMENT_WIDTH_M * camera.focal_px / away > _THIN_PX * scale).astype(np.float64)
                 residuals.photometric(
-                    points, normals, self.body.surface.segment, where.facing, where.pixels, camera.world_T_cam,
+                    points, normals, self.body.surface.segment, where.facing, skin.pixels, camera.world_T_cam,
                     camera.focal_px, camera.k1, centre, view.grey[terms.level], view.left, view.top, scale,
                     appearance.value[terms.level], appearance.trust, terms.brightness_sigma, nuisance,
-                    weight * terms.brightness_weight, hessians, gradients, brightness,
+                    terms.brightness_weight * thick, hessians, gradients, brightness,
                 )  # fmt: skip
             if terms.contour_weight > 0:
-                rows, segment, count = self._contour(view, where, points, normals, terms, contour)
+                rows, segment, count = self._contour(view, where, skin, points, normals, terms, contour)
                 residuals.accumulate(rows, segment, count, centre, hessians, gradients)
             if cut.person is not None and terms.keypoint_weight > 0:
                 rows, keypoint = landmarks.residuals(
@@ -144,42 +155,53 @@ class Evidence:
         for cut, where in zip(self.cuts, placed, strict=True):
             if cut is None or where is None:
                 continue
-            camera = cut.seen.camera
-            raster.project(
-                points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, where.pixels, where.depth
-            )
-            rows, segment, count = self._contour(cut.seen, where, points, normals, terms, np.zeros((16, 3)))
+            skin = project(points, normals, cut.seen.camera)
+            rows, segment, count = self._contour(cut.seen, where, skin, points, normals, terms, np.zeros((16, 3)))
             parts.append(rows[:count])
             segments.append(segment[:count])
         found = np.concatenate(parts)
         return ContourRows(np.concatenate(segments), found[:, 5:], found[:, 2:5], found[:, 1], found[:, 0])
 
     def _contour(
-        self, view: Observation, where: PlacedView, points: Array, normals: Array, terms: Terms, cost: Array
+        self, view: Observation, where: PlacedView, skin: Skin, points: Array, normals: Array, terms: Terms, cost: Array
     ) -> tuple[Array, NDArray[np.int64], int]:
         camera, surface = view.camera, self.body.surface
         rows, segment = np.empty((len(surface.edges), 8)), np.empty(len(surface.edges), np.int64)
         count = residuals.contour(
-            points, normals, surface.segment, surface.edges, where.depth, camera.world_T_cam, camera.focal_px,
-            camera.principal_px, camera.k1, where.z_buffer, where.cover, GROUP, where.z_left, where.z_top, Z_SCALE,
-            view.probability, view.left, view.top, terms.reach_px, terms.contour_sigma_px,
-            np.full(len(SEGMENTS), terms.contour_weight), rows, segment, cost,
+            points, normals, surface.segment, surface.edges, skin.depth, skin.above, camera.world_T_cam,
+            camera.focal_px, camera.principal_px, camera.k1, where.z_buffer, where.cover, GROUP, where.z_left,
+            where.z_top, Z_SCALE, view.probability, view.left, view.top, terms.reach_px, terms.contour_sigma_px,
+            terms.contour_weight, rows, segment, cost,
         )  # fmt: skip
         return rows, segment, count
 
     def learn(self, placed: Sequence[PlacedView | None], appearances: Sequence[Appearance | None], rate: float) -> None:
         """Let the appearance of what is visible adapt by ``rate``; new points are taken as they are."""
         for cut, where, appearance in zip(self.cuts, placed, appearances, strict=True):
-            if cut is None or where is None or appearance is None:
-                continue
-            view = cut.seen
-            values = np.empty((LEVELS, len(where.depth)), np.float32)
-            for level in range(LEVELS):
-                raster.sample(view.grey[level], view.left, view.top, float(2**level), where.pixels, values[level])
-            seen = (where.facing > 0.25) & np.all(values >= 0, axis=0)
-            fresh = seen & (appearance.trust <= 0)
-            step = np.where(fresh, 1.0, np.where(seen, rate, 0.0)).astype(np.float32)
-            appearance.value += step * (values - appearance.value)
-            appearance.trust = np.where(
-                fresh, np.float32(0.3), np.where(seen, np.minimum(appearance.trust + 0.2, 1.0), 0.98 * appearance.trust)
-            ).astype(np.float32)
+            if cut is not None and where is not None and appearance is not None:
+                view = cut.seen
+                _adapt(
+                    view.grey, view.left, view.top, where.skin.pixels, where.facing, rate, appearance.value,
+                    appearance.trust,
+                )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _adapt(
+    grey: tuple[Image, ...], left: float, top: float, pixels: Array, facing: Float32, rate: float, value: Float32,
+    trust: Float32,
+) -> None:  # fmt: skip
+    """Move the appearance of all points that face the camera by ``rate`` to what a pyramid has at their ``pixels``."""
+    height, width = grey[-1].shape
+    coarsest = 2.0 ** (len(grey) - 1)
+    for n in range(len(pixels)):
+        x, y = pixels[n, 0] - left, pixels[n, 1] - top
+        within = 1.0 <= x / coarsest < width - 2.0 and 1.0 <= y / coarsest < height - 2.0
+        if facing[n] <= LEARNING or not within:
+            trust[n] *= np.float32(0.98)
+            continue
+        fresh = trust[n] <= 0.0
+        for level in range(len(grey)):
+            here = raster.bilinear(grey[level], x / 2**level, y / 2**level)
+            value[level, n] += (1.0 if fresh else rate) * (here - value[level, n])
+        trust[n] = 0.3 if fresh else min(trust[n] + 0.2, 1.0)

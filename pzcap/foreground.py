@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pzcap import outline
 from pzcap.camera import at
-from pzcap.colours import Compared, ForegroundConfig, compare, double
+from pzcap.colours import Compared, ForegroundConfig, compare, double, shrink
 from pzcap.cylinder import Window, warp_background
 from pzcap.types import Array, Camera, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
@@ -122,25 +122,56 @@ def match_gain(image: Image, background: Image, known: Mask) -> Image:
     """The background as bright as the frame: an exposure and what vignetting the panorama does not share, both from
     the pixels that agree. No offset: blur would corrupt it."""
     height, width = known.shape
-    small = (max(width // 8, 1), max(height // 8, 1))
-    frame = cv2.resize(image, small, interpolation=cv2.INTER_AREA).astype(np.float32).sum(axis=2)
-    hall = cv2.resize(background, small, interpolation=cv2.INTER_AREA).astype(np.float32).sum(axis=2)
-    cover = cv2.resize(known.astype(np.float32), small, interpolation=cv2.INTER_AREA)
-    x = (np.arange(small[0]) - (small[0] - 1) / 2) / (small[0] / 2)
-    y = (np.arange(small[1]) - (small[1] - 1) / 2) / (small[0] / 2)
-    r2 = y[:, None] ** 2 + x[None, :] ** 2
-    usable = (cover > 0.99) & (hall > 45) & (frame > 45) & (hall < 720)
-    if usable.sum() < 50:
+    cover = shrink(np.asarray(known, np.float32), 8)
+    gain = np.empty((*cover.shape, 3), np.float32)
+    if not _fit_gain(shrink(image, 8), shrink(background, 8), cover, gain):
         return background
-    basis = np.stack([np.ones_like(r2), r2], axis=-1)
-    a, b = basis[usable], np.log(frame[usable] / hall[usable])
-    weight = np.sqrt(hall[usable])
-    solution = np.array([np.median(b), 0.0])
+    fine = cv2.resize(gain, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.multiply(background, fine, dtype=cv2.CV_8U), np.uint8)
+
+
+@njit(cache=True, nogil=True)
+def _fit_gain(image: Image, background: Image, cover: Float32, gain: Float32) -> bool:
+    """The ``gain`` (h, w, 3) of a frame over its background (h, w, 3): ``exp(a + b r^2)`` with r the distance from the
+    middle, fitted robustly, with a wide scale first. False where too little is covered."""
+    height, width = cover.shape
+    squared, ratio, weight = np.empty(cover.size), np.empty(cover.size), np.empty(cover.size)
+    count = 0
+    for i in range(height):
+        for j in range(width):
+            frame, hall = 0.0, 0.0
+            for c in range(3):
+                frame += image[i, j, c]
+                hall += background[i, j, c]
+            if cover[i, j] > 0.99 and 45.0 < hall < 720.0 and frame > 45.0:
+                squared[count] = _radius(i, j, height, width)
+                ratio[count], weight[count] = np.log(frame / hall), np.sqrt(hall)
+                count += 1
+    if count < 50:
+        return False
+    a, b = float(np.median(ratio[:count])), 0.0
     for scale in (0.15, 0.08, 0.05, 0.04):
-        robust = weight / (1.0 + ((b - a @ solution) / scale) ** 2) ** 2
-        solution = np.linalg.solve((a * robust[:, None]).T @ a + 1e-6 * np.eye(2), (a * robust[:, None]).T @ b)
-    gain = cv2.resize(np.exp(basis @ solution).astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(cv2.multiply(background, cv2.merge([gain] * 3), dtype=cv2.CV_8U), np.uint8)
+        ones, radii, squares, sums, products = 1e-6, 0.0, 1e-6, 0.0, 0.0
+        for n in range(count):
+            robust = weight[n] / (1.0 + ((ratio[n] - a - b * squared[n]) / scale) ** 2) ** 2
+            ones += robust
+            radii += robust * squared[n]
+            squares += robust * squared[n] * squared[n]
+            sums += robust * ratio[n]
+            products += robust * squared[n] * ratio[n]
+        determinant = ones * squares - radii * radii
+        a, b = (squares * sums - radii * products) / determinant, (ones * products - radii * sums) / determinant
+    for i in range(height):
+        for j in range(width):
+            gain[i, j, :] = np.exp(a + b * _radius(i, j, height, width))
+    return True
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _radius(i: int, j: int, height: int, width: int) -> float:
+    """Squared distance from the middle, in half widths."""
+    y, x = (i - (height - 1) / 2) / (width / 2), (j - (width - 1) / 2) / (width / 2)
+    return y * y + x * x
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -131,16 +131,18 @@ def _rows(
     sigma: Array, scale: float, rows: Array, keypoint: NDArray[np.int64],
 ) -> int:  # fmt: skip
     count = 0
+    stand = raster.stand(world_T_cam)
     for k in range(len(world)):
         if known[k] <= 0.0:
             continue
         squared = (person[k, 0] - pixels[k, 0]) ** 2 + (person[k, 1] - pixels[k, 1]) ** 2
         robust = 1.0 / (1.0 + squared / (scale * sigma[k]) ** 2)
+        across, down, depth = raster.ray(world[k, 0], world[k, 1], world[k, 2], stand)
         for axis in range(2):
             keypoint[count] = k
             rows[count, 0] = robust * robust / sigma[k] ** 2
             rows[count, 1] = person[k, axis] - pixels[k, axis]
-            raster.pixel_gradient(world[k], world_T_cam, focal, k1, 1.0 - axis, float(axis), rows[count, 2:5])
+            rows[count, 2:5] = raster.pixel_gradient(across, down, depth, stand, focal, k1, 1.0 - axis, float(axis))
             rows[count, 5:] = world[k]
             count += 1
     return count

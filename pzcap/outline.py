@@ -89,14 +89,14 @@ def _start(
             say, sure = log_odds[i, j], inner[i, j] > 0 and log_odds[i, j] > UNSURE
             n, m = i // 2, j // 2
             if share[n, m] > FEW and hall[i, j, 0] > 0:
-                colours = 0.0
+                colours, spread = 0.0, 1.0
                 for c in range(3):
                     body = square[n, m, c] + COLOUR_VARIANCE
                     empty = missed[n, m, c] + COLOUR_VARIANCE
                     here = float(frame[i, j, c])
                     colours += (here - float(hall[i, j, c])) ** 2 / empty - (here - mean[n, m, c]) ** 2 / body
-                    colours += np.log(empty / body)
-                colours *= 0.5 * SURENESS
+                    spread *= empty / body
+                colours = 0.5 * SURENESS * (colours + np.log(spread))
                 sure = sure and colours > DOUBT
                 say = COARSE_SAY * say + min(max(colours, -SAY), SAY)
             if sure:
@@ -114,17 +114,20 @@ def _walk(frame: Image, probability: Float32, undecided: NDArray[np.int32]) -> N
     """Settle the ``undecided`` pixels (N, 2): each is the mean of its own say and its neighbours', by their ties."""
     count = len(undecided)
     own, ties = np.empty(count, np.float32), np.empty((count, 8), np.float32)
+    alike = np.empty((3, 256))  # how little a step of each colour separates neighbours
+    for c in range(3):
+        for apart in range(256):
+            alike[c, apart] = np.exp(-((EDGE_WEIGHT[c] * apart) ** 2) / EDGE_SCALE)
     steps = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
     for n in range(count):
         i, j = undecided[n]
         own[n] = probability[i, j]
         for k in range(8):
             y, x = i + steps[k][0], j + steps[k][1]
-            apart = 0.0
+            tie = TIE * (0.7 if k in (0, 2, 5, 7) else 1.0)
             for c in range(3):
-                apart += (EDGE_WEIGHT[c] * (float(frame[i, j, c]) - float(frame[y, x, c]))) ** 2
-            near = 0.7 if k in (0, 2, 5, 7) else 1.0
-            ties[n, k] = TIE * near * np.exp(-apart / EDGE_SCALE)
+                tie *= alike[c, abs(np.int64(frame[i, j, c]) - np.int64(frame[y, x, c]))]
+            ties[n, k] = tie
     for sweep in range(SWEEPS):
         for m in range(count):
             n = m if sweep % 2 == 0 else count - 1 - m

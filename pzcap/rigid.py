@@ -82,12 +82,18 @@ def chain(root: Array, quaternions: Array, offsets: Array, parents: NDArray[np.i
 def carry(
     frames: Array, segment: NDArray[np.int64], points: Array, normals: Array, out_points: Array, out_normals: Array
 ) -> None:
-    """Points and normals (V, 3) from their segments' frames to the world."""
-    for v in range(len(points)):
-        m = frames[segment[v]]
+    """Points and normals (V, 3) from their segments' frames to the world. A segment's best follow each other."""
+    first = 0
+    while first < len(points):
+        s, last = segment[first], first + 1
+        while last < len(points) and segment[last] == s:
+            last += 1
         for i in range(3):
-            out_points[v, i] = m[i, 0] * points[v, 0] + m[i, 1] * points[v, 1] + m[i, 2] * points[v, 2] + m[i, 3]
-            out_normals[v, i] = m[i, 0] * normals[v, 0] + m[i, 1] * normals[v, 1] + m[i, 2] * normals[v, 2]
+            a, b, c, position = frames[s, i, 0], frames[s, i, 1], frames[s, i, 2], frames[s, i, 3]
+            for v in range(first, last):
+                out_points[v, i] = a * points[v, 0] + b * points[v, 1] + c * points[v, 2] + position
+                out_normals[v, i] = a * normals[v, 0] + b * normals[v, 1] + c * normals[v, 2]
+        first = last
 
 
 @njit(cache=True, nogil=True)
@@ -107,3 +113,36 @@ def twists(frames: Array, owner: NDArray[np.int64], axes: Array, centre: Array) 
         out[d, 1] = out[d, 5] * rx - out[d, 3] * rz
         out[d, 2] = out[d, 3] * ry - out[d, 4] * rx
     return out
+
+
+@njit(cache=True, nogil=True)
+def lift(
+    hessians: Array, gradients: Array, twists: Array, owner: NDArray[np.int64], parents: NDArray[np.int64],
+    moves: NDArray[np.bool_],
+) -> tuple[Array, Array]:  # fmt: skip
+    """Normal equations (D, D) and (D,) of joints with these screws (D, 6) from those of each segment, (N, 6, 6) and
+    (N, 6), about the same centre.
+
+    What a joint moves, its segment ``owner`` (D,) and all that hang on it, moves as one body: their equations add up.
+    Two joints meet where one ``moves`` (D, N) the segment of the other.
+    """
+    hessians, gradients = hessians.copy(), gradients.copy()
+    for n in range(len(parents) - 1, -1, -1):  # parents come before their children
+        if parents[n] >= 0:
+            hessians[parents[n]] += hessians[n]
+            gradients[parents[n]] += gradients[n]
+    hessian, gradient = np.zeros((len(owner), len(owner))), np.zeros(len(owner))
+    carried = np.empty(6)
+    for d in range(len(owner)):
+        s = owner[d]
+        for i in range(6):
+            gradient[d] += twists[d, i] * gradients[s, i]
+            carried[i] = 0.0
+            for j in range(6):
+                carried[i] += hessians[s, i, j] * twists[d, j]
+        for e in range(d + 1):
+            if moves[e, s]:
+                for i in range(6):
+                    hessian[d, e] += carried[i] * twists[e, i]
+                hessian[e, d] = hessian[d, e]
+    return hessian, gradient

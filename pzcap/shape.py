@@ -110,7 +110,7 @@ def corrected(body: Body, change: Basis, amounts_m: Array) -> Body:
     affine = np.einsum("p,psij->sij", amounts_m, change.skin)[surface.segment]
     points = surface.points_m + np.einsum("vij,vj->vi", affine[:, :, :3], surface.points_m) + affine[:, :, 3]
     offsets = body.offsets_m + np.einsum("p,psi->si", amounts_m, change.joints)
-    return replace(body, offsets_m=offsets, surface=replace(surface, points_m=points))
+    return replace(body, offsets_m=offsets, surface=replace(surface, points_m=np.asfortranarray(points)))
 
 
 class ShapeEstimate:

@@ -25,7 +25,10 @@ _CAP_RINGS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """Vertices with outward normals in their segment's frame, and the triangles between them."""
+    """Vertices with outward normals in their segment's frame, and the triangles between them.
+
+    Points and normals lie in memory a coordinate after the other, so that kernels fill whole vectors with them.
+    """
 
     points_m: Array  # (V, 3)
     normals: Array  # (V, 3) unit
@@ -156,8 +159,8 @@ def build_surface(measurements_m: Mapping[str, float]) -> Surface:
         count += len(placed)
     all_points, all_faces = np.concatenate(points), np.concatenate(faces)
     return Surface(
-        points_m=all_points,
-        normals=np.concatenate(normals),
+        points_m=np.asfortranarray(all_points),
+        normals=np.asfortranarray(np.concatenate(normals)),
         segment=np.concatenate(segment),
         area_m2=_vertex_areas(all_points, all_faces),
         faces=all_faces,

@@ -36,21 +36,20 @@ class Observation:
     camera: Camera
     left: int
     top: int
-    grey: tuple[Float32, ...]  # LEVELS images
-    probability: Float32  # (h, w) 0..1 of the finest level
+    grey: tuple[Image, ...]  # LEVELS images
+    probability: Image  # (h, w) 0..255 of the finest level
 
 
 def observe(image: Image, probability: Image, camera: Camera, left: int, top: int) -> Observation:
     """Prepare a cut-out whose top-left pixel stands at ``(left, top)`` of the view."""
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
-    levels = [np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 0.7), np.float32)]
+    levels = [_smooth(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))]
     for _ in range(LEVELS - 1):
-        levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.float32))
+        levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.uint8))
     return Observation(camera, left, top, tuple(levels), _smooth(probability))
 
 
-def _smooth(probability: Image) -> Float32:
-    return np.asarray(cv2.GaussianBlur(probability, (0, 0), 0.7), np.float32) / np.float32(255.0)
+def _smooth(image: Image) -> Image:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,12 +108,29 @@ def expect(body: Body, pose: Pose, camera: Camera, margin: float) -> Expected | 
     return Expected(left, top, np.asarray(Z_SCALE * apart, np.float32))
 
 
-@dataclass(slots=True, eq=False)
-class PlacedView:
-    """The skin of a posed body in one view."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Skin:
+    """The skin of a posed body from one camera, seen or not."""
 
-    pixels: Array  # (V, 2)
-    depth: Array  # (V,)
+    pixels: Array  # (V, 2) a coordinate after the other in memory
+    depth: Array  # (V,) -1 behind the camera
+    above: Array  # (V,) metres that the camera stands above the skin's tangent: negative where the skin faces away
+
+
+def project(points: Array, normals: Array, camera: Camera) -> Skin:
+    """Where placed skin (V, 3), as `pzcap.body.place` has it, stands in a view."""
+    skin = Skin(np.empty((len(points), 2), order="F"), np.empty(len(points)), np.empty(len(points)))
+    pose = camera.world_T_cam
+    raster.project(points, pose, camera.focal_px, camera.principal_px, camera.k1, skin.pixels, skin.depth)
+    raster.above(points, normals, pose, skin.above)
+    return skin
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedView:
+    """What of a posed body is visible in one view."""
+
+    skin: Skin
     facing: Float32  # (V,) cosine to the ray where visible, else 0
     z_buffer: Float32
     cover: NDArray[np.uint8]  # bits of `pzcap.limbs.GROUP`, of all that lies there
@@ -126,27 +142,25 @@ class PlacedView:
         return np.isfinite(self.z_buffer)
 
 
-def place_view(body: Body, points: Array, normals: Array, camera: Camera, scale: float = Z_SCALE) -> PlacedView:
+def place_view(body: Body, points: Array, normals: Array, camera: Camera) -> PlacedView:
     """Project the placed skin and test what is visible."""
-    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
-    raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
-    left, top, width, height = _window(pixels, depth, camera, 12)
+    skin, scale = project(points, normals, camera), Z_SCALE
+    left, top, width, height = _window(skin, camera, 12)
     z_buffer = np.empty((int(height // scale) + 1, int(width // scale) + 1), np.float32)
-    cover = np.empty(z_buffer.shape, np.uint8)
-    group = GROUP[body.surface.segment]
-    raster.rasterise(pixels, depth, body.surface.faces, group, left, top, scale, z_buffer, cover)
-    facing = np.empty(len(points), np.float32)
+    cover, facing = np.empty(z_buffer.shape, np.uint8), np.empty(len(points), np.float32)
+    surface = body.surface
+    raster.rasterise(skin.pixels, skin.depth, surface.faces, surface.segment, GROUP, left, top, scale, z_buffer, cover)
     raster.visible(
-        points, normals, pixels, depth, np.ascontiguousarray(camera.world_T_cam[:3, 3]), z_buffer, left, top, scale,
-        DEPTH_TOLERANCE_M, facing,
+        points, skin.above, skin.pixels, skin.depth, camera.world_T_cam, z_buffer, left, top, scale, DEPTH_TOLERANCE_M,
+        facing,
     )  # fmt: skip
-    return PlacedView(pixels, depth, facing, z_buffer, cover, left, top)
+    return PlacedView(skin, facing, z_buffer, cover, left, top)
 
 
-def _window(pixels: Array, depth: Array, camera: Camera, margin: int) -> tuple[int, int, int, int]:
+def _window(skin: Skin, camera: Camera, margin: int) -> tuple[int, int, int, int]:
     """Left, top, width and height around the points seen; it may stand over the image's edge, but is never huge."""
     box = np.empty(4)
-    raster.bounds(pixels, depth, box)
+    raster.bounds(skin.pixels, skin.depth, box)
     if box[2] < box[0]:
         return 0, 0, 2, 2
     left, top = max(int(box[0]) - margin, -camera.width), max(int(box[1]) - margin, -camera.height)
@@ -155,9 +169,9 @@ def _window(pixels: Array, depth: Array, camera: Camera, margin: int) -> tuple[i
 
 
 def _around(points: Array, camera: Camera, margin: float) -> Window | None:
-    """Part of the view that holds the skin (V, 3), and ``margin`` of its size around it, of whole pixels of a belief;
-    None where the skin is out of view."""
-    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
+    """Part of the view that holds the skin's points (V, 3), and ``margin`` of its size around them, of whole pixels of
+    a belief; None where the skin is out of view."""
+    pixels, depth = np.empty((len(points), 2), order="F"), np.empty(len(points))
     raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
     box = np.empty(4)
     raster.bounds(pixels, depth, box)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import convolve1d
 
 from experiments.silhouettes import outline_distance
-from pzcap import foreground
-from pzcap.colours import floor_plane
+from pzcap import colours, foreground
+from pzcap.colours import ANY_COLOUR, LEVELS, floor_plane
 from pzcap.foreground import ForegroundConfig
 from pzcap.types import Camera, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera
 from tests.body_scene import HEIGHT, WIDTH, Clip, Shot, shoot
@@ -213,3 +214,14 @@ def test_the_floor_ends_at_the_horizon(clip: Clip) -> None:
         )
         meets = ray[2] < 0 and camera.world_T_cam[2, 3] / -ray[2] < 25.0
         assert (plane @ [u, v, 1.0] < 0) == meets
+
+
+def test_a_palette_is_the_colours_seen_blurred() -> None:
+    frame = np.random.default_rng(0).normal(90.0, 60.0, (40, 30, 3)).clip(0, 255).astype(np.uint8)
+    where = np.zeros((40, 30), np.uint8)
+    where[5:25, 8:20] = 1
+    counts = np.histogramdd(frame[where > 0].astype(float), bins=[np.linspace(0, 256, LEVELS + 1)] * 3)[0]
+    for axis in range(3):
+        counts = convolve1d(counts, [0.25, 0.5, 0.25], axis, mode="nearest")
+    expected = np.log(ANY_COLOUR + (1.0 - ANY_COLOUR) * counts / counts.sum() * LEVELS**3)
+    np.testing.assert_allclose(colours._palette(frame, where), expected, rtol=1e-5, atol=1e-5)
