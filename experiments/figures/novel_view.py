@@ -140,7 +140,9 @@ def _depth(camera: Camera, skin: Skin) -> NDArray[np.float32]:
     raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
     z_buffer = np.empty((camera.height, camera.width), np.float32)
     cover = np.empty(z_buffer.shape, np.uint8)
-    raster.rasterise(pixels, depth, faces, np.zeros(len(points), np.int64), np.zeros(1, np.uint8), 0, 0, 1.0, z_buffer, cover)
+    raster.rasterise(
+        pixels, depth, faces, np.zeros(len(points), np.int64), np.zeros(1, np.uint8), 0, 0, 1.0, z_buffer, cover
+    )
     return z_buffer
 
 
