@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -95,14 +95,6 @@ class Evidence:
         """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
         _, points, normals = self.place(pose)
         return [None if c is None else place_view(self.body, points, normals, c.seen.camera) for c in self.cuts]
-
-    def moved(self, placed: Sequence[PlacedView | None], pose: Pose) -> list[PlacedView | None]:
-        """The skin at a ``pose`` that is so near to where it was ``placed`` that the same of it is visible."""
-        _, points, normals = self.place(pose)
-        return [
-            None if c is None or p is None else replace(p, skin=project(points, normals, c.seen.camera))
-            for c, p in zip(self.cuts, placed, strict=True)
-        ]
 
     def grounds(self, placed: Sequence[PlacedView | None]) -> list[Ground | None]:
         """What the limbs are judged by, the body being where it was ``placed``."""

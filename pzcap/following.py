@@ -128,7 +128,8 @@ class Follower:
         evidence = Evidence(self.body, cuts)
         sigma = self._sigma * np.where(self._known, 1.0, self.config.start_widening)
         prior = np.diag(1.0 / sigma**2)
-        pose, normal, placed = improve(evidence, predicted, prior, self.appearances, self.config, self.config.schedule)
+        pose, normal = improve(evidence, predicted, prior, self.appearances, self.config, self.config.schedule)
+        placed = evidence.visibility(pose)
         pose, normal, placed, support, found = self._recover(evidence, pose, normal, placed)
         evidence.learn(placed, self.appearances, self.config.appearance_rate)
         gain = np.where(self._known, self.config.velocity_gain, 1.0)
@@ -158,7 +159,8 @@ class Follower:
                 continue
             free = np.where(np.isin(DOF_SEGMENT, LIMBS[limb]), config.start_widening, 0.1)
             prior = np.diag(1.0 / (self._sigma * free) ** 2)
-            other, again, there = improve(evidence, other, prior, self.appearances, config, config.schedule[1:])
+            other, again = improve(evidence, other, prior, self.appearances, config, config.schedule[1:])
+            there = evidence.visibility(other)
             grounds_there = evidence.grounds(there)
             better = self._limbs.support(other, grounds_there)
             if _explains_more(better, support, config.doubt_m2):
@@ -188,11 +190,8 @@ def improve(
     appearances: Sequence[Appearance | None],
     config: TrackingConfig,
     schedule: Sequence[Round],
-) -> tuple[Pose, Normal, list[PlacedView | None]]:
-    """Gauss-Newton from ``predicted``, whose information matrix (43, 43) is ``prior``, coarse to fine.
-
-    The last round hardly moves the skin: what was visible before it is so after it.
-    """
+) -> tuple[Pose, Normal]:
+    """Gauss-Newton from ``predicted``, whose information matrix (43, 43) is ``prior``, coarse to fine."""
     pose = predicted
     normal: Normal | None = None
     for each in schedule:
@@ -211,4 +210,4 @@ def improve(
             if np.abs(step).max() < config.step_tolerance:
                 break
     assert normal is not None, "a schedule has at least one round"
-    return pose, normal, evidence.moved(placed, pose)
+    return pose, normal

@@ -189,7 +189,7 @@ class Tracker:
         if all(cut is None for cut in cuts):
             return Step(pose, np.zeros(DOF), self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), False)
         evidence = Evidence(self.body, cuts)
-        pose, normal, _ = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule)
+        pose, normal = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule)
         return Step(pose, np.zeros(DOF), normal.hessian + self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), True)
 
     def _result(self, frame: int, pose: Pose, hessian: Array, valid: bool, doubt_m: Array | float = 0.0) -> Tracked:
