@@ -6,8 +6,9 @@ import numpy as np
 
 from pzcap import body as bodies
 from pzcap.body import DOF, forward
+from pzcap.corrections import basis, corrected
 from pzcap.evidence import Evidence
-from pzcap.shape import ShapeEstimate, basis, corrected
+from pzcap.shape import ShapeEstimate, Sight
 from pzcap.types import Array, Subject
 from tests.test_tracking import TERMS, clip, cuts, true_body
 
@@ -43,8 +44,10 @@ def test_jacobians_are_derivatives_of_the_skin() -> None:
         amounts = np.zeros(len(change.sigma_m))
         amounts[k] = 1e-3
         there = forward(corrected(body, change, amounts), pose)
-        affine = 1e-3 * change.skin[k, rows.segment]
-        skin = local + np.einsum("nij,nj->ni", affine[:, :, :3], local) + affine[:, :, 3]
+        skin = local.copy()
+        for s in np.unique(rows.segment):
+            here = rows.segment == s
+            skin[here] = change.displaced(s, local[here], amounts)
         moved = np.einsum("nij,nj->ni", there[rows.segment, :3, :3], skin) + there[rows.segment, :3, 3]
         expected = np.einsum("ni,ni->n", rows.gradients, moved - rows.points_m) / 1e-3
         np.testing.assert_allclose(by_shape[:, k], expected, atol=1e-6 * max(1.0, np.abs(expected).max()))
@@ -59,7 +62,7 @@ def amounts_found(measurements_m: dict[str, float]) -> Array:
         evidence, pose = Evidence(body, cuts(frame)), clip().poses[frame]
         rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
         rows.weight[:] *= 0.1
-        shape.add(forward(body, pose), rows, 1e6 * np.eye(DOF), np.zeros(DOF))
+        shape.keep(shape.hear([Sight(forward(body, pose), rows, None, 1e6 * np.eye(DOF), np.zeros(DOF))]))
     shape.solve()
     return shape.amounts_m
 
