@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body import DOF, MOVES, Body, screws
+from pzcap.body import DOF, MOVES, Body, joint_jacobians, screws
 from pzcap.corrections import basis, corrected
 from pzcap.types import SEGMENTS, Array
 
@@ -27,6 +27,10 @@ _SLIDE_SIGMA: Final = np.tile([0.01, 0.01, 0.01, 0.05, 0.05, 0.05], len(SEGMENTS
 _TEXTURE_CURVATURE: Final = 0.4
 """Of the texture's cost, beside what Gauss-Newton has: robust weights, and texture as fine as the pixels, make it
 flatter (0.25-0.5 measured). Taken at its word, each step would stop far short."""
+
+_DOUBT: Final = 0.9
+"""Of the deviation that is left of the tape's: the frames are believed so little, since they err alike, that it comes
+out too large (the one number of a joint's sigma that is fitted, to what is covered on the development captures)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +70,7 @@ class Said:
 
     information: Array  # (P, P)
     vector: Array  # (P,)
+    joints: Array  # (S, 16, 3, P) in each frame, what a correction that is wrong moves the joints by
 
 
 class ShapeEstimate:
@@ -75,12 +80,14 @@ class ShapeEstimate:
         self._tape = body
         self._basis = basis(body)
         self.amounts_m: Array = np.zeros(len(self._basis.sigma_m))
-        self._known = Said(np.diag(1.0 / self._basis.sigma_m**2), np.zeros(len(self.amounts_m)))
+        self._information: Array = np.diag(1.0 / self._basis.sigma_m**2)
+        self._vector: Array = np.zeros(len(self.amounts_m))
+        self._joints_moved: Array = np.zeros((0, len(SEGMENTS), 3, len(self.amounts_m)))
 
     def hear(self, sights: Iterable[Sight]) -> Said:
         """What frames say that share their texture, tracked with the body as corrected last."""
         size = len(self.amounts_m) + len(_SLIDE_SIGMA)
-        shared, right = np.zeros((size, size)), np.zeros(size)
+        shared, right, joints = np.zeros((size, size)), np.zeros(size), []
         for sight in sights:
             hessian, gradient = self._normal(sight)
             hessian[:DOF, :DOF] += sight.prior
@@ -88,24 +95,47 @@ class ShapeEstimate:
             information, vector = _without(hessian, gradient, DOF)
             shared += information
             right += vector
+            joints.append(self._joints(sight))
         slides = slice(len(self.amounts_m), None)
         shared[slides, slides] += np.diag(1.0 / _SLIDE_SIGMA**2)
         order = np.roll(np.arange(size), len(_SLIDE_SIGMA))
         information, vector = _without(shared[np.ix_(order, order)], right[order], len(_SLIDE_SIGMA))
-        return Said(information, vector + information @ self.amounts_m)
+        return Said(information, vector + information @ self.amounts_m, np.array(joints))
 
     def keep(self, said: Said) -> None:
         """Believe it from now on."""
-        known = self._known
-        self._known = Said(known.information + said.information, known.vector + said.vector)
+        self._information = self._information + said.information
+        self._vector = self._vector + said.vector
+        self._joints_moved = said.joints
 
     def solve(self, said: Said | None = None) -> Body:
         """The body as all that is kept has it, and what has just been ``said``."""
-        information, vector = self._known.information, self._known.vector
+        information, vector = self._information, self._vector
         if said is not None:
             information, vector = information + said.information, vector + said.vector
         self.amounts_m = np.asarray(np.linalg.solve(information, vector))
         return corrected(self._tape, self._basis, self.amounts_m)
+
+    def joint_variance(self) -> Array:
+        """(16,) of the joints' distance (square metres) from where they are, for what is not known of the body: the
+        same error in all frames, and the mean over those heard of last.
+
+        A correction that is wrong by ``c`` moves the joints by ``(B - J (A' W A)^-1 A' W C) c``: ``B`` moves them in
+        the body, ``C`` moves the contours, and the pose (contours ``A``, joints ``J``) then follows the contours to
+        where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept.
+        """
+        covariance = _DOUBT**2 * np.linalg.inv(self._information)
+        joints = self._joints_moved
+        return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
+
+    def _joints(self, sight: Sight) -> Array:
+        """(16, 3, P) derivatives of the joints in the world with respect to the corrections, the pose following."""
+        frames, rows = sight.world_T_segment, sight.rows
+        pose, change = self._jacobians(frames, rows)
+        weighted = pose.T * rows.weight
+        follows = np.linalg.solve(weighted @ pose + sight.prior, weighted @ change)
+        carried = self._basis.carried(frames).transpose(1, 2, 0)
+        return np.asarray(carried - joint_jacobians(frames) @ follows)
 
     def _normal(self, sight: Sight) -> tuple[Array, Array]:
         """Normal equations of a frame in its pose (43), the corrections (P) and the slides (96)."""

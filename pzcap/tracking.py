@@ -88,6 +88,7 @@ class Tracker:
         self._keys = {key.frame: key.pose for key in keyframes}
         self._last_key = max(self._keys)
         self._shape = ShapeEstimate(body)
+        self._shape_variance: Array = np.full(len(SEGMENTS), 2 * body.sigma_m**2)  # (16,) until the images have told
         self._landmarks = LandmarkEstimate(body.landmarks)
         self._ahead: Follower | None = None
         self._anchor: Pose  # before what waits
@@ -182,6 +183,7 @@ class Tracker:
             polished = polish(self.body, poses, views, self._anchor, after, doubtful, self.config)
             poses = polished.poses
         self._shape.keep(said)
+        self._shape_variance = self._shape.joint_variance()
         return polished
 
     def _cut(self, views: Sequence[View | None], pose: Pose) -> list[Cut | None]:
@@ -218,8 +220,7 @@ class Tracker:
         covariance = np.linalg.inv(hessian + np.diag(1.0 / sigma**2))
         jacobians = joint_jacobians(frames)
         variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
-        # what the images cannot tell: joints that the tape has put elsewhere in the body
-        variance += 2 * self.body.sigma_m**2 + (0.5 * np.asarray(doubt_m)) ** 2
+        variance += self._shape_variance + (0.5 * np.asarray(doubt_m)) ** 2
         return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid)
 
 
