@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from pzcap import landmarks, raster, residuals
 from pzcap.body import Body, forward, lift, place, screws
 from pzcap.limbs import GROUP, Ground
 from pzcap.raster import Float32
-from pzcap.shape import ContourRows
+from pzcap.shape import ContourRows, Texture
 from pzcap.types import SEGMENTS, Array, Image, Pose
 from pzcap.views import LEVELS, Z_SCALE, Cut, Observation, PlacedView, Skin, place_view, project
 
@@ -108,6 +108,31 @@ class Evidence:
         terms: Terms,
     ) -> Normal:
         """Accumulate all residuals at ``pose``, with visibility as ``placed``."""
+        frames, hessians, gradients, contour, brightness = self._per_segment(pose, placed, appearances, terms)
+        hessian, gradient = lift(hessians, gradients, screws(frames, np.ascontiguousarray(frames[0, :3, 3])))
+        return Normal(hessian, gradient, contour, brightness)
+
+    def texture(
+        self,
+        pose: Pose,
+        placed: Sequence[PlacedView | None],
+        appearances: Sequence[Appearance | None],
+        terms: Terms,
+    ) -> Texture:
+        """The residuals of brightness alone, segment by segment."""
+        alone = replace(terms, contour_weight=0.0, keypoint_weight=0.0)
+        _, hessians, gradients, _, _ = self._per_segment(pose, placed, appearances, alone)
+        return Texture(hessians, gradients)
+
+    def _per_segment(
+        self,
+        pose: Pose,
+        placed: Sequence[PlacedView | None],
+        appearances: Sequence[Appearance | None],
+        terms: Terms,
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """``world_T_segment``; the normal equations (16, 6, 6) and (16, 6) of each segment in its own twist about the
+        pelvis joint; and how well each fits, as `Normal` has it."""
         frames, points, normals = self.place(pose)
         centre = np.ascontiguousarray(frames[0, :3, 3])
         hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
@@ -137,8 +162,7 @@ class Evidence:
                 )
                 rows[:, 0] *= terms.keypoint_weight
                 residuals.accumulate(rows, landmarks.SEGMENT[keypoint], len(rows), centre, hessians, gradients)
-        hessian, gradient = lift(hessians, gradients, screws(frames, centre))
-        return Normal(hessian, gradient, contour, brightness)
+        return frames, hessians, gradients, contour, brightness
 
     def contour(self, pose: Pose, placed: Sequence[PlacedView | None], terms: Terms) -> ContourRows:
         """The residuals of the contour alone, one by one."""

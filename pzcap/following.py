@@ -61,7 +61,9 @@ class TrackingConfig:
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
     start_widening: float = 4.0  # of a prediction's sigma while the velocity is not known
     # of a frame's contour, on the body's shape: the next frame errs alike; 0: the body stays as the tape has it
-    shape_weight: float = 0.012
+    shape_weight: float = 0.024
+    shape_texture_weight: float = 0.6  # and of its texture
+    shape_rounds: int = 2  # of correcting the body and improving the poses, a stretch
     # what the motion accelerates by, a frame squared
     acceleration_position_sigma_m: float = 0.01
     acceleration_rotation_sigma_rad: float = 0.05

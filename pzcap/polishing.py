@@ -8,7 +8,7 @@ each point of the skin looks like on average, with a motion that does not jerk (
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -18,12 +18,13 @@ from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, limit_residu
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import TrackingConfig
 from pzcap.limbs import LIMBS, LimbSearch
-from pzcap.shape import ShapeEstimate
+from pzcap.shape import Said, ShapeEstimate, Sight
 from pzcap.trajectory import smooth_step
 from pzcap.types import Array, Keyframe, Mask, Pose
 from pzcap.views import Cut, PlacedView
 
 _DISBELIEF: Final = 0.05
+_BRIGHTNESS_SIGMA: Final = 25.0  # grey levels, while the shape is not known: more than in tracking
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,41 +35,42 @@ class Polished:
     hessians: list[Array]  # (43, 43)
 
 
-def correct(
+def hear(
     body: Body,
     shape: ShapeEstimate,
     poses: Sequence[Pose],
     views: Sequence[Sequence[Cut | None]],
     config: TrackingConfig,
-) -> None:
-    """Tell ``shape`` what the contours of some frames, tracked with ``body``, say."""
+) -> Said:
+    """What some frames of a stretch, tracked with ``body``, say of its shape."""
+    terms = config.schedule[-1].terms
+    evidence = [Evidence(body, cuts) for cuts in views]
+    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    appearances = _appearances(body, evidence, placed)
     anything = config.shape_weight / config.start_widening**2 * np.eye(DOF)
-    for pose, cuts in zip(poses, views, strict=True):
-        _add(body, shape, pose, cuts, config, anything, np.zeros(DOF))
+    sights = []
+    for pose, each, where in zip(poses, evidence, placed, strict=True):
+        rows = each.contour(pose, where, terms)
+        rows.weight[:] *= config.shape_weight
+        texture = each.texture(pose, where, appearances, replace(terms, brightness_sigma=_BRIGHTNESS_SIGMA))
+        texture.hessians[:] *= config.shape_texture_weight
+        texture.gradients[:] *= config.shape_texture_weight
+        sights.append(Sight(forward(body, pose), rows, texture, anything, np.zeros(DOF)))
+    return shape.hear(sights)
 
 
-def correct_by_hand(
+def hear_hand(
     body: Body, shape: ShapeEstimate, pose: Pose, key: Keyframe, hand: Array, cuts: Sequence[Cut | None],
     config: TrackingConfig,
-) -> None:  # fmt: skip
-    """Tell ``shape`` what a keyframe says: a hand knows where the joints are, and not only where the skin is.
+) -> Said:  # fmt: skip
+    """What a keyframe says of the shape: a hand knows where the joints are, and not only where the skin is.
 
     ``pose`` is the one settled on, ``hand`` the information (43, 43) of the keyframe's.
     """
-    _add(body, shape, pose, cuts, config, hand, hand @ difference(key.pose, pose))
-
-
-def _add(
-    body: Body, shape: ShapeEstimate, pose: Pose, cuts: Sequence[Cut | None], config: TrackingConfig, prior: Array,
-    pull: Array,
-) -> None:  # fmt: skip
-    if not config.shape_weight:
-        return
     evidence = Evidence(body, cuts)
     rows = evidence.contour(pose, evidence.visibility(pose), config.schedule[-1].terms)
-    if len(rows.segment):
-        rows.weight[:] *= config.shape_weight
-        shape.add(forward(body, pose), rows, prior, pull)
+    rows.weight[:] *= config.shape_weight
+    return shape.hear([Sight(forward(body, pose), rows, None, hand, hand @ difference(key.pose, pose))])
 
 
 def polish(
@@ -82,7 +84,7 @@ def polish(
     """
     stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, after, config)
     placed = stretch.visibility(poses)
-    appearances = stretch.appearances(placed)
+    appearances = _appearances(body, stretch.evidence, placed)
     sure = np.ones((len(poses), DOF))
     found = stretch.sweep(poses, placed, appearances, sure)
     if not doubtful.any():
@@ -90,6 +92,16 @@ def polish(
     bridge = stretch.sweep(poses, placed, appearances, np.where(doubtful[:, DOF_SEGMENT], _DISBELIEF, 1.0))
     other = stretch.sweep(bridge.poses, stretch.visibility(bridge.poses), appearances, sure)
     return stretch.choose(found, other, doubtful)
+
+
+def _appearances(
+    body: Body, evidence: Sequence[Evidence], placed: Sequence[Sequence[PlacedView | None]]
+) -> list[Appearance]:
+    """What each point of the skin looks like on average over some frames, a view each."""
+    means = [Appearance.unseen(len(body.surface.points_m)) for _ in placed[0]]
+    for count, (each, where) in enumerate(zip(evidence, placed, strict=True), start=1):
+        each.learn(where, means, 1.0 / count)
+    return means
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,13 +116,6 @@ class _Stretch:
 
     def visibility(self, poses: Sequence[Pose]) -> list[list[PlacedView | None]]:
         return [each.visibility(pose) for each, pose in zip(self.evidence, poses, strict=True)]
-
-    def appearances(self, placed: Sequence[Sequence[PlacedView | None]]) -> list[Appearance]:
-        """What each point of the skin looks like on average, a view each."""
-        means = [Appearance.unseen(len(self.body.surface.points_m)) for _ in placed[0]]
-        for count, (each, where) in enumerate(zip(self.evidence, placed, strict=True), start=1):
-            each.learn(where, means, 1.0 / count)
-        return means
 
     def sweep(
         self, poses: Sequence[Pose], placed: Sequence[Sequence[PlacedView | None]], appearances: Sequence[Appearance],

@@ -1,32 +1,36 @@
-"""The body corrected from the images: segment lengths, girths and where the skin lies on the skeleton.
+"""The body corrected from the images: segment lengths, and the shape of the skin.
 
-A tape is off by half a centimetre and an athlete is no stack of ellipses. Every residual of the contour is also
-differentiated with respect to some thirty corrections, the pose of each frame is eliminated (Schur complement), and
-what is left is gathered over the frames with the tape as prior. Left and right are taken to be alike.
+A tape is off by half a centimetre and an athlete is no stack of ellipses. What the contours and the skin's texture say
+is also differentiated with respect to the corrections (`pzcap.corrections`), the pose of each frame is eliminated
+(Schur complement), and what is left is gathered over the frames with the tape as prior.
+
+The contours show the skin; where in it the joints lie shows only in how the limbs move: the texture of a thigh turns
+about the hip. But what the skin looks like was learned from the very poses that are to be corrected, so it may be in
+the wrong place. Each segment's texture may therefore *slide* on it as a rigid body, by the same six numbers in all
+frames of a stretch; they are eliminated as the poses are. Without them the texture would hold the body where it is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body import DOF, MOVES, Body, screws
-from pzcap.types import LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Array
+from pzcap.body import DOF, MOVES, Body, joint_jacobians, screws
+from pzcap.corrections import basis, corrected
+from pzcap.types import SEGMENTS, Array
 
-_SKIN_SIGMA_M: Final = 0.010  # how far a ring's half axis, and its middle, may be from where the tape's girth puts it
+_SLIDE_SIGMA: Final = np.tile([0.01, 0.01, 0.01, 0.05, 0.05, 0.05], len(SEGMENTS))  # metres, radians
+_TEXTURE_CURVATURE: Final = 0.4
+"""Of the texture's cost, beside what Gauss-Newton has: robust weights, and texture as fine as the pixels, make it
+flatter (0.25-0.5 measured). Taken at its word, each step would stop far short."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Basis:
-    """How a body changes with each of P corrections, each in metres."""
-
-    joints: Array  # (P, 16, 3) of a segment's joint in its parent's frame
-    skin: Array  # (P, 16, 3, 4) of a point (x, y, z, 1) in its segment's frame
-    sigma_m: Array  # (P,) prior
+_DOUBT: Final = 0.9
+"""Of the deviation that is left of the tape's: the frames are believed so little, since they err alike, that it comes
+out too large (the one number of a joint's sigma that is fitted, to what is covered on the development captures)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,77 +44,33 @@ class ContourRows:
     weight: Array  # (N,)
 
 
-def _segments(name: str) -> list[int]:
-    return [i for i, segment in enumerate(SEGMENTS) if segment.removeprefix("left_").removeprefix("right_") == name]
+@dataclass(frozen=True, slots=True, eq=False)
+class Texture:
+    """What the skin's brightness in one frame says about each segment as a free rigid body: normal equations in its
+    twist about the pelvis joint, as `pzcap.body.lift` takes them."""
+
+    hessians: Array  # (16, 6, 6)
+    gradients: Array  # (16, 6)
 
 
-def basis(body: Body) -> Basis:
-    """The corrections of ``body``."""
-    rows: list[tuple[Array, Array, float]] = []
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """What one frame says about pose and shape."""
 
-    def add(sigma_m: float, joints: Mapping[int, Sequence[float]], skin: Mapping[int, Array]) -> None:
-        joint_row, skin_row = np.zeros((16, 3)), np.zeros((16, 3, 4))
-        for segment, direction in joints.items():
-            joint_row[segment] = direction
-        for segment, affine in skin.items():
-            skin_row[segment] = affine
-        rows.append((joint_row, skin_row, sigma_m))
-
-    def half_axes(segment: int) -> Array:
-        return np.ptp(body.surface.points_m[body.surface.segment == segment], axis=0) / 2
-
-    def stretch(axis: int, per_m: float) -> Array:
-        affine = np.zeros((3, 4))
-        affine[axis, axis] = per_m
-        return affine
-
-    def shift(axis: int) -> Array:
-        affine = np.zeros((3, 4))
-        affine[axis, 3] = 1.0
-        return affine
-
-    tape, trunk = body.sigma_m, float(body.offsets_m[[1, 2, 3], 2].sum())
-    shoulders, hips = _segments("upper_arm"), _segments("thigh")
-    chest = 1 - THORAX_FRACTION
-    add(
-        tape,
-        {1: (0, 0, LUMBAR_FRACTION), 2: (0, 0, THORAX_FRACTION - LUMBAR_FRACTION)}
-        | dict.fromkeys((3, *shoulders), (0, 0, chest)),
-        {i: stretch(2, 1 / trunk) for i in (0, 1, 2)},
-    )
-    add(tape, dict.fromkeys(shoulders, (0, 0, -1.0)), {})
-    add(tape, dict(zip(shoulders, ((0, 0.5, 0), (0, -0.5, 0)), strict=True)), {})
-    add(tape, dict(zip(hips, ((0, 0.5, 0), (0, -0.5, 0)), strict=True)), {})
-    for near, far in (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shank"), ("shank", "foot")):
-        length = float(-body.offsets_m[_segments(far)[0], 2])
-        add(tape, dict.fromkeys(_segments(far), (0, 0, -1.0)), {i: stretch(2, 1 / length) for i in _segments(near)})
-    for index in range(4):  # the trunk and the head: deeper, wider, further ahead, further up
-        half = half_axes(index)
-        add(_SKIN_SIGMA_M, {}, {index: stretch(0, 1 / half[0])})
-        add(_SKIN_SIGMA_M, {}, {index: stretch(1, 1 / half[1])})
-        add(_SKIN_SIGMA_M, {}, {index: shift(0)})
-        add(_SKIN_SIGMA_M, {}, {index: shift(2)})
-    for name in ("upper_arm", "forearm", "hand", "thigh", "shank"):  # thicker, further ahead
-        half = half_axes(_segments(name)[0])
-        scale = 1 / float(half[:2].mean())
-        add(_SKIN_SIGMA_M, {}, {i: stretch(0, scale) + stretch(1, scale) for i in _segments(name)})
-        add(_SKIN_SIGMA_M, {}, {i: shift(0) for i in _segments(name)})
-    for name, axis in (("head", 2), ("hand", 2), ("foot", 0), ("foot", 1), ("foot", 2)):  # what ends a limb
-        extent = 2 * float(half_axes(_segments(name)[0])[axis])
-        add(_SKIN_SIGMA_M, {}, {i: stretch(axis, 1 / extent) for i in _segments(name)})
-    for axis in (0, 2):  # a shoe is no foot
-        add(_SKIN_SIGMA_M, {}, {i: shift(axis) for i in _segments("foot")})
-    joints, skin, sigma = zip(*rows, strict=True)
-    return Basis(np.array(joints), np.array(skin), np.array(sigma))
+    world_T_segment: Array  # (16, 4, 4)
+    rows: ContourRows
+    texture: Texture | None
+    prior: Array  # (43, 43) information on the pose beside the images
+    pull: Array  # (43,) the gradient of that
 
 
-def corrected(body: Body, change: Basis, amounts_m: Array) -> Body:
-    """``body`` after corrections (P,)."""
-    surface = body.surface
-    affine = np.einsum("p,psij->sij", amounts_m, change.skin)[surface.segment]
-    points = surface.points_m + np.einsum("vij,vj->vi", affine[:, :, :3], surface.points_m) + affine[:, :, 3]
-    offsets = body.offsets_m + np.einsum("p,psi->si", amounts_m, change.joints)
-    return replace(body, offsets_m=offsets, surface=replace(surface, points_m=np.asfortranarray(points)))
+@dataclass(frozen=True, slots=True, eq=False)
+class Said:
+    """Normal equations of the corrections themselves (not of a step from where they are now)."""
+
+    information: Array  # (P, P)
+    vector: Array  # (P,)
+    joints: Array  # (S, 16, 3, P) in each frame, what a correction that is wrong moves the joints by
 
 
 class ShapeEstimate:
@@ -122,26 +82,77 @@ class ShapeEstimate:
         self.amounts_m: Array = np.zeros(len(self._basis.sigma_m))
         self._information: Array = np.diag(1.0 / self._basis.sigma_m**2)
         self._vector: Array = np.zeros(len(self.amounts_m))
+        self._joints_moved: Array = np.zeros((0, len(SEGMENTS), 3, len(self.amounts_m)))
 
-    def add(self, world_T_segment: Array, rows: ContourRows, prior: Array, pull: Array) -> None:
-        """A frame, tracked with the body as corrected so far. ``prior`` (43, 43) is the information on its pose beside
-        the contour, and ``pull`` (43,) the gradient of that."""
-        pose, change = self._jacobians(world_T_segment, rows)
-        both = np.hstack([pose, change])
-        weighted = both * rows.weight[:, None]
-        hessian, gradient = weighted.T @ both, weighted.T @ rows.residual_px
-        eliminate = np.linalg.solve(
-            hessian[:DOF, :DOF] + prior, np.column_stack([hessian[:DOF, DOF:], gradient[:DOF] + pull])
-        )
-        information = hessian[DOF:, DOF:] - hessian[DOF:, :DOF] @ eliminate[:, :-1]
-        step = gradient[DOF:] - hessian[DOF:, :DOF] @ eliminate[:, -1]
-        self._information += information
-        self._vector += information @ self.amounts_m + step
+    def hear(self, sights: Iterable[Sight]) -> Said:
+        """What frames say that share their texture, tracked with the body as corrected last."""
+        size = len(self.amounts_m) + len(_SLIDE_SIGMA)
+        shared, right, joints = np.zeros((size, size)), np.zeros(size), []
+        for sight in sights:
+            hessian, gradient = self._normal(sight)
+            hessian[:DOF, :DOF] += sight.prior
+            gradient[:DOF] += sight.pull
+            information, vector = _without(hessian, gradient, DOF)
+            shared += information
+            right += vector
+            joints.append(self._joints(sight))
+        slides = slice(len(self.amounts_m), None)
+        shared[slides, slides] += np.diag(1.0 / _SLIDE_SIGMA**2)
+        order = np.roll(np.arange(size), len(_SLIDE_SIGMA))
+        information, vector = _without(shared[np.ix_(order, order)], right[order], len(_SLIDE_SIGMA))
+        return Said(information, vector + information @ self.amounts_m, np.array(joints))
 
-    def solve(self) -> Body:
-        """The body as all frames so far have it."""
-        self.amounts_m = np.asarray(np.linalg.solve(self._information, self._vector))
+    def keep(self, said: Said) -> None:
+        """Believe it from now on."""
+        self._information = self._information + said.information
+        self._vector = self._vector + said.vector
+        self._joints_moved = said.joints
+
+    def solve(self, said: Said | None = None) -> Body:
+        """The body as all that is kept has it, and what has just been ``said``."""
+        information, vector = self._information, self._vector
+        if said is not None:
+            information, vector = information + said.information, vector + said.vector
+        self.amounts_m = np.asarray(np.linalg.solve(information, vector))
         return corrected(self._tape, self._basis, self.amounts_m)
+
+    def joint_variance(self) -> Array:
+        """(16,) of the joints' distance (square metres) from where they are, for what is not known of the body: the
+        same error in all frames, and the mean over those heard of last.
+
+        A correction that is wrong by ``c`` moves the joints by ``(B - J (A' W A)^-1 A' W C) c``: ``B`` moves them in
+        the body, ``C`` moves the contours, and the pose (contours ``A``, joints ``J``) then follows the contours to
+        where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept.
+        """
+        covariance = _DOUBT**2 * np.linalg.inv(self._information)
+        joints = self._joints_moved
+        return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
+
+    def _joints(self, sight: Sight) -> Array:
+        """(16, 3, P) derivatives of the joints in the world with respect to the corrections, the pose following."""
+        frames, rows = sight.world_T_segment, sight.rows
+        pose, change = self._jacobians(frames, rows)
+        weighted = pose.T * rows.weight
+        follows = np.linalg.solve(weighted @ pose + sight.prior, weighted @ change)
+        carried = self._basis.carried(frames).transpose(1, 2, 0)
+        return np.asarray(carried - joint_jacobians(frames) @ follows)
+
+    def _normal(self, sight: Sight) -> tuple[Array, Array]:
+        """Normal equations of a frame in its pose (43), the corrections (P) and the slides (96)."""
+        count = DOF + len(self.amounts_m)
+        size = count + len(_SLIDE_SIGMA)
+        hessian, gradient = np.zeros((size, size)), np.zeros(size)
+        rows = sight.rows
+        jacobian = np.hstack(self._jacobians(sight.world_T_segment, rows))
+        weighted = jacobian * rows.weight[:, None]
+        hessian[:count, :count] = weighted.T @ jacobian
+        gradient[:count] = weighted.T @ rows.residual_px
+        if sight.texture is not None:
+            moved = self._twists(sight.world_T_segment)  # (16, 6, size)
+            held = _TEXTURE_CURVATURE * sight.texture.hessians @ moved
+            hessian += moved.reshape(-1, size).T @ held.reshape(-1, size)
+            gradient += moved.reshape(-1, size).T @ sight.texture.gradients.ravel()
+        return hessian, gradient
 
     def _jacobians(self, frames: Array, rows: ContourRows) -> tuple[Array, Array]:
         """Derivatives (N, 43) and (N, P) of the distances that the residuals are made of."""
@@ -149,20 +160,37 @@ class ShapeEstimate:
         twists = screws(frames, centre)
         arm = rows.points_m - centre
         wrench = np.hstack([rows.gradients, np.cross(arm, rows.gradients)])
-        carried = np.zeros_like(self._basis.joints)  # (P, 16, 3) what a correction moves each joint by, in the world
-        for s, parent in enumerate(PARENTS):
-            if parent >= 0:
-                carried[:, s] = carried[:, parent] + self._basis.joints[:, s] @ frames[parent, :3, :3].T
+        carried = self._basis.carried(frames)
         pose, change = np.zeros((len(arm), DOF)), np.zeros((len(arm), len(self.amounts_m)))
         for s in np.unique(rows.segment):
             here = rows.segment == s
-            gradients = rows.gradients[here]
+            gradients, turned = rows.gradients[here], frames[s, :3, :3]
             pose[here] = wrench[here] @ np.where(MOVES[:, s, None], twists, 0.0).T
-            local = (rows.points_m[here] - frames[s, :3, 3]) @ frames[s, :3, :3]
-            moment = (gradients @ frames[s, :3, :3])[:, :, None] * np.column_stack([local, np.ones(len(local))])[
-                :, None
-            ]
-            change[here] = (
-                moment.reshape(-1, 12) @ self._basis.skin[:, s].reshape(-1, 12).T + gradients @ carried[:, s].T
-            )
+            local = (rows.points_m[here] - frames[s, :3, 3]) @ turned
+            change[here] = self._basis.skin_change(s, local, gradients @ turned) + gradients @ carried[:, s].T
         return pose, change
+
+    def _twists(self, frames: Array) -> Array:
+        """(16, 6, 43 + P + 96) the twist of each segment's texture about the pelvis joint by pose, corrections and
+        slides."""
+        centre, count = frames[0, :3, 3].copy(), DOF + len(self.amounts_m)
+        twists, carried = screws(frames, centre), self._basis.carried(frames)
+        moved = np.zeros((len(SEGMENTS), 6, count + len(_SLIDE_SIGMA)))
+        for s in range(len(SEGMENTS)):
+            axes, arm = frames[s, :3, :3], frames[s, :3, 3] - centre
+            own = slice(count + 6 * s, count + 6 * s + 6)
+            moved[s, :, :DOF] = np.where(MOVES[:, s, None], twists, 0.0).T
+            moved[s, :3, DOF:count] = carried[:, s].T
+            slide = np.zeros((6, 6))
+            slide[:3, :3] = slide[3:, 3:] = axes
+            slide[:3, 3:] = np.cross(arm, axes, axisb=0).T
+            moved[s, :, own] = -slide
+        return moved
+
+
+def _without(hessian: Array, gradient: Array, count: int) -> tuple[Array, Array]:
+    """Normal equations with the first ``count`` unknowns eliminated."""
+    kept = np.column_stack([hessian[:count, count:], gradient[:count]])
+    eliminate = np.linalg.solve(hessian[:count, :count], kept)
+    cross = hessian[count:, :count]
+    return hessian[count:, count:] - cross @ eliminate[:, :-1], gradient[count:] - cross @ eliminate[:, -1]

@@ -9,7 +9,7 @@ is thickest) is that of an average adult and the same for everybody.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,15 @@ class Surface:
     area_m2: Array  # (V,) of skin that the vertex stands for
     faces: NDArray[np.int64]  # (F, 3) counter-clockwise seen from outside
     edges: NDArray[np.int64]  # (E, 2) the rings and the lines along the segment; every edge lies in one segment
+
+    def moved(self, points_m: Array) -> Surface:
+        """The same mesh with its vertices elsewhere."""
+        return replace(
+            self,
+            points_m=np.asfortranarray(points_m),
+            normals=np.asfortranarray(_vertex_normals(points_m, self.faces)),
+            area_m2=_vertex_areas(points_m, self.faces),
+        )
 
 
 @dataclass(frozen=True, slots=True)

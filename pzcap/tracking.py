@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
@@ -22,10 +23,13 @@ from pzcap.foreground import Expected
 from pzcap.keypoints import NOBODY
 from pzcap.landmarks import LandmarkEstimate
 from pzcap.merging import leaping, merge
-from pzcap.polishing import correct, correct_by_hand, polish
+from pzcap.polishing import Polished, hear, hear_hand, polish
 from pzcap.shape import ShapeEstimate
-from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
+from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Mask, Motion, Pose, PzcapError, Silhouette
 from pzcap.views import Cut, cut_out, expect
+
+_SOME: Final = 4
+"""Of so many frames one corrects the body: its neighbours say the same."""
 
 __all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "View", "collect", "track"]
 
@@ -84,6 +88,7 @@ class Tracker:
         self._keys = {key.frame: key.pose for key in keyframes}
         self._last_key = max(self._keys)
         self._shape = ShapeEstimate(body)
+        self._shape_variance: Array = np.full(len(SEGMENTS), 2 * body.sigma_m**2)  # (16,) until the images have told
         self._landmarks = LandmarkEstimate(body.landmarks)
         self._ahead: Follower | None = None
         self._anchor: Pose  # before what waits
@@ -128,8 +133,10 @@ class Tracker:
         anchor = self._settle(pose, cuts)
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, cuts, anchor.pose)
         if anchor.seen:
-            key = Keyframe(item.frame, pose)
-            correct_by_hand(self.body, self._shape, anchor.pose, key, self._hand, cuts, self.config)
+            if self.config.shape_weight:
+                key = Keyframe(item.frame, pose)
+                said = hear_hand(self.body, self._shape, anchor.pose, key, self._hand, cuts, self.config)
+                self._shape.keep(said)
             self._learn_landmarks(anchor.pose, cuts)
         done = self._close(Follower(self.body, self.config, anchor.pose, -velocity, cuts))
         if done:
@@ -157,14 +164,25 @@ class Tracker:
             behind = [back.step(cuts) for cuts in reversed(views)][::-1]
             poses, doubt = merge(self.body, self._anchor, steps, behind, after)
             doubtful = leaping(self.body, self._anchor, poses, after, doubt)
-        correct(self.body, self._shape, poses[::2], views[::2], self.config)
-        self.body = replace(self._shape.solve(), landmarks=self.body.landmarks)
-        polished = polish(self.body, poses, views, self._anchor, after, doubtful, self.config)
+        polished = self._polish(poses, views, after, doubtful)
         self._anchor = polished.poses[-1]
         return [
             self._result(instant.frame, polished.poses[t], polished.hessians[t], instant.step.seen, doubt[t])
             for t, instant in enumerate(waiting)
         ]
+
+    def _polish(self, poses: list[Pose], views: list[list[Cut | None]], after: Pose | None, doubtful: Mask) -> Polished:
+        """Improve the poses of a stretch, and the body with them."""
+        if not self.config.shape_weight:
+            return polish(self.body, poses, views, self._anchor, after, doubtful, self.config)
+        for _ in range(self.config.shape_rounds):
+            said = hear(self.body, self._shape, poses[::_SOME], views[::_SOME], self.config)
+            self.body = replace(self._shape.solve(said), landmarks=self.body.landmarks)
+            polished = polish(self.body, poses, views, self._anchor, after, doubtful, self.config)
+            poses = polished.poses
+        self._shape.keep(said)
+        self._shape_variance = self._shape.joint_variance()
+        return polished
 
     def _cut(self, views: Sequence[View | None], pose: Pose) -> list[Cut | None]:
         config = self.config
@@ -200,8 +218,7 @@ class Tracker:
         covariance = np.linalg.inv(hessian + np.diag(1.0 / sigma**2))
         jacobians = joint_jacobians(frames)
         variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
-        # what the images cannot tell: joints that the tape has put elsewhere in the body
-        variance += 2 * self.body.sigma_m**2 + (0.5 * np.asarray(doubt_m)) ** 2
+        variance += self._shape_variance + (0.5 * np.asarray(doubt_m)) ** 2
         return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid)
 
 

@@ -6,8 +6,9 @@ import numpy as np
 
 from pzcap import body as bodies
 from pzcap.body import DOF, forward
+from pzcap.corrections import basis, corrected
 from pzcap.evidence import Evidence
-from pzcap.shape import ShapeEstimate, basis, corrected
+from pzcap.shape import ShapeEstimate, Sight
 from pzcap.types import Array, Subject
 from tests.test_tracking import TERMS, clip, cuts, true_body
 
@@ -43,12 +44,42 @@ def test_jacobians_are_derivatives_of_the_skin() -> None:
         amounts = np.zeros(len(change.sigma_m))
         amounts[k] = 1e-3
         there = forward(corrected(body, change, amounts), pose)
-        affine = 1e-3 * change.skin[k, rows.segment]
-        skin = local + np.einsum("nij,nj->ni", affine[:, :, :3], local) + affine[:, :, 3]
+        skin = local.copy()
+        for s in np.unique(rows.segment):
+            here = rows.segment == s
+            skin[here] = change.displaced(s, local[here], amounts)
         moved = np.einsum("nij,nj->ni", there[rows.segment, :3, :3], skin) + there[rows.segment, :3, 3]
         expected = np.einsum("ni,ni->n", rows.gradients, moved - rows.points_m) / 1e-3
         np.testing.assert_allclose(by_shape[:, k], expected, atol=1e-6 * max(1.0, np.abs(expected).max()))
     assert by_pose.shape == (len(local), DOF)
+
+
+def test_what_is_learned_narrows_the_joints_sigma() -> None:
+    """By each frame, and never to nothing: frames err alike, and the hips are inside."""
+    body = true_body()
+    shape = ShapeEstimate(body)
+    variances = []
+    for frame in (0, 4, 8):
+        evidence, pose = Evidence(body, cuts(frame)), clip().poses[frame]
+        rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+        rows.weight[:] *= 0.024
+        shape.keep(shape.hear([Sight(forward(body, pose), rows, None, 1e-3 * np.eye(DOF), np.zeros(DOF))]))
+        variances.append(shape.joint_variance().mean())
+    assert variances[0] > variances[1] > variances[2]
+    assert 0.001 < np.sqrt(variances[2]) < 0.02
+
+
+def test_texture_moves_with_its_segment() -> None:
+    """A segment's twist by pose and corrections is what its joint does, and a slide is the opposite of its own."""
+    body, pose = true_body(), clip().poses[4]
+    shape, change, frames = ShapeEstimate(body), basis(body), forward(body, pose)
+    moved = shape._twists(frames)
+    centre, knee, thigh_length, count = frames[0, :3, 3], 11, 6, DOF + len(change.sigma_m)
+    np.testing.assert_allclose(moved[knee, :3, DOF + thigh_length], -frames[10, :3, 2])
+    arm = frames[knee, :3, 3] - centre
+    slides = moved[knee, :, count + 6 * knee : count + 6 * knee + 6]
+    at_joint = slides[:3] + np.cross(slides[3:], arm, axisa=0).T
+    np.testing.assert_allclose(at_joint, np.hstack([-frames[knee, :3, :3], np.zeros((3, 3))]), atol=1e-12)
 
 
 def amounts_found(measurements_m: dict[str, float]) -> Array:
@@ -59,7 +90,7 @@ def amounts_found(measurements_m: dict[str, float]) -> Array:
         evidence, pose = Evidence(body, cuts(frame)), clip().poses[frame]
         rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
         rows.weight[:] *= 0.1
-        shape.add(forward(body, pose), rows, 1e6 * np.eye(DOF), np.zeros(DOF))
+        shape.keep(shape.hear([Sight(forward(body, pose), rows, None, 1e6 * np.eye(DOF), np.zeros(DOF))]))
     shape.solve()
     return shape.amounts_m
 
