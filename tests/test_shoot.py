@@ -27,10 +27,11 @@ from sim import shoot as shooting
 from sim.captures import shoot_cached
 from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand
 from sim.detector import DetectorConfig
+from sim.operator import Aim
 from sim.optics import OpticsConfig
 from sim.sensor import SensorConfig
 from sim.shoot import Progress, shoot
-from sim.staging import ShootConfig
+from sim.staging import ShootConfig, assemble
 from sim.truth import Truth, load
 
 TINY = replace(
@@ -102,6 +103,18 @@ def test_the_calibration_object_is_where_the_truth_says(small_capture: Path, tru
             errors.append((corners[0] + 0.5) / 2 - 0.5 - expected)
         assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.2
         assert np.sqrt(np.mean(np.square(errors))) < 0.6  # markers of 25 px
+
+
+def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show(tmp_path: Path) -> None:
+    pictures = []
+    for supersampling in (2.0, 4.0, 8.0):
+        sensor = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0, supersampling=supersampling)
+        crew = assemble(replace(TINY, sensor=sensor), tmp_path / str(supersampling))
+        pictures.append(crew.cameras[0].still(np.random.default_rng(0), Aim(0.2, 200.0)).astype(float))
+        crew.stage.close()
+    coarse, fine = (float(np.sqrt(np.mean((one - pictures[-1]) ** 2))) for one in pictures[:2])
+    assert coarse < 15.0  # grey levels: it is the same picture
+    assert fine < 0.7 * coarse
 
 
 def test_joints_lie_on_the_athlete(truth: Truth) -> None:
