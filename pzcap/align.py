@@ -183,7 +183,8 @@ class Aligner:
         contrast = float(np.median(np.abs(value - np.median(value))))
         difference = float(np.median(np.abs(fitted.residual[usable])))
         strength = np.abs(sampled[:, BY_PAN]) * weight
-        least = np.partition(strength, -min(5 * SHOWN, len(strength)))[-min(5 * SHOWN, len(strength))]
+        strongest = min(5 * SHOWN, len(strength))
+        least = np.partition(strength, -strongest)[-strongest]
         shown = np.flatnonzero(strength >= least)[::5]
         places = sampled[shown, COLUMN:] - np.array([self._margin, 0.0])
         if self._panorama.full_turn:

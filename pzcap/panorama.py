@@ -176,7 +176,7 @@ class _Canvas:
         column, row = cylinder.smooth_map(to_frame, stop - start, self.weight.shape[0])
         flat = self.flat * np.float32(np.exp(-log_gain))
         level = image.astype(np.float32) * (flat if image.ndim == 2 else flat[..., None])
-        # a cubic sharpens: frames at another zoom would then seem too large, by 2e-5
+        # OpenCV's cubic sharpens, and how sharp a panorama is shows in the focal lengths of frames at another zoom
         warped = cv2.remap(level, column, row, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
         warped = np.asarray(warped, np.float32).reshape(*column.shape, -1)
         weight = cv2.remap(self.trust, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)

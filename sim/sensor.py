@@ -21,8 +21,8 @@ class SensorConfig:
     sub_exposures: int = (
         2  # averaged over the open shutter while the motion is recorded; the sweep is too slow to need it
     )
-    supersampling: float = 2.0  # pictures are rendered so much finer than the image: at 2, edges stand beside
-    # themselves by some thousandths of a pixel, at 4 by one
+    supersampling: float = 2.0  # pictures are rendered so much finer than the image: the less, the further
+    # edges stand beside themselves
     crf_motion: int = 20  # H.264 quality
     crf_still: int = 12  # and of the sweep and the zoom run
     largest_roll: int = 5  # frames that a camera starts early or stops late, at most
