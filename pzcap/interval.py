@@ -1,0 +1,154 @@
+"""What lies between two keyframes, solved from both ends at once: drift removed (Yamamoto 2005), the body corrected.
+
+The forward pass (`pzcap.tracking`) has followed the body up to a keyframe. From there it is followed backward; the two
+passes are merged limb by limb (`pzcap.merging`), the body is corrected from what came out, and all frames are improved
+together (`pzcap.polishing`). None of it needs what comes after the keyframe but the body, so that the next interval's
+forward pass goes on meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from pzcap.body import DOF, Body, forward, joint_jacobians
+from pzcap.evidence import Appearance, Evidence
+from pzcap.following import Follower, Step, TrackingConfig, improve
+from pzcap.landmarks import LandmarkEstimate
+from pzcap.merging import leaping, merge
+from pzcap.polishing import Polished, hear, hear_hand, polish
+from pzcap.shape import ShapeEstimate
+from pzcap.types import SEGMENTS, Array, Keyframe, Mask, Pose
+from pzcap.views import Cut
+
+_SOME: Final = 4
+"""Of so many frames one corrects the body: its neighbours say the same."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """The body at one instant."""
+
+    frame: int
+    pose: Pose
+    joints_m: Array  # (16, 3)
+    sigma_m: Array  # (16,)
+    valid: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instant:
+    """A frame after a keyframe, as the forward pass has it."""
+
+    frame: int
+    cuts: list[Cut | None]
+    step: Step
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Anchor:
+    """A keyframe, and what the images make of it."""
+
+    key: Keyframe
+    cuts: list[Cut | None]
+    settled: Step
+    velocity: Array  # (43,) with which the forward pass arrives at it
+
+
+class IntervalSolver:
+    """Solves one interval after the other. The body gets better with each."""
+
+    def __init__(self, body: Body, config: TrackingConfig) -> None:
+        self.body, self.config = body, config
+        self._shape = ShapeEstimate(body)
+        self._shape_variance: Array = np.full(len(SEGMENTS), 2 * body.sigma_m**2)  # (16,) until the images have told
+        self._landmarks = LandmarkEstimate(body.landmarks)
+        self._before: Pose  # where the interval begins
+        self._hand = np.diag(1.0 / config.hand_sigma**2)
+
+    def settle(self, pose: Pose, cuts: list[Cut | None]) -> Step:
+        """A keyframe's pose, improved by the images with the hand's error as prior."""
+        unseen: list[Appearance | None] = [None] * len(cuts)
+        if all(cut is None for cut in cuts):
+            return Step(pose, np.zeros(DOF), self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), False)
+        evidence = Evidence(self.body, cuts)
+        pose, normal = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule)
+        return Step(pose, np.zeros(DOF), normal.hessian + self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), True)
+
+    def begin(self, anchor: Anchor) -> Tracked:
+        """The first keyframe: nothing lies before it."""
+        self._learn(anchor)
+        return self._arrive(anchor)
+
+    def solve(self, interval: Sequence[Instant], anchor: Anchor | None) -> list[Tracked]:
+        """The frames of an interval, and the keyframe that ends it; ``anchor`` is None where it ends without."""
+        if anchor is not None:
+            self._learn(anchor)
+        done = self._solve(interval, anchor) if interval else []
+        if anchor is not None:
+            done.append(self._arrive(anchor))
+        return done
+
+    def result(self, frame: int, pose: Pose, hessian: Array, valid: bool, doubt_m: Array | float = 0.0) -> Tracked:
+        """``doubt_m`` (16,): how far apart two estimates of a joint are that do not agree."""
+        frames = forward(self.body, pose)
+        sigma = np.full(DOF, self.config.prediction_rotation_sigma_rad)
+        sigma[:3] = self.config.prediction_position_sigma_m
+        covariance = np.linalg.inv(hessian + np.diag(1.0 / sigma**2))
+        jacobians = joint_jacobians(frames)
+        variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
+        variance += self._shape_variance + (0.5 * np.asarray(doubt_m)) ** 2
+        return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid)
+
+    def _learn(self, anchor: Anchor) -> None:
+        """What a keyframe says of the body, and of where on it the detector's keypoints lie."""
+        if not anchor.settled.seen:
+            return
+        pose, cuts = anchor.settled.pose, anchor.cuts
+        if self.config.shape_weight:
+            self._shape.keep(hear_hand(self.body, self._shape, pose, anchor.key, self._hand, cuts, self.config))
+        frames = forward(self.body, pose)
+        for cut in cuts:
+            if cut is not None and cut.person is not None:
+                self._landmarks.add(frames, cut.seen.camera, cut.person)
+        self.body = replace(self.body, landmarks=self._landmarks.solve())
+
+    def _arrive(self, anchor: Anchor) -> Tracked:
+        """The keyframe itself, as the body corrected by then has it; the next interval begins there."""
+        settled = self.settle(anchor.key.pose, anchor.cuts)
+        self._before = settled.pose
+        return self.result(anchor.key.frame, settled.pose, settled.hessian, True)
+
+    def _solve(self, interval: Sequence[Instant], anchor: Anchor | None) -> list[Tracked]:
+        views, steps = [instant.cuts for instant in interval], [instant.step for instant in interval]
+        after = None if anchor is None else anchor.settled.pose
+        if anchor is None or after is None:
+            poses, doubt = [step.pose for step in steps], np.zeros((len(steps), len(SEGMENTS)))
+            doubtful = doubt > 0.0
+        else:
+            back = Follower(self.body, self.config, after, -anchor.velocity, anchor.cuts)
+            behind = [back.step(cuts) for cuts in reversed(views)][::-1]
+            poses, doubt = merge(self.body, self._before, steps, behind, after)
+            doubtful = leaping(self.body, self._before, poses, after, doubt)
+        polished = self._polish(poses, views, after, doubtful)
+        self._before = polished.poses[-1]
+        return [
+            self.result(instant.frame, polished.poses[t], polished.hessians[t], instant.step.seen, doubt[t])
+            for t, instant in enumerate(interval)
+        ]
+
+    def _polish(self, poses: list[Pose], views: list[list[Cut | None]], after: Pose | None, doubtful: Mask) -> Polished:
+        """Improve the poses of an interval, and the body with them."""
+        if not self.config.shape_weight:
+            return polish(self.body, poses, views, self._before, after, doubtful, self.config)
+        for _ in range(self.config.shape_rounds):
+            said = hear(self.body, self._shape, poses[::_SOME], views[::_SOME], self.config)
+            self.body = replace(self._shape.solve(said), landmarks=self.body.landmarks)
+            polished = polish(self.body, poses, views, self._before, after, doubtful, self.config)
+            poses = polished.poses
+        self._shape.keep(said)
+        self._shape_variance = self._shape.joint_variance()
+        return polished
