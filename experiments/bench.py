@@ -180,6 +180,8 @@ def _follow(
         if tracker is not None:
             stages.track.time(tracker.push, _given(frames, prepared, last, silhouettes))
         bars.update("localise, separate, track", frames.index + 1, len(sets))
+    if tracker is not None:
+        stages.track.time(tracker.finish)
 
 
 def _given(

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.body import DOF, DOF_SEGMENT, Body, difference, limit_residuals, retract
+from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, limit_residuals, retract
 from pzcap.evidence import Appearance, Evidence, Normal, Terms
 from pzcap.limbs import LIMBS, LimbSearch
 from pzcap.types import SEGMENTS, Array, Pose
@@ -68,7 +68,7 @@ class TrackingConfig:
     acceleration_position_sigma_m: float = 0.01
     acceleration_rotation_sigma_rad: float = 0.05
     polishing_sweeps: int = 2
-    longest_stretch: int = 120  # frames that wait for a keyframe to be tracked backward
+    longest_stretch: int = 200  # frames that wait for a keyframe to be tracked backward
     longest_lead: int = 120  # frames before the first keyframe that are kept to be tracked backward
 
     @property
@@ -93,6 +93,8 @@ class Step:
 
 _LEAP: Final = 3.0
 """Sigmas of the prediction that nobody moves by."""
+_FORGETS: Final = 0.3
+"""Share that the latest frame has in what predictions were off by."""
 
 
 class Follower:
@@ -103,6 +105,7 @@ class Follower:
     ) -> None:
         self.body, self.config = body, config
         self.pose, self.velocity, self.age = pose, velocity, 0
+        self.surprise_m = config.prediction_position_sigma_m  # how far predictions have the joints off, lately
         self._known = velocity != 0.0  # of each degree of freedom, whether the velocity is
         self._limbs = LimbSearch(body)
         points = len(body.surface.points_m)
@@ -141,6 +144,8 @@ class Follower:
             again |= np.abs(difference(pose, predicted)) > _LEAP * sigma
         self._known = ~again
         self.velocity = np.where(again, 0.0, velocity)
+        off = forward(self.body, pose)[:, :3, 3] - forward(self.body, predicted)[:, :3, 3]
+        self.surprise_m += _FORGETS * (float(np.sqrt(np.mean(np.sum(off**2, axis=1)))) - self.surprise_m)
         self.pose = pose
         return Step(pose, self.velocity, normal.hessian, _variance(normal, self.age), support, True)
 

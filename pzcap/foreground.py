@@ -8,6 +8,7 @@ what is near it for its size; holes where the hall is hardly seen are none. Then
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -46,6 +47,7 @@ class Expected:
     left: int  # even, as are width and height: half pixels
     top: int
     distance_px: Float32  # (h, w) of half pixels, to the outline; positive inside
+    sigma_px: float  # of that, for a pose that is not quite as expected
 
     @property
     def window(self) -> Window:
@@ -104,17 +106,17 @@ def subtract(
         half = known.shape[0] // 2, known.shape[1] // 2
         corner, prior = (0, 0), np.full(half, config.prior_log_odds, np.float32)
     else:
-        corner, prior = (expected.left, expected.top), _prior(expected.distance_px, config)
+        corner, prior = (expected.left, expected.top), _prior(expected, config)
     evidence = _judge(compare(image, matched, known, camera, corner, blur_px, config), prior)
     probability = _outlined(image, matched, evidence + prior)
     np.maximum(probability, EVEN, out=probability, where=~known)
     return Silhouette(probability, matched, evidence, True)
 
 
-def _prior(distance_px: Float32, config: ForegroundConfig) -> Float32:
+def _prior(expected: Expected, config: ForegroundConfig) -> Float32:
     """Log-odds (h, w) that a prediction speaks with: not too sure, and less so against the body than for it, so that a
     limb that is elsewhere is found."""
-    says = distance_px * np.float32(2.0 / config.prediction_sigma_px)
+    says = expected.distance_px * np.float32(2.0 / math.hypot(config.prediction_sigma_px, expected.sigma_px))
     return np.asarray(np.clip(says, -config.prediction_against, config.prediction_for), np.float32)
 
 

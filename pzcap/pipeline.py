@@ -15,6 +15,7 @@ from fractions import Fraction
 from typing import Final
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from pzcap import advice, body, foreground, keyframes, panzoom, reference, smooth, tracking
 from pzcap.calibration import Prepared, prepare
@@ -89,7 +90,7 @@ class FrameSeparated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameTracked:
-    """Stage 6 is done for one instant. Comes in order, up to one keyframe interval after the frame was separated."""
+    """Stage 6 is done for one instant. Comes in order, up to two keyframe intervals after the frame was separated."""
 
     index: int
     pose: Pose
@@ -124,7 +125,8 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
     """
     seconds = {"prepare": 0.0, "panzoom": 0.0, "foreground": 0.0, "tracking": 0.0}
     notes: list[str] = []
-    with ThreadPoolExecutor(config.threads) as pool, ThreadPoolExecutor(1) as worker:
+    alone = threadpool_limits(1, "blas")  # what works side by side here are our own threads
+    with alone, ThreadPoolExecutor(config.threads) as pool, ThreadPoolExecutor(1) as worker:
         sets = frame_sets(capture)
         tracker = _tracker(capture, sets, config, notes)
 

@@ -70,10 +70,12 @@ class Tracker:
         """Where the body is expected in a view of the next ``frame``, for whoever cuts its silhouette. None before the
         first keyframe, and where the camera does not see it."""
         if frame in self._keys:
-            return expect(self.body, self._keys[frame].pose, camera, self.config.cut_out_margin)
-        if self._ahead is None:
+            pose, sigma_m = self._keys[frame].pose, 2.0 * self.config.keyframe_position_sigma_m
+        elif self._ahead is not None:
+            pose, sigma_m = self._ahead.predict(), self._ahead.surprise_m
+        else:
             return None
-        return expect(self.body, self._ahead.predict(), camera, self.config.cut_out_margin)
+        return expect(self.body, pose, sigma_m, camera, self.config.cut_out_margin)
 
     def push(self, item: TrackInput) -> list[Tracked]:
         """Take in one instant; what is finished by it, in order."""

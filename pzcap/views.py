@@ -90,8 +90,9 @@ def cut_out(
     return Cut(seen, np.asarray(belief, np.float32), person)
 
 
-def expect(body: Body, pose: Pose, camera: Camera, margin: float) -> Expected | None:
-    """What a silhouette is told of a pose that is expected. None where the body is out of view."""
+def expect(body: Body, pose: Pose, sigma_m: float, camera: Camera, margin: float) -> Expected | None:
+    """What a silhouette is told of a pose that is expected, its joints to within ``sigma_m``. None where the body is
+    out of view."""
     points, normals = place(body, forward(body, pose))
     window = _around(points, camera, margin)
     if window is None:
@@ -105,7 +106,8 @@ def expect(body: Body, pose: Pose, camera: Camera, margin: float) -> Expected | 
     linear = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     inside = (cv2.warpAffine(placed.mask.astype(np.float32), shift, size, flags=linear) > 0.5).astype(np.uint8)
     apart = cv2.distanceTransform(inside, cv2.DIST_L2, 3) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 3)
-    return Expected(left, top, np.asarray(Z_SCALE * apart, np.float32))
+    sigma_px = sigma_m * camera.focal_px / float(np.mean(placed.skin.depth[placed.skin.depth > 0.0]))
+    return Expected(left, top, np.asarray(Z_SCALE * apart, np.float32), sigma_px)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,7 +36,7 @@ def expected(mask: Mask) -> foreground.Expected:
     """That the body is where ``mask`` (H, W) has it, as a tracker would say it."""
     inside = mask.astype(np.uint8)
     apart = cv2.distanceTransform(inside, cv2.DIST_L2, 3) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 3)
-    return foreground.Expected(0, 0, np.asarray(apart[::2, ::2], np.float32))
+    return foreground.Expected(0, 0, np.asarray(apart[::2, ::2], np.float32), 3.0)
 
 
 def test_the_athlete_is_found_and_the_shadow_is_not(clip: Clip) -> None:
@@ -164,7 +164,7 @@ def test_only_where_it_is_expected_is_the_body_sought(clip: Clip) -> None:
         (edge + d) // 2 for line in (rows, columns) for edge, d in ((line[0], -20), (line[-1], 20))
     )
     half, part = np.s_[top:bottom, left:right], np.s_[2 * top : 2 * bottom, 2 * left : 2 * right]
-    around = foreground.Expected(2 * left, 2 * top, expected(shot.mask).distance_px[half])
+    around = foreground.Expected(2 * left, 2 * top, expected(shot.mask).distance_px[half], 3.0)
     known = np.ones(shot.mask[part].shape, bool)
     found = foreground.subtract(shot.image[part], shot.empty[part], known, shot.camera, 0.0, CONFIG, around)
     assert overlap(found.probability, shot.mask[part]) >= overlap(whole.probability, shot.mask)

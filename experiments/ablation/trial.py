@@ -105,23 +105,20 @@ def attempt(
 def follow(
     material: Material, variant: Variant, config: pipeline.Config, report: Callable[[str, int, int], None]
 ) -> tuple[Motion, float]:
-    """The motion under ``variant``, and the tracker's CPU seconds."""
+    """The motion under ``variant``, and the CPU seconds that it took from the videos on, cameras aside."""
     keys = keyframes(material, variant)
     subject = material.subject
     if "body" in variant.known:
         subject = Subject(material.truth.measurements_m, SURE_SIGMA_M)
     tracker = tracking.Tracker(body.build(subject), keys, variant.change(config.tracking))
     tracked: list[tracking.Tracked] = []
-    seconds = 0.0
+    started = time.process_time()  # the tracker has a thread of its own
     for frames in material.sets:
         views = tuple(_view(material, frames, number, variant, config, tracker) for number in range(len(frames.images)))
-        started = time.thread_time()
         tracked += tracker.push(tracking.TrackInput(frames.index, views))
-        seconds += time.thread_time() - started
         report(variant.label, frames.index + 1, len(material.sets))
-    started = time.thread_time()
     tracked += tracker.finish()
-    return tracking.collect(tracked, keys), seconds + time.thread_time() - started
+    return tracking.collect(tracked, keys), time.process_time() - started
 
 
 def keyframes(material: Material, variant: Variant) -> list[Keyframe]:
