@@ -26,7 +26,7 @@ from experiments.progress import Bars
 from experiments.score import score
 from experiments.totals import metrics
 from experiments.triangulation import triangulate
-from pzcap import pipeline
+from pzcap import events, pipeline
 from pzcap.capture import read_capture
 from pzcap.types import Capture, PzcapError, Reconstruction
 from sim.truth import Truth
@@ -47,9 +47,9 @@ def reconstruct(capture: Capture, bars: Bars) -> Reconstruction:
     """The whole pipeline, telling how far it is."""
     for event in pipeline.stages(capture, pipeline.Config()):
         match event:
-            case pipeline.Progress(stage, done, total):
+            case events.Progress(stage, done, total):
                 bars.update(stage, done, total)
-            case pipeline.Finished(reconstruction, _):
+            case events.Finished(reconstruction, _):
                 return reconstruction
             case _:
                 pass

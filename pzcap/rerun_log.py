@@ -23,7 +23,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from pzcap.capture import read_image
-from pzcap.pipeline import CameraPrepared, Event, FrameLocalised, FrameSeparated
+from pzcap.events import CameraPrepared, Event, FrameLocalised, FrameSeparated
 from pzcap.rerun_columns import (
     KEYPOINT_COLOUR,
     OUTLINE_COLOUR,

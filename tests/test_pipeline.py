@@ -12,7 +12,8 @@ import pytest
 
 from pzcap import store
 from pzcap.capture import read_capture
-from pzcap.pipeline import Config, Finished, FrameLocalised, FrameSeparated, FrameTracked, reconstruct, stages
+from pzcap.events import Finished, FrameLocalised, FrameSeparated, FrameTracked
+from pzcap.pipeline import Config, reconstruct, stages
 from pzcap.types import Capture, Reconstruction
 
 RECONSTRUCT = """

@@ -16,7 +16,7 @@ from rerun.chunk import RrdReader
 
 from pzcap import camera as camera_model
 from pzcap import rerun_columns as columns
-from pzcap.pipeline import CameraPrepared, FrameLocalised, FrameSeparated
+from pzcap.events import CameraPrepared, FrameLocalised, FrameSeparated
 from pzcap.rerun_log import Recorder, has_footer, outlines
 from pzcap.types import (
     CalibrationObject,
