@@ -60,10 +60,9 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     """Everything from the shoot to the report, into ``folder``. PzcapError for what the user can mend."""
     start = time.perf_counter()
     estimator = None if config.estimator is None else estimators.find(config.estimator)
-    named = None if config.capture is None else Path(config.capture).resolve()
     _forget(folder)
     with Bars(console) as bars:
-        shot = footage.shoot(config, bars) if named is None else footage.capture_in(named)
+        shot = footage.capture_of(config, bars.update)
     capture = read_capture(shot)
     if not (folder / "capture").exists():
         (folder / "capture").symlink_to(shot.resolve(), target_is_directory=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pzcap.calibration import Prepared
-from pzcap.types import Array, Camera, FrameSet, Localisation, Pose, Reconstruction, Silhouette
+from pzcap.tracking import Tracked
+from pzcap.types import Camera, FrameSet, Localisation, Reconstruction, Silhouette
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,20 +42,10 @@ class FrameSeparated:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrameTracked:
-    """Stage 6 is done for one instant. Comes in order, up to one keyframe interval after the frame was separated."""
-
-    index: int
-    pose: Pose
-    joints_m: Array  # (16, 3)
-    sigma_m: Array  # (16,)
-    valid: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Finished:
     reconstruction: Reconstruction
     seconds: dict[str, float]  # wall time: of the whole of "prepare", summed over the frame sets for the others
 
 
-Event = Progress | CameraPrepared | FrameLocalised | FrameSeparated | FrameTracked | Finished
+Event = Progress | CameraPrepared | FrameLocalised | FrameSeparated | Tracked | Finished
+"""`Tracked`: stage 6 is done for one instant. Comes in order, up to one keyframe interval after it was separated."""

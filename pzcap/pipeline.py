@@ -15,10 +15,10 @@ from typing import Final
 import numpy as np
 
 from pzcap import advice, body, foreground, keyframes, panzoom, smooth, tracking
-from pzcap.calibration import Prepared
+from pzcap.calibration import Prepared, no_report
 from pzcap.camera import at
 from pzcap.capture import FrameSets, frame_sets
-from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameSeparated, FrameTracked, Progress
+from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameSeparated, Progress
 from pzcap.keypoints import NOBODY
 from pzcap.preparing import prepare_cameras
 from pzcap.types import (
@@ -52,11 +52,21 @@ class Config:
             raise PzcapError(f"threads is {self.threads}; give 1 or more")
 
 
-def reconstruct(capture: Capture, config: Config) -> Reconstruction:
-    """Run every stage that ``capture`` has the material for. See ``stages`` for the results on the way."""
+def reconstruct(
+    capture: Capture, config: Config, report: Callable[[str, int, int], None] = no_report
+) -> Reconstruction:
+    """Run every stage that ``capture`` has the material for. See ``stages`` for the results on the way.
+
+    ``report(stage, done, total)`` hears of the progress; a total of 0 is not known yet.
+    """
     for event in stages(capture, config):
-        if isinstance(event, Finished):
-            return event.reconstruction
+        match event:
+            case Progress(stage, done, total):
+                report(stage, done, total)
+            case Finished(reconstruction, _):
+                return reconstruction
+            case _:
+                pass
     raise AssertionError("stages() ends with Finished")
 
 
@@ -98,14 +108,14 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
                     started = time.perf_counter()
                     arrived = tracker.push(_track_input(separated))
                     seconds["tracking"] += time.perf_counter() - started
-                yield from map(_tracked, arrived)
+                yield from arrived
                 poses += arrived
             yield Progress("motion", seen.frames.index + 1, len(sets))
         if tracker:
             started = time.perf_counter()
             arrived = tracker.finish()
             seconds["tracking"] += time.perf_counter() - started
-            yield from map(_tracked, arrived)
+            yield from arrived
             poses += arrived
 
     motion = None
@@ -282,7 +292,3 @@ def _track_input(seen: FrameSeparated) -> tracking.TrackInput:
             for image, camera, silhouette, found in views
         ),
     )
-
-
-def _tracked(result: tracking.Tracked) -> FrameTracked:
-    return FrameTracked(result.frame, result.pose, result.joints_m, result.sigma_m, result.valid)

@@ -19,7 +19,7 @@ from experiments.ablation.variants import Variant
 from experiments.config import CONVERTER
 from experiments.score import body_errors, frames_of
 from experiments.totals import body_metrics
-from pzcap import body, camera, events, foreground, pipeline, tracking
+from pzcap import body, camera, foreground, pipeline, tracking
 from pzcap.capture import FrameSets, frame_sets
 from pzcap.keypoints import NOBODY
 from pzcap.types import (
@@ -75,15 +75,9 @@ def prepare(
     sets = frame_sets(capture)
     if capture.subject is None or not sets.keyframes:
         raise PzcapError(f"{capture.folder}: an ablation tracks the body; add subject.json and keyframes.json")
-    for event in pipeline.stages(replace(capture, subject=None), config):  # without a subject nothing is tracked
-        match event:
-            case events.Progress(stage, done, total):
-                report(stage, done, total)
-            case events.Finished(found, _):
-                return Material(capture, capture.subject, sets, found, truth, frames_of(truth, found)[0])
-            case _:
-                pass
-    raise AssertionError("the pipeline ends with Finished")
+    # without a subject nothing is tracked
+    found = pipeline.reconstruct(replace(capture, subject=None), config, report)
+    return Material(capture, capture.subject, sets, found, truth, frames_of(truth, found)[0])
 
 
 def attempt(
