@@ -8,8 +8,8 @@ one job after the other and bound to one core; in as many such processes as ther
 jobs, by hand and without a launcher; and with joblib, as many jobs at once as there are cores. The efficiency is what
 one core needed over what all the cores needed together: 1 if nothing is lost. What is lost by hand the machine takes
 (cores share memory, cache and heat, some even their arithmetic units, and then a job costs more CPU time, too); what
-joblib loses beyond that, the launcher takes. Both tables must hold the same but for times and memory: exit status 1
-where they do not.
+joblib loses beyond that, the launcher takes. The first and the last table must hold the same but for times and memory:
+exit status 1 where they do not.
 """
 
 from __future__ import annotations
@@ -101,6 +101,8 @@ def measure(overrides: Sequence[str], jobs: int, cores: int, out: Console) -> No
     available = len(os.sched_getaffinity(0))
     if not 2 <= cores <= available:
         raise PzcapError(f"--cores is {cores}; give 2 to {available}, what this process may use")
+    if jobs < cores:
+        raise PzcapError(f"--jobs is {jobs}; give {cores} or more, one a core")
     shutil.rmtree(FOLDER, ignore_errors=True)
     chosen, numbers = sorted(os.sched_getaffinity(0))[:cores], range(jobs)
     run([([*overrides, f"hydra.run.dir={FOLDER / 'first'}"], chosen)])

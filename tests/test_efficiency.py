@@ -76,9 +76,15 @@ def test_what_a_run_takes_is_the_time_of_all_its_processes(monkeypatch: pytest.M
         efficiency.run([((), cores)])
 
 
-def test_more_cores_than_there_are_get_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("given", "said"), [(["--cores", "4096"], "--cores is 4096"), (["--jobs", "1"], "--jobs is 1")]
+)
+def test_what_cannot_be_shared_out_gets_one_line(
+    given: list[str], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("sys.argv", ["efficiency", "--cores", "4096"])
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+    monkeypatch.setattr("sys.argv", ["efficiency", *given])
     assert efficiency.main() == 1
-    assert "--cores is 4096" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
