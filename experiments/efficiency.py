@@ -3,22 +3,28 @@
     python -m experiments.efficiency                               # six jobs, two cores
     python -m experiments.efficiency --jobs 8 --cores 4 experiment=clean
 
-A first run, which does not count, shoots the footage and compiles the kernels. Then the study runs in a fresh folder,
-one job after the other and bound to one core, and once more with joblib, as many jobs at once as there are cores. The
-efficiency is what one core needed over what all the cores needed together: 1 if nothing is lost. Both tables must hold
-the same but for times and memory: exit status 1 where they do not.
+A first run, which does not count, shoots the footage and compiles the kernels. Then the study runs in fresh folders,
+one job after the other and bound to one core; in as many such processes as there are cores, each with its share of the
+jobs, by hand and without a launcher; and with joblib, as many jobs at once as there are cores. The efficiency is what
+one core needed over what all the cores needed together: 1 if nothing is lost. What is lost by hand the machine takes
+(cores share memory, cache and heat, some even their arithmetic units, and then a job costs more CPU time, too); what
+joblib loses beyond that, the launcher takes. The first and the last table must hold the same but for times and memory:
+exit status 1 where they do not.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import resource
 import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -38,27 +44,46 @@ SMALL: Final = (
 )  # fmt: skip
 """A capture that is quick to shoot; the jobs differ in a setting of the tracker and share it."""
 SETTING: Final = "reconstruct.tracking.velocity_gain"
+COMMAND: Final = ("-m", "experiments.run")
 OF_THE_MACHINE: Final = ("seconds", "metric.speed.*", "metric.memory.*")
 
 
-def study(folder: Path, launcher: Sequence[str], overrides: Sequence[str], jobs: int, cores: int) -> float:
-    """Run the study in ``folder`` on so many cores; its wall time, seconds. PzcapError if a job failed."""
-    axis = f"{SETTING}=" + ",".join(f"{0.8 - 0.01 * job:g}" for job in range(jobs))
-    given = [*launcher, f"hydra.sweep.dir={folder.resolve()}", *overrides, axis]
-    start = time.perf_counter()
-    _run(["-m", *given], cores)
-    return time.perf_counter() - start
+@dataclass(frozen=True, slots=True)
+class Spent:
+    """What a study took."""
+
+    wall_s: float
+    cpu_s: float  # of all processes
+
+    def efficiency(self, alone: Spent, cores: int) -> float:
+        """Against the same study ``alone`` on one core."""
+        return alone.wall_s / cores / self.wall_s
 
 
-def _run(arguments: Sequence[str], cores: int) -> None:
-    """`experiments.run` in a process that has so many of the cores."""
-    chosen = sorted(os.sched_getaffinity(0))[:cores]
-    line = [sys.executable, "-m", "experiments.run", *arguments]
-    done = subprocess.run(
-        line, stdout=subprocess.DEVNULL, check=False, preexec_fn=lambda: os.sched_setaffinity(0, chosen)
-    )
-    if done.returncode:
-        raise PzcapError(f"a run failed (exit status {done.returncode}): {' '.join(line)}")
+def study(folder: Path, launcher: Sequence[str], overrides: Sequence[str], jobs: Sequence[int]) -> list[str]:
+    """Arguments of `experiments.run` for the jobs of these numbers, in ``folder``."""
+    axis = f"{SETTING}=" + ",".join(f"{0.8 - 0.01 * job:g}" for job in jobs)
+    return ["-m", *launcher, f"hydra.sweep.dir={folder.resolve()}", *overrides, axis]
+
+
+def run(processes: Sequence[tuple[Sequence[str], Sequence[int]]]) -> Spent:
+    """`experiments.run` in processes side by side, each given as arguments and cores. PzcapError if one fails."""
+    before, start = _children_s(), time.perf_counter()
+    lines = [[sys.executable, *COMMAND, *arguments] for arguments, _ in processes]
+    running = [
+        subprocess.Popen(line, stdout=subprocess.DEVNULL, preexec_fn=partial(os.sched_setaffinity, 0, cores))
+        for line, (_, cores) in zip(lines, processes, strict=True)
+    ]
+    for line, status in zip(lines, [process.wait() for process in running], strict=True):
+        if status:
+            raise PzcapError(f"a run failed (exit status {status}): {' '.join(line)}")
+    return Spent(time.perf_counter() - start, _children_s() - before)
+
+
+def _children_s() -> float:
+    """CPU time of all child processes that have ended, and of theirs, seconds."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 def differing(one: pa.Table, other: pa.Table) -> list[str]:
@@ -72,20 +97,30 @@ def differing(one: pa.Table, other: pa.Table) -> list[str]:
 
 
 def measure(overrides: Sequence[str], jobs: int, cores: int, out: Console) -> None:
-    """Print the table. AlreadyReported where the two studies do not hold the same."""
+    """Print the table. AlreadyReported where serial and launched study do not hold the same."""
     available = len(os.sched_getaffinity(0))
     if not 2 <= cores <= available:
         raise PzcapError(f"--cores is {cores}; give 2 to {available}, what this process may use")
+    if jobs < cores:
+        raise PzcapError(f"--jobs is {jobs}; give {cores} or more, one a core")
     shutil.rmtree(FOLDER, ignore_errors=True)
-    _run([*overrides, f"hydra.run.dir={FOLDER / 'first'}"], cores)
-    side_by_side = ("hydra/launcher=joblib", f"hydra.launcher.n_jobs={cores}")
-    alone_s = study(FOLDER / "serial", (), overrides, jobs, 1)
-    together_s = study(FOLDER / "parallel", side_by_side, overrides, jobs, cores)
+    chosen, numbers = sorted(os.sched_getaffinity(0))[:cores], range(jobs)
+    run([([*overrides, f"hydra.run.dir={FOLDER / 'first'}"], chosen)])
+    joblib = ("hydra/launcher=joblib", f"hydra.launcher.n_jobs={cores}")
+    alone = run([(study(FOLDER / "serial", (), overrides, numbers), chosen[:1])])
+    by_hand = run([
+        (study(FOLDER / f"by_hand{k}", (), overrides, numbers[k::cores]), [core]) for k, core in enumerate(chosen)
+    ])  # fmt: skip
+    launched = run([(study(FOLDER / "parallel", joblib, overrides, numbers), chosen)])
     table = Table(title=f"{jobs} jobs", title_justify="left", header_style="bold")
-    for name in ("", "wall s", "efficiency"):
+    for name in ("", "wall s", "CPU s", "efficiency"):
         table.add_column(name, justify="right" if name else "left")
-    table.add_row("one after the other, on one core", f"{alone_s:.1f}", "1")
-    table.add_row(f"side by side, on {cores} cores", f"{together_s:.1f}", f"{alone_s / cores / together_s:.2f}")
+    for name, spent, used in (
+        ("one after the other, on one core", alone, 1),
+        (f"on {cores} cores, started by hand", by_hand, cores),
+        (f"on {cores} cores, launched by joblib", launched, cores),
+    ):
+        table.add_row(name, f"{spent.wall_s:.1f}", f"{spent.cpu_s:.1f}", f"{spent.efficiency(alone, used):.2f}")
     out.print(table)
     tables = [pq.read_table(_only(FOLDER / name)) for name in ("serial", "parallel")]
     unequal = differing(*tables)

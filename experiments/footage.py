@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final
 
 from experiments.config import AppConfig
-from experiments.progress import Bars
 from pzcap.calibration import no_report
 from pzcap.types import PzcapError
 from sim import truth as truth_files
@@ -36,9 +35,11 @@ def capture_in(folder: Path) -> Path:
     return inside if inside.is_dir() and not (folder / "capture.json").exists() else folder
 
 
-def shoot(config: AppConfig, bars: Bars) -> Path:
-    """The capture of the shoot's config: shot now, or kept from before."""
-    return shot(config.shoot, Path(config.output.captures), bars.update) / "capture"
+def capture_of(config: AppConfig, report: Callable[[str, int, int], None]) -> Path:
+    """The capture that a run works on: the one it is told, else that of the shoot's config."""
+    if config.capture is not None:
+        return capture_in(Path(config.capture).resolve())
+    return shot(config.shoot, Path(config.output.captures), report) / "capture"
 
 
 def shot(config: ShootConfig, root: Path, report: Callable[[str, int, int], None] = no_report) -> Path:

@@ -26,8 +26,8 @@ from experiments.progress import Bars
 from experiments.score import score
 from experiments.totals import metrics
 from experiments.triangulation import triangulate
-from pzcap import pipeline
 from pzcap.capture import read_capture
+from pzcap.pipeline import Config, reconstruct
 from pzcap.types import Capture, PzcapError, Reconstruction
 from sim.truth import Truth
 
@@ -37,23 +37,10 @@ SHOWN: Final = ("body.mpjpe.mean", "body.mpjpe.p95", "body.mpjpe.max", "body.mpj
 def compare(capture: Capture, truth: Truth, bars: Bars) -> Iterator[tuple[str, dict[str, Metric]]]:
     """Name and scores of each way to the body."""
     plain = replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
-    without = reconstruct(plain, bars)
+    without = reconstruct(plain, Config(), bars.update)
     yield "without keypoints", body(without, truth)
-    yield "with keypoints", body(reconstruct(capture, bars), truth)
+    yield "with keypoints", body(reconstruct(capture, Config(), bars.update), truth)
     yield "keypoints alone", body(replace(without, motion=triangulate(capture, without)), truth)
-
-
-def reconstruct(capture: Capture, bars: Bars) -> Reconstruction:
-    """The whole pipeline, telling how far it is."""
-    for event in pipeline.stages(capture, pipeline.Config()):
-        match event:
-            case pipeline.Progress(stage, done, total):
-                bars.update(stage, done, total)
-            case pipeline.Finished(reconstruction, _):
-                return reconstruction
-            case _:
-                pass
-    raise AssertionError("the pipeline ends with Finished")
 
 
 def body(reconstruction: Reconstruction, truth: Truth) -> dict[str, Metric]:

@@ -9,8 +9,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from pzcap import drawing
 from pzcap import rerun_columns as columns
-from pzcap.rerun_columns import TRUNK_COLOUR, Colour, path_part, plain, view_path
+from pzcap.drawing import TRUNK_COLOUR, Colour
+from pzcap.rerun_columns import path_part, plain, view_path
 from pzcap.types import Reconstruction
 
 PANORAMA_REACH_RAD: Final = 1.0
@@ -141,7 +143,7 @@ def _panorama(reconstruction: Reconstruction, number: int, hidden: str) -> rrb.S
     name, panorama = reconstruction.camera_names[number], reconstruction.panoramas[number]
     bounds = None
     if panorama is not None:
-        shown = columns.centred(panorama)
+        shown = drawing.centred(panorama)
         low, high = shown.origin_px[0] + np.array([-1.0, 1.0]) * PANORAMA_REACH_RAD * panorama.px_per_rad
         bounds = rrb.VisualBounds2D(x_range=(low, high), y_range=(0.0, float(shown.image.shape[0])))
     return rrb.Spatial2DView(

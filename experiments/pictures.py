@@ -10,15 +10,7 @@ import cv2
 import numpy as np
 
 from pzcap import camera as camera_model
-from pzcap.rerun_columns import (
-    BONE_COLOURS,
-    BONES,
-    KEYFRAME_COLOUR,
-    OUTLINE_COLOUR,
-    Colour,
-    footprint,
-    project_edges,
-)
+from pzcap.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR, OUTLINE_COLOUR, Colour, footprint, project_edges
 from pzcap.types import Array, CalibrationObject, Camera, Image, Panorama, PanZoomCamera, ReferenceCamera
 
 _SHIFT = 4  # cv2 draws at 1/16 px

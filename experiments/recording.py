@@ -14,8 +14,10 @@ from experiments.config import CONVERTER, build, leaves
 from experiments.metrics import Metric, format_value, meets_target
 from experiments.score import Score
 from experiments.silhouettes import Series
+from pzcap import drawing
 from pzcap import rerun_columns as columns
-from pzcap.rerun_columns import CAMERA_COLOURS, TRUTH_COLOUR, path_part, plain, view_path
+from pzcap.drawing import CAMERA_COLOURS, TRUTH_COLOUR
+from pzcap.rerun_columns import path_part, plain, view_path
 from pzcap.rerun_log import Recorder
 from pzcap.types import JOINTS, Camera, Reconstruction
 from sim.truth import Truth
@@ -60,7 +62,7 @@ def _settings(tree: Mapping[str, Any]) -> dict[str, Any]:
 def _send_truth(rec: rr.RecordingStream, reconstruction: Reconstruction, truth: Truth, result: Score) -> None:
     frames = result.truth_frames
     everywhere = np.ones(len(frames), bool)
-    figure = columns.figures(truth.joints_m[frames], truth.rotations[frames])
+    figure = drawing.figures(truth.joints_m[frames], truth.rotations[frames])
     columns.send_figures(rec, "/truth/body/skeleton", figure, everywhere, TRUTH_COLOUR, 0.006)
     for name in reconstruction.camera_names:
         at = truth.camera_names.index(name)

@@ -18,7 +18,7 @@ from experiments.score import Score
 from pzcap import advice
 from pzcap.body import build
 from pzcap.capture import frame_sets, read_image
-from pzcap.rerun_columns import TRUTH_COLOUR, Colour, figures, instants
+from pzcap.drawing import TRUTH_COLOUR, Colour, figures, instants
 from pzcap.tracking import TrackingConfig
 from pzcap.types import Array, Camera, Capture, FrameSet, Image, Reconstruction
 from sim.truth import Truth

@@ -36,7 +36,7 @@ from experiments.report import Material, write_report
 from experiments.score import Score, score
 from experiments.silhouettes import ForegroundScorer
 from experiments.totals import metrics
-from pzcap import pipeline, store
+from pzcap import events, pipeline, store
 from pzcap.capture import read_capture
 from pzcap.rerun_log import Recorder, outlines
 from pzcap.types import Array, Capture, Reconstruction
@@ -60,10 +60,9 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     """Everything from the shoot to the report, into ``folder``. PzcapError for what the user can mend."""
     start = time.perf_counter()
     estimator = None if config.estimator is None else estimators.find(config.estimator)
-    named = None if config.capture is None else Path(config.capture).resolve()
     _forget(folder)
     with Bars(console) as bars:
-        shot = footage.shoot(config, bars) if named is None else footage.capture_in(named)
+        shot = footage.capture_of(config, bars.update)
     capture = read_capture(shot)
     if not (folder / "capture").exists():
         (folder / "capture").symlink_to(shot.resolve(), target_is_directory=True)
@@ -144,16 +143,16 @@ def _reconstruct(
         if recorder is not None:
             recorder.event(event)
         match event:
-            case pipeline.Progress(stage, done, total):
+            case events.Progress(stage, done, total):
                 bars.update(stage, done, total)
-            case pipeline.FrameSeparated(frames, _, silhouettes):
+            case events.FrameSeparated(frames, _, silhouettes):
                 for camera, silhouette in enumerate(silhouettes):
                     if silhouette is None or not silhouette.valid:
                         continue
                     contours[frames.index, camera] = outlines(silhouette.probability)
                     if foreground is not None:
                         foreground.add(frames.index, frames.timecode, camera, silhouette.probability)
-            case pipeline.Finished(reconstruction, seconds):
+            case events.Finished(reconstruction, seconds):
                 return Reconstructed(reconstruction, dict(seconds), clock.seconds, memory.peak_mib(), contours)
             case _:
                 pass

@@ -23,7 +23,7 @@ from experiments.errors import guard
 from experiments.pictures import draw_dots, draw_strips
 from experiments.progress import Bars
 from pzcap.capture import read_image
-from pzcap.rerun_columns import Colour
+from pzcap.drawing import Colour
 from pzcap.slide import Slide, SlideConfig, advise
 from pzcap.types import Image, PzcapError
 from pzcap.video import VideoReader

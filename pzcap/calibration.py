@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pzcap import camera as geometry
 from pzcap import cylinder, direct, features, panorama, reference
 from pzcap.align import Aligner, Alignment
-from pzcap.bundle import Adjusted, BeliefConfig, Link, Model, Sigmas, adjust, thinned
+from pzcap.bundle import Adjusted, Link, adjust, thinned
 from pzcap.camera import View
 from pzcap.features import Features
 from pzcap.panzoom import PanZoomConfig, panorama_features, ransac_eq15, solve_eq15
@@ -35,6 +35,7 @@ from pzcap.types import (
     ReferenceCamera,
     Surroundings,
 )
+from pzcap.unknowns import BeliefConfig, Model, Sigmas
 from pzcap.zoom import link_zoom
 
 MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor

@@ -17,22 +17,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap import camera as geometry
-from pzcap.bundle import (
-    SIDES,
-    Model,
-    Sigmas,
-    carry,
-    chains_of,
-    information,
-    numbered,
-    stepped,
-    transfer,
-    vector,
-    vectors,
-)
+from pzcap.bundle import SIDES, carry, numbered, transfer
 from pzcap.cylinder import NODES, Hall, kernel_hall
 from pzcap.sampling import Stored, at_pixels, cubic, softened_further
 from pzcap.types import Array
+from pzcap.unknowns import Model, Sigmas, chains_of, information, stepped, vector, vectors
 
 TILE = 16  # pixels: edges are taken from everywhere, so many across
 BORDER = 4  # pixels at the edge left out
@@ -55,7 +44,7 @@ class Overlap:
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
     model: Model
-    covariance: Array  # (U, U) of `bundle.vector`, from the residuals alone
+    covariance: Array  # (U, U) of `unknowns.vector`, from the residuals alone
 
 
 def _overlap(

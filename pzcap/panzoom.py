@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from pzcap import camera as geometry
 from pzcap import cylinder, features
 from pzcap.align import Aligner, Alignment
-from pzcap.bundle import BeliefConfig
 from pzcap.camera import View
 from pzcap.features import Features
 from pzcap.reference import ReferenceConfig
 from pzcap.sweep import SweepConfig, consensus, grey
 from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera, PzcapError
+from pzcap.unknowns import BeliefConfig
 
 METHODS = ("exact", "paper")
 WRAP = 64  # columns of a full turn repeated at its ends, for features on the seam

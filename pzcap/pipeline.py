@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
-import queue
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Final
@@ -17,27 +15,26 @@ from typing import Final
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from pzcap import advice, body, foreground, keyframes, panzoom, reference, smooth, tracking
-from pzcap.calibration import Prepared, prepare
+from pzcap import advice, body, foreground, keyframes, panzoom, smooth, tracking
+from pzcap.calibration import Prepared, no_report
 from pzcap.camera import at
-from pzcap.capture import FrameSets, frame_sets, read_image
+from pzcap.capture import FrameSets, frame_sets
+from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameSeparated, Progress
 from pzcap.keypoints import NOBODY
+from pzcap.preparing import prepare_cameras
 from pzcap.types import (
     Array,
     Camera,
-    CameraFiles,
     Capture,
     FrameSet,
     Image,
     Localisation,
     PanZoomCamera,
     PanZoomTrack,
-    Pose,
     PzcapError,
     Reconstruction,
     Silhouette,
 )
-from pzcap.video import VideoReader
 
 LOOK_AHEAD: Final = 16
 """Instants that are localised before the body is tracked in them, at most: what the frames of all views take."""
@@ -56,63 +53,21 @@ class Config:
             raise PzcapError(f"threads is {self.threads}; give 1 or more")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Progress:
-    stage: str
-    done: int
-    total: int  # 0 where it is not known
+def reconstruct(
+    capture: Capture, config: Config, report: Callable[[str, int, int], None] = no_report
+) -> Reconstruction:
+    """Run every stage that ``capture`` has the material for. See ``stages`` for the results on the way.
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CameraPrepared:
-    """Stages 2-3 are done for one camera; None where the material is missing."""
-
-    index: int
-    prepared: Prepared | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameLocalised:
-    """Stage 4 is done for one instant."""
-
-    frames: FrameSet
-    localisations: tuple[Localisation | None, ...]  # one a camera; None where there is no frame or no camera
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameSeparated:
-    """Stage 5 is done for one instant."""
-
-    frames: FrameSet
-    cameras: tuple[Camera | None, ...]  # one a camera; None where it is lost or the frame missing
-    silhouettes: tuple[Silhouette | None, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameTracked:
-    """Stage 6 is done for one instant. Comes in order, up to two keyframe intervals after the frame was separated."""
-
-    index: int
-    pose: Pose
-    joints_m: Array  # (16, 3)
-    sigma_m: Array  # (16,)
-    valid: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Finished:
-    reconstruction: Reconstruction
-    seconds: dict[str, float]  # wall time: of the whole of "prepare", summed over the frame sets for the others
-
-
-Event = Progress | CameraPrepared | FrameLocalised | FrameSeparated | FrameTracked | Finished
-
-
-def reconstruct(capture: Capture, config: Config) -> Reconstruction:
-    """Run every stage that ``capture`` has the material for. See ``stages`` for the results on the way."""
+    ``report(stage, done, total)`` hears of the progress; a total of 0 is not known yet.
+    """
     for event in stages(capture, config):
-        if isinstance(event, Finished):
-            return event.reconstruction
+        match event:
+            case Progress(stage, done, total):
+                report(stage, done, total)
+            case Finished(reconstruction, _):
+                return reconstruction
+            case _:
+                pass
     raise AssertionError("stages() ends with Finished")
 
 
@@ -132,7 +87,7 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
 
         started = time.perf_counter()
         prepared: list[Prepared | None] = [None] * len(capture.cameras)
-        for event in _prepare(capture, config, pool, notes):
+        for event in prepare_cameras(capture, config.panzoom, pool, notes):
             if isinstance(event, CameraPrepared):
                 prepared[event.index] = event.prepared
             yield event
@@ -155,14 +110,14 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
                     started = time.perf_counter()
                     arrived = tracker.push(_track_input(separated))
                     seconds["tracking"] += time.perf_counter() - started
-                yield from map(_tracked, arrived)
+                yield from arrived
                 poses += arrived
             yield Progress("motion", seen.frames.index + 1, len(sets))
         if tracker:
             started = time.perf_counter()
             arrived = tracker.finish()
             seconds["tracking"] += time.perf_counter() - started
-            yield from map(_tracked, arrived)
+            yield from arrived
             poses += arrived
 
     motion = None
@@ -188,99 +143,6 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
         ),
         seconds,
     )
-
-
-# --------------------------------------------------------------------------------------------------------------
-# Stages 2-3: each camera for itself, before the motion
-
-
-def _prepare(
-    capture: Capture, config: Config, pool: ThreadPoolExecutor, notes: list[str]
-) -> Iterator[Progress | CameraPrepared]:
-    """Calibrate the cameras, ``config.threads`` at a time."""
-    _find_object(capture)
-    news: queue.SimpleQueue[Progress | CameraPrepared | Future[None]] = queue.SimpleQueue()
-
-    def job(index: int, files: CameraFiles) -> None:
-        def report(stage: str, done: int, total: int) -> None:
-            news.put(Progress(f"camera {files.name}: {stage}", done, total))
-
-        news.put(CameraPrepared(index, _prepare_camera(capture, files, config, report)))
-        _hand_back()
-
-    jobs: list[Future[None]] = []
-    for index, files in enumerate(capture.cameras):
-        missing = _missing(capture, files)
-        if missing:
-            notes.append(f"camera {files.name} is not calibrated: {missing}")
-            yield CameraPrepared(index, None)
-            continue
-        if files.zoom is None:
-            notes.append(f"camera {files.name} has no zoom run: distortion and principal point are taken as constant")
-        if files.motion is None:
-            notes.append(f"camera {files.name} recorded no motion: the body is tracked in the other views")
-        jobs.append(pool.submit(job, index, files))
-        jobs[-1].add_done_callback(news.put)
-
-    running = len(jobs)
-    while running:
-        event = news.get()
-        if isinstance(event, Future):
-            running -= 1
-            if error := event.exception():
-                for other in jobs:
-                    other.cancel()
-                raise error
-        else:
-            yield event
-
-
-def _hand_back() -> None:
-    """Give the system what was freed: where several threads work, the C library keeps hundreds of MiB of it."""
-    with suppress(OSError, AttributeError):  # other C libraries have no such function
-        ctypes.CDLL(None).malloc_trim(0)
-
-
-def _missing(capture: Capture, files: CameraFiles) -> str | None:
-    """What a camera cannot be calibrated without, and the capture does not hold."""
-    if capture.calibration_object is None:
-        return "the capture holds no calibration object"
-    if files.reference is None:
-        return "it has no reference image"
-    if files.sweep is None:
-        return "it has no pan sweep"
-    return None
-
-
-def _find_object(capture: Capture) -> None:
-    """Raise PzcapError, before minutes are spent on the sweeps, if a reference image does not show the object."""
-    for files in capture.cameras:
-        if capture.calibration_object is None or files.reference is None:
-            continue
-        try:
-            reference.detect(read_image(files.reference), capture.calibration_object)
-        except PzcapError as error:
-            raise PzcapError(f"camera {files.name}: {files.reference}: {error}") from error
-
-
-def _prepare_camera(
-    capture: Capture, files: CameraFiles, config: Config, report: Callable[[str, int, int], None]
-) -> Prepared:
-    assert capture.calibration_object is not None
-    assert files.reference is not None
-    assert files.sweep is not None
-    try:
-        return prepare(
-            read_image(files.reference),
-            capture.calibration_object,
-            VideoReader(files.sweep),
-            None if files.zoom is None else VideoReader(files.zoom),
-            capture.full_turn,
-            config.panzoom,
-            report,
-        )
-    except PzcapError as error:
-        raise PzcapError(f"camera {files.name}: {error}") from error
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -432,7 +294,3 @@ def _track_input(seen: FrameSeparated) -> tracking.TrackInput:
             for image, camera, silhouette, found in views
         ),
     )
-
-
-def _tracked(result: tracking.Tracked) -> FrameTracked:
-    return FrameTracked(result.frame, result.pose, result.joints_m, result.sigma_m, result.valid)

@@ -23,19 +23,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from pzcap.capture import read_image
-from pzcap.pipeline import CameraPrepared, Event, FrameLocalised, FrameSeparated
-from pzcap.rerun_columns import (
-    KEYPOINT_COLOUR,
-    OUTLINE_COLOUR,
-    PIXEL_CENTRE,
-    TIMELINE,
-    centred,
-    centred_shift,
-    path_part,
-    plain,
-    project_edges,
-    view_path,
-)
+from pzcap.drawing import KEYPOINT_COLOUR, OUTLINE_COLOUR, centred, centred_shift, project_edges
+from pzcap.events import CameraPrepared, Event, FrameLocalised, FrameSeparated
+from pzcap.rerun_columns import PIXEL_CENTRE, TIMELINE, path_part, plain, view_path
 from pzcap.types import (
     Array,
     Capture,

@@ -40,9 +40,7 @@ def lower_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
         weather(canvas.image, grain(canvas.image.shape, rng, 4))
     for size, share, change in ((0.008, 0.04, -34), (0.014, 0.05, -26), (0.03, 0.04, 16), (0.09, 0.03, -12)):
         tint(canvas.image, flecks(canvas.image.shape, rng, size * px_per_m, share), (change, change, change))
-    places = _LOWER[wall.name]
-    _hang(canvas, rng, places)
-    taken = [(u, y, w, h) for _, u, y, w, h in places] + _pilasters(wall)
+    taken = _hang(canvas, rng, _LOWER[wall.name]) + _pilasters(wall)
     posters = (
         (fittings.poster, 0.6, 0.85),
         (fittings.sheet, 0.3, 0.42),
@@ -68,9 +66,7 @@ def upper_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
         canvas.line([(0, y), (wall.length, y)], 0.05, (128, 132, 134))
         for u in np.arange(rng.uniform(0.3, 1), wall.length, 1.5):
             canvas.rectangle(u, y - 0.05, 0.06, 0.1, (92, 94, 96))
-    places = _UPPER[wall.name]
-    _hang(canvas, rng, places)
-    taken = [(u, y, w, h) for _, u, y, w, h in places] + _pilasters(wall)
+    taken = _hang(canvas, rng, _UPPER[wall.name]) + _pilasters(wall)
     boards = (
         (fittings.advert, 2.4, 0.8),
         (fittings.advert, 1.6, 0.55),
@@ -155,9 +151,13 @@ def ceiling(px_per_m: float, rng: np.random.Generator) -> Canvas:
     return canvas
 
 
-def _hang(canvas: Canvas, rng: np.random.Generator, places: tuple[Place, ...]) -> None:
+def _hang(
+    canvas: Canvas, rng: np.random.Generator, places: tuple[Place, ...]
+) -> list[tuple[float, float, float, float]]:
+    """Fittings in their places; which these are (left, bottom, width, height), metres."""
     for fitting, u, y, width, height in places:
         fitting(canvas.part(u, y, width, height), rng)
+    return [place[1:] for place in places]
 
 
 def _fill(

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pzcap import bundle, camera
-from pzcap.bundle import Link, Model, Sigmas
+from pzcap.bundle import Link
 from pzcap.types import FAR_AWAY, Array, Surroundings
+from pzcap.unknowns import Model, Sigmas, stepped, vector
 
 HALL = Surroundings(1.0, np.full(36, 0.15), np.zeros((4, 36)), np.array([-0.4, 0.3]))
 NEAR = replace(HALL, walls=np.linspace(0.1, 0.9, 36), departures=np.linspace(0.0, 0.1, 144).reshape(4, 36))
@@ -97,8 +98,8 @@ def test_derivatives_match_finite_differences(
     for column in range(analytic.shape[2]):
         step = np.zeros(analytic.shape[2])
         step[column] = 1e-6
-        ahead = bundle.residuals(bundle.stepped(model, step), match)[0]
-        behind = bundle.residuals(bundle.stepped(model, -step), match)[0]
+        ahead = bundle.residuals(stepped(model, step), match)[0]
+        behind = bundle.residuals(stepped(model, -step), match)[0]
         numeric = (ahead - behind) / 2e-6
         # how the parallax itself turns with the view is left out: some thousandths
         atol = 0.005 * np.abs(numeric).max() + 0.02
@@ -109,7 +110,7 @@ def test_normal_equations_are_those_of_the_residuals() -> None:
     """The sums over all links, compiled, against the weighted products of the derivatives of each match."""
     model = replace(start(), offset=np.array([3e-3, -2e-3]), surroundings=NEAR)
     made, scale = links(truth(), noise=0.3), 2.0
-    unknowns = len(bundle.vector(model))
+    unknowns = len(vector(model))
     normal, gradient = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     for one in made:
         residual, jacobian = bundle.residuals(model, one)

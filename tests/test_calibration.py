@@ -10,9 +10,9 @@ import pytest
 
 from pzcap import calibration
 from pzcap.align import Aligner
-from pzcap.bundle import BeliefConfig, Model
 from pzcap.camera import at
 from pzcap.types import Camera, Panorama, Surroundings
+from pzcap.unknowns import BeliefConfig, Model
 from tests import synthetic
 from tests.test_cylinder import camera_of, whole_turn
 

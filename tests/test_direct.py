@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pzcap import bundle, direct
-from pzcap.bundle import Model, Sigmas
+from pzcap import direct
 from pzcap.sampling import STEPS, Stored, stored
 from pzcap.sweep import grey
 from pzcap.types import FAR_AWAY, Array
+from pzcap.unknowns import Model, Sigmas, stepped, vector
 from tests import synthetic
 
 OPTICS = synthetic.Optics(vignetting=0.0)
@@ -41,11 +41,11 @@ def frames() -> Stored:
 def off(seed: int) -> Model:
     """The truth, as wrong as features leave it."""
     true, rng = truth(), np.random.default_rng(seed)
-    step = np.zeros(len(bundle.vector(true)))
+    step = np.zeros(len(vector(true)))
     step[1:9] = rng.normal(0, 3e-4, 8)
     step[9:13] = rng.normal(0, 1e-3, 4)
     step[13:15] = rng.normal(0, 5e-4, 2)
-    return bundle.stepped(true, step)
+    return stepped(true, step)
 
 
 PIXELS = 700
@@ -93,12 +93,12 @@ def test_a_person_and_a_lamp_do_not_pull(frames: Stored) -> None:
 def test_its_sigmas_are_of_the_size_of_the_errors(frames: Stored) -> None:
     found = adjusted(frames, off(3))
     sigma = np.sqrt(np.diag(found.covariance))
-    normalised = (bundle.vector(found.model) - bundle.vector(truth()))[1:13] / sigma[1:13]
+    normalised = (vector(found.model) - vector(truth()))[1:13] / sigma[1:13]
     assert 0.05 < np.sqrt(np.mean(normalised**2)) < 3.0
 
 
 def test_frames_without_overlap_are_not_compared(frames: Stored) -> None:
     edges = [direct._edges(frame, PIXELS) for frame in frames]
     assert direct._overlap(frames, edges, truth(), 0, 7, PIXELS) is not None
-    far = bundle.stepped(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(bundle.vector(truth())) - 8)]))
+    far = stepped(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(vector(truth())) - 8)]))
     assert direct._overlap(frames, edges, far, 0, 7, PIXELS) is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import pkgutil
 import re
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from experiments import reference
-from experiments.config import AppConfig, default_tree, leaves
+from experiments.config import AppConfig, default_tree, keys, leaves
 from sim.anthropometry import draw_measurements
 from sim.motion import MotionClip
 
@@ -47,6 +48,17 @@ def test_every_command_is_there(page: Path) -> None:
     for module in set(re.findall(r"python -m ([\w.]+)", text)) - {"venv", "pip"}:
         assert importlib.util.find_spec(module) is not None, f"{page.name}: python -m {module}"
     assert set(re.findall(r"^make (\w+)", text, re.M)) <= set(targets)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_setting_experiment_study_and_name_is_there(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert set(re.findall(r"(?<![\w./])((?:shoot|reconstruct|output)(?:\.\w+)+)", text)) <= set(keys(default_tree()))
+    for group, names in re.findall(r"\b(experiment|study)=([\w|,]+)", text):
+        for name in set(re.split(r"[|,]", names)) - {"NAME", "dusk", "shutter"}:  # the last two are shown as examples
+            assert (ROOT / "conf" / group / f"{name}.yaml").exists(), f"{page.name}: {group}={name}"
+    for name in set(re.findall(r"`((?:pzcap|sim|experiments)(?:\.\w+)+)[`(]", text)):
+        pkgutil.resolve_name(name)  # or ImportError, AttributeError
 
 
 def test_every_setting_is_in_the_reference_and_told_from_the_source() -> None:

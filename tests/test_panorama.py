@@ -12,6 +12,7 @@ from pzcap.bundle import Link
 from pzcap.camera import View
 from pzcap.sweep import SweepConfig
 from pzcap.types import FAR_AWAY, Array, Image, Panorama, PzcapError
+from pzcap.unknowns import Model, Sigmas
 from tests import synthetic
 
 OPTICS = synthetic.Optics()
@@ -113,11 +114,11 @@ def test_a_partial_sweep_is_adjusted_without_closure() -> None:
     guess = View(0.0, 0.0, 0.0, FOCAL * 1.002, np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]), 0.0)
     chain = sweep.chain(frames(OPTICS, pans), guess, False, SweepConfig(), silent)
     count = len(pans)
-    start = bundle.Model(
+    start = Model(
         chain.pan_rad, np.array([np.log(guess.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
         guess.principal_px[None], np.zeros(1), np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
-    sigmas = bundle.Sigmas(0.002, 0.2, np.array([3.2]), np.array([0.1]))
+    sigmas = Sigmas(0.002, 0.2, np.array([3.2]), np.array([0.1]))
     found = bundle.adjust(start, chain.links, sigmas).model
     assert np.abs(np.rad2deg(found.pan_rad - pans)).max() < 0.15
     assert np.exp(found.log_focal[0]) == pytest.approx(FOCAL, rel=3e-3)

@@ -12,7 +12,9 @@ import pytest
 
 from pzcap import store
 from pzcap.capture import read_capture
-from pzcap.pipeline import Config, Finished, FrameLocalised, FrameSeparated, FrameTracked, reconstruct, stages
+from pzcap.events import Finished, FrameLocalised, FrameSeparated
+from pzcap.pipeline import Config, reconstruct, stages
+from pzcap.tracking import Tracked
 from pzcap.types import Capture, Reconstruction
 
 RECONSTRUCT = """
@@ -75,7 +77,7 @@ def test_events_come_in_order_and_end_with_the_result(capture: Capture) -> None:
                 localised.append(frames.index)
             case FrameSeparated(frames, _, _):
                 separated.append(frames.index)
-            case FrameTracked(index=index):
+            case Tracked(frame=index):
                 assert index <= separated[-1]
                 tracked.append(index)
             case _:

@@ -15,8 +15,9 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from pzcap import camera as camera_model
+from pzcap import drawing
 from pzcap import rerun_columns as columns
-from pzcap.pipeline import CameraPrepared, FrameLocalised, FrameSeparated
+from pzcap.events import CameraPrepared, FrameLocalised, FrameSeparated
 from pzcap.rerun_log import Recorder, has_footer, outlines
 from pzcap.types import (
     CalibrationObject,
@@ -203,12 +204,12 @@ def test_footprints_surround_what_the_camera_sees() -> None:
     assert camera is not None
     assert panorama is not None
     ahead = camera_model.at(camera, 0.0, -0.07, 440.0)
-    (border,) = columns.footprint(panorama, camera, ahead)
+    (border,) = drawing.footprint(panorama, camera, ahead)
     assert border[:, 0].min() < panorama.origin_px[0] < border[:, 0].max()
     width = 2 * np.arctan(fabricated.WIDTH / 2 / 440.0) * panorama.px_per_rad
     assert np.ptp(border[:, 0]) == pytest.approx(width, rel=0.05)
     behind = camera_model.at(camera, np.pi, -0.07, 440.0)
-    parts = columns.footprint(panorama, camera, behind)
+    parts = drawing.footprint(panorama, camera, behind)
     assert len(parts) >= 2  # cut where the turn wraps
     for part in parts:
         assert part[:, 0].min() >= -1e-9
@@ -227,7 +228,7 @@ def test_outlines_are_closed() -> None:
 def test_tips_hang_where_a_standing_body_has_them() -> None:
     whole = fabricated.reconstruction()
     assert whole.motion is not None
-    figure = columns.figures(whole.motion.joints_m, whole.motion.rotations)
+    figure = drawing.figures(whole.motion.joints_m, whole.motion.rotations)
     assert figure.shape == (12, 21, 3)
     assert figure[0, 16, 2] > figure[0, 3, 2]  # head above the neck
     assert figure[0, 17, 2] < figure[0, 6, 2]  # finger tips below the wrist

@@ -16,7 +16,7 @@ from experiments.config import default_tree
 from experiments.metrics import Metric, run_info
 from pzcap import rerun_columns as columns
 from pzcap import store
-from pzcap.pipeline import FrameLocalised
+from pzcap.events import FrameLocalised
 from pzcap.rerun_log import Recorder
 from pzcap.types import Array, CameraFiles, Capture, FrameSet, Localisation, PzcapError
 from tests import fabricated

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -14,13 +15,27 @@ from scipy.spatial.transform import Rotation
 from experiments.metrics import read_metrics
 from experiments.self_calibration import show, trial
 from experiments.self_calibration.__main__ import main
-from pzcap import rotations, selfcalibration
 from pzcap.camera import distort, head_T_cam
 from pzcap.features import Features
-from pzcap.rotations import Frames, Pair
-from pzcap.selfcalibration import Library, Shots, ZoomModel
+from pzcap.selfcalibration import (
+    Frames,
+    Library,
+    Pair,
+    Shots,
+    ZoomModel,
+    shum_szeliski,
+    sinha_pollefeys,
+    wu_radke,
+)
+from pzcap.selfcalibration.adjustment import transfer
+from pzcap.selfcalibration.rotations import focals_of
 from pzcap.types import Array
 
+METHODS: dict[str, Callable[[Shots, Sequence[Pair]], Frames]] = {
+    "shum_szeliski": shum_szeliski,
+    "sinha_pollefeys": sinha_pollefeys,
+    "wu_radke": lambda shots, pairs: wu_radke(shots, pairs)[0],
+}
 WIDTH, HEIGHT = 640, 480
 CENTRE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
 OFF_CENTRE = CENTRE + np.array([3.0, -2.0])
@@ -86,7 +101,7 @@ REAL = truth(OFF_CENTRE, (-0.05, 0.06))
 @pytest.mark.parametrize("method", ["shum_szeliski", "sinha_pollefeys", "wu_radke"])
 def test_perfect_matches_give_the_truth_where_the_method_models_it(method: str) -> None:
     true = PLAIN if method == "shum_szeliski" else REAL
-    found = selfcalibration.METHODS[method](shots_of(len(true.valid)), pairs_of(true, 0.0))
+    found = METHODS[method](shots_of(len(true.valid)), pairs_of(true, 0.0))
     assert found.valid.all()
     np.testing.assert_allclose(found.focal_px, true.focal_px, rtol=2e-4)
     np.testing.assert_allclose(found.lens[:, 1:3], true.lens[:, 1:3], atol=0.2)
@@ -97,7 +112,7 @@ def test_perfect_matches_give_the_truth_where_the_method_models_it(method: str) 
 @pytest.mark.parametrize(("method", "focal"), [("shum_szeliski", 0.02), ("sinha_pollefeys", 2e-3), ("wu_radke", 1e-3)])
 def test_noise_and_wrong_matches(method: str, focal: float) -> None:
     """With distortion, which Shum and Szeliski do not model: their focal lengths are right to two per cent only."""
-    found = selfcalibration.METHODS[method](shots_of(len(REAL.valid)), pairs_of(REAL, 0.3, 0.2))
+    found = METHODS[method](shots_of(len(REAL.valid)), pairs_of(REAL, 0.3, 0.2))
     assert found.valid.all()
     error = np.abs(found.focal_px / REAL.focal_px - 1)
     print(method, error.max(), np.rad2deg(turned(found, REAL).max()))
@@ -107,7 +122,7 @@ def test_noise_and_wrong_matches(method: str, focal: float) -> None:
 def test_the_closed_form_gives_both_focal_lengths() -> None:
     first, second = np.diag([800.0, 800.0, 1.0]), np.diag([1300.0, 1300.0, 1.0])
     turn = Rotation.from_rotvec([0.06, 0.2, 0.03]).as_matrix()
-    found = rotations.focals_of(second @ turn @ np.linalg.inv(first), np.zeros(2))
+    found = focals_of(second @ turn @ np.linalg.inv(first), np.zeros(2))
     np.testing.assert_allclose(found, (800.0, 1300.0), rtol=1e-9)
 
 
@@ -118,9 +133,9 @@ def test_transfer_derivatives_match_finite_differences() -> None:
 
     def at(x: Array) -> Array:
         a, b = one * Rotation.from_rotvec(x[:3]), two * Rotation.from_rotvec(x[7:10])
-        return rotations.transfer(first + x[3:7], second + x[10:], (b.inv() * a).as_matrix(), points)[0]
+        return transfer(first + x[3:7], second + x[10:], (b.inv() * a).as_matrix(), points)[0]
 
-    _, by = rotations.transfer(first, second, (two.inv() * one).as_matrix(), points)
+    _, by = transfer(first, second, (two.inv() * one).as_matrix(), points)
     numeric = np.stack([(at(step) - at(-step)) / 2e-6 for step in 1e-6 * np.eye(14)], axis=2)
     np.testing.assert_allclose(by, numeric, rtol=1e-5, atol=1e-3)
 

@@ -17,6 +17,7 @@ from experiments.slide import assist
 from pzcap import camera, slide
 from pzcap.camera import View
 from pzcap.slide import Slide, Tracks
+from pzcap.slide.adjustment import from_centre
 from pzcap.types import Array, Image, PzcapError
 from sim.optics import OpticsConfig, build_rig, lens_maps, plate_for, through_lens
 from sim.render import Stage
@@ -117,7 +118,7 @@ def test_where_nothing_moves_against_anything_it_says_so() -> None:
 def test_the_direction_from_beside_the_axis_is_the_parallax_of_the_camera_model() -> None:
     azimuth, slope, nearness = np.array([0.3, -0.2]), np.array([0.1, -0.2]), np.array([0.1, 0.7])
     offset, pan = np.array([0.004, -0.003]), np.array([0.1, 0.1])
-    seen, _, _ = slide.from_centre(azimuth, slope, nearness, pan, offset)
+    seen, _, _ = from_centre(azimuth, slope, nearness, pan, offset)
     turned = replace(TRUE_VIEW, pan_rad=pan, centre_m=np.append(offset, 0.0))
     moved = camera.parallax(turned, azimuth, slope, nearness)
     np.testing.assert_allclose(seen, np.column_stack([azimuth + moved[0], slope + moved[1]]), atol=1e-5)
@@ -127,9 +128,9 @@ def test_derivatives_match_finite_differences() -> None:
     start = np.array([0.3, 0.1, 0.6, 0.1, 0.02, -0.01])  # azimuth, slope, nearness, pan, forward, left
 
     def at(x: Array) -> Array:
-        return slide.from_centre(x[:1], x[1:2], x[2:3], x[3:4], x[4:])[0][0]
+        return from_centre(x[:1], x[1:2], x[2:3], x[3:4], x[4:])[0][0]
 
-    _, by_point, by_motion = slide.from_centre(start[:1], start[1:2], start[2:3], start[3:4], start[4:])
+    _, by_point, by_motion = from_centre(start[:1], start[1:2], start[2:3], start[3:4], start[4:])
     numeric = np.column_stack([(at(start + step) - at(start - step)) / 2e-6 for step in 1e-6 * np.eye(6)])
     np.testing.assert_allclose(np.hstack([by_point[0], by_motion[0]]), numeric, atol=1e-8)
 

@@ -43,9 +43,8 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     folder.mkdir(parents=True, exist_ok=True)
     for name in show.RESULTS:
         (folder / name).unlink(missing_ok=True)
-    named = None if config.capture is None else Path(config.capture).resolve()
     with Bars(console) as bars:
-        shot = footage.shoot(config, bars) if named is None else footage.capture_in(named)
+        shot = footage.capture_of(config, bars.update)
         truth = footage.truth_beside(shot)
         if truth is None:
             raise PzcapError(f"{shot}: an ablation needs the truth; give a capture with truth/ beside it, or none")

@@ -75,15 +75,9 @@ def prepare(
     sets = frame_sets(capture)
     if capture.subject is None or not sets.keyframes:
         raise PzcapError(f"{capture.folder}: an ablation tracks the body; add subject.json and keyframes.json")
-    for event in pipeline.stages(replace(capture, subject=None), config):  # without a subject nothing is tracked
-        match event:
-            case pipeline.Progress(stage, done, total):
-                report(stage, done, total)
-            case pipeline.Finished(found, _):
-                return Material(capture, capture.subject, sets, found, truth, frames_of(truth, found)[0])
-            case _:
-                pass
-    raise AssertionError("the pipeline ends with Finished")
+    # without a subject nothing is tracked
+    found = pipeline.reconstruct(replace(capture, subject=None), config, report)
+    return Material(capture, capture.subject, sets, found, truth, frames_of(truth, found)[0])
 
 
 def attempt(

@@ -13,8 +13,8 @@ from experiments.figures.canvas import PANNED, REFERENCE, WIDTH, Drawn, beneath,
 from experiments.figures.material import Located, Run, shoot_config
 from experiments.figures.panoramas import border_on_panorama, window
 from pzcap import camera as camera_model
+from pzcap.drawing import project_edges
 from pzcap.panzoom import Localiser, PanZoomConfig
-from pzcap.rerun_columns import project_edges
 from pzcap.types import Array, CalibrationObject, Camera, Image, Localisation, PzcapError
 from sim.restage import Hall
 

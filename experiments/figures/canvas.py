@@ -20,7 +20,7 @@ from matplotlib.ticker import MultipleLocator
 
 from experiments import plots
 from pzcap import camera as camera_model
-from pzcap.rerun_columns import BONE_COLOURS, BONES, KEYFRAME_COLOUR
+from pzcap.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR
 from pzcap.types import Array, Camera, Image
 
 WIDTH: Final = 10.0

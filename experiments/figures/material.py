@@ -18,7 +18,7 @@ from pzcap import camera as camera_model
 from pzcap import store
 from pzcap.camera import mount
 from pzcap.capture import frame_sets, read_capture, read_image
-from pzcap.rerun_columns import figures, instants
+from pzcap.drawing import figures, instants
 from pzcap.types import (
     Array,
     CalibrationObject,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -27,7 +26,7 @@ from experiments.figures.canvas import (
 from experiments.figures.material import Located, Run
 from experiments.score import sweep_errors
 from pzcap import camera as camera_model
-from pzcap.rerun_columns import centred, footprint
+from pzcap.drawing import centred, footprint, image_border
 from pzcap.types import Array, Camera, Image, Panorama, PanZoomCamera, PzcapError
 
 PANORAMA_PX: Final = 2400  # across, in a file
@@ -54,11 +53,7 @@ def on_panorama(panorama: Panorama, camera: PanZoomCamera, points_m: Array, near
 
 def border_on_panorama(panorama: Panorama, camera: PanZoomCamera, at: Camera, near_rad: float = 0.0) -> Array:
     """(N, 2) the border of a frame on the panorama, unwrapped."""
-    right, bottom = at.width - 0.5, at.height - 0.5
-    corners = np.array([(-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom), (-0.5, -0.5)])
-    steps = np.linspace(0.0, 1.0, 12)[:, None]
-    edge = np.concatenate([a + steps * (b - a) for a, b in pairwise(corners)])
-    return _pixels(panorama, camera_model.rays(at, edge) @ camera.world_T_head[:3, :3], near_rad)
+    return _pixels(panorama, camera_model.rays(at, image_border(at)) @ camera.world_T_head[:3, :3], near_rad)
 
 
 def _pixels(panorama: Panorama, head: Array, near_rad: float) -> Array:

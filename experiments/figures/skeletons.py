@@ -29,7 +29,7 @@ from experiments.figures.material import Located, Run, shoot_config
 from experiments.figures.novel_view import render, virtual_camera
 from experiments.figures.panoramas import on_panorama, window
 from pzcap import body as body_model
-from pzcap.rerun_columns import KEYFRAME_COLOUR
+from pzcap.drawing import KEYFRAME_COLOUR
 from pzcap.types import Array, Camera, Image, PzcapError
 from sim.restage import Hall
 

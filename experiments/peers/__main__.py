@@ -68,7 +68,7 @@ def _material(config: PeersConfig, with_paper: bool, bars: Bars) -> Material:
     panzoom = config.reconstruct.panzoom
     if named is not None and is_folder_of_frames(named):
         return from_folder(named, panzoom, bars.update)
-    shot = footage.shoot(config, bars) if named is None else footage.capture_in(named)
+    shot = footage.capture_of(config, bars.update)
     if not (shot / MANIFEST).exists():
         raise PzcapError(
             f"{shot}: holds neither {MANIFEST} (docs/capture.md) nor camera.json (docs/peers.md); give a folder of one"

@@ -41,11 +41,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     """Everything from the shoot to the plot, into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     with Bars(console) as bars:
-        shot = (
-            footage.shoot(config, bars)
-            if config.capture is None
-            else footage.capture_in(Path(config.capture).resolve())
-        )
+        shot = footage.capture_of(config, bars.update)
     capture = read_capture(shot)
     truth = footage.truth_beside(shot)
     if truth is None:

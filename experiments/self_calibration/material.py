@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pzcap import features
 from pzcap.capture import frame_sets
-from pzcap.rotations import Frames
-from pzcap.selfcalibration import Shots
+from pzcap.selfcalibration import Frames, Shots
 from pzcap.sweep import grey
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask
 from pzcap.video import VideoReader

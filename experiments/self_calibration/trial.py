@@ -18,8 +18,17 @@ from pzcap import panzoom
 from pzcap.calibration import Prepared, prepare
 from pzcap.camera import at
 from pzcap.capture import read_image
-from pzcap.rotations import Frames, Pair
-from pzcap.selfcalibration import Library, Shots, ZoomModel, link, shum_szeliski, sinha_pollefeys, wu_radke
+from pzcap.selfcalibration import (
+    Frames,
+    Library,
+    Pair,
+    Shots,
+    ZoomModel,
+    link,
+    shum_szeliski,
+    sinha_pollefeys,
+    wu_radke,
+)
 from pzcap.types import Array, Capture, Mask, PzcapError
 from pzcap.video import VideoReader
 from sim.truth import Truth

@@ -1,0 +1,109 @@
+"""Stages 2-3: the cameras of a capture made ready, each for itself, before the motion."""
+
+from __future__ import annotations
+
+import ctypes
+import queue
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+
+from pzcap import reference
+from pzcap.calibration import Prepared, prepare
+from pzcap.capture import read_image
+from pzcap.events import CameraPrepared, Progress
+from pzcap.panzoom import PanZoomConfig
+from pzcap.types import CameraFiles, Capture, PzcapError
+from pzcap.video import VideoReader
+
+
+def prepare_cameras(
+    capture: Capture, config: PanZoomConfig, pool: ThreadPoolExecutor, notes: list[str]
+) -> Iterator[Progress | CameraPrepared]:
+    """Calibrate the cameras, as many at a time as ``pool`` has threads; what is missing is added to ``notes``.
+
+    Raises PzcapError where a file is there and is not what it should be; the cameras not begun by then are left.
+    """
+    _find_object(capture)
+    news: queue.SimpleQueue[Progress | CameraPrepared | Future[None]] = queue.SimpleQueue()
+
+    def job(index: int, files: CameraFiles) -> None:
+        def report(stage: str, done: int, total: int) -> None:
+            news.put(Progress(f"camera {files.name}: {stage}", done, total))
+
+        news.put(CameraPrepared(index, _prepare_camera(capture, files, config, report)))
+        _hand_back()
+
+    jobs: list[Future[None]] = []
+    for index, files in enumerate(capture.cameras):
+        missing = _missing(capture, files)
+        if missing:
+            notes.append(f"camera {files.name} is not calibrated: {missing}")
+            yield CameraPrepared(index, None)
+            continue
+        if files.zoom is None:
+            notes.append(f"camera {files.name} has no zoom run: distortion and principal point are taken as constant")
+        if files.motion is None:
+            notes.append(f"camera {files.name} recorded no motion: the body is tracked in the other views")
+        jobs.append(pool.submit(job, index, files))
+        jobs[-1].add_done_callback(news.put)
+
+    running = len(jobs)
+    while running:
+        event = news.get()
+        if isinstance(event, Future):
+            running -= 1
+            if error := event.exception():
+                for other in jobs:
+                    other.cancel()
+                raise error
+        else:
+            yield event
+
+
+def _hand_back() -> None:
+    """Give the system what was freed: where several threads work, the C library keeps hundreds of MiB of it."""
+    with suppress(OSError, AttributeError):  # other C libraries have no such function
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+def _missing(capture: Capture, files: CameraFiles) -> str | None:
+    """What a camera cannot be calibrated without, and the capture does not hold."""
+    if capture.calibration_object is None:
+        return "the capture holds no calibration object"
+    if files.reference is None:
+        return "it has no reference image"
+    if files.sweep is None:
+        return "it has no pan sweep"
+    return None
+
+
+def _find_object(capture: Capture) -> None:
+    """Raise PzcapError, before minutes are spent on the sweeps, if a reference image does not show the object."""
+    for files in capture.cameras:
+        if capture.calibration_object is None or files.reference is None:
+            continue
+        try:
+            reference.detect(read_image(files.reference), capture.calibration_object)
+        except PzcapError as error:
+            raise PzcapError(f"camera {files.name}: {files.reference}: {error}") from error
+
+
+def _prepare_camera(
+    capture: Capture, files: CameraFiles, config: PanZoomConfig, report: Callable[[str, int, int], None]
+) -> Prepared:
+    assert capture.calibration_object is not None
+    assert files.reference is not None
+    assert files.sweep is not None
+    try:
+        return prepare(
+            read_image(files.reference),
+            capture.calibration_object,
+            VideoReader(files.sweep),
+            None if files.zoom is None else VideoReader(files.zoom),
+            capture.full_turn,
+            config,
+            report,
+        )
+    except PzcapError as error:
+        raise PzcapError(f"camera {files.name}: {error}") from error
