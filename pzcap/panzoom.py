@@ -81,7 +81,7 @@ class Localiser:
         if prior is not None and prior.valid:
             for off_px in (4.0, 15.0):  # most often the frame is where it was expected
                 aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px)
-                if aligned.agreement > self._config.sure_agreement:
+                if aligned.settled and aligned.agreement > self._config.sure_agreement:
                     return self._aligned(aligned)
             found = self._localise_exact(image, prior)
         if prior is None or not prior.valid or not found.valid:
