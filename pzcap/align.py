@@ -38,6 +38,7 @@ class Alignment:
     focal_px: float
     covariance: Array  # (2, 2) of (pan, log focal), from the residuals alone
     agreement: float  # 1 - the median difference's share of the median contrast: near 1 where it fits, else about 0
+    settled: bool  # the fit came to rest; one that was stopped on its way agrees too, where a fast pan smears all
     frame_points_px: Array  # (N, 2) some pixels that fit, and show edges
     panorama_points_px: Array  # (N, 2) and where they stand on the panorama
 
@@ -71,6 +72,7 @@ class _Fitted:
     residual: Array  # (N,)
     weight: Array  # (N,)
     normal: Array  # (P + K, P + K)
+    settled: bool  # the last step was as small as SETTLED_PX
 
 
 class Aligner:
@@ -101,7 +103,7 @@ class Aligner:
             fitted = self._fit(frame, self._levels[halvings], steps, pan_rad, tilt_rad, focal_px)
             if fitted is None:
                 nothing = np.empty((0, 2))
-                return Alignment(pan_rad, tilt_rad, focal_px, np.eye(2), 0.0, nothing, nothing)
+                return Alignment(pan_rad, tilt_rad, focal_px, np.eye(2), 0.0, False, nothing, nothing)
             pan_rad, tilt_rad, focal_px = fitted.pan_rad, fitted.tilt_rad, fitted.focal_px
         assert fitted is not None
         return self._judged(fitted)
@@ -135,9 +137,10 @@ class Aligner:
             gains = gains + change[self._free :]
             looseness = max(looseness * 0.75, 2.0)
             moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * frame.shape[1] / 2)
-            if step + 1 >= steps and moved_px < SETTLED_PX:
+            settled = bool(moved_px < SETTLED_PX)
+            if step + 1 >= steps and settled:
                 break
-        return _Fitted(pan_rad, tilt_rad, focal_px, points, sampled, residual, weight, normal)
+        return _Fitted(pan_rad, tilt_rad, focal_px, points, sampled, residual, weight, normal, settled)
 
     def _pixels(self, frame: Image, level: _Level, focal_px: float) -> tuple[Array, Array, Array]:
         """What is compared: pixels (N, 2), their grey values (N,), and r^0, r^2, ... of the vignetting (N, K)."""
@@ -192,7 +195,7 @@ class Aligner:
         return Alignment(
             fitted.pan_rad, fitted.tilt_rad, fitted.focal_px,
             np.asarray(variance * np.linalg.pinv(fitted.normal)[:2, :2], np.float64),
-            1.0 - difference / max(contrast, 1.0), fitted.points[shown], places,
+            1.0 - difference / max(contrast, 1.0), fitted.settled, fitted.points[shown], places,
         )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from pzcap.camera import View
 from pzcap.features import Features
 from pzcap.reference import ReferenceConfig
 from pzcap.sweep import SweepConfig, consensus, grey
-from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera, PzcapError
+from pzcap.types import Array, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera, PzcapError
 from pzcap.unknowns import BeliefConfig
 
 METHODS = ("exact", "paper")
@@ -81,7 +81,7 @@ class Localiser:
         if prior is not None and prior.valid:
             for off_px in (4.0, 15.0):  # most often the frame is where it was expected
                 aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px)
-                if aligned.agreement > self._config.sure_agreement:
+                if aligned.settled and aligned.agreement > self._config.sure_agreement:
                     return self._aligned(aligned)
             found = self._localise_exact(image, prior)
         if prior is None or not prior.valid or not found.valid:
@@ -146,7 +146,7 @@ class Localiser:
     def _judge(self, solution: Solution, points_px: Array, panorama_px: Array) -> Localisation:
         config = self._config
         good = solution.inliers
-        covariance = solution.covariance + self._systematic(solution.pan_rad)
+        covariance = solution.covariance + self._systematic(solution.pan_rad, solution.focal_px)
         zoom = solution.focal_px / self._camera.lens.reference_focal_px
         valid = (
             good.sum() >= config.min_inliers
@@ -163,13 +163,13 @@ class Localiser:
         zoom = aligned.focal_px / self._camera.lens.reference_focal_px
         return Localisation(
             float(wrapped(np.array(aligned.pan_rad))), aligned.tilt_rad, aligned.focal_px,
-            aligned.covariance + self._systematic(aligned.pan_rad),
+            aligned.covariance + self._systematic(aligned.pan_rad, aligned.focal_px),
             self._config.zoom_range[0] < zoom < self._config.zoom_range[1],
             aligned.frame_points_px, aligned.panorama_points_px,
         )  # fmt: skip
 
-    def _systematic(self, pan_rad: float) -> Array:
-        return systematic(self._config, self._camera, np.array(pan_rad))
+    def _systematic(self, pan_rad: float, focal_px: float) -> Array:
+        return systematic(self._config, self._camera, np.array(pan_rad), np.array(focal_px))
 
     def _lost(self, prior: Localisation | None) -> Localisation:
         pan, focal = (0.0, self._camera.lens.reference_focal_px) if prior is None else (prior.pan_rad, prior.focal_px)
@@ -216,15 +216,30 @@ class Localiser:
         return [np.flatnonzero(np.abs(wrapped(self._azimuth - prior.pan_rad)) < reach), *everything]
 
 
-def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array) -> Array:
-    """The covariance (..., 2, 2) at pans (...) of what no single frame shows and all share: a floor, and the scale of
-    the sweep, which stretches focal lengths and shrinks pans together. The paper's method knows of none."""
+def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array, focal_px: Array) -> Array:
+    """The covariance (..., 2, 2) at pans and focal lengths (...) of what no single frame shows and all share: a floor;
+    the scale of the sweep, which stretches focal lengths and shrinks pans together; and what distortion does to the
+    focal length. The paper's method knows of none."""
     pan_rad = wrapped(pan_rad)
     if config.method == "paper":
         return np.zeros((*pan_rad.shape, 2, 2))
     scale = np.stack([-pan_rad, np.ones_like(pan_rad)], axis=-1) * camera.focal_sigma
+    lens = np.stack([np.zeros_like(pan_rad), _bent_sigma(camera.lens, focal_px, config.beliefs.k1)], axis=-1)
     floor = np.diag([np.deg2rad(config.floor_deg) ** 2, config.floor_focal**2])
-    return np.asarray(floor + scale[..., :, None] * scale[..., None, :])
+    return np.asarray(floor + sum(each[..., :, None] * each[..., None, :] for each in (scale, lens)))
+
+
+def _bent_sigma(lens: Lens, focal_px: Array, k1_sigma: float) -> Array:
+    """Sigma (...) of log focal length, from a distortion whose change, for each unit of that, is known to ``k1_sigma``.
+
+    Only a zoom run shows how it changes: without one the lens has the sweep's (one coefficient) at every zoom. What is
+    missing, k r^3, passes for a longer focal length, a r, by least squares over the image a = k sum r^4 / sum r^2.
+    """
+    if len(lens.k1) > 1:
+        return np.zeros_like(focal_px)
+    across, down = lens.width**2, lens.height**2
+    mean_square, mean_fourth = (across + down) / 12, (across**2 + down**2) / 80 + across * down / 72
+    return k1_sigma * np.abs(np.log(focal_px / lens.reference_focal_px)) * mean_fourth / mean_square / focal_px**2
 
 
 def predicted(before: Localisation | None, last: Localisation | None) -> Localisation | None:

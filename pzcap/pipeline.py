@@ -261,7 +261,12 @@ def smoothed(
         None
         if track is None or camera is None
         # systematic error, which the covariances hold, is not smoothed away
-        else smooth.smooth(track, frame_rate, config.smooth, panzoom.systematic(config.panzoom, camera, track.pan_rad))
+        else smooth.smooth(
+            track,
+            frame_rate,
+            config.smooth,
+            panzoom.systematic(config.panzoom, camera, track.pan_rad, track.focal_px),
+        )
         for track, camera in zip(tracks, cameras, strict=True)
     )
 

@@ -193,6 +193,22 @@ def test_the_covariance_is_what_the_errors_are() -> None:
     assert 0.6 < total / 100 < 1.6
 
 
+def test_without_a_zoom_run_distortion_leaves_the_focal_length_in_doubt() -> None:
+    """By as much as a scale that is fitted to what the distortion moves; at the sweep's own zoom by nothing."""
+    camera, config, zoom = camera_of(OPTICS), PanZoomConfig(), 2.0
+    focal = np.array([FOCAL, zoom * FOCAL])
+    across, down = np.meshgrid(np.arange(OPTICS.width), np.arange(OPTICS.height))
+    ray = np.hypot(across - (OPTICS.width - 1) / 2, down - (OPTICS.height - 1) / 2) / focal[1]
+    passes_for = config.beliefs.k1 * np.log(zoom) * np.sum(ray**4) / np.sum(ray**2)
+
+    def sigma_squared(k1: list[float]) -> Array:
+        lens = replace(camera.lens, k1=np.array(k1))
+        return panzoom.systematic(config, replace(camera, lens=lens), np.zeros(2), focal)[:, 1, 1]
+
+    more = sigma_squared([-0.05]) - sigma_squared([-0.05, 0.06, 0.0])
+    np.testing.assert_allclose(np.sqrt(more), [0.0, passes_for], rtol=1e-3)
+
+
 def test_consensus_survives_three_wrong_matches_in_four() -> None:
     camera, rng = camera_of(OPTICS), np.random.default_rng(1)
     points, azimuth, slope = matches(-3.1, 500.0, 0.3)

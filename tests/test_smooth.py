@@ -163,7 +163,7 @@ def test_the_pipeline_smooths_when_it_is_told_to() -> None:
     off = smoothed((track, None), (camera, None), RATE, Config())
     assert off == (track, None)
     config = Config(smooth=SmoothConfig(enabled=True))
-    common = systematic(config.panzoom, camera, track.pan_rad)
+    common = systematic(config.panzoom, camera, track.pan_rad, track.focal_px)
     assert np.all(common[:, 1, 1] > 1e-6)
     whole = replace(track, covariance=track.covariance + common)
     on, missing = smoothed((whole, None), (camera, None), RATE, config)
