@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, limit_residuals, retract
+from pzcap.contact import ties
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import TrackingConfig
 from pzcap.limbs import LIMBS, LimbSearch
@@ -134,7 +135,9 @@ class _Stretch:
                 stiffness = violated / config.limit_sigma_rad**2
                 hessians[t] = say[:, None] * normal.hessian * say + np.diag(stiffness)
                 gradients.append(say * normal.gradient - stiffness * excess)
-            steps = smooth_step(found, hessians, gradients, sigma, self.before, self.after).clip(-0.5, 0.5)
+            chain = [pose for pose in (self.before, *found, self.after) if pose is not None]
+            held = ties(self.body, chain)
+            steps = smooth_step(found, hessians, gradients, sigma, self.before, self.after, held).clip(-0.5, 0.5)
             found = [retract(pose, step) for pose, step in zip(found, steps, strict=True)]
         return Polished(found, hessians)
 

@@ -28,7 +28,7 @@ def test_without_images_a_stretch_between_known_ends_becomes_even() -> None:
     zeros = [np.zeros((DOF, DOF))] * 10
     inner = poses[1:-1]
     for _ in range(3):
-        steps = smooth_step(inner, zeros, [np.zeros(DOF)] * 10, SIGMA, poses[0], poses[-1])
+        steps = smooth_step(inner, zeros, [np.zeros(DOF)] * 10, SIGMA, poses[0], poses[-1], [])
         inner = [bodies.retract(pose, step) for pose, step in zip(inner, steps, strict=True)]
     chain = [poses[0], *inner, poses[-1]]
     velocity = [bodies.difference(chain[t + 1], chain[t]) for t in range(11)]
@@ -39,19 +39,19 @@ def test_strong_images_have_their_way() -> None:
     poses, errors = shaken(8)
     hessians = [1e8 * np.eye(DOF)] * 8
     gradients = [-1e8 * error for error in errors]
-    steps = smooth_step(poses, hessians, gradients, SIGMA, None, None)
+    steps = smooth_step(poses, hessians, gradients, SIGMA, None, None, [])
     np.testing.assert_allclose(steps, -errors, atol=1e-4)
 
 
 def test_weak_images_are_smoothed() -> None:
     poses, errors = shaken(30)
     hessians = [np.eye(DOF) / 0.02**2] * 30
-    steps = smooth_step(poses, hessians, [np.zeros(DOF)] * 30, 0.1 * SIGMA, None, None)
+    steps = smooth_step(poses, hessians, [np.zeros(DOF)] * 30, 0.1 * SIGMA, None, None, [])
     left = np.array([e + s for e, s in zip(errors, steps, strict=True)])
     assert np.sqrt(np.mean(left**2)) < 0.6 * np.sqrt(np.mean(errors**2))
 
 
 def test_one_frame_alone_takes_its_own_step() -> None:
     poses, errors = shaken(1)
-    steps = smooth_step(poses, [2.0 * np.eye(DOF)], [2.0 * errors[0]], SIGMA, None, None)
+    steps = smooth_step(poses, [2.0 * np.eye(DOF)], [2.0 * errors[0]], SIGMA, None, None, [])
     np.testing.assert_allclose(steps[0], errors[0])
