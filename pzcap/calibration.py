@@ -17,14 +17,11 @@ from pzcap import camera as geometry
 from pzcap import cylinder, direct, features, panorama, reference
 from pzcap.align import Aligner, Alignment
 from pzcap.bundle import Adjusted, Link, adjust, thinned
-from pzcap.camera import View
-from pzcap.features import Features
+from pzcap.matching import AZIMUTHS, Matched, height_of, match
 from pzcap.panzoom import PanZoomConfig, panorama_features, ransac_eq15, solve_eq15
 from pzcap.sampling import stored
-from pzcap.sweep import Frames, chain, grey, link_further, link_views, place, spaced
+from pzcap.sweep import Frames, grey
 from pzcap.types import (
-    FAR_AWAY,
-    Array,
     CalibrationObject,
     Camera,
     Image,
@@ -35,15 +32,11 @@ from pzcap.types import (
     ReferenceCamera,
     Surroundings,
 )
-from pzcap.unknowns import BeliefConfig, Model, Sigmas
-from pzcap.zoom import link_zoom
+from pzcap.unknowns import Model
 
-MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor
 PARTIAL_SCALE_SIGMA = 1e-3  # relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole
-NODES = (10, 72)  # slopes and azimuths at which the hall's distance is estimated from grey values
-WALL_NEARNESS = 0.15  # inverse distance of a wall before anything is known, in inverse heights of the camera
+NODES = (10, AZIMUTHS)  # slopes and azimuths at which the hall's distance is estimated from grey values
 SURE_AGREEMENT = 0.5  # of the reference image with the panorama (see `align.Alignment`)
-FOCAL_SIGMA = 0.005  # relative, of the reference calibration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,53 +81,14 @@ def _prepare_exact(
     report: Callable[[str, int, int], None],
 ) -> Prepared:
     height, width = reference_image.shape[:2]
-    view = View(0.0, 0.0, 0.0, first.camera.focal_px, first.camera.principal_px, 0.0)
-    chained = chain(sweep, view, full_turn, config.sweep, lambda done: report("match sweep", done, 0))
-    count = len(chained.pan_rad)
-    sigmas = _sigmas(first.camera, config.beliefs, full_turn, zoom=False)
-    coarse = adjust(_start(view, chained.pan_rad), chained.links, sigmas, iterations=6).model
-    further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
-
-    # the reference image and the zoom run find their places among the sweep's frames, then all is adjusted at once
-    found = [*chained.features, _detect(reference_image, config)]
-    pan, links = _place_reference(found, coarse, width, config)
-    links = [*chained.links, *further, *links]
-    pans, focals = [*coarse.pan_rad, pan], [coarse.log_focal[0]] * 2
-    pan_of, focal_of = [*range(count), count], [0] * count + [1]
-    zoomed = _zoom_frames(zoom, config)
-    if zoomed:
-        report("match zoom run", 0, 1)
-        found += [_detect(image, config) for image in zoomed]
-        run = link_zoom(found, coarse.pan_rad, count + 1, coarse.view(0), width, config)
-        links += run.links
-        pans.append(run.pan_rad)
-        focals += list(run.log_focal)
-        pan_of += [count + 1] * len(run.log_focal)
-        focal_of += list(range(2, 2 + len(run.log_focal)))
-    start = Model(
-        np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
-        _padded(coarse.principal_px, 2 if zoomed else 1), _padded(coarse.k1[:, None], 3 if zoomed else 1)[:, 0],
-        coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
-    )  # fmt: skip
-    sigmas = _sigmas(first.camera, config.beliefs, full_turn, zoom=bool(zoomed))
-    quick = adjust(start, thinned(links, 5), sigmas, scale_px=4.0, iterations=12).model
-    matched = adjust(quick, links, sigmas, prior=start, scale_px=1.0, iterations=3)
-
+    matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
+    chained, count = matched.chained, len(matched.chained.pan_rad)
+    quick = adjust(matched.start, thinned(matched.links, 5), matched.sigmas, scale_px=4.0, iterations=12).model
+    adjusted = adjust(quick, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
     # features say where frames lie to a quarter of a pixel, grey values say it better
-    brightness = panorama.fit_brightness([*chained.links, *further], count, matched.model.view(0), width, height)
-    flat = panorama.flatness(brightness, matched.model.view(0), width, height)
-    gains = [*np.exp(-brightness.log_gain), *[1.0] * (1 + len(zoomed))]
-    images = [*chained.images, *(grey(image) for image in [reference_image, *zoomed])]
-    kept = np.empty((len(images), height, width), np.uint16)
-    for smooth, image, gain in zip(kept, images, gains, strict=True):
-        smooth[:] = stored(image * (flat * np.float32(gain)))
-    pairs = dict.fromkeys((link.first, link.second) for link in links)
-    fitted = direct.adjust(
-        _refined(matched.model), kept, list(pairs), sigmas, prior=_refined(start),
-        pixels=config.sweep.pixels, report=lambda done: report("adjust grey values", done, direct.ITERATIONS),
-    )  # fmt: skip
+    brightness = panorama.fit_brightness(matched.sweep_links, count, adjusted.model.view(0), width, height)
+    fitted = _fit_grey_values(matched, adjusted.model, brightness, config, report)
     model = fitted.model
-    del kept, images
 
     taken = model.view(count)
     known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.k1)
@@ -151,13 +105,35 @@ def _prepare_exact(
     )  # fmt: skip
     background = replace(
         pasted,
-        sweep_inliers=_sweep_inliers(matched, links, count),
+        sweep_inliers=_sweep_inliers(adjusted, matched.links, count),
         closure_rad=chained.closure_rad,
-        residual_px=matched.residual_px,
+        residual_px=adjusted.residual_px,
     )
     aligner = Aligner(background, camera, pixels=config.pixels)
     aligned = aligner.align(reference_image, 0.0, camera.tilt_rad, refined.camera.focal_px, 1.5)
     return Prepared(refined, _counted_from(background, aligned), camera)
+
+
+def _fit_grey_values(
+    matched: Matched,
+    model: Model,
+    brightness: panorama.Brightness,
+    config: PanZoomConfig,
+    report: Callable[[str, int, int], None],
+) -> direct.Fitted:
+    """The model fitted to all frames, each made as bright as the others and as bright at its edge as in its middle."""
+    images = [*matched.chained.images, *matched.beside]
+    height, width = images[0].shape
+    flat = panorama.flatness(brightness, model.view(0), width, height)
+    gains = [*np.exp(-brightness.log_gain), *[1.0] * len(matched.beside)]
+    kept = np.empty((len(images), height, width), np.uint16)
+    for smooth, image, gain in zip(kept, images, gains, strict=True):
+        smooth[:] = stored(image * (flat * np.float32(gain)))
+    pairs = dict.fromkeys((link.first, link.second) for link in matched.links)
+    return direct.adjust(
+        _refined(model), kept, list(pairs), matched.sigmas, prior=_refined(matched.start),
+        pixels=config.sweep.pixels, report=lambda done: report("adjust grey values", done, direct.ITERATIONS),
+    )  # fmt: skip
 
 
 def _counted_from(panorama: Panorama, reference: Alignment) -> Panorama:
@@ -178,18 +154,12 @@ def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCa
     The floor is where the calibration object stands, at world height 0. Were it elsewhere, offset and distances would
     be wrong by one factor, and what is made of them, their product, would still be right.
     """
-    height_m = _height(taken)
+    height_m = height_of(taken)
     camera = PanZoomCamera(
         model.lens(taken.width, taken.height), np.eye(4), model.tilt_rad, model.roll_rad,
         offset_m=model.offset * height_m, travel_m=model.travel * height_m,
     )  # fmt: skip
     return geometry.mount(taken, camera), _turned(model.surroundings, origin_rad, height_m)
-
-
-def _height(camera: Camera) -> float:
-    """Of a camera over its floor, metres."""
-    height_m = float(camera.world_T_cam[2, 3])
-    return height_m if height_m > MIN_HEIGHT_M else 1.0
 
 
 def _turned(hall: Surroundings, origin_rad: float, height_m: float) -> Surroundings:
@@ -203,83 +173,9 @@ def _turned(hall: Surroundings, origin_rad: float, height_m: float) -> Surroundi
     return Surroundings(height_m, walls / height_m, departures, hall.slopes)
 
 
-def _start(view: View, pan_rad: Array) -> Model:
-    count = len(pan_rad)
-    return Model(
-        pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
-        view.principal_px[None], np.array([view.k1]),
-        np.zeros(2), 0.0, FAR_AWAY,
-    )  # fmt: skip
-
-
-def _floor_and_walls(view: View, width: int, height: int, rows: int) -> Surroundings:
-    """What is believed of a hall before anything is known, in camera heights; its departures at ``rows`` slopes."""
-    edge = np.linspace(0, width - 1, 32)
-    border = np.array([(u, v) for v in (0.0, height - 1.0) for u in edge])
-    _, slope = geometry.look(view, border)
-    slopes = np.array([slope.min(), slope.max()])
-    return Surroundings(1.0, np.full(NODES[1], WALL_NEARNESS), np.zeros((rows, NODES[1])), slopes)
-
-
 def _refined(model: Model) -> Model:
     """The model with departures at all NODES, still 0: features are too few to tell them, and the fewer the faster."""
     return replace(model, surroundings=replace(model.surroundings, departures=np.zeros(NODES)))
-
-
-def _sigmas(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool) -> Sigmas:
-    # a circle that closes fixes the focal length far better than the calibration object can
-    focal = 10.0 * FOCAL_SIGMA if full_turn else FOCAL_SIGMA
-    principal = np.full(2 if zoom else 1, beliefs.principal * camera.width)
-    k1 = beliefs.k1 * np.array([1.0, 1.0, 0.5] if zoom else [1.0])
-    height_m = _height(camera)
-    return Sigmas(
-        focal, np.deg2rad(beliefs.tilt_deg), principal, k1, beliefs.offset_m / height_m, beliefs.travel_m / height_m
-    )
-
-
-def _padded(coefficients: Array, order: int) -> Array:
-    """Polynomial coefficients (p, D) with zeros up to ``order`` terms."""
-    return np.vstack([coefficients, np.zeros((order - len(coefficients), coefficients.shape[1]))])
-
-
-def _detect(image: Image, config: PanZoomConfig) -> Features:
-    return features.detect(grey(image), config.sweep.threshold, config.sweep.features, scales=features.FEW_SCALES)
-
-
-def _place_reference(
-    found: Sequence[Features], sweep: Model, width: int, config: PanZoomConfig
-) -> tuple[float, list[Link]]:
-    """Pan of the last frame of ``found``, the reference image, and its links to the frames of the sweep."""
-    view = sweep.view(0)
-    field = 2 * np.arctan(width / 2 / view.focal_px)
-    focals = view.focal_px * np.exp(np.arange(-0.1, 0.101, 0.01))
-    best, pan, focal = 0, 0.0, view.focal_px
-    for index in spaced(sweep.pan_rad, 0.3 * field):
-        taken = sweep.view(index)
-        candidate = place(
-            found[-1], found[index], taken, lambda f: replace(view, focal_px=f), focals, config.sweep.ratio
-        )
-        if candidate[2] > best:
-            pan, focal, best = candidate
-    seen = replace(view, pan_rad=pan, focal_px=focal)
-    links = []
-    for share in np.arange(-0.6, 0.61, 0.1):
-        apart = np.mod(sweep.pan_rad - pan - share * field + np.pi, 2 * np.pi) - np.pi
-        index = int(np.argmin(np.abs(apart)))
-        links.append(link_views(found, index, len(found) - 1, (sweep.view(index), seen), 12.0, config.sweep))
-    kept = [link for link in links if link is not None]
-    if best < config.sweep.min_matches or not kept:
-        raise PzcapError("reference image: it shows nothing of what the sweep showed; sweep past the reference pose")
-    return pan, kept
-
-
-def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[Image]:
-    """Some frames of the zoom run, evenly spaced."""
-    if zoom is None:
-        return []
-    count = sum(1 for _ in zoom)
-    chosen = set(np.round(np.linspace(0, count - 1, min(count, config.sweep.zoom_frames))).astype(int).tolist())
-    return [image for number, (_, image) in enumerate(zoom) if number in chosen]
 
 
 def _sweep_inliers(adjusted: Adjusted, links: Sequence[Link], count: int) -> NDArray[np.int64]:

@@ -11,6 +11,7 @@ import pytest
 from pzcap import calibration
 from pzcap.align import Aligner
 from pzcap.camera import at
+from pzcap.matching import sigmas_of
 from pzcap.types import Camera, Panorama, Surroundings
 from pzcap.unknowns import BeliefConfig, Model
 from tests import synthetic
@@ -44,10 +45,10 @@ def test_what_was_adjusted_is_what_the_camera_has() -> None:
 
 
 def test_beliefs_are_in_metres_and_the_adjustment_in_camera_heights() -> None:
-    sigmas = calibration._sigmas(taken(2.0), BeliefConfig(offset_m=0.01, travel_m=0.004), full_turn=True, zoom=True)
+    sigmas = sigmas_of(taken(2.0), BeliefConfig(offset_m=0.01, travel_m=0.004), full_turn=True, zoom=True)
     assert (sigmas.offset, sigmas.travel) == (pytest.approx(0.005), pytest.approx(0.002))
     # a camera that stands nowhere has no height to measure by
-    assert calibration._sigmas(taken(0.0), BeliefConfig(offset_m=0.01), full_turn=True, zoom=False).offset == 0.01
+    assert sigmas_of(taken(0.0), BeliefConfig(offset_m=0.01), full_turn=True, zoom=False).offset == 0.01
 
 
 def shrunk() -> Panorama:

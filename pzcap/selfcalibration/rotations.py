@@ -158,17 +158,22 @@ def _change(pair: Pair, centre_px: Array) -> float:
 
 
 def _tree(weighted: Sequence[tuple[float, Pair]], count: int) -> list[tuple[int, int, Pair]]:
-    """The best tree of pairs from the best linked frame on (Prim, 1957): frame reached, new frame, pair."""
+    """The best tree of pairs from the best linked frame on: frame reached, new frame, pair."""
     degree = np.zeros(count)
     for weight, pair in weighted:
         degree[[pair.first, pair.second]] += weight
-    reached = {int(np.argmax(degree))}
+    return spanning(weighted, {int(np.argmax(degree))})
+
+
+def spanning(weighted: Sequence[tuple[float, Pair]], reached: set[int]) -> list[tuple[int, int, Pair]]:
+    """The best tree of pairs from the frames that are ``reached`` (Prim, 1957): frame reached, new frame, pair.
+
+    The new frames are added to ``reached``.
+    """
     tree: list[tuple[int, int, Pair]] = []
-    while True:
-        edges = [(w, p) for w, p in weighted if (p.first in reached) != (p.second in reached)]
-        if not edges:
-            return tree
+    while edges := [(w, p) for w, p in weighted if (p.first in reached) != (p.second in reached)]:
         _, pair = max(edges, key=lambda edge: edge[0])
         known, new = (pair.first, pair.second) if pair.first in reached else (pair.second, pair.first)
         reached.add(new)
         tree.append((known, new, pair))
+    return tree

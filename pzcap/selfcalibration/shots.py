@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pzcap.features import Features
-from pzcap.selfcalibration.rotations import Frames, Pair, initial, match_pairs, rechained, turn_of
+from pzcap.selfcalibration.rotations import Frames, Pair, initial, match_pairs, rechained, spanning, turn_of
 from pzcap.types import Array, Mask, PzcapError
 
 GUESS_WIDTHS = 1.2  # focal length, in image widths, where no homography shows one
@@ -51,43 +51,21 @@ def first_values(shots: Shots, pairs: Sequence[Pair]) -> Frames:
 def close_gap(shots: Shots, pairs: Sequence[Pair], start: Frames) -> Frames:
     """The focal length at which the chain of a full turn closes, and rotations chained with it.
 
-    The focal length of all frames is scaled by ``turn / 2 pi``, where ``turn`` is what the chain of the sweep, from
-    the first frame to the one that shows the same again, adds up to; twice, since the turns themselves depend on it.
+    As they are where the sweep has no chain, or none of its later frames shows what the first did.
     """
     by_frames = {(pair.first, pair.second): pair for pair in pairs}
     order = shots.sequence
-    chain = [by_frames.get((a, b)) for a, b in pairwise(order)]
-    ends = [
-        (k, pair)
-        for k in range(len(order) // 2, len(order))
-        if (pair := by_frames.get((order[0], order[k]))) is not None
-    ]
-    if not ends or any(pair is None for pair in chain):
+    steps = list(pairwise(order))
+    chain = [by_frames[step] for step in steps if step in by_frames]
+    ends = [(k, by_frames[order[0], order[k]]) for k in range(len(order) // 2, len(order))
+            if (order[0], order[k]) in by_frames]  # fmt: skip
+    if not ends or len(chain) < len(steps):
         return start
     last, seam = max(ends, key=lambda end: len(end[1].first_px))
-    frames = start
-    for _ in range(4):
-        turn = np.eye(3)
-        angle = 0.0
-        for pair in chain[:last]:
-            assert pair is not None
-            step = turn_of(pair, frames)
-            turn = step @ turn
-            angle += float(np.linalg.norm(Rotation.from_matrix(step).as_rotvec()))
-        back = turn_of(seam, frames)  # frame `last` from the first, the short way
-        axis = Rotation.from_matrix(turn_of(_first(chain), frames)).as_rotvec()
-        angle -= float(Rotation.from_matrix(back).as_rotvec() @ axis / np.linalg.norm(axis))
-        lens = frames.lens.copy()
-        lens[:, 0] += np.log(np.clip(angle / (2 * np.pi), 0.8, 1.25))
-        frames = replace(frames, lens=lens)
-    tree = [(a, b, pair) for (a, b), pair in zip(pairwise(order), chain, strict=True) if pair]
-    rest = [pair for pair in pairs if pair.second not in order or pair.first not in order]
-    reached = set(order)
-    while edges := [p for p in rest if (p.first in reached) != (p.second in reached)]:
-        pair = max(edges, key=lambda p: len(p.first_px))
-        known, new = (pair.first, pair.second) if pair.first in reached else (pair.second, pair.first)
-        reached.add(new)
-        tree.append((known, new, pair))
+    frames = _closing(start, chain[:last], seam)
+    tree = [(pair.first, pair.second, pair) for pair in chain]
+    rest = [(len(pair.first_px), pair) for pair in pairs if pair.second not in order or pair.first not in order]
+    tree += spanning(rest, set(order))
     frames = rechained(replace(frames, rotation=np.tile(np.eye(3), (len(frames.valid), 1, 1))), tree)
     # the gap that is left is spread over the turn
     ahead = frames.rotation[order[last]] @ turn_of(seam, frames)  # where the chain puts the first frame again
@@ -98,9 +76,17 @@ def close_gap(shots: Shots, pairs: Sequence[Pair], start: Frames) -> Frames:
     return replace(frames, rotation=rotation)
 
 
-def _first(chain: Sequence[Pair | None]) -> Pair:
-    assert chain[0] is not None
-    return chain[0]
+def _closing(frames: Frames, chain: Sequence[Pair], seam: Pair) -> Frames:
+    """All focal lengths scaled by ``turn / 2 pi``, where ``turn`` is what the chain adds up to, from the first frame to
+    the one that shows the same again; several times, since the turns themselves depend on it."""
+    for _ in range(4):
+        turns = [Rotation.from_matrix(turn_of(pair, frames)).as_rotvec() for pair in chain]
+        back = Rotation.from_matrix(turn_of(seam, frames)).as_rotvec()  # the chain's last frame from its first, shortly
+        angle = sum(float(np.linalg.norm(turn)) for turn in turns) - float(back @ turns[0] / np.linalg.norm(turns[0]))
+        lens = frames.lens.copy()
+        lens[:, 0] += np.log(np.clip(angle / (2 * np.pi), 0.8, 1.25))
+        frames = replace(frames, lens=lens)
+    return frames
 
 
 def one_zoom(shots: Shots, start: Frames) -> Mask:
