@@ -224,12 +224,12 @@ def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array, foc
     if config.method == "paper":
         return np.zeros((*pan_rad.shape, 2, 2))
     scale = np.stack([-pan_rad, np.ones_like(pan_rad)], axis=-1) * camera.focal_sigma
-    lens = np.stack([np.zeros_like(pan_rad), _bent_sigma(camera.lens, focal_px, config.beliefs.k1)], axis=-1)
+    lens = np.stack([np.zeros_like(pan_rad), _distortion_sigma(camera.lens, focal_px, config.beliefs.k1)], axis=-1)
     floor = np.diag([np.deg2rad(config.floor_deg) ** 2, config.floor_focal**2])
     return np.asarray(floor + sum(each[..., :, None] * each[..., None, :] for each in (scale, lens)))
 
 
-def _bent_sigma(lens: Lens, focal_px: Array, k1_sigma: float) -> Array:
+def _distortion_sigma(lens: Lens, focal_px: Array, k1_sigma: float) -> Array:
     """Sigma (...) of log focal length, from a distortion whose change, for each unit of that, is known to ``k1_sigma``.
 
     Only a zoom run shows how it changes: without one the lens has the sweep's (one coefficient) at every zoom. What is

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -109,6 +110,16 @@ def test_a_tilted_frame_is_no_frame_of_a_camera_that_does_not_tilt(exact: calibr
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     tilted = synthetic.render(replace(OPTICS, tilt_rad=OPTICS.tilt_rad + np.deg2rad(3.0)), 0.1, 1.5 * FOCAL)
     assert not localiser.localise(tilted, None).valid
+
+
+def test_a_fast_pan_is_followed(exact: calibration.Prepared) -> None:
+    """Its frames are smeared, and not where they were expected."""
+    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
+    sharp = localiser.localise(synthetic.render(OPTICS, 0.3, 2 * FOCAL), None)
+    smeared = np.asarray(cv2.blur(synthetic.render(OPTICS, 0.3, 2 * FOCAL), (9, 1)), np.uint8)
+    for off_px in (-9.0, -6.0, 6.0, 9.0):
+        expected = replace(sharp, pan_rad=0.3 + off_px / FOCAL)
+        assert localiser.localise(smeared, expected).pan_rad == pytest.approx(sharp.pan_rad, abs=0.1 / FOCAL)
 
 
 def test_a_jump_is_found_again(exact: calibration.Prepared) -> None:
