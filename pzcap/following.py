@@ -1,7 +1,8 @@
 """Follow the body from frame to frame in one direction of time.
 
 A step predicts the pose with the velocity so far and improves it, coarse to fine, by Gauss-Newton on what the images
-say (`pzcap.evidence`). When a step fits the silhouettes worse than usual something was lost: then it is tried again
+say (`pzcap.evidence`). Where they say little, as of an arm that is held against the trunk, joints are expected to come
+to rest: with its velocity kept, a small error would grow with every frame until the limb was lost. When a step fits the silhouettes worse than usual something was lost: then it is tried again
 with a wider prior and from where the body was, and each limb is taken from the attempt that fits it best.
 """
 
@@ -48,10 +49,11 @@ class TrackingConfig:
     keyframe_position_sigma_m: float = 0.010  # how well a hand places the root
     keyframe_rotation_sigma_rad: float = 0.052  # and turns each joint
     appearance_rate: float = 0.15  # share of the image that the appearance takes on with each frame
-    # what a prediction with constant velocity may be wrong by, a frame
+    # what the pose that is expected may be wrong by, a frame
     prediction_position_sigma_m: float = 0.03
     prediction_rotation_sigma_rad: float = 0.20
     velocity_gain: float = 0.8  # how fast the velocity follows
+    joint_persistence: float = 0.2  # of a joint's velocity, what is expected to go on: unseen limbs come to rest
     limit_sigma_rad: float = 0.05
     cut_out_margin: float = 0.2  # what is kept of a view around the body, in sizes of the body
     doubt_m2: float = (
@@ -113,6 +115,7 @@ class Follower:
         sigma = np.full(DOF, config.prediction_rotation_sigma_rad)
         sigma[:3] = config.prediction_position_sigma_m
         self._sigma = sigma
+        self._persistence = np.where(DOF_SEGMENT > 0, config.joint_persistence, 1.0)  # the body as a whole moves on
         evidence = Evidence(body, cuts)
         placed = evidence.visibility(pose)
         evidence.learn(placed, self.appearances, 1.0)
@@ -133,7 +136,10 @@ class Follower:
         evidence = Evidence(self.body, cuts)
         sigma = self._sigma * np.where(self._known, 1.0, self.config.start_widening)
         prior = np.diag(1.0 / sigma**2)
-        pose, normal = improve(evidence, predicted, prior, self.appearances, self.config, self.config.schedule)
+        expected = retract(self.pose, self._persistence * self.velocity)
+        pose, normal = improve(
+            evidence, predicted, prior, self.appearances, self.config, self.config.schedule, expected
+        )
         placed = evidence.visibility(pose)
         pose, normal, placed, support, found = self._recover(evidence, pose, normal, placed)
         evidence.learn(placed, self.appearances, self.config.appearance_rate)
@@ -192,14 +198,16 @@ def _variance(normal: Normal, age: int) -> Array:
 
 def improve(
     evidence: Evidence,
-    predicted: Pose,
+    start: Pose,
     prior: Array,
     appearances: Sequence[Appearance | None],
     config: TrackingConfig,
     schedule: Sequence[Round],
+    expected: Pose | None = None,
 ) -> tuple[Pose, Normal]:
-    """Gauss-Newton from ``predicted``, whose information matrix (43, 43) is ``prior``, coarse to fine."""
-    pose = predicted
+    """Gauss-Newton from ``start``, coarse to fine. Beside the images the pose ``expected``, else the start, counts with
+    the information matrix ``prior`` (43, 43)."""
+    pose, expected = start, expected or start
     normal: Normal | None = None
     for each in schedule:
         placed = evidence.visibility(pose)
@@ -211,7 +219,7 @@ def improve(
             excess, violated = limit_residuals(pose)
             stiffness = violated / config.limit_sigma_rad**2
             hessian = normal.hessian + information + np.diag(stiffness)
-            gradient = normal.gradient + information @ difference(predicted, pose) - stiffness * excess
+            gradient = normal.gradient + information @ difference(expected, pose) - stiffness * excess
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)
             pose = retract(pose, step)
             if np.abs(step).max() < config.step_tolerance:

@@ -18,7 +18,7 @@ from sim.motion._normal import NormalEquations
 RATE = 240
 CASES = [
     ("floor_exercise", 0), ("floor_exercise", 7), ("pedestrian", 0), ("pedestrian", 5), ("full_turn_jump", 0),
-    ("full_turn_jump", 3), ("crouching_turn", 0), ("crouching_turn", 6),
+    ("full_turn_jump", 3), ("crouching_turn", 0), ("crouching_turn", 6), ("pirouette", 0), ("pirouette", 3),
 ]  # fmt: skip
 
 
@@ -185,6 +185,23 @@ def test_the_crouching_turn_goes_down_round_with_the_arms_wrapped_and_up_again()
             ), "the forearm crosses the trunk"
         assert not watched.airborne.any()
         assert not watched.contacts[:, :2].any()
+
+
+def test_the_pirouette_turns_with_both_hands_close_before_the_chest() -> None:
+    for seed in (0, 3):
+        watched = watch("pirouette", seed)
+        turned = np.abs(_turned(watched))
+        assert abs(turned[-1] - 3 * np.pi) < 0.2
+        held = (watched.times > 1.5) & (watched.times < 3.5)
+        assert np.ptp(turned[held]) > 1.7 * np.pi, "most of it"
+        thorax = SEGMENTS.index("thorax")
+        for side in ("left", "right"):
+            wrist = watched.joints[:, JOINTS.index(f"{side}_wrist")] - watched.joints[:, thorax]
+            ahead, aside, _ = np.einsum("tji,tj->it", watched.world[:, thorax], wrist)
+            assert 0.12 < ahead[held].min() < ahead[held].max() < 0.30, side
+            assert np.abs(aside[held]).max() < 0.08, side
+            assert np.abs(aside[[0, -1]]).min() > 0.5, "opened"
+        assert not watched.airborne.any()
 
 
 def test_joint_limits_hold(watched: Watched) -> None:
