@@ -2,8 +2,9 @@
 
 A step predicts the pose with the velocity so far and improves it, coarse to fine, by Gauss-Newton on what the images
 say (`pzcap.evidence`). Where they say little, as of an arm that is held against the trunk, joints are expected to come
-to rest: with its velocity kept, a small error would grow with every frame until the limb was lost. When a step fits the silhouettes worse than usual something was lost: then it is tried again
-with a wider prior and from where the body was, and each limb is taken from the attempt that fits it best.
+to rest: with its velocity kept, a small error would grow with every frame until the limb was lost. When a step fits the
+silhouettes worse than usual something was lost: then it is tried again with a wider prior and from where the body was,
+and each limb is taken from the attempt that fits it best.
 """
 
 from __future__ import annotations
