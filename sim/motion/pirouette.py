@@ -1,4 +1,4 @@
-"""A dancer who draws the arms in before the chest, turns one and a half times on the balls of the feet, and opens again.
+"""A dancer draws the arms in before the chest, turns one and a half times on the balls of the feet, and opens again.
 
 The hands lie before the chest, one forearm over the other, for more than two seconds: in no view do they show against
 the hall for long. How high and how close they are held, and to which side the turn goes, is drawn by chance.
@@ -55,7 +55,7 @@ def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip
 
 
 def _arms(rng: np.random.Generator, outer: str, inner: str) -> list[tuple[float, Keys]]:
-    """Keys of arms that are opened to the sides, held before the chest, the ``outer`` one in front, and opened again."""
+    """Keys of arms that open to the sides, are held before the chest, the ``outer`` one in front, and open again."""
     height, close = float(rng.uniform(-6.0, 6.0)), float(rng.uniform(-6.0, 6.0))
     held: Keys = {
         f"{outer}_shoulder": (42.0 + height, 6.0, 80.0), f"{outer}_elbow": 100.0 + close,
@@ -92,7 +92,8 @@ def _feet(times: Array, steps: range) -> tuple[Array, Array]:
     for step in steps:
         up, down = _swing(step)
         ahead = _swing(step + 2)[0]  # it will stand until then, and be passed over half-way
-        there = float(_eased(np.linspace(*times[[0, -1]], 1000), *_TURN)[int(999 * 0.5 * (down + ahead) / times[-1])])
+        turned = _eased(np.linspace(times[0], times[-1], 1000), *_TURN)
+        there = float(turned[int(999 * 0.5 * (down + ahead) / times[-1])])
         there = 1.0 if step + 2 >= _STEPS else there
         yaw += [(up, yaw[-1][1]), (down, there)]
         lifted += [(up, 0.0), (0.5 * (up + down), 1.0), (down, 0.0)]
