@@ -1,10 +1,11 @@
 """Follow the body from frame to frame in one direction of time.
 
 A step predicts the pose with the velocity so far and improves it, coarse to fine, by Gauss-Newton on what the images
-say (`pzcap.evidence`). Where they say little, as of an arm that is held against the trunk, joints are expected to come
-to rest: with its velocity kept, a small error would grow with every frame until the limb was lost. When a step fits the
-silhouettes worse than usual something was lost: then it is tried again with a wider prior and from where the body was,
-and each limb is taken from the attempt that fits it best.
+say (`pzcap.evidence`). Where they say little, as of a forearm that is held against the trunk, joints are expected to
+come to rest, and no arm to enter the trunk (`pzcap.touching`): if a joint were expected to keep its velocity, a small
+error of it would grow with every frame until the limb is lost. When a step fits the silhouettes worse than usual
+something was lost: then it is tried again with a wider prior and from where the body was, and each limb is taken from
+the attempt that fits it best.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Final
 
 import numpy as np
 
+from pzcap import touching
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, limit_residuals, retract
 from pzcap.evidence import Appearance, Evidence, Normal, Terms
 from pzcap.limbs import LIMBS, LimbSearch
@@ -208,7 +210,7 @@ def improve(
 ) -> tuple[Pose, Normal]:
     """Gauss-Newton from ``start``, coarse to fine. Beside the images the pose ``expected``, else the start, counts with
     the information matrix ``prior`` (43, 43)."""
-    pose, expected = start, expected or start
+    pose, expected, solid = start, expected or start, touching.shapes(evidence.body)
     normal: Normal | None = None
     for each in schedule:
         placed = evidence.visibility(pose)
@@ -219,8 +221,10 @@ def improve(
             normal = evidence.normal(pose, placed, appearances, each.terms)
             excess, violated = limit_residuals(pose)
             stiffness = violated / config.limit_sigma_rad**2
-            hessian = normal.hessian + information + np.diag(stiffness)
+            inside, depth = touching.residuals(solid, forward(evidence.body, pose))
+            hessian = normal.hessian + information + np.diag(stiffness) + inside.T @ inside
             gradient = normal.gradient + information @ difference(expected, pose) - stiffness * excess
+            gradient -= inside.T @ depth
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)
             pose = retract(pose, step)
             if np.abs(step).max() < config.step_tolerance:

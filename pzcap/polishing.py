@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap import touching
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, limit_residuals, retract
 from pzcap.contact import ties
 from pzcap.evidence import Appearance, Evidence
@@ -123,7 +124,7 @@ class _Stretch:
         belief: Array,
     ) -> Polished:  # fmt: skip
         """Some Gauss-Newton steps; the images count as far as ``belief`` (T, 43) has it."""
-        config = self.config
+        config, solid = self.config, touching.shapes(self.body)
         found, hessians = list(poses), [np.zeros((DOF, DOF)) for _ in poses]
         sigma = np.full(DOF, config.acceleration_rotation_sigma_rad)
         sigma[:3] = config.acceleration_position_sigma_m
@@ -133,8 +134,9 @@ class _Stretch:
                 normal = each.normal(found[t], where, appearances, config.schedule[-1].terms)
                 excess, violated = limit_residuals(found[t])
                 stiffness = violated / config.limit_sigma_rad**2
-                hessians[t] = say[:, None] * normal.hessian * say + np.diag(stiffness)
-                gradients.append(say * normal.gradient - stiffness * excess)
+                inside, depth = touching.residuals(solid, forward(self.body, found[t]))
+                hessians[t] = say[:, None] * normal.hessian * say + np.diag(stiffness) + inside.T @ inside
+                gradients.append(say * normal.gradient - stiffness * excess - inside.T @ depth)
             chain = [pose for pose in (self.before, *found, self.after) if pose is not None]
             held = ties(self.body, chain)
             steps = smooth_step(found, hessians, gradients, sigma, self.before, self.after, held).clip(-0.5, 0.5)

@@ -1,4 +1,4 @@
-"""A dancer draws the arms in before the chest, turns one and a half times on the balls of the feet, and opens again.
+"""A dancer who draws the arms in before the chest, turns one and a half times on the balls of the feet, and opens them.
 
 The hands lie before the chest, one forearm over the other, for more than two seconds: in no view do they show against
 the hall for long. How high and how close they are held, and to which side the turn goes, is drawn by chance.
@@ -37,7 +37,7 @@ def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip
     channels = interpolate(_arms(rng, first, second), times)
     contacts = []
     for name, steps in ((first, range(0, _STEPS, 2)), (second, range(1, _STEPS, 2))):
-        yaw, lifted = _feet(times, steps)
+        yaw, lifted = _feet(times, turned, steps)
         sign = 1.0 if name == "left" else -1.0
         twist = side * sign * _TURN_DEG * (turned - yaw)  # the pelvis turns over the foot that stands
         up = curve([(0.5, 0), (0.9, 1), (3.95, 1), (4.5, 0)], times)  # on the balls of the feet
@@ -55,7 +55,7 @@ def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip
 
 
 def _arms(rng: np.random.Generator, outer: str, inner: str) -> list[tuple[float, Keys]]:
-    """Keys of arms that open to the sides, are held before the chest, the ``outer`` one in front, and open again."""
+    """Keys of arms that are held to the sides, then before the chest, the ``outer`` one in front, then aside again."""
     height, close = float(rng.uniform(-6.0, 6.0)), float(rng.uniform(-6.0, 6.0))
     held: Keys = {
         f"{outer}_shoulder": (42.0 + height, 6.0, 80.0), f"{outer}_elbow": 100.0 + close,
@@ -86,15 +86,14 @@ def _swing(step: int) -> tuple[float, float]:
     return start + 0.5 * (stride - _SWING_S), start + 0.5 * (stride + _SWING_S)
 
 
-def _feet(times: Array, steps: range) -> tuple[Array, Array]:
-    """How far (T,) a foot has turned, a share of the whole turn, and whether (T,) it is lifted, 0 to 1."""
+def _feet(times: Array, turned: Array, steps: range) -> tuple[Array, Array]:
+    """How far (T,) a foot has turned, a share of the whole turn as ``turned`` (T,) is for the body, and whether (T,) it
+    is lifted, 0 to 1."""
     yaw, lifted = [(0.0, 0.0)], [(0.0, 0.0)]
     for step in steps:
         up, down = _swing(step)
         ahead = _swing(step + 2)[0]  # it will stand until then, and be passed over half-way
-        turned = _eased(np.linspace(times[0], times[-1], 1000), *_TURN)
-        there = float(turned[int(999 * 0.5 * (down + ahead) / times[-1])])
-        there = 1.0 if step + 2 >= _STEPS else there
+        there = 1.0 if step + 2 >= _STEPS else float(np.interp(0.5 * (down + ahead), times, turned))
         yaw += [(up, yaw[-1][1]), (down, there)]
         lifted += [(up, 0.0), (0.5 * (up + down), 1.0), (down, 0.0)]
     return curve(yaw, times), curve(lifted, times)
