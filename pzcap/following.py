@@ -210,7 +210,7 @@ def improve(
 ) -> tuple[Pose, Normal]:
     """Gauss-Newton from ``start``, coarse to fine. Beside the images the pose ``expected``, else the start, counts with
     the information matrix ``prior`` (43, 43)."""
-    pose, expected, solid = start, expected or start, touching.shapes(evidence.body)
+    pose, expected = start, expected or start
     normal: Normal | None = None
     for each in schedule:
         placed = evidence.visibility(pose)
@@ -219,15 +219,20 @@ def improve(
         information = prior * stiff[:, None] * stiff
         for _ in range(each.iterations):
             normal = evidence.normal(pose, placed, appearances, each.terms)
-            excess, violated = limit_residuals(pose)
-            stiffness = violated / config.limit_sigma_rad**2
-            inside, depth = touching.residuals(solid, forward(evidence.body, pose))
-            hessian = normal.hessian + information + np.diag(stiffness) + inside.T @ inside
-            gradient = normal.gradient + information @ difference(expected, pose) - stiffness * excess
-            gradient -= inside.T @ depth
+            stiffness, pull = restraint(evidence.body, pose, config)
+            hessian = normal.hessian + information + stiffness
+            gradient = normal.gradient + information @ difference(expected, pose) + pull
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)
             pose = retract(pose, step)
             if np.abs(step).max() < config.step_tolerance:
                 break
     assert normal is not None, "a schedule has at least one round"
     return pose, normal
+
+
+def restraint(body: Body, pose: Pose, config: TrackingConfig) -> tuple[Array, Array]:
+    """What no body can do, as normal equations (43, 43) and (43,): joints beyond their limits, arms in the trunk."""
+    excess, violated = limit_residuals(pose)
+    stiffness = violated / config.limit_sigma_rad**2
+    inside, depth = touching.residuals(touching.shapes(body), forward(body, pose))
+    return np.diag(stiffness) + inside.T @ inside, -stiffness * excess - inside.T @ depth

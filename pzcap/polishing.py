@@ -14,11 +14,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import touching
-from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, limit_residuals, retract
+from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, retract
 from pzcap.contact import ties
 from pzcap.evidence import Appearance, Evidence
-from pzcap.following import TrackingConfig
+from pzcap.following import TrackingConfig, restraint
 from pzcap.limbs import LIMBS, LimbSearch
 from pzcap.shape import Said, ShapeEstimate, Sight
 from pzcap.trajectory import smooth_step
@@ -124,7 +123,7 @@ class _Stretch:
         belief: Array,
     ) -> Polished:  # fmt: skip
         """Some Gauss-Newton steps; the images count as far as ``belief`` (T, 43) has it."""
-        config, solid = self.config, touching.shapes(self.body)
+        config = self.config
         found, hessians = list(poses), [np.zeros((DOF, DOF)) for _ in poses]
         sigma = np.full(DOF, config.acceleration_rotation_sigma_rad)
         sigma[:3] = config.acceleration_position_sigma_m
@@ -132,11 +131,9 @@ class _Stretch:
             gradients = []
             for t, (each, where, say) in enumerate(zip(self.evidence, placed, belief, strict=True)):
                 normal = each.normal(found[t], where, appearances, config.schedule[-1].terms)
-                excess, violated = limit_residuals(found[t])
-                stiffness = violated / config.limit_sigma_rad**2
-                inside, depth = touching.residuals(solid, forward(self.body, found[t]))
-                hessians[t] = say[:, None] * normal.hessian * say + np.diag(stiffness) + inside.T @ inside
-                gradients.append(say * normal.gradient - stiffness * excess - inside.T @ depth)
+                stiffness, pull = restraint(self.body, found[t], config)
+                hessians[t] = say[:, None] * normal.hessian * say + stiffness
+                gradients.append(say * normal.gradient + pull)
             chain = [pose for pose in (self.before, *found, self.after) if pose is not None]
             held = ties(self.body, chain)
             steps = smooth_step(found, hessians, gradients, sigma, self.before, self.after, held).clip(-0.5, 0.5)

@@ -13,10 +13,10 @@ from pzcap import body as bodies
 from pzcap import foreground, tracking
 from pzcap.body import Body
 from pzcap.evidence import Appearance, Evidence, Terms
-from pzcap.following import Step
+from pzcap.following import Follower, Step
 from pzcap.merging import merge
 from pzcap.tracking import Tracked, TrackingConfig, TrackInput, View
-from pzcap.types import Array, Keyframe, Pose, PzcapError, Subject
+from pzcap.types import SEGMENTS, Array, Keyframe, Pose, PzcapError, Subject
 from pzcap.views import Cut, observe
 from tests.body_scene import HEIGHT, WIDTH, Clip, shoot
 
@@ -137,6 +137,22 @@ def true_body() -> Body:
 
 
 TERMS = Terms(0, 5.0, 1.0, 12.0, 1.0, 1.0, 0.15)
+
+
+def test_joints_that_nothing_shows_come_to_rest_while_the_body_moves_on() -> None:
+    """An error in a joint's velocity must not carry a hidden limb away from the trunk that it is held against."""
+    body, pose = true_body(), clip().poses[0]
+    grey, nobody = np.full((HEIGHT, WIDTH, 3), 128, np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8)
+    belief = np.zeros((HEIGHT // 4, WIDTH // 4), np.float32)
+    blank = [Cut(observe(grey, nobody, shot.camera, 0, 0), belief) for shot in clip().shots[0]]
+    elbow, velocity = SEGMENTS.index("left_forearm"), np.zeros(bodies.DOF)
+    velocity[[0, np.flatnonzero(elbow == bodies.DOF_SEGMENT)[0]]] = 0.02, 0.1
+    follower = Follower(body, CONFIG, pose, velocity, blank)
+    for _ in range(6):
+        moved = bodies.difference(follower.step(blank).pose, pose)
+    assert moved[0] > 0.08
+    assert 0.0 < moved[velocity == 0.1][0] < 0.15
+    assert np.abs(moved[velocity == 0.0]).max() < 0.02
 
 
 def test_contour_gradient_pulls_a_displaced_body_back() -> None:
