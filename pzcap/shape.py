@@ -28,7 +28,7 @@ _TEXTURE_CURVATURE: Final = 0.4
 """Of the texture's cost, beside what Gauss-Newton has: robust weights, and texture as fine as the pixels, make it
 flatter (0.25-0.5 measured). Taken at its word, each step would stop far short."""
 
-_DOUBT: Final = 0.9
+_DOUBT: Final = 0.8
 """Of the deviation that is left of the tape's: the frames are believed so little, since they err alike, that it comes
 out too large (the one number of a joint's sigma that is fitted, to what is covered on the development captures)."""
 
