@@ -218,15 +218,16 @@ class Localiser:
 
 def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array, focal_px: Array) -> Array:
     """The covariance (..., 2, 2) at pans and focal lengths (...) of what no single frame shows and all share: a floor;
-    the scale of the sweep, which stretches focal lengths and shrinks pans together; and what distortion does to the
-    focal length. The paper's method knows of none."""
+    the scale of the sweep, which stretches focal lengths and shrinks pans together; and in the focal length what the
+    distortion may do unseen. The paper's method knows of none."""
     pan_rad = wrapped(pan_rad)
     if config.method == "paper":
         return np.zeros((*pan_rad.shape, 2, 2))
     scale = np.stack([-pan_rad, np.ones_like(pan_rad)], axis=-1) * camera.focal_sigma
-    lens = np.stack([np.zeros_like(pan_rad), _distortion_sigma(camera.lens, focal_px, config.beliefs.k1)], axis=-1)
     floor = np.diag([np.deg2rad(config.floor_deg) ** 2, config.floor_focal**2])
-    return np.asarray(floor + sum(each[..., :, None] * each[..., None, :] for each in (scale, lens)))
+    covariance = np.asarray(floor + scale[..., :, None] * scale[..., None, :])
+    covariance[..., 1, 1] += _distortion_sigma(camera.lens, focal_px, config.beliefs.k1) ** 2
+    return covariance
 
 
 def _distortion_sigma(lens: Lens, focal_px: Array, k1_sigma: float) -> Array:
