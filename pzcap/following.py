@@ -31,6 +31,7 @@ class Round:
     terms: Terms
     iterations: int
     stiffness: float = 1.0  # the joints' prior; large: the body moves as a whole
+    solid: bool = True  # the trunk keeps arms out; else one that is found again may pass through it
 
 
 def _schedule() -> tuple[Round, ...]:
@@ -38,8 +39,8 @@ def _schedule() -> tuple[Round, ...]:
         return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
 
     return (
-        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 5, 5.0),
-        Round(terms(2, 20.0, 4.0, 20.0, 10.0), 4),
+        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 5, 5.0, solid=False),
+        Round(terms(2, 20.0, 4.0, 20.0, 10.0), 4, solid=False),
         Round(terms(1, 10.0, 2.0, 15.0, 5.0), 3),
         Round(terms(0, 5.0, 1.0, 12.0, 3.0), 1),
     )
@@ -219,7 +220,7 @@ def improve(
         information = prior * stiff[:, None] * stiff
         for _ in range(each.iterations):
             normal = evidence.normal(pose, placed, appearances, each.terms)
-            stiffness, pull = restraint(evidence.body, pose, config)
+            stiffness, pull = restraint(evidence.body, pose, each.solid, config)
             hessian = normal.hessian + information + stiffness
             gradient = normal.gradient + information @ difference(expected, pose) + pull
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)
@@ -230,9 +231,13 @@ def improve(
     return pose, normal
 
 
-def restraint(body: Body, pose: Pose, config: TrackingConfig) -> tuple[Array, Array]:
-    """What no body can do, as normal equations (43, 43) and (43,): joints beyond their limits, arms in the trunk."""
+def restraint(body: Body, pose: Pose, solid: bool, config: TrackingConfig) -> tuple[Array, Array]:
+    """What no body can do, as normal equations (43, 43) and (43,): joints beyond their limits and, if it is ``solid``,
+    arms in the trunk."""
     excess, violated = limit_residuals(pose)
     stiffness = violated / config.limit_sigma_rad**2
-    inside, depth = touching.residuals(touching.shapes(body), forward(body, pose))
-    return np.diag(stiffness) + inside.T @ inside, -stiffness * excess - inside.T @ depth
+    hessian, gradient = np.diag(stiffness), -stiffness * excess
+    if solid:
+        inside, depth = touching.residuals(touching.shapes(body), forward(body, pose))
+        hessian, gradient = hessian + inside.T @ inside, gradient - inside.T @ depth
+    return hessian, gradient

@@ -131,7 +131,7 @@ class _Stretch:
             gradients = []
             for t, (each, where, say) in enumerate(zip(self.evidence, placed, belief, strict=True)):
                 normal = each.normal(found[t], where, appearances, config.schedule[-1].terms)
-                stiffness, pull = restraint(self.body, found[t], config)
+                stiffness, pull = restraint(self.body, found[t], True, config)
                 hessians[t] = say[:, None] * normal.hessian * say + stiffness
                 gradients.append(say * normal.gradient + pull)
             chain = [pose for pose in (self.before, *found, self.after) if pose is not None]
