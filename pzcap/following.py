@@ -32,6 +32,7 @@ class Round:
     iterations: int
     stiffness: float = 1.0  # the joints' prior; large: the body moves as a whole
     solid: bool = True  # the trunk keeps arms out; else one that is found again may pass through it
+    surprise_m: float = 0.0  # left out where predictions have been nearer than this lately
 
 
 def _schedule() -> tuple[Round, ...]:
@@ -39,7 +40,7 @@ def _schedule() -> tuple[Round, ...]:
         return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
 
     return (
-        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 5, 5.0, solid=False),
+        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 5, 5.0, solid=False, surprise_m=0.025),
         Round(terms(2, 20.0, 4.0, 20.0, 10.0), 4, solid=False),
         Round(terms(1, 10.0, 2.0, 15.0, 5.0), 3),
         Round(terms(0, 5.0, 1.0, 12.0, 3.0), 1),
@@ -141,9 +142,8 @@ class Follower:
         sigma = self._sigma * np.where(self._known, 1.0, self.config.start_widening)
         prior = np.diag(1.0 / sigma**2)
         expected = retract(self.pose, self._persistence * self.velocity)
-        pose, normal = improve(
-            evidence, predicted, prior, self.appearances, self.config, self.config.schedule, expected
-        )
+        schedule = [each for each in self.config.schedule if self.surprise_m >= each.surprise_m]
+        pose, normal = improve(evidence, predicted, prior, self.appearances, self.config, schedule, expected)
         placed = evidence.visibility(pose)
         pose, normal, placed, support, found = self._recover(evidence, pose, normal, placed)
         evidence.learn(placed, self.appearances, self.config.appearance_rate)

@@ -89,13 +89,13 @@ class ShapeEstimate:
         size = len(self.amounts_m) + len(_SLIDE_SIGMA)
         shared, right, joints = np.zeros((size, size)), np.zeros(size), []
         for sight in sights:
-            hessian, gradient = self._normal(sight)
-            hessian[:DOF, :DOF] += sight.prior
-            gradient[:DOF] += sight.pull
+            hessian, gradient = self._contour(sight)
+            joints.append(self._joints(sight.world_T_segment, hessian))
+            if sight.texture is not None:
+                self._add(sight.texture, sight.world_T_segment, hessian, gradient)
             information, vector = _without(hessian, gradient, DOF)
             shared += information
             right += vector
-            joints.append(self._joints(sight))
         slides = slice(len(self.amounts_m), None)
         shared[slides, slides] += np.diag(1.0 / _SLIDE_SIGMA**2)
         order = np.roll(np.arange(size), len(_SLIDE_SIGMA))
@@ -128,47 +128,55 @@ class ShapeEstimate:
         joints = self._joints_moved
         return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
 
-    def _joints(self, sight: Sight) -> Array:
-        """(16, 3, P) derivatives of the joints in the world with respect to the corrections, the pose following."""
-        frames, rows = sight.world_T_segment, sight.rows
-        pose, change = self._jacobians(frames, rows)
-        weighted = pose.T * rows.weight
-        follows = np.linalg.solve(weighted @ pose + sight.prior, weighted @ change)
+    def _joints(self, frames: Array, hessian: Array) -> Array:
+        """(16, 3, P) derivatives of the joints in the world with respect to the corrections, the pose following the
+        contours: ``hessian`` is as `_contour` has it."""
+        changes = slice(DOF, DOF + len(self.amounts_m))
+        follows = np.linalg.solve(hessian[:DOF, :DOF], hessian[:DOF, changes])
         carried = self._basis.carried(frames).transpose(1, 2, 0)
         return np.asarray(carried - joint_jacobians(frames) @ follows)
 
-    def _normal(self, sight: Sight) -> tuple[Array, Array]:
-        """Normal equations of a frame in its pose (43), the corrections (P) and the slides (96)."""
-        count = DOF + len(self.amounts_m)
-        size = count + len(_SLIDE_SIGMA)
+    def _contour(self, sight: Sight) -> tuple[Array, Array]:
+        """Normal equations in a frame's pose (43), the corrections (P) and the slides (96), of its contours and of what
+        is known of the pose beside the images."""
+        size = DOF + len(self.amounts_m) + len(_SLIDE_SIGMA)
         hessian, gradient = np.zeros((size, size)), np.zeros(size)
         rows = sight.rows
-        jacobian = np.hstack(self._jacobians(sight.world_T_segment, rows))
-        weighted = jacobian * rows.weight[:, None]
-        hessian[:count, :count] = weighted.T @ jacobian
-        gradient[:count] = weighted.T @ rows.residual_px
-        if sight.texture is not None:
-            moved = self._twists(sight.world_T_segment)  # (16, 6, size)
-            held = _TEXTURE_CURVATURE * sight.texture.hessians @ moved
-            hessian += moved.reshape(-1, size).T @ held.reshape(-1, size)
-            gradient += moved.reshape(-1, size).T @ sight.texture.gradients.ravel()
+        jacobian = self._jacobian(sight.world_T_segment, rows)
+        for s in np.unique(rows.segment):  # few of the unknowns move a segment's skin
+            here = np.flatnonzero(rows.segment == s)
+            own = jacobian[here]
+            movers = np.flatnonzero(own.any(axis=0))
+            weighted = own[:, movers].T * rows.weight[here]
+            hessian[np.ix_(movers, movers)] += weighted @ own[:, movers]
+            gradient[movers] += weighted @ rows.residual_px[here]
+        hessian[:DOF, :DOF] += sight.prior
+        gradient[:DOF] += sight.pull
         return hessian, gradient
 
-    def _jacobians(self, frames: Array, rows: ContourRows) -> tuple[Array, Array]:
-        """Derivatives (N, 43) and (N, P) of the distances that the residuals are made of."""
+    def _add(self, texture: Texture, frames: Array, hessian: Array, gradient: Array) -> None:
+        """What the texture says, added to the normal equations of the contours."""
+        moved = self._twists(frames)  # (16, 6, size)
+        held = _TEXTURE_CURVATURE * texture.hessians @ moved
+        hessian += moved.reshape(-1, len(gradient)).T @ held.reshape(-1, len(gradient))
+        gradient += moved.reshape(-1, len(gradient)).T @ texture.gradients.ravel()
+
+    def _jacobian(self, frames: Array, rows: ContourRows) -> Array:
+        """Derivatives (N, 43 + P) of the distances that the residuals are made of, by pose and corrections."""
         centre = frames[0, :3, 3].copy()
         twists = screws(frames, centre)
         arm = rows.points_m - centre
         wrench = np.hstack([rows.gradients, np.cross(arm, rows.gradients)])
         carried = self._basis.carried(frames)
-        pose, change = np.zeros((len(arm), DOF)), np.zeros((len(arm), len(self.amounts_m)))
+        jacobian = np.empty((len(arm), DOF + len(self.amounts_m)))
         for s in np.unique(rows.segment):
             here = rows.segment == s
             gradients, turned = rows.gradients[here], frames[s, :3, :3]
-            pose[here] = wrench[here] @ np.where(MOVES[:, s, None], twists, 0.0).T
+            jacobian[here, :DOF] = wrench[here] @ np.where(MOVES[:, s, None], twists, 0.0).T
             local = (rows.points_m[here] - frames[s, :3, 3]) @ turned
-            change[here] = self._basis.skin_change(s, local, gradients @ turned) + gradients @ carried[:, s].T
-        return pose, change
+            change = self._basis.skin_change(s, local, gradients @ turned) + gradients @ carried[:, s].T
+            jacobian[here, DOF:] = change
+        return jacobian
 
     def _twists(self, frames: Array) -> Array:
         """(16, 6, 43 + P + 96) the twist of each segment's texture about the pelvis joint by pose, corrections and

@@ -37,7 +37,7 @@ def test_jacobians_are_derivatives_of_the_skin() -> None:
     rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
     shape = ShapeEstimate(body)
     frames = forward(body, pose)
-    by_pose, by_shape = shape._jacobians(frames, rows)
+    by_pose, by_shape = np.hsplit(shape._jacobian(frames, rows), [DOF])
     change = basis(body)
     local = np.einsum("nji,nj->ni", frames[rows.segment, :3, :3], rows.points_m - frames[rows.segment, :3, 3])
     for k in range(len(change.sigma_m)):
