@@ -144,7 +144,7 @@ def _differences(
             squares[i, j, 0], squares[i, j, 1], squares[i, j, 2] = cross, own, apart
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _explain(
     frame: Image, hall: Image, variance: Float32, squares: Float32, windowed: Float32, floor: Array, shadow: Array,
     likelihood: Float32,

@@ -73,7 +73,7 @@ def _box(values: Float32) -> Float32:
     return np.asarray(cv2.blur(values, NEARBY), np.float32)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _start(
     frame: Image, hall: Image, log_odds: Float32, inner: Image, outer: Image, mean: Float32, square: Float32,
     share: Float32, missed: Float32, probability: Float32, undecided: NDArray[np.int32],
@@ -109,11 +109,11 @@ def _start(
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _walk(frame: Image, probability: Float32, undecided: NDArray[np.int32]) -> None:
     """Settle the ``undecided`` pixels (N, 2): each is the mean of its own say and its neighbours', by their ties."""
     count = len(undecided)
-    own, ties = np.empty(count, np.float32), np.empty((count, 8), np.float32)
+    own, ties = np.empty(count, np.float32), np.empty((count, 8), np.float32)  # shares: one with all its ties
     alike = np.empty((3, 256))  # how little a step of each colour separates neighbours
     for c in range(3):
         for apart in range(256):
@@ -121,20 +121,23 @@ def _walk(frame: Image, probability: Float32, undecided: NDArray[np.int32]) -> N
     steps = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
     for n in range(count):
         i, j = undecided[n]
-        own[n] = probability[i, j]
+        whole = 1.0
         for k in range(8):
             y, x = i + steps[k][0], j + steps[k][1]
             tie = TIE * (0.7 if k in (0, 2, 5, 7) else 1.0)
             for c in range(3):
                 tie *= alike[c, abs(np.int64(frame[i, j, c]) - np.int64(frame[y, x, c]))]
             ties[n, k] = tie
+            whole += tie
+        own[n] = probability[i, j] / whole
+        for k in range(8):
+            ties[n, k] /= whole
     for sweep in range(SWEEPS):
         for m in range(count):
             n = m if sweep % 2 == 0 else count - 1 - m
             i, j = undecided[n]
-            total, weight = own[n], np.float32(1.0)
+            mean = own[n]
             for k in range(8):
-                total += ties[n, k] * probability[i + steps[k][0], j + steps[k][1]]
-                weight += ties[n, k]
-            moved = probability[i, j] + OVERSHOOT * (total / weight - probability[i, j])
+                mean += ties[n, k] * probability[i + steps[k][0], j + steps[k][1]]
+            moved = probability[i, j] + np.float32(OVERSHOOT) * (mean - probability[i, j])
             probability[i, j] = min(max(moved, np.float32(0.0)), np.float32(1.0))

@@ -79,7 +79,7 @@ class Localiser:
         if self._aligner is None:
             return self._localise_paper(image, prior)
         if prior is not None and prior.valid:
-            for off_px in (4.0, 15.0):  # most often the frame is where it was expected
+            for off_px in (1.5, 15.0):  # most often the frame is where it was expected
                 aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px)
                 if aligned.settled and aligned.agreement > self._config.sure_agreement:
                     return self._aligned(aligned)
