@@ -10,6 +10,7 @@ the attempt that fits it best.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -133,8 +134,9 @@ class Follower:
         """Move on by one frame."""
         predicted = self.predict()
         self.age += 1
-        if all(cut is None for cut in cuts):  # nothing was seen: coast, and slow down
+        if all(cut is None for cut in cuts):  # nothing was seen: coast, slow down, and be less sure with every frame
             self.pose, self.velocity = predicted, 0.9 * self.velocity
+            self.surprise_m = math.hypot(self.surprise_m, self.config.prediction_position_sigma_m)
             return Step(
                 predicted, self.velocity, np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3), np.zeros((4, 2)), False
             )
