@@ -26,6 +26,7 @@ from pzcap.types import Array, Image, Lens, Localisation, Mask, Panorama, PanZoo
 from pzcap.unknowns import BeliefConfig
 
 METHODS = ("exact", "paper")
+FEWEST = 2  # matches that agree: a place to look at
 WRAP = 64  # columns of a full turn repeated at its ends, for features on the seam
 
 
@@ -37,7 +38,7 @@ class PanZoomConfig:
     frame_features: int = 1000
     panorama_features: int = 12000
     ratio: float = 0.85  # of Lowe's test
-    zoom_range: tuple[float, float] = (0.5, 4.0)  # searched where nothing is known, relative to the reference
+    zoom_range: tuple[float, float] = (0.5, 5.0)  # searched where nothing is known, relative to the reference
     search_deg: float = 8.0  # beyond the frame's edges, where the frame before is known
     min_inliers: int = 12
     sure_agreement: float = 0.85  # of an alignment (see `align.Alignment`) alone, or features are asked
@@ -83,22 +84,32 @@ class Localiser:
                 aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px)
                 if aligned.settled and aligned.agreement > self._config.sure_agreement:
                     return self._aligned(aligned)
-            found = self._localise_exact(image, prior)
-        if prior is None or not prior.valid or not found.valid:
-            found = self._localise_exact(image, None)
-        if found.valid:
-            aligned = self._aligner.align(image, found.pan_rad, found.tilt_rad, found.focal_px, 1.5)
-            moved = abs(aligned.pan_rad - found.pan_rad) * self._panorama.px_per_rad
-            if aligned.agreement > self._config.min_agreement and moved < 3.0:
-                return replace(
-                    self._aligned(aligned),
-                    frame_points_px=found.frame_points_px, panorama_points_px=found.panorama_points_px,
-                )  # fmt: skip
-        return found
+        for near in (prior, None) if prior is not None and prior.valid else (None,):
+            for found in self._candidates(image, near):
+                proven = self._proven(image, found)
+                if proven is not None:
+                    return proven
+        return self._lost(prior)
 
     # ------------------------------------------------------------------------------------------ exact
 
-    def _localise_exact(self, image: Image, prior: Localisation | None) -> Localisation:
+    def _proven(self, image: Image, found: Localisation) -> Localisation | None:
+        """What features found, as all pixels have it; None where that is nothing to rely on."""
+        assert self._aligner is not None
+        aligned = self._aligner.align(image, found.pan_rad, found.tilt_rad, found.focal_px, 1.5 if found.valid else 4.0)
+        if not found.valid:  # few matches, as at a zoom far from the sweep's: the pixels have to be sure alone
+            sure = aligned.settled and aligned.agreement > self._config.sure_agreement
+            return self._aligned(aligned) if sure else None
+        moved_px = abs(aligned.pan_rad - found.pan_rad) * self._panorama.px_per_rad
+        if aligned.agreement <= self._config.min_agreement or moved_px >= 3.0:
+            return None
+        return replace(
+            self._aligned(aligned),
+            frame_points_px=found.frame_points_px, panorama_points_px=found.panorama_points_px,
+        )  # fmt: skip
+
+    def _candidates(self, image: Image, prior: Localisation | None) -> list[Localisation]:
+        """Where features say that the frame may be, the best first: near ``prior``, or anywhere."""
         lens = self._camera.lens
         if prior is not None:
             zooms = [prior.focal_px / lens.reference_focal_px]
@@ -107,15 +118,12 @@ class Localiser:
             low, high = self._config.zoom_range
             zooms = [float(z) for z in 1.6 ** np.arange(0, np.ceil(np.log(high) / np.log(1.6)) + 1) if z <= high]
             zooms = zooms if low <= 1 else [z for z in zooms if z >= low]
-        best = self._lost(prior)
-        for zoom in zooms:
-            found = self._at_zoom(image, max(zoom, 1.0), prior)
-            if found.valid and (not best.valid or len(found.frame_points_px) > len(best.frame_points_px)):
-                best = found
-        return best
+        found = [self._at_zoom(image, max(zoom, 1.0), prior) for zoom in zooms]
+        places = [place for place in found if place is not None]
+        return sorted(places, key=lambda place: (place.valid, len(place.frame_points_px)), reverse=True)
 
-    def _at_zoom(self, image: Image, zoom: float, prior: Localisation | None) -> Localisation:
-        """Match ``image``, shrunk by ``zoom``, and solve."""
+    def _at_zoom(self, image: Image, zoom: float, prior: Localisation | None) -> Localisation | None:
+        """Match ``image``, shrunk by ``zoom``, and solve; None where matches do not agree at all."""
         config, lens = self._config, self._camera.lens
         low, high = config.zoom_range
         size = (round(image.shape[1] / zoom), round(image.shape[0] / zoom))
@@ -129,13 +137,13 @@ class Localiser:
             focals = prior.focal_px * np.exp(np.arange(-0.2, 0.2001, 0.02))
         window = self._windows(prior)[0]
         pairs = features.match(found, self._features.subset(window), config.ratio)
-        if len(pairs) < config.min_inliers:
-            return self._lost(prior)
+        if len(pairs) < FEWEST:
+            return None
         points, which = points[pairs[:, 0]], window[pairs[:, 1]]
         azimuth, slope = self._azimuth[which], self._slope[which]
         pan, focal, agree = consensus(self._view_at, points, azimuth, slope, focals, free_tilt=config.free_tilt)
-        if agree.sum() < config.min_inliers:
-            return self._lost(prior)
+        if agree.sum() < FEWEST:
+            return None
         matches = points[agree], azimuth[agree], slope[agree]
         solution = solve(self._panorama, self._camera, pan, focal, *matches, free_tilt=config.free_tilt)
         return self._judge(solution, points[agree], self._features.points_px[which[agree]])
