@@ -76,6 +76,28 @@ def test_a_frame_is_found_from_nothing(exact: calibration.Prepared, pan_deg: flo
     assert abs(off) < 5 * np.rad2deg(np.sqrt(found.covariance[0, 0]))
 
 
+def test_few_matches_are_enough_where_the_pixels_agree(exact: calibration.Prepared) -> None:
+    """At four times the sweep's zoom a frame is but eighty pixels of the panorama wide."""
+    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
+    located = []
+    for pan_deg in np.arange(-150.0, 180.0, 30.0):
+        found = localiser.localise(synthetic.render(OPTICS, np.deg2rad(pan_deg), 4.0 * FOCAL), None)
+        located.append(found.valid)
+        if found.valid:
+            assert abs(np.rad2deg(panzoom.wrapped(np.array(found.pan_rad - np.deg2rad(pan_deg))))) < 0.02
+            assert found.focal_px == pytest.approx(4.0 * FOCAL, rel=5e-3)
+            assert len(found.frame_points_px) > 0
+    assert sum(located) >= 4  # by matches alone, none is
+
+
+def test_matches_that_the_pixels_do_not_bear_out_do_not_count(exact: calibration.Prepared) -> None:
+    """As when a camera is taken for another one that sees the same wall: a third of the picture is where it belongs."""
+    image = synthetic.render(OPTICS, 0.5, FOCAL, seed=1)
+    third = OPTICS.width // 3
+    image[:, :third] = synthetic.render(OPTICS, 0.5, FOCAL)[:, :third]
+    assert not Localiser(exact.panorama, exact.camera, PanZoomConfig()).localise(image, None).valid
+
+
 def test_someone_in_the_picture_is_left_out(exact: calibration.Prepared) -> None:
     """A person with a texture of her own, who stands still in the frame while the camera pans."""
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
