@@ -18,8 +18,9 @@ from pzcap import cylinder, direct, features, panorama, reference
 from pzcap.align import Aligner, Alignment
 from pzcap.bundle import Adjusted, Link, adjust, thinned
 from pzcap.matching import AZIMUTHS, Matched, height_of, match
-from pzcap.panzoom import PanZoomConfig, panorama_features, ransac_eq15, solve_eq15
+from pzcap.panzoom import PanZoomConfig, panorama_features
 from pzcap.sampling import stored
+from pzcap.solutions import ransac_eq15, solve_eq15
 from pzcap.sweep import Frames, grey
 from pzcap.types import (
     CalibrationObject,

@@ -1,10 +1,8 @@
 """Pan and zoom of a frame, from its matches with the panorama (section 4).
 
-`Localiser` takes one of two ways. ``paper`` unfolds the frame onto the reference cylinder and solves the linear system
-of eq. 15, the paper's final solution. ``exact`` solves eq. 11 for the calibrated camera: the residual of a match is
-where the panorama's point would be seen in the frame, minus where it was seen, in pixels of the frame, minimised over
-pan and log focal with all of tilt, roll, principal point and distortion in place. Then `pzcap.align` refines it; and
-where the frame before is known, the alignment alone is enough.
+`Localiser` takes one of two ways. ``paper`` unfolds the frame onto the reference cylinder and solves eq. 15. ``exact``
+solves eq. 11 (`pzcap.solutions`), `pzcap.align` refines it, and what the pixels do not bear out does not count; where
+the frame before is known, the alignment alone is enough.
 """
 
 from __future__ import annotations
@@ -21,8 +19,9 @@ from pzcap.align import Aligner, Alignment
 from pzcap.camera import View
 from pzcap.features import Features
 from pzcap.reference import ReferenceConfig
+from pzcap.solutions import Solution, ransac_eq15, solve_eq11, solve_eq15
 from pzcap.sweep import SweepConfig, consensus, grey
-from pzcap.types import Array, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera, PzcapError
+from pzcap.types import Array, Image, Lens, Localisation, Panorama, PanZoomCamera, PzcapError
 from pzcap.unknowns import BeliefConfig
 
 METHODS = ("exact", "paper")
@@ -145,7 +144,7 @@ class Localiser:
         if agree.sum() < FEWEST:
             return None
         matches = points[agree], azimuth[agree], slope[agree]
-        solution = solve(self._panorama, self._camera, pan, focal, *matches, free_tilt=config.free_tilt)
+        solution = solve_eq11(self._panorama, self._camera, pan, focal, *matches, free_tilt=config.free_tilt)
         return self._judge(solution, points[agree], self._features.points_px[which[agree]])
 
     def _view_at(self, focal_px: float) -> View:
@@ -279,100 +278,3 @@ def panorama_features(panorama: Panorama, threshold: float, limit: int) -> Featu
 def wrapped(angle_rad: Array) -> Array:
     """Angles brought into [-pi, pi)."""
     return np.asarray(np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi)
-
-
-# --------------------------------------------------------------------------------------------------------------
-# The exact solution of eq. 11
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Solution:
-    pan_rad: float
-    tilt_rad: float
-    focal_px: float
-    covariance: Array  # (2, 2) of (pan, log focal), from the residuals alone
-    inliers: Mask  # (N,)
-
-
-def solve(
-    panorama: Panorama,
-    camera: PanZoomCamera,
-    pan_rad: float,
-    focal_px: float,
-    points_px: Array,
-    azimuth_rad: Array,
-    slope: Array,
-    *,
-    free_tilt: bool = False,
-) -> Solution:
-    """Pan, log focal, and tilt if that is free, by Gauss-Newton with falling weights (Geman and McClure), from matches
-    (N,) and a start at the camera's tilt."""
-    scale, tilt_rad = 8.0, camera.tilt_rad
-    free = 3 if free_tilt else 2
-    if free_tilt:
-        view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
-        tilt_rad += float(np.median(slope - geometry.look(view, points_px)[1]))
-    for _ in range(30):
-        view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
-        directions = cylinder.from_centre(panorama, view, azimuth_rad, slope)
-        seen, _ = geometry.see(view, *directions)
-        residual = seen - points_px
-        length = np.hypot(residual[:, 0], residual[:, 1])
-        weight = (scale**2 / (scale**2 + length**2)) ** 2
-        jacobian = geometry.pan_zoom_derivatives(camera, view, *directions)[:, :, :free]
-        weighted = (jacobian * weight[:, None, None]).reshape(-1, free)
-        normal = weighted.T @ jacobian.reshape(-1, free) + 1e-9 * np.eye(free)
-        step = -np.linalg.solve(normal, weighted.T @ residual.ravel())
-        pan_rad += float(step[0])
-        focal_px *= float(np.exp(np.clip(step[1], -0.3, 0.3)))
-        tilt_rad += float(step[2]) if free_tilt else 0.0
-        next_scale = max(3.0 * float(np.median(length)) / 1.1774, 0.3)
-        if np.abs(step).max() < 1e-8 and abs(next_scale - scale) < 0.01 * scale:
-            break
-        scale = max(next_scale, scale / 2)
-    inliers = length < 2.0 * scale
-    variance = float(np.sum(weight * length**2) / (2 * weight.sum()))
-    covariance = np.asarray(variance * np.linalg.inv(normal)[:2, :2], np.float64)
-    return Solution(pan_rad, tilt_rad, focal_px, covariance, inliers)
-
-
-# --------------------------------------------------------------------------------------------------------------
-# The paper's solution, eq. 15
-
-
-def solve_eq15(relative_px: Array, places_px: Array) -> tuple[Array, Array]:
-    """Eq. 15 for matches (N, 2) on the frame's cylinder, relative to its origin, and on the panorama.
-
-    Returns ``(1 / zoom ratio, p_0, q_0)`` and its covariance (3, 3).
-    """
-    count = len(relative_px)
-    system = np.zeros((count, 2, 3))
-    system[:, :, 0] = relative_px
-    system[:, 0, 1] = system[:, 1, 2] = 1.0
-    flat = system.reshape(-1, 3)
-    solution = np.linalg.lstsq(flat, places_px.ravel(), rcond=None)[0]
-    residual = flat @ solution - places_px.ravel()
-    variance = float(residual @ residual) / max(2 * count - 3, 1)
-    covariance = variance * np.linalg.pinv(flat.T @ flat)
-    return np.asarray(solution, np.float64), np.asarray(covariance, np.float64)
-
-
-def ransac_eq15(relative_px: Array, places_px: Array, *, draws: int = 1000, tolerance_px: float = 5.0) -> Mask:
-    """Which matches (N,) agree on one zoom ratio and place: random samples of two, always the same ones."""
-    best = np.zeros(len(relative_px), bool)
-    if len(relative_px) < 2:
-        return best
-    rng = np.random.default_rng(0)
-    for i, j in rng.integers(len(relative_px), size=(draws, 2)):
-        span = relative_px[j] - relative_px[i]
-        squared = float(span @ span)
-        if squared < 20.0**2:
-            continue
-        shrink = float(span @ (places_px[j] - places_px[i])) / squared
-        if not 0.1 < shrink < 10:
-            continue
-        off = places_px - places_px[i] - shrink * (relative_px - relative_px[i])
-        agree = np.hypot(off[:, 0], off[:, 1]) < tolerance_px
-        if agree.sum() > best.sum():
-            best = agree
-    return best

@@ -11,6 +11,7 @@ import pytest
 from pzcap import calibration, panzoom
 from pzcap.camera import see, view_at
 from pzcap.panzoom import Localiser, PanZoomConfig
+from pzcap.solutions import ransac_eq15, solve_eq11, solve_eq15
 from pzcap.sweep import consensus
 from pzcap.types import Array, Image, PzcapError
 from tests import synthetic
@@ -202,11 +203,11 @@ def matches(pan: float, focal: float, noise: float) -> tuple[Array, Array, Array
 
 def test_the_solution_of_equation_11_is_exact() -> None:
     points, azimuth, slope = matches(0.7, 700.0, 0.0)
-    found = panzoom.solve(whole_turn(0), camera_of(OPTICS), 0.69, 650.0, points, azimuth, slope)
+    found = solve_eq11(whole_turn(0), camera_of(OPTICS), 0.69, 650.0, points, azimuth, slope)
     assert found.pan_rad == pytest.approx(0.7, abs=1e-9)
     assert found.focal_px == pytest.approx(700.0, rel=1e-9)
     off = replace(camera_of(OPTICS), tilt_rad=OPTICS.tilt_rad + 0.03)
-    found = panzoom.solve(whole_turn(0), off, 0.69, 650.0, points, azimuth, slope, free_tilt=True)
+    found = solve_eq11(whole_turn(0), off, 0.69, 650.0, points, azimuth, slope, free_tilt=True)
     assert found.pan_rad == pytest.approx(0.7, abs=1e-9)
     assert found.tilt_rad == pytest.approx(OPTICS.tilt_rad, abs=1e-9)
     assert found.focal_px == pytest.approx(700.0, rel=1e-9)
@@ -218,9 +219,7 @@ def test_the_covariance_is_what_the_errors_are() -> None:
     clean, azimuth, slope = matches(0.7, 700.0, 0.0)
     total = 0.0
     for _ in range(100):
-        found = panzoom.solve(
-            whole_turn(0), camera, 0.7, 700.0, clean + rng.normal(0, 0.4, clean.shape), azimuth, slope
-        )
+        found = solve_eq11(whole_turn(0), camera, 0.7, 700.0, clean + rng.normal(0, 0.4, clean.shape), azimuth, slope)
         error = np.array([found.pan_rad - 0.7, np.log(found.focal_px / 700.0)])
         total += error @ np.linalg.solve(found.covariance, error) / 2
     assert 0.6 < total / 100 < 1.6
@@ -261,10 +260,10 @@ def test_equation_15_is_exact_for_a_similarity() -> None:
     relative = rng.uniform(-150, 150, (60, 2))
     places = relative / 1.7 + (812.0, 95.0)
     places[:20] = rng.uniform(0, 2000, (20, 2))
-    agree = panzoom.ransac_eq15(relative, places)
+    agree = ransac_eq15(relative, places)
     assert not agree[:20].any()
     assert agree[20:].all()
-    solution, _ = panzoom.solve_eq15(relative[agree], places[agree])
+    solution, _ = solve_eq15(relative[agree], places[agree])
     np.testing.assert_allclose(solution, [1 / 1.7, 812.0, 95.0], atol=1e-9)
 
 
