@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from pzcap import body as bodies
 from pzcap import foreground, tracking
 from pzcap.body import Body
-from pzcap.evidence import Appearance, Evidence, Terms
+from pzcap.evidence import Appearance, Evidence, Normal, Terms
 from pzcap.following import Follower, Step
 from pzcap.merging import merge
 from pzcap.tracking import Tracked, TrackingConfig, TrackInput, View
@@ -153,6 +154,34 @@ def test_joints_that_nothing_shows_come_to_rest_while_the_body_moves_on() -> Non
     assert moved[0] > 0.08
     assert 0.0 < moved[velocity == 0.1][0] < 0.15
     assert np.abs(moved[velocity == 0.0]).max() < 0.02
+
+
+def test_edges_are_sought_far_away_only_where_predictions_were_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    reaches: list[float] = []
+    normal = Evidence.normal
+
+    def watched(*arguments: Any) -> Normal:
+        reaches.append(arguments[-1].reach_px)
+        return normal(*arguments)
+
+    monkeypatch.setattr(Evidence, "normal", watched)
+    widest = {}
+    for surprise_m in (0.005, 0.05):
+        follower = Follower(true_body(), CONFIG, clip().poses[4], np.zeros(bodies.DOF), cuts(4))
+        follower.surprise_m = surprise_m
+        reaches.clear()
+        follower.step(cuts(5))
+        widest[surprise_m] = max(reaches)
+    assert widest[0.005] < widest[0.05] == CONFIG.schedule[0].terms.reach_px
+
+
+def test_while_nobody_sees_the_body_a_prediction_grows_unsure() -> None:
+    follower = Follower(true_body(), CONFIG, clip().poses[4], np.zeros(bodies.DOF), cuts(4))
+    sigmas = [follower.surprise_m]
+    for _ in range(3):
+        assert not follower.step([None] * len(cuts(4))).seen
+        sigmas.append(follower.surprise_m)
+    assert (np.diff(sigmas) > 0.0).all()
 
 
 def test_contour_gradient_pulls_a_displaced_body_back() -> None:
