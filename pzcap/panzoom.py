@@ -74,7 +74,8 @@ class Localiser:
         """Pan and focal length of ``image`` (H, W[, 3]).
 
         ``prior`` is the frame before, if that was found; without it, or when nothing is found near it, the whole
-        panorama is searched. A frame whose matches do not determine it comes back with ``valid`` False.
+        panorama is searched. A frame whose matches do not determine it, or whose grey values do not bear them out,
+        comes back with ``valid`` False.
         """
         if self._aligner is None:
             return self._localise_paper(image, prior)
