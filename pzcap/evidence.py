@@ -20,14 +20,17 @@ from pzcap.body import Body, forward, lift, place, screws
 from pzcap.limbs import GROUP, Ground
 from pzcap.raster import Float32
 from pzcap.shape import ContourRows, Texture
-from pzcap.types import SEGMENTS, Array, Image, Pose
+from pzcap.types import SEGMENTS, Array, Camera, Image, Pose
 from pzcap.views import LEVELS, Z_SCALE, Cut, Observation, PlacedView, Skin, place_view, project
 
 SEGMENT_WIDTH_M = np.array(
     [{"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07, "hand": 0.05,
       "thigh": 0.15, "shank": 0.1, "foot": 0.08}[n.removeprefix("left_").removeprefix("right_")] for n in SEGMENTS]
 )  # fmt: skip
+USUAL_PX_PER_M: Final = 130.0
+"""Magnification that the pyramid level of `Terms` is meant for: an athlete 220 pixels tall."""
 _THIN_PX: Final = 3.0  # a segment less wide than this is not seen at a pyramid's level
+_TOO_NEAR_M: Final = 0.5
 LEARNING: Final = 0.25  # cosine: of skin that is seen more obliquely nothing is learned
 
 
@@ -54,7 +57,7 @@ class Appearance:
 class Terms:
     """Which residuals count, and how, in one round of iterations."""
 
-    level: int
+    level: int  # of the brightness, in a view of `USUAL_PX_PER_M`
     reach_px: float  # how far from the body's contour the silhouette's edge is sought
     contour_sigma_px: float
     brightness_sigma: float  # grey levels; scale of the robust weight
@@ -143,14 +146,15 @@ class Evidence:
                 continue
             view, camera = cut.seen, cut.seen.camera
             skin = project(points, normals, camera)
+            magnification = px_per_m(camera, centre)
             if appearance is not None and terms.brightness_weight > 0:
-                scale = float(2**terms.level)
-                away = max(math.dist(centre, camera.world_T_cam[:3, 3]), 0.5)
-                thick = (SEGMENT_WIDTH_M * camera.focal_px / away > _THIN_PX * scale).astype(np.float64)
+                level = _level(terms, magnification)
+                scale = float(2**level)
+                thick = (SEGMENT_WIDTH_M * magnification > _THIN_PX * scale).astype(np.float64)
                 residuals.photometric(
                     points, normals, self.body.surface.segment, where.facing, skin.pixels, camera.world_T_cam,
-                    camera.focal_px, camera.k1, centre, view.grey[terms.level], view.left, view.top, scale,
-                    appearance.value[terms.level], appearance.trust, terms.brightness_sigma, nuisance,
+                    camera.focal_px, camera.k1, centre, view.grey[level], view.left, view.top, scale,
+                    appearance.value[level], appearance.trust, terms.brightness_sigma, nuisance,
                     terms.brightness_weight * thick, hessians, gradients, brightness,
                 )  # fmt: skip
             if terms.contour_weight > 0:
@@ -200,6 +204,16 @@ class Evidence:
                     view.grey, view.left, view.top, where.skin.pixels, where.facing, rate, appearance.value,
                     appearance.trust,
                 )  # fmt: skip
+
+
+def px_per_m(camera: Camera, point: Array) -> float:
+    """How large something at a ``point`` (3,) of the world is seen."""
+    return camera.focal_px / max(math.dist(point, camera.world_T_cam[:3, 3]), _TOO_NEAR_M)
+
+
+def _level(terms: Terms, magnification: float) -> int:
+    """The pyramid level on which a pose is off by as many pixels as in the usual view: it is off by metres."""
+    return min(max(terms.level + round(math.log2(magnification / USUAL_PX_PER_M)), 0), LEVELS - 1)
 
 
 @njit(cache=True, nogil=True)

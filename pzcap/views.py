@@ -21,7 +21,7 @@ from pzcap.limbs import BELIEF_SCALE, GROUP, Ground, ground
 from pzcap.raster import Float32
 from pzcap.types import Array, Camera, Image, Pose, Silhouette
 
-LEVELS = 3
+LEVELS = 4
 """Pyramid levels: each halves the one below it."""
 DEPTH_TOLERANCE_M = 0.03
 Z_SCALE = 2.0

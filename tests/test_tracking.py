@@ -13,8 +13,8 @@ import pytest
 from pzcap import body as bodies
 from pzcap import foreground, tracking
 from pzcap.body import Body
-from pzcap.evidence import Appearance, Evidence, Normal, Terms
-from pzcap.following import Follower, Step
+from pzcap.evidence import USUAL_PX_PER_M, Appearance, Evidence, Normal, Terms, px_per_m
+from pzcap.following import Follower, Round, Step, improve
 from pzcap.merging import merge
 from pzcap.tracking import Tracked, TrackingConfig, TrackInput, View
 from pzcap.types import SEGMENTS, Array, Keyframe, Pose, PzcapError, Subject
@@ -220,6 +220,31 @@ def test_brightness_gradient_is_the_derivative_of_its_cost() -> None:
     assert similarity > 0.97
     # the kernel takes the slope over two pixels, which is a little gentler than between two
     assert np.linalg.norm(numeric) == pytest.approx(np.linalg.norm(analytic), rel=0.5)
+
+
+@pytest.mark.parametrize("times", [0.5, 1.0, 2.0, 4.0])
+def test_brightness_pulls_back_from_as_far_however_large_the_body_is_seen(times: float) -> None:
+    """A prediction is off by metres: what is a pixel of the coarse level in one view is four in a longer lens."""
+    body, pose = true_body(), clip().poses[5]
+    views: list[Cut | None] = []
+    for shot in clip().shots[5]:
+        zoom = USUAL_PX_PER_M * times / px_per_m(shot.camera, pose.root_position_m)
+        size = int(zoom * WIDTH), int(zoom * HEIGHT)
+        camera = replace(
+            shot.camera, focal_px=zoom * shot.camera.focal_px, principal_px=zoom * shot.camera.principal_px,
+            width=size[0], height=size[1],
+        )  # fmt: skip
+        larger, nobody = np.asarray(cv2.resize(shot.image, size), np.uint8), np.zeros(size[::-1], np.uint8)
+        views.append(Cut(observe(larger, nobody, camera, 0, 0), np.zeros((size[1] // 4, size[0] // 4), np.float32)))
+    evidence = Evidence(body, views)
+    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in views]
+    evidence.learn(evidence.visibility(pose), appearances, 1.0)
+    shift = np.zeros(bodies.DOF)
+    shift[:3] = 0.04, -0.03, 0.02
+    stiff = np.diag(np.r_[np.full(6, 1e-3), np.full(bodies.DOF - 6, 1e6)])
+    schedule = [Round(replace(TERMS, level=level, contour_weight=0.0), 4) for level in (2, 1)]
+    found, _ = improve(evidence, bodies.retract(pose, shift), stiff, appearances, CONFIG, schedule)
+    np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, pose), atol=0.005)
 
 
 def test_shading_alone_moves_nothing() -> None:
