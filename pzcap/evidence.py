@@ -30,6 +30,7 @@ SEGMENT_WIDTH_M = np.array(
 USUAL_PX_PER_M: Final = 130.0
 """Magnification that the pyramid level of `Terms` is meant for: an athlete 220 pixels tall."""
 _THIN_PX: Final = 3.0  # a segment less wide than this is not seen at a pyramid's level
+_MISSED_PX2: Final = 25.0  # of an edge that the last round does not find within its reach
 _TOO_NEAR_M: Final = 0.5
 LEARNING: Final = 0.25  # cosine: of skin that is seen more obliquely nothing is learned
 
@@ -74,8 +75,16 @@ class Normal:
 
     hessian: Array  # (43, 43)
     gradient: Array  # (43,)
-    contour: Array  # (16, 3) squared distances, edges found, edges sought
+    contour: Array  # (16, 3) squared distances (px2), edges found, edges sought
     brightness: Array  # (16, 2) weighted squares, weights
+
+
+def misfit_px2(contour: Array, unseen_px2: float) -> Array:
+    """Mean squared distance of each segment's outline from the silhouettes (S,), of what `Normal` has as ``contour``
+    (S, 3). An edge that is not found counts as far away as it was sought; of a segment without any outline
+    ``unseen_px2`` is assumed, with the weight of three edges."""
+    squares, found, sought = contour.T
+    return np.asarray((squares + _MISSED_PX2 * (sought - found) + 3.0 * unseen_px2) / (sought + 3.0))
 
 
 class Evidence:

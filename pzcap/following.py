@@ -19,7 +19,7 @@ import numpy as np
 
 from pzcap import touching
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, limit_residuals, retract
-from pzcap.evidence import Appearance, Evidence, Normal, Terms
+from pzcap.evidence import Appearance, Evidence, Normal, Terms, misfit_px2
 from pzcap.limbs import LIMBS, LimbSearch
 from pzcap.types import SEGMENTS, Array, Pose
 from pzcap.views import Cut, PlacedView
@@ -94,11 +94,14 @@ class Step:
     pose: Pose
     velocity: Array  # (43,) tangent a frame
     hessian: Array  # (43, 43) of what the images alone say
+    contour: Array  # (16, 3) how well they bear it out, as `pzcap.evidence.Normal` has it
     variance: Array  # (16,) relative: how little each segment is to be trusted
     support: Array  # (4, 2) of each limb, as `LimbSearch.support` has it
     seen: bool  # any view at all
 
 
+UNSEEN: Final = np.zeros((len(SEGMENTS), 3))
+"""The contour of a body that no view shows."""
 _LEAP: Final = 3.0
 """Sigmas of the prediction that nobody moves by."""
 _FORGETS: Final = 0.3
@@ -137,9 +140,8 @@ class Follower:
         if all(cut is None for cut in cuts):  # nothing was seen: coast, slow down, and be less sure with every frame
             self.pose, self.velocity = predicted, 0.9 * self.velocity
             self.surprise_m = math.hypot(self.surprise_m, self.config.prediction_position_sigma_m)
-            return Step(
-                predicted, self.velocity, np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3), np.zeros((4, 2)), False
-            )
+            nothing, little = np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3)
+            return Step(predicted, self.velocity, nothing, UNSEEN, little, np.zeros((4, 2)), False)
         evidence = Evidence(self.body, cuts)
         sigma = self._sigma * np.where(self._known, 1.0, self.config.start_widening)
         prior = np.diag(1.0 / sigma**2)
@@ -159,7 +161,8 @@ class Follower:
         off = forward(self.body, pose)[:, :3, 3] - forward(self.body, predicted)[:, :3, 3]
         self.surprise_m += _FORGETS * (float(np.sqrt(np.mean(np.sum(off**2, axis=1)))) - self.surprise_m)
         self.pose = pose
-        return Step(pose, self.velocity, normal.hessian, _variance(normal, self.age), support, True)
+        variance = _variance(normal.contour, self.age)
+        return Step(pose, self.velocity, normal.hessian, normal.contour, variance, support, True)
 
     def _recover(
         self, evidence: Evidence, pose: Pose, normal: Normal, placed: list[PlacedView | None]
@@ -194,12 +197,10 @@ def _explains_more(support: Array, before: Array, by_m2: float) -> bool:
     return bool(more[0] > by_m2 and more[0] - more[1] > by_m2)
 
 
-def _variance(normal: Normal, age: int) -> Array:
+def _variance(contour: Array, age: int) -> Array:
     """How little each segment is to be trusted (16,): it drifts away from its keyframe with age, and what misses the
     silhouette is wrong."""
-    squares, found, sought = normal.contour.T
-    misfit = (squares + 25.0 * (sought - found + 3.0)) / (sought + 3.0)
-    return 0.1 * age + misfit**2
+    return np.asarray(0.1 * age + misfit_px2(contour, 25.0) ** 2)
 
 
 def improve(

@@ -15,15 +15,18 @@ from typing import Final
 import numpy as np
 
 from pzcap.body import DOF, Body, forward, joint_jacobians
-from pzcap.evidence import Appearance, Evidence
-from pzcap.following import Follower, Step, TrackingConfig, improve
+from pzcap.evidence import Appearance, Evidence, misfit_px2
+from pzcap.following import UNSEEN, Follower, Step, TrackingConfig, improve
 from pzcap.landmarks import LandmarkEstimate
 from pzcap.merging import leaping, merge
 from pzcap.polishing import Polished, hear, hear_hand, polish
 from pzcap.shape import ShapeEstimate
-from pzcap.types import SEGMENTS, Array, Keyframe, Mask, Pose
+from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Mask, Pose
 from pzcap.views import Cut
 
+_ASTRAY_PX: Final = 4.0  # misfit of a joint that is as likely astray as not
+_SUDDEN: Final = 4.0  # by how much a pixel more changes the logarithm of those odds
+_ASTRAY_M: Final = 0.15  # how far off it is then
 _SOME: Final = 4
 """Of so many frames one corrects the body: its neighbours say the same."""
 
@@ -58,6 +61,14 @@ class Anchor:
     velocity: Array  # (43,) with which the forward pass arrives at it
 
 
+def astray(contour: Array) -> Array:
+    """The probability (16,) that a joint is not where it was found, from how well the outlines of the two segments that
+    meet there fit the silhouettes: ``contour`` (16, 3) as `pzcap.evidence.Normal` has it. What it was fitted to is said
+    in docs/method.md."""
+    misfit_px = np.sqrt(misfit_px2(contour + contour[np.maximum(PARENTS, 0)], 1.0))
+    return np.asarray(1.0 / (1.0 + np.exp(_ASTRAY_PX - misfit_px) ** _SUDDEN))
+
+
 class IntervalSolver:
     """Solves one interval after the other. The body gets better with each."""
 
@@ -73,10 +84,11 @@ class IntervalSolver:
         """A keyframe's pose, improved by the images with the hand's error as prior."""
         unseen: list[Appearance | None] = [None] * len(cuts)
         if all(cut is None for cut in cuts):
-            return Step(pose, np.zeros(DOF), self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), False)
+            return Step(pose, np.zeros(DOF), self._hand, UNSEEN, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), False)
         evidence = Evidence(self.body, cuts)
         pose, normal = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule)
-        return Step(pose, np.zeros(DOF), normal.hessian + self._hand, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), True)
+        hessian, sure = normal.hessian + self._hand, np.zeros(len(SEGMENTS))
+        return Step(pose, np.zeros(DOF), hessian, normal.contour, sure, np.zeros((4, 2)), True)
 
     def begin(self, anchor: Anchor) -> Tracked:
         """The first keyframe: nothing lies before it."""
@@ -92,15 +104,18 @@ class IntervalSolver:
             done.append(self._arrive(anchor))
         return done
 
-    def result(self, frame: int, pose: Pose, hessian: Array, valid: bool, doubt_m: Array | float = 0.0) -> Tracked:
-        """``doubt_m`` (16,): how far apart two estimates of a joint are that do not agree."""
+    def result(
+        self, frame: int, pose: Pose, hessian: Array, contour: Array, valid: bool, doubt_m: Array | float = 0.0
+    ) -> Tracked:
+        """The body at an instant. ``contour`` (16, 3) is as `pzcap.evidence.Normal` has it; ``doubt_m`` (16,): how far
+        apart two estimates of a joint are that do not agree."""
         frames = forward(self.body, pose)
         sigma = np.full(DOF, self.config.prediction_rotation_sigma_rad)
         sigma[:3] = self.config.prediction_position_sigma_m
         covariance = np.linalg.inv(hessian + np.diag(1.0 / sigma**2))
         jacobians = joint_jacobians(frames)
         variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
-        variance += self._shape_variance + (0.5 * np.asarray(doubt_m)) ** 2
+        variance += self._shape_variance + (0.5 * np.asarray(doubt_m)) ** 2 + astray(contour) * _ASTRAY_M**2
         return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid)
 
     def _learn(self, anchor: Anchor) -> None:
@@ -120,7 +135,8 @@ class IntervalSolver:
         """The keyframe itself, as the body corrected by then has it; the next interval begins there."""
         settled = self.settle(anchor.key.pose, anchor.cuts)
         self._before = settled.pose
-        return self.result(anchor.key.frame, settled.pose, settled.hessian, True)
+        # a hand knows where the limbs are: what the images do not bear out is a contradiction (`pzcap.advice`)
+        return self.result(anchor.key.frame, settled.pose, settled.hessian, UNSEEN, True)
 
     def _solve(self, interval: Sequence[Instant], anchor: Anchor | None) -> list[Tracked]:
         views, steps = [instant.cuts for instant in interval], [instant.step for instant in interval]
@@ -136,7 +152,14 @@ class IntervalSolver:
         polished = self._polish(poses, views, after, doubtful)
         self._before = polished.poses[-1]
         return [
-            self.result(instant.frame, polished.poses[t], polished.hessians[t], instant.step.seen, doubt[t])
+            self.result(
+                instant.frame,
+                polished.poses[t],
+                polished.hessians[t],
+                polished.contours[t],
+                instant.step.seen,
+                doubt[t],
+            )
             for t, instant in enumerate(interval)
         ]
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, retract
 from pzcap.contact import ties
 from pzcap.evidence import Appearance, Evidence
-from pzcap.following import TrackingConfig, restraint
+from pzcap.following import UNSEEN, TrackingConfig, restraint
 from pzcap.limbs import LIMBS, LimbSearch
 from pzcap.shape import Said, ShapeEstimate, Sight
 from pzcap.trajectory import smooth_step
@@ -34,6 +34,7 @@ class Polished:
 
     poses: list[Pose]
     hessians: list[Array]  # (43, 43)
+    contours: list[Array]  # (16, 3) how well the silhouettes bear each out, as `pzcap.evidence.Normal` has it
 
 
 def hear(
@@ -124,7 +125,7 @@ class _Stretch:
     ) -> Polished:  # fmt: skip
         """Some Gauss-Newton steps; the images count as far as ``belief`` (T, 43) has it."""
         config = self.config
-        found, hessians = list(poses), [np.zeros((DOF, DOF)) for _ in poses]
+        found, hessians, contours = list(poses), [np.zeros((DOF, DOF)) for _ in poses], [UNSEEN for _ in poses]
         sigma = np.full(DOF, config.acceleration_rotation_sigma_rad)
         sigma[:3] = config.acceleration_position_sigma_m
         for _ in range(config.polishing_sweeps):
@@ -134,17 +135,18 @@ class _Stretch:
                 stiffness, pull = restraint(self.body, found[t], True, config)
                 hessians[t] = say[:, None] * normal.hessian * say + stiffness
                 gradients.append(say * normal.gradient + pull)
+                contours[t] = normal.contour
             chain = [pose for pose in (self.before, *found, self.after) if pose is not None]
             held = ties(self.body, chain)
             steps = smooth_step(found, hessians, gradients, sigma, self.before, self.after, held).clip(-0.5, 0.5)
             found = [retract(pose, step) for pose, step in zip(found, steps, strict=True)]
-        return Polished(found, hessians)
+        return Polished(found, hessians, contours)
 
     def choose(self, one: Polished, other: Polished, doubtful: Mask) -> Polished:
         """``one``, but the limbs that are ``doubtful`` as ``other`` has them where that explains more."""
         frames = np.flatnonzero(doubtful.any(axis=1))
         gain = self._support(other.poses, frames) - self._support(one.poses, frames)
-        poses, hessians = list(one.poses), list(one.hessians)
+        poses, hessians, contours = list(one.poses), list(one.hessians), [contour.copy() for contour in one.contours]
         for limb, members in enumerate(LIMBS):
             rows = list(members)
             here = doubtful[frames][:, rows].any(axis=1)
@@ -154,7 +156,8 @@ class _Stretch:
                 rotations = poses[t].rotations.copy()
                 rotations[rows] = other.poses[t].rotations[rows]
                 poses[t], hessians[t] = Pose(poses[t].root_position_m, rotations), other.hessians[t]
-        return Polished(poses, hessians)
+                contours[t][rows] = other.contours[t][rows]
+        return Polished(poses, hessians, contours)
 
     def _support(self, poses: Sequence[Pose], frames: NDArray[np.int64]) -> Array:
         """(N, 4) square metres that each limb explains, less those of the hall, in some ``frames``."""

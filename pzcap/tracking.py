@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference
-from pzcap.following import Follower, TrackingConfig
+from pzcap.following import UNSEEN, Follower, TrackingConfig
 from pzcap.foreground import Expected
 from pzcap.interval import Anchor, Instant, IntervalSolver, Tracked
 from pzcap.keypoints import NOBODY
@@ -87,7 +87,7 @@ class Tracker:
         cuts = self._cut(item.views, self._ahead.predict())
         step = self._ahead.step(cuts)
         if item.frame > self._last_key:
-            return [*self._solved(), self._solver.result(item.frame, step.pose, step.hessian, step.seen)]
+            return [*self._solved(), self._solver.result(item.frame, step.pose, step.hessian, step.contour, step.seen)]
         self._waiting.append(Instant(item.frame, cuts, step))
         if len(self._waiting) < self.config.longest_stretch:
             return []
@@ -98,7 +98,10 @@ class Tracker:
     def finish(self) -> list[Tracked]:
         """The footage has ended: what waited for a keyframe that did not come."""
         done = self._solved()
-        done += [self._solver.result(i.frame, i.step.pose, i.step.hessian, i.step.seen) for i in self._waiting]
+        done += [
+            self._solver.result(i.frame, i.step.pose, i.step.hessian, i.step.contour, i.step.seen)
+            for i in self._waiting
+        ]
         done += [self._unknown(item) for item in self._lead]
         self._waiting, self._lead = [], []
         self._worker.shutdown()
@@ -138,13 +141,13 @@ class Tracker:
         done: list[Tracked] = []
         for item in reversed(self._lead):
             step = early.step(self._cut(item.views, early.predict()))
-            done.insert(0, self._solver.result(item.frame, step.pose, step.hessian, step.seen))
+            done.insert(0, self._solver.result(item.frame, step.pose, step.hessian, step.contour, step.seen))
         self._lead = []
         return done
 
     def _unknown(self, item: TrackInput) -> Tracked:
         """A frame too far from any keyframe."""
-        return self._solver.result(item.frame, self._keys[min(self._keys)].pose, np.zeros((DOF, DOF)), False)
+        return self._solver.result(item.frame, self._keys[min(self._keys)].pose, np.zeros((DOF, DOF)), UNSEEN, False)
 
     def _cut(self, views: Sequence[View | None], pose: Pose) -> list[Cut | None]:
         config = self.config

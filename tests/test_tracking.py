@@ -9,12 +9,15 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pzcap import body as bodies
 from pzcap import foreground, tracking
 from pzcap.body import Body
 from pzcap.evidence import USUAL_PX_PER_M, Appearance, Evidence, Normal, Terms, px_per_m
-from pzcap.following import Follower, Round, Step, improve
+from pzcap.following import UNSEEN, Follower, Round, Step, improve
+from pzcap.interval import astray
 from pzcap.merging import merge
 from pzcap.tracking import Tracked, TrackingConfig, TrackInput, View
 from pzcap.types import SEGMENTS, Array, Keyframe, Pose, PzcapError, Subject
@@ -275,7 +278,8 @@ def lost(pose: Pose, dof: int, by: float) -> Pose:
 
 def step(pose: Pose, support: Array | None = None) -> Step:
     nothing = np.zeros(bodies.DOF)
-    return Step(pose, nothing, np.diag(nothing), np.ones(16), np.zeros((4, 2)) if support is None else support, True)
+    support = np.zeros((4, 2)) if support is None else support
+    return Step(pose, nothing, np.diag(nothing), UNSEEN, np.ones(16), support, True)
 
 
 def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:
@@ -289,6 +293,34 @@ def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:
         np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, true), atol=0.001)
     assert doubt[3, [5, 6, 14, 15]].min() > 0.05
     assert doubt[2].max() == 0.0
+
+
+def test_a_joint_whose_outlines_miss_the_silhouettes_is_said_to_be_astray() -> None:
+    """Both passes may agree on what is wrong: then the images alone can tell, and the claimed sigma has to."""
+    body, evidence = true_body(), observed(6, true_body())
+    terms, arm = CONFIG.schedule[-1].terms, np.flatnonzero(bodies.DOF_SEGMENT == 4)
+    true = clip().poses[6]
+    wrong = lost(lost(true, int(arm[1]), 0.8), int(arm[0]), 0.8)
+    odds = {}
+    for name, pose in (("true", true), ("wrong", wrong)):
+        normal = evidence.normal(pose, evidence.visibility(pose), [None] * 4, terms)
+        odds[name] = astray(normal.contour)
+    off = np.linalg.norm(bodies.joints(body, wrong) - bodies.joints(body, true), axis=1)
+    assert off.max() > 0.3
+    assert odds["true"].max() < 0.01
+    assert odds["wrong"][off > 0.15].min() > 0.3
+    assert (odds["wrong"][off == 0.0] < 0.05).mean() > 0.7  # a shoulder is not where its arm is
+
+
+@settings(max_examples=50)
+@given(st.floats(0.0, 4.0), st.integers(3, 200), st.floats(0.0, 1.0))
+def test_the_worse_an_outline_fits_the_likelier_it_is_astray(off_px: float, sought: int, missed: float) -> None:
+    def odds(off_px: float, missed: float) -> float:
+        found = sought * (1.0 - missed)
+        return float(astray(np.tile([off_px**2 * found, found, sought], (len(SEGMENTS), 1)))[0])
+
+    assert 0.0 < odds(off_px, missed) <= odds(off_px + 0.5, missed) < 1.0
+    assert odds(off_px, missed) <= odds(off_px, min(missed + 0.1, 1.0))
 
 
 def test_where_passes_agree_confidence_weighs_them() -> None:
