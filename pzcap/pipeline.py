@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Final
 
+import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
@@ -80,8 +81,7 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
     """
     seconds = {"prepare": 0.0, "panzoom": 0.0, "foreground": 0.0, "tracking": 0.0}
     notes: list[str] = []
-    alone = threadpool_limits(1, "blas")  # what works side by side here are our own threads
-    with alone, ThreadPoolExecutor(config.threads) as pool, ThreadPoolExecutor(1) as worker:
+    with _own_threads(), ThreadPoolExecutor(config.threads) as pool, ThreadPoolExecutor(1) as worker:
         sets = frame_sets(capture)
         tracker = _tracker(capture, sets, config, notes)
 
@@ -143,6 +143,18 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
         ),
         seconds,
     )
+
+
+@contextmanager
+def _own_threads() -> Iterator[None]:
+    """What works side by side here are our own threads: those of BLAS and OpenCV would only take turns with them."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with threadpool_limits(1, "blas"):
+            yield
+    finally:
+        cv2.setNumThreads(before)
 
 
 # --------------------------------------------------------------------------------------------------------------
