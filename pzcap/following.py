@@ -21,7 +21,7 @@ from pzcap import touching
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, limit_residuals, retract
 from pzcap.evidence import Appearance, Evidence, Normal, Terms, misfit_px2
 from pzcap.limbs import LIMBS, LimbSearch
-from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.types import SEGMENTS, Array, Pose, PzcapError
 from pzcap.views import Cut, PlacedView
 
 
@@ -78,6 +78,10 @@ class TrackingConfig:
     polishing_sweeps: int = 2
     longest_stretch: int = 200  # frames that wait for a keyframe to be tracked backward
     longest_lead: int = 120  # frames before the first keyframe that are kept to be tracked backward
+
+    def __post_init__(self) -> None:
+        if not self.schedule or self.schedule[-1].surprise_m > 0.0:
+            raise PzcapError("tracking.schedule has no last round that is always made; give it surprise_m: 0")
 
     @property
     def hand_sigma(self) -> Array:
@@ -230,7 +234,7 @@ def improve(
             pose = retract(pose, step)
             if np.abs(step).max() < config.step_tolerance:
                 break
-    assert normal is not None, "a schedule has at least one round"
+    assert normal is not None, "the last round is always made"
     return pose, normal
 
 

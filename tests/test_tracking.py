@@ -178,6 +178,12 @@ def test_edges_are_sought_far_away_only_where_predictions_were_off(monkeypatch: 
     assert widest[0.005] < widest[0.05] == CONFIG.schedule[0].terms.reach_px
 
 
+@pytest.mark.parametrize("schedule", [(), CONFIG.schedule[:1]])
+def test_a_schedule_that_may_leave_a_step_without_a_round_is_refused(schedule: tuple[Round, ...]) -> None:
+    with pytest.raises(PzcapError, match="surprise_m"):
+        TrackingConfig(schedule=schedule)
+
+
 def test_while_nobody_sees_the_body_a_prediction_grows_unsure() -> None:
     follower = Follower(true_body(), CONFIG, clip().poses[4], np.zeros(bodies.DOF), cuts(4))
     sigmas = [follower.surprise_m]
