@@ -69,9 +69,11 @@ def match(
     pan_of, focal_of = [*range(count), count], [0] * count + [1]
     zoomed = _zoom_frames(zoom, config)
     if zoomed:
-        report("match zoom run", 0, 1)
-        found += [_detect(image, config) for image in zoomed]
+        for done, image in enumerate(zoomed):
+            report("match zoom run", done, len(zoomed) + 1)
+            found.append(_detect(image, config))
         run = link_zoom(found, coarse.pan_rad, count + 1, coarse.view(0), width, config)
+        report("match zoom run", len(zoomed) + 1, len(zoomed) + 1)
         links += run.links
         pans.append(run.pan_rad)
         focals += list(run.log_focal)
