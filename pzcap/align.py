@@ -124,8 +124,8 @@ class Aligner:
             usable = sampled[:, KNOWN] > 0
             if usable.sum() < 50:
                 return None
-            if step == 0:  # the gain first, or everything is an outlier
-                gains[0] = np.median(observed[usable]) / max(float(np.median(sampled[usable, VALUE])), 1.0)
+            if step == 0:  # the gain first, or everything is an outlier; most pixels show the hall
+                gains[0] = _commonest(observed[usable] / np.maximum(sampled[usable, VALUE], 1.0))
             residual = observed - (shading @ gains) * sampled[:, VALUE]
             scale = LOOSENESS * max(1.4826 * _typical(residual[usable]), 1.0)
             weight = usable * (scale**2 / (scale**2 + residual**2)) ** 2
@@ -201,6 +201,15 @@ class Aligner:
 VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT, KNOWN, COLUMN = range(6)
 """Columns of what is sampled: the panorama's grey, how it changes with pan, log focal and tilt at a fixed pixel of the
 frame, 1 where the panorama is known, and the panorama's column and (6) row there."""
+
+
+def _commonest(values: Array) -> float:
+    """Middle of the narrowest interval that holds a third of the values (N,), of one in four of them: what the others
+    are like does not matter, be they all larger."""
+    some = np.sort(values[::4])
+    third = len(some) // 3
+    first = int(np.argmin(some[third:] - some[: len(some) - third]))
+    return float(some[first + third // 2])
 
 
 def _typical(values: Array) -> float:

@@ -7,8 +7,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
-from pzcap.align import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, LINEAR, VALUE, Aligner
+from pzcap.align import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, LINEAR, VALUE, Aligner, _commonest
 from pzcap.camera import look, view_at
 from pzcap.cylinder import from_axis, to_panorama
 from pzcap.types import Array, Surroundings
@@ -120,6 +122,30 @@ def test_a_person_with_her_shadow_is_left_out(aligner: Aligner) -> None:
     assert found.focal_px == pytest.approx(FOCAL, rel=1e-3)
     inside = (np.abs(found.frame_points_px - (165, 135)) < (33, 83)).all(axis=1)
     assert inside.mean() < 0.1
+
+
+@pytest.mark.parametrize("brighter", [1.9, 0.35])
+def test_what_covers_a_third_of_a_view_does_not_set_its_gain(aligner: Aligner, brighter: float) -> None:
+    """A stack of mats that was not there in the sweep: all of it brighter than the hall, or all darker."""
+    image = synthetic.render(OPTICS, 0.3, FOCAL)
+    mats = synthetic.render(OPTICS, -1.9, FOCAL)[:, :112].astype(float)
+    image[:, 208:] = np.clip(brighter * mats + (60.0 if brighter > 1.0 else 0.0), 0, 255).astype(np.uint8)
+    for off_px in (1.5, 15.0):
+        found = aligner.align(image, 0.3 + 1.0 / FOCAL, TILT, FOCAL, off_px)
+        assert np.rad2deg(found.pan_rad - 0.3) == pytest.approx(0.0, abs=0.01)
+        assert found.agreement > 0.6
+        assert found.settled
+
+
+@settings(max_examples=30)
+@given(st.floats(0.3, 3.0), st.floats(0.0, 0.5), st.floats(0.05, 20.0), st.integers(0, 9))
+def test_the_commonest_ratio_is_what_most_pixels_have(gain: float, share: float, other: float, seed: int) -> None:
+    assume(abs(np.log(other / gain)) > 0.4)
+    rng = np.random.default_rng(seed)
+    values = gain * (1.0 + 0.03 * rng.normal(size=1200))
+    spread = rng.random(1200) < share
+    values[spread] = other * rng.uniform(0.8, 1.2, spread.sum())
+    assert _commonest(values) == pytest.approx(gain, rel=0.06)
 
 
 def test_the_wrong_place_does_not_agree(aligner: Aligner) -> None:
