@@ -145,7 +145,8 @@ class Aligner:
         """What is compared: pixels (N, 2), their grey values (N,), and r^0, r^2, ... of the vignetting (N, K)."""
         lens = self._camera.lens
         shrink = focal_px / self._panorama.px_per_rad * level.scale  # the frame is so much finer than the level
-        whole = max(int(shrink), 1)  # by fractions it is smoothed alone, see `sampling.softened`
+        # by fractions it is smoothed alone, see `sampling.softened`; so it is where it would have too few pixels else
+        whole = max(int(min(shrink, np.sqrt(frame.size / level.pixels))), 1)
         size = (lens.width // whole, lens.height // whole)
         small = cv2.resize(frame[: size[1] * whole, : size[0] * whole], size, interpolation=cv2.INTER_AREA)
         soft = softened(np.asarray(small, np.uint8), shrink / whole)

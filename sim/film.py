@@ -35,7 +35,7 @@ Person = Callable[[float], Pose]
 def finest_plate(rig: Rig, config: SensorConfig, zoom: float) -> tuple[int, int]:
     """Width and height of the largest picture that is rendered at a zoom."""
     scale = max(config.supersampling, _REFERENCE_SCALE if zoom == 1.0 else 0.0)
-    return plate_for(rig, rig.reference_focal_px * zoom).size(scale)
+    return plate_for(rig, rig.reference_focal_px * zoom, np.deg2rad(config.grid_turn_deg)).size(scale)
 
 
 class FilmCamera:
@@ -127,9 +127,13 @@ class FilmCamera:
         focal_px = focal_px or aim.focal_px
         if person is not None:
             set_pose(self._stage.model, self._stage.data, person(time_s))
-        plate = plate_for(self._rig, focal_px)
-        self._stage.aim(self._rig.world_T_cam(aim.pan_rad, focal_px, aim.raised_rad), plate.vertical_view_deg(focal_px))
+        plate = self._plate(focal_px)
+        world_T_cam = self._rig.world_T_cam(aim.pan_rad, focal_px, aim.raised_rad)
+        self._stage.aim(plate.turn(world_T_cam), plate.vertical_view_deg(focal_px))
         return plate
+
+    def _plate(self, focal_px: float) -> Plate:
+        return plate_for(self._rig, focal_px, np.deg2rad(self._config.grid_turn_deg))
 
     def _expose(self, look: Look, times_s: Array, focal_px: float, scale: float, person: Person | None) -> Image:
         """The mean of the plates at these times, during which the focal length hardly changes."""
@@ -143,7 +147,7 @@ class FilmCamera:
         return np.asarray(cv2.convertScaleAbs(total, alpha=1 / len(times_s)), np.uint8)
 
     def _develop(self, light: Image, focal_px: float, scale: float, gain: float, rng: np.random.Generator) -> Image:
-        maps = lens_maps(self._rig, plate_for(self._rig, focal_px), focal_px, scale)
+        maps = lens_maps(self._rig, self._plate(focal_px), focal_px, scale)
         return self._sensor.develop(through_lens(light, maps, self._rig), gain, rng)
 
 

@@ -121,28 +121,35 @@ def build_rig(camera: int, width: int, height: int, config: OpticsConfig, rng: n
 class Plate:
     """The undistorted picture that is rendered, in image pixels: centred, and larger than the image all round.
 
-    It may be rendered finer than the image, by a factor ``scale`` that is a multiple of 1/4.
+    It may be rendered finer than the image, by a factor ``scale`` that is a multiple of 1/4, and by a camera that is
+    turned clockwise about the optical axis.
     """
 
     width: int
     height: int
+    turned_rad: float
 
     def size(self, scale: float) -> tuple[int, int]:
         """Width and height in its own pixels."""
         return round(self.width * scale), round(self.height * scale)
 
+    def turn(self, world_T_cam: Array) -> Array:
+        """(4, 4) the camera that takes it, where the image's is ``world_T_cam``."""
+        return world_T_cam @ _transform(Rotation.from_euler("z", self.turned_rad).as_matrix())
+
     def vertical_view_deg(self, focal_px: float) -> float:
         return float(np.rad2deg(2 * np.arctan(self.height / (2 * focal_px))))
 
 
-def plate_for(rig: Rig, focal_px: float) -> Plate:
-    """The smallest plate that has data under every pixel of the image."""
+def plate_for(rig: Rig, focal_px: float, turned_rad: float = 0.0) -> Plate:
+    """The smallest plate, so turned, that has data under every pixel of the image."""
     corner = np.hypot(rig.width, rig.height) / 2 / focal_px
     reach = max(float(_undistorted(np.array(corner), rig.k1(focal_px))) / corner, 1.0)
     shift = np.abs(rig.principal_px - (np.array([rig.width, rig.height]) - 1) / 2)
     sides = np.array([rig.width, rig.height]) * reach + 2 * reach * shift
-    width, height = (4 * math.ceil(side / 4 - 1e-9) for side in sides)
-    return Plate(width, height)
+    cos, sin = math.cos(turned_rad), abs(math.sin(turned_rad))
+    width, height = (4 * math.ceil(side / 4 - 1e-9) for side in sides @ [[cos, sin], [sin, cos]])
+    return Plate(width, height, turned_rad)
 
 
 def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float) -> Maps:
@@ -156,8 +163,10 @@ def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float) -> Maps:
     x, y = np.meshgrid(*((axis - p) / focal_px for axis, p in zip(coarse, rig.principal_px, strict=True)))
     radius = np.maximum(np.hypot(x, y), 1e-12)
     factor = _undistorted(radius, rig.k1(focal_px)) / radius * focal_px * scale
+    cos, sin = math.cos(plate.turned_rad), math.sin(plate.turned_rad)
+    x, y = (cos * x + sin * y) * factor, (cos * y - sin * x) * factor
     columns, rows = (side / 2 - 0.5 for side in plate.size(scale))
-    grid = np.stack([x * factor + columns, rows - y * factor], axis=-1).astype(np.float32)
+    grid = np.stack([x + columns, rows - y], axis=-1).astype(np.float32)
     whole = cv2.resize(grid, (int(cells[0]) * _GRID_PX, int(cells[1]) * _GRID_PX), interpolation=cv2.INTER_LINEAR)
     whole = whole[_GRID_PX : _GRID_PX + size[1], _GRID_PX : _GRID_PX + size[0]]
     return np.ascontiguousarray(whole[..., 0]), np.ascontiguousarray(whole[..., 1])

@@ -100,11 +100,11 @@ def test_effects_of_size_zero_are_exactly_absent() -> None:
 
 
 @pytest.mark.parametrize("zoom", ZOOMS)
-@pytest.mark.parametrize("scale", [1.0, 1.5, 2.0])
-def test_the_maps_invert_the_distortion_and_stay_on_the_plate(zoom: float, scale: float) -> None:
+@pytest.mark.parametrize(("scale", "turned_rad"), [(1.0, 0.0), (1.5, 0.0), (2.0, 0.0), (2.0, 0.2), (1.5, -0.4)])
+def test_the_maps_invert_the_distortion_and_stay_on_the_plate(zoom: float, scale: float, turned_rad: float) -> None:
     rig = make_rig()
     focal_px = 880 * zoom
-    plate = plate_for(rig, focal_px)
+    plate = plate_for(rig, focal_px, turned_rad)
     columns, rows = lens_maps(rig, plate, focal_px, scale)
     width, height = plate.size(scale)
     assert columns.shape == (round(480 * scale), round(640 * scale))
@@ -115,6 +115,8 @@ def test_the_maps_invert_the_distortion_and_stay_on_the_plate(zoom: float, scale
     v, u = np.mgrid[: columns.shape[0], : columns.shape[1]]
     x = (columns - (width - 1) / 2) / (focal_px * scale)
     y = ((height - 1) / 2 - rows) / (focal_px * scale)
+    cos, sin = np.cos(turned_rad), np.sin(turned_rad)
+    x, y = cos * x - sin * y, sin * x + cos * y
     bend = 1 + rig.k1(focal_px) * (x**2 + y**2)
     np.testing.assert_allclose(rig.principal_px[0] + focal_px * bend * x, (u + 0.5) / scale - 0.5, atol=0.006)
     np.testing.assert_allclose(rig.principal_px[1] + focal_px * bend * y, (v + 0.5) / scale - 0.5, atol=0.006)

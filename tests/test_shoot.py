@@ -38,6 +38,7 @@ TINY = replace(
     SMALL, motion_frames=2, width=160, height=120, sweep_deg=8.0, zoom_frames=2,
     gym=replace(SMALL.gym, texture_px_per_m=50.0),
 )  # fmt: skip
+NOISELESS = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -108,13 +109,27 @@ def test_the_calibration_object_is_where_the_truth_says(small_capture: Path, tru
 def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show(tmp_path: Path) -> None:
     pictures = []
     for supersampling in (2.0, 4.0, 8.0):
-        sensor = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0, supersampling=supersampling)
+        sensor = replace(NOISELESS, supersampling=supersampling)
         crew = assemble(replace(TINY, sensor=sensor), tmp_path / str(supersampling))
         pictures.append(crew.cameras[0].still(np.random.default_rng(0), Aim(0.2, 200.0)).astype(float))
         crew.stage.close()
     coarse, fine = (float(np.sqrt(np.mean((one - pictures[-1]) ** 2))) for one in pictures[:2])
     assert coarse < 15.0  # grey levels: it is the same picture
     assert fine < 0.7 * coarse
+
+
+def test_a_turned_grid_shows_the_same_picture_more_exactly(tmp_path: Path) -> None:
+    def taken(supersampling: float, turn_deg: float) -> Array:
+        sensor = replace(NOISELESS, supersampling=supersampling, grid_turn_deg=turn_deg)
+        crew = assemble(replace(TINY, sensor=sensor), tmp_path / f"{supersampling} {turn_deg}")
+        picture = crew.cameras[0].still(np.random.default_rng(0), Aim(0.2, 200.0)).astype(np.float64)
+        crew.stage.close()
+        return picture
+
+    exact = taken(8.0, -13.0)
+    upright, turned = (float(np.sqrt(np.mean((taken(4.0, deg) - exact) ** 2))) for deg in (0.0, 9.5))
+    assert upright < 10.0  # grey levels
+    assert turned < 0.9 * upright
 
 
 def test_joints_lie_on_the_athlete(truth: Truth) -> None:
