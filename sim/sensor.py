@@ -23,8 +23,8 @@ class SensorConfig:
     )
     supersampling: float = 2.0  # pictures are rendered so much finer than the image: the less, the further
     # edges stand beside themselves
-    grid_turn_deg: float = 0.0  # of the grid it is rendered on, about the optical axis: an upright edge of the hall then
-    # crosses many of its columns, and does not stand beside itself by as much in all rows
+    grid_turn_deg: float = 0.0  # of the grid they are rendered on, about the optical axis: an upright edge then crosses
+    # many of its columns, and does not stand beside itself by as much in all rows
     crf_motion: int = 20  # H.264 quality
     crf_still: int = 12  # and of the sweep and the zoom run
     largest_roll: int = 5  # frames that a camera starts early or stops late, at most
