@@ -49,6 +49,16 @@ class Appearance:
     value: Float32  # (LEVELS, V)
     trust: Float32  # (V,) 0 unseen .. 1
 
+    def copy(self) -> Appearance:
+        return Appearance(self.value.copy(), self.trust.copy())
+
+    def with_other(self, other: Appearance) -> Appearance:
+        """What both have seen, each by its trust."""
+        trust = self.trust + other.trust
+        share = np.divide(other.trust, trust, out=np.zeros_like(trust), where=trust > 0.0)
+        value = self.value + share * (other.value - self.value)
+        return Appearance(value, np.maximum(self.trust, other.trust))
+
     @staticmethod
     def unseen(points: int) -> Appearance:
         return Appearance(np.zeros((LEVELS, points), np.float32), np.zeros(points, np.float32))
@@ -157,7 +167,7 @@ class Evidence:
             skin = project(points, normals, camera)
             magnification = px_per_m(camera, centre)
             if appearance is not None and terms.brightness_weight > 0:
-                level = _level(terms, magnification)
+                level = view_level(terms.level, magnification)
                 scale = float(2**level)
                 thick = (SEGMENT_WIDTH_M * magnification > _THIN_PX * scale).astype(np.float64)
                 residuals.photometric(
@@ -220,9 +230,10 @@ def px_per_m(camera: Camera, point: Array) -> float:
     return camera.focal_px / max(math.dist(point, camera.world_T_cam[:3, 3]), _TOO_NEAR_M)
 
 
-def _level(terms: Terms, magnification: float) -> int:
-    """The pyramid level on which a pose is off by as many pixels as in the usual view: it is off by metres."""
-    return min(max(terms.level + round(math.log2(magnification / USUAL_PX_PER_M)), 0), LEVELS - 1)
+def view_level(usual: int, magnification: float) -> int:
+    """The pyramid level on which a pose is off by as many pixels as on the ``usual`` one in the usual view: it is off
+    by metres."""
+    return min(max(usual + round(math.log2(magnification / USUAL_PX_PER_M)), 0), LEVELS - 1)
 
 
 @njit(cache=True, nogil=True)

@@ -100,7 +100,6 @@ class Step:
     hessian: Array  # (43, 43) of what the images alone say
     contour: Array  # (16, 3) how well they bear it out, as `pzcap.evidence.Normal` has it
     variance: Array  # (16,) relative: how little each segment is to be trusted
-    support: Array  # (4, 2) of each limb, as `LimbSearch.support` has it
     seen: bool  # any view at all
 
 
@@ -108,6 +107,8 @@ UNSEEN: Final = np.zeros((len(SEGMENTS), 3))
 """The contour of a body that no view shows."""
 _LEAP: Final = 3.0
 """Sigmas of the prediction that nobody moves by."""
+BESIDE: Final = 8
+"""Frames beside a keyframe in which limbs are still where they are thought to be."""
 _FORGETS: Final = 0.3
 """Share that the latest frame has in what predictions were off by."""
 
@@ -132,6 +133,10 @@ class Follower:
         evidence = Evidence(body, cuts)
         placed = evidence.visibility(pose)
         evidence.learn(placed, self.appearances, 1.0)
+        self.known = [
+            Appearance.unseen(points) for _ in cuts
+        ]  # as `appearances`, but of the frames beside the keyframe
+        evidence.learn(placed, self.known, 1.0)
         self._loose = self._limbs.loose(pose, evidence.grounds(placed))  # what is usual, square metres
 
     def predict(self) -> Pose:
@@ -145,7 +150,7 @@ class Follower:
             self.pose, self.velocity = predicted, 0.9 * self.velocity
             self.surprise_m = math.hypot(self.surprise_m, self.config.prediction_position_sigma_m)
             nothing, little = np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3)
-            return Step(predicted, self.velocity, nothing, UNSEEN, little, np.zeros((4, 2)), False)
+            return Step(predicted, self.velocity, nothing, UNSEEN, little, False)
         evidence = Evidence(self.body, cuts)
         sigma = self._sigma * np.where(self._known, 1.0, self.config.start_widening)
         prior = np.diag(1.0 / sigma**2)
@@ -153,8 +158,10 @@ class Follower:
         schedule = [each for each in self.config.schedule if self.surprise_m >= each.surprise_m]
         pose, normal = improve(evidence, predicted, prior, self.appearances, self.config, schedule, expected)
         placed = evidence.visibility(pose)
-        pose, normal, placed, support, found = self._recover(evidence, pose, normal, placed)
+        pose, normal, placed, found = self._recover(evidence, pose, normal, placed)
         evidence.learn(placed, self.appearances, self.config.appearance_rate)
+        if self.age <= BESIDE:
+            evidence.learn(placed, self.known, 1.0 / (self.age + 1))
         gain = np.where(self._known, self.config.velocity_gain, 1.0)
         velocity = self.velocity + gain * (difference(pose, self.pose) - self.velocity)
         again = np.isin(DOF_SEGMENT, [s for limb in found for s in LIMBS[limb]])
@@ -166,11 +173,11 @@ class Follower:
         self.surprise_m += _FORGETS * (float(np.sqrt(np.mean(np.sum(off**2, axis=1)))) - self.surprise_m)
         self.pose = pose
         variance = _variance(normal.contour, self.age)
-        return Step(pose, self.velocity, normal.hessian, normal.contour, variance, support, True)
+        return Step(pose, self.velocity, normal.hessian, normal.contour, variance, True)
 
     def _recover(
         self, evidence: Evidence, pose: Pose, normal: Normal, placed: list[PlacedView | None]
-    ) -> tuple[Pose, Normal, list[PlacedView | None], Array, list[int]]:
+    ) -> tuple[Pose, Normal, list[PlacedView | None], list[int]]:
         """Search again for the limbs that the silhouettes do not bear out; also, which were found elsewhere."""
         config = self.config
         found: list[int] = []
@@ -192,7 +199,7 @@ class Follower:
             if _explains_more(better, support, config.doubt_m2):
                 pose, normal, placed, grounds, support = other, again, there, grounds_there, better
                 found.append(limb)
-        return pose, normal, placed, support, found
+        return pose, normal, placed, found
 
 
 def _explains_more(support: Array, before: Array, by_m2: float) -> bool:

@@ -18,6 +18,7 @@ from pzcap.body import DOF, Body, forward, joint_jacobians
 from pzcap.evidence import Appearance, Evidence, misfit_px2
 from pzcap.following import UNSEEN, Follower, Step, TrackingConfig, improve
 from pzcap.landmarks import LandmarkEstimate
+from pzcap.likeness import Likeness, shared
 from pzcap.merging import leaping, merge
 from pzcap.polishing import Polished, hear, hear_hand, polish
 from pzcap.shape import ShapeEstimate
@@ -84,22 +85,25 @@ class IntervalSolver:
         """A keyframe's pose, improved by the images with the hand's error as prior."""
         unseen: list[Appearance | None] = [None] * len(cuts)
         if all(cut is None for cut in cuts):
-            return Step(pose, np.zeros(DOF), self._hand, UNSEEN, np.zeros(len(SEGMENTS)), np.zeros((4, 2)), False)
+            return Step(pose, np.zeros(DOF), self._hand, UNSEEN, np.zeros(len(SEGMENTS)), False)
         evidence = Evidence(self.body, cuts)
         pose, normal = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule)
         hessian, sure = normal.hessian + self._hand, np.zeros(len(SEGMENTS))
-        return Step(pose, np.zeros(DOF), hessian, normal.contour, sure, np.zeros((4, 2)), True)
+        return Step(pose, np.zeros(DOF), hessian, normal.contour, sure, True)
 
     def begin(self, anchor: Anchor) -> Tracked:
         """The first keyframe: nothing lies before it."""
         self._learn(anchor)
         return self._arrive(anchor)
 
-    def solve(self, interval: Sequence[Instant], anchor: Anchor | None) -> list[Tracked]:
-        """The frames of an interval, and the keyframe that ends it; ``anchor`` is None where it ends without."""
+    def solve(self, interval: Sequence[Instant], known: Sequence[Appearance], anchor: Anchor | None) -> list[Tracked]:
+        """The frames of an interval, and the keyframe that ends it; ``anchor`` is None where it ends without.
+
+        ``known`` is what the skin looked like in each view beside the keyframe that it began with.
+        """
         if anchor is not None:
             self._learn(anchor)
-        done = self._solve(interval, anchor) if interval else []
+        done = self._solve(interval, known, anchor) if interval else []
         if anchor is not None:
             done.append(self._arrive(anchor))
         return done
@@ -138,18 +142,24 @@ class IntervalSolver:
         # a hand knows where the limbs are: what the images do not bear out is a contradiction (`pzcap.advice`)
         return self.result(anchor.key.frame, settled.pose, settled.hessian, UNSEEN, True)
 
-    def _solve(self, interval: Sequence[Instant], anchor: Anchor | None) -> list[Tracked]:
+    def _solve(self, interval: Sequence[Instant], known: Sequence[Appearance], anchor: Anchor | None) -> list[Tracked]:
         views, steps = [instant.cuts for instant in interval], [instant.step for instant in interval]
         after = None if anchor is None else anchor.settled.pose
         if anchor is None or after is None:
             poses, doubt = [step.pose for step in steps], np.zeros((len(steps), len(SEGMENTS)))
-            doubtful = doubt > 0.0
+            doubtful, known = doubt > 0.0, shared(known)
         else:
             back = Follower(self.body, self.config, after, -anchor.velocity, anchor.cuts)
             behind = [back.step(cuts) for cuts in reversed(views)][::-1]
-            poses, doubt = merge(self.body, self._before, steps, behind, after)
+            known = shared([one.with_other(other) for one, other in zip(known, back.known, strict=True)])
+            likeness = Likeness(self.body)
+
+            def worth(t: int, pose: Pose) -> Array:
+                return likeness.worth(pose, Evidence(self.body, views[t]), known)
+
+            poses, doubt = merge(self.body, self._before, steps, behind, after, worth)
             doubtful = leaping(self.body, self._before, poses, after, doubt)
-        polished = self._polish(poses, views, after, doubtful)
+        polished = self._polish(poses, views, after, doubtful, known)
         self._before = polished.poses[-1]
         return [
             self.result(
@@ -163,14 +173,17 @@ class IntervalSolver:
             for t, instant in enumerate(interval)
         ]
 
-    def _polish(self, poses: list[Pose], views: list[list[Cut | None]], after: Pose | None, doubtful: Mask) -> Polished:
+    def _polish(
+        self, poses: list[Pose], views: list[list[Cut | None]], after: Pose | None, doubtful: Mask,
+        known: Sequence[Appearance],
+    ) -> Polished:  # fmt: skip
         """Improve the poses of an interval, and the body with them."""
         if not self.config.shape_weight:
-            return polish(self.body, poses, views, self._before, after, doubtful, self.config)
+            return polish(self.body, poses, views, self._before, after, doubtful, known, self.config)
         for _ in range(self.config.shape_rounds):
             said = hear(self.body, self._shape, poses[::_SOME], views[::_SOME], self.config)
             self.body = replace(self._shape.solve(said), landmarks=self.body.landmarks)
-            polished = polish(self.body, poses, views, self._before, after, doubtful, self.config)
+            polished = polish(self.body, poses, views, self._before, after, doubtful, known, self.config)
             poses = polished.poses
         self._shape.keep(said)
         self._shape_variance = self._shape.joint_variance()

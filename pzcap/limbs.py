@@ -83,7 +83,7 @@ class _Cones:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Patch:
+class Patch:
     """The surroundings of a limb in one view."""
 
     camera: Camera
@@ -104,7 +104,7 @@ class LimbSearch:
         """Per limb (4, 2), square metres of silhouette that it alone explains, and of the hall that it lies on."""
         frames = forward(self._body, pose)
         return np.array([
-            self._judge(limb, pose, frames, _AS_IT_IS, self._patches(limb, frames, grounds))[0]
+            self.judge(limb, pose, frames, _AS_IT_IS, self.patches(limb, frames, grounds))[0]
             for limb in range(len(LIMBS))
         ])  # fmt: skip
 
@@ -122,21 +122,38 @@ class LimbSearch:
     def search(self, limb: int, pose: Pose, grounds: Sequence[Ground | None]) -> Pose:
         """The best posture of one limb, the rest of the body being where ``pose`` has it."""
         frames = forward(self._body, pose)
-        patches = self._patches(limb, frames, grounds)
-        first, second, _ = LIMBS[limb]
-        bent = float(rigid.between(_STRAIGHT, pose.rotations[[second]])[0] @ _hinge(second))
+        patches = self.patches(limb, frames, grounds)
         at = np.zeros(4)
         for size, blur_m in _ROUNDS:
-            tries = at + size * _POSTURES
-            tries[:, 3] = np.clip(bent + tries[:, 3], *_HINGE_RANGE_RAD) - bent
-            both = self._judge(limb, pose, frames, tries, [_blurred(patch, blur_m) for patch in patches])
+            tries = self.bounded(limb, pose, at + size * _POSTURES)
+            both = self.judge(limb, pose, frames, tries, [_blurred(patch, blur_m) for patch in patches])
             at = tries[int(np.argmax(both[:, 0] - both[:, 1] - _RELUCTANCE_M2 * np.sum(tries**2, axis=1)))]
+        return self.turned(limb, pose, at)
+
+    def bounded(self, limb: int, pose: Pose, tries: Array) -> Array:
+        """The turns ``tries`` (K, 4) of a limb that its hinge can make."""
+        second = LIMBS[limb][1]
+        bent = float(rigid.between(_STRAIGHT, pose.rotations[[second]])[0] @ _hinge(second))
+        return np.column_stack([tries[:, :3], np.clip(bent + tries[:, 3], *_HINGE_RANGE_RAD) - bent])
+
+    def turned(self, limb: int, pose: Pose, turn: Array) -> Pose:
+        """The pose with one limb turned by (4,): its ball joint about its own three axes, then its hinge."""
+        first, second, _ = LIMBS[limb]
         rotations = pose.rotations.copy()
-        turns = np.stack([at[:3], at[3] * _hinge(second)])
+        turns = np.stack([turn[:3], turn[3] * _hinge(second)])
         rotations[[first, second]] = rigid.turn(np.ascontiguousarray(rotations[[first, second]]), turns)
         return Pose(pose.root_position_m, rotations)
 
-    def _patches(self, limb: int, frames: Array, grounds: Sequence[Ground | None]) -> list[_Patch]:
+    def posed(self, limb: int, pose: Pose, frames: Array, tries: Array) -> Array:
+        """(K, 3, 4, 4) the segments of a limb in the world, turned as each of ``tries`` (K, 4) has it."""
+        segments = list(LIMBS[limb])
+        return _posed(
+            np.ascontiguousarray(frames[PARENTS[segments[0]]]), self._body.offsets_m[segments],
+            pose.rotations[segments], _hinge(segments[1]), tries,
+        )  # fmt: skip
+
+    def patches(self, limb: int, frames: Array, grounds: Sequence[Ground | None]) -> list[Patch]:
+        """The surroundings of a limb in each view that shows them."""
         root, reach = frames[LIMBS[limb][0], :3, 3], self._reach_m[limb]
         others = np.uint8(255 - int(GROUP[LIMBS[limb][0]]))
         patches = []
@@ -147,17 +164,16 @@ class LimbSearch:
             rows, columns = box[0]
             free = np.where(ground.cover[box[0]] & others, np.float32(0.0), ground.belief[box[0]])
             corner = ground.corner + BELIEF_SCALE * np.array([columns.start, rows.start])
-            patches.append(_Patch(ground.camera, free, corner, box[1]))
+            patches.append(Patch(ground.camera, free, corner, box[1]))
         return patches
 
-    def _judge(self, limb: int, pose: Pose, frames: Array, tries: Array, patches: Sequence[_Patch]) -> Array:
+    def judge(self, limb: int, pose: Pose, frames: Array, tries: Array, patches: Sequence[Patch]) -> Array:
         """(K, 2) what the limb explains, and what of the hall it lies on, turned as each of ``tries`` (K, 4) has it."""
-        segments, cones = list(LIMBS[limb]), self._cones[limb]
+        cones = self._cones[limb]
         both = np.zeros((len(tries), 2))
-        ends = _pose_cones(
-            np.ascontiguousarray(frames[PARENTS[segments[0]]]), self._body.offsets_m[segments],
-            pose.rotations[segments], _hinge(segments[1]), tries, cones.tips_m,
-        )  # fmt: skip
+        posed = self.posed(limb, pose, frames, tries)
+        far = posed[..., :3, 3] + np.einsum("ksij,sj->ksi", posed[..., :3, :3], cones.tips_m)
+        ends = np.ascontiguousarray(np.stack([posed[..., :3, 3], far], axis=2))
         for patch in patches:
             camera = patch.camera
             _paint(
@@ -184,13 +200,13 @@ def _hinge(segment: int) -> Array:
     return np.array(HINGE_AXES[SEGMENTS[segment]])
 
 
-def _blurred(patch: _Patch, sigma_m: float) -> _Patch:
+def _blurred(patch: Patch, sigma_m: float) -> Patch:
     if sigma_m == 0.0:
         return patch
     # blurred, a limb is less than the hall on both its sides: what lies on the hall counts for little as yet
     lenient = np.maximum(patch.free, _LENIENCE * patch.free)
     free = cv2.GaussianBlur(lenient, (0, 0), sigma_m / patch.m_per_px)
-    return _Patch(patch.camera, np.asarray(free, np.float32), patch.corner, patch.m_per_px)
+    return Patch(patch.camera, np.asarray(free, np.float32), patch.corner, patch.m_per_px)
 
 
 def _box(ground: Ground, centre_m: Array, radius_m: float) -> tuple[tuple[slice, slice], float] | None:
@@ -208,22 +224,22 @@ def _box(ground: Ground, centre_m: Array, radius_m: float) -> tuple[tuple[slice,
 
 
 @njit(cache=True, nogil=True)
-def _pose_cones(parent: Array, offsets: Array, rotations: Array, hinge: Array, tries: Array, tips: Array) -> Array:
-    """(K, 3, 2, 3) both ends of each cone in the world, the limb turned as each of ``tries`` (K, 4) has it."""
+def _posed(parent: Array, offsets: Array, rotations: Array, hinge: Array, tries: Array) -> Array:
+    """(K, 3, 4, 4) the segments of a limb in the world, turned as each of ``tries`` (K, 4) has it."""
     chain = np.arange(-1, 2)
     turns = np.zeros((3, 3))
-    ends = np.empty((len(tries), 3, 2, 3))
+    out = np.zeros((len(tries), 3, 4, 4))
     for k in range(len(tries)):
         for i in range(3):
             turns[0, i] = tries[k, i]
             turns[1, i] = tries[k, 3] * hinge[i]
         frames = rigid.chain(offsets[0], rigid.turn(rotations, turns), offsets, chain)  # in the parent's frame
         for s in range(3):
-            m = parent @ frames[s]
-            for i in range(3):
-                ends[k, s, 0, i] = m[i, 3]
-                ends[k, s, 1, i] = m[i, 0] * tips[s, 0] + m[i, 1] * tips[s, 1] + m[i, 2] * tips[s, 2] + m[i, 3]
-    return ends
+            for i in range(4):
+                for j in range(4):
+                    for m in range(4):
+                        out[k, s, i, j] += parent[i, m] * frames[s, m, j]
+    return out
 
 
 @njit(cache=True, nogil=True)

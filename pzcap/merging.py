@@ -2,13 +2,13 @@
 
 Where the two agree they are averaged limb by limb, weighted by confidence, which falls with the distance from the
 keyframe (Yamamoto 2005). Where they do not, one of them has lost the limb. Which one is decided for all frames of the
-interval together: the limb that explains more of the silhouettes, and that leaps least on its way from one keyframe to
-the other.
+interval together: the limb that explains more of the silhouettes and looks more like itself, and that leaps least on
+its way from one keyframe to the other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -24,16 +24,19 @@ _LEAP_M: Final = 0.04  # what a joint's motion may change by in a frame
 _WORST_LEAP: Final = 10.0  # of the squares of that: a limb found again leaps once
 _BESIDE: Final = 3  # frames around a leap that may be wrong with it
 _NEARER: Final = 2.0  # what a pass is worth beside its own keyframe: where nothing tells, the leap is in the middle
-_SUPPORT_M2: Final = 0.01  # silhouette that weighs as much as a leap
+_WORTH_M2: Final = 0.01  # of a limb that weighs as much as a leap
 
 
 def merge(
-    body: Body, before: Pose, ahead: Sequence[Step], back: Sequence[Step], after: Pose
-) -> tuple[list[Pose], Array]:
+    body: Body, before: Pose, ahead: Sequence[Step], back: Sequence[Step], after: Pose,
+    worth: Callable[[int, Pose], Array],
+) -> tuple[list[Pose], Array]:  # fmt: skip
     """The poses between two keyframes from the steps of both passes, in the order of the frames; and how far apart
-    (T, 16), metres, the two have the joints of a limb that they disagree about, 0 where they agree."""
+    (T, 16), metres, the two have the joints of a limb that they disagree about, 0 where they agree.
+
+    ``worth(frame, pose)`` is as `pzcap.likeness.Likeness.worth` has it.
+    """
     share = np.array([a.variance / (a.variance + b.variance) for a, b in zip(ahead, back, strict=True)])  # of ``back``
-    support = np.array([[step.support for step in steps] for steps in (ahead, back)])  # (2, T, 4, 2)
     joints = np.array([
         [_joints(body, pose) for pose in (before, *(step.pose for step in steps), after)] for steps in (ahead, back)
     ])  # (2, T + 2, 16, 3)  # fmt: skip
@@ -41,13 +44,16 @@ def merge(
     nearer = _NEARER * np.stack([1.0 - way, way])
     apart = np.linalg.norm(joints[0, 1:-1] - joints[1, 1:-1], axis=-1)
     doubt = np.zeros(apart.shape)
-    for limb, members in enumerate(LIMBS):
+    differ = np.array([apart[:, list(members)].max(axis=1) > AGREE_M for members in LIMBS])  # (4, T)
+    limbs_worth = np.zeros((2, len(ahead), len(LIMBS)))
+    for t in np.flatnonzero(differ.any(axis=0)).tolist():
+        limbs_worth[:, t] = [worth(t, steps[t].pose) for steps in (ahead, back)]
+    for (limb, members), disagree in zip(enumerate(LIMBS), differ, strict=True):
         share[:, list(members)] = share[:, list(members)].mean(axis=1, keepdims=True)
-        disagree = apart[:, list(members)].max(axis=1) > AGREE_M
         doubt[:, list(members)] = np.where(disagree[:, None], apart[:, list(members)], 0.0)
         if not disagree.any():
             continue
-        gain = (support[:, :, limb, 0] - support[:, :, limb, 1]) / _SUPPORT_M2 + nearer
+        gain = limbs_worth[:, :, limb] / _WORTH_M2 + nearer
         choice = _smoothest(joints[:, :, list(members[1:])], gain)
         for frame in np.flatnonzero(disagree):
             share[frame, list(members)] = choice[frame]

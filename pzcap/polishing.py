@@ -18,7 +18,9 @@ from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, retract
 from pzcap.contact import ties
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import UNSEEN, TrackingConfig, restraint
-from pzcap.limbs import LIMBS, LimbSearch
+from pzcap.likeness import Likeness
+from pzcap.limbs import LIMBS
+from pzcap.second_look import look_again, runs
 from pzcap.shape import Said, ShapeEstimate, Sight
 from pzcap.trajectory import smooth_step
 from pzcap.types import Array, Keyframe, Mask, Pose
@@ -77,23 +79,28 @@ def hear_hand(
 
 def polish(
     body: Body, poses: Sequence[Pose], views: Sequence[Sequence[Cut | None]], before: Pose | None, after: Pose | None,
-    doubtful: Mask, config: TrackingConfig,
+    doubtful: Mask, known: Sequence[Appearance], config: TrackingConfig,
 ) -> Polished:  # fmt: skip
     """Improve the ``poses`` of a stretch of frames; ``before`` and ``after`` it the body is held fast where known.
 
     Where a segment is ``doubtful`` (T, 16) it is also tried to bridge it by the motion around, and to believe its
-    images only then; a limb is taken from there if that explains more of the silhouettes.
+    images only then; where a limb does not look as it is ``known`` to, it is also followed once more
+    (`pzcap.second_look`). A limb is taken from there if that is worth more.
     """
-    stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, after, config)
+    stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, after, config, Likeness(body))
     placed = stretch.visibility(poses)
     appearances = _appearances(body, stretch.evidence, placed)
     sure = np.ones((len(poses), DOF))
     found = stretch.sweep(poses, placed, appearances, sure)
-    if not doubtful.any():
-        return found
-    bridge = stretch.sweep(poses, placed, appearances, np.where(doubtful[:, DOF_SEGMENT], _DISBELIEF, 1.0))
-    other = stretch.sweep(bridge.poses, stretch.visibility(bridge.poses), appearances, sure)
-    return stretch.choose(found, other, doubtful)
+    if doubtful.any():
+        bridge = stretch.sweep(poses, placed, appearances, np.where(doubtful[:, DOF_SEGMENT], _DISBELIEF, 1.0))
+        other = stretch.sweep(bridge.poses, stretch.visibility(bridge.poses), appearances, sure)
+        found = stretch.choose(found, other, doubtful, known)
+    again = look_again(stretch.likeness, poses, stretch.evidence, placed, known, before, after)
+    if again is not None:
+        other = stretch.sweep(again.poses, stretch.visibility(again.poses), again.known, sure)
+        found = stretch.choose(found, other, again.lost, again.known)
+    return found
 
 
 def _appearances(
@@ -115,6 +122,7 @@ class _Stretch:
     before: Pose | None
     after: Pose | None
     config: TrackingConfig
+    likeness: Likeness
 
     def visibility(self, poses: Sequence[Pose]) -> list[list[PlacedView | None]]:
         return [each.visibility(pose) for each, pose in zip(self.evidence, poses, strict=True)]
@@ -142,27 +150,23 @@ class _Stretch:
             found = [retract(pose, step) for pose, step in zip(found, steps, strict=True)]
         return Polished(found, hessians, contours)
 
-    def choose(self, one: Polished, other: Polished, doubtful: Mask) -> Polished:
-        """``one``, but the limbs that are ``doubtful`` as ``other`` has them where that explains more."""
+    def choose(self, one: Polished, other: Polished, doubtful: Mask, known: Sequence[Appearance]) -> Polished:
+        """``one``, but the limbs that are ``doubtful`` as ``other`` has them where that is worth more."""
         frames = np.flatnonzero(doubtful.any(axis=1))
-        gain = self._support(other.poses, frames) - self._support(one.poses, frames)
+        gain = self._worth(other.poses, frames, known) - self._worth(one.poses, frames, known)
         poses, hessians, contours = list(one.poses), list(one.hessians), [contour.copy() for contour in one.contours]
         for limb, members in enumerate(LIMBS):
             rows = list(members)
-            here = doubtful[frames][:, rows].any(axis=1)
-            if gain[here, limb].sum() <= 0.0:
-                continue
-            for t in frames[here]:
-                rotations = poses[t].rotations.copy()
-                rotations[rows] = other.poses[t].rotations[rows]
-                poses[t], hessians[t] = Pose(poses[t].root_position_m, rotations), other.hessians[t]
-                contours[t][rows] = other.contours[t][rows]
+            for run in runs(np.asarray(doubtful[:, rows].any(axis=1))):
+                if gain[np.isin(frames, run), limb].sum() <= 0.0:
+                    continue
+                for t in run:
+                    rotations = poses[t].rotations.copy()
+                    rotations[rows] = other.poses[t].rotations[rows]
+                    poses[t], hessians[t] = Pose(poses[t].root_position_m, rotations), other.hessians[t]
+                    contours[t][rows] = other.contours[t][rows]
         return Polished(poses, hessians, contours)
 
-    def _support(self, poses: Sequence[Pose], frames: NDArray[np.int64]) -> Array:
-        """(N, 4) square metres that each limb explains, less those of the hall, in some ``frames``."""
-        search, rows = LimbSearch(self.body), []
-        for t in frames:
-            grounds = self.evidence[t].grounds(self.evidence[t].visibility(poses[t]))
-            rows.append(np.subtract(*search.support(poses[t], grounds).T))
-        return np.array(rows)
+    def _worth(self, poses: Sequence[Pose], frames: NDArray[np.int64], known: Sequence[Appearance]) -> Array:
+        """(N, 4) what each limb is worth in some ``frames``, as `Likeness.worth` has it."""
+        return np.array([self.likeness.worth(poses[t], self.evidence[t], known) for t in frames])

@@ -123,8 +123,9 @@ class Tracker:
 
     def _solve(self, anchor: Anchor | None) -> None:
         """Start to solve what waits, up to ``anchor``. What was being solved has been taken before."""
+        assert self._ahead is not None
         interval, self._waiting = self._waiting, []
-        self._solving = self._worker.submit(self._solver.solve, interval, anchor)
+        self._solving = self._worker.submit(self._solver.solve, interval, self._ahead.known, anchor)
 
     def _solved(self) -> list[Tracked]:
         """The interval that is being solved, once it is; from then on its body is followed."""
