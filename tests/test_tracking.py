@@ -282,10 +282,14 @@ def lost(pose: Pose, dof: int, by: float) -> Pose:
     return bodies.retract(pose, delta)
 
 
-def step(pose: Pose, support: Array | None = None) -> Step:
+def step(pose: Pose) -> Step:
     nothing = np.zeros(bodies.DOF)
-    support = np.zeros((4, 2)) if support is None else support
-    return Step(pose, nothing, np.diag(nothing), UNSEEN, np.ones(16), support, True)
+    return Step(pose, nothing, np.diag(nothing), UNSEEN, np.ones(16), True)
+
+
+def worthless(frame: int, pose: Pose) -> Array:
+    """The images tell no limb from another."""
+    return np.zeros(4)
 
 
 def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:
@@ -294,11 +298,28 @@ def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:
     leg = int(np.flatnonzero(bodies.DOF_SEGMENT == 13)[1])
     ahead = [step(lost(pose, arm, 0.9) if k == 3 else pose) for k, pose in enumerate(poses[1:-1])]
     back = [step(lost(pose, leg, 0.8) if k == 3 else pose) for k, pose in enumerate(poses[1:-1])]
-    merged, doubt = merge(body, poses[0], ahead, back, poses[-1])
+    merged, doubt = merge(body, poses[0], ahead, back, poses[-1], worthless)
     for found, true in zip(merged, poses[1:-1], strict=True):
         np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, true), atol=0.001)
     assert doubt[3, [5, 6, 14, 15]].min() > 0.05
     assert doubt[2].max() == 0.0
+
+
+@pytest.mark.parametrize("right", [0, 1])
+def test_where_neither_pass_leaps_the_one_that_the_images_bear_out_is_taken(right: int) -> None:
+    body, poses = true_body(), clip().poses
+    arm = int(np.flatnonzero(bodies.DOF_SEGMENT == 4)[1])
+    true = [step(pose) for pose in poses[1:-1]]
+    strays = np.sin(np.pi * np.arange(1, len(true) + 1) / (len(true) + 1))
+    away = [step(lost(pose, arm, 0.6 * far)) for pose, far in zip(poses[1:-1], strays, strict=True)]
+
+    def worth(frame: int, pose: Pose) -> Array:
+        return np.full(4, 0.1 if pose is true[frame].pose else 0.0)
+
+    passes = (true, away) if right == 0 else (away, true)
+    merged, _ = merge(body, poses[0], *passes, poses[-1], worth)
+    for found, expected in zip(merged, poses[1:-1], strict=True):
+        np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, expected), atol=0.03)
 
 
 def test_a_joint_whose_outlines_miss_the_silhouettes_is_said_to_be_astray() -> None:
@@ -333,7 +354,7 @@ def test_where_passes_agree_confidence_weighs_them() -> None:
     body, pose = true_body(), clip().poses[6]
     ahead, back = step(pose), step(lost(pose, 3, 0.04))
     back.variance[:] = 3.0
-    (merged,), doubt = merge(body, pose, [ahead], [back], pose)
+    (merged,), doubt = merge(body, pose, [ahead], [back], pose, worthless)
     assert not doubt.any()
     np.testing.assert_allclose(bodies.difference(merged, pose)[3], 0.01, atol=1e-9)
 

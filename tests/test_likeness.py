@@ -1,0 +1,140 @@
+"""A limb that silhouettes cannot tell from the trunk is told by what it looks like, and found by that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pzcap import body as bodies
+from pzcap.body import Body
+from pzcap.evidence import Appearance, Evidence
+from pzcap.likeness import Likeness, shared
+from pzcap.limbs import LIMBS
+from pzcap.second_look import look_again, runs
+from pzcap.types import Array, Pose
+from pzcap.views import LEVELS, Cut
+from tests.test_tracking import clip, cuts, lost, observed, true_body
+
+FRAMES = range(2, 9)
+
+
+def swung(pose: Pose, limb: int, by: float) -> Pose:
+    return lost(pose, int(np.flatnonzero(LIMBS[limb][0] == bodies.DOF_SEGMENT)[1]), by)
+
+
+def known(frames: range = range(2, 5)) -> list[Appearance]:
+    """What the skin looks like in these frames, the body being where it is."""
+    body = true_body()
+    looks = [Appearance.unseen(len(body.surface.points_m)) for _ in cuts(0)]
+    for frame in frames:
+        evidence = observed(frame, body)
+        evidence.learn(evidence.visibility(clip().poses[frame]), looks, 0.5)
+    return looks
+
+
+def alike(pose: Pose, evidence: Evidence, looks: list[Appearance]) -> Array:
+    return Likeness(evidence.body).of(pose, evidence, evidence.visibility(pose), looks)
+
+
+def without_silhouettes(frame: int, body: Body) -> Evidence:
+    """Nothing but grey values: every belief is even, as if hall and body had the same colours."""
+    return Evidence(
+        body, [None if cut is None else replace(cut, belief=np.zeros_like(cut.belief)) for cut in cuts(frame)]
+    )
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_a_limb_looks_like_itself_where_it_is_and_nowhere_else(limb: int) -> None:
+    evidence, pose = observed(5, true_body()), clip().poses[5]
+    here = alike(pose, evidence, known())
+    away = alike(swung(pose, limb, 0.9), evidence, known())
+    assert here.min() > 0.0
+    assert away[limb] < 0.5 * here[limb]
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(limb: int) -> None:
+    body, pose = true_body(), swung(clip().poses[5], limb, 0.4)
+    evidence, end = without_silhouettes(5, body), LIMBS[limb][2]
+    found = Likeness(body).search(limb, pose, evidence, known())
+    before, after = (np.linalg.norm(bodies.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
+    assert before > 0.1
+    assert after < 0.4 * before
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0.85, 1.15))
+def test_light_does_not_change_what_a_limb_looks_like(gain: float) -> None:
+    evidence, pose = observed(5, true_body()), clip().poses[5]
+    brighter: list[Cut | None] = []
+    for cut in evidence.cuts:
+        assert cut is not None
+        grey = tuple(cv2.convertScaleAbs(level, alpha=gain) for level in cut.seen.grey)
+        brighter.append(replace(cut, seen=replace(cut.seen, grey=grey)))
+    here, there = (alike(pose, each, known()) for each in (evidence, Evidence(evidence.body, brighter)))
+    np.testing.assert_allclose(there, here, atol=0.12 * here.max())
+
+
+def test_skin_that_is_not_known_says_nothing() -> None:
+    evidence, pose = observed(5, true_body()), clip().poses[5]
+    assert not alike(pose, evidence, known(range(0))).any()
+
+
+def test_what_a_view_has_not_seen_it_has_from_the_others() -> None:
+    def look(value: float, trust: list[float]) -> Appearance:
+        return Appearance(np.full((LEVELS, 3), value, np.float32), np.array(trust, np.float32))
+
+    first, second, third = shared([look(100.0, [1, 0, 0]), look(60.0, [1, 1, 0]), look(80.0, [0, 0.5, 0])])
+    np.testing.assert_allclose(first.value[0, :2], [100.0, (60.0 + 0.5 * 80.0) / 1.5])
+    np.testing.assert_allclose(second.value[0, :2], 60.0)
+    np.testing.assert_allclose(third.value[0, :2], [80.0, 80.0])
+    assert first.trust[0] == second.trust[0] == 1.0
+    assert 0.0 < first.trust[1] < 1.0
+    assert first.trust[2] == second.trust[2] == third.trust[2] == 0.0
+
+
+def test_two_memories_of_a_view_make_one() -> None:
+    one = Appearance(np.full((LEVELS, 3), 100.0, np.float32), np.array([1.0, 1.0, 0.0], np.float32))
+    other = Appearance(np.full((LEVELS, 3), 40.0, np.float32), np.array([1.0, 0.0, 0.0], np.float32))
+    both = one.with_other(other)
+    np.testing.assert_allclose(both.value[0, :2], [70.0, 100.0])
+    np.testing.assert_allclose(both.trust, [1.0, 1.0, 0.0])
+
+
+def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
+    body, limb, gone = true_body(), 0, range(2, 5)
+    evidence = [observed(frame, body) for frame in FRAMES]
+    true = [clip().poses[frame] for frame in FRAMES]
+    poses = [swung(pose, limb, 0.9) if t in gone else pose for t, pose in enumerate(true)]
+    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    again = look_again(Likeness(body), poses, evidence, placed, shared(known()), true[0], true[-1])
+    assert again is not None
+    assert again.lost[list(gone)][:, list(LIMBS[limb])].all()
+    assert not again.lost[:, :4].any()
+    end = LIMBS[limb][2]
+    for t in gone:
+        off = [
+            np.linalg.norm(bodies.joints(body, p[t])[end] - bodies.joints(body, true[t])[end])
+            for p in (poses, again.poses)
+        ]
+        assert off[0] > 0.2
+        assert off[1] < 0.3 * off[0]
+
+
+def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
+    body = true_body()
+    evidence, poses = [observed(frame, body) for frame in FRAMES], [clip().poses[frame] for frame in FRAMES]
+    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    assert look_again(Likeness(body), poses, evidence, placed, shared(known()), None, None) is None
+
+
+@given(st.lists(st.booleans(), max_size=12))
+def test_runs_are_all_that_is_marked_without_gaps(marks: list[bool]) -> None:
+    found = runs(np.array(marks, bool))
+    assert [t for run in found for t in run] == np.flatnonzero(marks).tolist()
+    assert all(first.stop < second.start for first, second in zip(found, found[1:], strict=False))
