@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -137,4 +138,4 @@ def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
 def test_runs_are_all_that_is_marked_without_gaps(marks: list[bool]) -> None:
     found = runs(np.array(marks, bool))
     assert [t for run in found for t in run] == np.flatnonzero(marks).tolist()
-    assert all(first.stop < second.start for first, second in zip(found, found[1:], strict=False))
+    assert all(first.stop < second.start for first, second in pairwise(found))

@@ -287,7 +287,7 @@ def step(pose: Pose) -> Step:
     return Step(pose, nothing, np.diag(nothing), UNSEEN, np.ones(16), True)
 
 
-def worthless(frame: int, pose: Pose) -> Array:
+def worthless(_frame: int, _pose: Pose) -> Array:
     """The images tell no limb from another."""
     return np.zeros(4)
 
