@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body import DOF, DOF_SEGMENT, Body, difference, forward, retract
+from pzcap.body import DOF, Body, difference, forward, retract
 from pzcap.contact import ties
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import UNSEEN, TrackingConfig, restraint
@@ -26,7 +26,6 @@ from pzcap.trajectory import smooth_step
 from pzcap.types import Array, Keyframe, Mask, Pose
 from pzcap.views import Cut, PlacedView
 
-_DISBELIEF: Final = 0.05
 _BRIGHTNESS_SIGMA: Final = 25.0  # grey levels, while the shape is not known: more than in tracking
 
 
@@ -83,22 +82,16 @@ def polish(
 ) -> Polished:  # fmt: skip
     """Improve the ``poses`` of a stretch of frames; ``before`` and ``after`` it the body is held fast where known.
 
-    Where a segment is ``doubtful`` (T, 16) it is also tried to bridge it by the motion around, and to believe its
-    images only then; where a limb does not look as it is ``known`` to, it is also followed once more
-    (`pzcap.second_look`). A limb is taken from there if that is worth more.
+    Limbs that are ``doubtful`` (T, 16), or do not look as they are ``known`` to, are also followed once more
+    (`pzcap.second_look`), and taken from there if that is worth more.
     """
     stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, after, config, Likeness(body))
     placed = stretch.visibility(poses)
     appearances = _appearances(body, stretch.evidence, placed)
-    sure = np.ones((len(poses), DOF))
-    found = stretch.sweep(poses, placed, appearances, sure)
-    if doubtful.any():
-        bridge = stretch.sweep(poses, placed, appearances, np.where(doubtful[:, DOF_SEGMENT], _DISBELIEF, 1.0))
-        other = stretch.sweep(bridge.poses, stretch.visibility(bridge.poses), appearances, sure)
-        found = stretch.choose(found, other, doubtful, known)
-    again = look_again(stretch.likeness, poses, stretch.evidence, placed, known, before, after)
+    found = stretch.sweep(poses, placed, appearances)
+    again = look_again(stretch.likeness, poses, stretch.evidence, placed, known, doubtful, before, after)
     if again is not None:
-        other = stretch.sweep(again.poses, stretch.visibility(again.poses), again.known, sure)
+        other = stretch.sweep(again.poses, stretch.visibility(again.poses), again.known)
         found = stretch.choose(found, other, again.lost, again.known)
     return found
 
@@ -128,21 +121,20 @@ class _Stretch:
         return [each.visibility(pose) for each, pose in zip(self.evidence, poses, strict=True)]
 
     def sweep(
-        self, poses: Sequence[Pose], placed: Sequence[Sequence[PlacedView | None]], appearances: Sequence[Appearance],
-        belief: Array,
-    ) -> Polished:  # fmt: skip
-        """Some Gauss-Newton steps; the images count as far as ``belief`` (T, 43) has it."""
+        self, poses: Sequence[Pose], placed: Sequence[Sequence[PlacedView | None]], appearances: Sequence[Appearance]
+    ) -> Polished:
+        """Some Gauss-Newton steps."""
         config = self.config
         found, hessians, contours = list(poses), [np.zeros((DOF, DOF)) for _ in poses], [UNSEEN for _ in poses]
         sigma = np.full(DOF, config.acceleration_rotation_sigma_rad)
         sigma[:3] = config.acceleration_position_sigma_m
         for _ in range(config.polishing_sweeps):
             gradients = []
-            for t, (each, where, say) in enumerate(zip(self.evidence, placed, belief, strict=True)):
+            for t, (each, where) in enumerate(zip(self.evidence, placed, strict=True)):
                 normal = each.normal(found[t], where, appearances, config.schedule[-1].terms)
                 stiffness, pull = restraint(self.body, found[t], True, config)
-                hessians[t] = say[:, None] * normal.hessian * say + stiffness
-                gradients.append(say * normal.gradient + pull)
+                hessians[t] = normal.hessian + stiffness
+                gradients.append(normal.gradient + pull)
                 contours[t] = normal.contour
             chain = [pose for pose in (self.before, *found, self.after) if pose is not None]
             held = ties(self.body, chain)

@@ -41,15 +41,16 @@ class Again:
 
 def look_again(
     likeness: Likeness, poses: Sequence[Pose], evidence: Sequence[Evidence], placed: Sequence[Placed],
-    known: Sequence[Appearance], before: Pose | None, after: Pose | None,
+    known: Sequence[Appearance], doubtful: Mask, before: Pose | None, after: Pose | None,
 ) -> Again | None:  # fmt: skip
-    """Follow the limbs once more that do not look as they are ``known`` to, the body being where it was ``placed``,
-    and ``before`` and ``after`` these frames where that is known. None if all limbs look like themselves."""
-    lost = _unlike(likeness, poses, evidence, placed, known)
+    """Follow the limbs once more that are ``doubtful`` (T, 16) or do not look as they are ``known`` to, the body being
+    where it was ``placed``, and ``before`` and ``after`` these frames where that is known. None if there are none."""
+    doubted = np.array([doubtful[:, list(limb)].any(axis=1) for limb in LIMBS]).T
+    lost = doubted | _unlike(likeness, poses, evidence, placed, known)
     if not lost.any():
         return None
     learned = _learn(known, evidence, placed, lost)
-    lost = _unlike(likeness, poses, evidence, placed, learned)
+    lost = doubted | _unlike(likeness, poses, evidence, placed, learned)
     lost = np.array([_window(lost, t).any(axis=0) for t in range(len(lost))])
     if not lost.any():
         return None
