@@ -22,6 +22,7 @@ from pzcap.views import LEVELS, Cut
 from tests.test_tracking import clip, cuts, lost, observed, true_body
 
 FRAMES = range(2, 9)
+SURE = np.zeros((len(FRAMES), 16), bool)
 
 
 def swung(pose: Pose, limb: int, by: float) -> Pose:
@@ -113,7 +114,7 @@ def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
     true = [clip().poses[frame] for frame in FRAMES]
     poses = [swung(pose, limb, 0.9) if t in gone else pose for t, pose in enumerate(true)]
     placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
-    again = look_again(Likeness(body), poses, evidence, placed, shared(known()), true[0], true[-1])
+    again = look_again(Likeness(body), poses, evidence, placed, shared(known()), SURE, true[0], true[-1])
     assert again is not None
     assert again.lost[list(gone)][:, list(LIMBS[limb])].all()
     assert not again.lost[:, :4].any()
@@ -131,7 +132,14 @@ def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
     body = true_body()
     evidence, poses = [observed(frame, body) for frame in FRAMES], [clip().poses[frame] for frame in FRAMES]
     placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
-    assert look_again(Likeness(body), poses, evidence, placed, shared(known()), None, None) is None
+    assert look_again(Likeness(body), poses, evidence, placed, shared(known()), SURE, None, None) is None
+    doubtful = SURE.copy()
+    doubtful[3, LIMBS[1][2]] = True
+    again = look_again(Likeness(body), poses, evidence, placed, shared(known()), doubtful, None, None)
+    assert again is not None
+    assert np.flatnonzero(again.lost.any(axis=0)).tolist() == list(LIMBS[1])
+    for found, pose in zip(again.poses, poses, strict=True):  # found where it was
+        np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, pose), atol=0.08)
 
 
 @given(st.lists(st.booleans(), max_size=12))
