@@ -20,7 +20,7 @@ from pzcap.evidence import Appearance, Evidence
 from pzcap.following import UNSEEN, TrackingConfig, restraint
 from pzcap.likeness import Likeness
 from pzcap.limbs import LIMBS
-from pzcap.second_look import look_again, runs
+from pzcap.second_look import look_again, runs, taking
 from pzcap.shape import Said, ShapeEstimate, Sight
 from pzcap.trajectory import smooth_step
 from pzcap.types import Array, Keyframe, Mask, Pose
@@ -142,20 +142,18 @@ class _Stretch:
             found = [retract(pose, step) for pose, step in zip(found, steps, strict=True)]
         return Polished(found, hessians, contours)
 
-    def choose(self, one: Polished, other: Polished, doubtful: Mask, known: Sequence[Appearance]) -> Polished:
-        """``one``, but the limbs that are ``doubtful`` as ``other`` has them where that is worth more."""
-        frames = np.flatnonzero(doubtful.any(axis=1))
+    def choose(self, one: Polished, other: Polished, lost: Mask, known: Sequence[Appearance]) -> Polished:
+        """``one``, but the limbs that were ``lost`` (T, 16) as ``other`` has them where that is worth more."""
+        frames = np.flatnonzero(lost.any(axis=1))
         gain = self._worth(other.poses, frames, known) - self._worth(one.poses, frames, known)
         poses, hessians, contours = list(one.poses), list(one.hessians), [contour.copy() for contour in one.contours]
         for limb, members in enumerate(LIMBS):
             rows = list(members)
-            for run in runs(np.asarray(doubtful[:, rows].any(axis=1))):
+            for run in runs(np.asarray(lost[:, rows].any(axis=1))):
                 if gain[np.isin(frames, run), limb].sum() <= 0.0:
                     continue
                 for t in run:
-                    rotations = poses[t].rotations.copy()
-                    rotations[rows] = other.poses[t].rotations[rows]
-                    poses[t], hessians[t] = Pose(poses[t].root_position_m, rotations), other.hessians[t]
+                    poses[t], hessians[t] = taking(poses[t], rows, other.poses[t]), other.hessians[t]
                     contours[t][rows] = other.contours[t][rows]
         return Polished(poses, hessians, contours)
 

@@ -88,13 +88,10 @@ def _follow(
     for limb, segments in enumerate(LIMBS):
         others = [s for group in ((0, 1, 2, 3), *LIMBS) if group != segments for s in group]
         for t, neighbour in _inward(lost[:, limb]):
-            each, rotations = evidence[t], poses[t].rotations.copy()
-            rotations[list(segments)] = chain[neighbour + 1].rotations[list(segments)]
-            here = Pose(poses[t].root_position_m, rotations)
-            rotations = chain[t + 1].rotations.copy()
-            found = likeness.search(limb, here, each, learned)
-            rotations[list(segments)] = found.rotations[list(segments)]
-            chain[t + 1] = Pose(poses[t].root_position_m, rotations)
+            each = evidence[t]
+            as_beside = taking(poses[t], segments, chain[neighbour + 1])
+            found = likeness.search(limb, as_beside, each, learned)
+            chain[t + 1] = taking(chain[t + 1], segments, found)
             placed = each.visibility(found)
             if likeness.of(found, each, placed, learned)[limb] > 0.0:
                 each.learn(_without(each, placed, others), learned, _ADAPT)
@@ -107,6 +104,13 @@ def _inward(lost: Mask) -> Iterator[tuple[int, int]]:
         for step in range(len(run)):
             left, right = run[step // 2], run[-1 - step // 2]
             yield (left, left - 1) if step % 2 == 0 else (right, right + 1)
+
+
+def taking(pose: Pose, segments: Sequence[int], other: Pose) -> Pose:
+    """The ``pose`` with some segments turned as the ``other`` has them."""
+    rotations = pose.rotations.copy()
+    rotations[list(segments)] = other.rotations[list(segments)]
+    return Pose(pose.root_position_m, rotations)
 
 
 def runs(marked: Mask) -> list[range]:
