@@ -26,6 +26,7 @@ from pzcap.trajectory import smooth_step
 from pzcap.types import Array, Keyframe, Mask, Pose
 from pzcap.views import Cut, PlacedView
 
+_WORTHWHILE_M2: Final = 0.015  # that a limb must gain a frame: whoever searches finds what looks a little better
 _BRIGHTNESS_SIGMA: Final = 25.0  # grey levels, while the shape is not known: more than in tracking
 
 
@@ -143,14 +144,15 @@ class _Stretch:
         return Polished(found, hessians, contours)
 
     def choose(self, one: Polished, other: Polished, lost: Mask, known: Sequence[Appearance]) -> Polished:
-        """``one``, but the limbs that were ``lost`` (T, 16) as ``other`` has them where that is worth more."""
+        """``one``, but the limbs that were ``lost`` (T, 16) as ``other`` has them where that is worth so much more that it
+        is no accident."""
         frames = np.flatnonzero(lost.any(axis=1))
         gain = self._worth(other.poses, frames, known) - self._worth(one.poses, frames, known)
         poses, hessians, contours = list(one.poses), list(one.hessians), [contour.copy() for contour in one.contours]
         for limb, members in enumerate(LIMBS):
             rows = list(members)
             for run in runs(np.asarray(lost[:, rows].any(axis=1))):
-                if gain[np.isin(frames, run), limb].sum() <= 0.0:
+                if gain[np.isin(frames, run), limb].mean() <= _WORTHWHILE_M2:
                     continue
                 for t in run:
                     poses[t], hessians[t] = taking(poses[t], rows, other.poses[t]), other.hessians[t]

@@ -23,6 +23,7 @@ from pzcap.types import SEGMENTS, Mask, Pose
 from pzcap.views import PlacedView
 
 _AROUND: Final = 2  # frames on either side that a verdict takes in, and that may be wrong with those that are
+_UNLIKE_M2: Final = 0.006  # what looks otherwise than it should, more than does not: less is an odd light
 _ADAPT: Final = 0.15  # share that a frame has in what a limb that was found again looks like
 
 _OF_LIMB: Final[Mask] = np.array([np.isin(np.arange(len(SEGMENTS)), limb) for limb in LIMBS])  # (4, 16)
@@ -65,7 +66,7 @@ def _unlike(
     alike = np.array([
         likeness.of(pose, each, where, known) for pose, each, where in zip(poses, evidence, placed, strict=True)
     ])  # fmt: skip
-    return np.array([np.median(_window(alike, t), axis=0) < 0.0 for t in range(len(alike))])
+    return np.array([np.median(_window(alike, t), axis=0) < -_UNLIKE_M2 for t in range(len(alike))])
 
 
 def _learn(
