@@ -144,8 +144,7 @@ class _Stretch:
         return Polished(found, hessians, contours)
 
     def choose(self, one: Polished, other: Polished, lost: Mask, known: Sequence[Appearance]) -> Polished:
-        """``one``, but the limbs that were ``lost`` (T, 16) as ``other`` has them where that is worth so much more that it
-        is no accident."""
+        """``one``, but the limbs that were ``lost`` (T, 16) as ``other`` has them where that is worth clearly more."""
         frames = np.flatnonzero(lost.any(axis=1))
         gain = self._worth(other.poses, frames, known) - self._worth(one.poses, frames, known)
         poses, hessians, contours = list(one.poses), list(one.hessians), [contour.copy() for contour in one.contours]
