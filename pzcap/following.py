@@ -133,9 +133,8 @@ class Follower:
         evidence = Evidence(body, cuts)
         placed = evidence.visibility(pose)
         evidence.learn(placed, self.appearances, 1.0)
-        self.known = [
-            Appearance.unseen(points) for _ in cuts
-        ]  # as `appearances`, but of the frames beside the keyframe
+        # what drifts with the limbs is of no use to find them by: this is of the frames beside the keyframe alone
+        self.known = [Appearance.unseen(points) for _ in cuts]
         evidence.learn(placed, self.known, 1.0)
         self._loose = self._limbs.loose(pose, evidence.grounds(placed))  # what is usual, square metres
 

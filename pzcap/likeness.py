@@ -98,11 +98,11 @@ class Likeness:
         """The best posture of one limb near that of ``pose``, the rest of the body being where that has it."""
         frames, placed = forward(self._body, pose), evidence.visibility(pose)
         patches = self._limbs.patches(limb, frames, evidence.grounds(placed))
-        hidden = [None if where is None else self._behind(limb, where) for where in placed]
+        behind = [None if where is None else self._behind(limb, where) for where in placed]
         best, centre, spread = np.zeros(4), np.zeros(4), np.full(4, _SPREAD_RAD)
         for level, draws in zip(_ROUNDS, _DRAWS, strict=True):
             tries = self._limbs.bounded(limb, pose, np.vstack([best, centre + spread * draws]))
-            sights = self._sights(limb, pose, evidence, hidden, known, level)
+            sights = self._sights(limb, pose, evidence, behind, known, level)
             alike = _compared(self._skins[limb], self._limbs.posed(limb, pose, frames, tries), sights)
             covered = self._limbs.judge(limb, pose, frames, tries, patches)
             worth = _WORTH * alike + covered[:, 0] - covered[:, 1] - _RELUCTANCE_M2 * np.sum(tries**2, axis=1)
