@@ -104,7 +104,9 @@ def adjust(
 
     ``start`` must be right to about a pixel.
     """
-    loose = replace(sigmas, walls=0.3, unevenness=0.2, departures=0.1, roughness=0.05)
+    # the images know how near things are times how far the centre is beside the axis: walls that were held back to
+    # what is believed of them would push the centre out
+    loose = replace(sigmas, walls=3.0, unevenness=1.0, departures=0.1, roughness=0.05)
     believed, mean = information(start, loose), vector(prior)
     edges = [_edges(frame, pixels) for frame in frames]
     overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, *pair, pixels)) is not None]

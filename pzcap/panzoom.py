@@ -44,8 +44,8 @@ class PanZoomConfig:
     min_agreement: float = 0.5  # of one that features led to
     max_pan_sigma_deg: float = 0.05  # a frame whose matches tell less than this is not valid
     pixels: int = 4000  # of a frame that are aligned with the panorama: more take longer
-    floor_deg: float = 0.0012  # systematic error of pan: the least standard deviation that is claimed
-    floor_focal: float = 1.7e-4  # the same of the focal length, relative
+    floor_deg: float = 0.0009  # systematic error of pan: the least standard deviation that is claimed
+    floor_focal: float = 1.1e-4  # the same of the focal length, relative
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     sweep: SweepConfig = field(default_factory=SweepConfig)
     beliefs: BeliefConfig = field(default_factory=BeliefConfig)
