@@ -89,6 +89,7 @@ def test_a_reference_image_of_something_else_moves_nothing() -> None:
     assert calibration._counted_from(panorama, aligned) is panorama
 
 
+@pytest.mark.slow
 def test_what_is_believed_of_walls_does_not_push_the_projection_centre_out(tmp_path: Path) -> None:
     # ten times as far from the axis as a crew leaves it, so that small pictures show it: what is seen is the offset
     # times how near things are, and walls that were held back to what is believed of them came out 12 % too far away
