@@ -10,9 +10,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pzcap.align import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, LINEAR, VALUE, Aligner, _commonest
+from pzcap.align import LINEAR, Aligner, _commonest
 from pzcap.camera import look, view_at
 from pzcap.cylinder import from_axis, to_panorama
+from pzcap.rays import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, VALUE
 from pzcap.types import Array, Surroundings
 from tests import synthetic
 from tests.test_cylinder import camera_of, whole_turn
