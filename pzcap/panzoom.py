@@ -44,8 +44,8 @@ class PanZoomConfig:
     min_agreement: float = 0.5  # of one that features led to
     max_pan_sigma_deg: float = 0.05  # a frame whose matches tell less than this is not valid
     pixels: int = 4000  # of a frame that are aligned with the panorama: more take longer
-    floor_deg: float = 0.0009  # systematic error of pan: the least standard deviation that is claimed
-    floor_focal: float = 1.1e-4  # the same of the focal length, relative
+    floor_px: float = 0.0138  # systematic error of pan at the sweep's zoom: the least standard deviation claimed
+    floor_edge_px: float = 0.0352  # the same of the focal length, by what it moves the left and right edges
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     sweep: SweepConfig = field(default_factory=SweepConfig)
     beliefs: BeliefConfig = field(default_factory=BeliefConfig)
@@ -232,9 +232,10 @@ def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array, foc
     if config.method == "paper":
         return np.zeros((*pan_rad.shape, 2, 2))
     scale = np.stack([-pan_rad, np.ones_like(pan_rad)], axis=-1) * camera.focal_sigma
-    floor = np.diag([np.deg2rad(config.floor_deg) ** 2, config.floor_focal**2])
-    covariance = np.asarray(floor + scale[..., :, None] * scale[..., None, :])
-    covariance[..., 1, 1] += _distortion_sigma(camera.lens, focal_px, config.beliefs.k1) ** 2
+    lens = camera.lens
+    floor = np.array([config.floor_px / lens.reference_focal_px, config.floor_edge_px / (0.5 * lens.width)])
+    covariance = np.asarray(np.diag(floor**2) + scale[..., :, None] * scale[..., None, :])
+    covariance[..., 1, 1] += _distortion_sigma(lens, focal_px, config.beliefs.k1) ** 2
     return covariance
 
 
