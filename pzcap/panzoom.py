@@ -7,6 +7,7 @@ the frame before is known, the alignment alone is enough.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -85,7 +86,7 @@ class Localiser:
                 if aligned.settled and aligned.agreement > self._config.sure_agreement:
                     return self._aligned(aligned)
         for near in (prior, None) if prior is not None and prior.valid else (None,):
-            for found in self._candidates(image, near):
+            for found in _likeliest(self._candidates(image, near)):
                 proven = self._proven(image, found)
                 if proven is not None:
                     return proven
@@ -108,8 +109,8 @@ class Localiser:
             frame_points_px=found.frame_points_px, panorama_points_px=found.panorama_points_px,
         )  # fmt: skip
 
-    def _candidates(self, image: Image, prior: Localisation | None) -> list[Localisation]:
-        """Where features say that the frame may be, the best first: near ``prior``, or anywhere."""
+    def _candidates(self, image: Image, prior: Localisation | None) -> Iterator[Localisation]:
+        """Where features say that the frame may be, one zoom after the other: near ``prior``, or anywhere."""
         lens = self._camera.lens
         if prior is not None:
             zooms = [prior.focal_px / lens.reference_focal_px]
@@ -118,9 +119,8 @@ class Localiser:
             low, high = self._config.zoom_range
             zooms = [float(z) for z in 1.6 ** np.arange(0, np.ceil(np.log(high) / np.log(1.6)) + 1) if z <= high]
             zooms = zooms if low <= 1 else [z for z in zooms if z >= low]
-        found = [self._at_zoom(image, max(zoom, 1.0), prior) for zoom in zooms]
-        places = [place for place in found if place is not None]
-        return sorted(places, key=lambda place: (place.valid, len(place.frame_points_px)), reverse=True)
+        places = (self._at_zoom(image, max(zoom, 1.0), prior) for zoom in zooms)
+        return (place for place in places if place is not None)
 
     def _at_zoom(self, image: Image, zoom: float, prior: Localisation | None) -> Localisation | None:
         """Match ``image``, shrunk by ``zoom``, and solve; None where matches do not agree at all."""
@@ -222,6 +222,18 @@ class Localiser:
             return everything
         reach = np.arctan(self._camera.lens.width / 2 / prior.focal_px) + np.deg2rad(self._config.search_deg)
         return [np.flatnonzero(np.abs(wrapped(self._azimuth - prior.pan_rad)) < reach), *everything]
+
+
+def _likeliest(places: Iterator[Localisation]) -> Iterator[Localisation]:
+    """Each place that is valid as soon as it is found, since finding the next takes long; then the others, those with
+    the most matches first."""
+    doubtful = []
+    for place in places:
+        if place.valid:
+            yield place
+        else:
+            doubtful.append(place)
+    yield from sorted(doubtful, key=lambda place: len(place.frame_points_px), reverse=True)
 
 
 def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array, focal_px: Array) -> Array:
