@@ -52,7 +52,7 @@ class Reconstructed:
     reconstruction: Reconstruction
     stage_s: dict[str, float]
     seconds: float  # of the pipeline alone, from the first decoded frame to the result
-    peak_mib: float
+    peak: memory.Peak
     outlines: dict[tuple[int, int], list[Array]] = field(default_factory=dict)  # (frame set, camera)
 
 
@@ -136,35 +136,35 @@ def _reconstruct(
     recorder: Recorder | None,
 ) -> Reconstructed:
     """Drive the pipeline. Scoring and recording happen between its steps and are not in its time."""
-    memory.reset_peak()
     clock = _Clock(pipeline.stages(capture, config.reconstruct))
     contours: dict[tuple[int, int], list[Array]] = {}
-    for event in clock:
-        if recorder is not None:
-            recorder.event(event)
-        match event:
-            case events.Progress(stage, done, total):
-                bars.update(stage, done, total)
-            case events.FrameSeparated(frames, _, silhouettes):
-                for camera, silhouette in enumerate(silhouettes):
-                    if silhouette is None or not silhouette.valid:
-                        continue
-                    contours[frames.index, camera] = outlines(silhouette.probability)
-                    if foreground is not None:
-                        foreground.add(frames.index, frames.timecode, camera, silhouette.probability)
-            case events.Finished(reconstruction, seconds):
-                return Reconstructed(reconstruction, dict(seconds), clock.seconds, memory.peak_mib(), contours)
-            case _:
-                pass
+    with memory.watched() as peak:
+        for event in clock:
+            if recorder is not None:
+                recorder.event(event)
+            match event:
+                case events.Progress(stage, done, total):
+                    bars.update(stage, done, total)
+                case events.FrameSeparated(frames, _, silhouettes):
+                    for camera, silhouette in enumerate(silhouettes):
+                        if silhouette is None or not silhouette.valid:
+                            continue
+                        contours[frames.index, camera] = outlines(silhouette.probability)
+                        if foreground is not None:
+                            foreground.add(frames.index, frames.timecode, camera, silhouette.probability)
+                case events.Finished(reconstruction, seconds):
+                    return Reconstructed(reconstruction, dict(seconds), clock.seconds, peak, contours)
+                case _:
+                    pass
     raise AssertionError("the pipeline ends with Finished")
 
 
 def _estimate(estimator: estimators.Estimator, capture: Capture, name: str) -> Reconstructed:
     """Let an estimator of anyone's do what the pipeline does."""
-    memory.reset_peak()
     start = time.perf_counter()
-    reconstruction = estimators.estimate(estimator, capture, name)
-    return Reconstructed(reconstruction, {}, time.perf_counter() - start, memory.peak_mib())
+    with memory.watched() as peak:
+        reconstruction = estimators.estimate(estimator, capture, name)
+    return Reconstructed(reconstruction, {}, time.perf_counter() - start, peak)
 
 
 class _Clock:
@@ -191,7 +191,7 @@ def _speed(done: Reconstructed, frames: int, log_share: float | None) -> list[Me
         # the cameras are prepared once a hall, whatever is filmed there: that is speed.prepare
         Metric("speed.fps", frames / (done.seconds - done.stage_s.get("prepare", 0.0)), "frame sets/s", "higher"),
         Metric("speed.log_share", None if log_share is None else 100.0 * log_share, "%"),
-        Metric("memory.peak", done.peak_mib, "MiB"),
+        Metric("memory.peak", done.peak.mib, "MiB"),
     ]
 
 

@@ -48,7 +48,7 @@ class Fitted:
 
 
 def _overlap(
-    frames: Stored, edges: Sequence[NDArray[np.int64]], model: Model, first: int, second: int, most: int
+    frames: Stored, edges: Sequence[NDArray[np.int16]], model: Model, first: int, second: int, most: int
 ) -> Overlap | None:
     """``most`` pixels of two frames to be compared; the finer of the two is smoothed to the other's resolution.
 
@@ -76,7 +76,7 @@ def _overlap(
     return Overlap(first, second, points[which], np.asarray(grey, np.float64), radial)
 
 
-def _edges(image: Stored | NDArray[np.float32], most: int) -> NDArray[np.int64]:
+def _edges(image: Stored | NDArray[np.float32], most: int) -> NDArray[np.int16]:
     """(N, 2) the pixels of the strongest edges, the same number in every tile, and some times ``most`` in all."""
     inner = image[BORDER : image.shape[0] - BORDER, BORDER : image.shape[1] - BORDER].astype(np.float32)
     strength = np.hypot(cv2.Sobel(inner, cv2.CV_32F, 1, 0), cv2.Sobel(inner, cv2.CV_32F, 0, 1))
@@ -86,7 +86,7 @@ def _edges(image: Stored | NDArray[np.float32], most: int) -> NDArray[np.int64]:
     best = np.sort(np.argpartition(-tiles.reshape(rows, columns, TILE**2), strongest, axis=2)[:, :, :strongest], axis=2)
     row = np.arange(rows)[:, None, None] * TILE + best // TILE
     column = np.arange(columns)[None, :, None] * TILE + best % TILE
-    return np.stack([column.ravel(), row.ravel()], axis=1) + BORDER
+    return (np.stack([column.ravel(), row.ravel()], axis=1) + BORDER).astype(np.int16)
 
 
 def adjust(

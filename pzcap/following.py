@@ -65,7 +65,7 @@ class TrackingConfig:
     doubt_m2: float = (
         0.004  # foreground that nothing explains, or hall that a limb lies on, to search for the limb again
     )
-    step_tolerance: float = 1e-3  # metres, radians: a smaller step ends a round
+    step_tolerance: float = 3e-3  # metres, radians: a smaller step ends a round
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
     start_widening: float = 4.0  # of a prediction's sigma while the velocity is not known
     # of a frame's contour, on the body's shape: the next frame errs alike; 0: the body stays as the tape has it

@@ -188,3 +188,15 @@ class IntervalSolver:
         self._shape.keep(said)
         self._shape_variance = self._shape.joint_variance()
         return polished
+
+
+def solved(
+    solver: IntervalSolver, interval: Sequence[Instant], known: Sequence[Appearance], anchor: Anchor | None
+) -> tuple[IntervalSolver, list[Tracked]]:
+    """The ``solver`` after `IntervalSolver.solve`, and what came of it: a process elsewhere works on a copy of it."""
+    done = solver.solve(interval, known, anchor)
+    return solver, done
+
+
+def nothing() -> None:
+    """Done elsewhere, this has imported all that `solved` needs, which takes seconds."""

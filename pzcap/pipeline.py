@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Final
 
 import cv2
 import numpy as np
@@ -36,9 +33,6 @@ from pzcap.types import (
     Reconstruction,
     Silhouette,
 )
-
-LOOK_AHEAD: Final = 16
-"""Instants that are localised before the body is tracked in them, at most: what the frames of all views take."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +75,7 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
     """
     seconds = {"prepare": 0.0, "panzoom": 0.0, "foreground": 0.0, "tracking": 0.0}
     notes: list[str] = []
-    with _own_threads(), ThreadPoolExecutor(config.threads) as pool, ThreadPoolExecutor(1) as worker:
+    with _own_threads(), ThreadPoolExecutor(config.threads) as pool:
         sets = frame_sets(capture)
         tracker = _tracker(capture, sets, config, notes)
 
@@ -99,17 +93,15 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
         found: list[list[Localisation | None]] = [[] for _ in capture.cameras]
         poses: list[tracking.Tracked] = []
         views = _Views(prepared, localisers, config, pool, seconds)
-        coming = _Coming(map(views.localise, sets), worker)
-        while (seen := coming.take()) is not None:
+        for seen in map(views.localise, sets):
             for history, localisation in zip(found, seen.localisations, strict=True):
                 history.append(localisation)
             separated = views.separate(seen, tracker)
             yield from (seen, separated)
             if tracker:
-                with coming.looked_for():
-                    started = time.perf_counter()
-                    arrived = tracker.push(_track_input(separated))
-                    seconds["tracking"] += time.perf_counter() - started
+                started = time.perf_counter()
+                arrived = tracker.push(_track_input(separated))
+                seconds["tracking"] += time.perf_counter() - started
                 yield from arrived
                 poses += arrived
             yield Progress("motion", seen.frames.index + 1, len(sets))
@@ -209,37 +201,6 @@ class _Views:
         self.seconds["foreground"] += time.perf_counter() - started
         cameras, silhouettes = (tuple(parts) for parts in zip(*pairs, strict=True))
         return FrameSeparated(seen.frames, cameras, silhouettes)
-
-
-@dataclass(slots=True, eq=False)
-class _Coming:
-    """Instants localised in advance, while the body is tracked: that takes long at a keyframe and little before it."""
-
-    sight: Iterator[FrameLocalised]
-    worker: ThreadPoolExecutor
-    waiting: deque[FrameLocalised] = field(default_factory=deque)
-
-    def take(self) -> FrameLocalised | None:
-        """The next instant; None after the last one."""
-        return self.waiting.popleft() if self.waiting else next(self.sight, None)
-
-    @contextmanager
-    def looked_for(self) -> Iterator[None]:
-        """Work ahead while the block runs; at rest after it, so that nothing is done while somebody takes results."""
-        enough = threading.Event()
-        job = self.worker.submit(self._look, enough)
-        try:
-            yield
-        finally:
-            enough.set()
-            job.result()
-
-    def _look(self, enough: threading.Event) -> None:
-        while len(self.waiting) < LOOK_AHEAD and not enough.is_set():
-            instant = next(self.sight, None)
-            if instant is None:
-                return
-            self.waiting.append(instant)
 
 
 def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:

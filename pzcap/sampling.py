@@ -78,7 +78,7 @@ def cubic(image: Stored, x: float, y: float) -> tuple[bool, float, float, float]
 
 
 @njit(cache=True, nogil=True)
-def at_pixels(image: Stored, pixels: NDArray[np.int64]) -> Array:
+def at_pixels(image: Stored, pixels: NDArray[np.int16]) -> Array:
     """(N,) `cubic` at pixels (N, 2) well inside an image."""
     out = np.empty(len(pixels))
     for n in range(len(pixels)):

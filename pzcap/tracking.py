@@ -3,22 +3,23 @@
 From each keyframe the body is followed forward in time to the next one. Each step predicts the pose with the velocity
 so far and improves it on what the images say: the brightness of every visible point of the skin against its slowly
 adapting appearance, and the body's contour against the silhouette (`pzcap.following`). A forward pass drifts away from
-its keyframe, so what lies between two of them is then solved from both (`pzcap.interval`), on a thread of its own: the
+its keyframe, so what lies between two of them is then solved from both (`pzcap.interval`), in a process of its own: the
 next forward pass goes on meanwhile, with the body as the interval before the last has left it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from pzcap import elsewhere
 from pzcap.body import DOF, DOF_SEGMENT, Body, difference
 from pzcap.following import UNSEEN, Follower, TrackingConfig
 from pzcap.foreground import Expected
-from pzcap.interval import Anchor, Instant, IntervalSolver, Tracked
+from pzcap.interval import Anchor, Instant, IntervalSolver, Tracked, nothing, solved
 from pzcap.keypoints import NOBODY
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
 from pzcap.views import Cut, cut_out, expect
@@ -60,8 +61,8 @@ class Tracker:
         self._keys = {key.frame: key for key in keyframes}
         self._last_key = max(self._keys)
         self._solver = IntervalSolver(body, config)
-        self._worker = ThreadPoolExecutor(1, "interval")
-        self._solving: Future[list[Tracked]] | None = None
+        elsewhere.submit(nothing)
+        self._solving: Future[tuple[IntervalSolver, list[Tracked]]] | None = None
         self._ahead: Follower | None = None
         self._lead: list[TrackInput] = []  # before the first keyframe
         self._waiting: list[Instant] = []  # since the latest one
@@ -104,7 +105,6 @@ class Tracker:
         ]
         done += [self._unknown(item) for item in self._lead]
         self._waiting, self._lead = [], []
-        self._worker.shutdown()
         return done
 
     def _reach_keyframe(self, item: TrackInput, key: Keyframe) -> list[Tracked]:
@@ -125,13 +125,13 @@ class Tracker:
         """Start to solve what waits, up to ``anchor``. What was being solved has been taken before."""
         assert self._ahead is not None
         interval, self._waiting = self._waiting, []
-        self._solving = self._worker.submit(self._solver.solve, interval, self._ahead.known, anchor)
+        self._solving = elsewhere.submit(solved, self._solver, interval, self._ahead.known, anchor)
 
     def _solved(self) -> list[Tracked]:
         """The interval that is being solved, once it is; from then on its body is followed."""
         if self._solving is None:
             return []
-        done = self._solving.result()
+        self._solver, done = elsewhere.taken(self._solving)
         self._solving = None
         self.body = self._solver.body
         return done

@@ -1,0 +1,67 @@
+"""The process that works beside this one."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from multiprocessing.connection import Connection
+
+import psutil
+import pytest
+
+from pzcap import elsewhere
+from pzcap.types import PzcapError
+
+WAITING = """
+import os, time
+from pzcap import elsewhere
+print(elsewhere.submit(os.getpid).result(), flush=True)
+time.sleep(60)
+"""
+
+
+def test_work_is_done_by_another_process() -> None:
+    assert elsewhere.taken(elsewhere.submit(os.getpid)) != os.getpid()
+
+
+def test_jobs_are_done_one_after_the_other() -> None:
+    jobs = [elsewhere.submit(os.getpid) for _ in range(4)]
+    assert len({elsewhere.taken(job) for job in jobs}) == 1
+
+
+def test_what_goes_wrong_there_is_raised_here() -> None:
+    with pytest.raises(ZeroDivisionError):
+        elsewhere.taken(elsewhere.submit(divmod, 1, 0))
+
+
+def test_a_process_that_was_killed_is_a_clear_error_and_the_next_job_starts_another() -> None:
+    worker = elsewhere.taken(elsewhere.submit(os.getpid))
+    working = elsewhere.submit(time.sleep, 60.0)
+    os.kill(worker, signal.SIGKILL)
+    with pytest.raises(PzcapError, match="memory"):
+        elsewhere.taken(working)
+    assert elsewhere.taken(elsewhere.submit(abs, -3)) == 3
+
+
+def test_it_ends_when_whoever_started_it_was_killed() -> None:
+    with subprocess.Popen([sys.executable, "-c", WAITING], stdout=subprocess.PIPE, text=True) as user:
+        assert user.stdout is not None
+        worker = psutil.Process(int(user.stdout.readline()))
+        user.kill()
+    worker.wait(20.0)  # raises if it is still there
+
+
+def test_a_process_that_may_start_none_does_the_work_itself() -> None:
+    here, there = multiprocessing.get_context("spawn").Pipe(duplex=False)
+    daemon = multiprocessing.get_context("spawn").Process(target=_work_in, args=(there,), daemon=True)
+    daemon.start()
+    assert here.recv() == daemon.pid
+    daemon.join()
+
+
+def _work_in(answer: Connection) -> None:
+    answer.send(elsewhere.taken(elsewhere.submit(os.getpid)))
