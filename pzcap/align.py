@@ -113,7 +113,7 @@ class Aligner:
     def _fit(
         self, frame: Image, level: _Level, steps: int, pan_rad: float, tilt_rad: float, focal_px: float
     ) -> _Fitted | None:
-        """Gauss-Newton with the weights of Geman and McClure; None where the panorama is not known."""
+        """Gauss-Newton with the weights of Geman and McClure; None where the panorama is unknown, or the frame dark."""
         points, observed, shading = self._pixels(frame, level, focal_px)
         gains = np.zeros(shading.shape[1])
         gains[0] = 1.0
@@ -127,6 +127,8 @@ class Aligner:
                 return None
             if step == 0:  # the gain first, or everything is an outlier; most pixels show the hall
                 gains[0] = _commonest(observed[usable] / np.maximum(sampled[usable, VALUE], 1.0))
+                if gains[0] <= 0.0:  # most of the picture is black
+                    return None
             residual = observed - (shading @ gains) * sampled[:, VALUE]
             scale = LOOSENESS * max(1.4826 * _typical(residual[usable]), 1.0)
             weight = usable * (scale**2 / (scale**2 + residual**2)) ** 2

@@ -158,10 +158,14 @@ def test_what_cannot_be_found_is_not_valid_and_not_nan(exact: calibration.Prepar
     grey = np.full((OPTICS.height, OPTICS.width, 3), 90, np.uint8)
     noise = np.random.default_rng(0).integers(0, 255, grey.shape).astype(np.uint8)
     elsewhere = synthetic.render(OPTICS, 0.0, FOCAL, seed=1)
-    for image in (grey, noise, elsewhere):
-        found = localiser.localise(image, None)
-        assert not found.valid
-        assert np.isfinite([found.pan_rad, found.focal_px, *found.covariance.ravel()]).all()
+    half = synthetic.render(OPTICS, 0.0, FOCAL)
+    half[: 2 * OPTICS.height // 3] = 0
+    known = localiser.localise(synthetic.render(OPTICS, 0.0, FOCAL), None)
+    for image in (grey, noise, elsewhere, 0 * grey, 0 * grey + 255, half):
+        for before in (None, known):
+            found = localiser.localise(image, before)
+            assert not found.valid
+            assert np.isfinite([found.pan_rad, found.focal_px, *found.covariance.ravel()]).all()
 
 
 def test_localising_twice_is_the_same_to_the_bit(exact: calibration.Prepared) -> None:
