@@ -108,7 +108,7 @@ def subtract(
     else:
         corner, prior = (expected.left, expected.top), _prior(expected, config)
     evidence = _judge(compare(image, matched, known, camera, corner, blur_px, config), prior)
-    probability = _outlined(image, matched, evidence + prior)
+    probability = _outlined(image, matched, evidence + prior, prior if expected is not None else None)
     np.maximum(probability, EVEN, out=probability, where=~known)
     return Silhouette(probability, matched, evidence, True)
 
@@ -226,20 +226,24 @@ def _window(body: Image) -> Window:
     return max(left - margin, 0), max(top - margin, 0), right, bottom
 
 
-def _filled(solid: Image, log_odds: Float32) -> Image:
-    """``solid`` (h, w) without holes that are small, or in which the hall is hardly seen."""
+def _filled(solid: Image, log_odds: Float32, expected: Float32 | None) -> Image:
+    """``solid`` (h, w) without holes that are small, or in which the hall is hardly seen and none was ``expected``."""
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(1 - solid, connectivity=4)
     area = boxes[:, 4]
     mean = np.bincount(labels.ravel(), log_odds.ravel(), count) / np.maximum(area, 1)
     within = (boxes[:, 0] > 0) & (boxes[:, 1] > 0)
     within &= (boxes[:, :2] + boxes[:, 2:4] < np.array(solid.shape)[::-1]).all(axis=1)
-    fill = within & ((area < SMALL) | (mean > HOLE))
+    hardly = mean > HOLE
+    if expected is not None:  # as between an arm and the trunk
+        hardly &= np.bincount(labels.ravel(), expected.ravel(), count) > 0.0
+    fill = within & ((area < SMALL) | hardly)
     fill[0] = False  # the body itself
     return solid | fill[labels].astype(np.uint8)
 
 
-def _outlined(image: Image, background: Image, log_odds: Float32) -> Image:
-    """Probability of body (H, W), its outline drawn on the sharp frame; ``log_odds`` (h, w) is half as fine."""
+def _outlined(image: Image, background: Image, log_odds: Float32, expected: Float32 | None) -> Image:
+    """Probability of body (H, W), its outline drawn on the sharp frame; ``log_odds`` and what was ``expected`` of it
+    (h, w) are half as fine."""
     probability = np.zeros(image.shape[:2], np.uint8)
     smooth = _smooth(log_odds)
     body = _body(smooth)
@@ -247,7 +251,7 @@ def _outlined(image: Image, background: Image, log_odds: Float32) -> Image:
         return probability
     left, top, right, bottom = _window(body)
     part, half = np.s_[2 * top : 2 * bottom, 2 * left : 2 * right], np.s_[top:bottom, left:right]
-    solid = _filled(body[half], smooth[half])
+    solid = _filled(body[half], smooth[half], None if expected is None else expected[half])
     fine, firm = double(smooth[half]), double(solid.astype(np.float32)) > 0.5
     drawn = outline.draw(image[part], background[part], fine, firm.astype(np.uint8))
     probability[part] = np.rint(255.0 * drawn)
