@@ -156,6 +156,21 @@ def test_what_is_expected_finds_a_limb_in_the_colour_of_the_hall(clip: Clip) -> 
     assert overlap(misled, shot.mask) > 0.85
 
 
+def test_a_gap_in_which_the_hall_is_hardly_seen_stays_open_where_one_is_expected() -> None:
+    """As between an arm and the trunk."""
+    solid, log_odds = np.zeros((40, 30), np.uint8), np.full((40, 30), -6.0, np.float32)
+    solid[5:35, 5:25], log_odds[5:35, 5:25] = 1, 4.0
+    gap = np.s_[10:30, 14:16]
+    solid[gap], log_odds[gap] = 0, -1.0
+    body, open_there = np.full(solid.shape, 1.5, np.float32), np.full(solid.shape, 1.5, np.float32)
+    open_there[gap] = -1.0
+    assert foreground._filled(solid, log_odds, None)[gap].all()
+    assert foreground._filled(solid, log_odds, body)[gap].all()
+    assert not foreground._filled(solid, log_odds, open_there)[gap].any()
+    log_odds[gap] = -4.0  # the hall is seen
+    assert not foreground._filled(solid, log_odds, body)[gap].any()
+
+
 def test_only_where_it_is_expected_is_the_body_sought(clip: Clip) -> None:
     shot = clip.shots[1][0]
     whole = foreground.subtract(shot.image, shot.empty, np.ones(shot.mask.shape, bool), shot.camera, 0.0, CONFIG)
