@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from pzcap.types import PzcapError
 
-_IDLE_S: Final = 600.0  # after so long without work it ends; more work starts it again
+_IDLE_S: Final = 20.0  # after so long without work it ends, and gives its memory back; more work starts it again
 
 P = ParamSpec("P")
 T = TypeVar("T")

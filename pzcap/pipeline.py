@@ -85,6 +85,8 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
             if isinstance(event, CameraPrepared):
                 prepared[event.index] = event.prepared
             yield event
+        if tracker:
+            tracker.make_ready()  # not before: cameras being prepared take most of the memory that there is
         localisers = list(
             pool.map(lambda p: None if p is None else panzoom.Localiser(p.panorama, p.camera, config.panzoom), prepared)
         )

@@ -61,11 +61,14 @@ class Tracker:
         self._keys = {key.frame: key for key in keyframes}
         self._last_key = max(self._keys)
         self._solver = IntervalSolver(body, config)
-        elsewhere.submit(nothing)
         self._solving: Future[tuple[IntervalSolver, list[Tracked]]] | None = None
         self._ahead: Follower | None = None
         self._lead: list[TrackInput] = []  # before the first keyframe
         self._waiting: list[Instant] = []  # since the latest one
+
+    def make_ready(self) -> None:
+        """Have the process that solves intervals started by the time that it is needed: that takes it seconds."""
+        elsewhere.submit(nothing)
 
     def expect(self, frame: int, camera: Camera) -> Expected | None:
         """Where the body is expected in a view of the next ``frame``, for whoever cuts its silhouette. None before the

@@ -47,6 +47,13 @@ def test_a_process_that_was_killed_is_a_clear_error_and_the_next_job_starts_anot
     assert elsewhere.taken(elsewhere.submit(abs, -3)) == 3
 
 
+def test_it_ends_when_it_has_nothing_to_do_and_the_next_job_starts_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(elsewhere, "_IDLE_S", 0.2)
+    first = elsewhere.taken(elsewhere.submit(os.getpid))
+    psutil.Process(first).wait(20.0)  # raises if it is still there
+    assert elsewhere.taken(elsewhere.submit(os.getpid)) not in (first, os.getpid())
+
+
 def test_it_ends_when_whoever_started_it_was_killed() -> None:
     with subprocess.Popen([sys.executable, "-c", WAITING], stdout=subprocess.PIPE, text=True) as user:
         assert user.stdout is not None
