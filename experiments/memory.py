@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import itertools
 import threading
 from collections.abc import Iterator
@@ -11,6 +10,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import psutil
+
+from pzcap.pipeline import give_back
 
 _EVERY_S: Final = 0.05
 _FAMILY: Final = 20
@@ -30,9 +31,7 @@ def watched() -> Iterator[Peak]:
 
     What is free is given back to the system before: a shoot leaves 400 MiB of that, which is not the pipeline's.
     """
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc alone has it
-    if trim is not None:
-        trim(0)
+    give_back()
     peak, enough = Peak(_resident_mib(_family())), threading.Event()
 
     def keep_looking() -> None:
