@@ -188,11 +188,11 @@ def courses(
     """Cover a canvas with courses of bricks, boards or panels of (width, height) `unit_m`.
 
     Each unit takes one of the `colours`, lighter or darker by `spread` grey levels RMS. With `stagger` each course is
-    shifted by a random amount.
+    shifted by a random amount. Units are up to four texels off what is asked for, see `_off_grid`.
     """
     rows, columns = canvas.image.shape[:2]
-    y = np.arange(rows) / (canvas.px_per_m * unit_m[1])
-    x = np.arange(columns) / (canvas.px_per_m * unit_m[0])
+    width, height = (_off_grid(canvas.px_per_m * side) for side in unit_m)
+    y, x = np.arange(rows) / height, np.arange(columns) / width
     count, units = int(y[-1]) + 1, int(x[-1]) + 2
     shifts = rng.uniform(0, 1, count) if stagger else np.zeros(count)
     palette = np.asarray(colours, np.float64)[rng.integers(len(colours), size=(count, units))]
@@ -202,6 +202,17 @@ def courses(
     for i in range(count):
         position = x + shifts[i]
         course = palette[i, position.astype(int)]
-        course[(position % 1.0) < joint_m / unit_m[0]] = joint
+        course[(position % 1.0) < joint_m * canvas.px_per_m / width] = joint
         canvas.image[starts[i] : starts[i + 1]] = course
         canvas.image[starts[i] : starts[i] + joint_rows] = joint
+
+
+def _off_grid(unit_px: float) -> float:
+    """The size nearest to this, texels, whose multiples are spread evenly over the remainders by 2, 4 and 8.
+
+    A renderer shows what is far away by means over 2 x 2, 4 x 4... texels, and a joint by the mean that it falls in. With
+    joints every 12 texels all of them fall in the same part of theirs, and the floor as a whole shows beside its place:
+    by 0.16 px in a picture 640 px wide, where the multiples of the golden section leave 0.04.
+    """
+    rest = 8.0 * (np.sqrt(5.0) - 1.0) / 2.0
+    return 8.0 * max(0.0, np.round((unit_px - rest) / 8.0)) + rest
