@@ -35,13 +35,6 @@ _TOO_NEAR_M: Final = 0.5
 LEARNING: Final = 0.25  # cosine: of skin that is seen more obliquely nothing is learned
 
 
-def place_body(body: Body, pose: Pose) -> tuple[Array, Array, Array]:
-    """``world_T_segment`` (16, 4, 4), and the skin's points and normals (V, 3) in the world."""
-    frames = forward(body, pose)
-    points, normals = place(body, frames)
-    return frames, points, normals
-
-
 @dataclass(slots=True, eq=False)
 class Appearance:
     """What each point of the skin looked like in one view, per pyramid level, and how far that is to be trusted."""
@@ -97,26 +90,45 @@ def misfit_px2(contour: Array, unseen_px2: float) -> Array:
     return np.asarray((squares + _MISSED_PX2 * (sought - found) + 3.0 * unseen_px2) / (sought + 3.0))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Posed:
+    """The body in a pose."""
+
+    pose: Pose
+    frames: Array  # world_T_segment (16, 4, 4)
+    points: Array  # (V, 3) of the skin, world
+    normals: Array  # (V, 3)
+    skins: list[Skin | None]  # a view each
+
+
 class Evidence:
     """The views of one instant."""
 
     def __init__(self, body: Body, cuts: Sequence[Cut | None]) -> None:
         self.body = body
         self.cuts = cuts
+        self._placed: _Posed | None = None  # where the body was placed last: residuals are asked for there, too
 
     @property
     def detected(self) -> bool:
         """Whether a detector found the body in any view."""
         return any(cut is not None and cut.person is not None for cut in self.cuts)
 
-    def place(self, pose: Pose) -> tuple[Array, Array, Array]:
-        """``world_T_segment``, and the skin's points and normals in the world."""
-        return place_body(self.body, pose)
-
     def visibility(self, pose: Pose) -> list[PlacedView | None]:
         """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
-        _, points, normals = self.place(pose)
-        return [None if c is None else place_view(self.body, points, normals, c.seen.camera) for c in self.cuts]
+        self._placed = posed = self._posed(pose)
+        return [
+            None if cut is None or skin is None else place_view(self.body, posed.points, skin, cut.seen.camera)
+            for cut, skin in zip(self.cuts, posed.skins, strict=True)
+        ]
+
+    def _posed(self, pose: Pose) -> _Posed:
+        if self._placed is not None and self._placed.pose is pose:
+            return self._placed
+        frames = forward(self.body, pose)
+        points, normals = place(self.body, frames)
+        skins = [None if cut is None else project(points, normals, cut.seen.camera) for cut in self.cuts]
+        return _Posed(pose, frames, points, normals, skins)
 
     def grounds(self, placed: Sequence[PlacedView | None]) -> list[Ground | None]:
         """What the limbs are judged by, the body being where it was ``placed``."""
@@ -155,16 +167,16 @@ class Evidence:
     ) -> tuple[Array, Array, Array, Array, Array]:
         """``world_T_segment``; the normal equations (16, 6, 6) and (16, 6) of each segment in its own twist about the
         pelvis joint; and how well each fits, as `Normal` has it."""
-        frames, points, normals = self.place(pose)
+        posed = self._posed(pose)
+        frames, points, normals = posed.frames, posed.points, posed.normals
         centre = np.ascontiguousarray(frames[0, :3, 3])
         hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
         nuisance = np.full(residuals.NUISANCES, 1.0 / terms.shading_sigma**2)
-        for cut, where, appearance in zip(self.cuts, placed, appearances, strict=True):
-            if cut is None or where is None:
+        for cut, where, skin, appearance in zip(self.cuts, placed, posed.skins, appearances, strict=True):
+            if cut is None or where is None or skin is None:
                 continue
             view, camera = cut.seen, cut.seen.camera
-            skin = project(points, normals, camera)
             magnification = px_per_m(camera, centre)
             if appearance is not None and terms.brightness_weight > 0:
                 level = view_level(terms.level, magnification)
@@ -189,13 +201,13 @@ class Evidence:
 
     def contour(self, pose: Pose, placed: Sequence[PlacedView | None], terms: Terms) -> ContourRows:
         """The residuals of the contour alone, one by one."""
-        _, points, normals = self.place(pose)
+        posed = self._posed(pose)
         parts, segments = [np.zeros((0, 8))], [np.zeros(0, np.int64)]
-        for cut, where in zip(self.cuts, placed, strict=True):
-            if cut is None or where is None:
+        for cut, where, skin in zip(self.cuts, placed, posed.skins, strict=True):
+            if cut is None or where is None or skin is None:
                 continue
-            skin = project(points, normals, cut.seen.camera)
-            rows, segment, count = self._contour(cut.seen, where, skin, points, normals, terms, np.zeros((16, 3)))
+            unused = np.zeros((16, 3))
+            rows, segment, count = self._contour(cut.seen, where, skin, posed.points, posed.normals, terms, unused)
             parts.append(rows[:count])
             segments.append(segment[:count])
         found = np.concatenate(parts)

@@ -180,10 +180,11 @@ class IntervalSolver:
         """Improve the poses of an interval, and the body with them."""
         if not self.config.shape_weight:
             return polish(self.body, poses, views, self._before, after, doubtful, known, self.config)
-        for _ in range(self.config.shape_rounds):
+        for left in reversed(range(self.config.shape_rounds)):
             said = hear(self.body, self._shape, poses[::_SOME], views[::_SOME], self.config)
             self.body = replace(self._shape.solve(said), landmarks=self.body.landmarks)
-            polished = polish(self.body, poses, views, self._before, after, doubtful, known, self.config)
+            look = None if left else known  # a second look takes long: in the last round alone
+            polished = polish(self.body, poses, views, self._before, after, doubtful, look, self.config)
             poses = polished.poses
         self._shape.keep(said)
         self._shape_variance = self._shape.joint_variance()

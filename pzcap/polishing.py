@@ -79,17 +79,19 @@ def hear_hand(
 
 def polish(
     body: Body, poses: Sequence[Pose], views: Sequence[Sequence[Cut | None]], before: Pose | None, after: Pose | None,
-    doubtful: Mask, known: Sequence[Appearance], config: TrackingConfig,
+    doubtful: Mask, known: Sequence[Appearance] | None, config: TrackingConfig,
 ) -> Polished:  # fmt: skip
     """Improve the ``poses`` of a stretch of frames; ``before`` and ``after`` it the body is held fast where known.
 
-    Limbs that are ``doubtful`` (T, 16), or do not look as they are ``known`` to, are also followed once more
-    (`pzcap.second_look`), and taken from there if that is worth more.
+    Where it is ``known`` what they look like, limbs that do not look so, or are ``doubtful`` (T, 16), are also followed
+    once more (`pzcap.second_look`), and taken from there if that is worth more.
     """
     stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, after, config, Likeness(body))
     placed = stretch.visibility(poses)
     appearances = _appearances(body, stretch.evidence, placed)
     found = stretch.sweep(poses, placed, appearances)
+    if known is None:
+        return found
     again = look_again(stretch.likeness, poses, stretch.evidence, placed, known, doubtful, before, after)
     if again is not None:
         other = stretch.sweep(again.poses, stretch.visibility(again.poses), again.known)

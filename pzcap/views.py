@@ -98,7 +98,7 @@ def expect(body: Body, pose: Pose, sigma_m: float, camera: Camera, margin: float
     if window is None:
         return None
     left, top, right, bottom = window
-    placed = place_view(body, points, normals, camera)
+    placed = place_view(body, points, project(points, normals, camera), camera)
     # pixels of the z-buffer to half pixels of the window, whose centres lie between its pixels
     origin = (np.array([left, top]) + 0.5 - [placed.z_left, placed.z_top]) / Z_SCALE
     shift = np.column_stack([np.eye(2), origin])
@@ -144,9 +144,9 @@ class PlacedView:
         return np.isfinite(self.z_buffer)
 
 
-def place_view(body: Body, points: Array, normals: Array, camera: Camera) -> PlacedView:
-    """Project the placed skin and test what is visible."""
-    skin, scale = project(points, normals, camera), Z_SCALE
+def place_view(body: Body, points: Array, skin: Skin, camera: Camera) -> PlacedView:
+    """Test what is visible of placed skin (V, 3), as ``skin`` in the view."""
+    scale = Z_SCALE
     left, top, width, height = _window(skin, camera, 12)
     z_buffer = np.empty((int(height // scale) + 1, int(width // scale) + 1), np.float32)
     cover, facing = np.empty(z_buffer.shape, np.uint8), np.empty(len(points), np.float32)

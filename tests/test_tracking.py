@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from pzcap import body as bodies
 from pzcap import foreground, tracking
-from pzcap.body import Body
+from pzcap.body import Body, forward, place
 from pzcap.evidence import USUAL_PX_PER_M, Appearance, Evidence, Normal, Terms, px_per_m
 from pzcap.following import UNSEEN, Follower, Round, Step, improve
 from pzcap.interval import astray
@@ -262,7 +262,7 @@ def test_shading_alone_moves_nothing() -> None:
     evidence = observed(2, body)
     appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
     evidence.learn(evidence.visibility(pose), appearances, 1.0)
-    _, _, normals = evidence.place(pose)
+    _, normals = place(evidence.body, forward(evidence.body, pose))
     for appearance in appearances:
         assert appearance is not None
         appearance.value *= (1.0 + 0.08 + 0.1 * normals[:, 0] - 0.05 * normals[:, 2]).astype(np.float32)
