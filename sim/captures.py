@@ -17,7 +17,7 @@ from sim.shoot import Progress, shoot
 from sim.staging import ShootConfig
 from sim.wallpaper import wall_pictures
 
-VERSION: Final = 5
+VERSION: Final = 6
 """Of the simulator. Raise it with every change to a default or to what comes of one, so that cached captures are shot
 again."""
 

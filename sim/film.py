@@ -20,7 +20,6 @@ from sim.optics import Plate, Rig, lens_maps, plate_for, through_lens, vignette
 from sim.render import Stage
 from sim.sensor import Exposure, Sensor, SensorConfig
 
-_REFERENCE_SCALE: Final = 4.0  # the reference image is rendered so much finer at least
 _AVERAGED: Final = 0.75  # several moments averaged smooth edges by themselves: they need less supersampling
 
 _AHEAD = 4  # frames that may wait to be developed
@@ -34,7 +33,7 @@ Person = Callable[[float], Pose]
 
 def finest_plate(rig: Rig, config: SensorConfig, zoom: float) -> tuple[int, int]:
     """Width and height of the largest picture that is rendered at a zoom."""
-    scale = max(config.supersampling, _REFERENCE_SCALE if zoom == 1.0 else 0.0)
+    scale = max(config.supersampling, config.supersampling_still)
     return plate_for(rig, rig.reference_focal_px * zoom, np.deg2rad(config.grid_turn_deg)).size(scale)
 
 
@@ -48,7 +47,7 @@ class FilmCamera:
 
     def still(self, rng: np.random.Generator, aim: Aim | None = None) -> Image:
         """Photograph the calibration object at the reference pose, or with another ``aim``; nobody in the hall."""
-        scale = max(self._config.supersampling, _REFERENCE_SCALE if aim is None else 0.0)
+        scale = self._config.supersampling_still
         aim = aim or Aim(0.0, self._rig.reference_focal_px)
         focal_px = aim.focal_px
         plate = self._aim(lambda _: aim, 0.0, None)
@@ -65,6 +64,7 @@ class FilmCamera:
         light: float = 1.0,
         frame_rate: Fraction,
         crf: int,
+        supersampling: float,
         sub_exposures: int,
         rng: np.random.Generator,
         timecode: str | None = None,
@@ -78,7 +78,7 @@ class FilmCamera:
         exposure = Exposure(self._config.exposure_drift, rng)
         sub_exposures = sub_exposures if self._config.shutter_s > 0 else 1
         offsets_s = ((np.arange(sub_exposures) + 0.5) / sub_exposures - 0.5) * self._config.shutter_s
-        scale = self._config.supersampling if sub_exposures == 1 else self._averaged_scale
+        scale = supersampling if sub_exposures == 1 else _AVERAGED * supersampling
         exposed: queue.Queue[tuple[Image, float, float] | None] = queue.Queue(_AHEAD)
 
         def developed() -> Iterator[Image]:

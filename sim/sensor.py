@@ -21,8 +21,9 @@ class SensorConfig:
     sub_exposures: int = (
         2  # averaged over the open shutter while the motion is recorded; the sweep is too slow to need it
     )
-    supersampling: float = 2.0  # pictures are rendered so much finer than the image: the less, the further
+    supersampling: float = 2.0  # frames of the motion are rendered so much finer than the image: the less, the further
     # edges stand beside themselves
+    supersampling_still: float = 4.0  # and the reference image, the sweep and the zoom run, by which all is measured
     grid_turn_deg: float = 0.0  # of the grid they are rendered on, about the optical axis: an upright edge then crosses
     # many of its columns, and does not stand beside itself by as much in all rows
     crf_motion: int = 20  # H.264 quality

@@ -88,8 +88,8 @@ def _film_hall(crew: Crew) -> Generator[Progress, None, dict[str, list[Hands]]]:
             hands[kind].append(hand)
             exposing = camera.record(
                 getattr(files, kind), hand.at, times_s, person=walker if kind == "sweep" else None,
-                frame_rate=Fraction(config.sweep_frame_rate), crf=sensor.crf_still, sub_exposures=1,
-                rng=stream(config.seed, kind, c),
+                frame_rate=Fraction(config.sweep_frame_rate), crf=sensor.crf_still,
+                supersampling=sensor.supersampling_still, sub_exposures=1, rng=stream(config.seed, kind, c),
             )  # fmt: skip
             for k in exposing:
                 yield Progress(f"{kind} {files.name}", k + 1, count)
@@ -123,9 +123,9 @@ def _film_motion(crew: Crew) -> Generator[Progress, None, Filmed]:
         exposed_s = (indices - early[c]) / config.frame_rate
         exposing = camera.record(
             files.motion, hands[c].at, exposed_s, person=crew.clip.at,
-            light=config.gym.lights_on, frame_rate=rate, crf=sensor.crf_motion, sub_exposures=sensor.sub_exposures,
-            rng=stream(seed, "motion video", c), timecode=frames_to_timecode(start - early[c], rate),
-            indices=indices.tolist(),
+            light=config.gym.lights_on, frame_rate=rate, crf=sensor.crf_motion, supersampling=sensor.supersampling,
+            sub_exposures=sensor.sub_exposures, rng=stream(seed, "motion video", c),
+            timecode=frames_to_timecode(start - early[c], rate), indices=indices.tolist(),
         )  # fmt: skip
         for k in exposing:
             yield Progress(f"motion {files.name}", k + 1, len(indices))

@@ -102,7 +102,7 @@ def test_what_is_believed_of_walls_does_not_push_the_projection_centre_out(tmp_p
     hands = through(times_s, pan_rad, np.full(len(pan_rad), rig.reference_focal_px))
     rate, quality = Fraction(config.sweep_frame_rate), config.sensor.crf_still
     for _ in filming.record(
-        file, hands.at, times_s, person=None, frame_rate=rate, crf=quality, sub_exposures=1, rng=rng
+        file, hands.at, times_s, person=None, frame_rate=rate, crf=quality, supersampling=4.0, sub_exposures=1, rng=rng
     ):
         pass
     image = filming.still(rng)

@@ -96,7 +96,10 @@ def test_the_calibration_object_is_where_the_truth_says(small_capture: Path, tru
         assert len(ids) >= 6
         errors = []
         cam_T_world = np.linalg.inv(truth.reference_world_T_cam[c])
-        for number, corners in zip(map(int, ids.ravel()), found, strict=True):
+        numbers = ids.ravel().tolist()
+        for number, corners in zip(numbers, found, strict=True):
+            if numbers.count(number) > 1:  # something in the hall looks like a marker, too
+                continue
             points = corners_m[number] @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
             xy = points[:, :2] / points[:, 2:]
             bend = 1 + truth.reference_k1[c] * np.sum(xy**2, axis=1, keepdims=True)
@@ -109,7 +112,7 @@ def test_the_calibration_object_is_where_the_truth_says(small_capture: Path, tru
 def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show(tmp_path: Path) -> None:
     pictures = []
     for supersampling in (2.0, 4.0, 8.0):
-        sensor = replace(NOISELESS, supersampling=supersampling)
+        sensor = replace(NOISELESS, supersampling_still=supersampling)
         crew = assemble(replace(TINY, sensor=sensor), tmp_path / str(supersampling))
         pictures.append(crew.cameras[0].still(np.random.default_rng(0), Aim(0.2, 200.0)).astype(float))
         crew.stage.close()
@@ -120,7 +123,7 @@ def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show(tmp_path: 
 
 def test_a_turned_grid_shows_the_same_picture_more_exactly(tmp_path: Path) -> None:
     def taken(supersampling: float, turn_deg: float) -> Array:
-        sensor = replace(NOISELESS, supersampling=supersampling, grid_turn_deg=turn_deg)
+        sensor = replace(NOISELESS, supersampling_still=supersampling, grid_turn_deg=turn_deg)
         crew = assemble(replace(TINY, sensor=sensor), tmp_path / f"{supersampling} {turn_deg}")
         picture = crew.cameras[0].still(np.random.default_rng(0), Aim(0.2, 200.0)).astype(np.float64)
         crew.stage.close()

@@ -94,7 +94,7 @@ def test_the_names_of_default_captures_have_not_changed(tmp_path: Path, monkeypa
 
     monkeypatch.setattr(captures, "shoot", pretend)
     list(shoot_cached(ShootConfig(), tmp_path))
-    assert [path.name for path in tmp_path.iterdir()] == ["floor_exercise-0-a0940be232ff"]
+    assert [path.name for path in tmp_path.iterdir()] == ["floor_exercise-0-1d2a017099e3"]
 
 
 # ------------------------------------------------------------------------------------------ the hall
