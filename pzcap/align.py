@@ -133,7 +133,7 @@ class Aligner:
             scale = LOOSENESS * max(1.4826 * _typical(residual[usable]), 1.0)
             weight = usable * (scale**2 / (scale**2 + residual**2)) ** 2
             normal, gradient = _normal(sampled, shading, gains, residual, weight, self._free)
-            change = np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), gradient)
+            change = np.linalg.solve(_firm(normal), gradient)
             pan_rad += float(change[0])
             focal_px *= float(np.exp(np.clip(change[1], -0.1, 0.1)))
             tilt_rad += float(change[2]) if self._free == 3 else 0.0
@@ -186,7 +186,7 @@ class Aligner:
         variance = float(weight @ fitted.residual**2) / float(weight.sum())
         usable = sampled[:, KNOWN] > 0
         value = sampled[usable, VALUE]
-        contrast = float(np.median(np.abs(value - np.median(value))))
+        contrast = _median(np.abs(value - _median(value)))
         difference = _typical(fitted.residual[usable])
         strength = np.abs(sampled[:, BY_PAN]) * weight
         strongest = min(5 * SHOWN, len(strength))
@@ -197,7 +197,7 @@ class Aligner:
             places[:, 0] = np.mod(places[:, 0], self._panorama.image.shape[1])
         return Alignment(
             fitted.pan_rad, fitted.tilt_rad, fitted.focal_px,
-            np.asarray(variance * np.linalg.pinv(fitted.normal)[:2, :2], np.float64),
+            variance * np.linalg.solve(_firm(fitted.normal), np.eye(len(fitted.normal)))[:2, :2],
             1.0 - difference / max(contrast, 1.0), fitted.settled, fitted.points[shown], places,
         )  # fmt: skip
 
@@ -213,7 +213,18 @@ def _commonest(values: Array) -> float:
 
 def _typical(values: Array) -> float:
     """Median of the absolute values (N,), of one in four of them: as good for a scale, and sorting takes long."""
-    return float(np.median(np.abs(values[::4])))
+    return _median(np.abs(values[::4]))
+
+
+def _median(values: Array) -> float:
+    """The upper median of (N,): numpy's checks its input for longer than it takes."""
+    middle = len(values) // 2
+    return float(np.partition(values, middle)[middle])
+
+
+def _firm(normal: Array) -> Array:
+    """Normal equations that can be solved, whatever they leave open."""
+    return np.asarray(normal + 1e-9 * np.diag(np.diag(normal)))
 
 
 @njit(cache=True, nogil=True)
