@@ -45,8 +45,8 @@ class PanZoomConfig:
     min_agreement: float = 0.5  # of one that features led to
     max_pan_sigma_deg: float = 0.05  # a frame whose matches tell less than this is not valid
     pixels: int = 4000  # of a frame that are aligned with the panorama: more take longer
-    floor_px: float = 0.0138  # systematic error of pan at the sweep's zoom: the least standard deviation claimed
-    floor_edge_px: float = 0.0352  # the same of the focal length, by what it moves the left and right edges
+    floor_px: float = 0.011  # systematic error of pan at the sweep's zoom: the least standard deviation claimed
+    floor_edge_px: float = 0.025  # the same of the focal length, by what it moves the left and right edges
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     sweep: SweepConfig = field(default_factory=SweepConfig)
     beliefs: BeliefConfig = field(default_factory=BeliefConfig)
