@@ -197,7 +197,7 @@ class Aligner:
             places[:, 0] = np.mod(places[:, 0], self._panorama.image.shape[1])
         return Alignment(
             fitted.pan_rad, fitted.tilt_rad, fitted.focal_px,
-            variance * np.linalg.solve(_firm(fitted.normal), np.eye(len(fitted.normal)))[:2, :2],
+            np.asarray(variance * np.linalg.inv(_firm(fitted.normal))[:2, :2], np.float64),
             1.0 - difference / max(contrast, 1.0), fitted.settled, fitted.points[shown], places,
         )  # fmt: skip
 

@@ -210,9 +210,9 @@ def courses(
 def _off_grid(unit_px: float) -> float:
     """The size nearest to this, texels, whose multiples are spread evenly over the remainders by 2, 4 and 8.
 
-    A renderer shows what is far away by means over 2 x 2, 4 x 4... texels, and a joint by the mean that it falls in. With
-    joints every 12 texels all of them fall in the same part of theirs, and the floor as a whole shows beside its place:
-    by 0.16 px in a picture 640 px wide, where the multiples of the golden section leave 0.04.
+    A renderer shows what is far away by means over 2 x 2, 4 x 4... texels, and a joint by the mean that it falls in.
+    With joints every 12 texels all of them fall in the same part of theirs, and the floor as a whole shows beside its
+    place: by up to 0.17 px in a picture 640 px wide, where the multiples of the golden section leave 0.05.
     """
     rest = 8.0 * (np.sqrt(5.0) - 1.0) / 2.0
     return 8.0 * max(0.0, np.round((unit_px - rest) / 8.0)) + rest
