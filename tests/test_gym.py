@@ -155,6 +155,19 @@ def test_courses_fill_the_canvas_with_joints() -> None:
     assert (canvas.image == 0).mean() == pytest.approx(1 - 0.95 * 0.9, abs=0.03)
 
 
+@pytest.mark.parametrize("unit_m", [(1.1, 0.12), (0.3, 0.2), (2.4, 0.14), (0.5, 0.25)])
+def test_joints_lie_on_every_texel_of_the_coarser_levels_alike(unit_m: tuple[float, float]) -> None:
+    """Else a coarse level of the texture moves all of them to one side."""
+    canvas = Canvas.blank(1.0, 40.0, 100, (1, 2, 3))
+    rng = np.random.default_rng(0)
+    courses(canvas, rng, [(100, 100, 100)], unit_m=unit_m, joint_m=0.01, joint=(0, 0, 0), spread=0)
+    rows = np.flatnonzero((canvas.image == 0).all(axis=(1, 2)))
+    assert len(rows) == pytest.approx(40.0 / unit_m[1], rel=0.15)
+    for level in (2, 4, 8):
+        shares = np.bincount(rows % level, minlength=level) / len(rows)
+        np.testing.assert_allclose(shares, 1 / level, atol=0.04)
+
+
 # --- the hall
 
 
