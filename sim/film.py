@@ -74,6 +74,7 @@ class FilmCamera:
 
         times_s: (N,) the middle of each exposure, which lasts ``shutter_s`` and averages ``sub_exposures`` moments.
         person: who is in the hall; None: nobody. light: the hall's brightness, 1 as it is lit by default.
+        supersampling: how much finer than the image a frame of a single moment is rendered; of several, less.
         """
         exposure = Exposure(self._config.exposure_drift, rng)
         sub_exposures = sub_exposures if self._config.shutter_s > 0 else 1
