@@ -37,14 +37,18 @@ class Round:
 
 
 def _schedule() -> tuple[Round, ...]:
-    def terms(level: int, reach: float, contour_sigma: float, brightness_sigma: float, keypoint_scale: float) -> Terms:
-        return Terms(level, reach, contour_sigma, brightness_sigma, 0.3, 0.15, 0.15, 0.3, keypoint_scale)
+    def terms(
+        level: int, reach: float, contour_sigma: float, contour_weight: float, brightness_sigma: float,
+        keypoint_scale: float,
+    ) -> Terms:  # fmt: skip
+        return Terms(level, reach, contour_sigma, brightness_sigma, contour_weight, 0.15, 0.15, 0.3, keypoint_scale)
 
+    # the edge that is nearest to a hand is often another limb's: limbs by themselves are led to far edges with caution
     return (
-        Round(terms(2, 30.0, 8.0, 20.0, 10.0), 5, 5.0, solid=False, surprise_m=0.025),
-        Round(terms(2, 20.0, 4.0, 20.0, 10.0), 4, solid=False),
-        Round(terms(1, 10.0, 2.0, 15.0, 5.0), 3),
-        Round(terms(0, 5.0, 1.0, 12.0, 3.0), 1),
+        Round(terms(2, 30.0, 8.0, 0.3, 20.0, 10.0), 5, 5.0, solid=False, surprise_m=0.025),
+        Round(terms(2, 20.0, 4.0, 0.15, 20.0, 10.0), 4, solid=False),
+        Round(terms(1, 10.0, 2.0, 0.2, 15.0, 5.0), 3),
+        Round(terms(0, 5.0, 1.0, 0.3, 12.0, 3.0), 1),
     )
 
 
@@ -107,7 +111,7 @@ UNSEEN: Final = np.zeros((len(SEGMENTS), 3))
 """The contour of a body that no view shows."""
 _LEAP: Final = 3.0
 """Sigmas of the prediction that nobody moves by."""
-BESIDE: Final = 8
+BESIDE: Final = 2
 """Frames beside a keyframe in which limbs are still where they are thought to be."""
 _FORGETS: Final = 0.3
 """Share that the latest frame has in what predictions were off by."""

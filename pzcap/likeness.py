@@ -2,9 +2,8 @@
 
 Silhouettes say nothing of an arm that is held before the trunk, in any view. Its texture does: sleeve, skin and seams
 stand out from the cloth behind them. So a limb is also judged by its skin: what looks as it is known to, less what does
-not, in square metres summed over the views. Postures of a limb are then searched for by both, silhouettes
-(`pzcap.limbs`) and likeness, in rounds of random draws, each about the best of the one before (the cross-entropy
-method, Rubinstein, 1999).
+not, in square metres summed over the views. What a posture of a limb is worth is then said by both, silhouettes
+(`pzcap.limbs`) and likeness.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from numpy.typing import NDArray
 from pzcap import raster
 from pzcap.body import Body, forward
 from pzcap.evidence import LEARNING, Appearance, Evidence, px_per_m, view_level
-from pzcap.limbs import GROUP, LIMBS, LimbSearch
+from pzcap.limbs import GROUP, LIMBS, POSTURES, RELUCTANCE_M2, LimbSearch, Patch
 from pzcap.raster import Float32
-from pzcap.types import Array, Camera, Image, Pose
+from pzcap.types import PARENTS, Array, Camera, Image, Pose
 from pzcap.views import DEPTH_TOLERANCE_M, Z_SCALE, PlacedView
 
 _WORTH: Final = 6.0  # square metres of silhouette that one of likeness is worth
@@ -30,13 +29,9 @@ _UNLIKE: Final = 15.0  # grey levels by which a point half looks otherwise
 _EVEN: Final = 0.42  # of that, on average: neither like nor unlike
 _GAIN: Final = (0.8, 1.25)  # what a limb that turns may darken or brighten by
 _ELSEWHERE: Final = np.float32(0.5)  # trust in what another view has seen
+_FAR_RAD: Final = 0.3  # postures that differ by more are judged from afar
 _SPARSE: Final = 2  # of so many points of the skin one is looked at
-_ROUNDS: Final = (2, 2, 1, 1, 1)  # levels of the pyramid, in the usual view: from afar, then from near
-_SPREAD_RAD: Final = 0.3  # of the first round's draws,
-_LEAST_RAD: Final = 0.04  # and of any
-_ELITE: Final = 20  # draws that the next round is about
-_RELUCTANCE_M2: Final = 0.002  # what a turn of one radian must gain
-_DRAWS: Final[Array] = np.random.default_rng(0).standard_normal((len(_ROUNDS), 200, 4))
+_LEVELS: Final = (2, 1)  # of the pyramid, in the usual view: from afar, and from near
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +62,26 @@ class _Sight:
     z_top: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Glance:
+    """A frame made ready to judge postures of one limb."""
+
+    pose: Pose
+    frames: Array  # world_T_segment (16, 4, 4)
+    patches: list[Patch]
+    far: list[_Sight]
+    near: list[_Sight]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Postures:
+    """Some postures of a limb in one frame."""
+
+    turns: Array  # (K, 4) as `pzcap.limbs.LimbSearch.turned` takes them
+    worth_m2: Array  # (K,)
+    moved_m: Array  # (K, 2, 3) its joints from where the glance has them, in the frame of what it is fixed to
+
+
 class Likeness:
     """Judges the limbs of one body."""
 
@@ -83,7 +98,7 @@ class Likeness:
         frames = forward(self._body, pose)
         alike = np.empty(len(LIMBS))
         for limb, segments in enumerate(LIMBS):
-            sights = self._sights(limb, pose, evidence, placed, known, _ROUNDS[-1])
+            sights = self._sights(limb, pose, evidence, placed, known, _LEVELS[-1])
             alike[limb] = _compared(self._skins[limb], frames[None, list(segments)], sights)[0]
         return alike
 
@@ -94,21 +109,28 @@ class Likeness:
         body, hall = self._limbs.support(pose, evidence.grounds(placed)).T
         return np.asarray(body - hall + _WORTH * self.of(pose, evidence, placed, known))
 
-    def search(self, limb: int, pose: Pose, evidence: Evidence, known: Sequence[Appearance]) -> Pose:
-        """The best posture of one limb near that of ``pose``, the rest of the body being where that has it."""
+    def glance(self, limb: int, pose: Pose, evidence: Evidence, known: Sequence[Appearance]) -> Glance:
+        """Make a frame ready to judge postures of one limb near that of ``pose``."""
         frames, placed = forward(self._body, pose), evidence.visibility(pose)
-        patches = self._limbs.patches(limb, frames, evidence.grounds(placed))
         behind = [None if where is None else self._behind(limb, where) for where in placed]
-        best, centre, spread = np.zeros(4), np.zeros(4), np.full(4, _SPREAD_RAD)
-        for level, draws in zip(_ROUNDS, _DRAWS, strict=True):
-            tries = self._limbs.bounded(limb, pose, np.vstack([best, centre + spread * draws]))
-            sights = self._sights(limb, pose, evidence, behind, known, level)
-            alike = _compared(self._skins[limb], self._limbs.posed(limb, pose, frames, tries), sights)
-            covered = self._limbs.judge(limb, pose, frames, tries, patches)
-            worth = _WORTH * alike + covered[:, 0] - covered[:, 1] - _RELUCTANCE_M2 * np.sum(tries**2, axis=1)
-            elite = tries[np.argsort(-worth)[:_ELITE]]
-            best, centre, spread = elite[0], elite.mean(axis=0), np.maximum(elite.std(axis=0), _LEAST_RAD)
-        return self._limbs.turned(limb, pose, best)
+        far, near = (self._sights(limb, pose, evidence, behind, known, level) for level in _LEVELS)
+        return Glance(pose, frames, self._limbs.patches(limb, frames, evidence.grounds(placed)), far, near)
+
+    def postures(self, limb: int, glance: Glance, about: Array, size: float) -> Postures:
+        """Judge postures of one limb about the turn ``about`` (4,) that differ by ``size`` radians or so; the rest of
+        the body is where the ``glance`` has it."""
+        turns = self._limbs.bounded(limb, glance.pose, about + size * POSTURES)
+        posed = self._limbs.posed(limb, glance.pose, glance.frames, turns)
+        body, hall = self._limbs.judge(limb, glance.pose, glance.frames, turns, glance.patches).T
+        alike = _compared(self._skins[limb], posed, glance.far if size > _FAR_RAD else glance.near)
+        worth = body - hall + _WORTH * alike - RELUCTANCE_M2 * np.sum(turns**2, axis=1)
+        first, *others = LIMBS[limb]
+        moved = posed[:, 1:, :3, 3] - glance.frames[others, :3, 3]
+        return Postures(turns, worth, moved @ glance.frames[PARENTS[first], :3, :3])
+
+    def turned(self, limb: int, pose: Pose, turn: Array) -> Pose:
+        """`LimbSearch.turned`."""
+        return self._limbs.turned(limb, pose, turn)
 
     def _sights(
         self, limb: int, pose: Pose, evidence: Evidence, placed: Sequence[PlacedView | None],

@@ -31,7 +31,8 @@ GROUP: Final[NDArray[np.uint8]] = np.array(
 )
 """(16,) One bit a part of the body: the trunk with the head, then each limb."""
 BELIEF_SCALE: Final = 4
-_RELUCTANCE_M2: Final = 0.002  # what a turn of one radian must gain
+RELUCTANCE_M2: Final = 0.002
+"""What a turn of one radian must gain."""
 _ROUNDS: Final = ((1.0, 0.06), (0.4, 0.03), (0.15, 0.0))
 """How widely the postures are spread, and by how many metres the silhouettes are blurred so that none slips between."""
 _LENIENCE: Final = np.float32(0.25)
@@ -40,7 +41,6 @@ _NEAR: Final = np.ones((5, 5), np.uint8)  # pixels of a belief: an outline that 
 
 
 def _postures() -> Array:
-    """(K, 4) turns to try, radians: the ball joint about its own three axes, then the hinge."""
     swings = [(0.0, 0.0)]
     for size, count in ((0.5, 6), (1.0, 9)):
         angles = 2 * np.pi * np.arange(count) / count
@@ -48,7 +48,8 @@ def _postures() -> Array:
     return np.array([(x, y, z, h) for x, y in swings for z in (-0.8, 0.0, 0.8) for h in (-0.8, 0.0, 0.8)])
 
 
-_POSTURES: Final[Array] = _postures()
+POSTURES: Final[Array] = _postures()
+"""(K, 4) Turns of a limb to try when it may be anywhere in its reach, radians: as `LimbSearch.turned` takes them."""
 _AS_IT_IS: Final[Array] = np.zeros((1, 4))
 _STRAIGHT: Final[Array] = np.array([[1.0, 0.0, 0.0, 0.0]])
 
@@ -125,9 +126,9 @@ class LimbSearch:
         patches = self.patches(limb, frames, grounds)
         at = np.zeros(4)
         for size, blur_m in _ROUNDS:
-            tries = self.bounded(limb, pose, at + size * _POSTURES)
+            tries = self.bounded(limb, pose, at + size * POSTURES)
             both = self.judge(limb, pose, frames, tries, [_blurred(patch, blur_m) for patch in patches])
-            at = tries[int(np.argmax(both[:, 0] - both[:, 1] - _RELUCTANCE_M2 * np.sum(tries**2, axis=1)))]
+            at = tries[int(np.argmax(both[:, 0] - both[:, 1] - RELUCTANCE_M2 * np.sum(tries**2, axis=1)))]
         return self.turned(limb, pose, at)
 
     def bounded(self, limb: int, pose: Pose, tries: Array) -> Array:

@@ -26,7 +26,7 @@ from pzcap.trajectory import smooth_step
 from pzcap.types import Array, Keyframe, Mask, Pose
 from pzcap.views import Cut, PlacedView
 
-_WORTHWHILE_M2: Final = 0.015  # that a limb must gain a frame: whoever searches finds what looks a little better
+_WORTHWHILE_M2: Final = 0.002  # that a limb must gain a frame: whoever searches finds what looks a little better
 _BRIGHTNESS_SIGMA: Final = 25.0  # grey levels, while the shape is not known: more than in tracking
 
 
@@ -83,8 +83,8 @@ def polish(
 ) -> Polished:  # fmt: skip
     """Improve the ``poses`` of a stretch of frames; ``before`` and ``after`` it the body is held fast where known.
 
-    Where it is ``known`` what they look like, limbs that do not look so, or are ``doubtful`` (T, 16), are also followed
-    once more (`pzcap.second_look`), and taken from there if that is worth more.
+    Where it is ``known`` what they look like, limbs that do not look so, or are ``doubtful`` (T, 16), are also looked
+    for once more (`pzcap.second_look`), and taken from there if that is worth more.
     """
     stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, after, config, Likeness(body))
     placed = stretch.visibility(poses)

@@ -1,30 +1,36 @@
 """Limbs that neither pass has kept, found again by what they look like.
 
 Between two keyframes a limb can be lost from both sides: held before the trunk it has no outline, and what it looks
-like is forgotten while it is followed wrongly. Beside the keyframes it is known (`Follower.known`), and from there it
-is followed once more, inward from both ends of the frames in which it does not look like itself, each time searched for
-near where it was in the frame before (`Likeness.search`).
+like is forgotten while it is followed wrongly. Beside the keyframes it is known (`Follower.known`). So where it does
+not look like itself, its postures in all these frames are chosen once more, together: those that are worth most
+(`pzcap.likeness`) and lead on from one frame to the next (dynamic programming, Bellman, 1957), from coarse to fine.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.body import difference, retract
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import BESIDE
-from pzcap.likeness import Likeness
+from pzcap.likeness import Glance, Likeness, Postures
 from pzcap.limbs import LIMBS
-from pzcap.types import SEGMENTS, Mask, Pose
+from pzcap.types import SEGMENTS, Array, Mask, Pose
 from pzcap.views import PlacedView
 
 _AROUND: Final = 2  # frames on either side that a verdict takes in, and that may be wrong with those that are
 _UNLIKE_M2: Final = 0.006  # what looks otherwise than it should, more than does not: less is an odd light
-_ADAPT: Final = 0.15  # share that a frame has in what a limb that was found again looks like
+_SIZES_RAD: Final = (0.8, 0.4, 0.16, 0.06)  # by which postures differ, from coarse to fine
+LEAP_M: Final = 0.04
+"""A joint that moves by so much in a frame, on top of what was expected, """
+LEAP_M2: Final = 0.005
+"""costs its limb so much of what it is worth."""
 
 _OF_LIMB: Final[Mask] = np.array([np.isin(np.arange(len(SEGMENTS)), limb) for limb in LIMBS])  # (4, 16)
 
@@ -36,7 +42,7 @@ class Again:
     """Some frames after a second look."""
 
     poses: list[Pose]
-    lost: Mask  # (T, 16) what was followed once more
+    lost: Mask  # (T, 16) what was found once more
     known: list[Appearance]  # what the skin looks like in each view, where nothing was lost
 
 
@@ -44,7 +50,7 @@ def look_again(
     likeness: Likeness, poses: Sequence[Pose], evidence: Sequence[Evidence], placed: Sequence[Placed],
     known: Sequence[Appearance], doubtful: Mask, before: Pose | None, after: Pose | None,
 ) -> Again | None:  # fmt: skip
-    """Follow the limbs once more that are ``doubtful`` (T, 16) or do not look as they are ``known`` to, the body being
+    """Find the limbs once more that are ``doubtful`` (T, 16) or do not look as they are ``known`` to, the body being
     where it was ``placed``, and ``before`` and ``after`` these frames where that is known. None if there are none."""
     doubted = np.array([doubtful[:, list(limb)].any(axis=1) for limb in LIMBS]).T
     lost = doubted | _unlike(likeness, poses, evidence, placed, known)
@@ -55,7 +61,7 @@ def look_again(
     lost = np.array([_window(lost, t).any(axis=0) for t in range(len(lost))])
     if not lost.any():
         return None
-    return Again(_follow(likeness, poses, evidence, learned, lost, before, after), lost @ _OF_LIMB, learned)
+    return Again(_find(likeness, poses, evidence, learned, lost, before, after), lost @ _OF_LIMB, learned)
 
 
 def _unlike(
@@ -79,32 +85,50 @@ def _learn(
     return learned
 
 
-def _follow(
+def _find(
     likeness: Likeness, poses: Sequence[Pose], evidence: Sequence[Evidence], learned: Sequence[Appearance], lost: Mask,
     before: Pose | None, after: Pose | None,
 ) -> list[Pose]:  # fmt: skip
-    """The poses with the ``lost`` (T, 4) limbs followed once more; what they look like is learned on the way, too."""
-    learned = [look.copy() for look in learned]
-    chain = [before or poses[0], *poses, after or poses[-1]]
+    """The poses with the ``lost`` (T, 4) limbs found once more, about the way from the frame before to that after."""
+    found = list(poses)
+    around = [before, *poses, after]
     for limb, segments in enumerate(LIMBS):
-        others = [s for group in ((0, 1, 2, 3), *LIMBS) if group != segments for s in group]
-        for t, neighbour in _inward(lost[:, limb]):
-            each = evidence[t]
-            as_beside = taking(poses[t], segments, chain[neighbour + 1])
-            found = likeness.search(limb, as_beside, each, learned)
-            chain[t + 1] = taking(chain[t + 1], segments, found)
-            placed = each.visibility(found)
-            if likeness.of(found, each, placed, learned)[limb] > 0.0:
-                each.learn(_without(each, placed, others), learned, _ADAPT)
-    return chain[1:-1]
+        for run in runs(lost[:, limb]):
+            first, last = around[run.start], around[run.stop + 1]
+            first, last = first or last or poses[run.start], last or first or poses[run.start]
+            passing = [_between(first, last, n / (len(run) + 1)) for n in range(1, len(run) + 1)]
+            starts = [taking(poses[t], segments, pose) for t, pose in zip(run, passing, strict=True)]
+            glances = [likeness.glance(limb, pose, evidence[t], learned) for t, pose in zip(run, starts, strict=True)]
+            for t, pose, turn in zip(run, starts, _way(likeness, limb, glances), strict=True):
+                found[t] = taking(found[t], segments, likeness.turned(limb, pose, turn))
+    return found
 
 
-def _inward(lost: Mask) -> Iterator[tuple[int, int]]:
-    """Each frame of every run of (T,), from its ends to its middle, and the frame outside it, done before."""
-    for run in runs(lost):
-        for step in range(len(run)):
-            left, right = run[step // 2], run[-1 - step // 2]
-            yield (left, left - 1) if step % 2 == 0 else (right, right + 1)
+def _between(first: Pose, last: Pose, share: float) -> Pose:
+    return retract(first, share * difference(last, first))
+
+
+def _way(likeness: Likeness, limb: int, glances: Sequence[Glance]) -> Array:
+    """The turns (T, 4) of a limb in frames that follow each other which are together worth most."""
+    about = np.zeros((len(glances), 4))
+    for size in _SIZES_RAD:
+        postures = [likeness.postures(limb, glance, turn, size) for glance, turn in zip(glances, about, strict=True)]
+        about = np.array([each.turns[k] for each, k in zip(postures, best_way(postures), strict=True)])
+    return about
+
+
+def best_way(postures: Sequence[Postures]) -> list[int]:
+    """Which posture of each frame, so that the sum of what they are worth, less what leaps cost, is greatest."""
+    total, origins = postures[0].worth_m2, []
+    for one, other in pairwise(postures):
+        leap = np.sum((other.moved_m[:, None] - one.moved_m) ** 2, axis=(2, 3)) / LEAP_M**2
+        reached = total - LEAP_M2 * leap
+        origins.append(np.argmax(reached, axis=1))
+        total = reached.max(axis=1) + other.worth_m2
+    way = [int(np.argmax(total))]
+    for origin in reversed(origins):
+        way.append(int(origin[way[-1]]))
+    return way[::-1]
 
 
 def taking(pose: Pose, segments: Sequence[int], other: Pose) -> Pose:

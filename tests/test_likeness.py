@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import cv2
 import numpy as np
@@ -14,9 +15,9 @@ from hypothesis import strategies as st
 from pzcap import body as bodies
 from pzcap.body import Body
 from pzcap.evidence import Appearance, Evidence
-from pzcap.likeness import Likeness, shared
+from pzcap.likeness import Likeness, Postures, shared
 from pzcap.limbs import LIMBS
-from pzcap.second_look import look_again, runs
+from pzcap.second_look import LEAP_M, LEAP_M2, best_way, look_again, runs
 from pzcap.types import Array, Pose
 from pzcap.views import LEVELS, Cut
 from tests.test_tracking import clip, cuts, lost, observed, true_body
@@ -63,7 +64,12 @@ def test_a_limb_looks_like_itself_where_it_is_and_nowhere_else(limb: int) -> Non
 def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(limb: int) -> None:
     body, pose = true_body(), swung(clip().poses[5], limb, 0.4)
     evidence, end = without_silhouettes(5, body), LIMBS[limb][2]
-    found = Likeness(body).search(limb, pose, evidence, known())
+    likeness, turn = Likeness(body), np.zeros(4)
+    glance = likeness.glance(limb, pose, evidence, known())
+    for size in (0.8, 0.4, 0.16, 0.06):
+        postures = likeness.postures(limb, glance, turn, size)
+        turn = postures.turns[np.argmax(postures.worth_m2)]
+    found = likeness.turned(limb, pose, turn)
     before, after = (np.linalg.norm(bodies.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
     assert before > 0.1
     assert after < 0.4 * before
@@ -140,6 +146,38 @@ def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
     assert np.flatnonzero(again.lost.any(axis=0)).tolist() == list(LIMBS[1])
     for found, pose in zip(again.poses, poses, strict=True):  # found where it was
         np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, pose), atol=0.08)
+
+
+@given(st.integers(1, 4), st.integers(0, 2**32 - 1))
+def test_the_best_way_is_the_best_of_all_ways(frames: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    postures = [
+        Postures(np.zeros((3, 4)), rng.normal(0.0, 0.01, 3), rng.normal(0.0, 0.04, (3, 2, 3))) for _ in range(frames)
+    ]
+
+    def worth(way: Sequence[int]) -> float:
+        joints = [each.moved_m[k] for each, k in zip(postures, way, strict=True)]
+        leaps = sum(float(np.sum((b - a) ** 2)) for a, b in pairwise(joints))
+        return sum(float(each.worth_m2[k]) for each, k in zip(postures, way, strict=True)) - LEAP_M2 / LEAP_M**2 * leaps
+
+    best = max(worth(way) for way in product(range(3), repeat=frames))
+    assert worth(best_way(postures)) == pytest.approx(best, abs=1e-12)
+
+
+def test_a_limb_that_is_hidden_is_led_from_the_frame_before_to_the_one_after() -> None:
+    """Nothing is known of it and nothing seen: it is where the frames beside it have it, and between them between."""
+    body, limb = true_body(), 0
+    start, end = clip().poses[5], swung(clip().poses[5], limb, 0.6)
+    blind = [Evidence(body, [None] * len(cuts(5))) for _ in range(3)]
+    lost = np.zeros((3, 16), bool)
+    lost[:, LIMBS[limb][1]] = True
+    nothing = [Appearance.unseen(len(body.surface.points_m)) for _ in cuts(5)]
+    unseen: list[list[None]] = [[None] * len(cuts(5))] * 3
+    again = look_again(Likeness(body), [end] * 3, blind, unseen, nothing, lost, start, end)
+    assert again is not None
+    for share, pose in zip((0.25, 0.5, 0.75), again.poses, strict=True):
+        between = swung(start, limb, 0.6 * share)
+        np.testing.assert_allclose(bodies.joints(body, pose), bodies.joints(body, between), atol=1e-3)
 
 
 @given(st.lists(st.booleans(), max_size=12))
