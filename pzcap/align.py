@@ -94,15 +94,18 @@ class Aligner:
         known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), *border).astype(np.float32)
         self._levels = {k: _level(image, known, k, COARSE_PIXELS.get(k, pixels)) for k, _ in LEVELS}
 
-    def align(self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, off_px: float) -> Alignment:
+    def align(
+        self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, off_px: float, hidden: Mask | None = None
+    ) -> Alignment:
         """Refine a pan and a focal length, and a tilt if that is free.
 
-        The start may be off by ``off_px`` pixels of the panorama, up to 15; the less, the faster.
+        The start may be off by ``off_px`` pixels of the panorama, up to 15; the less, the faster. Where the hall is
+        known to be ``hidden`` (H, W) nothing is compared.
         """
         frame = grey(image)
         fitted = None
         for halvings, steps in LEVELS[sum(reach >= off_px for reach in REACH_PX) - 1 :]:
-            fitted = self._fit(frame, self._levels[halvings], steps, pan_rad, tilt_rad, focal_px)
+            fitted = self._fit(frame, hidden, self._levels[halvings], steps, pan_rad, tilt_rad, focal_px)
             if fitted is None:
                 nothing = np.empty((0, 2))
                 return Alignment(pan_rad, tilt_rad, focal_px, np.eye(2), 0.0, False, nothing, nothing)
@@ -111,10 +114,11 @@ class Aligner:
         return self._judged(fitted)
 
     def _fit(
-        self, frame: Image, level: _Level, steps: int, pan_rad: float, tilt_rad: float, focal_px: float
-    ) -> _Fitted | None:
+        self, frame: Image, hidden: Mask | None, level: _Level, steps: int, pan_rad: float, tilt_rad: float,
+        focal_px: float,
+    ) -> _Fitted | None:  # fmt: skip
         """Gauss-Newton with the weights of Geman and McClure; None where the panorama is unknown, or the frame dark."""
-        points, observed, shading = self._pixels(frame, level, focal_px)
+        points, observed, shading = self._pixels(frame, hidden, level, focal_px)
         gains = np.zeros(shading.shape[1])
         gains[0] = 1.0
         rays = self._rays(points, pan_rad, tilt_rad, focal_px)
@@ -144,7 +148,7 @@ class Aligner:
                 break
         return _Fitted(pan_rad, tilt_rad, focal_px, points, sampled, residual, weight, normal, settled)
 
-    def _pixels(self, frame: Image, level: _Level, focal_px: float) -> tuple[Array, Array, Array]:
+    def _pixels(self, frame: Image, hidden: Mask | None, level: _Level, focal_px: float) -> tuple[Array, Array, Array]:
         """What is compared: pixels (N, 2), their grey values (N,), and r^0, r^2, ... of the vignetting (N, K)."""
         lens = self._camera.lens
         shrink = focal_px / self._panorama.px_per_rad * level.scale  # the frame is so much finer than the level
@@ -154,6 +158,9 @@ class Aligner:
         small = cv2.resize(frame[: size[1] * whole, : size[0] * whole], size, interpolation=cv2.INTER_AREA)
         soft = softened(np.asarray(small, np.uint8), shrink / whole)
         chosen = _edges(soft, max(1, round(np.sqrt(soft.size / level.pixels))))
+        if hidden is not None:
+            column, row = (chosen * whole + whole // 2).T
+            chosen = chosen[~hidden[row, column]]
         observed = soft[chosen[:, 1], chosen[:, 0]].astype(np.float64)
         points = (chosen.astype(np.float64) + 0.5) * whole - 0.5
         middle_x, middle_y = (lens.width - 1) / 2, (lens.height - 1) / 2

@@ -34,6 +34,7 @@ SOFTNESS: Final = 5 / 12
 WINDOW: Final = (3, 3)  # half pixels over which the evidence is averaged
 FEWEST: Final = 30  # half pixels that show which colours the body has
 MARGIN_PX: Final = 16  # kept round the body for its outline
+CLOTHES_PX: Final = 4.0  # by which they may stand off a body
 SMALL: Final = 8  # half pixels: a hole this small is none
 HOLE: Final = -2.5  # mean log-odds: nor is one where the hall is seen no better
 NEAR: Final = 0.1  # of the body's size: a part this far off needs twice the evidence to be kept
@@ -53,6 +54,16 @@ class Expected:
     def window(self) -> Window:
         height, width = self.distance_px.shape
         return self.left, self.top, self.left + 2 * width, self.top + 2 * height
+
+    def covered(self, height: int, width: int) -> Mask:
+        """(height, width) the pixels of the view in which the body may be."""
+        left, top, right, bottom = self.window
+        near = (self.distance_px > -self.sigma_px - CLOTHES_PX).astype(np.uint8)
+        covered = np.zeros((height, width), np.bool_)
+        covered[top:bottom, left:right] = cv2.resize(
+            near, (right - left, bottom - top), interpolation=cv2.INTER_NEAREST
+        )
+        return covered
 
 
 def separate(

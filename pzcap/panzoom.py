@@ -7,7 +7,7 @@ the frame before is known, the alignment alone is enough.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -22,7 +22,7 @@ from pzcap.features import Features
 from pzcap.reference import ReferenceConfig
 from pzcap.solutions import Solution, ransac_eq15, solve_eq11, solve_eq15
 from pzcap.sweep import SweepConfig, consensus, grey
-from pzcap.types import Array, Image, Lens, Localisation, Panorama, PanZoomCamera, PzcapError
+from pzcap.types import Array, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera, PzcapError
 from pzcap.unknowns import BeliefConfig
 
 METHODS = ("exact", "paper")
@@ -71,19 +71,30 @@ class Localiser:
             self._aligner = Aligner(panorama, camera, pixels=config.pixels, free_tilt=config.free_tilt)
         self._azimuth, self._slope = cylinder.from_panorama(panorama, self._features.points_px)
 
-    def localise(self, image: Image, prior: Localisation | None) -> Localisation:
+    def localise(
+        self,
+        image: Image,
+        prior: Localisation | None,
+        hidden: Callable[[Localisation], Mask | None] | None = None,
+    ) -> Localisation:
         """Pan and focal length of ``image`` (H, W[, 3]).
 
-        ``prior`` is the frame before, if that was found; without it, or when nothing is found near it, the whole
-        panorama is searched. A frame whose matches do not determine it, or whose grey values do not bear them out,
-        comes back with ``valid`` False.
+        ``prior`` is where the frame is expected, if the one before was found; without it, or when nothing is found near
+        it, the whole panorama is searched. ``hidden`` says which pixels (H, W) somebody covers if the frame is where it
+        is expected; it is asked when the others alone must do. A frame whose matches do not determine it, or whose
+        grey values do not bear them out, comes back with ``valid`` False.
         """
         if self._aligner is None:
             return self._localise_paper(image, prior)
         if prior is not None and prior.valid:
             for off_px in (1.5, 15.0):  # most often the frame is where it was expected
                 aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px)
-                if aligned.settled and aligned.agreement > self._config.sure_agreement:
+                if self._sure(aligned):
+                    return self._aligned(aligned)
+            body = None if hidden is None else hidden(prior)
+            if body is not None:
+                aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, 4.0, body)
+                if self._sure(aligned):
                     return self._aligned(aligned)
         for near in (prior, None) if prior is not None and prior.valid else (None,):
             for found in _likeliest(self._candidates(image, near)):
@@ -99,8 +110,7 @@ class Localiser:
         assert self._aligner is not None
         aligned = self._aligner.align(image, found.pan_rad, found.tilt_rad, found.focal_px, 1.5 if found.valid else 4.0)
         if not found.valid:  # few matches, as at a zoom far from the sweep's: the pixels have to be sure alone
-            sure = aligned.settled and aligned.agreement > self._config.sure_agreement
-            return self._aligned(aligned) if sure else None
+            return self._aligned(aligned) if self._sure(aligned) else None
         moved_px = abs(aligned.pan_rad - found.pan_rad) * self._panorama.px_per_rad
         if aligned.agreement <= self._config.min_agreement or moved_px >= 3.0:
             return None
@@ -108,6 +118,9 @@ class Localiser:
             self._aligned(aligned),
             frame_points_px=found.frame_points_px, panorama_points_px=found.panorama_points_px,
         )  # fmt: skip
+
+    def _sure(self, aligned: Alignment) -> bool:
+        return aligned.settled and aligned.agreement > self._config.sure_agreement
 
     def _candidates(self, image: Image, prior: Localisation | None) -> Iterator[Localisation]:
         """Where features say that the frame may be, one zoom after the other: near ``prior``, or anywhere."""

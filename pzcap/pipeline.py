@@ -29,6 +29,7 @@ from pzcap.types import (
     FrameSet,
     Image,
     Localisation,
+    Mask,
     PanZoomCamera,
     PanZoomTrack,
     PzcapError,
@@ -98,7 +99,8 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
         found: list[list[Localisation | None]] = [[] for _ in capture.cameras]
         poses: list[tracking.Tracked] = []
         views = _Views(prepared, localisers, config, pool, seconds)
-        for seen in map(views.localise, sets):
+        for frames in sets:
+            seen = views.localise(frames, tracker)
             for history, localisation in zip(found, seen.localisations, strict=True):
                 history.append(localisation)
             separated = views.separate(seen, tracker)
@@ -109,7 +111,7 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
                 seconds["tracking"] += time.perf_counter() - started
                 yield from arrived
                 poses += arrived
-            yield Progress("motion", seen.frames.index + 1, len(sets))
+            yield Progress("motion", frames.index + 1, len(sets))
         if tracker:
             started = time.perf_counter()
             arrived = tracker.finish()
@@ -182,12 +184,22 @@ class _Views:
         self.before = [None] * len(self.prepared)
         self.last = [None] * len(self.prepared)
 
-    def localise(self, frames: FrameSet) -> FrameLocalised:
+    def localise(self, frames: FrameSet, tracker: tracking.Tracker | None) -> FrameLocalised:
+        """``tracker``, where there is one, says where it expects the body."""
+
         def one(index: int, image: Image | None) -> Localisation | None:
-            localiser = self.localisers[index]
-            if localiser is None or image is None:
+            localiser, prepared = self.localisers[index], self.prepared[index]
+            if localiser is None or prepared is None or image is None:
                 return None
-            localisation = localiser.localise(image, panzoom.predicted(self.before[index], self.last[index]))
+            head = prepared.camera
+
+            def hidden(prior: Localisation) -> Mask | None:
+                camera = at(head, prior.pan_rad, prior.tilt_rad, prior.focal_px)
+                expected = None if tracker is None else tracker.expect(frames.index, camera)
+                return None if expected is None else expected.covered(camera.height, camera.width)
+
+            prior = panzoom.predicted(self.before[index], self.last[index])
+            localisation = localiser.localise(image, prior, hidden)
             self.before[index] = self.last[index]
             self.last[index] = localisation if localisation.valid else None
             return localisation

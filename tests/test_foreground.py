@@ -39,6 +39,13 @@ def expected(mask: Mask) -> foreground.Expected:
     return foreground.Expected(0, 0, np.asarray(apart[::2, ::2], np.float32), 3.0)
 
 
+def test_what_the_body_may_cover_is_the_body_and_little_more(clip: Clip) -> None:
+    mask = clip.shots[0][0].mask
+    covered = expected(mask).covered(*mask.shape)
+    assert covered[mask].all()
+    assert not covered[cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3) > 14.0].any()
+
+
 def test_the_athlete_is_found_and_the_shadow_is_not(clip: Clip) -> None:
     scores = [overlap(cut(shot, shot.image, shot.empty), shot.mask) for row in clip.shots for shot in row]
     assert np.mean(scores) > 0.96

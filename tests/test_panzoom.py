@@ -116,6 +116,29 @@ def test_someone_in_the_picture_is_left_out(exact: calibration.Prepared) -> None
         assert inside.mean() < 0.05
 
 
+def test_someone_who_covers_most_of_the_picture_is_left_out_where_she_is_expected(
+    exact: calibration.Prepared,
+) -> None:
+    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
+    before = localiser.localise(synthetic.render(OPTICS, 0.3, 1.5 * FOCAL), None)
+    image = synthetic.render(OPTICS, 0.3 + 3.0 / FOCAL, 1.5 * FOCAL, noise_seed=7)
+    body = np.zeros(image.shape[:2], bool)
+    body[:, image.shape[1] // 4 : -image.shape[1] // 8] = True
+    image[body] = np.random.default_rng(3).integers(0, 255, (int(body.sum()), 3))
+    found = localiser.localise(image, before, lambda _: body)
+    assert found.valid
+    assert found.pan_rad == pytest.approx(0.3 + 3.0 / FOCAL, abs=0.3 / FOCAL)
+    assert not localiser.localise(image, before).valid
+    assert not localiser.localise(image, before, lambda _: ~body).valid
+
+
+def test_nothing_is_found_in_what_is_all_covered(exact: calibration.Prepared) -> None:
+    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
+    before = localiser.localise(synthetic.render(OPTICS, 0.3, FOCAL), None)
+    image = np.zeros((OPTICS.height, OPTICS.width, 3), np.uint8)
+    assert not localiser.localise(image, before, lambda _: np.ones(image.shape[:2], bool)).valid
+
+
 def test_a_tilted_frame_is_found_and_followed(exact: calibration.Prepared) -> None:
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig(free_tilt=True))
     prior = None
