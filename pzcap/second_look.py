@@ -28,9 +28,9 @@ _AROUND: Final = 2  # frames on either side that a verdict takes in, and that ma
 _UNLIKE_M2: Final = 0.006  # what looks otherwise than it should, more than does not: less is an odd light
 _SIZES_RAD: Final = (0.8, 0.4, 0.16, 0.06)  # by which postures differ, from coarse to fine
 LEAP_M: Final = 0.04
-"""A joint that moves by so much in a frame, on top of what was expected, """
+"""What a joint may well move by in a frame, besides what was expected."""
 LEAP_M2: Final = 0.005
-"""costs its limb so much of what it is worth."""
+"""What that costs its limb of what it is worth; a leap costs as the square of its length."""
 
 _OF_LIMB: Final[Mask] = np.array([np.isin(np.arange(len(SEGMENTS)), limb) for limb in LIMBS])  # (4, 16)
 
@@ -105,6 +105,7 @@ def _find(
 
 
 def _between(first: Pose, last: Pose, share: float) -> Pose:
+    """A pose on the straight way from the first to the last."""
     return retract(first, share * difference(last, first))
 
 
