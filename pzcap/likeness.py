@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 from pzcap import raster
 from pzcap.body import Body, forward
 from pzcap.evidence import LEARNING, Appearance, Evidence, px_per_m, view_level
-from pzcap.limbs import GROUP, LIMBS, POSTURES, RELUCTANCE_M2, LimbSearch, Patch
+from pzcap.limbs import GROUP, LIMBS, RELUCTANCE_M2, LimbSearch, Patch
 from pzcap.raster import Float32
 from pzcap.types import PARENTS, Array, Camera, Image, Pose
 from pzcap.views import DEPTH_TOLERANCE_M, Z_SCALE, PlacedView
 
 _WORTH: Final = 6.0  # square metres of silhouette that one of likeness is worth
 _UNLIKE: Final = 15.0  # grey levels by which a point half looks otherwise
-_EVEN: Final = 0.42  # of that, on average: neither like nor unlike
+_EVEN: Final = 0.58  # 1 looks as it should, and lies on the body: what comes to this is neither like nor unlike
 _GAIN: Final = (0.8, 1.25)  # what a limb that turns may darken or brighten by
 _ELSEWHERE: Final = np.float32(0.5)  # trust in what another view has seen
-_FAR_RAD: Final = 0.3  # postures that differ by more are judged from afar
 _SPARSE: Final = 2  # of so many points of the skin one is looked at
 _LEVELS: Final = (2, 1)  # of the pyramid, in the usual view: from afar, and from near
 
@@ -52,6 +51,7 @@ class _Sight:
 
     camera: Camera
     image: Image
+    probability: Image  # of the silhouette, 0..255, pixels of the view
     left: int
     top: int
     scale: float  # pixels of the view that one of the image is wide
@@ -102,11 +102,15 @@ class Likeness:
             alike[limb] = _compared(self._skins[limb], frames[None, list(segments)], sights)[0]
         return alike
 
+    def support(self, pose: Pose, evidence: Evidence, placed: Sequence[PlacedView | None]) -> Array:
+        """`LimbSearch.support`, the body being where it was ``placed``."""
+        return self._limbs.support(pose, evidence.grounds(placed))
+
     def worth(self, pose: Pose, evidence: Evidence, known: Sequence[Appearance]) -> Array:
         """(4,) of each limb, square metres: what it explains of the silhouettes, less what it covers of the hall
         (`LimbSearch.support`), and how much it looks like itself."""
         placed = evidence.visibility(pose)
-        body, hall = self._limbs.support(pose, evidence.grounds(placed)).T
+        body, hall = self.support(pose, evidence, placed).T
         return np.asarray(body - hall + _WORTH * self.of(pose, evidence, placed, known))
 
     def glance(self, limb: int, pose: Pose, evidence: Evidence, known: Sequence[Appearance]) -> Glance:
@@ -116,13 +120,13 @@ class Likeness:
         far, near = (self._sights(limb, pose, evidence, behind, known, level) for level in _LEVELS)
         return Glance(pose, frames, self._limbs.patches(limb, frames, evidence.grounds(placed)), far, near)
 
-    def postures(self, limb: int, glance: Glance, about: Array, size: float) -> Postures:
-        """Judge postures of one limb about the turn ``about`` (4,) that differ by ``size`` radians or so; the rest of
-        the body is where the ``glance`` has it."""
-        turns = self._limbs.bounded(limb, glance.pose, about + size * POSTURES)
+    def postures(self, limb: int, glance: Glance, turns: Array, *, afar: bool) -> Postures:
+        """Judge a limb turned by ``turns`` (K, 4), in coarse images if only ``afar``; the rest of the body is where the
+        ``glance`` has it."""
+        turns = self._limbs.bounded(limb, glance.pose, turns)
         posed = self._limbs.posed(limb, glance.pose, glance.frames, turns)
         body, hall = self._limbs.judge(limb, glance.pose, glance.frames, turns, glance.patches).T
-        alike = _compared(self._skins[limb], posed, glance.far if size > _FAR_RAD else glance.near)
+        alike = _compared(self._skins[limb], posed, glance.far if afar else glance.near)
         worth = body - hall + _WORTH * alike - RELUCTANCE_M2 * np.sum(turns**2, axis=1)
         first, *others = LIMBS[limb]
         moved = posed[:, 1:, :3, 3] - glance.frames[others, :3, 3]
@@ -145,8 +149,8 @@ class Likeness:
             level = view_level(usual_level, px_per_m(seen.camera, pose.root_position_m))
             sights.append(
                 _Sight(
-                    seen.camera, seen.grey[level], seen.left, seen.top, 2.0**level, look.value[level][rows],
-                    look.trust[rows], where.z_buffer, where.z_left, where.z_top,
+                    seen.camera, seen.grey[level], seen.probability, seen.left, seen.top, 2.0**level,
+                    look.value[level][rows], look.trust[rows], where.z_buffer, where.z_left, where.z_top,
                 )
             )  # fmt: skip
         return sights
@@ -187,8 +191,8 @@ def _compared(skin: _Skin, posed: Array, sights: Sequence[_Sight]) -> Array:
         camera = sight.camera
         _compare(
             np.ascontiguousarray(posed), skin.points_m, skin.normals, skin.link, skin.area_m2, camera.world_T_cam,
-            camera.focal_px, camera.principal_px, camera.k1, sight.image, sight.left, sight.top, sight.scale,
-            sight.template, sight.trust, sight.z_buffer, sight.z_left, sight.z_top, alike,
+            camera.focal_px, camera.principal_px, camera.k1, sight.image, sight.probability, sight.left, sight.top,
+            sight.scale, sight.template, sight.trust, sight.z_buffer, sight.z_left, sight.z_top, alike,
         )  # fmt: skip
     return alike
 
@@ -196,15 +200,16 @@ def _compared(skin: _Skin, posed: Array, sights: Sequence[_Sight]) -> Array:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _compare(
     posed: Array, points: Array, normals: Array, link: NDArray[np.int64], area: Array, world_T_cam: Array, focal: float,
-    principal: Array, k1: float, image: Image, left: int, top: int, scale: float, template: Float32, trust: Float32,
-    z_buffer: Float32, z_left: int, z_top: int, alike: Array,
+    principal: Array, k1: float, image: Image, probability: Image, left: int, top: int, scale: float,
+    template: Float32, trust: Float32, z_buffer: Float32, z_left: int, z_top: int, alike: Array,
 ) -> None:  # fmt: skip
     """Add to ``alike`` (K,) the area that looks like the ``template`` (N,) times a gain, its own for each segment, in
-    one view, less the area that does not. Hidden points, and such as are seen too obliquely, say nothing."""
+    one view, less the area that does not, or that lies on the hall. Hidden points, and such as are seen too obliquely,
+    say nothing."""
     height, width = image.shape
     rows, columns = z_buffer.shape
     camera = raster.stand(world_T_cam)
-    value, weight = np.empty(len(points)), np.empty(len(points))
+    value, body, weight = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
     for k in range(len(posed)):
         first = 0
         while first < len(points):
@@ -235,6 +240,7 @@ def _compare(
                 if u < 1.0 or v < 1.0 or u >= width - 2.0 or v >= height - 2.0:
                     continue
                 value[n] = raster.bilinear(image, u, v)
+                body[n] = probability[int(np.rint(scale * v)), int(np.rint(scale * u))] / 255.0
                 weight[n] = trust[n] * area[n] * facing
                 product += weight[n] * value[n] * template[n]
                 square += weight[n] * template[n] * template[n]
@@ -243,5 +249,5 @@ def _compare(
                 for n in range(first, last):
                     if weight[n] > 0.0:
                         off = (value[n] - gain * template[n]) / _UNLIKE
-                        alike[k] += weight[n] * (_EVEN - off * off / (1.0 + off * off))
+                        alike[k] += weight[n] * (body[n] / (1.0 + off * off) - _EVEN)
             first = last

@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap import rigid
-from pzcap.body import Body, forward
+from pzcap.body import DOF_SEGMENT, Body, difference, forward
 from pzcap.raster import Float32
 from pzcap.types import HINGE_AXES, PARENTS, SEGMENTS, Array, Camera, Pose
 
@@ -182,6 +182,11 @@ class LimbSearch:
                 patch.corner, both,
             )  # fmt: skip
         return both
+
+
+def turn_to(limb: int, start: Pose, end: Pose) -> Array:
+    """The turn (4,) that takes a limb from one pose to another, as `LimbSearch.turned` takes it."""
+    return difference(end, start)[np.isin(DOF_SEGMENT, LIMBS[limb][:2])]
 
 
 def _cones(body: Body, limb: Sequence[int]) -> _Cones:

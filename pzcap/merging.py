@@ -57,7 +57,7 @@ def merge(
         choice = _smoothest(joints[:, :, list(members[1:])], gain)
         for frame in np.flatnonzero(disagree):
             share[frame, list(members)] = choice[frame]
-    return [_mix(a.pose, b.pose, s) for a, b, s in zip(ahead, back, share, strict=True)], doubt
+    return [mix(a.pose, b.pose, s) for a, b, s in zip(ahead, back, share, strict=True)], doubt
 
 
 def _joints(body: Body, pose: Pose) -> Array:
@@ -94,7 +94,7 @@ def _leap(joints_m: Array, t: int, a: int, b: int, c: int) -> float:
     return float(np.minimum(np.sum(bend**2, axis=-1) / (2.0 * _LEAP_M**2), _WORST_LEAP).sum())
 
 
-def _mix(ahead: Pose, back: Pose, share: Array) -> Pose:
+def mix(ahead: Pose, back: Pose, share: Array) -> Pose:
     """Each segment's rotation (and the root's position) turned by its ``share`` (16,) from ``ahead`` to ``back``."""
     assert len(share) == len(SEGMENTS)
     return retract(ahead, share[DOF_SEGMENT] * difference(back, ahead))

@@ -2,8 +2,9 @@
 
 Between two keyframes a limb can be lost from both sides: held before the trunk it has no outline, and what it looks
 like is forgotten while it is followed wrongly. Beside the keyframes it is known (`Follower.known`). So where it does
-not look like itself, its postures in all these frames are chosen once more, together: those that are worth most
-(`pzcap.likeness`) and lead on from one frame to the next (dynamic programming, Bellman, 1957), from coarse to fine.
+not look like itself, or lies on the hall, its postures in all these frames are chosen once more, together: those that
+are worth most (`pzcap.likeness`) and lead on from one frame to the next (dynamic programming, Bellman, 1957), from
+coarse to fine.
 """
 
 from __future__ import annotations
@@ -16,17 +17,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body import difference, retract
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import BESIDE
 from pzcap.likeness import Glance, Likeness, Postures
-from pzcap.limbs import LIMBS
-from pzcap.types import SEGMENTS, Array, Mask, Pose
+from pzcap.limbs import LIMBS, POSTURES, turn_to
+from pzcap.merging import mix
+from pzcap.types import SEGMENTS, Mask, Pose
 from pzcap.views import PlacedView
 
 _AROUND: Final = 2  # frames on either side that a verdict takes in, and that may be wrong with those that are
+_ASTRAY: Final = 0.25  # of what a limb covers, all views together, is hall: where it should be less is
 _UNLIKE_M2: Final = 0.006  # what looks otherwise than it should, more than does not: less is an odd light
 _SIZES_RAD: Final = (0.8, 0.4, 0.16, 0.06)  # by which postures differ, from coarse to fine
+_FAR_RAD: Final = 0.3  # those that differ by more are judged from afar
 LEAP_M: Final = 0.04
 """What a joint may well move by in a frame, besides what was expected."""
 LEAP_M2: Final = 0.005
@@ -50,9 +53,11 @@ def look_again(
     likeness: Likeness, poses: Sequence[Pose], evidence: Sequence[Evidence], placed: Sequence[Placed],
     known: Sequence[Appearance], doubtful: Mask, before: Pose | None, after: Pose | None,
 ) -> Again | None:  # fmt: skip
-    """Find the limbs once more that are ``doubtful`` (T, 16) or do not look as they are ``known`` to, the body being
-    where it was ``placed``, and ``before`` and ``after`` these frames where that is known. None if there are none."""
+    """Find the limbs once more that are ``doubtful`` (T, 16), lie on the hall or do not look as they are ``known`` to,
+    the body being where it was ``placed``, and ``before`` and ``after`` these frames where that is known. None if there
+    are none."""
     doubted = np.array([doubtful[:, list(limb)].any(axis=1) for limb in LIMBS]).T
+    doubted |= _astray(likeness, poses, evidence, placed)
     lost = doubted | _unlike(likeness, poses, evidence, placed, known)
     if not lost.any():
         return None
@@ -73,6 +78,15 @@ def _unlike(
         likeness.of(pose, each, where, known) for pose, each, where in zip(poses, evidence, placed, strict=True)
     ])  # fmt: skip
     return np.array([np.median(_window(alike, t), axis=0) < -_UNLIKE_M2 for t in range(len(alike))])
+
+
+def _astray(likeness: Likeness, poses: Sequence[Pose], evidence: Sequence[Evidence], placed: Sequence[Placed]) -> Mask:
+    """(T, 4) the limbs that lie on the hall, in most of five frames."""
+    area = np.array([
+        likeness.support(pose, each, where) for pose, each, where in zip(poses, evidence, placed, strict=True)
+    ])  # fmt: skip
+    share = area[..., 1] / np.maximum(area.sum(axis=2), 1e-9)
+    return np.array([np.median(_window(share, t), axis=0) > _ASTRAY for t in range(len(share))])
 
 
 def _learn(
@@ -96,26 +110,32 @@ def _find(
         for run in runs(lost[:, limb]):
             first, last = around[run.start], around[run.stop + 1]
             first, last = first or last or poses[run.start], last or first or poses[run.start]
-            passing = [_between(first, last, n / (len(run) + 1)) for n in range(1, len(run) + 1)]
+            shares = (np.arange(len(run)) + 1.0) / (len(run) + 1.0)
+            passing = [mix(first, last, np.full(len(SEGMENTS), share)) for share in shares]
             starts = [taking(poses[t], segments, pose) for t, pose in zip(run, passing, strict=True)]
             glances = [likeness.glance(limb, pose, evidence[t], learned) for t, pose in zip(run, starts, strict=True)]
-            for t, pose, turn in zip(run, starts, _way(likeness, limb, glances), strict=True):
-                found[t] = taking(found[t], segments, likeness.turned(limb, pose, turn))
+            for t, pose in zip(run, _way(likeness, limb, glances, [poses[t] for t in run]), strict=True):
+                found[t] = taking(found[t], segments, pose)
     return found
 
 
-def _between(first: Pose, last: Pose, share: float) -> Pose:
-    """A pose on the straight way from the first to the last."""
-    return retract(first, share * difference(last, first))
+def _way(likeness: Likeness, limb: int, glances: Sequence[Glance], found: Sequence[Pose]) -> list[Pose]:
+    """The postures of a limb in frames that follow each other which are together worth most.
 
-
-def _way(likeness: Likeness, limb: int, glances: Sequence[Glance]) -> Array:
-    """The turns (T, 4) of a limb in frames that follow each other which are together worth most."""
-    about = np.zeros((len(glances), 4))
+    To those about the way so far come the limb as it was ``found`` before and, as it may have been lost in the middle
+    of a run alone, as the frames beside it have it (Barnes et al., 2009).
+    """
+    way, others = [glance.pose for glance in glances], [[pose] for pose in found]
     for size in _SIZES_RAD:
-        postures = [likeness.postures(limb, glance, turn, size) for glance, turn in zip(glances, about, strict=True)]
-        about = np.array([each.turns[k] for each, k in zip(postures, best_way(postures), strict=True)])
-    return about
+        postures = []
+        for glance, pose, beside in zip(glances, way, others, strict=True):
+            around = turn_to(limb, glance.pose, pose) + size * POSTURES
+            turns = np.vstack([around, *(turn_to(limb, glance.pose, other) for other in beside)])
+            postures.append(likeness.postures(limb, glance, turns, afar=size > _FAR_RAD))
+        chosen = zip(glances, postures, best_way(postures), strict=True)
+        way = [likeness.turned(limb, glance.pose, each.turns[k]) for glance, each, k in chosen]
+        others = [[way[n] for n in (t - 2, t - 1, t + 1, t + 2) if 0 <= n < len(way)] for t in range(len(way))]
+    return way
 
 
 def best_way(postures: Sequence[Postures]) -> list[int]:

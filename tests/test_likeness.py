@@ -16,7 +16,7 @@ from pzcap import body as bodies
 from pzcap.body import Body
 from pzcap.evidence import Appearance, Evidence
 from pzcap.likeness import Likeness, Postures, shared
-from pzcap.limbs import LIMBS
+from pzcap.limbs import LIMBS, POSTURES, LimbSearch, turn_to
 from pzcap.second_look import LEAP_M, LEAP_M2, best_way, look_again, runs
 from pzcap.types import Array, Pose
 from pzcap.views import LEVELS, Cut
@@ -67,7 +67,7 @@ def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(lim
     likeness, turn = Likeness(body), np.zeros(4)
     glance = likeness.glance(limb, pose, evidence, known())
     for size in (0.8, 0.4, 0.16, 0.06):
-        postures = likeness.postures(limb, glance, turn, size)
+        postures = likeness.postures(limb, glance, turn + size * POSTURES, afar=size > 0.3)
         turn = postures.turns[np.argmax(postures.worth_m2)]
     found = likeness.turned(limb, pose, turn)
     before, after = (np.linalg.norm(bodies.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
@@ -86,6 +86,16 @@ def test_light_does_not_change_what_a_limb_looks_like(gain: float) -> None:
         brighter.append(replace(cut, seen=replace(cut.seen, grey=grey)))
     here, there = (alike(pose, each, known()) for each in (evidence, Evidence(evidence.body, brighter)))
     np.testing.assert_allclose(there, here, atol=0.12 * here.max())
+
+
+def test_a_limb_does_not_look_like_itself_on_the_hall() -> None:
+    """Were the hall as grey as a sleeve, a limb would look like itself there, but for the silhouette."""
+    evidence, pose = observed(5, true_body()), clip().poses[5]
+    here = alike(pose, evidence, known())
+    hall = [cut and replace(cut, seen=replace(cut.seen, probability=0 * cut.seen.probability)) for cut in evidence.cuts]
+    there = alike(pose, Evidence(evidence.body, hall), known())
+    assert here.min() > 0.0
+    assert there.max() < 0.0
 
 
 def test_skin_that_is_not_known_says_nothing() -> None:
@@ -132,6 +142,39 @@ def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
         ]
         assert off[0] > 0.2
         assert off[1] < 0.3 * off[0]
+
+
+def test_a_limb_that_lies_on_the_hall_is_looked_for_though_nothing_is_known_of_its_looks() -> None:
+    body, limb, gone = true_body(), 0, range(1, 6)
+    evidence = [observed(frame, body) for frame in FRAMES]
+    true = [clip().poses[frame] for frame in FRAMES]
+    poses = [swung(pose, limb, 0.9) if t in gone else pose for t, pose in enumerate(true)]
+    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    again = look_again(Likeness(body), poses, evidence, placed, known(range(0)), SURE, true[0], true[-1])
+    assert again is not None
+    assert again.lost[list(gone)][:, list(LIMBS[limb])].all()
+
+
+def test_a_limb_is_found_again_where_only_frames_beside_show_the_way() -> None:
+    """The way from before to after leads far past it, and in the middle it is lost: its neighbours know better."""
+    body, limb = true_body(), 1
+    evidence = [observed(frame, body) for frame in FRAMES]
+    true = [clip().poses[frame] for frame in FRAMES]
+    wide = swung(swung(true[0], limb, 1.2), limb, 0.9)
+    poses = [swung(pose, limb, 0.9) if t == 3 else pose for t, pose in enumerate(true)]
+    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    doubtful = np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)
+    again = look_again(Likeness(body), poses, evidence, placed, shared(known()), doubtful, wide, wide)
+    assert again is not None
+    off = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
+    assert np.linalg.norm(np.array(off)[:, LIMBS[limb][2]], axis=1).max() < 0.08
+
+
+@given(st.integers(0, 3), st.lists(st.floats(-0.4, 0.4), min_size=4, max_size=4))
+def test_a_limb_is_turned_from_one_pose_to_another(limb: int, turn: list[float]) -> None:
+    pose, search = clip().poses[5], LimbSearch(true_body())
+    taken = search.bounded(limb, pose, np.array([turn]))[0]
+    np.testing.assert_allclose(turn_to(limb, pose, search.turned(limb, pose, taken)), taken, atol=1e-9)
 
 
 def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
