@@ -35,7 +35,7 @@ class PanZoomConfig:
     method: str = "exact"  # or "paper": no distortion, no tilt, stops at eq. 15
     free_tilt: bool = False  # the heads were tilted while the motion was recorded, too
     threshold: float = 1e-4  # of AKAZE's response
-    frame_features: int = 1000
+    frame_features: int = 400
     panorama_features: int = 12000
     ratio: float = 0.85  # of Lowe's test
     zoom_range: tuple[float, float] = (0.5, 5.0)  # searched where nothing is known, relative to the reference
