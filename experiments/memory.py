@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import threading
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from typing import Final
 
 import psutil
 
-from pzcap.pipeline import give_back
+from pzcap.preparing import give_back
 
 _EVERY_S: Final = 0.05
 _FAMILY: Final = 20
@@ -29,8 +30,10 @@ class Peak:
 def watched() -> Iterator[Peak]:
     """Look every twentieth of a second while the block runs; the peak is up to date at its end, too.
 
-    What is free is given back to the system before: a shoot leaves 400 MiB of that, which is not the pipeline's.
+    What is free is given back to the system before: a shoot leaves 400 MiB of that, and an earlier job of a sweep what
+    only the garbage collector finds, and neither is the pipeline's.
     """
+    gc.collect()
     give_back()
     peak, enough = Peak(_resident_mib(_family())), threading.Event()
 

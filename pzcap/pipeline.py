@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +19,7 @@ from pzcap.camera import at
 from pzcap.capture import FrameSets, frame_sets
 from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameSeparated, Progress
 from pzcap.keypoints import NOBODY
-from pzcap.preparing import prepare_cameras
+from pzcap.preparing import give_back, prepare_cameras
 from pzcap.types import (
     Array,
     Camera,
@@ -142,14 +140,6 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
         ),
         seconds,
     )
-
-
-def give_back() -> None:
-    """Let the system have what is free: glibc keeps half a gigabyte of what preparing the cameras took."""
-    if sys.platform == "linux":
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc alone has it
-        if trim is not None:
-            trim(0)
 
 
 @contextmanager

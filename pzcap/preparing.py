@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import queue
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 
 from pzcap import reference
 from pzcap.calibration import Prepared, prepare
@@ -32,7 +32,7 @@ def prepare_cameras(
             news.put(Progress(f"camera {files.name}: {stage}", done, total))
 
         news.put(CameraPrepared(index, _prepare_camera(capture, files, config, report)))
-        _hand_back()
+        give_back()
 
     jobs: list[Future[None]] = []
     for index, files in enumerate(capture.cameras):
@@ -61,10 +61,11 @@ def prepare_cameras(
             yield event
 
 
-def _hand_back() -> None:
-    """Give the system what was freed: where several threads work, the C library keeps hundreds of MiB of it."""
-    with suppress(OSError, AttributeError):  # other C libraries have no such function
-        ctypes.CDLL(None).malloc_trim(0)
+def give_back() -> None:
+    """Let the system have what is free: where several threads work, glibc keeps hundreds of MiB of it."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:  # glibc alone has it
+        trim(0)
 
 
 def _missing(capture: Capture, files: CameraFiles) -> str | None:
