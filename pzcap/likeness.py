@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from pzcap import raster
 from pzcap.body import Body, forward
 from pzcap.evidence import LEARNING, Appearance, Evidence, px_per_m, view_level
-from pzcap.limbs import GROUP, LIMBS, RELUCTANCE_M2, LimbSearch, Patch
+from pzcap.limbs import BELIEF_SCALE, GROUP, LIMBS, RELUCTANCE_M2, LimbSearch, Patch
 from pzcap.raster import Float32
 from pzcap.types import PARENTS, Array, Camera, Image, Pose
 from pzcap.views import DEPTH_TOLERANCE_M, Z_SCALE, PlacedView
 
 _WORTH: Final = 6.0  # square metres of silhouette that one of likeness is worth
 _UNLIKE: Final = 15.0  # grey levels by which a point half looks otherwise
-_EVEN: Final = 0.58  # 1 looks as it should, and lies on the body: what comes to this is neither like nor unlike
+_EVEN: Final = 0.58  # 1 looks as it should, and is no hall: what comes to this is neither like nor unlike
 _GAIN: Final = (0.8, 1.25)  # what a limb that turns may darken or brighten by
 _ELSEWHERE: Final = np.float32(0.5)  # trust in what another view has seen
 _SPARSE: Final = 2  # of so many points of the skin one is looked at
@@ -51,7 +51,7 @@ class _Sight:
 
     camera: Camera
     image: Image
-    probability: Image  # of the silhouette, 0..255, pixels of the view
+    belief: Float32  # of `pzcap.limbs.Ground`
     left: int
     top: int
     scale: float  # pixels of the view that one of the image is wide
@@ -149,7 +149,7 @@ class Likeness:
             level = view_level(usual_level, px_per_m(seen.camera, pose.root_position_m))
             sights.append(
                 _Sight(
-                    seen.camera, seen.grey[level], seen.probability, seen.left, seen.top, 2.0**level,
+                    seen.camera, seen.grey[level], cut.belief, seen.left, seen.top, 2.0**level,
                     look.value[level][rows], look.trust[rows], where.z_buffer, where.z_left, where.z_top,
                 )
             )  # fmt: skip
@@ -191,7 +191,7 @@ def _compared(skin: _Skin, posed: Array, sights: Sequence[_Sight]) -> Array:
         camera = sight.camera
         _compare(
             np.ascontiguousarray(posed), skin.points_m, skin.normals, skin.link, skin.area_m2, camera.world_T_cam,
-            camera.focal_px, camera.principal_px, camera.k1, sight.image, sight.probability, sight.left, sight.top,
+            camera.focal_px, camera.principal_px, camera.k1, sight.image, sight.belief, sight.left, sight.top,
             sight.scale, sight.template, sight.trust, sight.z_buffer, sight.z_left, sight.z_top, alike,
         )  # fmt: skip
     return alike
@@ -200,16 +200,17 @@ def _compared(skin: _Skin, posed: Array, sights: Sequence[_Sight]) -> Array:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _compare(
     posed: Array, points: Array, normals: Array, link: NDArray[np.int64], area: Array, world_T_cam: Array, focal: float,
-    principal: Array, k1: float, image: Image, probability: Image, left: int, top: int, scale: float,
+    principal: Array, k1: float, image: Image, belief: Float32, left: int, top: int, scale: float,
     template: Float32, trust: Float32, z_buffer: Float32, z_left: int, z_top: int, alike: Array,
 ) -> None:  # fmt: skip
     """Add to ``alike`` (K,) the area that looks like the ``template`` (N,) times a gain, its own for each segment, in
-    one view, less the area that does not, or that lies on the hall. Hidden points, and such as are seen too obliquely,
+    one view, less the area that does not, or is surely hall. Hidden points, and such as are seen too obliquely,
     say nothing."""
     height, width = image.shape
     rows, columns = z_buffer.shape
     camera = raster.stand(world_T_cam)
-    value, body, weight = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
+    value, doubt, weight = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
+    per_px = scale / BELIEF_SCALE
     for k in range(len(posed)):
         first = 0
         while first < len(points):
@@ -240,7 +241,8 @@ def _compare(
                 if u < 1.0 or v < 1.0 or u >= width - 2.0 or v >= height - 2.0:
                     continue
                 value[n] = raster.bilinear(image, u, v)
-                body[n] = probability[int(np.rint(scale * v)), int(np.rint(scale * u))] / 255.0
+                i, j = min(int(v * per_px), len(belief) - 1), min(int(u * per_px), belief.shape[1] - 1)
+                doubt[n] = max(-belief[i, j], 0.0)
                 weight[n] = trust[n] * area[n] * facing
                 product += weight[n] * value[n] * template[n]
                 square += weight[n] * template[n] * template[n]
@@ -249,5 +251,5 @@ def _compare(
                 for n in range(first, last):
                     if weight[n] > 0.0:
                         off = (value[n] - gain * template[n]) / _UNLIKE
-                        alike[k] += weight[n] * (body[n] / (1.0 + off * off) - _EVEN)
+                        alike[k] += weight[n] * ((1.0 - doubt[n]) / (1.0 + off * off) - _EVEN)
             first = last

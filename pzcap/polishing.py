@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body import DOF, Body, difference, forward, retract
+from pzcap.body import DOF, Body, difference, forward, joints, retract
 from pzcap.contact import ties
 from pzcap.evidence import Appearance, Evidence
 from pzcap.following import UNSEEN, TrackingConfig, restraint
@@ -26,6 +26,7 @@ from pzcap.trajectory import smooth_step
 from pzcap.types import Array, Keyframe, Mask, Pose
 from pzcap.views import Cut, PlacedView
 
+_APART_M: Final = 0.02  # where a limb was found again nearer than this, it was not lost
 _WORTHWHILE_M2: Final = 0.002  # that a limb must gain a frame: whoever searches finds what looks a little better
 _BRIGHTNESS_SIGMA: Final = 25.0  # grey levels, while the shape is not known: more than in tracking
 
@@ -146,13 +147,16 @@ class _Stretch:
         return Polished(found, hessians, contours)
 
     def choose(self, one: Polished, other: Polished, lost: Mask, known: Sequence[Appearance]) -> Polished:
-        """``one``, but the limbs that were ``lost`` (T, 16) as ``other`` has them where that is worth clearly more."""
+        """``one``, but the limbs that were ``lost`` (T, 16) as ``other`` has them where that is elsewhere, and worth
+        clearly more."""
         frames = np.flatnonzero(lost.any(axis=1))
         gain = self._worth(other.poses, frames, known) - self._worth(one.poses, frames, known)
+        moved = [joints(self.body, b) - joints(self.body, a) for a, b in zip(one.poses, other.poses, strict=True)]
+        elsewhere = lost & (np.linalg.norm(moved, axis=2) > _APART_M)
         poses, hessians, contours = list(one.poses), list(one.hessians), [contour.copy() for contour in one.contours]
         for limb, members in enumerate(LIMBS):
             rows = list(members)
-            for run in runs(np.asarray(lost[:, rows].any(axis=1))):
+            for run in runs(elsewhere[:, rows].any(axis=1)):
                 if gain[np.isin(frames, run), limb].mean() <= _WORTHWHILE_M2:
                     continue
                 for t in run:

@@ -92,7 +92,7 @@ def test_a_limb_does_not_look_like_itself_on_the_hall() -> None:
     """Were the hall as grey as a sleeve, a limb would look like itself there, but for the silhouette."""
     evidence, pose = observed(5, true_body()), clip().poses[5]
     here = alike(pose, evidence, known())
-    hall = [cut and replace(cut, seen=replace(cut.seen, probability=0 * cut.seen.probability)) for cut in evidence.cuts]
+    hall = [cut and replace(cut, belief=np.full_like(cut.belief, -1.0)) for cut in evidence.cuts]
     there = alike(pose, Evidence(evidence.body, hall), known())
     assert here.min() > 0.0
     assert there.max() < 0.0
