@@ -25,8 +25,10 @@ from pzcap.merging import mix
 from pzcap.types import SEGMENTS, Mask, Pose
 from pzcap.views import PlacedView
 
-_AROUND: Final = 2  # frames on either side that a verdict takes in, and that may be wrong with those that are
+_AROUND: Final = 2  # frames on either side that a verdict takes in
+_WITH_IT: Final = 6  # and that may be wrong with those that are
 _ASTRAY: Final = 0.25  # of what a limb covers, all views together, is hall: where it should be less is
+_TOO_LITTLE_M2: Final = 0.05  # to tell that by
 _UNLIKE_M2: Final = 0.006  # what looks otherwise than it should, more than does not: less is an odd light
 _SIZES_RAD: Final = (0.8, 0.4, 0.16, 0.06)  # by which postures differ, from coarse to fine
 _FAR_RAD: Final = 0.3  # those that differ by more are judged from afar
@@ -61,12 +63,16 @@ def look_again(
     lost = doubted | _unlike(likeness, poses, evidence, placed, known)
     if not lost.any():
         return None
-    learned = _learn(known, evidence, placed, lost)
-    lost = doubted | _unlike(likeness, poses, evidence, placed, learned)
-    lost = np.array([_window(lost, t).any(axis=0) for t in range(len(lost))])
+    learned = _learn(known, evidence, placed, _widened(lost))
+    lost = _widened(doubted | _unlike(likeness, poses, evidence, placed, learned))
     if not lost.any():
         return None
     return Again(_find(likeness, poses, evidence, learned, lost, before, after), lost @ _OF_LIMB, learned)
+
+
+def _widened(lost: Mask) -> Mask:
+    """(T, 4) with the frames beside those in which a limb is ``lost``: where it goes astray, it looks right as yet."""
+    return np.array([_window(lost, t, _WITH_IT).any(axis=0) for t in range(len(lost))])
 
 
 def _unlike(
@@ -85,7 +91,7 @@ def _astray(likeness: Likeness, poses: Sequence[Pose], evidence: Sequence[Eviden
     area = np.array([
         likeness.support(pose, each, where) for pose, each, where in zip(poses, evidence, placed, strict=True)
     ])  # fmt: skip
-    share = area[..., 1] / np.maximum(area.sum(axis=2), 1e-9)
+    share = area[..., 1] / np.maximum(area.sum(axis=2), _TOO_LITTLE_M2)
     return np.array([np.median(_window(share, t), axis=0) > _ASTRAY for t in range(len(share))])
 
 
@@ -165,8 +171,8 @@ def runs(marked: Mask) -> list[range]:
     return [range(first, stop) for first, stop in edges.reshape(-1, 2).tolist()]
 
 
-def _window(values: NDArray, t: int) -> NDArray:
-    return values[max(t - _AROUND, 0) : t + _AROUND + 1]
+def _window(values: NDArray, t: int, around: int = _AROUND) -> NDArray:
+    return values[max(t - around, 0) : t + around + 1]
 
 
 def _without(evidence: Evidence, placed: Placed, segments: Sequence[int]) -> list[PlacedView | None]:
