@@ -17,8 +17,8 @@ from pzcap.body import Body
 from pzcap.evidence import Appearance, Evidence
 from pzcap.likeness import Likeness, Postures, shared
 from pzcap.limbs import LIMBS, POSTURES, LimbSearch, turn_to
-from pzcap.second_look import LEAP_M, LEAP_M2, best_way, look_again, runs
-from pzcap.types import Array, Pose
+from pzcap.second_look import LEAP_M, LEAP_M2, Again, best_way, look_again, runs
+from pzcap.types import Array, Mask, Pose
 from pzcap.views import LEVELS, Cut
 from tests.test_tracking import clip, cuts, lost, observed, true_body
 
@@ -124,13 +124,21 @@ def test_two_memories_of_a_view_make_one() -> None:
     np.testing.assert_allclose(both.trust, [1.0, 1.0, 0.0])
 
 
-def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
-    body, limb, gone = true_body(), 0, range(2, 5)
+def looked_again(
+    limb: int, gone: Sequence[int], looks: list[Appearance], doubtful: Mask, around: tuple[Pose, Pose]
+) -> tuple[Again | None, list[Pose]]:
+    """A second look at frames in some of which a limb is ``gone`` astray, and the poses that it was given."""
+    body, true = true_body(), [clip().poses[frame] for frame in FRAMES]
     evidence = [observed(frame, body) for frame in FRAMES]
-    true = [clip().poses[frame] for frame in FRAMES]
     poses = [swung(pose, limb, 0.9) if t in gone else pose for t, pose in enumerate(true)]
     placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
-    again = look_again(Likeness(body), poses, evidence, placed, shared(known()), SURE, true[0], true[-1])
+    return look_again(Likeness(body), poses, evidence, placed, looks, doubtful, *around), poses
+
+
+def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
+    body, limb, gone = true_body(), 0, range(2, 5)
+    true = [clip().poses[frame] for frame in FRAMES]
+    again, poses = looked_again(limb, gone, shared(known()), SURE, (true[0], true[-1]))
     assert again is not None
     assert again.lost[list(gone)][:, list(LIMBS[limb])].all()
     assert not again.lost[:, :4].any()
@@ -145,12 +153,8 @@ def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
 
 
 def test_a_limb_that_lies_on_the_hall_is_looked_for_though_nothing_is_known_of_its_looks() -> None:
-    body, limb, gone = true_body(), 0, range(1, 6)
-    evidence = [observed(frame, body) for frame in FRAMES]
-    true = [clip().poses[frame] for frame in FRAMES]
-    poses = [swung(pose, limb, 0.9) if t in gone else pose for t, pose in enumerate(true)]
-    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
-    again = look_again(Likeness(body), poses, evidence, placed, known(range(0)), SURE, true[0], true[-1])
+    limb, gone, ends = 0, range(1, 6), (clip().poses[FRAMES[0]], clip().poses[FRAMES[-1]])
+    again, _ = looked_again(limb, gone, known(range(0)), SURE, ends)
     assert again is not None
     assert again.lost[list(gone)][:, list(LIMBS[limb])].all()
 
@@ -158,13 +162,10 @@ def test_a_limb_that_lies_on_the_hall_is_looked_for_though_nothing_is_known_of_i
 def test_a_limb_is_found_again_where_only_frames_beside_show_the_way() -> None:
     """The way from before to after leads far past it, and in the middle it is lost: its neighbours know better."""
     body, limb = true_body(), 1
-    evidence = [observed(frame, body) for frame in FRAMES]
     true = [clip().poses[frame] for frame in FRAMES]
     wide = swung(swung(true[0], limb, 1.2), limb, 0.9)
-    poses = [swung(pose, limb, 0.9) if t == 3 else pose for t, pose in enumerate(true)]
-    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
     doubtful = np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)
-    again = look_again(Likeness(body), poses, evidence, placed, shared(known()), doubtful, wide, wide)
+    again, _ = looked_again(limb, [3], shared(known()), doubtful, (wide, wide))
     assert again is not None
     off = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
     assert np.linalg.norm(np.array(off)[:, LIMBS[limb][2]], axis=1).max() < 0.08
