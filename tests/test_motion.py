@@ -19,6 +19,7 @@ RATE = 240
 CASES = [
     ("floor_exercise", 0), ("floor_exercise", 7), ("pedestrian", 0), ("pedestrian", 5), ("full_turn_jump", 0),
     ("full_turn_jump", 3), ("crouching_turn", 0), ("crouching_turn", 6), ("pirouette", 0), ("pirouette", 3),
+    ("half_turn_jump", 1), ("crouching_half_turn", 1),
 ]  # fmt: skip
 
 

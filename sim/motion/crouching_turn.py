@@ -38,17 +38,15 @@ _KEYS: Final[tuple[tuple[float, Keys], ...]] = (
     (0.00, {"shoulder": (4, 10, 0), "elbow": 10, "wrist": 5, "hip": (0, 5, 0), "knee": 3, "ankle": 0,
             "trunk": (0, 0, 0), "neck": (0, 0, 0)}),
     (0.35, {"hip": (2, 5, 0), "knee": 5, "ankle": -2, "trunk": (2, 0, 0), "shoulder": (30, 25, 10), "elbow": 60}),
-    (0.85, _HUG),
     (1.20, _CROUCH),
     (_UP, _CROUCH),
-    (_UP + 0.25, _HUG),
     (_UP + 0.80, {"hip": (3, 5, 0), "knee": 5, "ankle": -1, "trunk": (3, 0, 0), "neck": (0, 0, 0)}),
     (_UP + 1.10, {"shoulder": (4, 10, 0), "elbow": 10, "wrist": 5, "hip": (0, 5, 0), "knee": 3, "ankle": 0,
                   "trunk": (0, 0, 0)}),
 )  # fmt: skip
 
 
-def _steps() -> tuple[list[Contact], dict[str, list[tuple[float, float]]]]:
+def _steps(turns: float) -> tuple[list[Contact], dict[str, list[tuple[float, float]]]]:
     """When heels and balls of the feet stand, and the heading (s, degrees) of each foot; left and right in turn."""
     contacts, headings = [], {"left": [(0.0, 0.0)], "right": [(0.0, 0.0)]}
     for side, first in (("left", 0), ("right", 1)):
@@ -58,7 +56,7 @@ def _steps() -> tuple[list[Contact], dict[str, list[tuple[float, float]]]]:
             lift = _DOWN + step * _STEP
             down = lift + _SWING * _STEP
             contacts.append(Contact(f"{side}_toe", start, lift))
-            headings[side] += [(lift, headings[side][-1][1]), (down, min((step + 1) * _TURN, 360.0))]
+            headings[side] += [(lift, headings[side][-1][1]), (down, turns * min((step + 1) * _TURN, 360.0))]
             start = down
         contacts += [Contact(f"{side}_toe", start, 9.0), Contact(f"{side}_heel", _UP + 0.55, 9.0)]
     return contacts, headings
@@ -66,10 +64,15 @@ def _steps() -> tuple[list[Contact], dict[str, list[tuple[float, float]]]]:
 
 def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip:
     """Turn once round near the middle of the hall; place and heading vary with ``rng``."""
+    return crouch(measurements, rng, 1.0, _HUG)
+
+
+def crouch(measurements: dict[str, float], rng: np.random.Generator, turns: float, hug: Keys) -> MotionClip:
+    """Crouch and turn round so many ``turns``, the arms held as ``hug`` has them."""
     times = knots(FRAMES)
-    contacts, foot_headings = _steps()
-    turned = curve([(0.0, 0.0), (_DOWN, 0.0), (_UP, 360.0), (9.0, 360.0)], times)
-    channels = interpolate(_KEYS, times)
+    contacts, foot_headings = _steps(turns)
+    turned = curve([(0.0, 0.0), (_DOWN, 0.0), (_UP, 360.0 * turns), (9.0, 360.0 * turns)], times)
+    channels = interpolate([*_KEYS, (0.85, hug), (_UP + 0.25, hug)], times)
     for side, sign in (("left", 1.0), ("right", -1.0)):
         # a bent hip brings the foot round by abduction
         channels[f"{side}_hip"][:, 1] += sign * (curve(foot_headings[side], times) - turned)

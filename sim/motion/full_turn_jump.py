@@ -65,11 +65,9 @@ _KEYS: Final[tuple[tuple[float, Keys], ...]] = (
     (1.40, {"hip": (38, 5, 0), "knee": 44, "ankle": -8, "trunk": (10, 0, 8), "shoulder": (50, 30, 0), "elbow": 40}),
     (1.50, {"hip": (4, 3, 0), "knee": 6, "ankle": 38, "trunk": (-2, 0, 22), "left_shoulder": (85, 40, 0),
             "right_shoulder": (95, 15, 0), "elbow": 65, "neck": (0, 0, 12)}),
-    # the turn: legs closed, hands at the chest
-    (1.64, {"hip": (2, 1, 0), "knee": 3, "ankle": 48, "trunk": (0, 0, 10), "shoulder": (32, 12, 72), "elbow": 112,
-            "wrist": 5, "neck": (0, 0, 18)}),
-    (1.92, {"hip": (6, 1, 0), "knee": 6, "ankle": 42, "trunk": (4, 0, 0), "shoulder": (32, 12, 72), "elbow": 110,
-            "neck": (8, 0, 10)}),
+    # the turn: legs closed, and arms as they are given
+    (1.64, {"hip": (2, 1, 0), "knee": 3, "ankle": 48, "trunk": (0, 0, 10), "wrist": 5, "neck": (0, 0, 18)}),
+    (1.92, {"hip": (6, 1, 0), "knee": 6, "ankle": 42, "trunk": (4, 0, 0), "neck": (8, 0, 10)}),
     (2.08, {"hip": (26, 6, 0), "knee": 24, "ankle": 18, "trunk": (8, 0, -4), "shoulder": (55, 45, 15), "elbow": 60,
             "neck": (8, 0, 0)}),
     # landing
@@ -80,16 +78,28 @@ _KEYS: Final[tuple[tuple[float, Keys], ...]] = (
     (3.35, {"hip": (0, 4, 0), "knee": 3, "ankle": 0, "trunk": (0, 0, 0), "shoulder": (5, 10, 0), "elbow": 10}),
 )  # fmt: skip
 
+_HANDS_AT_THE_CHEST: Final[tuple[tuple[float, Keys], ...]] = (
+    (1.64, {"shoulder": (32, 12, 72), "elbow": 112}),
+    (1.92, {"shoulder": (32, 12, 72), "elbow": 110}),
+)
+
 
 def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip:
     """Jump near the middle of the hall; place and heading vary with ``rng``."""
+    return jump(measurements, rng, 1.0, _HANDS_AT_THE_CHEST)
+
+
+def jump(
+    measurements: dict[str, float], rng: np.random.Generator, turns: float, arms: tuple[tuple[float, Keys], ...]
+) -> MotionClip:
+    """Jump with so many ``turns`` of the body, the ``arms`` in flight as their keys have them."""
     times = knots(FRAMES)
     heading = float(rng.uniform(0.0, 360.0))
     direction = np.array([np.cos(np.radians(heading)), np.sin(np.radians(heading))])
     middle = rng.normal(0.0, 0.5, 2)
-    angles = np.stack([heading + curve(_TURN, times), curve(_LEAN, times)], axis=1)
+    angles = np.stack([heading + turns * curve(_TURN, times), curve(_LEAN, times)], axis=1)
     pelvis = Rotation.from_euler("ZY", angles, degrees=True).as_matrix()
-    rotations = joint_rotations(interpolate(_KEYS, times), pelvis)
+    rotations = joint_rotations(interpolate([*_KEYS, *arms], times), pelvis)
     hip_height = measurements["thigh"] + measurements["shank"] + measurements["ankle_height"]
     travel = curve(_TRAVEL, times) * hip_height / 0.9
     path = middle + (travel - travel[-1] / 2)[:, None] * direction
