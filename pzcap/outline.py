@@ -1,10 +1,11 @@
 """Where exactly the body ends: its outline, drawn on the sharp frame.
 
 The evidence of `pzcap.colours` is as soft as the panorama, which leaves a band round the body undecided. There a
-pixel is compared with the colours nearby that are surely body and with what the hall shows nearby, and then asks its
-neighbours, the more so the less the frame changes between them: a random walk with a prior (Grady 2005), which settles
-where the frame has an edge. It works on luma and chroma, which are nearly independent; footage has chroma at half the
-resolution, so luma counts for more.
+pixel is compared with the colours nearby that are surely body and with what the hall shows nearby, and with mixtures of
+the two, since the pixels that the outline passes through show both: it is body if it is so by half or more. Then it
+asks its neighbours, the more so the less the frame changes between them: a random walk with a prior (Grady 2005), which
+settles where the frame has an edge. It works on luma and chroma, which are nearly independent; footage has chroma at
+half the resolution, so luma counts for more.
 """
 
 from __future__ import annotations
@@ -25,19 +26,22 @@ BAND: Final = np.ones((5, 5), np.uint8)
 """What is within two pixels of the first guess's outline is undecided."""
 UNSURE: Final = 1.5
 """So is the inside where the evidence says less than these log-odds."""
-DOUBT: Final = 0.0
+DOUBT: Final = 1.0
 """And so is what looks like the hall on the sharp frame by these: a gap too narrow for the soft evidence."""
 NEARBY: Final = (7, 7)  # window of the colours nearby, in pixels of half the resolution
 FEW: Final = 0.01  # share of that window which is body: with less, nothing is known of its colours
+PARTS: Final = (0.0, 0.25, 0.75, 1.0)
+"""Of a pixel that may be body: the first two make it hall, the last two body."""
 COLOUR_VARIANCE: Final = 50.0  # of luma and chroma, added to what is measured nearby
+LEAST: Final = 1e-6  # of a likelihood: a colour that is neither's says nothing
 SURENESS: Final = 0.7  # of a neighbourhood's colours: neighbours err together
-SAY: Final = 4.0  # log-odds that they speak with at most
+SAY: Final = 3.0  # log-odds that they speak with at most
 COARSE_SAY: Final = 0.3  # weight of the soft evidence beside them
 EDGE_WEIGHT: Final = np.array([2.5, 1.0, 1.0])  # how much a step of luma and chroma separates neighbours
 EDGE_SCALE: Final = 1000.0
-TIE: Final = 4.0  # between neighbours of equal colour, against each pixel's own say
-SWEEPS: Final = 8
-OVERSHOOT: Final = 1.3  # of a sweep's steps: gets there sooner
+TIE: Final = 1.0  # between neighbours of equal colour, against each pixel's own say
+SWEEPS: Final = 4
+OVERSHOOT: Final = 1.1  # of a sweep's steps: gets there sooner
 
 
 def draw(image: Image, background: Image, log_odds: Float32, solid: Image) -> Float32:
@@ -89,14 +93,7 @@ def _start(
             say, sure = log_odds[i, j], inner[i, j] > 0 and log_odds[i, j] > UNSURE
             n, m = i // 2, j // 2
             if share[n, m] > FEW and hall[i, j, 0] > 0:
-                colours, spread = 0.0, 1.0
-                for c in range(3):
-                    body = square[n, m, c] + COLOUR_VARIANCE
-                    empty = missed[n, m, c] + COLOUR_VARIANCE
-                    here = float(frame[i, j, c])
-                    colours += (here - float(hall[i, j, c])) ** 2 / empty - (here - mean[n, m, c]) ** 2 / body
-                    spread *= empty / body
-                colours = 0.5 * SURENESS * (colours + np.log(spread))
+                colours = SURENESS * _mixed(frame[i, j], hall[i, j], mean[n, m], square[n, m], missed[n, m])
                 sure = sure and colours > DOUBT
                 say = COARSE_SAY * say + min(max(colours, -SAY), SAY)
             if sure:
@@ -107,6 +104,22 @@ def _start(
                 undecided[count, 0], undecided[count, 1] = i, j
                 count += 1
     return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _mixed(here: Image, empty: Image, body: Float32, spread: Float32, missed: Float32) -> float:
+    """Log-odds that a pixel (3,) is body by half or more: the hall shows ``empty`` there, with a variance of
+    ``missed``, and the body has about the colour ``body``, with one of ``spread``."""
+    likelihood = np.empty(len(PARTS))
+    for k, part in enumerate(PARTS):
+        squares, volume = 0.0, 1.0
+        for c in range(3):
+            hall = float(empty[c])
+            variance = part * part * spread[c] + (1.0 - part) ** 2 * missed[c] + COLOUR_VARIANCE
+            squares += (float(here[c]) - hall - part * (body[c] - hall)) ** 2 / variance
+            volume *= variance
+        likelihood[k] = np.exp(-0.5 * squares) / np.sqrt(volume)
+    return float(np.log((likelihood[2] + likelihood[3] + LEAST) / (likelihood[0] + likelihood[1] + LEAST)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
