@@ -21,8 +21,9 @@ from pzcap.landmarks import LandmarkEstimate
 from pzcap.likeness import Likeness, shared
 from pzcap.merging import leaping, merge
 from pzcap.polishing import Polished, hear, hear_hand, polish
+from pzcap.second_look import Passes
 from pzcap.shape import ShapeEstimate
-from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Mask, Pose
+from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Pose
 from pzcap.views import Cut
 
 _ASTRAY_PX: Final = 4.0  # misfit of a joint that is as likely astray as not
@@ -147,7 +148,7 @@ class IntervalSolver:
         after = None if anchor is None else anchor.settled.pose
         if anchor is None or after is None:
             poses, doubt = [step.pose for step in steps], np.zeros((len(steps), len(SEGMENTS)))
-            doubtful, known = doubt > 0.0, shared(known)
+            passes = Passes([poses], doubt > 0.0, doubt > 0.0, shared(known))
         else:
             back = Follower(self.body, self.config, after, -anchor.velocity, anchor.cuts)
             behind = [back.step(cuts) for cuts in reversed(views)][::-1]
@@ -159,7 +160,9 @@ class IntervalSolver:
 
             poses, doubt = merge(self.body, self._before, steps, behind, after, worth)
             doubtful = leaping(self.body, self._before, poses, after, doubt)
-        polished = self._polish(poses, views, after, doubtful, known)
+            both = [[step.pose for step in one] for one in (steps, behind)]
+            passes = Passes(both, doubt > 0.0, doubtful, known)
+        polished = self._polish(poses, views, after, passes)
         self._before = polished.poses[-1]
         return [
             self.result(
@@ -173,18 +176,15 @@ class IntervalSolver:
             for t, instant in enumerate(interval)
         ]
 
-    def _polish(
-        self, poses: list[Pose], views: list[list[Cut | None]], after: Pose | None, doubtful: Mask,
-        known: Sequence[Appearance],
-    ) -> Polished:  # fmt: skip
+    def _polish(self, poses: list[Pose], views: list[list[Cut | None]], after: Pose | None, passes: Passes) -> Polished:
         """Improve the poses of an interval, and the body with them."""
         if not self.config.shape_weight:
-            return polish(self.body, poses, views, self._before, after, doubtful, known, self.config)
+            return polish(self.body, poses, views, self._before, after, passes, self.config)
         for left in reversed(range(self.config.shape_rounds)):
             said = hear(self.body, self._shape, poses[::_SOME], views[::_SOME], self.config)
             self.body = replace(self._shape.solve(said), landmarks=self.body.landmarks)
-            look = None if left else known  # a second look takes long: in the last round alone
-            polished = polish(self.body, poses, views, self._before, after, doubtful, look, self.config)
+            again = None if left else passes  # a second look takes long: in the last round alone
+            polished = polish(self.body, poses, views, self._before, after, again, self.config)
             poses = polished.poses
         self._shape.keep(said)
         self._shape_variance = self._shape.joint_variance()

@@ -109,14 +109,18 @@ class Likeness:
     def worth(self, pose: Pose, evidence: Evidence, known: Sequence[Appearance]) -> Array:
         """(4,) of each limb, square metres: what it explains of the silhouettes, less what it covers of the hall
         (`LimbSearch.support`), and how much it looks like itself."""
-        placed = evidence.visibility(pose)
+        frames, placed = forward(self._body, pose), evidence.visibility(pose)
+        alike = np.empty(len(LIMBS))
+        for limb, segments in enumerate(LIMBS):  # as `postures` has it
+            sights = self._sights(limb, pose, evidence, self._behind(limb, placed), known, _LEVELS[-1])
+            alike[limb] = _compared(self._skins[limb], frames[None, list(segments)], sights)[0]
         body, hall = self.support(pose, evidence, placed).T
-        return np.asarray(body - hall + _WORTH * self.of(pose, evidence, placed, known))
+        return np.asarray(body - hall + _WORTH * alike)
 
     def glance(self, limb: int, pose: Pose, evidence: Evidence, known: Sequence[Appearance]) -> Glance:
         """Make a frame ready to judge postures of one limb near that of ``pose``."""
         frames, placed = forward(self._body, pose), evidence.visibility(pose)
-        behind = [None if where is None else self._behind(limb, where) for where in placed]
+        behind = self._behind(limb, placed)
         far, near = (self._sights(limb, pose, evidence, behind, known, level) for level in _LEVELS)
         return Glance(pose, frames, self._limbs.patches(limb, frames, evidence.grounds(placed)), far, near)
 
@@ -155,14 +159,20 @@ class Likeness:
             )  # fmt: skip
         return sights
 
-    def _behind(self, limb: int, where: PlacedView) -> PlacedView:
-        """The view without the limb: what would hide it elsewhere."""
-        z_buffer, cover = np.empty_like(where.z_buffer), np.empty_like(where.cover)
-        raster.rasterise(
-            where.skin.pixels, where.skin.depth, self._skins[limb].others, self._body.surface.segment, GROUP,
-            where.z_left, where.z_top, Z_SCALE, z_buffer, cover,
-        )  # fmt: skip
-        return PlacedView(where.skin, where.facing, z_buffer, cover, where.z_left, where.z_top)
+    def _behind(self, limb: int, placed: Sequence[PlacedView | None]) -> list[PlacedView | None]:
+        """The views without the limb: what would hide it elsewhere."""
+        found: list[PlacedView | None] = []
+        for where in placed:
+            if where is None:
+                found.append(None)
+                continue
+            z_buffer, cover = np.empty_like(where.z_buffer), np.empty_like(where.cover)
+            raster.rasterise(
+                where.skin.pixels, where.skin.depth, self._skins[limb].others, self._body.surface.segment, GROUP,
+                where.z_left, where.z_top, Z_SCALE, z_buffer, cover,
+            )  # fmt: skip
+            found.append(PlacedView(where.skin, where.facing, z_buffer, cover, where.z_left, where.z_top))
+        return found
 
 
 def shared(known: Sequence[Appearance]) -> list[Appearance]:

@@ -20,7 +20,7 @@ from pzcap.evidence import Appearance, Evidence
 from pzcap.following import UNSEEN, TrackingConfig, restraint
 from pzcap.likeness import Likeness
 from pzcap.limbs import LIMBS
-from pzcap.second_look import look_again, runs, taking
+from pzcap.second_look import Passes, look_again, runs, taking
 from pzcap.shape import Said, ShapeEstimate, Sight
 from pzcap.trajectory import smooth_step
 from pzcap.types import Array, Keyframe, Mask, Pose
@@ -80,20 +80,20 @@ def hear_hand(
 
 def polish(
     body: Body, poses: Sequence[Pose], views: Sequence[Sequence[Cut | None]], before: Pose | None, after: Pose | None,
-    doubtful: Mask, known: Sequence[Appearance] | None, config: TrackingConfig,
+    passes: Passes | None, config: TrackingConfig,
 ) -> Polished:  # fmt: skip
     """Improve the ``poses`` of a stretch of frames; ``before`` and ``after`` it the body is held fast where known.
 
-    Where it is ``known`` what they look like, limbs that do not look so, or are ``doubtful`` (T, 16), are also looked
-    for once more (`pzcap.second_look`), and taken from there if that is worth more.
+    Where it is told what the ``passes`` have left behind, limbs that do not look like themselves are also looked for
+    once more (`pzcap.second_look`), and taken from there if that is worth more.
     """
     stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, after, config, Likeness(body))
     placed = stretch.visibility(poses)
     appearances = _appearances(body, stretch.evidence, placed)
     found = stretch.sweep(poses, placed, appearances)
-    if known is None:
+    if passes is None:
         return found
-    again = look_again(stretch.likeness, poses, stretch.evidence, placed, known, doubtful, before, after)
+    again = look_again(stretch.likeness, poses, stretch.evidence, placed, passes, before, after)
     if again is not None:
         other = stretch.sweep(again.poses, stretch.visibility(again.poses), again.known)
         found = stretch.choose(found, other, again.lost, again.known)

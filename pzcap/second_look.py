@@ -4,7 +4,8 @@ Between two keyframes a limb can be lost from both sides: held before the trunk 
 like is forgotten while it is followed wrongly. Beside the keyframes it is known (`Follower.known`). So where it does
 not look like itself, or lies on the hall, its postures in all these frames are chosen once more, together: those that
 are worth most (`pzcap.likeness`) and lead on from one frame to the next (dynamic programming, Bellman, 1957), from
-coarse to fine.
+coarse to fine. What it looks like is also learned from all other frames in which the passes agree: of two that do not
+at least one is wrong, and nothing misleads as much as a limb that was learned elsewhere.
 """
 
 from __future__ import annotations
@@ -43,6 +44,16 @@ Placed = Sequence[PlacedView | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Passes:
+    """What the passes from the keyframes leave behind."""
+
+    poses: list[list[Pose]]  # of each pass
+    disputed: Mask  # (T, 16) what they do not agree about
+    doubtful: Mask  # (T, 16) what of that is at or beside a leap
+    known: Sequence[Appearance]  # what the skin looks like in each view beside the keyframes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Again:
     """Some frames after a second look."""
 
@@ -52,22 +63,25 @@ class Again:
 
 
 def look_again(
-    likeness: Likeness, poses: Sequence[Pose], evidence: Sequence[Evidence], placed: Sequence[Placed],
-    known: Sequence[Appearance], doubtful: Mask, before: Pose | None, after: Pose | None,
+    likeness: Likeness, poses: Sequence[Pose], evidence: Sequence[Evidence], placed: Sequence[Placed], passes: Passes,
+    before: Pose | None, after: Pose | None,
 ) -> Again | None:  # fmt: skip
-    """Find the limbs once more that are ``doubtful`` (T, 16), lie on the hall or do not look as they are ``known`` to,
-    the body being where it was ``placed``, and ``before`` and ``after`` these frames where that is known. None if there
-    are none."""
-    doubted = np.array([doubtful[:, list(limb)].any(axis=1) for limb in LIMBS]).T
+    """Find the limbs once more that are doubtful, lie on the hall or do not look as they are known to, the body being
+    where it was ``placed``, and ``before`` and ``after`` these frames where that is known. None if there are none."""
+    disputed, doubted = (
+        np.array([segments[:, list(limb)].any(axis=1) for limb in LIMBS]).T
+        for segments in (passes.disputed, passes.doubtful)
+    )
     doubted |= _astray(likeness, poses, evidence, placed)
-    lost = doubted | _unlike(likeness, poses, evidence, placed, known)
+    lost = doubted | _unlike(likeness, poses, evidence, placed, passes.known)
     if not lost.any():
         return None
-    learned = _learn(known, evidence, placed, _widened(lost))
+    learned = _learn(passes.known, evidence, placed, _widened(lost) | disputed)
     lost = _widened(doubted | _unlike(likeness, poses, evidence, placed, learned))
     if not lost.any():
         return None
-    return Again(_find(likeness, poses, evidence, learned, lost, before, after), lost @ _OF_LIMB, learned)
+    candidates = list(zip(poses, *passes.poses, strict=True))
+    return Again(_find(likeness, candidates, evidence, learned, lost, before, after), lost @ _OF_LIMB, learned)
 
 
 def _widened(lost: Mask) -> Mask:
@@ -106,10 +120,12 @@ def _learn(
 
 
 def _find(
-    likeness: Likeness, poses: Sequence[Pose], evidence: Sequence[Evidence], learned: Sequence[Appearance], lost: Mask,
-    before: Pose | None, after: Pose | None,
+    likeness: Likeness, candidates: Sequence[Sequence[Pose]], evidence: Sequence[Evidence],
+    learned: Sequence[Appearance], lost: Mask, before: Pose | None, after: Pose | None,
 ) -> list[Pose]:  # fmt: skip
-    """The poses with the ``lost`` (T, 4) limbs found once more, about the way from the frame before to that after."""
+    """The poses, of each frame's ``candidates`` the first, with the ``lost`` (T, 4) limbs found once more: about the
+    way from the frame before to that after, or about the candidates."""
+    poses = [pose for pose, *_ in candidates]
     found = list(poses)
     around = [before, *poses, after]
     for limb, segments in enumerate(LIMBS):
@@ -120,18 +136,18 @@ def _find(
             passing = [mix(first, last, np.full(len(SEGMENTS), share)) for share in shares]
             starts = [taking(poses[t], segments, pose) for t, pose in zip(run, passing, strict=True)]
             glances = [likeness.glance(limb, pose, evidence[t], learned) for t, pose in zip(run, starts, strict=True)]
-            for t, pose in zip(run, _way(likeness, limb, glances, [poses[t] for t in run]), strict=True):
+            for t, pose in zip(run, _way(likeness, limb, glances, [candidates[t] for t in run]), strict=True):
                 found[t] = taking(found[t], segments, pose)
     return found
 
 
-def _way(likeness: Likeness, limb: int, glances: Sequence[Glance], found: Sequence[Pose]) -> list[Pose]:
+def _way(likeness: Likeness, limb: int, glances: Sequence[Glance], candidates: Sequence[Sequence[Pose]]) -> list[Pose]:
     """The postures of a limb in frames that follow each other which are together worth most.
 
-    To those about the way so far come the limb as it was ``found`` before and, as it may have been lost in the middle
-    of a run alone, as the frames beside it have it (Barnes et al., 2009).
+    To those about the way so far come the limb as the ``candidates`` have it and, as it may have been lost in the
+    middle of a run alone, as the frames beside it have it (Barnes et al., 2009).
     """
-    way, others = [glance.pose for glance in glances], [[pose] for pose in found]
+    way, others = [glance.pose for glance in glances], list(candidates)
     for size in _SIZES_RAD:
         postures = []
         for glance, pose, beside in zip(glances, way, others, strict=True):

@@ -17,7 +17,7 @@ from pzcap.body import Body
 from pzcap.evidence import Appearance, Evidence
 from pzcap.likeness import Likeness, Postures, shared
 from pzcap.limbs import LIMBS, POSTURES, LimbSearch, turn_to
-from pzcap.second_look import LEAP_M, LEAP_M2, Again, best_way, look_again, runs
+from pzcap.second_look import LEAP_M, LEAP_M2, Again, Passes, best_way, look_again, runs
 from pzcap.types import Array, Mask, Pose
 from pzcap.views import LEVELS, Cut
 from tests.test_tracking import clip, cuts, lost, observed, true_body
@@ -132,7 +132,12 @@ def looked_again(
     evidence = [observed(frame, body) for frame in FRAMES]
     poses = [swung(pose, limb, 0.9) if t in gone else pose for t, pose in enumerate(true)]
     placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
-    return look_again(Likeness(body), poses, evidence, placed, looks, doubtful, *around), poses
+    return look_again(Likeness(body), poses, evidence, placed, told(poses, looks, doubtful), *around), poses
+
+
+def told(poses: list[Pose], looks: list[Appearance], doubtful: Mask) -> Passes:
+    """Two passes that agree, and are no better."""
+    return Passes([poses, poses], SURE, doubtful, looks)
 
 
 def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
@@ -150,6 +155,41 @@ def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
         ]
         assert off[0] > 0.2
         assert off[1] < 0.3 * off[0]
+
+
+def test_what_only_one_pass_has_found_is_taken_up() -> None:
+    """Far from the way, from where it was lost and from the frames beside: nothing else would lead there."""
+    body, limb, gone = true_body(), 1, range(len(FRAMES))
+    true, evidence = [clip().poses[frame] for frame in FRAMES], [observed(frame, body) for frame in FRAMES]
+    far = swung(true[0], limb, 2.4)
+    poses = [swung(pose, limb, 2.4) for pose in true]
+    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    off = []
+    for other in (poses, true):
+        passes = Passes([poses, other], SURE, np.ones(SURE.shape, bool), shared(known()))
+        again = look_again(Likeness(body), poses, evidence, placed, passes, far, far)
+        assert again is not None
+        moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
+        off.append(np.linalg.norm(np.array(moved)[list(gone), LIMBS[limb][2]], axis=1).max())
+    assert off[1] < 0.05 < off[0]
+
+
+def test_what_the_passes_dispute_is_not_learned_from() -> None:
+    """Its looks are of frames that nobody objects to."""
+    body, limb = true_body(), 0
+    evidence = [observed(frame, body) for frame in FRAMES]
+    poses = [clip().poses[frame] for frame in FRAMES]
+    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    other = SURE.copy()
+    other[3, LIMBS[1][2]] = True  # something has to be doubtful
+    learned, own = [], np.isin(body.surface.segment, LIMBS[limb])
+    for disputed in (SURE, np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)):
+        passes = Passes([poses, poses], disputed, other, known(range(0)))
+        again = look_again(Likeness(body), poses, evidence, placed, passes, None, None)
+        assert again is not None
+        learned.append(max(float(look.trust[own].max()) for look in again.known))
+    assert learned[0] > 0.0
+    assert learned[1] == 0.0
 
 
 def test_a_limb_that_lies_on_the_hall_is_looked_for_though_nothing_is_known_of_its_looks() -> None:
@@ -182,10 +222,10 @@ def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
     body = true_body()
     evidence, poses = [observed(frame, body) for frame in FRAMES], [clip().poses[frame] for frame in FRAMES]
     placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
-    assert look_again(Likeness(body), poses, evidence, placed, shared(known()), SURE, None, None) is None
+    assert look_again(Likeness(body), poses, evidence, placed, told(poses, shared(known()), SURE), None, None) is None
     doubtful = SURE.copy()
     doubtful[3, LIMBS[1][2]] = True
-    again = look_again(Likeness(body), poses, evidence, placed, shared(known()), doubtful, None, None)
+    again = look_again(Likeness(body), poses, evidence, placed, told(poses, shared(known()), doubtful), None, None)
     assert again is not None
     assert np.flatnonzero(again.lost.any(axis=0)).tolist() == list(LIMBS[1])
     for found, pose in zip(again.poses, poses, strict=True):  # found where it was
@@ -217,7 +257,8 @@ def test_a_limb_that_is_hidden_is_led_from_the_frame_before_to_the_one_after() -
     lost[:, LIMBS[limb][1]] = True
     nothing = [Appearance.unseen(len(body.surface.points_m)) for _ in cuts(5)]
     unseen: list[list[None]] = [[None] * len(cuts(5))] * 3
-    again = look_again(Likeness(body), [end] * 3, blind, unseen, nothing, lost, start, end)
+    passes = Passes([[end] * 3], np.zeros((3, 16), bool), lost, nothing)
+    again = look_again(Likeness(body), [end] * 3, blind, unseen, passes, start, end)
     assert again is not None
     for share, pose in zip((0.25, 0.5, 0.75), again.poses, strict=True):
         between = swung(start, limb, 0.6 * share)
