@@ -96,7 +96,8 @@ def polish(
     again = look_again(stretch.likeness, poses, stretch.evidence, placed, passes, before, after)
     if again is not None:
         other = stretch.sweep(again.poses, stretch.visibility(again.poses), again.known)
-        found = stretch.choose(found, other, again.lost, again.known)
+        chosen = stretch.choose(found.poses, other.poses, again.lost, again.known)
+        found = stretch.sweep(chosen, stretch.visibility(chosen), again.known)  # where they meet, they leap
     return found
 
 
@@ -146,23 +147,21 @@ class _Stretch:
             found = [retract(pose, step) for pose, step in zip(found, steps, strict=True)]
         return Polished(found, hessians, contours)
 
-    def choose(self, one: Polished, other: Polished, lost: Mask, known: Sequence[Appearance]) -> Polished:
+    def choose(self, one: Sequence[Pose], other: Sequence[Pose], lost: Mask, known: Sequence[Appearance]) -> list[Pose]:
         """``one``, but the limbs that were ``lost`` (T, 16) as ``other`` has them where that is elsewhere, and worth
         clearly more."""
         frames = np.flatnonzero(lost.any(axis=1))
-        gain = self._worth(other.poses, frames, known) - self._worth(one.poses, frames, known)
-        moved = [joints(self.body, b) - joints(self.body, a) for a, b in zip(one.poses, other.poses, strict=True)]
+        gain = self._worth(other, frames, known) - self._worth(one, frames, known)
+        moved = [joints(self.body, b) - joints(self.body, a) for a, b in zip(one, other, strict=True)]
         elsewhere = lost & (np.linalg.norm(moved, axis=2) > _APART_M)
-        poses, hessians, contours = list(one.poses), list(one.hessians), [contour.copy() for contour in one.contours]
+        poses = list(one)
         for limb, members in enumerate(LIMBS):
-            rows = list(members)
-            for run in runs(elsewhere[:, rows].any(axis=1)):
+            for run in runs(elsewhere[:, list(members)].any(axis=1)):
                 if gain[np.isin(frames, run), limb].mean() <= _WORTHWHILE_M2:
                     continue
                 for t in run:
-                    poses[t], hessians[t] = taking(poses[t], rows, other.poses[t]), other.hessians[t]
-                    contours[t][rows] = other.contours[t][rows]
-        return Polished(poses, hessians, contours)
+                    poses[t] = taking(poses[t], members, other[t])
+        return poses
 
     def _worth(self, poses: Sequence[Pose], frames: NDArray[np.int64], known: Sequence[Appearance]) -> Array:
         """(N, 4) what each limb is worth in some ``frames``, as `Likeness.worth` has it."""
