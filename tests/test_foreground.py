@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import convolve1d
 
 from experiments.silhouettes import outline_distance
-from pzcap import colours, foreground
+from pzcap import colours, foreground, outline
 from pzcap.colours import ANY_COLOUR, LEVELS, floor_plane
 from pzcap.foreground import ForegroundConfig
 from pzcap.types import Camera, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera
@@ -247,3 +247,23 @@ def test_a_palette_is_the_colours_seen_blurred() -> None:
         counts = convolve1d(counts, [0.25, 0.5, 0.25], axis, mode="nearest")
     expected = np.log(ANY_COLOUR + (1.0 - ANY_COLOUR) * counts / counts.sum() * LEVELS**3)
     np.testing.assert_allclose(colours._palette(frame, where), expected, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("angle_deg", [10.0, 35.0, 80.0])
+def test_a_pixel_that_is_half_body_is_body_however_rough_the_cloth(angle_deg: float) -> None:
+    """An even wall, and cloth whose colour is known less well: mixtures of both are near neither, and split evenly."""
+    rng = np.random.default_rng(3)
+    rows, columns = np.mgrid[:800, :800] / 10.0 - 40.0
+    inside = columns * np.cos(np.radians(angle_deg)) + rows * np.sin(np.radians(angle_deg)) > 0.3
+    covered = inside.reshape(80, 10, 80, 10).mean(axis=(1, 3))
+    wall = np.full((80, 80, 3), 90.0)
+    cloth = 170.0 + cv2.GaussianBlur(rng.normal(0.0, 60.0, (80, 80, 3)), (0, 0), 1.0)
+    image = covered[..., None] * cloth + (1.0 - covered[..., None]) * wall + rng.normal(0.0, 2.0, (80, 80, 3))
+    hint = cv2.GaussianBlur((8.0 * covered - 4.0).astype(np.float32), (0, 0), 1.5)
+    drawn = outline.draw(
+        np.clip(np.rint(image), 0, 255).astype(np.uint8), wall.astype(np.uint8), hint, (covered > 0.5).astype(np.uint8)
+    )
+    mixed = (covered > 0.15) & (covered < 0.85)
+    mixed[:6], mixed[-6:], mixed[:, :6], mixed[:, -6:] = False, False, False, False
+    assert abs(np.mean(drawn[mixed] > 0.5) - np.mean(covered[mixed] > 0.5)) < 0.07
+    assert np.mean((drawn > 0.5)[mixed] == (covered > 0.5)[mixed]) > 0.9
