@@ -15,8 +15,10 @@ from hypothesis import strategies as st
 from pzcap import body as bodies
 from pzcap.body import Body
 from pzcap.evidence import Appearance, Evidence
+from pzcap.following import TrackingConfig
 from pzcap.likeness import Likeness, Postures, shared
 from pzcap.limbs import LIMBS, POSTURES, LimbSearch, turn_to
+from pzcap.polishing import polish
 from pzcap.second_look import LEAP_M, LEAP_M2, Again, Passes, best_way, look_again, runs
 from pzcap.types import Array, Mask, Pose
 from pzcap.views import LEVELS, Cut
@@ -172,6 +174,20 @@ def test_what_only_one_pass_has_found_is_taken_up() -> None:
         moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
         off.append(np.linalg.norm(np.array(moved)[list(gone), LIMBS[limb][2]], axis=1).max())
     assert off[1] < 0.05 < off[0]
+
+
+def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it() -> None:
+    """And without a leap where the two ways meet."""
+    body, limb = true_body(), 0
+    true = [clip().poses[frame] for frame in FRAMES]
+    poses = [swung(pose, limb, 0.9) if 2 <= t < 5 else pose for t, pose in enumerate(true)]
+    views, end = [cuts(frame) for frame in FRAMES], LIMBS[limb][2]
+    off = []
+    for passes in (None, told(poses, shared(known()), SURE)):
+        found = polish(body, poses, views, true[0], true[-1], passes, TrackingConfig()).poses
+        moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(found, true, strict=True)]
+        off.append(np.linalg.norm(np.array(moved)[:, end], axis=1).max())
+    assert off[1] < 0.04 < 0.2 < off[0]
 
 
 def test_what_the_passes_dispute_is_not_learned_from() -> None:
