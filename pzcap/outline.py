@@ -31,7 +31,7 @@ DOUBT: Final = 1.0
 NEARBY: Final = (7, 7)  # window of the colours nearby, in pixels of half the resolution
 FEW: Final = 0.01  # share of that window which is body: with less, nothing is known of its colours
 PARTS: Final = (0.0, 0.25, 0.75, 1.0)
-"""Of a pixel that may be body: the first two make it hall, the last two body."""
+"""Of a pixel that may be body: more than half makes it so."""
 COLOUR_VARIANCE: Final = 50.0  # of luma and chroma, added to what is measured nearby
 LEAST: Final = 1e-6  # of a likelihood: a colour that is neither's says nothing
 SURENESS: Final = 0.7  # of a neighbourhood's colours: neighbours err together
@@ -110,16 +110,20 @@ def _start(
 def _mixed(here: Image, empty: Image, body: Float32, spread: Float32, missed: Float32) -> float:
     """Log-odds that a pixel (3,) is body by half or more: the hall shows ``empty`` there, with a variance of
     ``missed``, and the body has about the colour ``body``, with one of ``spread``."""
-    likelihood = np.empty(len(PARTS))
-    for k, part in enumerate(PARTS):
+    hall, athlete = LEAST, LEAST
+    for part in PARTS:
         squares, volume = 0.0, 1.0
         for c in range(3):
-            hall = float(empty[c])
+            wall = float(empty[c])
             variance = part * part * spread[c] + (1.0 - part) ** 2 * missed[c] + COLOUR_VARIANCE
-            squares += (float(here[c]) - hall - part * (body[c] - hall)) ** 2 / variance
+            squares += (float(here[c]) - wall - part * (body[c] - wall)) ** 2 / variance
             volume *= variance
-        likelihood[k] = np.exp(-0.5 * squares) / np.sqrt(volume)
-    return float(np.log((likelihood[2] + likelihood[3] + LEAST) / (likelihood[0] + likelihood[1] + LEAST)))
+        likelihood = np.exp(-0.5 * squares) / np.sqrt(volume)
+        if part > 0.5:
+            athlete += likelihood
+        else:
+            hall += likelihood
+    return float(np.log(athlete / hall))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
