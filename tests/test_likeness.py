@@ -161,7 +161,7 @@ def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
 
 def test_what_only_one_pass_has_found_is_taken_up() -> None:
     """Far from the way, from where it was lost and from the frames beside: nothing else would lead there."""
-    body, limb, gone = true_body(), 1, range(len(FRAMES))
+    body, limb = true_body(), 1
     true, evidence = [clip().poses[frame] for frame in FRAMES], [observed(frame, body) for frame in FRAMES]
     far = swung(true[0], limb, 2.4)
     poses = [swung(pose, limb, 2.4) for pose in true]
@@ -172,7 +172,7 @@ def test_what_only_one_pass_has_found_is_taken_up() -> None:
         again = look_again(Likeness(body), poses, evidence, placed, passes, far, far)
         assert again is not None
         moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
-        off.append(np.linalg.norm(np.array(moved)[list(gone), LIMBS[limb][2]], axis=1).max())
+        off.append(np.linalg.norm(np.array(moved)[:, LIMBS[limb][2]], axis=1).max())
     assert off[1] < 0.05 < off[0]
 
 

@@ -78,10 +78,10 @@ _KEYS: Final[tuple[tuple[float, Keys], ...]] = (
     (3.35, {"hip": (0, 4, 0), "knee": 3, "ankle": 0, "trunk": (0, 0, 0), "shoulder": (5, 10, 0), "elbow": 10}),
 )  # fmt: skip
 
-_HANDS_AT_THE_CHEST: Final[tuple[tuple[float, Keys], ...]] = (
-    (1.64, {"shoulder": (32, 12, 72), "elbow": 112}),
-    (1.92, {"shoulder": (32, 12, 72), "elbow": 110}),
-)
+_IN_FLIGHT: Final = (1.64, 1.92)
+_HANDS_AT_THE_CHEST: Final[tuple[Keys, Keys]] = (
+    {"shoulder": (32, 12, 72), "elbow": 112}, {"shoulder": (32, 12, 72), "elbow": 110},
+)  # fmt: skip
 
 
 def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip:
@@ -89,17 +89,16 @@ def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip
     return jump(measurements, rng, 1.0, _HANDS_AT_THE_CHEST)
 
 
-def jump(
-    measurements: dict[str, float], rng: np.random.Generator, turns: float, arms: tuple[tuple[float, Keys], ...]
-) -> MotionClip:
-    """Jump with so many ``turns`` of the body, the ``arms`` in flight as their keys have them."""
+def jump(measurements: dict[str, float], rng: np.random.Generator, turns: float, arms: tuple[Keys, Keys]) -> MotionClip:
+    """Jump with so many ``turns`` of the body, the ``arms`` as they are at the beginning and the end of the flight."""
     times = knots(FRAMES)
     heading = float(rng.uniform(0.0, 360.0))
     direction = np.array([np.cos(np.radians(heading)), np.sin(np.radians(heading))])
     middle = rng.normal(0.0, 0.5, 2)
     angles = np.stack([heading + turns * curve(_TURN, times), curve(_LEAN, times)], axis=1)
     pelvis = Rotation.from_euler("ZY", angles, degrees=True).as_matrix()
-    rotations = joint_rotations(interpolate([*_KEYS, *arms], times), pelvis)
+    keys = [*_KEYS, *zip(_IN_FLIGHT, arms, strict=True)]
+    rotations = joint_rotations(interpolate(keys, times), pelvis)
     hip_height = measurements["thigh"] + measurements["shank"] + measurements["ankle_height"]
     travel = curve(_TRAVEL, times) * hip_height / 0.9
     path = middle + (travel - travel[-1] / 2)[:, None] * direction

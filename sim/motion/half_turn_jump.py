@@ -22,4 +22,4 @@ def make(measurements: dict[str, float], rng: np.random.Generator) -> MotionClip
             ("elbow", rng.uniform(60.0, 120.0)),
         )
     }
-    return jump(measurements, rng, 0.5, ((1.64, arms), (1.92, arms)))
+    return jump(measurements, rng, 0.5, (arms, arms))
