@@ -22,9 +22,12 @@ from pzcap.sampling import Stored, softened, stored
 from pzcap.sweep import grey
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
-LEVELS = ((3, 4), (1, 2), (0, 2))  # from coarse to fine: halvings of the size, and Gauss-Newton steps, at least
-MOST_STEPS = 12  # on the finest, where they go on until one
-SETTLED_PX = 0.005  # is as small as that, in pixels of the frame
+LEVELS = ((3, 4), (1, 2), (0, 12))  # from coarse to fine: halvings of the size, and Gauss-Newton steps, at most
+SETTLED_PX = 0.025  # a smaller step ends them, in pixels of the frame: it leaves a tenth of that
+NEAR_PX = 0.2  # and on the finest level one smaller than this of
+SPARSE = 4  # one pixel in so many
+LEAST_FLATNESS = 0.6
+FEWEST = 50  # pixels that show what the panorama knows
 REACH_PX = (15.0, 4.0, 1.5)  # by how much a start may be off on each, pixels of the panorama
 COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
 LOOSENESS = 4.0  # standard deviations at which a pixel counts for a quarter; tighter is less exact
@@ -63,18 +66,38 @@ class _Rays:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Fitted:
-    """A level's last step."""
+class _Pixels:
+    """What of a frame is compared."""
+
+    points: Array  # (N, 2)
+    grey: Array  # (N,)
+    shading: Array  # (N, K) r^0, r^2, ... of the vignetting
+
+    def thinned(self, every: int) -> _Pixels:
+        return _Pixels(self.points[::every], self.grey[::every], self.shading[::every])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _State:
+    """What is fitted."""
 
     pan_rad: float
     tilt_rad: float
     focal_px: float
+    gains: Array | None  # (K,) of the shading; None: not known yet
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """A level's last step."""
+
+    state: _State
     points: Array  # (N, 2)
     sampled: Array  # (N, 7)
     residual: Array  # (N,)
     weight: Array  # (N,)
     normal: Array  # (P + K, P + K)
-    settled: bool  # the last step was as small as SETTLED_PX
+    settled: bool  # that was as small as it should be
 
 
 class Aligner:
@@ -109,7 +132,7 @@ class Aligner:
             if fitted is None:
                 nothing = np.empty((0, 2))
                 return Alignment(pan_rad, tilt_rad, focal_px, np.eye(2), 0.0, False, nothing, nothing)
-            pan_rad, tilt_rad, focal_px = fitted.pan_rad, fitted.tilt_rad, fitted.focal_px
+            pan_rad, tilt_rad, focal_px = fitted.state.pan_rad, fitted.state.tilt_rad, fitted.state.focal_px
         assert fitted is not None
         return self._judged(fitted)
 
@@ -117,39 +140,57 @@ class Aligner:
         self, frame: Image, hidden: Mask | None, level: _Level, steps: int, pan_rad: float, tilt_rad: float,
         focal_px: float,
     ) -> _Fitted | None:  # fmt: skip
-        """Gauss-Newton with the weights of Geman and McClure; None where the panorama is unknown, or the frame dark."""
-        points, observed, shading = self._pixels(frame, hidden, level, focal_px)
-        gains = np.zeros(shading.shape[1])
-        gains[0] = 1.0
-        rays = self._rays(points, pan_rad, tilt_rad, focal_px)
-        for step in range(MOST_STEPS if level.scale == 1 else steps):
+        """A level's alignment; None where the panorama is unknown, or the frame dark."""
+        pixels = self._pixels(frame, hidden, level, focal_px)
+        start = _State(pan_rad, tilt_rad, focal_px, None)
+        if level.scale > 1:
+            return self._descend(level, pixels, start, steps, 0.0)
+        nearly = self._descend(level, pixels.thinned(SPARSE), start, steps, NEAR_PX)
+        return None if nearly is None else self._descend(level, pixels, nearly.state, steps, SETTLED_PX)
+
+    def _descend(self, level: _Level, pixels: _Pixels, start: _State, steps: int, settled_px: float) -> _Fitted | None:
+        """At most so many steps of Gauss and Newton with the weights of Geman and McClure, until one is as small as
+        ``settled_px``."""
+        pan_rad, tilt_rad, focal_px, gains = start.pan_rad, start.tilt_rad, start.focal_px, start.gains
+        rays = self._rays(pixels.points, pan_rad, tilt_rad, focal_px)
+        for _ in range(steps):
             if max(abs(np.log(focal_px / rays.focal_px)), abs(tilt_rad - rays.tilt_rad)) > LINEAR:
-                rays = self._rays(points, pan_rad, tilt_rad, focal_px)
+                rays = self._rays(pixels.points, pan_rad, tilt_rad, focal_px)
             sampled = self._sample(level, rays, pan_rad, tilt_rad, focal_px)
             usable = sampled[:, KNOWN] > 0
-            if usable.sum() < 50:
+            if usable.sum() < FEWEST:
                 return None
-            if step == 0:  # the gain first, or everything is an outlier; most pixels show the hall
-                gains[0] = _commonest(observed[usable] / np.maximum(sampled[usable, VALUE], 1.0))
+            if gains is None:  # the gain first, or everything is an outlier; most pixels show the hall
+                gains = np.zeros(pixels.shading.shape[1])
+                gains[0] = _commonest(pixels.grey[usable] / np.maximum(sampled[usable, VALUE], 1.0))
                 if gains[0] <= 0.0:  # most of the picture is black
                     return None
-            residual = observed - (shading @ gains) * sampled[:, VALUE]
+            brightness = pixels.shading @ gains
+            residual = pixels.grey - brightness * sampled[:, VALUE]
             scale = LOOSENESS * max(1.4826 * _typical(residual[usable]), 1.0)
-            weight = usable * (scale**2 / (scale**2 + residual**2)) ** 2
-            normal, gradient = _normal(sampled, shading, gains, residual, weight, self._free)
-            change = np.linalg.solve(_firm(normal), gradient)
+            nearness = 1.0 / (1.0 + (residual / scale) ** 2)
+            weight = usable * nearness**2
+            rows = np.empty((self._free + len(gains), len(weight)))
+            rows[: self._free] = brightness * sampled.T[BY_PAN : BY_PAN + self._free]
+            rows[self._free :] = pixels.shading.T * sampled[:, VALUE]
+            weighted = rows * weight
+            normal = weighted @ rows.T
+            change = np.linalg.solve(_firm(normal), weighted @ residual)
+            moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * self._camera.lens.width / 2)
+            if moved_px < NEAR_PX:  # there the steps are too short by so much
+                change /= _flatness(weight, nearness)
             pan_rad += float(change[0])
             focal_px *= float(np.exp(np.clip(change[1], -0.1, 0.1)))
             tilt_rad += float(change[2]) if self._free == 3 else 0.0
             gains = gains + change[self._free :]
-            moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * frame.shape[1] / 2)
-            settled = bool(moved_px < SETTLED_PX)
-            if step + 1 >= steps and settled:
+            settled = bool(moved_px < settled_px)
+            if settled:
                 break
-        return _Fitted(pan_rad, tilt_rad, focal_px, points, sampled, residual, weight, normal, settled)
+        state = _State(pan_rad, tilt_rad, focal_px, gains)
+        return _Fitted(state, pixels.points, sampled, residual, weight, normal, settled)
 
-    def _pixels(self, frame: Image, hidden: Mask | None, level: _Level, focal_px: float) -> tuple[Array, Array, Array]:
-        """What is compared: pixels (N, 2), their grey values (N,), and r^0, r^2, ... of the vignetting (N, K)."""
+    def _pixels(self, frame: Image, hidden: Mask | None, level: _Level, focal_px: float) -> _Pixels:
+        """What is compared on a level."""
         lens = self._camera.lens
         shrink = focal_px / self._panorama.px_per_rad * level.scale  # the frame is so much finer than the level
         # by fractions it is smoothed alone, see `sampling.softened`; so it is where it would have too few pixels else
@@ -166,7 +207,7 @@ class Aligner:
         middle_x, middle_y = (lens.width - 1) / 2, (lens.height - 1) / 2
         squared = ((points[:, 0] - middle_x) ** 2 + (points[:, 1] - middle_y) ** 2) / (middle_x**2 + middle_y**2)
         powers = [np.ones_like(squared), squared, squared * squared]
-        return points, observed, np.stack(powers[: 3 if level.scale == 1 else 2], axis=1)
+        return _Pixels(points, observed, np.stack(powers[: 3 if level.scale == 1 else 2], axis=1))
 
     def _rays(self, points: Array, pan_rad: float, tilt_rad: float, focal_px: float) -> _Rays:
         """Where ``points`` (N, 2) look."""
@@ -203,7 +244,7 @@ class Aligner:
         if self._panorama.full_turn:
             places[:, 0] = np.mod(places[:, 0], self._panorama.image.shape[1])
         return Alignment(
-            fitted.pan_rad, fitted.tilt_rad, fitted.focal_px,
+            fitted.state.pan_rad, fitted.state.tilt_rad, fitted.state.focal_px,
             np.asarray(variance * np.linalg.inv(_firm(fitted.normal))[:2, :2], np.float64),
             1.0 - difference / max(contrast, 1.0), fitted.settled, fitted.points[shown], places,
         )  # fmt: skip
@@ -229,36 +270,16 @@ def _median(values: Array) -> float:
     return float(np.partition(values, middle)[middle])
 
 
+def _flatness(weight: Array, nearness: Array) -> float:
+    """The cost's mean second derivative over the mean of the ``weight`` (N,) that stands for it in the normal
+    equations: weights fall as residuals grow. ``nearness`` (N,) is 1 / (1 + residual^2 / scale^2)."""
+    curved = float(weight @ (4.0 * nearness - 3.0)) / float(weight.sum())
+    return max(curved, LEAST_FLATNESS)
+
+
 def _firm(normal: Array) -> Array:
     """Normal equations that can be solved, whatever they leave open."""
     return np.asarray(normal + 1e-9 * np.diag(np.diag(normal)))
-
-
-@njit(cache=True, nogil=True)
-def _normal(
-    sampled: Array, shading: Array, gains: Array, residual: Array, weight: Array, free: int
-) -> tuple[Array, Array]:
-    """Normal equations (P + K, P + K) and (P + K,) of pan, log focal, (with P = ``free`` = 3) tilt, and gains."""
-    size = free + shading.shape[1]
-    normal, gradient = np.zeros((size, size)), np.zeros(size)
-    row = np.zeros(size)
-    for n in range(len(residual)):
-        if weight[n] <= 0.0:
-            continue
-        brightness = 0.0
-        for k in range(size - free):
-            brightness += gains[k] * shading[n, k]
-            row[free + k] = shading[n, k] * sampled[n, VALUE]
-        for k in range(free):
-            row[k] = brightness * sampled[n, BY_PAN + k]
-        for i in range(size):
-            gradient[i] += weight[n] * row[i] * residual[n]
-            for j in range(i + 1):
-                normal[i, j] += weight[n] * row[i] * row[j]
-    for i in range(size):
-        for j in range(i):
-            normal[j, i] = normal[i, j]
-    return normal, gradient
 
 
 @njit(cache=True, nogil=True)
