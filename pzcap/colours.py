@@ -43,7 +43,7 @@ class ForegroundConfig:
     shadow_light: float = 0.65  # that a shadow leaves
     shadow_spread: float = 0.3  # of its logarithm
     prediction_sigma_px: float = 1.0  # of a predicted outline where the pose is right
-    prediction_for: float = 2.5  # log-odds that a prediction speaks with at most, for the body
+    prediction_for: float = 3.5  # log-odds that a prediction speaks with at most, for the body
     prediction_against: float = 1.5  # and against it
 
 

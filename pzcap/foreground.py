@@ -39,6 +39,8 @@ SMALL: Final = 8  # half pixels: a hole this small is none
 HOLE: Final = -2.5  # mean log-odds: nor is one where the hall is seen no better
 NEAR: Final = 0.1  # of the body's size: a part this far off needs twice the evidence to be kept
 PART: Final = 0.02  # of the body's evidence, that a part needs
+ALONE: Final = 0.3  # weight of the soft evidence beside the sharp frame's colours, where nothing is expected
+TOGETHER: Final = (0.15, 0.3)  # where something is: of the evidence, and of what is expected
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,8 +120,9 @@ def subtract(
         corner, prior = (0, 0), np.full(half, config.prior_log_odds, np.float32)
     else:
         corner, prior = (expected.left, expected.top), _prior(expected, config)
-    evidence = _judge(compare(image, matched, known, camera, corner, blur_px, config), prior)
-    probability = _outlined(image, matched, evidence + prior, prior if expected is not None else None)
+    hoped = None if expected is None else prior
+    evidence = _judge(compare(image, matched, known, camera, corner, blur_px, config), prior, hoped)
+    probability = _outlined(image, matched, evidence + prior, hoped)
     np.maximum(probability, EVEN, out=probability, where=~known)
     return Silhouette(probability, matched, evidence, True)
 
@@ -191,9 +194,10 @@ def _radius(i: int, j: int, height: int, width: int) -> float:
 # The body
 
 
-def _judge(compared: Compared, prior: Float32) -> Float32:
+def _judge(compared: Compared, prior: Float32, expected: Float32 | None) -> Float32:
     """Log-odds of body (h, w) from the colours alone. What is body whatever its colour shows which colours it has."""
-    sure = np.asarray(cv2.erode(_body(_smooth(compared.judge() + prior)), np.ones((3, 3), np.uint8)), np.uint8)
+    body = _body(_smooth(compared.judge() + prior), expected)
+    sure = np.asarray(cv2.erode(body, np.ones((3, 3), np.uint8)), np.uint8)
     return compared.judge(sure if sure.sum() >= FEWEST else None)
 
 
@@ -201,8 +205,9 @@ def _smooth(log_odds: Float32) -> Float32:
     return np.asarray(cv2.blur(log_odds, WINDOW), np.float32)
 
 
-def _body(smooth: Float32) -> Image:
-    """1 where the body is (h, w): the part with the most evidence, and what is near it for its own size."""
+def _body(smooth: Float32, expected: Float32 | None) -> Image:
+    """1 where the body is (h, w): the part with the most evidence, what is near it for its own size, and what is where
+    it was ``expected``, as a hand whose arm is hardly seen."""
     solid = np.asarray(smooth > 0, np.uint8)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(
         cv2.morphologyEx(solid, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), connectivity=8
@@ -214,6 +219,8 @@ def _body(smooth: Float32) -> Image:
     low, high = boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]
     gap = np.maximum(np.max(np.maximum(low - high[main], low[main] - high), axis=1), 0) / boxes[main, 2:4].max()
     keep = mass >= PART * mass[main] * (1.0 + (gap / NEAR) ** 2)
+    if expected is not None:
+        keep |= np.bincount(labels.ravel(), expected.ravel(), count) > 0.0
     keep[0] = False
     return np.asarray(cv2.bitwise_and(solid, keep.astype(np.uint8)[labels]), np.uint8)
 
@@ -257,13 +264,14 @@ def _outlined(image: Image, background: Image, log_odds: Float32, expected: Floa
     (h, w) are half as fine."""
     probability = np.zeros(image.shape[:2], np.uint8)
     smooth = _smooth(log_odds)
-    body = _body(smooth)
+    body = _body(smooth, expected)
     if not body.any():
         return probability
     left, top, right, bottom = _window(body)
     part, half = np.s_[2 * top : 2 * bottom, 2 * left : 2 * right], np.s_[top:bottom, left:right]
     solid = _filled(body[half], smooth[half], None if expected is None else expected[half])
-    fine, firm = double(smooth[half]), double(solid.astype(np.float32)) > 0.5
-    drawn = outline.draw(image[part], background[part], fine, firm.astype(np.uint8))
+    hint = ALONE * smooth if expected is None else TOGETHER[0] * smooth + TOGETHER[1] * expected
+    soft, hint, firm = (double(one) for one in (smooth[half], hint[half], solid.astype(np.float32)))
+    drawn = outline.draw(image[part], background[part], soft, hint, (firm > 0.5).astype(np.uint8))
     probability[part] = np.rint(255.0 * drawn)
     return probability

@@ -36,7 +36,6 @@ COLOUR_VARIANCE: Final = 50.0  # of luma and chroma, added to what is measured n
 LEAST: Final = 1e-6  # of a likelihood: a colour that is neither's says nothing
 SURENESS: Final = 0.7  # of a neighbourhood's colours: neighbours err together
 SAY: Final = 3.0  # log-odds that they speak with at most
-COARSE_SAY: Final = 0.3  # weight of the soft evidence beside them
 EDGE_WEIGHT: Final = np.array([2.5, 1.0, 1.0])  # how much a step of luma and chroma separates neighbours
 EDGE_SCALE: Final = 1000.0
 TIE: Final = 1.0  # between neighbours of equal colour, against each pixel's own say
@@ -44,18 +43,19 @@ SWEEPS: Final = 4
 OVERSHOOT: Final = 1.1  # of a sweep's steps: gets there sooner
 
 
-def draw(image: Image, background: Image, log_odds: Float32, solid: Image) -> Float32:
+def draw(image: Image, background: Image, log_odds: Float32, hint: Float32, solid: Image) -> Float32:
     """Probability of body (h, w), both even, given what the colours say softly.
 
-    ``image`` and ``background`` are (h, w, 3), ``log_odds`` (h, w) those of body, ``solid`` (h, w) 1 where it is
-    at first guess, else 0. Black background counts as unknown.
+    ``image`` and ``background`` are (h, w, 3), ``log_odds`` (h, w) those of body, ``hint`` (h, w) what of them and of
+    anything else counts where the sharp colours speak, ``solid`` (h, w) 1 where it is at first guess, else 0. Black
+    background counts as unknown.
     """
     inner, outer = np.asarray(cv2.erode(solid, BAND), np.uint8), np.asarray(cv2.dilate(solid, BAND), np.uint8)
     frame, hall = (np.asarray(cv2.cvtColor(one, cv2.COLOR_BGR2YCrCb), np.uint8) for one in (image, background))
     colours = _nearby(frame, hall, inner, outer)
     probability = np.empty(solid.shape, np.float32)
     undecided = np.empty((solid.size, 2), np.int32)
-    count = _start(frame, hall, log_odds, inner, outer, *colours, probability, undecided)
+    count = _start(frame, hall, log_odds, hint, inner, outer, *colours, probability, undecided)
     _walk(frame, probability, undecided[:count])
     return probability
 
@@ -79,8 +79,8 @@ def _box(values: Float32) -> Float32:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _start(
-    frame: Image, hall: Image, log_odds: Float32, inner: Image, outer: Image, mean: Float32, square: Float32,
-    share: Float32, missed: Float32, probability: Float32, undecided: NDArray[np.int32],
+    frame: Image, hall: Image, log_odds: Float32, hint: Float32, inner: Image, outer: Image, mean: Float32,
+    square: Float32, share: Float32, missed: Float32, probability: Float32, undecided: NDArray[np.int32],
 ) -> int:  # fmt: skip
     """Each pixel's own probability, and which are ``undecided`` (row and column); their number is returned."""
     height, width = log_odds.shape
@@ -95,7 +95,7 @@ def _start(
             if share[n, m] > FEW and hall[i, j, 0] > 0:
                 colours = SURENESS * _mixed(frame[i, j], hall[i, j], mean[n, m], square[n, m], missed[n, m])
                 sure = sure and colours > DOUBT
-                say = COARSE_SAY * say + min(max(colours, -SAY), SAY)
+                say = hint[i, j] + min(max(colours, -SAY), SAY)
             if sure:
                 probability[i, j] = 1.0
                 continue

@@ -178,6 +178,34 @@ def test_a_gap_in_which_the_hall_is_hardly_seen_stays_open_where_one_is_expected
     assert not foreground._filled(solid, log_odds, body)[gap].any()
 
 
+def test_a_part_that_is_apart_and_small_is_kept_where_it_is_expected() -> None:
+    """As a hand, of whose arm nothing is seen before a wall of its colour."""
+    log_odds = np.full((60, 40), -4.0, np.float32)
+    trunk, hand = np.s_[5:55, 5:20], np.s_[30:34, 30:34]
+    log_odds[trunk], log_odds[hand] = 5.0, 2.0
+    there, elsewhere = np.full_like(log_odds, -1.5), np.full_like(log_odds, -1.5)
+    there[trunk] = there[hand] = elsewhere[trunk] = 2.5
+    kept = [foreground._body(log_odds, each) for each in (None, elsewhere, there)]
+    assert [bool(each[hand].any()) for each in kept] == [False, False, True]
+    assert all(each[trunk].all() for each in kept)
+
+
+def test_where_colours_tell_nothing_the_outline_is_where_it_is_expected() -> None:
+    """Sleeves of the wall's colour, seen as softly as a panorama is; where they stand out, it does not matter that they
+    are expected two pixels further."""
+    rng = np.random.default_rng(4)
+    columns = np.broadcast_to(np.arange(40), (40, 40))
+    wall = np.full((80, 80, 3), 90.0)
+    expected = np.clip(2.0 * (21.0 - columns) - 1.0, CONFIG.prediction_against * -1, CONFIG.prediction_for)
+    evidence = np.select([columns < 17, columns < 20], [3.0, 0.0], -0.8)
+    for colour, edge in ((170.0, 40), (90.0, 42)):
+        image = np.where(np.arange(80)[:, None] < 40, colour, wall) + rng.normal(0.0, 2.0, wall.shape)
+        frame, hall = (np.clip(np.rint(each), 0, 255).astype(np.uint8) for each in (image, wall))
+        drawn = foreground._outlined(frame, hall, (evidence + expected).astype(np.float32), expected.astype(np.float32))
+        found = np.sum(drawn[8:-8] > 127, axis=1)
+        assert abs(np.mean(found) - edge) < 0.5
+
+
 def test_only_where_it_is_expected_is_the_body_sought(clip: Clip) -> None:
     shot = clip.shots[1][0]
     whole = foreground.subtract(shot.image, shot.empty, np.ones(shot.mask.shape, bool), shot.camera, 0.0, CONFIG)
@@ -260,9 +288,8 @@ def test_a_pixel_that_is_half_body_is_body_however_rough_the_cloth(angle_deg: fl
     cloth = 170.0 + cv2.GaussianBlur(rng.normal(0.0, 60.0, (80, 80, 3)), (0, 0), 1.0)
     image = covered[..., None] * cloth + (1.0 - covered[..., None]) * wall + rng.normal(0.0, 2.0, (80, 80, 3))
     hint = cv2.GaussianBlur((8.0 * covered - 4.0).astype(np.float32), (0, 0), 1.5)
-    drawn = outline.draw(
-        np.clip(np.rint(image), 0, 255).astype(np.uint8), wall.astype(np.uint8), hint, (covered > 0.5).astype(np.uint8)
-    )
+    frame, hall, solid = np.clip(np.rint(image), 0, 255).astype(np.uint8), wall.astype(np.uint8), covered > 0.5
+    drawn = outline.draw(frame, hall, hint, foreground.ALONE * hint, solid.astype(np.uint8))
     mixed = (covered > 0.15) & (covered < 0.85)
     mixed[:6], mixed[-6:], mixed[:, :6], mixed[:, -6:] = False, False, False, False
     assert abs(np.mean(drawn[mixed] > 0.5) - np.mean(covered[mixed] > 0.5)) < 0.07
