@@ -263,7 +263,9 @@ def _adapt(
             trust[n] *= np.float32(0.98)
             continue
         fresh = trust[n] <= 0.0
+        scale = 1.0
         for level in range(len(grey)):
-            here = raster.bilinear(grey[level], x / 2**level, y / 2**level)
+            here = raster.bilinear(grey[level], x * scale, y * scale)
             value[level, n] += (1.0 if fresh else rate) * (here - value[level, n])
+            scale *= 0.5
         trust[n] = 0.3 if fresh else min(trust[n] + 0.2, 1.0)

@@ -185,10 +185,12 @@ class Follower:
         config = self.config
         found: list[int] = []
         grounds = evidence.grounds(placed)
-        support = self._limbs.support(pose, grounds)
         loose = self._limbs.loose(pose, grounds)
         doubtful = np.flatnonzero(loose > 1.3 * self._loose + config.doubt_m2)
         self._loose += np.where(loose < self._loose, 0.5, 0.1) * (loose - self._loose)
+        if not len(doubtful):
+            return pose, normal, placed, found
+        support = self._limbs.support(pose, grounds)
         for limb in doubtful.tolist():
             other = self._limbs.search(limb, pose, grounds)
             if not _explains_more(self._limbs.support(other, grounds), support, config.doubt_m2):
