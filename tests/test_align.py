@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pzcap.align import LINEAR, Aligner, _commonest
+from pzcap.align import LINEAR, Aligner, _commonest, _flatness
 from pzcap.camera import look, view_at
 from pzcap.cylinder import from_axis, to_panorama
 from pzcap.rays import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, VALUE
@@ -100,6 +100,28 @@ def test_pulls_in_from_the_frame_before(aligner: Aligner, pan: float, zoom: floa
     assert found.focal_px == pytest.approx(focal, rel=5e-4)
     assert found.agreement > 0.7
     assert found.settled
+
+
+def test_where_a_frame_is_does_not_hang_on_where_it_was_expected(aligner: Aligner) -> None:
+    """Most steps are made on some of the pixels, and the last ones are lengthened: they end where all pixels say."""
+    image = synthetic.render(OPTICS, 0.3, 1.3 * FOCAL)
+    starts = [(off / FOCAL, 1.3 * FOCAL * zoom) for off in (-1.4, 0.0, 0.9) for zoom in (0.998, 1.001)]
+    found = [aligner.align(image, 0.3 + off, TILT, focal, 1.5) for off, focal in starts]
+    assert all(each.settled for each in found)
+    assert np.ptp([each.pan_rad for each in found]) * 1.3 * FOCAL < 0.01  # pixels
+    assert np.ptp([np.log(each.focal_px) for each in found]) * OPTICS.width / 2 < 0.01
+
+
+def test_steps_are_lengthened_by_what_falling_weights_hide_of_the_curvature() -> None:
+    residual, scale, step = np.random.default_rng(1).normal(0.0, 1.0, 500), 4.0, 1e-4
+
+    def slope(shift: float) -> float:
+        moved = residual + shift
+        return float(np.sum(moved / (1.0 + (moved / scale) ** 2) ** 2))
+
+    nearness = 1.0 / (1.0 + (residual / scale) ** 2)
+    curvature = (slope(step) - slope(-step)) / (2 * step)
+    assert _flatness(nearness**2, nearness) * np.sum(nearness**2) == pytest.approx(curvature, rel=1e-5)
 
 
 def test_a_fit_that_was_stopped_on_its_way_says_so(aligner: Aligner) -> None:
