@@ -23,10 +23,10 @@ from pzcap.sweep import grey
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 LEVELS = ((3, 4), (1, 2), (0, 12))  # from coarse to fine: halvings of the size, and Gauss-Newton steps, at most
-SETTLED_PX = 0.025  # a smaller step ends them, in pixels of the frame: it leaves a tenth of that
-NEAR_PX = 0.2  # and on the finest level one smaller than this of
-SPARSE = 4  # one pixel in so many
-LEAST_FLATNESS = 0.6
+SETTLED_PX = 0.025  # of the frame: a smaller step ends them, and leaves a tenth of that
+SPARSE = 4  # on the finest level one pixel in so many is looked at
+NEAR_PX = 0.2  # until a step is smaller than this, and then all
+LEAST_FLATNESS = 0.6  # where more pixels do not fit, steps are lengthened by no more
 FEWEST = 50  # pixels that show what the panorama knows
 REACH_PX = (15.0, 4.0, 1.5)  # by how much a start may be off on each, pixels of the panorama
 COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
@@ -97,7 +97,7 @@ class _Fitted:
     residual: Array  # (N,)
     weight: Array  # (N,)
     normal: Array  # (P + K, P + K)
-    settled: bool  # that was as small as it should be
+    settled: bool  # the last step was as small as it should be
 
 
 class Aligner:
