@@ -70,7 +70,7 @@ def test_everything_is_found(reconstruction: Reconstruction) -> None:
 @pytest.mark.xdist_group("pipeline")
 def test_events_come_in_order_and_end_with_the_result(capture: Capture) -> None:
     localised, separated, tracked = [], [], []
-    events = list(stages(capture, Config()))
+    events = list(stages(dataclasses.replace(capture, cameras=capture.cameras[:2]), Config()))
     for event in events:
         match event:
             case FrameLocalised(frames, _):
@@ -99,7 +99,8 @@ def test_events_come_in_order_and_end_with_the_result(capture: Capture) -> None:
 def test_what_is_missing_is_told_and_costs_only_its_own_stages(
     capture: Capture, missing: dict[str, object], told: str
 ) -> None:
-    result = reconstruct(dataclasses.replace(capture, **missing), Config())
+    alone = dataclasses.replace(capture, cameras=capture.cameras[:1], **missing)  # fewer are ready sooner
+    result = reconstruct(alone, Config())
     assert any(told in note for note in result.notes)
     assert (result.tracks[0] is None) == ("calibration_object" in missing)
     assert result.motion is None or "calibration_object" in missing
@@ -107,12 +108,12 @@ def test_what_is_missing_is_told_and_costs_only_its_own_stages(
 
 @pytest.mark.xdist_group("pipeline")
 def test_a_camera_without_a_sweep_is_left_out(capture: Capture) -> None:
-    first, *others = capture.cameras
+    first, second, *_ = capture.cameras
     result = reconstruct(
-        dataclasses.replace(capture, cameras=(dataclasses.replace(first, sweep=None), *others)), Config()
+        dataclasses.replace(capture, cameras=(dataclasses.replace(first, sweep=None), second)), Config()
     )
     assert result.tracks[0] is None
-    assert all(track is not None for track in result.tracks[1:])
+    assert result.tracks[1] is not None
     assert result.motion is not None
     assert any("camera 1" in note and "sweep" in note for note in result.notes)
 
