@@ -92,9 +92,8 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
             yield event
         if tracker:
             tracker.make_ready()  # not before: cameras being prepared take most of the memory that there is
-        localisers = list(
-            pool.map(lambda p: None if p is None else panzoom.Localiser(p.panorama, p.camera, config.panzoom), prepared)
-        )
+        # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
+        localisers = [None if p is None else panzoom.Localiser(p.panorama, p.camera, config.panzoom) for p in prepared]
         give_back()
         seconds["prepare"] = time.perf_counter() - started
 
