@@ -8,21 +8,22 @@ forward pass goes on meanwhile.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from pzcap.body import DOF, Body, forward, joint_jacobians
+from pzcap.body import DOF, Body, forward, joint_jacobians, joints
 from pzcap.evidence import Appearance, Evidence, misfit_px2
 from pzcap.following import UNSEEN, Follower, Step, TrackingConfig, improve
+from pzcap.hindsight import refitted
 from pzcap.landmarks import LandmarkEstimate
 from pzcap.likeness import Likeness, shared
 from pzcap.merging import leaping, merge
 from pzcap.polishing import Polished, hear, hear_hand, polish
 from pzcap.second_look import Passes
-from pzcap.shape import ShapeEstimate
+from pzcap.shape import Shape, ShapeEstimate
 from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Pose
 from pzcap.views import Cut
 
@@ -42,6 +43,7 @@ class Tracked:
     joints_m: Array  # (16, 3)
     sigma_m: Array  # (16,)
     valid: bool
+    shape: Shape  # of the body that was tracked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +79,8 @@ class IntervalSolver:
     def __init__(self, body: Body, config: TrackingConfig) -> None:
         self.body, self.config = body, config
         self._shape = ShapeEstimate(body)
-        self._shape_variance: Array = np.full(len(SEGMENTS), 2 * body.sigma_m**2)  # (16,) until the images have told
+        # of the joints, until the images have told
+        self._known = Shape(self._shape.amounts_m, np.full(len(SEGMENTS), 2 * body.sigma_m**2))
         self._landmarks = LandmarkEstimate(body.landmarks)
         self._before: Pose  # where the interval begins
         self._hand = np.diag(1.0 / config.hand_sigma**2)
@@ -120,8 +123,22 @@ class IntervalSolver:
         covariance = np.linalg.inv(hessian + np.diag(1.0 / sigma**2))
         jacobians = joint_jacobians(frames)
         variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
-        variance += self._shape_variance + (0.5 * np.asarray(doubt_m)) ** 2 + astray(contour) * _ASTRAY_M**2
-        return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid)
+        variance += self._known.joint_variance_m2 + (0.5 * np.asarray(doubt_m)) ** 2 + astray(contour) * _ASTRAY_M**2
+        return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid, self._known)
+
+    def in_hindsight(self, tracked: Iterable[Tracked]) -> list[Tracked]:
+        """What was ``tracked`` with the body as it was known then, with the body as it is known now."""
+        now, then, body = self._known, self._known, self.body
+        found = []
+        for each in tracked:
+            if each.shape is not then:  # all of an interval share theirs
+                then, body = each.shape, self._shape.body(each.shape.amounts_m)
+            if then is not now:
+                pose = refitted(each.pose, body, self.body)
+                variance = each.sigma_m**2 - then.joint_variance_m2 + now.joint_variance_m2
+                each = replace(each, pose=pose, joints_m=joints(self.body, pose), sigma_m=np.sqrt(variance), shape=now)
+            found.append(each)
+        return found
 
     def _learn(self, anchor: Anchor) -> None:
         """What a keyframe says of the body, and of where on it the detector's keypoints lie."""
@@ -187,7 +204,7 @@ class IntervalSolver:
             polished = polish(self.body, poses, views, self._before, after, again, self.config)
             poses = polished.poses
         self._shape.keep(said)
-        self._shape_variance = self._shape.joint_variance()
+        self._known = Shape(self._shape.amounts_m, self._shape.joint_variance())
         return polished
 
 

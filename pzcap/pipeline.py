@@ -124,7 +124,7 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
 
     motion = None
     if tracker and capture.subject:
-        motion = tracking.collect(poses, sets.keyframes)
+        motion = tracker.motion(poses)
         taped, hand_sigma = body.build(capture.subject), config.tracking.hand_sigma
         notes += advice.notes(motion, sets.keyframes, taped, hand_sigma, sets.timecodes)
     heads = tuple(None if p is None else p.camera for p in prepared)

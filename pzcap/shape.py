@@ -28,7 +28,7 @@ _TEXTURE_CURVATURE: Final = 0.4
 """Of the texture's cost, beside what Gauss-Newton has: robust weights, and texture as fine as the pixels, make it
 flatter (0.25-0.5 measured). Taken at its word, each step would stop far short."""
 
-_DOUBT: Final = 0.8
+_DOUBT: Final = 0.9
 """Of the deviation that is left of the tape's: the frames are believed so little, since they err alike, that it comes
 out too large (the one number of a joint's sigma that is fitted, to what is covered on the development captures)."""
 
@@ -73,6 +73,14 @@ class Said:
     joints: Array  # (S, 16, 3, P) in each frame, what a correction that is wrong moves the joints by
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """What is known of a body's shape at some time."""
+
+    amounts_m: Array  # (P,) its corrections
+    joint_variance_m2: Array  # (16,) of the joints' distance from where they are, for what is not known of it
+
+
 class ShapeEstimate:
     """Gathers what the frames say about the corrections of a body."""
 
@@ -114,7 +122,11 @@ class ShapeEstimate:
         if said is not None:
             information, vector = information + said.information, vector + said.vector
         self.amounts_m = np.asarray(np.linalg.solve(information, vector))
-        return corrected(self._tape, self._basis, self.amounts_m)
+        return self.body(self.amounts_m)
+
+    def body(self, amounts_m: Array) -> Body:
+        """The body after corrections (P,)."""
+        return corrected(self._tape, self._basis, amounts_m)
 
     def joint_variance(self) -> Array:
         """(16,) of the joints' distance (square metres) from where they are, for what is not known of the body: the

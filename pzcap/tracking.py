@@ -110,6 +110,10 @@ class Tracker:
         self._waiting, self._lead = [], []
         return done
 
+    def motion(self, tracked: Iterable[Tracked]) -> Motion:
+        """All that was ``tracked``, with the body as it is known when that has come to its end."""
+        return collect(self._solver.in_hindsight(tracked), list(self._keys.values()))
+
     def _reach_keyframe(self, item: TrackInput, key: Keyframe) -> list[Tracked]:
         done = self._solved()
         cuts = self._cut(item.views, key.pose)

@@ -112,7 +112,7 @@ def follow(
         tracked += tracker.push(tracking.TrackInput(frames.index, views))
         report(variant.label, frames.index + 1, len(material.sets))
     tracked += tracker.finish()
-    return tracking.collect(tracked, keys), time.process_time() - started
+    return tracker.motion(tracked), time.process_time() - started
 
 
 def keyframes(material: Material, variant: Variant) -> list[Keyframe]:
