@@ -20,7 +20,7 @@ _ALONG: Final = 0.03
 """What it counts by how much a point has moved along the skin, of what it counts across: outlines show the latter, and
 the texture, which shows the former, was learned with the body of its time."""
 _SPARSE: Final = 3  # of so many points of the skin one is looked at
-_STEPS: Final = 2  # of Gauss and Newton: what is left then is a hundredth of a millimetre
+_STEPS: Final = 2  # of Gauss and Newton
 
 
 def refitted(pose: Pose, then: Body, now: Body) -> Pose:
