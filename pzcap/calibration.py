@@ -110,7 +110,8 @@ def _prepare_exact(
         closure_rad=chained.closure_rad,
         residual_px=adjusted.residual_px,
     )
-    aligner = Aligner(background, camera, pixels=config.pixels)
+    # every pan is counted from this one image, so its own error is all frames': there is time for all of its pixels
+    aligner = Aligner(background, camera, pixels=reference_image.size)
     aligned = aligner.align(reference_image, 0.0, camera.tilt_rad, refined.camera.focal_px, 1.5)
     return Prepared(refined, _counted_from(background, aligned), camera)
 
