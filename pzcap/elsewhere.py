@@ -5,6 +5,7 @@ Every thread that asks has its own.
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import threading
@@ -18,6 +19,7 @@ import cv2
 from loky import get_reusable_executor
 from threadpoolctl import threadpool_limits
 
+from pzcap.heap import give_back
 from pzcap.types import PzcapError
 
 _IDLE_S: Final = 20.0  # after so long without work it ends, and gives its memory back; more work starts it again
@@ -32,7 +34,9 @@ def submit(work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]
         done: Future[T] = Future()
         done.set_result(work(*args, **kwargs))
         return done
-    future: Future[T] = _executor().submit(work, *args, **kwargs)
+    executor = _executor()
+    future: Future[T] = executor.submit(work, *args, **kwargs)
+    executor.submit(_tidy)  # a job of its own: only now nothing of the one before is in use any more
     return future
 
 
@@ -56,6 +60,12 @@ def _alone() -> None:
     cv2.setNumThreads(1)
     threadpool_limits(1, "blas")
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+
+
+def _tidy() -> None:
+    """Keep nothing while there is no work: what comes next on this side may need the memory."""
+    gc.collect()
+    give_back()
 
 
 def _end_with(parent: int) -> None:

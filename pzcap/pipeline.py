@@ -19,8 +19,9 @@ from pzcap.calibration import Prepared, no_report
 from pzcap.camera import at
 from pzcap.capture import FrameSets, frame_sets
 from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameSeparated, Progress
+from pzcap.heap import give_back
 from pzcap.keypoints import NOBODY
-from pzcap.preparing import give_back, prepare_cameras
+from pzcap.preparing import prepare_cameras
 from pzcap.types import (
     Array,
     Camera,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
 import queue
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -12,6 +10,7 @@ from pzcap import reference
 from pzcap.calibration import Prepared, prepare
 from pzcap.capture import read_image
 from pzcap.events import CameraPrepared, Progress
+from pzcap.heap import give_back
 from pzcap.panzoom import PanZoomConfig
 from pzcap.types import CameraFiles, Capture, PzcapError
 from pzcap.video import VideoReader
@@ -59,13 +58,6 @@ def prepare_cameras(
                 raise error
         else:
             yield event
-
-
-def give_back() -> None:
-    """Let the system have what is free: where several threads work, glibc keeps hundreds of MiB of it."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
-    if trim is not None:  # glibc alone has it
-        trim(0)
 
 
 def _missing(capture: Capture, files: CameraFiles) -> str | None:

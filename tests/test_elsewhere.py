@@ -72,3 +72,18 @@ def test_a_process_that_may_start_none_does_the_work_itself() -> None:
 
 def _work_in(answer: Connection) -> None:
     answer.send(elsewhere.taken(elsewhere.submit(os.getpid)))
+
+
+def test_it_keeps_no_memory_of_a_job_that_is_done() -> None:
+    worker = psutil.Process(elsewhere.taken(elsewhere.submit(os.getpid)))
+    before = worker.memory_info().rss
+    assert elsewhere.taken(elsewhere.submit(_entangled, 100)) == 100
+    elsewhere.taken(elsewhere.submit(os.getpid))  # what is done after a job is done by then
+    assert worker.memory_info().rss < before + 30 * 2**20
+
+
+def _entangled(mib: int) -> int:
+    """Take so much memory for what only the garbage collector will find."""
+    ring: list[object] = [bytearray(b"1" * mib * 2**20)]
+    ring.append(ring)
+    return mib
