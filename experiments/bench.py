@@ -34,6 +34,7 @@ from pzcap.calibration import Prepared
 from pzcap.camera import at
 from pzcap.capture import frame_sets, read_capture, read_image
 from pzcap.panzoom import Localiser
+from pzcap.preparing import taken_over
 from pzcap.types import Capture, FrameSet, Image, Localisation, PzcapError, Silhouette
 from pzcap.video import VideoReader
 
@@ -221,19 +222,13 @@ def table(stages: Stages, title: str) -> Table:
     return result
 
 
-def _prepared(capture: Capture, folder: Path) -> list[Prepared]:
-    """Cameras and panoramas of a reconstruction of ``capture``."""
-    whole = store.load(folder)
-    if whole.capture_name != capture.name or whole.camera_names != tuple(files.name for files in capture.cameras):
-        raise PzcapError(f"{folder}: not a reconstruction of {capture.folder}; leave --reconstruction out")
-    found = []
-    for name, reference, panorama, camera in zip(
-        whole.camera_names, whole.references, whole.panoramas, whole.cameras, strict=True
-    ):
-        if reference is None or panorama is None or camera is None:
-            raise PzcapError(f"{folder}: camera {name} was not calibrated; leave --reconstruction out")
-        found.append(Prepared(reference, panorama, camera))
-    return found
+def _ready(capture: Capture, folder: Path, method: str) -> list[Prepared]:
+    """Cameras and panoramas of a reconstruction by the cameras of ``capture``."""
+    found = taken_over(capture, store.load(folder), method)
+    missing = [files.name for files, ready in zip(capture.cameras, found, strict=True) if ready is None]
+    if missing:
+        raise PzcapError(f"{folder}: camera {', '.join(missing)} was not calibrated; leave --reconstruction out")
+    return [ready for ready in found if ready is not None]
 
 
 def _job() -> None:
@@ -244,7 +239,8 @@ def _job() -> None:
     capture = read_capture(given.capture)
     about, load = machine(), os.getloadavg()[0]
     config = pipeline.Config(panzoom=panzoom.PanZoomConfig())
-    prepared = None if given.reconstruction is None else _prepared(capture, given.reconstruction)
+    folder, method = given.reconstruction, config.panzoom.method
+    prepared = None if folder is None else _ready(capture, folder, method)
     with Bars(Console(stderr=True)) as bars:
         stages = bench(capture, prepared, config, bars)
     title = f"{capture.name}: {about['cpu']}, {about['cores']} cores, {config.threads} threads, load {load:.1f} before"

@@ -44,6 +44,7 @@ class AppConfig:
     method: str = "exact"  # or "paper"; stands at reconstruct.panzoom.method, too
     estimator: str | None = None  # module:function in place of the pipeline (docs/estimators.md)
     capture: str | None = None  # a capture folder made by anyone (docs/capture.md); null: shoot one
+    cameras: str | None = None  # results of another take by the same cameras, not moved since: not calibrated again
     shoot: ShootConfig = field(default_factory=ShootConfig)
     reconstruct: pipeline.Config = field(default_factory=pipeline.Config)
     output: OutputConfig = field(default_factory=OutputConfig)

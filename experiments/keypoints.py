@@ -39,7 +39,7 @@ def compare(capture: Capture, truth: Truth, bars: Bars) -> Iterator[tuple[str, d
     plain = replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
     without = reconstruct(plain, Config(), bars.update)
     yield "without keypoints", body(without, truth)
-    yield "with keypoints", body(reconstruct(capture, Config(), bars.update), truth)
+    yield "with keypoints", body(reconstruct(capture, Config(), bars.update, without), truth)
     yield "keypoints alone", body(replace(without, motion=triangulate(capture, without)), truth)
 
 

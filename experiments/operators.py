@@ -143,7 +143,10 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     folder.mkdir(parents=True, exist_ok=True)
     for name in RESULTS:
         (folder / name).unlink(missing_ok=True)
-    ways = [film(config, folder / moves, moves, console) for moves in NAMES]
+    ways: list[Filmed] = []
+    for moves in NAMES:
+        ways.append(film(config, folder / moves, moves, console))
+        config = replace(config, cameras=str(folder / ways[0].moves))  # the sweep is the same: calibrated once
     metrics = metrics_of(ways)
     write_metrics(folder / "metrics.json", metrics, run_info(tree, config.seed))
     plot(folder / "operators.png", ways)

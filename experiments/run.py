@@ -2,6 +2,7 @@
 
     python -m experiments.run experiment=floor_exercise|pedestrian|clean seed=N hydra.run.dir=DIR
     python -m experiments.run capture=FOLDER              # footage of anyone's, docs/capture.md
+    python -m experiments.run capture=FOLDER cameras=RESULTS    # filmed by the same cameras: not calibrated again
     python -m experiments.run estimator=module:function   # an estimator of anyone's, docs/estimators.md
     python -m experiments.run -m shoot.sensor.read_noise=0,2,8    # a sweep: runs what is missing, `experiments.jobs`
 
@@ -39,7 +40,7 @@ from experiments.totals import metrics
 from pzcap import events, pipeline, store
 from pzcap.capture import read_capture
 from pzcap.rerun_log import Recorder, outlines
-from pzcap.types import Array, Capture, Reconstruction
+from pzcap.types import Array, Capture, PzcapError, Reconstruction
 
 CONF: Final = Path(__file__).parents[1] / "conf"
 RESULTS: Final = ("metrics.json", "report.html", "recording.rrd")
@@ -60,6 +61,9 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     """Everything from the shoot to the report, into ``folder``. PzcapError for what the user can mend."""
     start = time.perf_counter()
     estimator = None if config.estimator is None else estimators.find(config.estimator)
+    if estimator is not None and config.cameras is not None:
+        raise PzcapError("an estimator finds the cameras itself; leave out cameras=... or estimator=...")
+    cameras = None if config.cameras is None else store.load(_reconstruction_in(Path(config.cameras)))
     _forget(folder)
     with Bars(console) as bars:
         shot = footage.capture_of(config, bars.update)
@@ -78,7 +82,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
         foreground = None if truth is None else ForegroundScorer(truth, tuple(c.name for c in capture.cameras))
         if estimator is None:
             with Bars(console) as bars:
-                done = _reconstruct(capture, config, bars, foreground, recorder)
+                done = _reconstruct(capture, config, cameras, bars, foreground, recorder)
         else:
             with console.status(config.estimator or ""):
                 done = _estimate(estimator, capture, config.estimator or "")
@@ -119,6 +123,12 @@ def _command() -> str:
     return shlex.join(["python", "-m", "experiments.run", *arguments])
 
 
+def _reconstruction_in(results: Path) -> Path:
+    """The reconstruction that a user means: ``results``, or the one in it where a run left them."""
+    inside = results / "reconstruction"
+    return inside if inside.is_dir() else results
+
+
 def _forget(folder: Path) -> None:
     """Remove what an earlier run left in ``folder``: a run that fails must not be mistaken for it."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -131,12 +141,13 @@ def _forget(folder: Path) -> None:
 def _reconstruct(
     capture: Capture,
     config: AppConfig,
+    cameras: Reconstruction | None,
     bars: Bars,
     foreground: ForegroundScorer | None,
     recorder: Recorder | None,
 ) -> Reconstructed:
     """Drive the pipeline. Scoring and recording happen between its steps and are not in its time."""
-    clock = _Clock(pipeline.stages(capture, config.reconstruct))
+    clock = _Clock(pipeline.stages(capture, config.reconstruct, cameras))
     contours: dict[tuple[int, int], list[Array]] = {}
     with memory.watched() as peak:
         for event in clock:

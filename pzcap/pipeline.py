@@ -21,7 +21,7 @@ from pzcap.capture import FrameSets, frame_sets
 from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameSeparated, Progress
 from pzcap.heap import give_back
 from pzcap.keypoints import NOBODY
-from pzcap.preparing import prepare_cameras
+from pzcap.preparing import prepare_cameras, taken_over
 from pzcap.types import (
     Array,
     Camera,
@@ -55,13 +55,16 @@ class Config:
 
 
 def reconstruct(
-    capture: Capture, config: Config, report: Callable[[str, int, int], None] = no_report
+    capture: Capture,
+    config: Config,
+    report: Callable[[str, int, int], None] = no_report,
+    cameras: Reconstruction | None = None,
 ) -> Reconstruction:
-    """Run every stage that ``capture`` has the material for. See ``stages`` for the results on the way.
+    """Run every stage that ``capture`` has the material for. See ``stages`` for ``cameras`` and the results on the way.
 
     ``report(stage, done, total)`` hears of the progress; a total of 0 is not known yet.
     """
-    for event in stages(capture, config):
+    for event in stages(capture, config, cameras):
         match event:
             case Progress(stage, done, total):
                 report(stage, done, total)
@@ -72,8 +75,10 @@ def reconstruct(
     raise AssertionError("stages() ends with Finished")
 
 
-def stages(capture: Capture, config: Config) -> Iterator[Event]:
+def stages(capture: Capture, config: Config, cameras: Reconstruction | None = None) -> Iterator[Event]:
     """Run every stage that ``capture`` has the material for, and yield each result as it comes.
+
+    ``cameras`` is of another take by the same cameras: those that it knows are not calibrated again.
 
     What is missing (a camera's sweep, the subject, the keyframes) costs the stages that need it and nothing else;
     the reconstruction's ``notes`` say what and why. Memory does not grow with the length of the video, but for the
@@ -87,7 +92,8 @@ def stages(capture: Capture, config: Config) -> Iterator[Event]:
 
         started = time.perf_counter()
         prepared: list[Prepared | None] = [None] * len(capture.cameras)
-        for event in prepare_cameras(capture, config.panzoom, pool, notes):
+        ready = taken_over(capture, cameras, config.panzoom.method) if cameras else ()
+        for event in prepare_cameras(capture, config.panzoom, pool, notes, ready):
             if isinstance(event, CameraPrepared):
                 prepared[event.index] = event.prepared
             yield event

@@ -1,9 +1,10 @@
-"""Stages 2-3: the cameras of a capture made ready, each for itself, before the motion."""
+"""Stages 2-3: the cameras of a capture made ready, each for itself, before the motion; or taken over from another take
+by the same cameras, which have not been moved since."""
 
 from __future__ import annotations
 
 import queue
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from pzcap import reference
@@ -12,18 +13,55 @@ from pzcap.capture import read_image
 from pzcap.events import CameraPrepared, Progress
 from pzcap.heap import give_back
 from pzcap.panzoom import PanZoomConfig
-from pzcap.types import CameraFiles, Capture, PzcapError
+from pzcap.types import CameraFiles, Capture, PzcapError, Reconstruction
 from pzcap.video import VideoReader
 
 
+def taken_over(capture: Capture, earlier: Reconstruction, method: str) -> tuple[Prepared | None, ...]:
+    """The cameras of ``capture`` as ``earlier``, by the same cameras at the same places, has them; None for one that it
+    does not know, or could not calibrate.
+
+    Cameras are told by their names. Raises PzcapError if it knows none of them, or was made by another method.
+    """
+    if earlier.method != method:
+        raise PzcapError(f"'{earlier.capture_name}' was calibrated with method={earlier.method}, not {method}; say so")
+    parts = zip(earlier.references, earlier.panoramas, earlier.cameras, strict=True)
+    known = {
+        name: Prepared(reference, panorama, camera)
+        for name, (reference, panorama, camera) in zip(earlier.camera_names, parts, strict=True)
+        if reference is not None and panorama is not None and camera is not None
+    }
+    found = tuple(known.get(files.name) for files in capture.cameras)
+    if not any(found):
+        raise PzcapError(
+            f"'{earlier.capture_name}' has no calibrated camera of the names in {capture.folder}: "
+            f"{', '.join(files.name for files in capture.cameras)}; it is another setup"
+        )
+    for files, prepared in zip(capture.cameras, found, strict=True):
+        if prepared is not None and files.motion is not None:
+            reader, lens = VideoReader(files.motion), prepared.camera.lens
+            if (reader.width, reader.height) != (lens.width, lens.height):
+                raise PzcapError(
+                    f"{files.motion}: {reader.width}x{reader.height} pixels, where camera {files.name} had "
+                    f"{lens.width}x{lens.height} when it was calibrated; film as then, or calibrate it anew"
+                )
+    return found
+
+
 def prepare_cameras(
-    capture: Capture, config: PanZoomConfig, pool: ThreadPoolExecutor, notes: list[str]
+    capture: Capture,
+    config: PanZoomConfig,
+    pool: ThreadPoolExecutor,
+    notes: list[str],
+    ready: Sequence[Prepared | None] = (),
 ) -> Iterator[Progress | CameraPrepared]:
-    """Calibrate the cameras, as many at a time as ``pool`` has threads; what is missing is added to ``notes``.
+    """Calibrate the cameras but those that are ``ready``, as many at a time as ``pool`` has threads; what is missing is
+    added to ``notes``.
 
     Raises PzcapError where a file is there and is not what it should be; the cameras not begun by then are left.
     """
-    _find_object(capture)
+    ready = ready or (None,) * len(capture.cameras)
+    _find_object(capture, [files for files, known in zip(capture.cameras, ready, strict=True) if known is None])
     news: queue.SimpleQueue[Progress | CameraPrepared | Future[None]] = queue.SimpleQueue()
 
     def job(index: int, files: CameraFiles) -> None:
@@ -34,16 +72,19 @@ def prepare_cameras(
         give_back()
 
     jobs: list[Future[None]] = []
-    for index, files in enumerate(capture.cameras):
+    for index, (files, known) in enumerate(zip(capture.cameras, ready, strict=True)):
         missing = _missing(capture, files)
-        if missing:
+        if known is None and missing:
             notes.append(f"camera {files.name} is not calibrated: {missing}")
             yield CameraPrepared(index, None)
             continue
-        if files.zoom is None:
-            notes.append(f"camera {files.name} has no zoom run: distortion and principal point are taken as constant")
         if files.motion is None:
             notes.append(f"camera {files.name} recorded no motion: the body is tracked in the other views")
+        if known is not None:
+            yield CameraPrepared(index, known)
+            continue
+        if files.zoom is None:
+            notes.append(f"camera {files.name} has no zoom run: distortion and principal point are taken as constant")
         jobs.append(pool.submit(job, index, files))
         jobs[-1].add_done_callback(news.put)
 
@@ -71,9 +112,9 @@ def _missing(capture: Capture, files: CameraFiles) -> str | None:
     return None
 
 
-def _find_object(capture: Capture) -> None:
+def _find_object(capture: Capture, cameras: Sequence[CameraFiles]) -> None:
     """Raise PzcapError, before minutes are spent on the sweeps, if a reference image does not show the object."""
-    for files in capture.cameras:
+    for files in cameras:
         if capture.calibration_object is None or files.reference is None:
             continue
         try:

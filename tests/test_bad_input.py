@@ -130,11 +130,16 @@ def test_no_such_folder(tmp_path: Path, refused: Callable[..., str]) -> None:
         ("method=papr", "choose one of exact, paper"),
         ("reconstruct.threads=0", "give 1 or more"),
         ("output.jpeg_quality=0", "give 1 to 100"),
+        ("cameras=nowhere", "nowhere: no reconstruction.json"),
         ("seed", "seed"),
     ],
 )
 def test_a_wrong_argument(argument: str, expected: str, refused: Callable[..., str]) -> None:
     assert expected in refused(argument)
+
+
+def test_cameras_of_another_take_and_an_estimator(refused: Callable[..., str]) -> None:
+    assert "leave out cameras" in refused("cameras=nowhere", "estimator=tests.biased:pan_off")
 
 
 def test_no_gl_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]) -> None:

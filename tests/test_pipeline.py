@@ -8,14 +8,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pzcap import store
 from pzcap.capture import read_capture
 from pzcap.events import Finished, FrameLocalised, FrameSeparated
 from pzcap.pipeline import Config, reconstruct, stages
+from pzcap.preparing import taken_over
 from pzcap.tracking import Tracked
-from pzcap.types import Capture, Reconstruction
+from pzcap.types import Capture, PzcapError, Reconstruction
 
 RECONSTRUCT = """
 import sys
@@ -68,9 +70,10 @@ def test_everything_is_found(reconstruction: Reconstruction) -> None:
 
 
 @pytest.mark.xdist_group("pipeline")
-def test_events_come_in_order_and_end_with_the_result(capture: Capture) -> None:
+def test_events_come_in_order_and_end_with_the_result(capture: Capture, reconstruction: Reconstruction) -> None:
     localised, separated, tracked = [], [], []
-    events = list(stages(dataclasses.replace(capture, cameras=capture.cameras[:2]), Config()))
+    two = dataclasses.replace(capture, cameras=capture.cameras[:2])
+    events = list(stages(two, Config(), cameras=reconstruction))
     for event in events:
         match event:
             case FrameLocalised(frames, _):
@@ -116,6 +119,54 @@ def test_a_camera_without_a_sweep_is_left_out(capture: Capture) -> None:
     assert all(track is not None for track in result.tracks[1:])
     assert result.motion is not None
     assert any("camera 1" in note and "sweep" in note for note in result.notes)
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_another_take_by_the_same_cameras_needs_their_recordings_alone(
+    capture: Capture, reconstruction: Reconstruction, tmp_path: Path
+) -> None:
+    store.save(reconstruction, tmp_path)
+    result = reconstruct(bare(capture), Config(), cameras=store.load(tmp_path))
+    assert not any("calibrated" in note for note in result.notes)
+    for track, before in zip(result.tracks, reconstruction.tracks, strict=True):
+        assert track is not None
+        assert before is not None
+        np.testing.assert_array_equal(track.pan_rad, before.pan_rad)
+    assert result.motion is not None
+    assert reconstruction.motion is not None
+    np.testing.assert_array_equal(result.motion.joints_m, reconstruction.motion.joints_m)
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_a_camera_that_the_other_take_does_not_know_is_calibrated(
+    capture: Capture, reconstruction: Reconstruction
+) -> None:
+    first, second, *_ = capture.cameras
+    unknown = dataclasses.replace(first, name="new", sweep=None)
+    result = reconstruct(dataclasses.replace(capture, cameras=(unknown, second)), Config(), cameras=reconstruction)
+    assert any("camera new" in note and "sweep" in note for note in result.notes)
+    assert result.cameras[1] is reconstruction.cameras[1]
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_cameras_of_another_setup_are_refused(capture: Capture, reconstruction: Reconstruction) -> None:
+    strangers = dataclasses.replace(reconstruction, camera_names=("a", "b", "c", "d"))
+    with pytest.raises(PzcapError, match="another setup"):
+        taken_over(capture, strangers, "exact")
+    with pytest.raises(PzcapError, match="method=exact, not paper"):
+        taken_over(capture, reconstruction, "paper")
+    camera = reconstruction.cameras[0]
+    assert camera is not None
+    finer = dataclasses.replace(camera, lens=dataclasses.replace(camera.lens, width=1920))
+    other = dataclasses.replace(reconstruction, cameras=(finer, *reconstruction.cameras[1:]))
+    with pytest.raises(PzcapError, match="320x240 pixels, where camera 1 had 1920x240"):
+        taken_over(capture, other, "exact")
+
+
+def bare(capture: Capture) -> Capture:
+    """What is filmed of a second take: the motion."""
+    cameras = tuple(dataclasses.replace(files, reference=None, sweep=None, zoom=None) for files in capture.cameras)
+    return dataclasses.replace(capture, cameras=cameras, calibration_object=None)
 
 
 @pytest.mark.xdist_group("pipeline")

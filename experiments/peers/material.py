@@ -15,6 +15,7 @@ from pzcap import cylinder, store
 from pzcap.calibration import Prepared, prepare
 from pzcap.capture import frame_sets, read_image
 from pzcap.panzoom import PanZoomConfig
+from pzcap.preparing import taken_over
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask, Panorama, PanZoomCamera, PzcapError
 from pzcap.video import VideoReader
 from sim.truth import Truth
@@ -149,6 +150,7 @@ def from_capture(
         raise PzcapError(
             f"{capture.folder}: no camera has an image of the calibration object, a sweep and motion; bring all three"
         )
+    ready = taken_over(capture, store.load(finished), "exact") if finished else (None,) * len(capture.cameras)
     backgrounds = []
     for index in chosen:
         files = capture.cameras[index]
@@ -156,9 +158,10 @@ def from_capture(
         def tell(stage: str, done: int, total: int, name: str = files.name) -> None:
             report(f"camera {name}: {stage}", done, total)
 
+        known = ready[index]
         panorama, camera = (
-            _finished(finished, files.name)
-            if finished
+            (known.panorama, known.camera)
+            if known
             else _prepared(capture, files, replace(config, method="exact"), tell)
         )
         paper = _prepared(capture, files, replace(config, method="paper"), tell) if with_paper else None
@@ -201,20 +204,6 @@ def _prepared(
     except PzcapError as error:
         raise PzcapError(f"camera {files.name}: {error}") from error
     return ready.panorama, ready.camera
-
-
-def _finished(folder: Path, name: str) -> tuple[Panorama, PanZoomCamera]:
-    """What an earlier run made of camera ``name``."""
-    reconstruction = store.load(folder)
-    if reconstruction.method != "exact":
-        raise PzcapError(f"{folder}: is of method {reconstruction.method}; give one of method exact, or none")
-    if name not in reconstruction.camera_names:
-        raise PzcapError(f"{folder}: knows no camera '{name}'; it is of another capture, give its own or none")
-    index = reconstruction.camera_names.index(name)
-    panorama, camera = reconstruction.panoramas[index], reconstruction.cameras[index]
-    if panorama is None or camera is None:
-        raise PzcapError(f"{folder}: camera '{name}' was not calibrated there; give another reconstruction or none")
-    return panorama, camera
 
 
 def _swept(files: CameraFiles, panorama: Panorama, camera: PanZoomCamera) -> tuple[SweepView, ...]:
