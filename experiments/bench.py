@@ -224,7 +224,7 @@ def table(stages: Stages, title: str) -> Table:
 
 def _ready(capture: Capture, folder: Path, method: str) -> list[Prepared]:
     """Cameras and panoramas of a reconstruction by the cameras of ``capture``."""
-    found = taken_over(capture, store.load(folder), method)
+    found = taken_over(capture, store.load(folder), method, [])
     missing = [files.name for files, ready in zip(capture.cameras, found, strict=True) if ready is None]
     if missing:
         raise PzcapError(f"{folder}: camera {', '.join(missing)} was not calibrated; leave --reconstruction out")

@@ -92,7 +92,7 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
 
         started = time.perf_counter()
         prepared: list[Prepared | None] = [None] * len(capture.cameras)
-        ready = taken_over(capture, cameras, config.panzoom.method) if cameras else ()
+        ready = taken_over(capture, cameras, config.panzoom.method, notes) if cameras else ()
         for event in prepare_cameras(capture, config.panzoom, pool, notes, ready):
             if isinstance(event, CameraPrepared):
                 prepared[event.index] = event.prepared

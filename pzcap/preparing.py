@@ -17,11 +17,12 @@ from pzcap.types import CameraFiles, Capture, PzcapError, Reconstruction
 from pzcap.video import VideoReader
 
 
-def taken_over(capture: Capture, earlier: Reconstruction, method: str) -> tuple[Prepared | None, ...]:
+def taken_over(capture: Capture, earlier: Reconstruction, method: str, notes: list[str]) -> tuple[Prepared | None, ...]:
     """The cameras of ``capture`` as ``earlier``, by the same cameras at the same places, has them; None for one that it
     does not know, or could not calibrate.
 
-    Cameras are told by their names. Raises PzcapError if it knows none of them, or was made by another method.
+    Cameras are told by their names; which are known is added to ``notes``. Raises PzcapError if it knows none of them,
+    or was made by another method.
     """
     if earlier.method != method:
         raise PzcapError(f"'{earlier.capture_name}' was calibrated with method={earlier.method}, not {method}; say so")
@@ -45,6 +46,8 @@ def taken_over(capture: Capture, earlier: Reconstruction, method: str) -> tuple[
                     f"{files.motion}: {reader.width}x{reader.height} pixels, where camera {files.name} had "
                     f"{lens.width}x{lens.height} when it was calibrated; film as then, or calibrate it anew"
                 )
+    names = [files.name for files, prepared in zip(capture.cameras, found, strict=True) if prepared is not None]
+    notes.append(f"calibrated at the take before, '{earlier.capture_name}': camera {', '.join(names)}")
     return found
 
 

@@ -127,7 +127,9 @@ def test_another_take_by_the_same_cameras_needs_their_recordings_alone(
 ) -> None:
     store.save(reconstruction, tmp_path)
     result = reconstruct(bare(capture), Config(), cameras=store.load(tmp_path))
-    assert not any("calibrated" in note for note in result.notes)
+    taken, *others = result.notes
+    assert taken == f"calibrated at the take before, '{capture.name}': camera 1, 2, 3, 4"
+    assert not any("camera" in note for note in others)
     for track, before in zip(result.tracks, reconstruction.tracks, strict=True):
         assert track is not None
         assert before is not None
@@ -152,15 +154,15 @@ def test_a_camera_that_the_other_take_does_not_know_is_calibrated(
 def test_cameras_of_another_setup_are_refused(capture: Capture, reconstruction: Reconstruction) -> None:
     strangers = dataclasses.replace(reconstruction, camera_names=("a", "b", "c", "d"))
     with pytest.raises(PzcapError, match="another setup"):
-        taken_over(capture, strangers, "exact")
+        taken_over(capture, strangers, "exact", [])
     with pytest.raises(PzcapError, match="method=exact, not paper"):
-        taken_over(capture, reconstruction, "paper")
+        taken_over(capture, reconstruction, "paper", [])
     camera = reconstruction.cameras[0]
     assert camera is not None
     finer = dataclasses.replace(camera, lens=dataclasses.replace(camera.lens, width=1920))
     other = dataclasses.replace(reconstruction, cameras=(finer, *reconstruction.cameras[1:]))
     with pytest.raises(PzcapError, match="320x240 pixels, where camera 1 had 1920x240"):
-        taken_over(capture, other, "exact")
+        taken_over(capture, other, "exact", [])
 
 
 def bare(capture: Capture) -> Capture:

@@ -150,7 +150,7 @@ def from_capture(
         raise PzcapError(
             f"{capture.folder}: no camera has an image of the calibration object, a sweep and motion; bring all three"
         )
-    ready = taken_over(capture, store.load(finished), "exact") if finished else (None,) * len(capture.cameras)
+    ready = taken_over(capture, store.load(finished), "exact", []) if finished else (None,) * len(capture.cameras)
     backgrounds = []
     for index in chosen:
         files = capture.cameras[index]
