@@ -74,6 +74,11 @@ def film(config: AppConfig, folder: Path, moves: Moves, console: Console) -> Fil
     return Filmed(moves, {metric.key: metric for metric in found}, height, cut, body)
 
 
+def with_cameras(config: AppConfig, results: Path) -> AppConfig:
+    """``config``, with the cameras of a way that has been run: the sweep is the same. An estimator finds its own."""
+    return config if config.estimator else replace(config, cameras=str(results))
+
+
 def framing(truth: Truth) -> tuple[Array, Mask]:
     """Height of the body in pixels (C, F), and whether some of it is beyond the image's edge (C, F)."""
     shape = len(truth.camera_names), len(truth.timecodes)
@@ -146,7 +151,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     ways: list[Filmed] = []
     for moves in NAMES:
         ways.append(film(config, folder / moves, moves, console))
-        config = replace(config, cameras=str(folder / ways[0].moves))  # the sweep is the same: calibrated once
+        config = with_cameras(config, folder / ways[0].moves)
     metrics = metrics_of(ways)
     write_metrics(folder / "metrics.json", metrics, run_info(tree, config.seed))
     plot(folder / "operators.png", ways)

@@ -11,6 +11,7 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from experiments import footage, operators
+from experiments.config import AppConfig
 from experiments.metrics import read_metrics
 from tests.conftest import CAPTURES
 
@@ -48,6 +49,11 @@ def test_the_command_films_each_way_and_compares_them(
     assert (tmp_path / "operators.png").stat().st_size > 10000
     out = capsys.readouterr().out
     assert all(name in out for name in operators.NAMES.values())
+
+
+def test_cameras_are_calibrated_once_but_an_estimator_finds_its_own(tmp_path: Path) -> None:
+    assert operators.with_cameras(AppConfig(), tmp_path).cameras == str(tmp_path)
+    assert operators.with_cameras(AppConfig(estimator="my_lab:track"), tmp_path).cameras is None
 
 
 def test_the_framing_tells_a_whole_body_from_one_that_is_cut_off(small_capture: Path) -> None:
