@@ -136,6 +136,11 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
         notes += advice.notes(motion, sets.keyframes, taped, hand_sigma, sets.timecodes)
     heads = tuple(None if p is None else p.camera for p in prepared)
     tracks = tuple(_panzoom_track(history) if p else None for p, history in zip(prepared, found, strict=True))
+    notes += [
+        f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"
+        for files, known, track in zip(capture.cameras, ready, tracks, strict=False)
+        if known and files.motion and track and not track.valid.any()
+    ]
     yield Finished(
         Reconstruction(
             capture_name=capture.name,

@@ -151,6 +151,21 @@ def test_a_camera_that_the_other_take_does_not_know_is_calibrated(
 
 
 @pytest.mark.xdist_group("pipeline")
+def test_a_camera_that_was_moved_since_the_other_take_is_named(
+    capture: Capture, reconstruction: Reconstruction
+) -> None:
+    first, *others = reconstruction.cameras
+    assert first is not None
+    tilted = dataclasses.replace(first, tilt_rad=first.tilt_rad + 0.05)
+    before = dataclasses.replace(reconstruction, cameras=(tilted, *others))
+    result = reconstruct(dataclasses.replace(bare(capture), subject=None), Config(), cameras=before)
+    (moved,) = (note for note in result.notes if "moved" in note)
+    assert moved.startswith("camera 1: no frame agrees")
+    assert result.tracks[0] is not None
+    assert not result.tracks[0].valid.any()
+
+
+@pytest.mark.xdist_group("pipeline")
 def test_cameras_of_another_setup_are_refused(capture: Capture, reconstruction: Reconstruction) -> None:
     strangers = dataclasses.replace(reconstruction, camera_names=("a", "b", "c", "d"))
     with pytest.raises(PzcapError, match="another setup"):
