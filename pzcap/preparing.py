@@ -25,7 +25,9 @@ def taken_over(capture: Capture, earlier: Reconstruction, method: str, notes: li
     or was made by another method.
     """
     if earlier.method != method:
-        raise PzcapError(f"'{earlier.capture_name}' was calibrated with method={earlier.method}, not {method}; say so")
+        raise PzcapError(
+            f"'{earlier.capture_name}' was calibrated with method={earlier.method}, not {method}; give the same method"
+        )
     parts = zip(earlier.references, earlier.panoramas, earlier.cameras, strict=True)
     known = {
         name: Prepared(reference, panorama, camera)
