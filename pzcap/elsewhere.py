@@ -11,9 +11,9 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import Final, ParamSpec, TypeVar
+from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
 import cv2
 from loky import get_reusable_executor
@@ -22,10 +22,13 @@ from threadpoolctl import threadpool_limits
 from pzcap.heap import give_back
 from pzcap.types import PzcapError
 
+_SENDING_S: Final = 1.0  # by then a job has been sent
 _IDLE_S: Final = 20.0  # after so long without work it ends, and gives its memory back; more work starts it again
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Job: TypeAlias = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
+"""What to call, and with what."""
 
 
 def submit(work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]:
@@ -34,15 +37,15 @@ def submit(work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]
         done: Future[T] = Future()
         done.set_result(work(*args, **kwargs))
         return done
-    executor = _executor()
-    future: Future[T] = executor.submit(work, *args, **kwargs)
-    executor.submit(_tidy)  # a job of its own: only now nothing of the one before is in use any more
+    future: Future[T] = _executor().submit(_done, _Parcel((work, args, kwargs)))
     return future
 
 
 def taken(future: Future[T]) -> T:
     """What came out, once it has. Raises PzcapError if the process was killed."""
     try:
+        if not wait([future], _SENDING_S).done:
+            give_back()  # what was sent, now that it is
         return future.result()
     except BrokenProcessPool as error:
         raise PzcapError(
@@ -62,10 +65,30 @@ def _alone() -> None:
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
 
-def _tidy() -> None:
-    """Keep nothing while there is no work: what comes next on this side may need the memory."""
+class _Parcel:
+    """A job on its way. Once it has been sent there is nothing in it: the executor keeps it until the job is done, and
+    an interval's cut-outs come to a megabyte a frame set."""
+
+    def __init__(self, job: Job) -> None:
+        self._job: Job | None = job
+
+    def take(self) -> Job:
+        assert self._job is not None, "a parcel is opened once"
+        job, self._job = self._job, None
+        return job
+
+    def __reduce__(self) -> tuple[type[_Parcel], tuple[Job]]:
+        return _Parcel, (self.take(),)
+
+
+def _done(parcel: _Parcel) -> Any:
+    """The job is done, and nothing of it kept: whoever works on the other side may need the memory."""
+    work, args, kwargs = parcel.take()
+    done = work(*args, **kwargs)
+    del work, args, kwargs
     gc.collect()
     give_back()
+    return done
 
 
 def _end_with(parent: int) -> None:

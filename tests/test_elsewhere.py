@@ -8,13 +8,15 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from multiprocessing.connection import Connection
 
+import numpy as np
 import psutil
 import pytest
 
 from pzcap import elsewhere
-from pzcap.types import PzcapError
+from pzcap.types import Array, PzcapError
 
 WAITING = """
 import os, time
@@ -78,7 +80,6 @@ def test_it_keeps_no_memory_of_a_job_that_is_done() -> None:
     worker = psutil.Process(elsewhere.taken(elsewhere.submit(os.getpid)))
     before = worker.memory_info().rss
     assert elsewhere.taken(elsewhere.submit(_entangled, 100)) == 100
-    elsewhere.taken(elsewhere.submit(os.getpid))  # what is done after a job is done by then
     assert worker.memory_info().rss < before + 30 * 2**20
 
 
@@ -87,3 +88,23 @@ def _entangled(mib: int) -> int:
     ring: list[object] = [bytearray(b"1" * mib * 2**20)]
     ring.append(ring)
     return mib
+
+
+def test_what_was_sent_is_let_go_while_the_job_goes_on() -> None:
+    elsewhere.taken(elsewhere.submit(os.getpid))
+    sent = np.ones(100)
+    gone = weakref.ref(sent)
+    working = elsewhere.submit(_slow_sum, sent)
+    del sent
+    for _ in range(100):
+        if gone() is None:
+            break
+        time.sleep(0.02)
+    assert gone() is None
+    assert not working.done()
+    assert elsewhere.taken(working) == 100.0
+
+
+def _slow_sum(numbers: Array) -> float:
+    time.sleep(2.0)
+    return float(numbers.sum())
