@@ -82,7 +82,7 @@ class IntervalSolver:
         # of the joints, until the images have told
         self._known = Shape(self._shape.amounts_m, np.full(len(SEGMENTS), 2 * body.sigma_m**2))
         self._landmarks = LandmarkEstimate(body.landmarks)
-        self._before: Pose  # where the interval begins
+        self._before: list[Pose]  # the frames up to where the interval begins, two at most
         self._hand = np.diag(1.0 / config.hand_sigma**2)
 
     def settle(self, pose: Pose, cuts: list[Cut | None]) -> Step:
@@ -107,10 +107,9 @@ class IntervalSolver:
         """
         if anchor is not None:
             self._learn(anchor)
-        done = self._solve(interval, known, anchor) if interval else []
-        if anchor is not None:
-            done.append(self._arrive(anchor))
-        return done
+        if interval:
+            return self._solve(interval, known, anchor)
+        return [] if anchor is None else [self._arrive(anchor)]
 
     def result(
         self, frame: int, pose: Pose, hessian: Array, contour: Array, valid: bool, doubt_m: Array | float = 0.0
@@ -154,11 +153,14 @@ class IntervalSolver:
         self.body = replace(self.body, landmarks=self._landmarks.solve())
 
     def _arrive(self, anchor: Anchor) -> Tracked:
-        """The keyframe itself, as the body corrected by then has it; the next interval begins there."""
+        """A keyframe by itself, as the body corrected by then has it; the next interval begins there."""
         settled = self.settle(anchor.key.pose, anchor.cuts)
-        self._before = settled.pose
+        self._before = [settled.pose]
+        return self._at(anchor.key, settled.pose, settled.hessian)
+
+    def _at(self, key: Keyframe, pose: Pose, hessian: Array) -> Tracked:
         # a hand knows where the limbs are: what the images do not bear out is a contradiction (`pzcap.advice`)
-        return self.result(anchor.key.frame, settled.pose, settled.hessian, UNSEEN, True)
+        return self.result(key.frame, pose, hessian, UNSEEN, True)
 
     def _solve(self, interval: Sequence[Instant], known: Sequence[Appearance], anchor: Anchor | None) -> list[Tracked]:
         views, steps = [instant.cuts for instant in interval], [instant.step for instant in interval]
@@ -175,33 +177,34 @@ class IntervalSolver:
             def worth(t: int, pose: Pose) -> Array:
                 return likeness.worth(pose, Evidence(self.body, views[t]), known)
 
-            poses, doubt = merge(self.body, self._before, steps, behind, after, worth)
-            doubtful = leaping(self.body, self._before, poses, after, doubt)
+            poses, doubt = merge(self.body, self._before[-1], steps, behind, after, worth)
+            doubtful = leaping(self.body, self._before[-1], poses, after, doubt)
             both = [[step.pose for step in one] for one in (steps, behind)]
             passes = Passes(both, doubt > 0.0, doubtful, known)
-        polished = self._polish(poses, views, after, passes)
-        self._before = polished.poses[-1]
-        return [
-            self.result(
-                instant.frame,
-                polished.poses[t],
-                polished.hessians[t],
-                polished.contours[t],
-                instant.step.seen,
-                doubt[t],
-            )
-            for t, instant in enumerate(interval)
+        key = None
+        if anchor is not None:  # a frame like the others, of which the hand has told something besides
+            key, poses, views = anchor.key, [*poses, anchor.settled.pose], [*views, anchor.cuts]
+        polished = self._polish(poses, views, key, passes)
+        self._before = [*self._before, *polished.poses][-2:]
+        found = zip(polished.poses, polished.hessians, polished.contours, strict=True)
+        done = [
+            self.result(instant.frame, pose, hessian, contour, instant.step.seen, apart)
+            for instant, (pose, hessian, contour), apart in zip(interval, found, doubt, strict=False)
         ]
+        return done if key is None else [*done, self._at(key, polished.poses[-1], polished.hessians[-1])]
 
-    def _polish(self, poses: list[Pose], views: list[list[Cut | None]], after: Pose | None, passes: Passes) -> Polished:
-        """Improve the poses of an interval, and the body with them."""
+    def _polish(
+        self, poses: list[Pose], views: list[list[Cut | None]], key: Keyframe | None, passes: Passes
+    ) -> Polished:
+        """Improve the poses of an interval, and the body with them. A ``key`` that ends it has told of the body."""
         if not self.config.shape_weight:
-            return polish(self.body, poses, views, self._before, after, passes, self.config)
+            return polish(self.body, poses, views, self._before, key, passes, self.config)
+        inner = slice(None if key is None else -1)
         for left in reversed(range(self.config.shape_rounds)):
-            said = hear(self.body, self._shape, poses[::_SOME], views[::_SOME], self.config)
+            said = hear(self.body, self._shape, poses[inner][::_SOME], views[inner][::_SOME], self.config)
             self.body = replace(self._shape.solve(said), landmarks=self.body.landmarks)
             again = None if left else passes  # a second look takes long: in the last round alone
-            polished = polish(self.body, poses, views, self._before, after, again, self.config)
+            polished = polish(self.body, poses, views, self._before, key, again, self.config)
             poses = polished.poses
         self._shape.keep(said)
         self._known = Shape(self._shape.amounts_m, self._shape.joint_variance())

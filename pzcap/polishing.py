@@ -2,7 +2,8 @@
 
 The passes from the keyframes have found the body in every frame, each from its own side. Now the contours of all these
 frames correct the body's shape (`pzcap.shape`); then every pose is improved against the silhouettes and against what
-each point of the skin looks like on average, with a motion that does not jerk (`pzcap.trajectory`).
+each point of the skin looks like on average, with a motion that does not jerk (`pzcap.trajectory`). The keyframe that
+ends them is one of these frames: the hand that set it is wrong by more than they are.
 """
 
 from __future__ import annotations
@@ -79,23 +80,29 @@ def hear_hand(
 
 
 def polish(
-    body: Body, poses: Sequence[Pose], views: Sequence[Sequence[Cut | None]], before: Pose | None, after: Pose | None,
-    passes: Passes | None, config: TrackingConfig,
+    body: Body, poses: Sequence[Pose], views: Sequence[Sequence[Cut | None]], before: Sequence[Pose],
+    key: Keyframe | None, passes: Passes | None, config: TrackingConfig,
 ) -> Polished:  # fmt: skip
-    """Improve the ``poses`` of a stretch of frames; ``before`` and ``after`` it the body is held fast where known.
+    """Improve the ``poses`` of a stretch of frames; in those ``before`` it the body is held fast. Where the last is a
+    ``key``, what the hand made of it counts there beside the images.
 
-    Where it is told what the ``passes`` have left behind, limbs that do not look like themselves are also looked for
-    once more (`pzcap.second_look`), and taken from there if that is worth more.
+    Where it is told what the ``passes`` have left behind in the others, limbs that do not look like themselves are also
+    looked for once more (`pzcap.second_look`), and taken from there if that is worth more.
     """
-    stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, after, config, Likeness(body))
+    stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, key, config, Likeness(body))
     placed = stretch.visibility(poses)
     appearances = _appearances(body, stretch.evidence, placed)
     found = stretch.sweep(poses, placed, appearances)
     if passes is None:
         return found
-    again = look_again(stretch.likeness, poses, stretch.evidence, placed, passes, before, after)
+    inner = len(poses) if key is None else len(poses) - 1
+    again = look_again(
+        stretch.likeness, poses[:inner], stretch.evidence[:inner], placed[:inner], passes, before[-1],
+        None if key is None else poses[-1],
+    )  # fmt: skip
     if again is not None:
-        other = stretch.sweep(again.poses, stretch.visibility(again.poses), again.known)
+        otherwise = [*again.poses, *poses[inner:]]
+        other = stretch.sweep(otherwise, stretch.visibility(otherwise), again.known)
         chosen = stretch.choose(found.poses, other.poses, again.lost, again.known)
         found = stretch.sweep(chosen, stretch.visibility(chosen), again.known)  # where they meet, they leap
     return found
@@ -117,8 +124,8 @@ class _Stretch:
 
     body: Body
     evidence: list[Evidence]
-    before: Pose | None
-    after: Pose | None
+    before: Sequence[Pose]
+    key: Keyframe | None  # of the last of them
     config: TrackingConfig
     likeness: Likeness
 
@@ -141,18 +148,21 @@ class _Stretch:
                 hessians[t] = normal.hessian + stiffness
                 gradients.append(normal.gradient + pull)
                 contours[t] = normal.contour
-            chain = [pose for pose in (self.before, *found, self.after) if pose is not None]
-            held = ties(self.body, chain)
-            steps = smooth_step(found, hessians, gradients, sigma, self.before, self.after, held).clip(-0.5, 0.5)
+            if self.key is not None:
+                hand = 1.0 / config.hand_sigma**2
+                hessians[-1] += np.diag(hand)
+                gradients[-1] += hand * difference(self.key.pose, found[-1])
+            held = ties(self.body, [*self.before, *found])
+            steps = smooth_step(found, hessians, gradients, sigma, self.before, held).clip(-0.5, 0.5)
             found = [retract(pose, step) for pose, step in zip(found, steps, strict=True)]
         return Polished(found, hessians, contours)
 
     def choose(self, one: Sequence[Pose], other: Sequence[Pose], lost: Mask, known: Sequence[Appearance]) -> list[Pose]:
-        """``one``, but the limbs that were ``lost`` (T, 16) as ``other`` has them where that is elsewhere, and worth
-        clearly more."""
+        """``one``, but the limbs that were ``lost`` (t, 16) in the first frames as ``other`` has them, where that is
+        elsewhere, and worth clearly more."""
         frames = np.flatnonzero(lost.any(axis=1))
         gain = self._worth(other, frames, known) - self._worth(one, frames, known)
-        moved = [joints(self.body, b) - joints(self.body, a) for a, b in zip(one, other, strict=True)]
+        moved = [joints(self.body, b) - joints(self.body, a) for a, b, _ in zip(one, other, lost, strict=False)]
         elsewhere = lost & (np.linalg.norm(moved, axis=2) > _APART_M)
         poses = list(one)
         for limb, members in enumerate(LIMBS):

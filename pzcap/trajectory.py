@@ -24,16 +24,15 @@ from pzcap.types import Array, Pose
 
 
 def smooth_step(
-    poses: Sequence[Pose], hessians: Sequence[Array], gradients: Sequence[Array], sigma: Array, before: Pose | None,
-    after: Pose | None, ties: Sequence[Tie],
+    poses: Sequence[Pose], hessians: Sequence[Array], gradients: Sequence[Array], sigma: Array,
+    before: Sequence[Pose], ties: Sequence[Tie],
 ) -> Array:  # fmt: skip
     """Steps (T, 43) of ``poses`` (T of them) with normal equations ``hessians`` (43, 43) and ``gradients`` (43,).
 
-    ``sigma`` (43,) is the standard deviation of the acceleration, a frame squared. ``before`` and ``after`` the
-    stretch the body is held fast where it is known. ``ties`` are those between all of these, in their order.
+    ``sigma`` (43,) is the standard deviation of the acceleration, a frame squared. The body is held fast in the
+    frames ``before`` the stretch. ``ties`` are those between all of these, in their order.
     """
-    chain = [*([before] if before else []), *poses, *([after] if after else [])]
-    first = 1 if before else 0
+    chain, first = [*before, *poses], len(before)
     count = len(poses)
     band = np.zeros((2 * DOF + 1 if count > 2 else min(count, 2) * DOF, count * DOF))
     right = np.concatenate(gradients)

@@ -79,6 +79,16 @@ def test_between_two_keyframes() -> None:
     np.testing.assert_array_equal(motion.joints_m[3], results[3].joints_m)
 
 
+def test_the_body_does_not_jump_to_where_a_hand_has_set_it() -> None:
+    """A keyframe is a frame like those before it, of which the hand has told something: all are solved for together."""
+    middle, jumps = 6, []
+    for seed in range(3):
+        results = run([by_hand(frame, seed) for frame in (0, middle, FRAMES - 1)], inputs())
+        off = np.array([r.joints_m - clip().joints_m[r.frame] for r in results])
+        jumps += [np.linalg.norm(off[key] - off[key - 1], axis=1).mean() for key in (middle, FRAMES - 1)]
+    assert np.mean(jumps) < 0.0016
+
+
 def test_one_keyframe_in_the_middle_serves_both_ways() -> None:
     results = run([by_hand(6)], inputs())
     assert [r.frame for r in results] == list(range(FRAMES))

@@ -25,33 +25,44 @@ def shaken(count: int) -> tuple[list[Pose], Array]:
 
 def test_without_images_a_stretch_between_known_ends_becomes_even() -> None:
     poses, _ = shaken(12)
-    zeros = [np.zeros((DOF, DOF))] * 10
-    inner = poses[1:-1]
+    known = [*[np.zeros((DOF, DOF))] * 10, 1e9 * np.eye(DOF)]  # of the last
+    chain = poses
     for _ in range(3):
-        steps = smooth_step(inner, zeros, [np.zeros(DOF)] * 10, SIGMA, poses[0], poses[-1], [])
-        inner = [bodies.retract(pose, step) for pose, step in zip(inner, steps, strict=True)]
-    chain = [poses[0], *inner, poses[-1]]
+        steps = smooth_step(chain[1:], known, [np.zeros(DOF)] * 11, SIGMA, chain[:1], [])
+        chain = [chain[0], *(bodies.retract(pose, step) for pose, step in zip(chain[1:], steps, strict=True))]
+    assert np.abs(bodies.difference(chain[-1], poses[-1])).max() < 1e-3
     velocity = [bodies.difference(chain[t + 1], chain[t]) for t in range(11)]
     assert np.abs(np.diff(velocity, axis=0)).max() < 1e-3
+
+
+def test_without_images_a_body_goes_on_as_it_came() -> None:
+    poses, _ = shaken(8)
+    before, chain = poses[:2], poses
+    for _ in range(4):
+        steps = smooth_step(chain[2:], [1e-9 * np.eye(DOF)] * 6, [np.zeros(DOF)] * 6, SIGMA, before, [])
+        chain = [*before, *(bodies.retract(pose, step) for pose, step in zip(chain[2:], steps, strict=True))]
+    came = bodies.difference(chain[1], chain[0])
+    went = np.array([bodies.difference(chain[t + 1], chain[t]) for t in range(1, 7)])
+    np.testing.assert_allclose(went, np.tile(came, (6, 1)), atol=1e-3)
 
 
 def test_strong_images_have_their_way() -> None:
     poses, errors = shaken(8)
     hessians = [1e8 * np.eye(DOF)] * 8
     gradients = [-1e8 * error for error in errors]
-    steps = smooth_step(poses, hessians, gradients, SIGMA, None, None, [])
+    steps = smooth_step(poses, hessians, gradients, SIGMA, [], [])
     np.testing.assert_allclose(steps, -errors, atol=1e-4)
 
 
 def test_weak_images_are_smoothed() -> None:
     poses, errors = shaken(30)
     hessians = [np.eye(DOF) / 0.02**2] * 30
-    steps = smooth_step(poses, hessians, [np.zeros(DOF)] * 30, 0.1 * SIGMA, None, None, [])
+    steps = smooth_step(poses, hessians, [np.zeros(DOF)] * 30, 0.1 * SIGMA, [], [])
     left = np.array([e + s for e, s in zip(errors, steps, strict=True)])
     assert np.sqrt(np.mean(left**2)) < 0.6 * np.sqrt(np.mean(errors**2))
 
 
 def test_one_frame_alone_takes_its_own_step() -> None:
     poses, errors = shaken(1)
-    steps = smooth_step(poses, [2.0 * np.eye(DOF)], [2.0 * errors[0]], SIGMA, None, None, [])
+    steps = smooth_step(poses, [2.0 * np.eye(DOF)], [2.0 * errors[0]], SIGMA, [], [])
     np.testing.assert_allclose(steps[0], errors[0])
