@@ -35,6 +35,12 @@ def capture_in(folder: Path) -> Path:
     return inside if inside.is_dir() and not (folder / "capture.json").exists() else folder
 
 
+def reconstruction_in(results: Path) -> Path:
+    """The reconstruction that a user means: ``results``, or the one in it where a run left them."""
+    inside = results / "reconstruction"
+    return inside if inside.is_dir() else results
+
+
 def capture_of(config: AppConfig, report: Callable[[str, int, int], None]) -> Path:
     """The capture that a run works on: the one it is told, else that of the shoot's config."""
     if config.capture is not None:

@@ -23,7 +23,7 @@ from typing import Any, Final, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 
-from experiments import estimators
+from experiments import estimators, footage
 from experiments.config import plain, structured
 from experiments.errors import explain
 from pzcap.types import PzcapError
@@ -45,7 +45,7 @@ def key(tree: Mapping[str, Any]) -> str:
     named = tree.get("estimator")
     theirs = estimators.source(str(named)) if named else None
     parts = [json.dumps(tree, sort_keys=True), _code(), theirs.read_bytes().hex() if theirs else ""]
-    return hashlib.sha256(json.dumps(parts + _filmed_files(tree)).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(parts + _filmed_files(tree) + _given_files(tree)).encode()).hexdigest()
 
 
 def _filmed_files(tree: Mapping[str, Any]) -> list[str]:
@@ -54,6 +54,14 @@ def _filmed_files(tree: Mapping[str, Any]) -> list[str]:
         return file_hashes(structured(tree.get("shoot"), ShootConfig, "shoot"))
     except PzcapError:
         return []
+
+
+def _given_files(tree: Mapping[str, Any]) -> list[str]:
+    """What a user's folders hold, by name, size and time: it takes too long to read footage for this."""
+    means = {"capture": footage.capture_in, "cameras": footage.reconstruction_in}
+    folders = [find(Path(str(tree[name])).resolve()) for name, find in means.items() if tree.get(name)]
+    found = [(path, path.stat()) for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()]
+    return [f"{path} {state.st_size} {state.st_mtime_ns}" for path, state in found]
 
 
 @cache

@@ -63,7 +63,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     estimator = None if config.estimator is None else estimators.find(config.estimator)
     if estimator is not None and config.cameras is not None:
         raise PzcapError("an estimator finds the cameras itself; leave out cameras=... or estimator=...")
-    cameras = None if config.cameras is None else store.load(_reconstruction_in(Path(config.cameras)))
+    cameras = None if config.cameras is None else store.load(footage.reconstruction_in(Path(config.cameras)))
     _forget(folder)
     with Bars(console) as bars:
         shot = footage.capture_of(config, bars.update)
@@ -121,12 +121,6 @@ def _command() -> str:
     if HydraConfig.initialized() and not OmegaConf.is_missing(HydraConfig.get().job, "num"):
         arguments = list(HydraConfig.get().overrides.task)  # a job of a sweep, perhaps in a process of its own
     return shlex.join(["python", "-m", "experiments.run", *arguments])
-
-
-def _reconstruction_in(results: Path) -> Path:
-    """The reconstruction that a user means: ``results``, or the one in it where a run left them."""
-    inside = results / "reconstruction"
-    return inside if inside.is_dir() else results
 
 
 def _forget(folder: Path) -> None:

@@ -246,6 +246,19 @@ def test_a_users_estimator_that_was_edited_is_run_again(tmp_path: Path, monkeypa
     assert jobs.carry_out(folder, mine, [], write) == "new"
 
 
+@pytest.mark.parametrize(("name", "inside"), [("capture", "capture"), ("cameras", "reconstruction")])
+def test_what_a_user_gave_and_made_anew_is_run_again(name: str, inside: str, tmp_path: Path) -> None:
+    given, folder = tmp_path / "run", tmp_path / "job"
+    mine = composed(**{name: str(given)})
+    assert jobs.carry_out(folder, mine, [], write) == "new"  # nothing is there: the job itself says so
+    for part in ("capture", "reconstruction"):
+        (given / part).mkdir(parents=True)
+    for text in ("first", "the other"):
+        (given / inside / "motion.mp4").write_text(text)
+        assert jobs.carry_out(folder, mine, [], write) == "new"
+        assert jobs.carry_out(folder, mine, [], write) is None
+
+
 def test_a_job_that_fails_leaves_its_reason_and_no_old_result(tmp_path: Path) -> None:
     folder = tmp_path / "job"
     jobs.carry_out(folder, composed(), [], write)
