@@ -29,12 +29,15 @@ from rich.table import Table
 from experiments.errors import guard
 from experiments.metrics import machine
 from experiments.progress import Bars
-from pzcap import body, calibration, foreground, panzoom, pipeline, store, tracking
-from pzcap.calibration import Prepared
-from pzcap.camera import at
+from pzcap import pipeline, store
+from pzcap.cameras import calibration, panzoom
+from pzcap.cameras.calibration import Prepared
+from pzcap.cameras.camera import at
+from pzcap.cameras.panzoom import Localiser
 from pzcap.capture import frame_sets, read_capture, read_image
-from pzcap.panzoom import Localiser
+from pzcap.motion import body, tracking
 from pzcap.preparing import taken_over
+from pzcap.silhouettes import foreground
 from pzcap.types import Capture, FrameSet, Image, Localisation, PzcapError, Silhouette
 from pzcap.video import VideoReader
 

@@ -36,9 +36,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.silhouettes import Series
-from pzcap import camera as geometry
-from pzcap import cylinder
-from pzcap.camera import View
+from pzcap.cameras import camera as geometry
+from pzcap.cameras import cylinder
+from pzcap.cameras.camera import View
 from pzcap.types import Array, Lens, Mask, Panorama, PanZoomCamera, Reconstruction
 from sim.truth import Truth
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from pzcap import camera as camera_model
+from pzcap.cameras import camera as camera_model
 from pzcap.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR, OUTLINE_COLOUR, Colour, footprint, project_edges
 from pzcap.types import Array, CalibrationObject, Camera, Image, Panorama, PanZoomCamera, ReferenceCamera
 

@@ -15,11 +15,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from experiments import pictures, plots
 from experiments.metrics import TARGETS, Metric, format_value, meets_target
 from experiments.score import Score
-from pzcap import advice
-from pzcap.body import build
 from pzcap.capture import frame_sets, read_image
 from pzcap.drawing import TRUTH_COLOUR, Colour, figures, instants
-from pzcap.tracking import TrackingConfig
+from pzcap.motion import advice
+from pzcap.motion.body import build
+from pzcap.motion.tracking import TrackingConfig
 from pzcap.types import Array, Camera, Capture, FrameSet, Image, Reconstruction
 from sim.truth import Truth
 

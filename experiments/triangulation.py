@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from pzcap import camera as cameras
+from pzcap.cameras import camera as cameras
 from pzcap.capture import frame_sets
 from pzcap.keypoints import KEYPOINTS
 from pzcap.types import (

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap import camera as camera_model
+from pzcap.cameras import camera as camera_model
 from pzcap.types import PARENTS, SEGMENTS, Array, Camera, Panorama, PanZoomCamera, PanZoomTrack
 
 Colour = tuple[int, int, int]

@@ -14,14 +14,16 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from pzcap import advice, body, foreground, keyframes, panzoom, smooth, tracking
-from pzcap.calibration import Prepared, no_report
-from pzcap.camera import at
+from pzcap.cameras import panzoom, smooth
+from pzcap.cameras.calibration import Prepared, no_report
+from pzcap.cameras.camera import at
 from pzcap.capture import FrameSets, frame_sets
 from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameSeparated, Progress
 from pzcap.heap import give_back
 from pzcap.keypoints import NOBODY
+from pzcap.motion import advice, body, keyframes, tracking
 from pzcap.preparing import prepare_cameras, taken_over
+from pzcap.silhouettes import foreground
 from pzcap.types import (
     Array,
     Camera,

@@ -7,12 +7,12 @@ import queue
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from pzcap import reference
-from pzcap.calibration import Prepared, prepare
+from pzcap.cameras import reference
+from pzcap.cameras.calibration import Prepared, prepare
+from pzcap.cameras.panzoom import PanZoomConfig
 from pzcap.capture import read_image
 from pzcap.events import CameraPrepared, Progress
 from pzcap.heap import give_back
-from pzcap.panzoom import PanZoomConfig
 from pzcap.types import CameraFiles, Capture, PzcapError, Reconstruction
 from pzcap.video import VideoReader
 

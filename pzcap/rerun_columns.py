@@ -9,8 +9,7 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from pzcap import body as body_model
-from pzcap import camera as camera_model
+from pzcap.cameras import camera as camera_model
 from pzcap.drawing import (
     BONE_COLOURS,
     BONES,
@@ -24,6 +23,7 @@ from pzcap.drawing import (
     footprint,
     instants,
 )
+from pzcap.motion import body as body_model
 from pzcap.types import (
     SEGMENTS,
     Array,

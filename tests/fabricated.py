@@ -51,7 +51,7 @@ def world_T_head(camera: int) -> Array:
 
 
 def world_T_cam(camera: PanZoomCamera, pan: float, tilt: float) -> Array:
-    """The head chain written out, independent of pzcap.camera."""
+    """The head chain written out, independent of pzcap.cameras.camera."""
     cam = np.eye(4)
     cam[:3, :3] = rotation_z(pan) @ rotation_y(-tilt) @ HEAD_R_CAM @ rotation_z(camera.roll_rad)
     return camera.world_T_head @ cam

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pzcap import advice, tracking
-from pzcap import body as bodies
-from pzcap.following import TrackingConfig
+from pzcap.motion import advice, tracking
+from pzcap.motion import body as bodies
+from pzcap.motion.following import TrackingConfig
 from pzcap.types import SEGMENTS, Array, Keyframe, Motion, Pose
 from tests import test_tracking as rendered
 from tests.body_scene import swing

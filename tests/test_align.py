@@ -10,10 +10,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pzcap.align import LINEAR, Aligner, _commonest, _flatness
-from pzcap.camera import look, view_at
-from pzcap.cylinder import from_axis, to_panorama
-from pzcap.rays import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, VALUE
+from pzcap.cameras.align import LINEAR, Aligner, _commonest, _flatness
+from pzcap.cameras.camera import look, view_at
+from pzcap.cameras.cylinder import from_axis, to_panorama
+from pzcap.cameras.rays import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, VALUE
 from pzcap.types import Array, Surroundings
 from tests import synthetic
 from tests.test_cylinder import camera_of, whole_turn

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pzcap import body as bodies
-from pzcap.surface import ellipse_half_axes
+from pzcap.motion import body as bodies
+from pzcap.motion.surface import ellipse_half_axes
 from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError, Subject
 from sim import athlete
 

@@ -21,8 +21,8 @@ from experiments.bound import (
     information,
     least_covariance,
 )
-from pzcap.camera import View, lens_at, look
-from pzcap.cylinder import to_unwrapped
+from pzcap.cameras.camera import View, lens_at, look
+from pzcap.cameras.cylinder import to_unwrapped
 from pzcap.types import Array, Lens, Mask, Panorama
 
 FINE = 3  # pixels of the scene to one of the panorama

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pzcap import bundle, camera
-from pzcap.bundle import Link
+from pzcap.cameras import bundle, camera
+from pzcap.cameras.bundle import Link
+from pzcap.cameras.unknowns import Model, Sigmas, stepped, vector
 from pzcap.types import FAR_AWAY, Array, Surroundings
-from pzcap.unknowns import Model, Sigmas, stepped, vector
 
 HALL = Surroundings(1.0, np.full(36, 0.15), np.zeros((4, 36)), np.array([-0.4, 0.3]))
 NEAR = replace(HALL, walls=np.linspace(0.1, 0.9, 36), departures=np.linspace(0.0, 0.1, 144).reshape(4, 36))

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from experiments.footage import SMALL
-from pzcap import calibration
-from pzcap.align import Aligner
-from pzcap.camera import at
-from pzcap.matching import sigmas_of
-from pzcap.panzoom import PanZoomConfig
+from pzcap.cameras import calibration
+from pzcap.cameras.align import Aligner
+from pzcap.cameras.camera import at
+from pzcap.cameras.matching import sigmas_of
+from pzcap.cameras.panzoom import PanZoomConfig
+from pzcap.cameras.unknowns import BeliefConfig, Model
 from pzcap.types import Camera, Panorama, Surroundings
-from pzcap.unknowns import BeliefConfig, Model
 from pzcap.video import VideoReader
 from sim import gym
 from sim.operator import sweep, through

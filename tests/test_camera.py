@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap import camera
+from pzcap.cameras import camera
 from pzcap.types import Camera, Lens, PanZoomCamera
 
 angles = st.floats(-3.2, 3.2)

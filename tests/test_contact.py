@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pzcap import body as bodies
-from pzcap.body import DOF, Body, forward, retract
-from pzcap.contact import soles, ties
-from pzcap.trajectory import smooth_step
+from pzcap.motion import body as bodies
+from pzcap.motion.body import DOF, Body, forward, retract
+from pzcap.motion.contact import soles, ties
+from pzcap.motion.trajectory import smooth_step
 from pzcap.types import SEGMENTS, Array, Pose, Subject
 from sim import athlete
 from tests.body_scene import swing

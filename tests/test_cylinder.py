@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap import cylinder
-from pzcap.camera import head_T_cam, look, view_at
+from pzcap.cameras import cylinder
+from pzcap.cameras.camera import head_T_cam, look, view_at
 from pzcap.types import Lens, Panorama, PanZoomCamera, Surroundings
 from tests import synthetic
 

@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from pzcap import body as bodies
-from pzcap import landmarks
 from pzcap.keypoints import BODY_25, KEYPOINTS, read_keypoints
+from pzcap.motion import body as bodies
+from pzcap.motion import landmarks
 from pzcap.types import Array, Subject
 from sim import athlete, detector
 from sim.detector import Detector, DetectorConfig

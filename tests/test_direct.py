@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pzcap import direct
-from pzcap.sampling import STEPS, Stored, stored
-from pzcap.sweep import grey
+from pzcap.cameras import direct
+from pzcap.cameras.sampling import STEPS, Stored, stored
+from pzcap.cameras.sweep import grey
+from pzcap.cameras.unknowns import Model, Sigmas, stepped, vector
 from pzcap.types import FAR_AWAY, Array
-from pzcap.unknowns import Model, Sigmas, stepped, vector
 from tests import synthetic
 
 OPTICS = synthetic.Optics(vignetting=0.0)

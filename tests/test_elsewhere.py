@@ -15,12 +15,12 @@ import numpy as np
 import psutil
 import pytest
 
-from pzcap import elsewhere
+from pzcap.motion import elsewhere
 from pzcap.types import Array, PzcapError
 
 WAITING = """
 import os, time
-from pzcap import elsewhere
+from pzcap.motion import elsewhere
 print(elsewhere.submit(os.getpid).result(), flush=True)
 time.sleep(60)
 """

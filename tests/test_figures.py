@@ -16,8 +16,8 @@ from experiments.figures import calibration, common_field, field, novel_view, pa
 from experiments.figures.canvas import STYLE, Drawn
 from experiments.figures.field import FEET, Standing, common_height_px, floor_between, height_px, zoom_range
 from experiments.figures.material import Run, load
-from pzcap import body as body_model
-from pzcap import camera as camera_model
+from pzcap.cameras import camera as camera_model
+from pzcap.motion import body as body_model
 from pzcap.types import Array, Lens, Localisation, PanZoomCamera, Pose, PzcapError, Subject
 from sim.anthropometry import draw_measurements
 from sim.gym import calibration_object

@@ -8,9 +8,9 @@ import pytest
 from scipy.ndimage import convolve1d
 
 from experiments.silhouettes import outline_distance
-from pzcap import colours, foreground, outline
-from pzcap.colours import ANY_COLOUR, LEVELS, floor_plane
-from pzcap.foreground import ForegroundConfig
+from pzcap.silhouettes import colours, foreground, outline
+from pzcap.silhouettes.colours import ANY_COLOUR, LEVELS, floor_plane
+from pzcap.silhouettes.foreground import ForegroundConfig
 from pzcap.types import Camera, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera
 from tests.body_scene import HEIGHT, WIDTH, Clip, Shot, shoot
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from pzcap.body import DOF, Body, difference, forward, joints, place, retract
-from pzcap.corrections import basis, corrected
-from pzcap.following import UNSEEN, TrackingConfig
-from pzcap.hindsight import refitted
-from pzcap.interval import IntervalSolver
-from pzcap.shape import Shape
-from pzcap.tracking import Tracker
+from pzcap.motion.body import DOF, Body, difference, forward, joints, place, retract
+from pzcap.motion.corrections import basis, corrected
+from pzcap.motion.following import UNSEEN, TrackingConfig
+from pzcap.motion.hindsight import refitted
+from pzcap.motion.interval import IntervalSolver
+from pzcap.motion.shape import Shape
+from pzcap.motion.tracking import Tracker
 from pzcap.types import SEGMENTS, Keyframe, Pose
 from tests.test_body import BODY
 

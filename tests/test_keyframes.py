@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pzcap import keyframes
+from pzcap.motion import keyframes
 from pzcap.types import SEGMENTS, Keyframe, Pose, PzcapError
 from tests.test_body import BODY
 

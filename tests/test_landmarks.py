@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap import body as bodies
-from pzcap import landmarks
-from pzcap.body import Body
-from pzcap.camera import project
+from pzcap.cameras.camera import project
 from pzcap.keypoints import KEYPOINTS
-from pzcap.residuals import accumulate
+from pzcap.motion import body as bodies
+from pzcap.motion import landmarks
+from pzcap.motion.body import Body
+from pzcap.motion.residuals import accumulate
 from pzcap.types import SEGMENTS, Array, Camera, Pose, Subject
 from sim.anthropometry import draw_measurements
 from tests.body_scene import _POSITIONS, _aim, swing

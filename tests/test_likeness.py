@@ -12,16 +12,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap import body as bodies
-from pzcap.body import Body
-from pzcap.evidence import Appearance, Evidence
-from pzcap.following import TrackingConfig
-from pzcap.likeness import Likeness, Postures, shared
-from pzcap.limbs import LIMBS, POSTURES, LimbSearch, turn_to
-from pzcap.polishing import polish
-from pzcap.second_look import LEAP_M, LEAP_M2, Again, Passes, best_way, look_again, runs
+from pzcap.motion import body as bodies
+from pzcap.motion.body import Body
+from pzcap.motion.evidence import Appearance, Evidence
+from pzcap.motion.following import TrackingConfig
+from pzcap.motion.likeness import Likeness, Postures, shared
+from pzcap.motion.limbs import LIMBS, POSTURES, LimbSearch, turn_to
+from pzcap.motion.polishing import polish
+from pzcap.motion.second_look import LEAP_M, LEAP_M2, Again, Passes, best_way, look_again, runs
+from pzcap.motion.views import LEVELS, Cut
 from pzcap.types import Array, Keyframe, Mask, Pose
-from pzcap.views import LEVELS, Cut
 from tests.test_tracking import clip, cuts, lost, observed, true_body
 
 FRAMES = range(2, 9)

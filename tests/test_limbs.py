@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pzcap import body as bodies
-from pzcap.limbs import LIMBS, LimbSearch
+from pzcap.motion import body as bodies
+from pzcap.motion.limbs import LIMBS, LimbSearch
 from tests.test_tracking import clip, lost, observed, true_body
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pzcap import markers, reference
-from pzcap.reference import ReferenceConfig
+from pzcap.cameras import markers, reference
+from pzcap.cameras.reference import ReferenceConfig
 from pzcap.types import Array, Camera, Image, ReferenceCamera
 from tests import synthetic
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pzcap import bundle, panorama, sweep
-from pzcap.bundle import Link
-from pzcap.camera import View
-from pzcap.sweep import SweepConfig
+from pzcap.cameras import bundle, panorama, sweep
+from pzcap.cameras.bundle import Link
+from pzcap.cameras.camera import View
+from pzcap.cameras.sweep import SweepConfig
+from pzcap.cameras.unknowns import Model, Sigmas
 from pzcap.types import FAR_AWAY, Array, Image, Panorama, PzcapError
-from pzcap.unknowns import Model, Sigmas
 from tests import synthetic
 
 OPTICS = synthetic.Optics()

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from pzcap import calibration, panzoom
-from pzcap.camera import see, view_at
-from pzcap.panzoom import Localiser, PanZoomConfig
-from pzcap.solutions import ransac_eq15, solve_eq11, solve_eq15
-from pzcap.sweep import consensus
+from pzcap.cameras import calibration, panzoom
+from pzcap.cameras.camera import see, view_at
+from pzcap.cameras.panzoom import Localiser, PanZoomConfig
+from pzcap.cameras.solutions import ransac_eq15, solve_eq11, solve_eq15
+from pzcap.cameras.sweep import consensus
 from pzcap.types import Array, Image, PzcapError
 from tests import synthetic
 from tests.test_cylinder import camera_of, whole_turn

@@ -22,10 +22,10 @@ from experiments.peers import bench, folder, show
 from experiments.peers.__main__ import main
 from experiments.peers.matching import decompose, fit
 from experiments.peers.material import Background, Estimate, Material, from_capture
-from pzcap import camera as geometry
-from pzcap import cylinder
+from pzcap.cameras import camera as geometry
+from pzcap.cameras import cylinder
+from pzcap.cameras.panzoom import PanZoomConfig
 from pzcap.capture import read_capture
-from pzcap.panzoom import PanZoomConfig
 from pzcap.types import PzcapError
 
 pytestmark = pytest.mark.xdist_group("peers")

@@ -14,9 +14,9 @@ import pytest
 from pzcap import store
 from pzcap.capture import read_capture
 from pzcap.events import Finished, FrameLocalised, FrameSeparated
+from pzcap.motion.tracking import Tracked
 from pzcap.pipeline import Config, reconstruct, stages
 from pzcap.preparing import taken_over
-from pzcap.tracking import Tracked
 from pzcap.types import Capture, PzcapError, Reconstruction
 
 RECONSTRUCT = """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pzcap import raster
+from pzcap.motion import raster
 from pzcap.types import Array
 
 

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pzcap import reference
-from pzcap.camera import project
-from pzcap.reference import ReferenceConfig
+from pzcap.cameras import reference
+from pzcap.cameras.camera import project
+from pzcap.cameras.reference import ReferenceConfig
 from pzcap.types import Array, CalibrationObject, Camera, PzcapError
 from tests import synthetic
 

@@ -14,9 +14,9 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from pzcap import camera as camera_model
 from pzcap import drawing
 from pzcap import rerun_columns as columns
+from pzcap.cameras import camera as camera_model
 from pzcap.events import CameraPrepared, FrameLocalised, FrameSeparated
 from pzcap.rerun_log import Recorder, has_footer, outlines
 from pzcap.types import (

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pzcap.sampling import SMOOTHING, STEPS, at_pixels, cubic, softened, softened_further, stored
+from pzcap.cameras.sampling import SMOOTHING, STEPS, at_pixels, cubic, softened, softened_further, stored
 
 
 def test_the_slope_of_the_spline_is_its_derivative() -> None:

@@ -20,7 +20,7 @@ from experiments.metrics import Metric, format_value, meets_target, read_metrics
 from experiments.score import Score, project_true, score
 from experiments.silhouettes import ForegroundScorer, iou, outline_distance
 from experiments.totals import metrics
-from pzcap import camera as camera_model
+from pzcap.cameras import camera as camera_model
 from pzcap.types import Camera, PzcapError, Reconstruction
 from sim.truth import Truth
 from tests import fabricated
@@ -321,7 +321,8 @@ def test_an_empty_silhouette_is_as_wrong_as_the_body_is_tall() -> None:
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**31), st.floats(-0.1, 0.1))
 def test_the_score_projects_as_the_library_does(seed: int, k1: float) -> None:
-    """Two programs, one lens: the independent projection agrees with pzcap.camera wherever the lens does not fold."""
+    """Two programs, one lens: the independent projection agrees with pzcap.cameras.camera wherever the lens does not
+    fold."""
     rng = np.random.default_rng(seed)
     transform = fabricated.world_T_head(0) @ np.diag([1.0, 1.0, 1.0, 1.0])
     transform[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from experiments.metrics import read_metrics
 from experiments.self_calibration import show, trial
 from experiments.self_calibration.__main__ import main
-from pzcap.camera import distort, head_T_cam
-from pzcap.features import Features
+from pzcap.cameras.camera import distort, head_T_cam
+from pzcap.cameras.features import Features
 from pzcap.selfcalibration import (
     Frames,
     Library,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pzcap import body as bodies
-from pzcap.body import DOF, forward
-from pzcap.corrections import basis, corrected
-from pzcap.evidence import Evidence
-from pzcap.shape import ShapeEstimate, Sight
+from pzcap.motion import body as bodies
+from pzcap.motion.body import DOF, forward
+from pzcap.motion.corrections import basis, corrected
+from pzcap.motion.evidence import Evidence
+from pzcap.motion.shape import ShapeEstimate, Sight
 from pzcap.types import Array, Subject
 from tests.test_tracking import TERMS, clip, cuts, true_body
 

@@ -14,8 +14,9 @@ from rich.console import Console
 
 from experiments import slide as command
 from experiments.slide import assist
-from pzcap import camera, slide
-from pzcap.camera import View
+from pzcap import slide
+from pzcap.cameras import camera
+from pzcap.cameras.camera import View
 from pzcap.slide import Slide, Tracks
 from pzcap.slide.adjustment import from_centre
 from pzcap.types import Array, Image, PzcapError

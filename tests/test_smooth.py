@@ -11,9 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from pzcap.panzoom import systematic
+from pzcap.cameras.panzoom import systematic
+from pzcap.cameras.smooth import SmoothConfig, jerk, smooth
 from pzcap.pipeline import Config, smoothed
-from pzcap.smooth import SmoothConfig, jerk, smooth
 from pzcap.types import Array, PanZoomTrack, PzcapError
 from tests import synthetic
 from tests.test_cylinder import camera_of

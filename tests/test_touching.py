@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pzcap import touching
-from pzcap.body import DOF, Body, build, forward, joints, retract
+from pzcap.motion import touching
+from pzcap.motion.body import DOF, Body, build, forward, joints, retract
 from pzcap.types import JOINTS, SEGMENTS, Pose, Subject
 from sim.anthropometry import draw_measurements
 

@@ -12,16 +12,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap import body as bodies
-from pzcap import foreground, tracking
-from pzcap.body import Body, forward, place
-from pzcap.evidence import USUAL_PX_PER_M, Appearance, Evidence, Normal, Terms, px_per_m
-from pzcap.following import UNSEEN, Follower, Round, Step, improve
-from pzcap.interval import astray
-from pzcap.merging import merge
-from pzcap.tracking import Tracked, TrackingConfig, TrackInput, View
+from pzcap.motion import body as bodies
+from pzcap.motion import tracking
+from pzcap.motion.body import Body, forward, place
+from pzcap.motion.evidence import USUAL_PX_PER_M, Appearance, Evidence, Normal, Terms, px_per_m
+from pzcap.motion.following import UNSEEN, Follower, Round, Step, improve
+from pzcap.motion.interval import astray
+from pzcap.motion.merging import merge
+from pzcap.motion.tracking import Tracked, TrackingConfig, TrackInput, View
+from pzcap.motion.views import Cut, observe
+from pzcap.silhouettes import foreground
 from pzcap.types import SEGMENTS, Array, Keyframe, Pose, PzcapError, Subject
-from pzcap.views import Cut, observe
 from tests.body_scene import HEIGHT, WIDTH, Clip, shoot
 
 FRAMES = 13

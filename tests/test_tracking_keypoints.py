@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from pzcap import body as bodies
-from pzcap import landmarks
-from pzcap.camera import project
+from pzcap.cameras.camera import project
 from pzcap.keypoints import KEYPOINTS
-from pzcap.tracking import TrackInput, View
+from pzcap.motion import body as bodies
+from pzcap.motion import landmarks
+from pzcap.motion.tracking import TrackInput, View
 from pzcap.types import JOINTS, SEGMENTS, Array, Keyframe, Silhouette
 from tests.test_tracking import FRAMES, by_hand, clip, errors_m, inputs, lost, run, true_body
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pzcap import body as bodies
-from pzcap.body import DOF
-from pzcap.trajectory import smooth_step
+from pzcap.motion import body as bodies
+from pzcap.motion.body import DOF
+from pzcap.motion.trajectory import smooth_step
 from pzcap.types import Array, Pose
 from tests.body_scene import swing
 

@@ -10,7 +10,7 @@ import pytest
 
 from experiments import triangulation
 from experiments.triangulation import cameras_at, meet, smooth, triangulate
-from pzcap.camera import project
+from pzcap.cameras.camera import project
 from pzcap.keypoints import KEYPOINTS
 from pzcap.types import JOINTS, Array, Camera, Capture, Keyframe, Pose, PzcapError, Subject
 from tests.body_scene import _POSITIONS, _aim

@@ -19,9 +19,12 @@ from experiments.ablation.variants import Variant
 from experiments.config import CONVERTER
 from experiments.score import body_errors, frames_of
 from experiments.totals import body_metrics
-from pzcap import body, camera, foreground, pipeline, tracking
+from pzcap import pipeline
+from pzcap.cameras import camera
 from pzcap.capture import FrameSets, frame_sets
 from pzcap.keypoints import NOBODY
+from pzcap.motion import body, tracking
+from pzcap.silhouettes import foreground
 from pzcap.types import (
     Camera,
     Capture,

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from experiments.figures.canvas import PANNED, REFERENCE, WIDTH, Drawn, beneath, cased, letter, lines, show
 from experiments.figures.material import Located, Run, shoot_config
 from experiments.figures.panoramas import border_on_panorama, window
-from pzcap import camera as camera_model
+from pzcap.cameras import camera as camera_model
+from pzcap.cameras.panzoom import Localiser, PanZoomConfig
 from pzcap.drawing import project_edges
-from pzcap.panzoom import Localiser, PanZoomConfig
 from pzcap.types import Array, CalibrationObject, Camera, Image, Localisation, PzcapError
 from sim.restage import Hall
 

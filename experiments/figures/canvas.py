@@ -19,7 +19,7 @@ from matplotlib.patches import ConnectionPatch
 from matplotlib.ticker import MultipleLocator
 
 from experiments import plots
-from pzcap import camera as camera_model
+from pzcap.cameras import camera as camera_model
 from pzcap.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR
 from pzcap.types import Array, Camera, Image
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from pzcap import camera as geometry
+from pzcap.cameras import camera as geometry
 from pzcap.types import Array, Mask, PanZoomCamera, PzcapError
 
 Value = TypeVar("Value", bound=np.generic)

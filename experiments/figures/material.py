@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from experiments import footage
 from experiments.score import frames_of
-from pzcap import camera as camera_model
 from pzcap import store
-from pzcap.camera import mount
+from pzcap.cameras import camera as camera_model
+from pzcap.cameras.camera import mount
 from pzcap.capture import frame_sets, read_capture, read_image
 from pzcap.drawing import figures, instants
 from pzcap.types import (

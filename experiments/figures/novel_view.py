@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from experiments.figures.material import Located, Run
-from pzcap import body as body_model
-from pzcap import camera as camera_model
-from pzcap import cylinder, raster
-from pzcap.body import Body
+from pzcap.cameras import camera as camera_model
+from pzcap.cameras import cylinder
+from pzcap.motion import body as body_model
+from pzcap.motion import raster
+from pzcap.motion.body import Body
 from pzcap.types import Array, Camera, Image, Mask, Pose
 
 FINER: Final = 2  # rendered so much finer than shown, to smooth edges

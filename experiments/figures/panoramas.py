@@ -25,7 +25,7 @@ from experiments.figures.canvas import (
 )
 from experiments.figures.material import Located, Run
 from experiments.score import sweep_errors
-from pzcap import camera as camera_model
+from pzcap.cameras import camera as camera_model
 from pzcap.drawing import centred, footprint, image_border
 from pzcap.types import Array, Camera, Image, Panorama, PanZoomCamera, PzcapError
 

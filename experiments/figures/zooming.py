@@ -28,9 +28,9 @@ from experiments.figures.canvas import (
 )
 from experiments.figures.material import Located, Run
 from experiments.plots import triangle
-from pzcap import camera as camera_model
-from pzcap.camera import lens_at
-from pzcap.cylinder import warp_background
+from pzcap.cameras import camera as camera_model
+from pzcap.cameras.camera import lens_at
+from pzcap.cameras.cylinder import warp_background
 from pzcap.types import Camera, Image, PanZoomCamera, PzcapError
 
 INSTANTS: Final = 4

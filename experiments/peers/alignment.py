@@ -9,9 +9,9 @@ import numpy as np
 
 from experiments.peers import matching
 from experiments.peers.material import Background, Estimate, Shot
-from pzcap import camera as geometry
-from pzcap import cylinder
-from pzcap.sweep import grey
+from pzcap.cameras import camera as geometry
+from pzcap.cameras import cylinder
+from pzcap.cameras.sweep import grey
 from pzcap.types import Image, Mask
 
 STOP: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-7)

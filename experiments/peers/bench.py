@@ -16,7 +16,7 @@ from experiments.peers.adjustment import RayAdjustment
 from experiments.peers.alignment import Ecc
 from experiments.peers.matching import Features
 from experiments.peers.material import Background, Estimate, Material, Shot, wrapped
-from pzcap.panzoom import Localiser
+from pzcap.cameras.panzoom import Localiser
 from pzcap.types import Array, Localisation, PzcapError
 
 LOST_RAD: Final = np.deg2rad(1.0)
@@ -33,7 +33,7 @@ class Peer(Protocol):
 
 
 class Ours:
-    """`pzcap.panzoom`, from nothing or from the frame before."""
+    """`pzcap.cameras.panzoom`, from nothing or from the frame before."""
 
     def __init__(self, background: Background, *, method: str, tracking: bool) -> None:
         config = replace(background.config, method=method)

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from experiments.config import structured
 from experiments.peers.material import SWEEP_STEP, Background, Estimate, Material, Shot, SweepView, spaced
-from pzcap import camera as geometry
-from pzcap import panorama as stitching
-from pzcap.bundle import Link
-from pzcap.camera import View
+from pzcap.cameras import camera as geometry
+from pzcap.cameras import panorama as stitching
+from pzcap.cameras.bundle import Link
+from pzcap.cameras.camera import View
+from pzcap.cameras.panzoom import PanZoomConfig
+from pzcap.cameras.sweep import chain, link_further
 from pzcap.capture import read_image
-from pzcap.panzoom import PanZoomConfig
-from pzcap.sweep import chain, link_further
 from pzcap.types import FAR_AWAY, Array, Image, Lens, Mask, Panorama, PanZoomCamera, PzcapError
 
 CAMERA: Final = "camera.json"

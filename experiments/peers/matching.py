@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from experiments.peers.material import Background, Estimate, Shot, wrapped
-from pzcap import camera as geometry
-from pzcap import cylinder
-from pzcap.sweep import grey
+from pzcap.cameras import camera as geometry
+from pzcap.cameras import cylinder
+from pzcap.cameras.sweep import grey
 from pzcap.types import Array, Image, Mask
 
 RATIO: Final = 0.8  # of Lowe's test

@@ -10,11 +10,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pzcap import camera as geometry
-from pzcap import cylinder, store
-from pzcap.calibration import Prepared, prepare
+from pzcap import store
+from pzcap.cameras import camera as geometry
+from pzcap.cameras import cylinder
+from pzcap.cameras.calibration import Prepared, prepare
+from pzcap.cameras.panzoom import PanZoomConfig
 from pzcap.capture import frame_sets, read_image
-from pzcap.panzoom import PanZoomConfig
 from pzcap.preparing import taken_over
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask, Panorama, PanZoomCamera, PzcapError
 from pzcap.video import VideoReader

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap import features
+from pzcap.cameras import features
+from pzcap.cameras.sweep import grey
 from pzcap.capture import frame_sets
 from pzcap.selfcalibration import Frames, Shots
-from pzcap.sweep import grey
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask
 from pzcap.video import VideoReader
 from sim.truth import Truth

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from experiments.config import AppConfig
 from experiments.self_calibration.material import Footage, hall_footage, motion_footage, shots_of
-from pzcap import panzoom
-from pzcap.calibration import Prepared, prepare
-from pzcap.camera import at
+from pzcap.cameras import panzoom
+from pzcap.cameras.calibration import Prepared, prepare
+from pzcap.cameras.camera import at
 from pzcap.capture import read_image
 from pzcap.selfcalibration import (
     Frames,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pzcap.camera import distort, undistort
+from pzcap.cameras.camera import distort, undistort
 from pzcap.selfcalibration.rotations import Frames, Pair
 from pzcap.types import Array
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap import features
-from pzcap.camera import distort, undistort
-from pzcap.features import Features
+from pzcap.cameras import features
+from pzcap.cameras.camera import distort, undistort
+from pzcap.cameras.features import Features
 from pzcap.selfcalibration.adjustment import transfer
 from pzcap.selfcalibration.complete import ZoomModel
 from pzcap.selfcalibration.rotations import Frames, Pair, initial, match_pairs, turn_of

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import features
-from pzcap.features import Features
+from pzcap.cameras import features
+from pzcap.cameras.features import Features
 from pzcap.types import Array
 
 

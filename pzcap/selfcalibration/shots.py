@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap.features import Features
+from pzcap.cameras.features import Features
 from pzcap.selfcalibration.rotations import Frames, Pair, initial, match_pairs, rechained, spanning, turn_of
 from pzcap.types import Array, Mask, PzcapError
 

@@ -5,7 +5,7 @@ direction (azimuth ``a``, slope ``h``) from the axis and of inverse distance ``q
 
     (cos(a - pan) - q forward,  sin(a - pan) - q left,  h)
 
-which to first order is `pzcap.camera.parallax`.
+which to first order is `pzcap.cameras.camera.parallax`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import camera as geometry
-from pzcap.camera import View
+from pzcap.cameras import camera as geometry
+from pzcap.cameras.camera import View
 from pzcap.slide.tracks import Tracks
 from pzcap.types import Array, Mask
 
@@ -135,7 +135,7 @@ class _System:
 
 
 def adjust(tracks: Tracks, state: State, priors: Priors, least_scale_px: float) -> Fit:
-    """Gauss-Newton with the features eliminated; weights of Geman and McClure (1987) as in `pzcap.bundle`."""
+    """Gauss-Newton with the features eliminated; weights of Geman and McClure (1987) as in `pzcap.cameras.bundle`."""
     frames = len(state.pan_rad)
     free = np.arange(1, frames + SHARED)  # the first frame's pan is 0
     scale = START_SCALE_PX

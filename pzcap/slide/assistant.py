@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pzcap import camera as geometry
-from pzcap import features
-from pzcap.camera import View
+from pzcap.cameras import camera as geometry
+from pzcap.cameras import features
+from pzcap.cameras.camera import View
+from pzcap.cameras.sweep import grey
 from pzcap.slide.adjustment import Fit, Priors, State, adjust, from_centre, placed, started
 from pzcap.slide.near import boxed, moving, nearer
 from pzcap.slide.tracks import MIN_TRACKS, Tracks, follow
-from pzcap.sweep import grey
 from pzcap.types import Array, Image, Mask, PzcapError
 
 FIELD_WIDTHS = 1.2  # focal length, in image widths, where nobody knows it

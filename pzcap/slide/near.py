@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pzcap import camera as geometry
+from pzcap.cameras import camera as geometry
 from pzcap.slide.adjustment import Fit, State, linearised
 from pzcap.slide.tracks import Tracks
 from pzcap.types import Array, Mask

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap import camera as geometry
-from pzcap import features
-from pzcap.camera import View
-from pzcap.features import Features
+from pzcap.cameras import camera as geometry
+from pzcap.cameras import features
+from pzcap.cameras.camera import View
+from pzcap.cameras.features import Features
 from pzcap.types import Array, PzcapError
 
 MIN_TRACKS = 12  # of what is near, and of what is far; and of what two frames in a row must have in common

@@ -1,0 +1,316 @@
+"""Pan and zoom to a fraction of a pixel: the frame's grey values against the panorama's (direct alignment).
+
+Features say where a frame is; its pixels, all of them, say it better. The residual of a pixel is its grey value minus
+what the panorama shows in its direction, made as bright as the frame by a gain and a vignetting that are found along
+with pan and log focal. Pixels that do not fit (the athlete, her shadow) lose their weight. From coarse to fine, so that
+the frame before is a good enough start for the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pzcap.cameras import camera as geometry
+from pzcap.cameras.cylinder import kernel_hall
+from pzcap.cameras.rays import BY_PAN, COLUMN, KNOWN, VALUE, directions, sample
+from pzcap.cameras.sampling import Stored, softened, stored
+from pzcap.cameras.sweep import grey
+from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
+
+LEVELS = ((3, 4), (1, 2), (0, 12))  # from coarse to fine: halvings of the size, and Gauss-Newton steps, at most
+SETTLED_PX = 0.025  # of the frame: a smaller step ends them, and leaves a tenth of that
+SPARSE = 4  # on the finest level one pixel in so many is looked at
+NEAR_PX = 0.2  # until a step is smaller than this, and then all
+LEAST_FLATNESS = 0.6  # where more pixels do not fit, steps are lengthened by no more
+FEWEST = 50  # pixels that show what the panorama knows
+REACH_PX = (15.0, 4.0, 1.5)  # by how much a start may be off on each, pixels of the panorama
+COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
+LOOSENESS = 4.0  # standard deviations at which a pixel counts for a quarter; tighter is less exact
+LINEAR = 1e-3  # change of log focal, or of tilt, up to which rays are straight lines in it: to 0.001 pixels
+BORDER = 3  # pixels at the frame's edge left out
+SHOWN = 80  # points given back as matches
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    pan_rad: float
+    tilt_rad: float
+    focal_px: float
+    covariance: Array  # (2, 2) of (pan, log focal), from the residuals alone
+    agreement: float  # 1 - the median difference's share of the median contrast: near 1 where it fits, else about 0
+    settled: bool  # the fit came to rest; one that was stopped on its way agrees too, where a fast pan smears all
+    frame_points_px: Array  # (N, 2) some pixels that fit, and show edges
+    panorama_points_px: Array  # (N, 2) and where they stand on the panorama
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Level:
+    image: Stored  # (H, W)
+    known: Mask  # (H, W) all around a pixel is known
+    scale: float  # panorama pixels to one of this level's
+    pixels: int  # looked at, about
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rays:
+    """Where pixels of a frame look, and how that changes near one tilt and focal length."""
+
+    tilt_rad: float
+    focal_px: float
+    directions: Array  # (N, 6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pixels:
+    """What of a frame is compared."""
+
+    points: Array  # (N, 2)
+    grey: Array  # (N,)
+    shading: Array  # (N, K) r^0, r^2, ... of the vignetting
+
+    def thinned(self, every: int) -> _Pixels:
+        return _Pixels(self.points[::every], self.grey[::every], self.shading[::every])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _State:
+    """What is fitted."""
+
+    pan_rad: float
+    tilt_rad: float
+    focal_px: float
+    gains: Array | None  # (K,) of the shading; None: not known yet
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """A level's last step."""
+
+    state: _State
+    points: Array  # (N, 2)
+    sampled: Array  # (N, 7)
+    residual: Array  # (N,)
+    weight: Array  # (N,)
+    normal: Array  # (P + K, P + K)
+    settled: bool  # the last step was as small as it should be
+
+
+class Aligner:
+    """Aligns frames of one camera with its panorama by about ``pixels`` of each frame; in tilt as well with
+    ``free_tilt``, else the camera's is kept."""
+
+    def __init__(
+        self, panorama: Panorama, camera: PanZoomCamera, *, pixels: int = 4000, free_tilt: bool = False
+    ) -> None:
+        self._free = 3 if free_tilt else 2
+        self._panorama = panorama
+        self._camera = camera
+        # a full turn goes on beyond its ends, so that no frame lies across a seam
+        self._margin = panorama.image.shape[1] // 4 // 8 * 8 if panorama.full_turn else 0
+        border = (0, 0, self._margin, self._margin, cv2.BORDER_WRAP)
+        image = cv2.copyMakeBorder(grey(panorama.image), *border).astype(np.float32)
+        known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), *border).astype(np.float32)
+        self._levels = {k: _level(image, known, k, COARSE_PIXELS.get(k, pixels)) for k, _ in LEVELS}
+
+    def align(
+        self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, off_px: float, hidden: Mask | None = None
+    ) -> Alignment:
+        """Refine a pan and a focal length, and a tilt if that is free.
+
+        The start may be off by ``off_px`` pixels of the panorama, up to 15; the less, the faster. Where the hall is
+        known to be ``hidden`` (H, W) nothing is compared.
+        """
+        frame = grey(image)
+        fitted = None
+        for halvings, steps in LEVELS[sum(reach >= off_px for reach in REACH_PX) - 1 :]:
+            fitted = self._fit(frame, hidden, self._levels[halvings], steps, pan_rad, tilt_rad, focal_px)
+            if fitted is None:
+                nothing = np.empty((0, 2))
+                return Alignment(pan_rad, tilt_rad, focal_px, np.eye(2), 0.0, False, nothing, nothing)
+            pan_rad, tilt_rad, focal_px = fitted.state.pan_rad, fitted.state.tilt_rad, fitted.state.focal_px
+        assert fitted is not None
+        return self._judged(fitted)
+
+    def _fit(
+        self, frame: Image, hidden: Mask | None, level: _Level, steps: int, pan_rad: float, tilt_rad: float,
+        focal_px: float,
+    ) -> _Fitted | None:  # fmt: skip
+        """A level's alignment; None where the panorama is unknown, or the frame dark."""
+        pixels = self._pixels(frame, hidden, level, focal_px)
+        start = _State(pan_rad, tilt_rad, focal_px, None)
+        if level.scale > 1:
+            return self._descend(level, pixels, start, steps, 0.0)
+        nearly = self._descend(level, pixels.thinned(SPARSE), start, steps, NEAR_PX)
+        return None if nearly is None else self._descend(level, pixels, nearly.state, steps, SETTLED_PX)
+
+    def _descend(self, level: _Level, pixels: _Pixels, start: _State, steps: int, settled_px: float) -> _Fitted | None:
+        """At most so many steps of Gauss and Newton with the weights of Geman and McClure, until one is as small as
+        ``settled_px``."""
+        pan_rad, tilt_rad, focal_px, gains = start.pan_rad, start.tilt_rad, start.focal_px, start.gains
+        rays = self._rays(pixels.points, pan_rad, tilt_rad, focal_px)
+        for _ in range(steps):
+            if max(abs(np.log(focal_px / rays.focal_px)), abs(tilt_rad - rays.tilt_rad)) > LINEAR:
+                rays = self._rays(pixels.points, pan_rad, tilt_rad, focal_px)
+            sampled = self._sample(level, rays, pan_rad, tilt_rad, focal_px)
+            usable = sampled[:, KNOWN] > 0
+            if usable.sum() < FEWEST:
+                return None
+            if gains is None:  # the gain first, or everything is an outlier; most pixels show the hall
+                gains = np.zeros(pixels.shading.shape[1])
+                gains[0] = _commonest(pixels.grey[usable] / np.maximum(sampled[usable, VALUE], 1.0))
+                if gains[0] <= 0.0:  # most of the picture is black
+                    return None
+            brightness = pixels.shading @ gains
+            residual = pixels.grey - brightness * sampled[:, VALUE]
+            scale = LOOSENESS * max(1.4826 * _typical(residual[usable]), 1.0)
+            nearness = 1.0 / (1.0 + (residual / scale) ** 2)
+            weight = usable * nearness**2
+            rows = np.empty((self._free + len(gains), len(weight)))
+            rows[: self._free] = brightness * sampled.T[BY_PAN : BY_PAN + self._free]
+            rows[self._free :] = pixels.shading.T * sampled[:, VALUE]
+            weighted = rows * weight
+            normal = weighted @ rows.T
+            change = np.linalg.solve(_firm(normal), weighted @ residual)
+            moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * self._camera.lens.width / 2)
+            if moved_px < NEAR_PX:  # there the steps are too short by so much
+                change /= _flatness(weight, nearness)
+            pan_rad += float(change[0])
+            focal_px *= float(np.exp(np.clip(change[1], -0.1, 0.1)))
+            tilt_rad += float(change[2]) if self._free == 3 else 0.0
+            gains = gains + change[self._free :]
+            settled = bool(moved_px < settled_px)
+            if settled:
+                break
+        state = _State(pan_rad, tilt_rad, focal_px, gains)
+        return _Fitted(state, pixels.points, sampled, residual, weight, normal, settled)
+
+    def _pixels(self, frame: Image, hidden: Mask | None, level: _Level, focal_px: float) -> _Pixels:
+        """What is compared on a level."""
+        lens = self._camera.lens
+        shrink = focal_px / self._panorama.px_per_rad * level.scale  # the frame is so much finer than the level
+        # by fractions it is smoothed alone, see `sampling.softened`; so it is where it would have too few pixels else
+        whole = max(int(min(shrink, np.sqrt(frame.size / level.pixels))), 1)
+        size = (lens.width // whole, lens.height // whole)
+        small = cv2.resize(frame[: size[1] * whole, : size[0] * whole], size, interpolation=cv2.INTER_AREA)
+        soft = softened(np.asarray(small, np.uint8), shrink / whole)
+        chosen = _edges(soft, max(1, round(np.sqrt(soft.size / level.pixels))))
+        if hidden is not None:
+            column, row = (chosen * whole + whole // 2).T
+            chosen = chosen[~hidden[row, column]]
+        observed = soft[chosen[:, 1], chosen[:, 0]].astype(np.float64)
+        points = (chosen.astype(np.float64) + 0.5) * whole - 0.5
+        middle_x, middle_y = (lens.width - 1) / 2, (lens.height - 1) / 2
+        squared = ((points[:, 0] - middle_x) ** 2 + (points[:, 1] - middle_y) ** 2) / (middle_x**2 + middle_y**2)
+        powers = [np.ones_like(squared), squared, squared * squared]
+        return _Pixels(points, observed, np.stack(powers[: 3 if level.scale == 1 else 2], axis=1))
+
+    def _rays(self, points: Array, pan_rad: float, tilt_rad: float, focal_px: float) -> _Rays:
+        """Where ``points`` (N, 2) look."""
+        panorama, camera = self._panorama, self._camera
+        principal, k1 = geometry.lens_at(camera.lens, focal_px)
+        principal_slope, k1_slope = geometry.lens_slope(camera.lens, focal_px)
+        view = np.array([tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
+        centre = geometry.view_at(camera, pan_rad, tilt_rad, focal_px).centre_m
+        beside = np.array([pan_rad, *centre])
+        return _Rays(tilt_rad, focal_px, directions(points, view, beside, kernel_hall(panorama.surroundings)))
+
+    def _sample(self, level: _Level, rays: _Rays, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
+        """What the panorama shows along ``rays`` (N), as those change; (N, 7), columns VALUE to ROW."""
+        panorama = self._panorama
+        column = panorama.origin_px[0] - pan_rad * panorama.px_per_rad
+        if panorama.full_turn:
+            column = np.mod(column, panorama.image.shape[1])
+        place = np.array([column + self._margin, panorama.origin_px[1], panorama.px_per_rad, level.scale])
+        change = np.array([np.log(focal_px / rays.focal_px), tilt_rad - rays.tilt_rad])
+        return sample(level.image, level.known, rays.directions, change, place)
+
+    def _judged(self, fitted: _Fitted) -> Alignment:
+        sampled, weight = fitted.sampled, fitted.weight
+        variance = float(weight @ fitted.residual**2) / float(weight.sum())
+        usable = sampled[:, KNOWN] > 0
+        value = sampled[usable, VALUE]
+        contrast = _median(np.abs(value - _median(value)))
+        difference = _typical(fitted.residual[usable])
+        strength = np.abs(sampled[:, BY_PAN]) * weight
+        strongest = min(5 * SHOWN, len(strength))
+        least = np.partition(strength, -strongest)[-strongest]
+        shown = np.flatnonzero(strength >= least)[::5]
+        places = sampled[shown, COLUMN:] - np.array([self._margin, 0.0])
+        if self._panorama.full_turn:
+            places[:, 0] = np.mod(places[:, 0], self._panorama.image.shape[1])
+        return Alignment(
+            fitted.state.pan_rad, fitted.state.tilt_rad, fitted.state.focal_px,
+            np.asarray(variance * np.linalg.inv(_firm(fitted.normal))[:2, :2], np.float64),
+            1.0 - difference / max(contrast, 1.0), fitted.settled, fitted.points[shown], places,
+        )  # fmt: skip
+
+
+def _commonest(values: Array) -> float:
+    """Middle of the narrowest interval that holds a third of the values (N,), of one in four of them: what the others
+    are like does not matter, be they all larger."""
+    some = np.sort(values[::4])
+    third = len(some) // 3
+    first = int(np.argmin(some[third:] - some[: len(some) - third]))
+    return float(some[first + third // 2])
+
+
+def _typical(values: Array) -> float:
+    """Median of the absolute values (N,), of one in four of them: as good for a scale, and sorting takes long."""
+    return _median(np.abs(values[::4]))
+
+
+def _median(values: Array) -> float:
+    """The upper median of (N,): numpy's checks its input for longer than it takes."""
+    middle = len(values) // 2
+    return float(np.partition(values, middle)[middle])
+
+
+def _flatness(weight: Array, nearness: Array) -> float:
+    """The cost's mean second derivative over the mean of the ``weight`` (N,) that stands for it in the normal
+    equations: weights fall as residuals grow. ``nearness`` (N,) is 1 / (1 + residual^2 / scale^2)."""
+    curved = float(weight @ (4.0 * nearness - 3.0)) / float(weight.sum())
+    return max(curved, LEAST_FLATNESS)
+
+
+def _firm(normal: Array) -> Array:
+    """Normal equations that can be solved, whatever they leave open."""
+    return np.asarray(normal + 1e-9 * np.diag(np.diag(normal)))
+
+
+@njit(cache=True, nogil=True)
+def _edges(image: NDArray[np.float32], cell: int) -> NDArray[np.int64]:
+    """(N, 2) the pixel of the steepest edge in each cell of so many pixels across; every second row is looked at."""
+    rows, columns = (image.shape[0] - 2 * BORDER) // cell, (image.shape[1] - 2 * BORDER) // cell
+    chosen = np.empty((rows * columns, 2), np.int64)
+    steepness = np.empty(columns * cell, np.float32)
+    steepest = np.empty(columns, np.float32)
+    for row in range(rows):
+        steepest[:] = -1.0
+        for i in range(BORDER + row * cell, BORDER + (row + 1) * cell, 2):
+            above, here, below = image[i - 1], image[i], image[i + 1]
+            for n in range(columns * cell):
+                j = BORDER + n
+                across, down = here[j + 1] - here[j - 1], below[j] - above[j]
+                steepness[n] = across * across + down * down
+            for column in range(columns):
+                for n in range(column * cell, (column + 1) * cell):
+                    if steepness[n] > steepest[column]:
+                        steepest[column] = steepness[n]
+                        chosen[row * columns + column, 0], chosen[row * columns + column, 1] = BORDER + n, i
+    return chosen
+
+
+def _level(image: NDArray[np.float32], known: NDArray[np.float32], halvings: int, pixels: int) -> _Level:
+    scale = 2.0**halvings
+    size = (int(image.shape[1] / scale), int(image.shape[0] / scale))
+    # whole cells only, so that places scale exactly
+    rows, columns = int(size[1] * scale), int(size[0] * scale)
+    small = cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA)
+    complete = cv2.resize(known[:rows, :columns], size, interpolation=cv2.INTER_AREA) > 0.999
+    inside = cv2.erode(complete.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0)
+    return _Level(stored(np.asarray(small, np.float32)), inside > 0, scale, pixels)

@@ -1,0 +1,205 @@
+"""Perspective image <-> cylinder: the paper's equations 3-6, and their generalisation to a calibrated camera.
+
+The paper's cylinder stands about the camera's own y axis and knows neither tilt nor distortion (`to_cylinder`). The
+exact cylinder stands about the pan axis, and `pzcap.cameras.camera` takes its points to pixels (`warp_background`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pzcap.cameras import camera as geometry
+from pzcap.cameras.camera import View
+from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera, Surroundings
+
+GRID = 4  # maps are smooth: they are computed at every fourth pixel and interpolated, to 0.003 px
+WARP_GRID = 8  # to 0.01 px: an image is interpolated at steps of 1/32 px anyway
+
+Map = NDArray[np.float32]
+
+
+def to_panorama(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
+    """Directions of the head frame (...) to panorama pixels (..., 2); a full turn wraps into [0, width)."""
+    column = panorama.origin_px[0] - azimuth_rad * panorama.px_per_rad
+    if panorama.full_turn:
+        column = np.mod(column, panorama.image.shape[1])
+    return np.stack([column, panorama.origin_px[1] - slope * panorama.px_per_rad], axis=-1)
+
+
+def from_panorama(panorama: Panorama, points_px: Array) -> tuple[Array, Array]:
+    """Panorama pixels (..., 2) to directions of the head frame: azimuth (...) and slope (...)."""
+    offset = (panorama.origin_px - points_px) / panorama.px_per_rad
+    return offset[..., 0], offset[..., 1]
+
+
+Window = tuple[int, int, int, int]
+"""Part of a view: left, top, right, bottom; the last two lie outside."""
+
+
+def warp_background(
+    panorama: Panorama,
+    camera: PanZoomCamera,
+    pan_rad: float,
+    tilt_rad: float,
+    focal_px: float,
+    window: Window | None = None,
+) -> tuple[Image, Mask]:
+    """The empty hall as ``camera`` sees it, (H, W, 3), and where the panorama knows it, (H, W).
+
+    Where it does not, the image is black. With a ``window``, that part of the view alone.
+    """
+    view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
+    left, top, right, bottom = window or (0, 0, camera.lens.width, camera.lens.height)
+    corner = np.array([left, top])
+    column, row = smooth_map(
+        lambda points: to_unwrapped(panorama, *from_axis(panorama, view, *geometry.look(view, points + corner))),
+        right - left,
+        bottom - top,
+        WARP_GRID,
+    )
+    border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
+    image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
+    known = cv2.remap(panorama.valid.view(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
+    # BORDER_WRAP wraps rows as well, and a cylinder does not
+    inside = cv2.inRange(row, 0.0, float(panorama.image.shape[0] - 1))
+    known = cv2.bitwise_and(known, inside)
+    return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known.view(np.bool_)
+
+
+Hall = tuple[float, Array, Array, Array]
+"""The fields of `types.Surroundings`, for kernels."""
+
+
+def kernel_hall(surroundings: Surroundings) -> Hall:
+    return surroundings.height_m, surroundings.walls, surroundings.departures, surroundings.slopes
+
+
+def inverse_distance(surroundings: Surroundings, azimuth_rad: Array, slope: Array) -> Array:
+    """How near what is seen in these directions (...) is, 1 / m horizontally."""
+    azimuth, slope = np.broadcast_arrays(azimuth_rad, slope)
+    near = np.zeros(azimuth.size)
+    if len(surroundings.walls):
+        _near_all(kernel_hall(surroundings), azimuth.ravel(), slope.ravel(), near)
+    return near.reshape(azimuth.shape)
+
+
+NODES: Final = 6
+
+
+@njit(cache=True, nogil=True)
+def near_at(hall: Hall, azimuth: float, slope: float, nodes: NDArray[np.int64], shares: Array) -> float:
+    """`inverse_distance` in one direction, for other kernels; linear between neighbours.
+
+    ``nodes`` (NODES,) takes the indices of what it is made of, in walls followed by departures, and ``shares`` (NODES,)
+    the derivatives with respect to these.
+    """
+    height, walls, departures, slopes = hall
+    rows, around = departures.shape
+    up = min(max((slope - slopes[0]) / (slopes[1] - slopes[0]), 0.0), 1.0) * (rows - 1)
+    row = min(int(up), rows - 2)
+    turns = azimuth / (2 * np.pi)
+    left = (turns - np.floor(turns)) * around  # faster than the remainder
+    column = min(int(left), around - 1)
+    beyond = column + 1 if column + 1 < around else 0
+    b, a = up - row, left - column
+    wall, floor = (1 - a) * walls[column] + a * walls[beyond], -slope / height
+    nodes[0], nodes[1] = column, beyond
+    nodes[2], nodes[3] = around * (row + 1) + column, around * (row + 1) + beyond
+    nodes[4], nodes[5] = nodes[2] + around, nodes[3] + around
+    shares[2], shares[3], shares[4], shares[5] = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
+    nearer = (
+        1.0 + shares[2] * departures[row, column] + shares[3] * departures[row, beyond]
+        + shares[4] * departures[row + 1, column] + shares[5] * departures[row + 1, beyond]
+    )  # fmt: skip
+    before = nearer if wall > floor else 0.0
+    shares[0], shares[1] = before * (1 - a), before * a
+    nearest = max(wall, floor)
+    for k in range(2, NODES):
+        shares[k] *= nearest
+    return nearest * nearer
+
+
+@njit(cache=True, nogil=True)
+def _near_all(hall: Hall, azimuth: Array, slope: Array, near: Array) -> None:
+    nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
+    for n in range(len(near)):
+        near[n] = near_at(hall, azimuth[n], slope[n], nodes, shares)
+
+
+def from_axis(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
+    """Directions (...) seen from the projection centre, as they are seen from the pan axis, like the panorama."""
+    near = inverse_distance(panorama.surroundings, azimuth_rad, slope)
+    d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
+    return azimuth_rad - d_azimuth, slope - d_slope
+
+
+def from_centre(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
+    """Directions (...) of the panorama, as they are seen from the projection centre; undoes `from_axis`."""
+    near = inverse_distance(panorama.surroundings, azimuth_rad, slope)
+    d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
+    return azimuth_rad + d_azimuth, slope + d_slope
+
+
+def to_unwrapped(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
+    """`to_panorama` without the wrap, so that neighbours stay neighbours."""
+    offset = np.stack([azimuth_rad, slope], axis=-1) * panorama.px_per_rad
+    return np.asarray(panorama.origin_px - offset)
+
+
+def smooth_map(function: Callable[[Array], Array], width: int, height: int, grid: int = GRID) -> tuple[Map, Map]:
+    """Evaluate ``function``, pixels (..., 2) to pixels (..., 2), for a whole image: columns and rows, each (H, W).
+
+    It has to be smooth: it is evaluated on a grid, every ``grid`` pixels, and interpolated linearly.
+    """
+    # where `cv2.resize` puts the pixels of the grid, of which the first ones lie outside
+    u, v = (np.arange(-(grid + 1) / 2, size + grid, grid) for size in (width, height))
+    nodes = function(np.stack(np.meshgrid(u, v), axis=-1)).astype(np.float32)
+    fine = (grid * len(u), grid * len(v))
+    column, row = (cv2.resize(nodes[..., k], fine, interpolation=cv2.INTER_LINEAR) for k in range(2))
+    inside = np.s_[grid : grid + height, grid : grid + width]
+    return np.ascontiguousarray(column[inside]), np.ascontiguousarray(row[inside])
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The paper's cylinder
+
+
+def to_cylinder(image: Image, focal_px: float) -> tuple[Image, Mask, Array]:
+    """Unfold ``image`` (H, W[, 3]) onto the cylinder about the camera's own y axis (eq. 6).
+
+    The principal point is the image's centre, and the cylinder has ``focal_px`` pixels to the radian, so that scales
+    agree in the centre. Returns the unfolded image, where it is covered, and its origin ``(r_0, s_0)`` in it: the
+    image of the principal point.
+    """
+    height, width = image.shape[:2]
+    right_edge = points_to_cylinder(np.array([[width - 0.5, 0.0]]), focal_px, width, height)[0, 0]
+    origin = np.array([np.floor(right_edge), (height - 1) / 2])
+    out_width = int(2 * origin[0]) + 1
+    angle = (np.arange(out_width) - origin[0]) / focal_px
+    slope = (np.arange(height) - origin[1]) / focal_px
+    column = np.broadcast_to((width - 1) / 2 + focal_px * np.tan(angle), (height, out_width)).astype(np.float32)
+    row = ((height - 1) / 2 + focal_px * slope[:, None] / np.cos(angle)).astype(np.float32)
+    unfolded = cv2.remap(image, column, row, cv2.INTER_LINEAR)
+    covered = (column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1)
+    return np.asarray(unfolded, np.uint8), covered, origin
+
+
+def points_to_cylinder(points_px: Array, focal_px: float, width: int, height: int) -> Array:
+    """Eq. 6 with ``r_0 = s_0 = 0`` for points (N, 2), the principal point in the image's centre."""
+    offset = points_px - np.array([(width - 1) / 2, (height - 1) / 2])
+    r = focal_px * np.arctan(offset[:, 0] / focal_px)
+    s = focal_px * offset[:, 1] / np.hypot(offset[:, 0], focal_px)
+    return np.column_stack([r, s])
+
+
+def points_from_cylinder(relative_px: Array, focal_px: float, width: int, height: int) -> Array:
+    """The inverse of eq. 6: points (N, 2) relative to the cylinder's origin to pixels of the frame."""
+    x = focal_px * np.tan(relative_px[:, 0] / focal_px)
+    y = relative_px[:, 1] * np.hypot(x, focal_px) / focal_px
+    return np.column_stack([x, y]) + np.array([(width - 1) / 2, (height - 1) / 2])

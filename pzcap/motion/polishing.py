@@ -1,0 +1,178 @@
+"""The frames between two keyframes once more, all at once: the body corrected, the drift and the jitter taken out.
+
+The passes from the keyframes have found the body in every frame, each from its own side. Now the contours of all these
+frames correct the body's shape (`pzcap.motion.shape`); then every pose is improved against the silhouettes and against
+what each point of the skin looks like on average, with a motion that does not jerk (`pzcap.motion.trajectory`). The
+keyframe that ends them is one of these frames: the hand that set it is wrong by more than they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.motion.body import DOF, Body, difference, forward, joints, retract
+from pzcap.motion.contact import ties
+from pzcap.motion.evidence import Appearance, Evidence
+from pzcap.motion.following import UNSEEN, TrackingConfig, restraint
+from pzcap.motion.likeness import Likeness
+from pzcap.motion.limbs import LIMBS
+from pzcap.motion.second_look import Passes, look_again, runs, taking
+from pzcap.motion.shape import Said, ShapeEstimate, Sight
+from pzcap.motion.trajectory import smooth_step
+from pzcap.motion.views import Cut, PlacedView
+from pzcap.types import Array, Keyframe, Mask, Pose
+
+_APART_M: Final = 0.02  # where a limb was found again nearer than this, it was not lost
+_WORTHWHILE_M2: Final = 0.002  # that a limb must gain a frame: whoever searches finds what looks a little better
+_BRIGHTNESS_SIGMA: Final = 25.0  # grey levels, while the shape is not known: more than in tracking
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polished:
+    """The poses of a stretch, and how well the images of each fix it."""
+
+    poses: list[Pose]
+    hessians: list[Array]  # (43, 43)
+    contours: list[Array]  # (16, 3) how well the silhouettes bear each out, as `pzcap.motion.evidence.Normal` has it
+
+
+def hear(
+    body: Body,
+    shape: ShapeEstimate,
+    poses: Sequence[Pose],
+    views: Sequence[Sequence[Cut | None]],
+    config: TrackingConfig,
+) -> Said:
+    """What some frames of a stretch, tracked with ``body``, say of its shape."""
+    terms = config.schedule[-1].terms
+    evidence = [Evidence(body, cuts) for cuts in views]
+    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    appearances = _appearances(body, evidence, placed)
+    anything = config.shape_weight / config.start_widening**2 * np.eye(DOF)
+    sights = []
+    for pose, each, where in zip(poses, evidence, placed, strict=True):
+        rows = each.contour(pose, where, terms)
+        rows.weight[:] *= config.shape_weight
+        texture = each.texture(pose, where, appearances, replace(terms, brightness_sigma=_BRIGHTNESS_SIGMA))
+        texture.hessians[:] *= config.shape_texture_weight
+        texture.gradients[:] *= config.shape_texture_weight
+        sights.append(Sight(forward(body, pose), rows, texture, anything, np.zeros(DOF)))
+    return shape.hear(sights)
+
+
+def hear_hand(
+    body: Body, shape: ShapeEstimate, pose: Pose, key: Keyframe, hand: Array, cuts: Sequence[Cut | None],
+    config: TrackingConfig,
+) -> Said:  # fmt: skip
+    """What a keyframe says of the shape: a hand knows where the joints are, and not only where the skin is.
+
+    ``pose`` is the one settled on, ``hand`` the information (43, 43) of the keyframe's.
+    """
+    evidence = Evidence(body, cuts)
+    rows = evidence.contour(pose, evidence.visibility(pose), config.schedule[-1].terms)
+    rows.weight[:] *= config.shape_weight
+    return shape.hear([Sight(forward(body, pose), rows, None, hand, hand @ difference(key.pose, pose))])
+
+
+def polish(
+    body: Body, poses: Sequence[Pose], views: Sequence[Sequence[Cut | None]], before: Sequence[Pose],
+    key: Keyframe | None, passes: Passes | None, config: TrackingConfig,
+) -> Polished:  # fmt: skip
+    """Improve the ``poses`` of a stretch of frames; in those ``before`` it the body is held fast. Where the last is a
+    ``key``, what the hand made of it counts there beside the images.
+
+    Where it is told what the ``passes`` have left behind in the others, limbs that do not look like themselves are also
+    looked for once more (`pzcap.motion.second_look`), and taken from there if that is worth more.
+    """
+    stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, key, config, Likeness(body))
+    placed = stretch.visibility(poses)
+    appearances = _appearances(body, stretch.evidence, placed)
+    found = stretch.sweep(poses, placed, appearances)
+    if passes is None:
+        return found
+    inner = len(poses) if key is None else len(poses) - 1
+    again = look_again(
+        stretch.likeness, poses[:inner], stretch.evidence[:inner], placed[:inner], passes, before[-1],
+        None if key is None else poses[-1],
+    )  # fmt: skip
+    if again is not None:
+        otherwise = [*again.poses, *poses[inner:]]
+        other = stretch.sweep(otherwise, stretch.visibility(otherwise), again.known)
+        chosen = stretch.choose(found.poses, other.poses, again.lost, again.known)
+        found = stretch.sweep(chosen, stretch.visibility(chosen), again.known)  # where they meet, they leap
+    return found
+
+
+def _appearances(
+    body: Body, evidence: Sequence[Evidence], placed: Sequence[Sequence[PlacedView | None]]
+) -> list[Appearance]:
+    """What each point of the skin looks like on average over some frames, a view each."""
+    means = [Appearance.unseen(len(body.surface.points_m)) for _ in placed[0]]
+    for count, (each, where) in enumerate(zip(evidence, placed, strict=True), start=1):
+        each.learn(where, means, 1.0 / count)
+    return means
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stretch:
+    """Frames that are solved for together."""
+
+    body: Body
+    evidence: list[Evidence]
+    before: Sequence[Pose]
+    key: Keyframe | None  # of the last of them
+    config: TrackingConfig
+    likeness: Likeness
+
+    def visibility(self, poses: Sequence[Pose]) -> list[list[PlacedView | None]]:
+        return [each.visibility(pose) for each, pose in zip(self.evidence, poses, strict=True)]
+
+    def sweep(
+        self, poses: Sequence[Pose], placed: Sequence[Sequence[PlacedView | None]], appearances: Sequence[Appearance]
+    ) -> Polished:
+        """Some Gauss-Newton steps."""
+        config = self.config
+        found, hessians, contours = list(poses), [np.zeros((DOF, DOF)) for _ in poses], [UNSEEN for _ in poses]
+        sigma = np.full(DOF, config.acceleration_rotation_sigma_rad)
+        sigma[:3] = config.acceleration_position_sigma_m
+        for _ in range(config.polishing_sweeps):
+            gradients = []
+            for t, (each, where) in enumerate(zip(self.evidence, placed, strict=True)):
+                normal = each.normal(found[t], where, appearances, config.schedule[-1].terms)
+                stiffness, pull = restraint(self.body, found[t], True, config)
+                hessians[t] = normal.hessian + stiffness
+                gradients.append(normal.gradient + pull)
+                contours[t] = normal.contour
+            if self.key is not None:
+                hand = 1.0 / config.hand_sigma**2
+                hessians[-1] += np.diag(hand)
+                gradients[-1] += hand * difference(self.key.pose, found[-1])
+            held = ties(self.body, [*self.before, *found])
+            steps = smooth_step(found, hessians, gradients, sigma, self.before, held).clip(-0.5, 0.5)
+            found = [retract(pose, step) for pose, step in zip(found, steps, strict=True)]
+        return Polished(found, hessians, contours)
+
+    def choose(self, one: Sequence[Pose], other: Sequence[Pose], lost: Mask, known: Sequence[Appearance]) -> list[Pose]:
+        """``one``, but the limbs that were ``lost`` (t, 16) in the first frames as ``other`` has them, where that is
+        elsewhere, and worth clearly more."""
+        frames = np.flatnonzero(lost.any(axis=1))
+        gain = self._worth(other, frames, known) - self._worth(one, frames, known)
+        moved = [joints(self.body, b) - joints(self.body, a) for a, b, _ in zip(one, other, lost, strict=False)]
+        elsewhere = lost & (np.linalg.norm(moved, axis=2) > _APART_M)
+        poses = list(one)
+        for limb, members in enumerate(LIMBS):
+            for run in runs(elsewhere[:, list(members)].any(axis=1)):
+                if gain[np.isin(frames, run), limb].mean() <= _WORTHWHILE_M2:
+                    continue
+                for t in run:
+                    poses[t] = taking(poses[t], members, other[t])
+        return poses
+
+    def _worth(self, poses: Sequence[Pose], frames: NDArray[np.int64], known: Sequence[Appearance]) -> Array:
+        """(N, 4) what each limb is worth in some ``frames``, as `Likeness.worth` has it."""
+        return np.array([self.likeness.worth(poses[t], self.evidence[t], known) for t in frames])
