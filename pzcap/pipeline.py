@@ -19,7 +19,7 @@ from pzcap.cameras.calibration import Prepared, no_report
 from pzcap.cameras.camera import at
 from pzcap.capture import FrameSets, frame_sets
 from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameSeparated, Progress
-from pzcap.heap import give_back
+from pzcap.heap import give_back, set_large_apart
 from pzcap.keypoints import NOBODY
 from pzcap.motion import advice, body, keyframes, tracking
 from pzcap.preparing import prepare_cameras, taken_over
@@ -88,6 +88,7 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
     """
     seconds = {"prepare": 0.0, "panzoom": 0.0, "foreground": 0.0, "tracking": 0.0}
     notes: list[str] = []
+    set_large_apart()
     with _own_threads(), ThreadPoolExecutor(config.threads) as pool:
         sets = frame_sets(capture)
         tracker = _tracker(capture, sets, config, notes)

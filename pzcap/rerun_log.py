@@ -41,7 +41,7 @@ APPLICATION: Final = "pzcap-v1"
 """The viewer binds its layout to this name: a new layout needs a new one."""
 
 MAX_MATCHES: Final = 150
-MAX_PENDING: Final = 32
+MAX_PENDING: Final = 8
 
 
 class Recorder:

@@ -19,7 +19,7 @@ import cv2
 from loky import get_reusable_executor
 from threadpoolctl import threadpool_limits
 
-from pzcap.heap import give_back
+from pzcap.heap import give_back, set_large_apart
 from pzcap.types import PzcapError
 
 _SENDING_S: Final = 1.0  # by then a job has been sent
@@ -59,7 +59,8 @@ def _executor():  # type: ignore[no-untyped-def]  # loky has no types
 
 
 def _alone() -> None:
-    """This process is to be busy on one core, no more."""
+    """This process is to be busy on one core, no more, and to be small."""
+    set_large_apart()
     cv2.setNumThreads(1)
     threadpool_limits(1, "blas")
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
