@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ from typing import Any
 
 from hydra.conf import HydraConf
 from hydra.core.utils import JobReturn, JobStatus
-from hydra.errors import HydraException, MissingConfigException
+from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -31,6 +32,8 @@ def explain(error: BaseException, config: type[AppConfig] = AppConfig) -> str | 
     if isinstance(error, MissingConfigException) and error.options:
         group, _, name = str(error.missing_cfg_file).rpartition("/")
         return f"no '{name}' in conf/{group}; {nearest(name, error.options)}"
+    if isinstance(error, OverrideParseException):
+        return _explain_syntax(error.override)
     if isinstance(error, HydraException | OmegaConfBaseException):
         return _explain_override(error, config)
     if isinstance(error, OSError):
@@ -103,6 +106,14 @@ def _explain_override(error: HydraException | OmegaConfBaseException, config: ty
         known = keys(hydra) if key.startswith("hydra.") else ["experiment", *keys(default_tree(config))]
         return f"unknown key '{key}'; {nearest(key, known)}"
     return _one_line(text)
+
+
+def _explain_syntax(override: str) -> str:
+    key, _, value = override.partition("=")
+    if not value:
+        return f"cannot read '{override}'; settings are given as key=value"
+    quoted = shlex.quote(f'{key}="{value}"')
+    return f"cannot read '{override}'; a value with signs such as = or ( goes in quotes: {quoted}"
 
 
 def _one_line(text: str) -> str:

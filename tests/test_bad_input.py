@@ -131,7 +131,9 @@ def test_no_such_folder(tmp_path: Path, refused: Callable[..., str]) -> None:
         ("reconstruct.threads=0", "give 1 or more"),
         ("output.jpeg_quality=0", "give 1 to 100"),
         ("cameras=nowhere", "nowhere: no reconstruction.json"),
-        ("seed", "seed"),
+        ("seed", "cannot read 'seed'; settings are given as key=value"),
+        ("capture=takes/seed=3", """in quotes: 'capture="takes/seed=3"'"""),
+        ("capture=take (2)", """in quotes: 'capture="take (2)"'"""),
     ],
 )
 def test_a_wrong_argument(argument: str, expected: str, refused: Callable[..., str]) -> None:
