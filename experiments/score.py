@@ -42,6 +42,7 @@ class CameraErrors:
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyErrors:
     joints_m: Array  # (F, 16) distance of each joint from the truth
+    sigma_m: Array  # (F, 16) and what is claimed of it
     limbs: Array  # (15,) length of each limb, joint to joint, relative to the true one; empty where nothing is valid
     valid: Mask  # (F,) the tracker gave an estimate
     keyframe: Mask  # (F,) a person posed it: not scored
@@ -236,6 +237,7 @@ def body_errors(motion: Motion, truth: Truth, frames: NDArray[np.int64]) -> Body
     lengths = [_limbs_m(joints[motion.valid]) for joints in (motion.joints_m, true)]
     return BodyErrors(
         joints_m=np.linalg.norm(motion.joints_m - true, axis=2),
+        sigma_m=motion.sigma_m,
         limbs=lengths[0] / lengths[1] - 1.0,
         valid=motion.valid,
         keyframe=keyframe,

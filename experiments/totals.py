@@ -51,7 +51,7 @@ def body_metrics(body: BodyErrors | None) -> list[Metric]:
     """The metrics of the body; None, all of them, where nobody was tracked."""
     if body is None:
         none = np.zeros((0, 16))
-        scored = inverted = airborne = none
+        scored = inverted = airborne = covered = none
         limbs = np.zeros(0)
         keyframes = lost = None
     else:
@@ -59,6 +59,7 @@ def body_metrics(body: BodyErrors | None) -> list[Metric]:
         scored = millimetres[body.scored]
         inverted = millimetres[body.scored & body.inverted]
         airborne = millimetres[body.scored & body.airborne]
+        covered = 100.0 * (body.joints_m <= body.sigma_m)[body.scored].astype(np.float64)
         limbs = 100.0 * body.limbs
         keyframes = float(np.sum(body.keyframe))
         lost = float(np.sum(~body.valid | np.any(body.joints_m > LOST_M, axis=1)))
@@ -69,6 +70,7 @@ def body_metrics(body: BodyErrors | None) -> list[Metric]:
         _metric("body.mpjpe.inverted", _mean(inverted), "mm"),
         _metric("body.mpjpe.airborne", _mean(airborne), "mm"),
         _metric("body.mpjpe.true_cameras", None, "mm"),
+        _metric("body.covered", _mean(covered), "%", "higher"),  # by one sigma: 68 of an honest one
         _metric("body.limb.rms", _rms(limbs), "%"),
         _metric("body.limb.max", float(np.abs(limbs).max()) if limbs.size else None, "%"),
         _metric("body.keyframes", keyframes, "frames"),

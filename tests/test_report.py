@@ -12,7 +12,9 @@ def errors(frames: int = 40) -> BodyErrors:
     keyframe = np.zeros(frames, bool)
     keyframe[[0, 20, 39]] = True
     nothing = np.zeros(frames, bool)
-    return BodyErrors(np.full((frames, 16), 0.01), np.zeros(15), ~nothing, keyframe, nothing, nothing)
+    return BodyErrors(
+        np.full((frames, 16), 0.01), np.full((frames, 16), 0.01), np.zeros(15), ~nothing, keyframe, nothing, nothing
+    )
 
 
 def test_the_error_over_time_marks_what_is_said_of_the_keyframes() -> None:

@@ -132,7 +132,7 @@ def test_every_metric_of_the_list_is_there(whole: Reconstruction, truth: Truth) 
         "panzoom.bound_ratio.pan", "panzoom.bound_ratio.focal", "panzoom.nees",
         "foreground.iou", "foreground.outline", "foreground.shadow",
         "body.mpjpe.mean", "body.mpjpe.p95", "body.mpjpe.max", "body.mpjpe.inverted", "body.mpjpe.airborne",
-        "body.mpjpe.true_cameras", "body.limb.rms", "body.limb.max", "body.keyframes", "body.lost",
+        "body.mpjpe.true_cameras", "body.covered", "body.limb.rms", "body.limb.max", "body.keyframes", "body.lost",
     }  # fmt: skip
     assert found["foreground.iou"] is None  # no silhouette came
 
@@ -239,6 +239,16 @@ def test_joint_errors_leave_keyframes_out(whole: Reconstruction, truth: Truth) -
     assert found["body.mpjpe.airborne"] == pytest.approx(10.0)
     assert found["body.mpjpe.inverted"] is None
     assert found["body.lost"] == 1
+
+
+def test_covered_is_the_share_of_joints_within_their_claimed_sigma(whole: Reconstruction, truth: Truth) -> None:
+    motion = whole.motion
+    assert motion is not None
+    sigma = np.full(motion.sigma_m.shape, 0.012)
+    sigma[:, 4:] = 0.008
+    sigma[motion.keyframes] = 1.0  # not scored
+    off = dataclasses.replace(motion, joints_m=motion.joints_m + np.array([0.0, 0.0, 0.01]), sigma_m=sigma)
+    assert values(score(dataclasses.replace(whole, motion=off), truth, None))["body.covered"] == pytest.approx(25.0)
 
 
 def test_frame_sets_beyond_the_truth_are_not_scored(whole: Reconstruction, truth: Truth) -> None:
