@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pzcap.motion import body as bodies
 from pzcap.motion.body import DOF, forward
 from pzcap.motion.corrections import basis, corrected
 from pzcap.motion.evidence import Evidence
+from pzcap.motion.following import TrackingConfig
 from pzcap.motion.shape import ShapeEstimate, Sight
-from pzcap.types import Array, Subject
+from pzcap.types import SEGMENTS, Array, Subject
 from tests.test_tracking import TERMS, clip, cuts, true_body
 
 
@@ -102,3 +105,22 @@ def test_a_wrong_tape_is_corrected() -> None:
     wrong["thigh"] -= 0.02
     assert 0.008 < amounts_found(wrong)[thigh] < 0.025
     assert abs(amounts_found(clip().measurements_m)[thigh]) < 0.006
+
+
+def test_shoulders_that_end_too_high_are_brought_down() -> None:
+    """Where the upper arms' skin stands two centimetres too far above the joint, the skin is corrected, not the arm."""
+    body, arm, forearm = true_body(), SEGMENTS.index("left_upper_arm"), SEGMENTS.index("left_forearm")
+    arms = np.isin(body.surface.segment, [arm, SEGMENTS.index("right_upper_arm")])
+    points = body.surface.points_m.copy()
+    above = arms & (points[:, 2] > 0.0)
+    points[above, 2] *= 1.0 + 0.02 / points[above, 2].max()
+    wrong = replace(body, surface=body.surface.moved(points))
+    shape, hand = ShapeEstimate(wrong), np.diag(1.0 / TrackingConfig().hand_sigma ** 2)
+    for frame in range(0, 13, 3):
+        evidence, pose = Evidence(wrong, cuts(frame)), clip().poses[frame]
+        rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+        rows.weight[:] *= 0.1
+        shape.keep(shape.hear([Sight(forward(wrong, pose), rows, None, hand, np.zeros(DOF))]))
+    found = shape.solve()
+    assert points[arms, 2].max() - found.surface.points_m[arms, 2].max() > 0.003
+    assert abs(found.offsets_m[forearm, 2] - body.offsets_m[forearm, 2]) < 0.001

@@ -165,6 +165,8 @@ def _skin(body: Body, rows: _Rows) -> None:
             rows.stations({i: _stretch(0, 2 / (depth + width)) + _stretch(1, 2 / (depth + width)) for i in pair})
         rows.stations({i: _shift(0) for i in pair})
         rows.stations({i: _shift(1, outwards[i]) for i in pair})
+    # further up: of all near ends the shoulder's alone is seen, and its joint would make up for what the skin is off by
+    rows.stations({i: _shift(2) for i in _segments("upper_arm")})
     feet = _segments("foot")  # higher, further up, wider, further outwards, further ahead
     low, high = extent(feet[0])
     rows.stations({i: _stretch(2, 2 / (high[2] - low[2]), (low[2] + high[2]) / 2) for i in feet})
