@@ -203,7 +203,7 @@ class Lens:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PanZoomCamera:
-    """A camera on a head: what stays while it pans and zooms. `cameras.camera.at` gives the Camera of an instant."""
+    """A camera on a head: what stays while it pans and zooms. `pzcap.cameras.camera.at` gives an instant's Camera."""
 
     lens: Lens
     world_T_head: Array  # (4, 4)
