@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from pzcap.motion import body as bodies
 from pzcap.motion import tracking
 from pzcap.motion.body import Body, forward, place
+from pzcap.motion.complexion import UNKNOWN
 from pzcap.motion.evidence import USUAL_PX_PER_M, Appearance, Evidence, Normal, Terms, px_per_m
 from pzcap.motion.following import UNSEEN, Follower, Round, Step, improve
 from pzcap.motion.interval import astray
@@ -22,7 +23,7 @@ from pzcap.motion.merging import merge
 from pzcap.motion.tracking import Tracked, TrackingConfig, TrackInput, View
 from pzcap.motion.views import Cut, observe
 from pzcap.silhouettes import foreground
-from pzcap.types import SEGMENTS, Array, Keyframe, Pose, PzcapError, Subject
+from pzcap.types import SEGMENTS, Array, Image, Keyframe, Pose, PzcapError, Subject
 from tests.body_scene import HEIGHT, WIDTH, Clip, shoot
 
 FRAMES = 13
@@ -138,9 +139,14 @@ def cuts(frame: int) -> list[Cut | None]:
         belief = cv2.resize(
             2.0 * shot.mask.astype(np.float32) - 1.0, (WIDTH // 4, HEIGHT // 4), interpolation=cv2.INTER_AREA
         )
-        seen = observe(shot.image, mask, shot.camera, 0, 0)
+        seen = observe(shot.image, mask, unknown(mask), shot.camera, 0, 0)
         rows.append(Cut(seen, belief))
     return rows
+
+
+def unknown(silhouette: Image) -> Image:
+    """What is known of arms where their colours are not."""
+    return np.full(silhouette.shape, UNKNOWN)
 
 
 def observed(frame: int, body: Body) -> Evidence:
@@ -159,7 +165,7 @@ def test_joints_that_nothing_shows_come_to_rest_while_the_body_moves_on() -> Non
     body, pose = true_body(), clip().poses[0]
     grey, nobody = np.full((HEIGHT, WIDTH, 3), 128, np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8)
     belief = np.zeros((HEIGHT // 4, WIDTH // 4), np.float32)
-    blank = [Cut(observe(grey, nobody, shot.camera, 0, 0), belief) for shot in clip().shots[0]]
+    blank = [Cut(observe(grey, nobody, unknown(nobody), shot.camera, 0, 0), belief) for shot in clip().shots[0]]
     elbow, velocity = SEGMENTS.index("left_forearm"), np.zeros(bodies.DOF)
     velocity[[0, np.flatnonzero(elbow == bodies.DOF_SEGMENT)[0]]] = 0.02, 0.1
     follower = Follower(body, CONFIG, pose, velocity, blank)
@@ -255,7 +261,8 @@ def test_brightness_pulls_back_from_as_far_however_large_the_body_is_seen(times:
             width=size[0], height=size[1],
         )  # fmt: skip
         larger, nobody = np.asarray(cv2.resize(shot.image, size), np.uint8), np.zeros(size[::-1], np.uint8)
-        views.append(Cut(observe(larger, nobody, camera, 0, 0), np.zeros((size[1] // 4, size[0] // 4), np.float32)))
+        seen = observe(larger, nobody, unknown(nobody), camera, 0, 0)
+        views.append(Cut(seen, np.zeros((size[1] // 4, size[0] // 4), np.float32)))
     evidence = Evidence(body, views)
     appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in views]
     evidence.learn(evidence.visibility(pose), appearances, 1.0)

@@ -27,6 +27,8 @@ SEGMENT_WIDTH_M = np.array(
     [{"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07, "hand": 0.05,
       "thigh": 0.15, "shank": 0.1, "foot": 0.08}[n.removeprefix("left_").removeprefix("right_")] for n in SEGMENTS]
 )  # fmt: skip
+BEFORE_BODY_M = np.where([name.endswith(("forearm", "hand")) for name in SEGMENTS], SEGMENT_WIDTH_M, 0.0)
+"""(16,) How far an edge is sought of what may lie before the body: further off it is the other side's."""
 USUAL_PX_PER_M: Final = 130.0
 """Magnification that the pyramid level of `Terms` is meant for: an athlete 220 pixels tall."""
 _THIN_PX: Final = 3.0  # a segment less wide than this is not seen at a pyramid's level
@@ -221,8 +223,8 @@ class Evidence:
         count = residuals.contour(
             points, normals, surface.segment, surface.edges, skin.depth, skin.above, camera.world_T_cam,
             camera.focal_px, camera.principal_px, camera.k1, where.z_buffer, where.cover, GROUP, where.z_left,
-            where.z_top, Z_SCALE, view.probability, view.left, view.top, terms.reach_px, terms.contour_sigma_px,
-            terms.contour_weight, rows, segment, cost,
+            where.z_top, Z_SCALE, view.probability, view.arms, BEFORE_BODY_M, view.left, view.top, terms.reach_px,
+            terms.contour_sigma_px, terms.contour_weight, rows, segment, cost,
         )  # fmt: skip
         return rows, segment, count
 

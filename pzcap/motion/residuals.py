@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pzcap.motion.limbs import GROUP, LIMBS
 from pzcap.motion.raster import bilinear, pixel_gradient, ray, sloped, stand
 from pzcap.types import Array, Image
 
@@ -26,6 +27,9 @@ EVEN: Final = 127.5  # of a silhouette's probability, 0..255
 STEEP: Final = 255.0 / 3.0  # a fall of it, in a stride, that leaves no doubt
 SOFTEST: Final = 12.75  # a slope of it, a pixel, that is an edge
 WIDTH: Final = 7 + NUISANCES  # a row: its Jacobian by the segment's twist, the residual, and by the nuisances
+ALL: Final = 255  # bits of the parts of a body
+ARMS: Final = int(GROUP[LIMBS[0][0]] | GROUP[LIMBS[1][0]])
+BEFORE_M: Final = 0.02  # by which an arm is nearer than what it lies before
 FACING: Final = 0.15  # cosine: skin that is seen more obliquely tells little
 
 
@@ -147,7 +151,9 @@ def contour(
     z_left: int,
     z_top: int,
     z_scale: float,
-    probability: Image,
+    silhouette: Image,
+    arms: Image,
+    before_body: Array,
     left: float,
     top: float,
     reach: float,
@@ -157,18 +163,21 @@ def contour(
     row_segment: NDArray[np.int64],
     cost: Array,
 ) -> int:
-    """Occluding contour of the body against the silhouette: writes ``rows`` and returns how many.
+    """Occluding contour of the body against silhouette and arms: writes ``rows`` and returns how many.
 
     Where the normal turns away from the camera between the two ends of a mesh edge lies a contour point (``above`` (V,)
-    is as `pzcap.motion.raster.above` has it). It counts
-    if nothing hides it and no other part of the body lies just outside. Along its normal in the image, within
-    ``reach`` pixels, the silhouette's edge is sought: the crossing of 1/2 that falls towards the outside (which is the
-    check of the contour's normal) and lies nearest, unless another part of the body (``cover`` holds the bits ``group``
-    (16,) of the segments there) has its own edge there. The residual is the signed distance to it. A row (8,) holds its
-    weight, the residual, the gradient of the distance with respect to the point, and the point. ``cost`` (16, 3) gains
-    squared distances, points with an edge found and points sought.
+    is as `pzcap.motion.raster.above` has it). It counts if nothing hides it. Along its normal in the image, within
+    ``reach`` pixels, the edge of the ``silhouette`` is sought: the crossing of 1/2 that falls towards the outside
+    (which is the check of the contour's normal) and lies nearest, unless another part of the body (``cover`` holds the
+    bits ``group`` (16,) of the segments there) has its own edge there. If another part lies just outside, the point
+    counts only if it is before that and of a segment that is known from the rest by its colours: then the edge of the
+    ``arms`` is sought, within ``before_body`` (16,) metres, unless the other arm is there.
+
+    The residual is the signed distance to the edge. A row (8,) holds its weight, the residual, the gradient of the
+    distance with respect to the point, and the point. ``cost`` (16, 3) gains, of the silhouettes' edges alone, squared
+    distances, points with an edge found and points sought.
     """
-    p_height, p_width = probability.shape
+    p_height, p_width = silhouette.shape
     camera = stand(world_T_cam)
     count = 0
     stride = 2 if reach > 12.0 else 1  # pixels: a coarse search needs no fine steps
@@ -190,11 +199,13 @@ def contour(
         across, down, away = ray(x, y, z, camera)
         along = focal * (1.0 + k1 * (across * across + down * down))
         u, v = principal[0] + along * across, principal[1] + along * down
-        # hidden, or in front of another part of the body?
+        # hidden, or before another part of the body?
         zu, zv, du, dv = (u - z_left) / z_scale, (v - z_top) / z_scale, nu / z_scale, nv / z_scale
         if away > _depth(z_buffer, zu - 1.5 * du, zv - 1.5 * dv) + 0.06:
             continue
-        if min(_depth(z_buffer, zu + 2.0 * du, zv + 2.0 * dv), _depth(z_buffer, zu + 4.0 * du, zv + 4.0 * dv)) < np.inf:
+        beyond = min(_depth(z_buffer, zu + 2.0 * du, zv + 2.0 * dv), _depth(z_buffer, zu + 4.0 * du, zv + 4.0 * dv))
+        before = beyond < np.inf
+        if before and (before_body[s] <= 0.0 or beyond < away + BEFORE_M):
             continue
         px, py = u - left, v - top
         if (
@@ -203,18 +214,22 @@ def contour(
             or py + far * abs(nv) >= p_height - 2.0
         ):
             continue
-        cost[s, 2] += weight
-        offset, slope = _crossing(probability, px, py, nu, nv, stride, int(np.ceil(reach / stride)))
-        if abs(offset) > reach:
+        if before:
+            shown, explained, within = arms, ARMS, min(reach, before_body[s] * focal / away)
+            if _bits(cover, zu + 2.0 * du, zv + 2.0 * dv) & ARMS & ~group[s]:  # the two arms look alike
+                continue
+        else:
+            shown, explained, within = silhouette, ALL, reach
+            cost[s, 2] += weight
+        offset, slope = _crossing(shown, px, py, nu, nv, stride, int(np.ceil(within / stride)))
+        if abs(offset) > within:
             continue
         # the edge of another part of the body, which that part explains: no limb is drawn to it
-        column, line = int(np.rint(zu + (offset - 2.0) * du)), int(np.rint(zv + (offset - 2.0) * dv))
-        if 0 <= column < cover.shape[1] and 0 <= line < cover.shape[0]:
-            there = cover[line, column]
-            if there != 0 and there & group[s] == 0:
-                continue
+        there = _bits(cover, zu + (offset - 2.0) * du, zv + (offset - 2.0) * dv) & explained
+        if there != 0 and there & group[s] == 0:
+            continue
         # a soft or tilted edge (its gradient not along our normal) says little about where we are
-        _, gx, gy = sloped(probability, px + offset * nu, py + offset * nv)
+        _, gx, gy = sloped(shown, px + offset * nu, py + offset * nv)
         steepness = np.sqrt(gx * gx + gy * gy)
         aligned = -(gx * nu + gy * nv) / max(steepness, 1e-9)
         if steepness < SOFTEST or aligned < 0.5:
@@ -226,8 +241,9 @@ def contour(
         rows[count, 2:5] = pixel_gradient(across, down, away, camera, focal, k1, nu, nv)
         rows[count, 5:] = x, y, z
         count += 1
-        cost[s, 0] += weight * offset * offset
-        cost[s, 1] += weight
+        if not before:
+            cost[s, 0] += weight * offset * offset
+            cost[s, 1] += weight
     return count
 
 
@@ -239,6 +255,13 @@ def _mix(values: Array, i: int, j: int, share: float) -> tuple[float, float, flo
         values[i, 1] + share * (values[j, 1] - values[i, 1]),
         values[i, 2] + share * (values[j, 2] - values[i, 2]),
     )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _bits(cover: NDArray[np.uint8], column: float, row: float) -> int:
+    """Which parts of the body lie there."""
+    i, j = int(np.rint(row)), int(np.rint(column))
+    return int(cover[i, j]) if 0 <= i < cover.shape[0] and 0 <= j < cover.shape[1] else 0
 
 
 @njit(cache=True, nogil=True, inline="always")

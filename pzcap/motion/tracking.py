@@ -18,9 +18,11 @@ import numpy as np
 from pzcap.keypoints import NOBODY
 from pzcap.motion import elsewhere
 from pzcap.motion.body import DOF, DOF_SEGMENT, Body, difference
+from pzcap.motion.complexion import Complexion
+from pzcap.motion.evidence import Evidence
 from pzcap.motion.following import UNSEEN, Follower, TrackingConfig
 from pzcap.motion.interval import Anchor, Instant, IntervalSolver, Tracked, nothing, solved
-from pzcap.motion.views import Cut, cut_out, expect
+from pzcap.motion.views import Cut, PlacedView, cut_out, expect
 from pzcap.silhouettes.foreground import Expected
 from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
 
@@ -63,6 +65,7 @@ class Tracker:
         self._solver = IntervalSolver(body, config)
         self._solving: Future[tuple[IntervalSolver, list[Tracked]]] | None = None
         self._ahead: Follower | None = None
+        self._complexion = Complexion()
         self._lead: list[TrackInput] = []  # before the first keyframe
         self._waiting: list[Instant] = []  # since the latest one
 
@@ -118,6 +121,7 @@ class Tracker:
         done = self._solved()
         cuts = self._cut(item.views, key.pose)
         settled = self._solver.settle(key.pose, cuts)
+        self._look_at_arms(item.views, Evidence(self.body, cuts).visibility(settled.pose))
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, cuts, settled.pose)
         anchor = Anchor(key, cuts, settled, velocity)
         if self._ahead is None:
@@ -127,6 +131,13 @@ class Tracker:
             self._solve(anchor)
         self._ahead = Follower(self.body, self.config, settled.pose, velocity, cuts)
         return done
+
+    def _look_at_arms(self, views: Sequence[View | None], placed: Sequence[PlacedView | None]) -> None:
+        """Learn their colours where the body was ``placed``."""
+        segment = self.body.surface.segment
+        for view, where in zip(views, placed, strict=True):
+            if view is not None and where is not None:
+                self._complexion.learn(view.image, segment, where.skin.pixels, where.facing)
 
     def _solve(self, anchor: Anchor | None) -> None:
         """Start to solve what waits, up to ``anchor``. What was being solved has been taken before."""
@@ -158,13 +169,13 @@ class Tracker:
         return self._solver.result(item.frame, self._keys[min(self._keys)].pose, np.zeros((DOF, DOF)), UNSEEN, False)
 
     def _cut(self, views: Sequence[View | None], pose: Pose) -> list[Cut | None]:
-        config = self.config
-        return [
-            None
-            if view is None or not view.silhouette.valid
-            else cut_out(self.body, view.image, view.silhouette, view.camera, pose, config.cut_out_margin, view.people)
-            for view in views
-        ]
+        margin = self.config.cut_out_margin
+
+        def cut(view: View) -> Cut | None:
+            image, silhouette, camera = view.image, view.silhouette, view.camera
+            return cut_out(self.body, image, silhouette, camera, pose, margin, self._complexion, view.people)
+
+        return [None if view is None or not view.silhouette.valid else cut(view) for view in views]
 
 
 def track(

@@ -16,6 +16,7 @@ from pzcap.cameras.cylinder import Window
 from pzcap.keypoints import NOBODY
 from pzcap.motion import landmarks, raster
 from pzcap.motion.body import Body, forward, place
+from pzcap.motion.complexion import Complexion
 from pzcap.motion.limbs import BELIEF_SCALE, GROUP, Ground, ground
 from pzcap.motion.raster import Float32
 from pzcap.silhouettes.foreground import Expected
@@ -37,15 +38,16 @@ class Observation:
     left: int
     top: int
     grey: tuple[Image, ...]  # LEVELS images
-    probability: Image  # (h, w) 0..255 of the finest level
+    probability: Image  # (h, w) 0..255 of the finest level: that it is the athlete
+    arms: Image  # (h, w) 0..255 that it is one of her lower arms, as `pzcap.motion.complexion` has it
 
 
-def observe(image: Image, probability: Image, camera: Camera, left: int, top: int) -> Observation:
+def observe(image: Image, probability: Image, arms: Image, camera: Camera, left: int, top: int) -> Observation:
     """Prepare a cut-out whose top-left pixel stands at ``(left, top)`` of the view."""
     levels = [_smooth(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))]
     for _ in range(LEVELS - 1):
         levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.uint8))
-    return Observation(camera, left, top, tuple(levels), _smooth(probability))
+    return Observation(camera, left, top, tuple(levels), _smooth(probability), arms)
 
 
 def _smooth(image: Image) -> Image:
@@ -70,8 +72,9 @@ class Cut:
 
 
 def cut_out(
-    body: Body, image: Image, silhouette: Silhouette, camera: Camera, pose: Pose, margin: float, people: Array = NOBODY
-) -> Cut | None:
+    body: Body, image: Image, silhouette: Silhouette, camera: Camera, pose: Pose, margin: float,
+    complexion: Complexion, people: Array = NOBODY,
+) -> Cut | None:  # fmt: skip
     """The part of a view around the body, copied so that the frame itself can be let go. None where it is not seen.
 
     Of the ``people`` that a detector found, the one nearest to the ``pose`` is the athlete.
@@ -85,7 +88,8 @@ def cut_out(
     sure = np.clip(silhouette.evidence[top // 2 : bottom // 2, left // 2 : right // 2] / _SURE, -1.0, 1.0)
     size = ((right - left) // BELIEF_SCALE, (bottom - top) // BELIEF_SCALE)
     belief = cv2.resize(sure, size, interpolation=cv2.INTER_AREA)
-    seen = observe(image[part], silhouette.probability[part], camera, left, top)
+    here, probability = image[part], silhouette.probability[part]
+    seen = observe(here, probability, complexion.arms(here, probability), camera, left, top)
     person = landmarks.nearest(landmarks.in_world(body.landmarks, frames), camera, people) if len(people) else None
     return Cut(seen, np.asarray(belief, np.float32), person)
 

@@ -76,7 +76,11 @@ class Compared:
     def judge(self, where: Image | None = None) -> Float32:
         """Log-odds of body (h, w) within +-LARGEST. ``where`` (h, w) is not 0 in what is surely body: that is what
         colours the body has. Without it, it may have any colour."""
-        palette = np.zeros((LEVELS,) * 3, np.float32) if where is None else _palette(self.frame, where)
+        palette = np.zeros((LEVELS,) * 3, np.float32)
+        if where is not None:
+            counts = np.zeros(palette.shape, np.int64)
+            count_colours(self.frame, where, counts)
+            palette = log_shares(counts)
         log_odds = np.empty(self.likelihood.shape, np.float32)
         _judge(self.frame, self.likelihood, self.known, palette, log_odds)
         return log_odds
@@ -169,18 +173,21 @@ def _explain(
 
 
 @njit(cache=True, nogil=True)
-def _palette(frame: Image, where: Image) -> Float32:
-    """How the colours of ``frame`` are distributed ``where`` (h, w) is not 0: the log-share of each cell, over that of
-    an even distribution. A colour counts for the cells around its own as well: half as much on either side."""
+def count_colours(frame: Image, where: Image, counts: NDArray[np.int64]) -> None:
+    """Add to ``counts`` (LEVELS, LEVELS, LEVELS) each colour of ``frame`` (h, w, 3) ``where`` (h, w) is not 0."""
     height, width = where.shape
-    counts = np.zeros((LEVELS, LEVELS, LEVELS), np.int64)
     cell = 256 // LEVELS
-    total = 0
     for i in range(height):
         for j in range(width):
             if where[i, j] > 0:
                 counts[frame[i, j, 0] // cell, frame[i, j, 1] // cell, frame[i, j, 2] // cell] += 1
-                total += 1
+
+
+@njit(cache=True, nogil=True)
+def log_shares(counts: NDArray[np.int64]) -> Float32:
+    """The share of each colour among those counted, over that of an even distribution: the logarithm. A colour counts
+    for the cells around its own as well: half as much on either side."""
+    total = counts.sum()
     shares = np.zeros((LEVELS, LEVELS, LEVELS))
     last = LEVELS - 1
     for a in range(LEVELS):

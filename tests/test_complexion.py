@@ -1,0 +1,123 @@
+"""An arm before the trunk: told from it by its colours, and drawn to the edge of those."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pzcap.motion import body as bodies
+from pzcap.motion import raster
+from pzcap.motion.body import Body, forward, place
+from pzcap.motion.complexion import UNKNOWN, Complexion
+from pzcap.motion.evidence import Evidence, Terms
+from pzcap.motion.limbs import GROUP
+from pzcap.motion.views import Cut, observe, place_view, project
+from pzcap.types import SEGMENTS, Camera, Image, Mask, Pose, Subject
+from tests.body_scene import HEIGHT, WIDTH, Clip, shoot
+
+LOWER_ARMS = np.isin(SEGMENTS, ["left_forearm", "right_forearm", "left_hand", "right_hand"])
+ELBOW = np.flatnonzero(SEGMENTS.index("left_forearm") == bodies.DOF_SEGMENT)[0]
+CONTOUR = Terms(0, 10.0, 1.0, 12.0, 1.0, 0.0, 0.15)
+
+
+@cache
+def clip() -> Clip:
+    return shoot(6)
+
+
+@cache
+def body() -> Body:
+    return bodies.build(Subject(clip().measurements_m, 0.001))
+
+
+def seen(pose: Pose, camera: Camera) -> tuple[Mask, Mask]:
+    """Where the body is seen, and where its lower arms are: (HEIGHT, WIDTH) each."""
+    surface = body().surface
+    points, normals = place(body(), forward(body(), pose))
+    skin = project(points, normals, camera)
+    depths = []
+    for part in (np.ones(len(SEGMENTS), bool), LOWER_ARMS):
+        depth, cover = np.empty((HEIGHT, WIDTH), np.float32), np.empty((HEIGHT, WIDTH), np.uint8)
+        faces = surface.faces[part[surface.segment[surface.faces[:, 0]]]]
+        raster.rasterise(skin.pixels, skin.depth, faces, surface.segment, GROUP, 0, 0, 1.0, depth, cover)
+        depths.append(depth)
+    return np.isfinite(depths[0]), np.isfinite(depths[1]) & (depths[1] <= depths[0] + 1e-4)
+
+
+def learned(frame: int) -> Complexion:
+    complexion = Complexion()
+    pose = clip().poses[frame]
+    points, normals = place(body(), forward(body(), pose))
+    for shot in clip().shots[frame]:
+        placed = place_view(body(), points, project(points, normals, shot.camera), shot.camera)
+        complexion.learn(shot.image, body().surface.segment, placed.skin.pixels, placed.facing)
+    return complexion
+
+
+def test_nothing_is_said_of_colours_before_any_were_seen() -> None:
+    shot = clip().shots[0][0]
+    even = Complexion().arms(shot.image, np.full((HEIGHT, WIDTH), 255, np.uint8))
+    assert (even == UNKNOWN).all()
+
+
+def test_lower_arms_are_known_by_their_colours_in_later_frames() -> None:
+    complexion, last = learned(0), len(clip().poses) - 1
+    inside, beside = [], []
+    for shot in clip().shots[last]:
+        whole, arms = seen(clip().poses[last], shot.camera)
+        likely = complexion.arms(shot.image, (255 * whole).astype(np.uint8))
+        inside.append(likely[arms & shot.mask])
+        beside.append(likely[whole & ~arms & shot.mask])
+        assert likely[~whole].mean() < 1.0
+    assert np.median(np.concatenate(inside)) > 150
+    assert np.median(np.concatenate(beside)) < 60
+
+
+def test_clothes_of_the_arms_colour_leave_all_undecided() -> None:
+    complexion = Complexion()
+    cloth = np.full((40, 40, 3), (90, 120, 160), np.uint8)
+    segment = np.repeat(np.arange(len(SEGMENTS)), 20)
+    pixels = np.random.default_rng(0).uniform(1.0, 38.0, (len(segment), 2))
+    complexion.learn(cloth, segment, pixels, np.ones(len(segment), np.float32))
+    assert np.abs(complexion.arms(cloth, np.full((40, 40), 255, np.uint8)).astype(int) - UNKNOWN).max() <= 1
+
+
+def before_the_trunk() -> Pose:
+    """Upright, the left forearm held across the belly, a hand's breadth before it."""
+    pose = clip().poses[0]
+    rotations = np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1))
+    rotations[0] = pose.rotations[0]
+    rotations[SEGMENTS.index("left_upper_arm")] = Rotation.from_rotvec([0.0, -0.5, -1.2]).as_quat(scalar_first=True)
+    rotations[SEGMENTS.index("left_forearm")] = Rotation.from_rotvec([0.0, -1.3, 0.0]).as_quat(scalar_first=True)
+    return Pose(pose.root_position_m, rotations)
+
+
+def views(pose: Pose, *, told: bool) -> list[Cut | None]:
+    found: list[Cut | None] = []
+    for shot in clip().shots[0]:
+        whole, arms = (255 * mask.astype(np.uint8) for mask in seen(pose, shot.camera))
+        known: Image = arms if told else np.full(whole.shape, UNKNOWN)
+        grey = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
+        found.append(
+            Cut(observe(grey, whole, known, shot.camera, 0, 0), np.zeros((HEIGHT // 4, WIDTH // 4), np.float32))
+        )
+    return found
+
+
+@pytest.mark.parametrize("off_rad", [-0.12, 0.12])
+def test_an_arm_before_the_trunk_is_drawn_to_the_edge_of_its_colours(off_rad: float) -> None:
+    pose, turned = before_the_trunk(), np.zeros(bodies.DOF)
+    turned[ELBOW] = off_rad
+    moved = bodies.retract(pose, turned)
+    slopes, information = [], []
+    for told in (True, False):
+        evidence = Evidence(body(), views(pose, told=told))
+        normal = evidence.normal(moved, evidence.visibility(moved), [None] * 4, CONTOUR)
+        slopes.append(normal.gradient[ELBOW])
+        information.append(normal.hessian[ELBOW, ELBOW])
+    step = slopes[0] / information[0]
+    assert step == pytest.approx(-off_rad, rel=0.4)
+    assert information[0] > 1.5 * information[1]
