@@ -18,9 +18,9 @@ LEFT = [k for k, name in enumerate(KEYPOINTS) if name.startswith("left_") and k 
 RIGHT = [KEYPOINTS.index(KEYPOINTS[k].replace("left_", "right_")) for k in LEFT]
 
 
-def detected(frame: int, camera: int) -> Array:
+def detected(frame: int, camera: int, seed: int = 0) -> Array:
     """One person (1, 26, 3), as a detector errs: by 15 mm on the body in all views, by 2.5 pixels in each."""
-    rng, always = np.random.default_rng([frame, camera]), np.random.default_rng(0)
+    rng, always = np.random.default_rng([frame, camera, seed]), np.random.default_rng(seed)
     body, shot = true_body(), clip().shots[frame][camera]
     meant = body.landmarks.points_m + always.normal(0.0, 0.015, (len(KEYPOINTS), 3))
     marks = landmarks.Landmarks(meant, body.landmarks.sigma_m)
@@ -29,14 +29,14 @@ def detected(frame: int, camera: int) -> Array:
     return np.column_stack([pixels, rng.uniform(0.5, 1.0, len(pixels))])[None]
 
 
-def with_keypoints(items: tuple[TrackInput, ...], swapped: int | None = None) -> tuple[TrackInput, ...]:
+def with_keypoints(items: tuple[TrackInput, ...], seed: int = 0, swapped: int | None = None) -> tuple[TrackInput, ...]:
     """The same views, looked at by a detector, which takes left for right in one of them."""
     rows = []
     for item in items:
         views = []
         for camera, view in enumerate(item.views):
             assert view is not None
-            people = detected(item.frame, camera)
+            people = detected(item.frame, camera, seed)
             if camera == swapped:
                 people[:, LEFT + RIGHT] = people[:, RIGHT + LEFT]
             views.append(replace(view, people=people))
@@ -58,11 +58,13 @@ def blank(items: tuple[TrackInput, ...]) -> tuple[TrackInput, ...]:
 
 
 def test_no_worse_with_keypoints_even_if_one_view_swaps_the_sides() -> None:
-    keys = [by_hand(0), by_hand(FRAMES - 1)]
-    without, with_, swapped = (
-        errors_m(run(keys, items))
-        for items in (inputs(), with_keypoints(inputs()), with_keypoints(inputs(), swapped=1))
-    )
+    """Over three detectors and hands: by luck either may be ahead by 4 %."""
+    errors: list[list[Array]] = []
+    for seed in range(3):
+        keys = [by_hand(0, seed), by_hand(FRAMES - 1, seed)]
+        footage = inputs(), with_keypoints(inputs(), seed), with_keypoints(inputs(), seed, swapped=1)
+        errors.append([errors_m(run(keys, items)) for items in footage])
+    without, with_, swapped = np.array(errors).swapaxes(0, 1)
     assert with_.mean() < 1.02 * without.mean()
     assert swapped.mean() < 1.10 * without.mean()
     assert with_.max() < 1.1 * without.max()

@@ -41,7 +41,10 @@ class Complexion:
         for counts, part in zip(self._counts, (~_LOWER_ARM, _LOWER_ARM), strict=True):
             shown = clear & part[segment]
             if shown.any():
-                colours = _coded(image[row[shown], column[shown]][None])
+                colours = np.asarray(
+                    cv2.cvtColor(image[row[shown], column[shown]][None], cv2.COLOR_BGR2YCrCb), np.uint8
+                )
+                colours[..., 0] //= _LUMA
                 count_colours(colours, np.ones(colours.shape[:2], np.uint8), counts)
         if self._counts.any(axis=(1, 2, 3)).all():
             rest, arms = (log_shares(counts) for counts in self._counts)
@@ -52,22 +55,16 @@ class Complexion:
         """The probability (h, w), 0..255, that a pixel of ``image`` (h, w, 3) shows a lower arm, that of its being the
         athlete at all as in ``silhouette`` (h, w), 0..255."""
         found = np.empty(silhouette.shape, np.uint8)
-        _look_up(_coded(image), silhouette, self._table, found)
+        _look_up(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), np.uint8), silhouette, self._table, found)
         return np.asarray(cv2.GaussianBlur(found, (0, 0), _SOFT_PX), np.uint8)
-
-
-def _coded(image: Image) -> Image:
-    """Luma, which counts for less, and chroma."""
-    colours = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), np.uint8)
-    colours[..., 0] //= _LUMA
-    return colours
 
 
 @njit(cache=True, nogil=True)
 def _look_up(colours: Image, silhouette: Image, table: Image, found: Image) -> None:
+    """The ``table`` (LEVELS, LEVELS, LEVELS) of luma and chroma at each pixel's colours."""
     height, width = silhouette.shape
     cell = 256 // LEVELS
     for i in range(height):
         for j in range(width):
-            here = table[colours[i, j, 0] // cell, colours[i, j, 1] // cell, colours[i, j, 2] // cell]
+            here = table[colours[i, j, 0] // (_LUMA * cell), colours[i, j, 1] // cell, colours[i, j, 2] // cell]
             found[i, j] = here * np.int64(silhouette[i, j]) // 255

@@ -65,7 +65,7 @@ class TrackingConfig:
     velocity_gain: float = 0.8  # how fast the velocity follows
     joint_persistence: float = 0.2  # of a joint's velocity, what is expected to go on: unseen limbs come to rest
     limit_sigma_rad: float = 0.05
-    cut_out_margin: float = 0.2  # what is kept of a view around the body, in sizes of the body
+    cut_out_margin: float = 0.1  # what is kept of a view around the body, in sizes of the body
     doubt_m2: float = (
         0.004  # foreground that nothing explains, or hall that a limb lies on, to search for the limb again
     )

@@ -3,7 +3,8 @@
 Gauss-Newton follows a slope. A limb that has come to lie over the trunk in all views has none: its contour is hidden,
 and the arm in the silhouette beside it is explained by nothing. So every limb is also judged by area, as three cones.
 A pixel that shows the athlete and that no other part of the body covers is worth what its colour says for it, one of
-the hall costs as much; a limb's support is what it covers, in square metres at its own distance summed over the views.
+the hall costs as much; so is, to an arm, one that another part covers but that has a lower arm's colour. A limb's
+support is what it covers, in square metres at its own distance summed over the views.
 Where there is foreground in a limb's reach that nothing explains, some hundred postures of its two first joints are
 judged the same way, and the best one is where Gauss-Newton starts again.
 """
@@ -22,14 +23,18 @@ from numpy.typing import NDArray
 from pzcap.motion import rigid
 from pzcap.motion.body import DOF_SEGMENT, Body, difference, forward
 from pzcap.motion.raster import Float32
-from pzcap.types import HINGE_AXES, PARENTS, SEGMENTS, Array, Camera, Pose
+from pzcap.types import HINGE_AXES, PARENTS, SEGMENTS, Array, Camera, Image, Pose
 
 LIMBS: Final[tuple[tuple[int, ...], ...]] = ((4, 5, 6), (7, 8, 9), (10, 11, 12), (13, 14, 15))
 """Segments of the arms and the legs: a ball joint, a hinge and a ball joint each."""
+_HEAD: Final = 32
 GROUP: Final[NDArray[np.uint8]] = np.array(
     [next((2 << k for k, limb in enumerate(LIMBS) if s in limb), 1) for s in range(len(SEGMENTS))], np.uint8
 )
-"""(16,) One bit a part of the body: the trunk with the head, then each limb."""
+GROUP[SEGMENTS.index("head")] |= _HEAD
+"""(16,) One bit a part of the body: the trunk with the head, then each limb; the head has one besides."""
+ARMS: Final = int(GROUP[LIMBS[0][0]] | GROUP[LIMBS[1][0]])
+_BARE: Final = np.uint8(ARMS | _HEAD)  # what may have the colours of a lower arm
 BELIEF_SCALE: Final = 4
 RELUCTANCE_M2: Final = 0.002
 """What a turn of one radian must gain."""
@@ -64,15 +69,22 @@ class Ground:
     belief: Float32  # (h, w) -1 hall .. 1 body
     cover: NDArray[np.uint8]  # (h, w) bits of GROUP
     loose: Float32  # (h, w) belief in the body where no part of it is near
+    bare: Float32  # (h, w) belief in a lower arm, 0 .. 1, by its colours
+    bare_loose: Float32  # (h, w) that, or in the body, where no arm is near, nor the head
 
 
-def ground(camera: Camera, corner: Array, belief: Float32, cover: NDArray[np.uint8], shift: Array) -> Ground:
-    """Judge one view: ``cover`` is as `pzcap.motion.raster.rasterise` left it; ``shift`` (2, 3) takes pixels of the
-    belief to pixels of it."""
+def ground(
+    camera: Camera, corner: Array, belief: Float32, arms: Image, cover: NDArray[np.uint8], shift: Array
+) -> Ground:
+    """Judge one view: ``arms`` (H, W), 0..255, is as `pzcap.motion.complexion` has it, ``cover`` as
+    `pzcap.motion.raster.rasterise` left it; ``shift`` (2, 3) takes pixels of the belief to pixels of it."""
     nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
     here = np.asarray(cv2.warpAffine(cover, shift, belief.shape[::-1], flags=nearest), np.uint8)
-    near = cv2.dilate(here, _NEAR)
-    return Ground(camera, corner, belief, here, np.where(near == 0, np.maximum(belief, 0.0), 0.0).astype(np.float32))
+    likely = cv2.resize(arms, belief.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+    bare = np.maximum(likely / np.float32(127.5) - np.float32(1.0), np.float32(0.0))
+    loose = np.where(cv2.dilate(here, _NEAR) == 0, np.maximum(belief, np.float32(0.0)), np.float32(0.0))
+    bare_loose = np.where(cv2.dilate(here & _BARE, _NEAR) == 0, np.maximum(bare, loose), np.float32(0.0))
+    return Ground(camera, corner, belief, here, loose, bare, bare_loose)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +100,7 @@ class Patch:
     """The surroundings of a limb in one view."""
 
     camera: Camera
-    free: Float32  # (h, w) the belief, 0 where another part of the body covers
+    free: Float32  # (h, w) the belief; where another part of the body covers, that in an arm before it
     corner: Array  # (2,)
     m_per_px: float
 
@@ -117,7 +129,8 @@ class LimbSearch:
             for ground in grounds:
                 box = None if ground is None else _box(ground, frames[segments[0], :3, 3], self._reach_m[limb])
                 if ground is not None and box is not None:
-                    area[limb] += float(ground.loose[box[0]].sum()) * box[1] ** 2
+                    loose = ground.bare_loose if GROUP[segments[0]] & ARMS else ground.loose
+                    area[limb] += float(loose[box[0]].sum()) * box[1] ** 2
         return area
 
     def search(self, limb: int, pose: Pose, grounds: Sequence[Ground | None]) -> Pose:
@@ -156,14 +169,17 @@ class LimbSearch:
     def patches(self, limb: int, frames: Array, grounds: Sequence[Ground | None]) -> list[Patch]:
         """The surroundings of a limb in each view that shows them."""
         root, reach = frames[LIMBS[limb][0], :3, 3], self._reach_m[limb]
-        others = np.uint8(255 - int(GROUP[LIMBS[limb][0]]))
+        own = int(GROUP[LIMBS[limb][0]])
+        others = np.uint8(255 - own)
         patches = []
         for ground in grounds:
             box = None if ground is None else _box(ground, root, reach)
             if ground is None or box is None:
                 continue
             rows, columns = box[0]
-            free = np.where(ground.cover[box[0]] & others, np.float32(0.0), ground.belief[box[0]])
+            covers = ground.cover[box[0]] & others
+            before = np.where(covers & _BARE, np.float32(0.0), ground.bare[box[0]]) if own & ARMS else np.float32(0.0)
+            free = np.where(covers, before, ground.belief[box[0]])
             corner = ground.corner + BELIEF_SCALE * np.array([columns.start, rows.start])
             patches.append(Patch(ground.camera, free, corner, box[1]))
         return patches

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.motion.limbs import GROUP, LIMBS
+from pzcap.motion.limbs import ARMS
 from pzcap.motion.raster import bilinear, pixel_gradient, ray, sloped, stand
 from pzcap.types import Array, Image
 
@@ -28,7 +28,6 @@ STEEP: Final = 255.0 / 3.0  # a fall of it, in a stride, that leaves no doubt
 SOFTEST: Final = 12.75  # a slope of it, a pixel, that is an edge
 WIDTH: Final = 7 + NUISANCES  # a row: its Jacobian by the segment's twist, the residual, and by the nuisances
 ALL: Final = 255  # bits of the parts of a body
-ARMS: Final = int(GROUP[LIMBS[0][0]] | GROUP[LIMBS[1][0]])
 BEFORE_M: Final = 0.02  # by which an arm is nearer than what it lies before
 FACING: Final = 0.15  # cosine: skin that is seen more obliquely tells little
 

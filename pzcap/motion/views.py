@@ -68,7 +68,7 @@ class Cut:
         corner = np.array([seen.left, seen.top]) + 0.5 * (BELIEF_SCALE - 1)
         origin = (corner - [placed.z_left, placed.z_top]) / Z_SCALE
         shift = np.column_stack([BELIEF_SCALE / Z_SCALE * np.eye(2), origin])
-        return ground(seen.camera, corner, self.belief, placed.cover, shift)
+        return ground(seen.camera, corner, self.belief, seen.arms, placed.cover, shift)
 
 
 def cut_out(
