@@ -18,7 +18,8 @@ from pzcap.silhouettes.colours import LEVELS, count_colours, log_shares
 from pzcap.types import SEGMENTS, Array, Image
 
 UNKNOWN: Final = np.uint8(127)  # of 255
-_LOWER_ARM: Final = np.array([name.endswith(("forearm", "hand")) for name in SEGMENTS])
+LOWER_ARM: Final = np.array([name.endswith(("forearm", "hand")) for name in SEGMENTS])
+"""(16,) Which segments are of one."""
 _LUMA: Final = 4  # by how much less luma counts than chroma: light changes it
 _FACING: Final = 0.3  # cosine: skin that is seen more obliquely may be another part's
 _SUREST: Final = 3.0  # log-odds
@@ -38,12 +39,10 @@ class Complexion:
         column, row = np.rint(pixels).astype(np.int64).T
         height, width = image.shape[:2]
         clear = (facing > _FACING) & (column >= 0) & (row >= 0) & (column < width) & (row < height)
-        for counts, part in zip(self._counts, (~_LOWER_ARM, _LOWER_ARM), strict=True):
+        for counts, part in zip(self._counts, (~LOWER_ARM, LOWER_ARM), strict=True):
             shown = clear & part[segment]
             if shown.any():
-                colours = np.asarray(
-                    cv2.cvtColor(image[row[shown], column[shown]][None], cv2.COLOR_BGR2YCrCb), np.uint8
-                )
+                colours = _luma_and_chroma(image[row[shown], column[shown]][None])
                 colours[..., 0] //= _LUMA
                 count_colours(colours, np.ones(colours.shape[:2], np.uint8), counts)
         if self._counts.any(axis=(1, 2, 3)).all():
@@ -55,13 +54,17 @@ class Complexion:
         """The probability (h, w), 0..255, that a pixel of ``image`` (h, w, 3) shows a lower arm, that of its being the
         athlete at all as in ``silhouette`` (h, w), 0..255."""
         found = np.empty(silhouette.shape, np.uint8)
-        _look_up(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), np.uint8), silhouette, self._table, found)
+        _look_up(_luma_and_chroma(image), silhouette, self._table, found)
         return np.asarray(cv2.GaussianBlur(found, (0, 0), _SOFT_PX), np.uint8)
+
+
+def _luma_and_chroma(image: Image) -> Image:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), np.uint8)
 
 
 @njit(cache=True, nogil=True)
 def _look_up(colours: Image, silhouette: Image, table: Image, found: Image) -> None:
-    """The ``table`` (LEVELS, LEVELS, LEVELS) of luma and chroma at each pixel's colours."""
+    """The ``table`` (LEVELS, LEVELS, LEVELS) at each pixel's ``colours``, times the ``silhouette``."""
     height, width = silhouette.shape
     cell = 256 // LEVELS
     for i in range(height):

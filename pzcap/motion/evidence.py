@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pzcap.motion import landmarks, raster, residuals
 from pzcap.motion.body import Body, forward, lift, place, screws
+from pzcap.motion.complexion import LOWER_ARM
 from pzcap.motion.limbs import GROUP, Ground
 from pzcap.motion.raster import Float32
 from pzcap.motion.shape import ContourRows, Texture
@@ -27,7 +28,7 @@ SEGMENT_WIDTH_M = np.array(
     [{"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07, "hand": 0.05,
       "thigh": 0.15, "shank": 0.1, "foot": 0.08}[n.removeprefix("left_").removeprefix("right_")] for n in SEGMENTS]
 )  # fmt: skip
-BEFORE_BODY_M = np.where([name.endswith(("forearm", "hand")) for name in SEGMENTS], SEGMENT_WIDTH_M, 0.0)
+BEFORE_BODY_M = np.where(LOWER_ARM, SEGMENT_WIDTH_M, 0.0)
 """(16,) How far an edge is sought of what may lie before the body: further off it is the other side's."""
 USUAL_PX_PER_M: Final = 130.0
 """Magnification that the pyramid level of `Terms` is meant for: an athlete 220 pixels tall."""
