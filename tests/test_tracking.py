@@ -122,6 +122,23 @@ def test_results_come_as_soon_as_they_can() -> None:
     assert tracker.finish() == []
 
 
+def test_the_colours_of_the_arms_are_known_from_the_first_keyframe_on() -> None:
+    told: list[int] = []
+
+    class Watched(tracking.Complexion):
+        def arms(self, image: Image, silhouette: Image) -> Image:
+            found = super().arms(image, silhouette)
+            told.append(int(found.max()))
+            return found
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tracking, "Complexion", Watched)
+        tracker = tracking.Tracker(taped(), [by_hand(0)], CONFIG)
+    views = [tracker.push(item) and len(told) for item in inputs()[:2]]
+    assert max(told[: views[0]]) <= UNKNOWN
+    assert min(told[views[0] :]) > 220
+
+
 def test_no_keyframe_is_a_clear_error() -> None:
     with pytest.raises(PzcapError, match="no keyframes"):
         list(tracking.track(taped(), [], inputs(), CONFIG))
