@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import mujoco
@@ -25,6 +25,7 @@ class AthleteConfig:
     """How the athlete looks."""
 
     clothing: Literal["rich", "plain"] = "rich"  # printed shirt and seams, or plain cloth of weak texture
+    sleeves: Literal["short", "long"] = "short"  # of the shirt: bare forearms, or such as look like the trunk
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +77,8 @@ def add_athlete(
     wardrobe = Wardrobe.draw(config.clothing == "rich", rng)
     materials: dict[tuple[str, str], str] = {}
     for shape in _shapes(measurements):
+        if config.sleeves == "long" and shape.skin == "skin" and shape.segment.endswith("arm"):
+            shape = replace(shape, skin="sleeve")
         key = (shape.segment, shape.skin)
         if key not in materials:
             materials[key] = _add_material(spec, shape, wardrobe, rng)

@@ -216,3 +216,14 @@ def test_silhouette_is_one_piece_of_human_size() -> None:
 
 def test_clothing_is_the_same_for_the_same_seed() -> None:
     np.testing.assert_array_equal(_render(AthleteConfig(), 4)[0], _render(AthleteConfig(), 4)[0])
+
+
+def test_long_sleeves_cover_the_arms_and_leave_the_shape_as_it_is() -> None:
+    short, mask = _render(AthleteConfig())
+    long, same = _render(AthleteConfig(sleeves="long"))
+    np.testing.assert_array_equal(mask, same)
+    changed = np.abs(short.astype(int) - long.astype(int)).max(axis=2) > 30
+    assert 0.02 < changed.sum() / mask.sum() < 0.15
+    columns = np.nonzero(mask)[1]
+    beside = np.abs(np.nonzero(changed)[1] - columns.mean()) > 0.2 * np.ptp(columns)
+    assert beside.mean() > 0.95  # specks of other cloth are drawn anew
