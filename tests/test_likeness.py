@@ -19,7 +19,7 @@ from pzcap.motion.following import TrackingConfig
 from pzcap.motion.likeness import Likeness, Postures, shared
 from pzcap.motion.limbs import LIMBS, POSTURES, LimbSearch, turn_to
 from pzcap.motion.polishing import polish
-from pzcap.motion.second_look import LEAP_M, LEAP_M2, Again, Passes, best_way, look_again, runs
+from pzcap.motion.second_look import LEAP_M, LEAP_M2, WORST_LEAP, Again, Passes, best_way, look_again, runs
 from pzcap.motion.views import LEVELS, Cut
 from pzcap.types import Array, Keyframe, Mask, Pose
 from tests.test_tracking import clip, cuts, lost, observed, true_body
@@ -258,8 +258,8 @@ def test_the_best_way_is_the_best_of_all_ways(frames: int, seed: int) -> None:
 
     def worth(way: Sequence[int]) -> float:
         joints = [each.moved_m[k] for each, k in zip(postures, way, strict=True)]
-        leaps = sum(float(np.sum((b - a) ** 2)) for a, b in pairwise(joints))
-        return sum(float(each.worth_m2[k]) for each, k in zip(postures, way, strict=True)) - LEAP_M2 / LEAP_M**2 * leaps
+        leaps = sum(min(float(np.sum((b - a) ** 2)) / LEAP_M**2, WORST_LEAP) for a, b in pairwise(joints))
+        return sum(float(each.worth_m2[k]) for each, k in zip(postures, way, strict=True)) - LEAP_M2 * leaps
 
     best = max(worth(way) for way in product(range(3), repeat=frames))
     assert worth(best_way(postures)) == pytest.approx(best, abs=1e-12)

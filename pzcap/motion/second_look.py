@@ -37,6 +37,9 @@ LEAP_M: Final = 0.04
 """What a joint may well move by in a frame, besides what was expected."""
 LEAP_M2: Final = 0.005
 """What that costs its limb of what it is worth; a leap costs as the square of its length."""
+WORST_LEAP: Final = 10.0
+"""Of such squares, the most that count: an arm that swings moves further than was expected, and is still worth most
+where it is seen."""
 
 _OF_LIMB: Final[Mask] = np.array([np.isin(np.arange(len(SEGMENTS)), limb) for limb in LIMBS])  # (4, 16)
 
@@ -165,7 +168,7 @@ def best_way(postures: Sequence[Postures]) -> list[int]:
     total, origins = postures[0].worth_m2, []
     for one, other in pairwise(postures):
         leap = np.sum((other.moved_m[:, None] - one.moved_m) ** 2, axis=(2, 3)) / LEAP_M**2
-        reached = total - LEAP_M2 * leap
+        reached = total - LEAP_M2 * np.minimum(leap, WORST_LEAP)
         origins.append(np.argmax(reached, axis=1))
         total = reached.max(axis=1) + other.worth_m2
     way = [int(np.argmax(total))]
