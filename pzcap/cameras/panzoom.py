@@ -1,8 +1,9 @@
-"""Pan and zoom of a frame, from its matches with the panorama (section 4).
+"""Pan and zoom of a frame: where it belongs on the panorama (section 4).
 
 `Localiser` takes one of two ways. ``paper`` unfolds the frame onto the reference cylinder and solves eq. 15. ``exact``
-solves eq. 11 (`pzcap.cameras.solutions`), `pzcap.cameras.align` refines it, and what the pixels do not bear out does
-not count; where the frame before is known, the alignment alone is enough.
+aligns the frame with the panorama by its pixels (`pzcap.cameras.align`): from where the frame before was, else from
+where the whole frame looks most alike (`pzcap.cameras.correlate`), else, as when somebody covers much of it, from where
+its matches say by eq. 11 (`pzcap.cameras.solutions`). What the pixels do not bear out does not count.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pzcap.cameras import camera as geometry
 from pzcap.cameras import cylinder, features
 from pzcap.cameras.align import Aligner, Alignment
 from pzcap.cameras.camera import View
+from pzcap.cameras.correlate import Correlator
 from pzcap.cameras.features import Features
 from pzcap.cameras.reference import ReferenceConfig
 from pzcap.cameras.solutions import Solution, ransac_eq15, solve_eq11, solve_eq15
@@ -68,7 +70,9 @@ class Localiser:
         self._features = panorama_features(panorama, config.threshold, config.panorama_features)
         self._aligner = None
         if config.method == "exact":
+            low, high = (zoom * camera.lens.reference_focal_px for zoom in config.zoom_range)
             self._aligner = Aligner(panorama, camera, pixels=config.pixels, free_tilt=config.free_tilt)
+            self._correlator = Correlator(panorama, camera, (low, high), free_tilt=config.free_tilt)
         self._azimuth, self._slope = cylinder.from_panorama(panorama, self._features.points_px)
 
     def localise(
@@ -79,8 +83,8 @@ class Localiser:
     ) -> Localisation:
         """Pan and focal length of ``image`` (H, W[, 3]).
 
-        ``prior`` is where the frame is expected, if the one before was found; without it, or when nothing is found near
-        it, the whole panorama is searched. ``hidden`` says which pixels (H, W) somebody covers if the frame is where it
+        ``prior`` is where the frame is expected, if the one before was found; without it, or when it is not there, the
+        whole panorama is searched. ``hidden`` says which pixels (H, W) somebody covers if the frame is where it
         is expected; it is asked when the others alone must do. A frame whose matches do not determine it, or whose
         grey values do not bear them out, comes back with ``valid`` False.
         """
@@ -96,6 +100,10 @@ class Localiser:
                 aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, 4.0, body)
                 if self._sure(aligned):
                     return self._aligned(aligned)
+        for place in self._correlator.places(image):
+            aligned = self._aligner.align(image, place.pan_rad, place.tilt_rad, place.focal_px, 4.0)
+            if self._sure(aligned):
+                return self._aligned(aligned)
         for near in (prior, None) if prior is not None and prior.valid else (None,):
             for found in _likeliest(self._candidates(image, near)):
                 proven = self._proven(image, found)
