@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pzcap.cameras import calibration, panzoom
-from pzcap.cameras.camera import see, view_at
+from pzcap.cameras.camera import see, view_at, wrapped
 from pzcap.cameras.panzoom import Localiser, PanZoomConfig
 from pzcap.cameras.solutions import ransac_eq15, solve_eq11, solve_eq15
 from pzcap.cameras.sweep import consensus
@@ -71,7 +71,7 @@ def test_a_frame_is_found_from_nothing(exact: calibration.Prepared, pan_deg: flo
     image = synthetic.render(OPTICS, np.deg2rad(pan_deg), FOCAL * zoom, noise_seed=9, gain=0.97)
     found = Localiser(exact.panorama, exact.camera, PanZoomConfig()).localise(image, None)
     assert found.valid
-    off = np.rad2deg(panzoom.wrapped(np.array(found.pan_rad - np.deg2rad(pan_deg))))
+    off = np.rad2deg(wrapped(found.pan_rad - np.deg2rad(pan_deg)))
     assert abs(off) < 0.02
     assert found.focal_px == pytest.approx(FOCAL * zoom, rel=2e-3)
     assert abs(off) < 5 * np.rad2deg(np.sqrt(found.covariance[0, 0]))
@@ -84,7 +84,7 @@ def test_frames_far_from_the_sweeps_zoom_are_found_from_nothing(exact: calibrati
     for pan_deg in np.arange(-150.0, 180.0, 30.0):
         found = localiser.localise(synthetic.render(OPTICS, np.deg2rad(pan_deg), zoom * FOCAL), None)
         assert found.valid, pan_deg
-        assert abs(np.rad2deg(panzoom.wrapped(np.array(found.pan_rad - np.deg2rad(pan_deg))))) < 0.02
+        assert abs(np.rad2deg(wrapped(found.pan_rad - np.deg2rad(pan_deg)))) < 0.02
         assert found.focal_px == pytest.approx(zoom * FOCAL, rel=5e-3)
         assert len(found.frame_points_px) > 0
 
@@ -105,7 +105,7 @@ def test_someone_in_the_way_does_not_keep_frames_from_being_found(
         found = localiser.localise(image, None)
         located.append(found.valid)
         if found.valid:
-            assert abs(np.rad2deg(panzoom.wrapped(np.array(found.pan_rad - np.deg2rad(pan_deg))))) < 0.02
+            assert abs(np.rad2deg(wrapped(found.pan_rad - np.deg2rad(pan_deg)))) < 0.02
     assert sum(located) >= least
 
 
@@ -294,7 +294,7 @@ def test_consensus_survives_three_wrong_matches_in_four() -> None:
     slope[wrong] += rng.uniform(-0.2, 0.2, wrong.sum())
     focals = FOCAL * np.exp(np.arange(-0.7, 1.2, 0.02))
     pan, focal, agree = consensus(lambda f: view_at(camera, 0.0, camera.tilt_rad, f), points, azimuth, slope, focals)
-    assert panzoom.wrapped(np.array(pan + 3.1)) == pytest.approx(0.0, abs=0.02)
+    assert wrapped(pan + 3.1) == pytest.approx(0.0, abs=0.02)
     assert focal == pytest.approx(500.0, rel=0.05)
     assert agree[~wrong].mean() > 0.8
     assert agree[wrong].mean() < 0.1

@@ -57,8 +57,7 @@ def border_on_panorama(panorama: Panorama, camera: PanZoomCamera, at: Camera, ne
 
 
 def _pixels(panorama: Panorama, head: Array, near_rad: float) -> Array:
-    azimuth = np.arctan2(head[:, 1], head[:, 0]) - near_rad
-    azimuth = near_rad + np.mod(azimuth + np.pi, 2 * np.pi) - np.pi
+    azimuth = near_rad + camera_model.wrapped(np.arctan2(head[:, 1], head[:, 0]) - near_rad)
     slope = head[:, 2] / np.hypot(head[:, 0], head[:, 1])
     return np.asarray(panorama.origin_px - panorama.px_per_rad * np.column_stack([azimuth, slope]))
 

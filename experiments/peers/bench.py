@@ -15,7 +15,8 @@ from experiments.peers import hugin
 from experiments.peers.adjustment import RayAdjustment
 from experiments.peers.alignment import Ecc
 from experiments.peers.matching import Features
-from experiments.peers.material import Background, Estimate, Material, Shot, wrapped
+from experiments.peers.material import Background, Estimate, Material, Shot
+from pzcap.cameras.camera import wrapped
 from pzcap.cameras.panzoom import Localiser
 from pzcap.types import Array, Localisation, PzcapError
 
@@ -138,7 +139,7 @@ def difference(estimate: Estimate | None, other: Estimate) -> tuple[float, float
     """Pan in radians and focal length, relative, of one estimate against another."""
     if estimate is None:
         return None
-    return wrapped(estimate.pan_rad - other.pan_rad), estimate.focal_px / other.focal_px - 1.0
+    return float(wrapped(estimate.pan_rad - other.pan_rad)), estimate.focal_px / other.focal_px - 1.0
 
 
 def choose(names: Sequence[str]) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from experiments.peers.material import SWEEP_STEP, Background, Estimate, Materia
 from pzcap.cameras import camera as geometry
 from pzcap.cameras import panorama as stitching
 from pzcap.cameras.bundle import Link
-from pzcap.cameras.camera import View
+from pzcap.cameras.camera import View, wrapped
 from pzcap.cameras.panzoom import PanZoomConfig
 from pzcap.cameras.sweep import chain, link_further
 from pzcap.capture import read_image
@@ -215,7 +215,7 @@ def _adjusted(pan_rad: Array, links: Sequence[Link], view: View) -> Array:
     system[rows, second] += 1.0
     system[rows, first] -= 1.0
     chained = pan_rad[second] - pan_rad[first]
-    turn = chained + np.mod(turn - chained + np.pi, 2 * np.pi) - np.pi  # a link may lie across the seam
+    turn = chained + wrapped(turn - chained)  # a link may lie across the seam
     weight = np.sqrt(matches)
     pans = pan_rad
     for _ in range(PAN_ITERATIONS):

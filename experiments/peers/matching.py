@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from experiments.peers.material import Background, Estimate, Shot, wrapped
+from experiments.peers.material import Background, Estimate, Shot
 from pzcap.cameras import camera as geometry
 from pzcap.cameras import cylinder
 from pzcap.cameras.sweep import grey
@@ -116,7 +116,7 @@ class Features:
         near = _densest(self._azimuth[which], WINDOW_RAD)
         points_px, which = points_px[near], which[near]
         some = float(self._azimuth[which[0]])  # angles about one of them have no seam
-        ahead = some + float(np.median([wrapped(azimuth - some) for azimuth in self._azimuth[which]]))
+        ahead = some + float(np.median([geometry.wrapped(azimuth - some) for azimuth in self._azimuth[which]]))
         focal = plane_focal = background.camera.lens.reference_focal_px
         turned = self._azimuth[which] - ahead
         plane = plane_focal * np.column_stack([-np.tan(turned), -self._slope[which] / np.cos(turned)])
@@ -195,4 +195,4 @@ def _densest(azimuth_rad: Array, width_rad: float) -> Mask:
     twice = np.concatenate([order, order + 2 * np.pi])
     counts = np.searchsorted(twice, order + width_rad, side="right") - np.arange(len(order))
     middle = float(order[int(np.argmax(counts))]) + width_rad / 2
-    return np.abs(np.mod(azimuth_rad - middle + np.pi, 2 * np.pi) - np.pi) <= width_rad / 2 + 1e-9
+    return np.abs(geometry.wrapped(azimuth_rad - middle)) <= width_rad / 2 + 1e-9

@@ -88,7 +88,7 @@ class Background:
     def around(self, pan_rad: float, focal_px: float) -> list[int]:
         """Which frames of the sweep show most of what a frame of this pan and focal length shows: up to four."""
         reach = np.arctan(self.camera.lens.width / 2 / self.camera.lens.reference_focal_px)
-        apart = np.abs([wrapped(view.pan_rad - pan_rad) for view in self.sweep])
+        apart = np.abs([geometry.wrapped(view.pan_rad - pan_rad) for view in self.sweep])
         field = np.arctan(self.camera.lens.width / 2 / focal_px)
         return [int(i) for i in np.argsort(apart, kind="stable")[:4] if apart[i] < reach + 0.5 * field]
 
@@ -113,11 +113,6 @@ class Material:
     backgrounds: tuple[Background, ...]
     count: int  # of frames, over all cameras
     shots: Callable[[], Iterator[Shot]]  # frame after frame, camera after camera
-
-
-def wrapped(angle_rad: float) -> float:
-    """An angle brought into [-pi, pi)."""
-    return float(np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi)
 
 
 def spaced(views: list[SweepView], step_rad: float) -> tuple[SweepView, ...]:

@@ -23,10 +23,12 @@ from pzcap.cameras.sweep import grey
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 LEVELS = ((3, 4), (1, 2), (0, 12))  # from coarse to fine: halvings of the size, and Gauss-Newton steps, at most
-SETTLED_PX = 0.025  # of the frame: a smaller step ends them, and leaves a tenth of that
+SETTLED_PX = 0.025  # of the frame: a smaller step ends them, and leaves a tenth of that,
+SETTLED_SHARE = 0.2  # if no pixel has become brighter by more than this share of the residuals' scale
 SPARSE = 4  # on the finest level one pixel in so many is looked at
 NEAR_PX = 0.2  # until a step is smaller than this, and then all
 LEAST_FLATNESS = 0.6  # where more pixels do not fit, steps are lengthened by no more
+FALLING = (0.3, 0.15, 0.08)  # scales of what a ratio of brightness differs by, from coarse to fine
 FEWEST = 50  # pixels that show what the panorama knows
 REACH_PX = (15.0, 4.0, 1.5)  # by how much a start may be off on each, pixels of the panorama
 COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
@@ -161,29 +163,26 @@ class Aligner:
             if usable.sum() < FEWEST:
                 return None
             if gains is None:  # the gain first, or everything is an outlier; most pixels show the hall
-                gains = np.zeros(pixels.shading.shape[1])
-                gains[0] = _commonest(pixels.grey[usable] / np.maximum(sampled[usable, VALUE], 1.0))
-                if gains[0] <= 0.0:  # most of the picture is black
+                ratio = pixels.grey[usable] / np.maximum(sampled[usable, VALUE], 1.0)
+                commonest = _commonest(ratio)
+                if commonest <= 0.0:  # most of the picture is black
                     return None
+                gains = np.zeros(pixels.shading.shape[1])
+                gains[0], gains[1] = _falling(ratio, pixels.shading[usable, 1], commonest)
             brightness = pixels.shading @ gains
             residual = pixels.grey - brightness * sampled[:, VALUE]
             scale = LOOSENESS * max(1.4826 * _typical(residual[usable]), 1.0)
-            nearness = 1.0 / (1.0 + (residual / scale) ** 2)
-            weight = usable * nearness**2
-            rows = np.empty((self._free + len(gains), len(weight)))
-            rows[: self._free] = brightness * sampled.T[BY_PAN : BY_PAN + self._free]
-            rows[self._free :] = pixels.shading.T * sampled[:, VALUE]
-            weighted = rows * weight
-            normal = weighted @ rows.T
-            change = np.linalg.solve(_firm(normal), weighted @ residual)
+            weight, normal, slope, flatness = _weigh(sampled, pixels.shading, brightness, residual, scale, self._free)
+            change = np.linalg.solve(_firm(normal), slope)
             moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * self._camera.lens.width / 2)
             if moved_px < NEAR_PX:  # there the steps are too short by so much
-                change /= _flatness(weight, nearness)
+                change /= max(flatness, LEAST_FLATNESS)
             pan_rad += float(change[0])
             focal_px *= float(np.exp(np.clip(change[1], -0.1, 0.1)))
             tilt_rad += float(change[2]) if self._free == 3 else 0.0
             gains = gains + change[self._free :]
-            settled = bool(moved_px < settled_px)
+            brightened = np.abs((pixels.shading @ change[self._free :]) * sampled[:, VALUE]).max() / scale
+            settled = bool(moved_px < settled_px and brightened < SETTLED_SHARE)
             if settled:
                 break
         state = _State(pan_rad, tilt_rad, focal_px, gains)
@@ -204,8 +203,8 @@ class Aligner:
             chosen = chosen[~hidden[row, column]]
         observed = soft[chosen[:, 1], chosen[:, 0]].astype(np.float64)
         points = (chosen.astype(np.float64) + 0.5) * whole - 0.5
-        middle_x, middle_y = (lens.width - 1) / 2, (lens.height - 1) / 2
-        squared = ((points[:, 0] - middle_x) ** 2 + (points[:, 1] - middle_y) ** 2) / (middle_x**2 + middle_y**2)
+        across, down = (points - geometry.lens_at(lens, focal_px)[0]).T  # it is the lens that darkens corners
+        squared = (across * across + down * down) * 4.0 / (lens.width**2 + lens.height**2)
         powers = [np.ones_like(squared), squared, squared * squared]
         return _Pixels(points, observed, np.stack(powers[: 3 if level.scale == 1 else 2], axis=1))
 
@@ -259,6 +258,24 @@ def _commonest(values: Array) -> float:
     return float(some[first + third // 2])
 
 
+@njit(cache=True, nogil=True)
+def _falling(ratio: Array, squared: Array, commonest: float) -> tuple[float, float]:
+    """The line a + b r^2 on which most of the ratios (N,) lie at squared distances r^2 (N,), about the ``commonest``."""
+    a, b = commonest, 0.0
+    for scale in FALLING:
+        ones, radii, squares, sums, products = 1e-9, 0.0, 1e-9, 0.0, 0.0
+        for n in range(len(ratio)):
+            weight = 1.0 / (1.0 + ((ratio[n] - a - b * squared[n]) / (scale * commonest)) ** 2) ** 2
+            ones += weight
+            radii += weight * squared[n]
+            squares += weight * squared[n] * squared[n]
+            sums += weight * ratio[n]
+            products += weight * squared[n] * ratio[n]
+        determinant = ones * squares - radii * radii
+        a, b = (squares * sums - radii * products) / determinant, (ones * products - radii * sums) / determinant
+    return a, b
+
+
 def _typical(values: Array) -> float:
     """Median of the absolute values (N,), of one in four of them: as good for a scale, and sorting takes long."""
     return _median(np.abs(values[::4]))
@@ -270,16 +287,47 @@ def _median(values: Array) -> float:
     return float(np.partition(values, middle)[middle])
 
 
-def _flatness(weight: Array, nearness: Array) -> float:
-    """The cost's mean second derivative over the mean of the ``weight`` (N,) that stands for it in the normal
-    equations: weights fall as residuals grow. ``nearness`` (N,) is 1 / (1 + residual^2 / scale^2)."""
-    curved = float(weight @ (4.0 * nearness - 3.0)) / float(weight.sum())
-    return max(curved, LEAST_FLATNESS)
-
-
 def _firm(normal: Array) -> Array:
     """Normal equations that can be solved, whatever they leave open."""
     return np.asarray(normal + 1e-9 * np.diag(np.diag(normal)))
+
+
+@njit(cache=True, nogil=True)
+def _weigh(
+    sampled: Array, shading: Array, brightness: Array, residual: Array, scale: float, free: int
+) -> tuple[Array, Array, Array, float]:
+    """Weights (N,) after Geman and McClure of residuals (N,), and the normal equations of what is fitted.
+
+    These are the matrix (P + K, P + K) and the negative slope (P + K,) of the cost, for ``free`` of pan, log focal and
+    tilt and the K gains of the ``shading`` (N, K), which make the grey of the panorama so bright (N,). At last how flat
+    the cost is: its mean second derivative over the mean weight that stands for it in the matrix; weights fall as
+    residuals grow.
+    """
+    count = free + shading.shape[1]
+    weights, row = np.zeros(len(residual)), np.empty(count)
+    normal, slope = np.zeros((count, count)), np.zeros(count)
+    curved, total = 0.0, 0.0
+    for n in range(len(residual)):
+        if sampled[n, KNOWN] == 0.0:
+            continue
+        nearness = 1.0 / (1.0 + (residual[n] / scale) ** 2)
+        weight = nearness * nearness
+        weights[n] = weight
+        total += weight
+        curved += weight * (4.0 * nearness - 3.0)
+        for i in range(free):
+            row[i] = brightness[n] * sampled[n, BY_PAN + i]
+        for i in range(free, count):
+            row[i] = shading[n, i - free] * sampled[n, VALUE]
+        for i in range(count):
+            weighted = weight * row[i]
+            slope[i] += weighted * residual[n]
+            for j in range(i + 1):
+                normal[i, j] += weighted * row[j]
+    for i in range(count):
+        for j in range(i):
+            normal[j, i] = normal[i, j]
+    return weights, normal, slope, curved / total
 
 
 @njit(cache=True, nogil=True)

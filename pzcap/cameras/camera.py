@@ -161,6 +161,11 @@ def rays(camera: Camera, points_px: Array) -> Array:
 # Directions of the head frame
 
 
+def wrapped(angle_rad: Array | float) -> Array:
+    """Angles brought into [-pi, pi)."""
+    return np.asarray(np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi)
+
+
 def see(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
     """Directions (...) of the head frame to pixels (..., 2) and whether they are in front of the camera (...)."""
     xy, front = _normalised(view, azimuth_rad, slope)

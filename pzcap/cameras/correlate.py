@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from pzcap.cameras import camera as geometry
-from pzcap.cameras.camera import View
+from pzcap.cameras.camera import View, wrapped
 from pzcap.cameras.sweep import grey
 from pzcap.types import Array, Image, Panorama, PanZoomCamera
 
@@ -58,7 +58,7 @@ class Correlator:
         apart: list[Place] = []
         for place in sorted(found, key=lambda place: -place.correlation):
             near = self._camera.lens.width / 8 / place.focal_px
-            if all(abs(place.pan_rad - other.pan_rad) > near for other in apart):
+            if all(abs(wrapped(place.pan_rad - other.pan_rad)) > near for other in apart):
                 apart.append(place)
         return apart[:PLACES]
 

@@ -147,7 +147,7 @@ def _place_reference(
     seen = replace(view, pan_rad=pan, focal_px=focal)
     links = []
     for share in np.arange(-0.6, 0.61, 0.1):
-        apart = np.mod(sweep.pan_rad - pan - share * field + np.pi, 2 * np.pi) - np.pi
+        apart = geometry.wrapped(sweep.pan_rad - pan - share * field)
         index = int(np.argmin(np.abs(apart)))
         links.append(link_views(found, index, len(found) - 1, (sweep.view(index), seen), 12.0, config.sweep))
     kept = [link for link in links if link is not None]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pzcap.cameras import camera as geometry
 from pzcap.cameras import cylinder, features
 from pzcap.cameras.align import Aligner, Alignment
-from pzcap.cameras.camera import View
+from pzcap.cameras.camera import View, wrapped
 from pzcap.cameras.correlate import Correlator
 from pzcap.cameras.features import Features
 from pzcap.cameras.reference import ReferenceConfig
@@ -184,14 +184,14 @@ class Localiser:
             and config.zoom_range[0] < zoom < config.zoom_range[1]
         )
         return Localisation(
-            float(wrapped(np.array(solution.pan_rad))), solution.tilt_rad, solution.focal_px, covariance,
+            float(wrapped(solution.pan_rad)), solution.tilt_rad, solution.focal_px, covariance,
             bool(valid), points_px[good], panorama_px[good],
         )  # fmt: skip
 
     def _aligned(self, aligned: Alignment) -> Localisation:
         zoom = aligned.focal_px / self._camera.lens.reference_focal_px
         return Localisation(
-            float(wrapped(np.array(aligned.pan_rad))), aligned.tilt_rad, aligned.focal_px,
+            float(wrapped(aligned.pan_rad)), aligned.tilt_rad, aligned.focal_px,
             aligned.covariance + self._systematic(aligned.pan_rad, aligned.focal_px),
             self._config.zoom_range[0] < zoom < self._config.zoom_range[1],
             aligned.frame_points_px, aligned.panorama_points_px,
@@ -289,10 +289,10 @@ def predicted(before: Localisation | None, last: Localisation | None) -> Localis
     """Where the next frame is expected, if the head and the ring turn on as they did; None if the last was lost."""
     if before is None or last is None:
         return last
-    turned = float(wrapped(np.array(last.pan_rad - before.pan_rad)))
+    turned = float(wrapped(last.pan_rad - before.pan_rad))
     return replace(
         last,
-        pan_rad=float(wrapped(np.array(last.pan_rad + turned))),
+        pan_rad=float(wrapped(last.pan_rad + turned)),
         tilt_rad=2 * last.tilt_rad - before.tilt_rad,
         focal_px=last.focal_px**2 / before.focal_px,
     )
@@ -308,8 +308,3 @@ def panorama_features(panorama: Panorama, threshold: float, limit: int) -> Featu
     points = found.points_px - np.array([border, 0.0])
     own = (points[:, 0] >= -0.5) & (points[:, 0] < panorama.image.shape[1] - 0.5)
     return Features(points[own], found.descriptors[own], found.brightness[own])
-
-
-def wrapped(angle_rad: Array) -> Array:
-    """Angles brought into [-pi, pi)."""
-    return np.asarray(np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi)

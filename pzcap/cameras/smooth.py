@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.cameras.panzoom import wrapped
+from pzcap.cameras.camera import wrapped
 from pzcap.types import Array, Mask, PanZoomTrack, PzcapError
 
 ORDER: Final = 3

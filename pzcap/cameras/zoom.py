@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pzcap.cameras.bundle import Link
-from pzcap.cameras.camera import View
+from pzcap.cameras.camera import View, wrapped
 from pzcap.cameras.features import Features
 from pzcap.cameras.panzoom import PanZoomConfig
 from pzcap.cameras.sweep import link_views, place, spaced
@@ -81,7 +81,7 @@ def link_zoom(
             if k + step < len(zoomed)
         ]
         for share in SPREAD:
-            index = int(np.argmin(np.abs(np.mod(sweep_pan_rad - pan - share * field + np.pi, 2 * np.pi) - np.pi)))
+            index = int(np.argmin(np.abs(wrapped(sweep_pan_rad - pan - share * field))))
             taken = replace(view, pan_rad=float(sweep_pan_rad[index]))
             links.append(link_views(found, index, offset + k, (taken, views[k]), 12.0, config.sweep))
     return ZoomRun(pan, np.log(focals), tuple(link for link in links if link is not None))
