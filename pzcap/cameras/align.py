@@ -260,7 +260,7 @@ def _commonest(values: Array) -> float:
 
 @njit(cache=True, nogil=True)
 def _falling(ratio: Array, squared: Array, commonest: float) -> tuple[float, float]:
-    """The line a + b r^2 on which most of the ratios (N,) lie at squared distances r^2 (N,), about the ``commonest``."""
+    """The line a + b r^2 on which most ratios (N,) lie at squared distances r^2 (N,), about the ``commonest``."""
     a, b = commonest, 0.0
     for scale in FALLING:
         ones, radii, squares, sums, products = 1e-9, 0.0, 1e-9, 0.0, 0.0
