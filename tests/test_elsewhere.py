@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
 import signal
@@ -14,6 +15,7 @@ from multiprocessing.connection import Connection
 import numpy as np
 import psutil
 import pytest
+from threadpoolctl import threadpool_info
 
 from pzcap.motion import elsewhere
 from pzcap.types import Array, PzcapError
@@ -62,6 +64,21 @@ def test_it_ends_when_whoever_started_it_was_killed() -> None:
         worker = psutil.Process(int(user.stdout.readline()))
         user.kill()
     worker.wait(20.0)  # raises if it is still there
+
+
+def test_linear_algebra_has_one_thread_there_whenever_it_was_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in elsewhere._ONE_THREAD:
+        monkeypatch.delenv(name, raising=False)
+    elsewhere._executor().shutdown(wait=True)  # so that one is started from here on
+    libraries = elsewhere.taken(elsewhere.submit(_linear_algebra))
+    assert len(libraries) > 1  # numpy's, and scipy's, which is loaded by the job
+    assert set(libraries.values()) == {1}
+
+
+def _linear_algebra() -> dict[str, int]:
+    """How many threads each library has."""
+    importlib.import_module("scipy.linalg")
+    return {library["filepath"]: library["num_threads"] for library in threadpool_info()}
 
 
 def test_a_process_that_may_start_none_does_the_work_itself() -> None:

@@ -17,12 +17,14 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
 import cv2
 from loky import get_reusable_executor
-from threadpoolctl import threadpool_limits
 
 from pzcap.heap import give_back, set_large_apart
 from pzcap.types import PzcapError
 
 _SENDING_S: Final = 1.0  # by then a job has been sent
+_ONE_THREAD: Final = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+"""Of linear algebra. Told before it is loaded: numpy and scipy bring one library each, and load theirs when they need
+it. A thread that the other process leaves no core for keeps its fellows waiting for a tenth of a second."""
 _IDLE_S: Final = 20.0  # after so long without work it ends, and gives its memory back; more work starts it again
 
 P = ParamSpec("P")
@@ -55,14 +57,13 @@ def taken(future: Future[T]) -> T:
 
 
 def _executor():  # type: ignore[no-untyped-def]  # loky has no types
-    return get_reusable_executor(max_workers=1, timeout=_IDLE_S, initializer=_alone)
+    return get_reusable_executor(max_workers=1, timeout=_IDLE_S, initializer=_alone, env=_ONE_THREAD)
 
 
 def _alone() -> None:
     """This process is to be busy on one core, no more, and to be small."""
     set_large_apart()
     cv2.setNumThreads(1)
-    threadpool_limits(1, "blas")
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
 
