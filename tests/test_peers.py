@@ -23,8 +23,8 @@ from experiments.peers.__main__ import main
 from experiments.peers.matching import decompose, fit
 from experiments.peers.material import Background, Estimate, Material, from_capture
 from pzcap.cameras import camera as geometry
-from pzcap.cameras import cylinder
 from pzcap.cameras.panzoom import PanZoomConfig
+from pzcap.cameras.rays import warp_background
 from pzcap.capture import read_capture
 from pzcap.types import PzcapError
 
@@ -141,7 +141,7 @@ def write_folder(where: Path, background: Background, pans: list[float], *, swee
 
     def render(path: Path, pan: float, focal_px: float) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        image, _ = cylinder.warp_background(background.panorama, plain, pan, camera.tilt_rad, focal_px)
+        image, _ = warp_background(background.panorama, plain, pan, camera.tilt_rad, focal_px)
         cv2.imwrite(str(path), image)
 
     for number, pan in enumerate(pans):

@@ -30,7 +30,7 @@ from experiments.figures.material import Located, Run
 from experiments.plots import triangle
 from pzcap.cameras import camera as camera_model
 from pzcap.cameras.camera import lens_at
-from pzcap.cameras.cylinder import warp_background
+from pzcap.cameras.rays import warp_background
 from pzcap.types import Camera, Image, PanZoomCamera, PzcapError
 
 INSTANTS: Final = 4

@@ -10,7 +10,7 @@ import numpy as np
 from experiments.peers import matching
 from experiments.peers.material import Background, Estimate, Shot
 from pzcap.cameras import camera as geometry
-from pzcap.cameras import cylinder
+from pzcap.cameras.rays import warp_background
 from pzcap.cameras.sweep import grey
 from pzcap.types import Image, Mask
 
@@ -37,7 +37,7 @@ class Ecc:
         if start is None:
             return None
         camera = self._background.camera
-        rendered, known = cylinder.warp_background(
+        rendered, known = warp_background(
             self._background.panorama, camera, start.pan_rad, camera.tilt_rad, start.focal_px
         )
         frame, template = grey(shot.image), grey(rendered)

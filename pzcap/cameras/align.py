@@ -16,8 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.cameras import camera as geometry
-from pzcap.cameras.cylinder import kernel_hall
-from pzcap.cameras.rays import BY_PAN, COLUMN, KNOWN, VALUE, directions, sample
+from pzcap.cameras.rays import BY_PAN, COLUMN, KNOWN, VALUE, looking, sample
 from pzcap.cameras.sampling import Stored, softened, stored
 from pzcap.cameras.sweep import grey
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
@@ -210,13 +209,8 @@ class Aligner:
 
     def _rays(self, points: Array, pan_rad: float, tilt_rad: float, focal_px: float) -> _Rays:
         """Where ``points`` (N, 2) look."""
-        panorama, camera = self._panorama, self._camera
-        principal, k1 = geometry.lens_at(camera.lens, focal_px)
-        principal_slope, k1_slope = geometry.lens_slope(camera.lens, focal_px)
-        view = np.array([tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
-        centre = geometry.view_at(camera, pan_rad, tilt_rad, focal_px).centre_m
-        beside = np.array([pan_rad, *centre])
-        return _Rays(tilt_rad, focal_px, directions(points, view, beside, kernel_hall(panorama.surroundings)))
+        looks = looking(self._panorama, self._camera, points, pan_rad, tilt_rad, focal_px)
+        return _Rays(tilt_rad, focal_px, looks)
 
     def _sample(self, level: _Level, rays: _Rays, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
         """What the panorama shows along ``rays`` (N), as those change; (N, 7), columns VALUE to ROW."""

@@ -1,7 +1,7 @@
 """Perspective image <-> cylinder: the paper's equations 3-6, and their generalisation to a calibrated camera.
 
 The paper's cylinder stands about the camera's own y axis and knows neither tilt nor distortion (`to_cylinder`). The
-exact cylinder stands about the pan axis, and `pzcap.cameras.camera` takes its points to pixels (`warp_background`).
+exact cylinder stands about the pan axis: `pzcap.cameras.camera` takes its points to pixels, `pzcap.cameras.rays` back.
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from pzcap.cameras import camera as geometry
 from pzcap.cameras.camera import View
-from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera, Surroundings
+from pzcap.types import Array, Image, Mask, Panorama, Surroundings
 
 GRID = 4  # maps are smooth: they are computed at every fourth pixel and interpolated, to 0.003 px
-WARP_GRID = 8  # to 0.01 px: an image is interpolated at steps of 1/32 px anyway
 
 Map = NDArray[np.float32]
 
@@ -36,40 +35,6 @@ def from_panorama(panorama: Panorama, points_px: Array) -> tuple[Array, Array]:
     """Panorama pixels (..., 2) to directions of the head frame: azimuth (...) and slope (...)."""
     offset = (panorama.origin_px - points_px) / panorama.px_per_rad
     return offset[..., 0], offset[..., 1]
-
-
-Window = tuple[int, int, int, int]
-"""Part of a view: left, top, right, bottom; the last two lie outside."""
-
-
-def warp_background(
-    panorama: Panorama,
-    camera: PanZoomCamera,
-    pan_rad: float,
-    tilt_rad: float,
-    focal_px: float,
-    window: Window | None = None,
-) -> tuple[Image, Mask]:
-    """The empty hall as ``camera`` sees it, (H, W, 3), and where the panorama knows it, (H, W).
-
-    Where it does not, the image is black. With a ``window``, that part of the view alone.
-    """
-    view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
-    left, top, right, bottom = window or (0, 0, camera.lens.width, camera.lens.height)
-    corner = np.array([left, top])
-    column, row = smooth_map(
-        lambda points: to_unwrapped(panorama, *from_axis(panorama, view, *geometry.look(view, points + corner))),
-        right - left,
-        bottom - top,
-        WARP_GRID,
-    )
-    border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
-    image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
-    known = cv2.remap(panorama.valid.view(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
-    # BORDER_WRAP wraps rows as well, and a cylinder does not
-    inside = cv2.inRange(row, 0.0, float(panorama.image.shape[0] - 1))
-    known = cv2.bitwise_and(known, inside)
-    return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known.view(np.bool_)
 
 
 Hall = tuple[float, Array, Array, Array]
@@ -132,15 +97,11 @@ def _near_all(hall: Hall, azimuth: Array, slope: Array, near: Array) -> None:
         near[n] = near_at(hall, azimuth[n], slope[n], nodes, shares)
 
 
-def from_axis(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
-    """Directions (...) seen from the projection centre, as they are seen from the pan axis, like the panorama."""
-    near = inverse_distance(panorama.surroundings, azimuth_rad, slope)
-    d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
-    return azimuth_rad - d_azimuth, slope - d_slope
-
-
 def from_centre(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
-    """Directions (...) of the panorama, as they are seen from the projection centre; undoes `from_axis`."""
+    """Directions (...) of the panorama, as they are seen from the projection centre.
+
+    `pzcap.cameras.rays.directions` undoes it.
+    """
     near = inverse_distance(panorama.surroundings, azimuth_rad, slope)
     d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
     return azimuth_rad + d_azimuth, slope + d_slope

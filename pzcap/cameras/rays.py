@@ -1,25 +1,72 @@
-"""Where the pixels of a frame look, and what the panorama shows there, with derivatives: kernels of `align`.
+"""Where the pixels of a frame look, and what the panorama shows there.
 
-A ray is computed once a focal length and tilt, and then carried on linearly: pans move it along the panorama as it is.
+For `pzcap.cameras.align` with derivatives: a ray is computed once a focal length and tilt, and then carried on
+linearly, while pans move it along the panorama as it is. For silhouettes the whole empty hall (`warp_background`).
 """
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numba import njit
 
-from pzcap.cameras.cylinder import NODES, Hall, near_at
+from pzcap.cameras import camera as geometry
+from pzcap.cameras.cylinder import NODES, Hall, kernel_hall, near_at, smooth_map
 from pzcap.cameras.sampling import Stored, cubic
-from pzcap.types import Array, Mask
+from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT, KNOWN, COLUMN = range(6)
 """Columns of what is sampled: the panorama's grey, how it changes with pan, log focal and tilt at a fixed pixel of the
 frame, 1 where the panorama is known, and the panorama's column and (6) row there."""
+WARP_GRID = 8  # to 0.01 px: an image is interpolated at steps of 1/32 px anyway
+
+Window = tuple[int, int, int, int]
+"""Part of a view: left, top, right, bottom; the last two lie outside."""
+
+
+def warp_background(
+    panorama: Panorama,
+    camera: PanZoomCamera,
+    pan_rad: float,
+    tilt_rad: float,
+    focal_px: float,
+    window: Window | None = None,
+) -> tuple[Image, Mask]:
+    """The empty hall as ``camera`` sees it, (H, W, 3), and where the panorama knows it, (H, W).
+
+    Where it does not, the image is black. With a ``window``, that part of the view alone.
+    """
+    left, top, right, bottom = window or (0, 0, camera.lens.width, camera.lens.height)
+
+    def to_panorama(points_px: Array) -> Array:  # not wrapped, so that neighbours stay neighbours
+        pixels = points_px.reshape(-1, 2) + np.array([left, top])
+        turned = looking(panorama, camera, pixels, pan_rad, tilt_rad, focal_px)[:, :2] + np.array([pan_rad, 0.0])
+        return np.asarray(panorama.origin_px - panorama.px_per_rad * turned).reshape(points_px.shape)
+
+    column, row = smooth_map(to_panorama, right - left, bottom - top, WARP_GRID)
+    border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
+    image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
+    known = cv2.remap(panorama.valid.view(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
+    # BORDER_WRAP wraps rows as well, and a cylinder does not
+    inside = cv2.inRange(row, 0.0, float(panorama.image.shape[0] - 1))
+    known = cv2.bitwise_and(known, inside)
+    return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known.view(np.bool_)
+
+
+def looking(
+    panorama: Panorama, camera: PanZoomCamera, points: Array, pan_rad: float, tilt_rad: float, focal_px: float
+) -> Array:
+    """(N, 6) where ``points`` (N, 2) of a frame look, as `directions` has it."""
+    principal, k1 = geometry.lens_at(camera.lens, focal_px)
+    principal_slope, k1_slope = geometry.lens_slope(camera.lens, focal_px)
+    view = np.array([tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
+    beside = np.array([pan_rad, *geometry.view_at(camera, pan_rad, tilt_rad, focal_px).centre_m])
+    return directions(points, view, beside, kernel_hall(panorama.surroundings))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def directions(points: Array, view: Array, beside: Array, hall: Hall) -> Array:
-    """`camera.look` and `cylinder.from_axis` for points (N, 2), at pan 0: (N, 6) azimuth and slope, and both by log
+    """`camera.look` for points (N, 2), at pan 0, as seen from the pan axis: (N, 6) azimuth and slope, and both by log
     focal, and both by tilt.
 
     ``view``: tilt, roll, focal length, principal point, k1, and the latter three's derivatives by log focal.

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.cameras.cylinder import Window
+from pzcap.cameras.rays import Window
 from pzcap.keypoints import NOBODY
 from pzcap.motion import landmarks, raster
 from pzcap.motion.body import Body, forward, place

@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.cameras.camera import at
-from pzcap.cameras.cylinder import Window, warp_background
+from pzcap.cameras.rays import Window, warp_background
 from pzcap.silhouettes import outline
 from pzcap.silhouettes.colours import Compared, ForegroundConfig, compare, double, shrink
 from pzcap.types import Array, Camera, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
