@@ -31,18 +31,18 @@ def softened(image: NDArray[np.uint8] | NDArray[np.float32], shrink: float = 1.0
 
     It keeps its pixels: an image that is made smaller by a fraction has its edges moved by up to a tenth of a pixel.
     """
-    return _smoothed(np.asarray(image, np.float32), _variance(shrink))
+    return _smoothed(image, _variance(shrink))
 
 
 def stored(image: NDArray[np.uint8] | NDArray[np.float32]) -> Stored:
     """A grey image (H, W), ready for `cubic`."""
-    soft = _smoothed(np.asarray(image, np.float32), SMOOTHING - SPLINE)
+    soft = _smoothed(image, SMOOTHING - SPLINE)
     return np.asarray(np.clip(np.rint(soft * STEPS), 0, 65535), np.uint16)
 
 
 def softened_further(image: Stored, shrink: float) -> NDArray[np.float32]:
     """`softened` of what is stored already."""
-    soft = _smoothed(image.astype(np.float32), _variance(shrink) - (SMOOTHING - SPLINE))
+    soft = _smoothed(image, _variance(shrink) - (SMOOTHING - SPLINE))
     return np.asarray(soft / np.float32(STEPS), np.float32)
 
 
@@ -50,7 +50,7 @@ def _variance(shrink: float) -> float:
     return SMOOTHING * shrink**2 + PIXEL * (shrink**2 - 1.0)
 
 
-def _smoothed(image: NDArray[np.float32], variance: float) -> NDArray[np.float32]:
+def _smoothed(image: NDArray[np.uint8] | Stored | NDArray[np.float32], variance: float) -> NDArray[np.float32]:
     reach = int(np.ceil(4.0 * np.sqrt(variance))) + 1
     kernel = ive(np.abs(np.arange(-reach, reach + 1)), variance)
     return np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REFLECT_101), np.float32)
