@@ -182,7 +182,9 @@ def transfer(
 
 
 @njit(cache=True, nogil=True)
-def numbered(first: Array, points: Array, hall: Hall, number: NDArray[np.int64], used: NDArray[np.int64]) -> int:
+def numbered(
+    first: Array, points: Array | NDArray[np.int16], hall: Hall, number: NDArray[np.int64], used: NDArray[np.int64]
+) -> int:
     """Number the nodes of the nearness that the points (N, 2) of a frame touch: how many they are, ``used`` (A + R A,)
     their indices, and ``number`` (A + R A,) the inverse of that."""
     count = 0

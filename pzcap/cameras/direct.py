@@ -36,9 +36,8 @@ class Overlap:
 
     first: int
     second: int
-    points_px: Array  # (N, 2) in the first frame
-    grey: Array  # (N,) there
-    radial: Array  # (N,) squared distance from the middle of the first frame, 1 in its corners
+    points_px: NDArray[np.int16]  # (N, 2) in the first frame
+    grey: NDArray[np.float32]  # (N,) there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,17 +62,15 @@ def _overlap(
     if shrink > 1.001:
         fine = softened_further(frames[first], shrink)
         chosen = _edges(fine, most)
-    points = chosen.astype(np.float64)
-    seen, front = geometry.see(views[1], *geometry.look(views[0], points))
+    seen, front = geometry.see(views[1], *geometry.look(views[0], chosen.astype(np.float64)))
     inside = front & np.all((seen >= BORDER) & (seen <= np.array([width, height]) - 1 - BORDER), axis=1)
     which = np.flatnonzero(inside)
     which = which[:: max(1, len(which) // most)]
     if len(which) < most // 10:
         return None
-    middle = np.array([width - 1, height - 1]) / 2
-    radial = np.sum((points[which] - middle) ** 2, axis=1) / np.sum(middle**2)
-    grey = at_pixels(frames[first], chosen[which]) if fine is None else fine[chosen[which, 1], chosen[which, 0]]
-    return Overlap(first, second, points[which], np.asarray(grey, np.float64), radial)
+    points = chosen[which]
+    grey = at_pixels(frames[first], points) if fine is None else fine[points[:, 1], points[:, 0]]
+    return Overlap(first, second, points, np.asarray(grey, np.float32))
 
 
 def _edges(image: Stored | NDArray[np.float32], most: int) -> NDArray[np.int16]:
@@ -114,14 +111,13 @@ def adjust(
     bounds = np.cumsum([0, *(len(one.grey) for one in overlaps)])
     points = np.vstack([one.points_px for one in overlaps])
     grey = np.concatenate([one.grey for one in overlaps])
-    radial = np.concatenate([one.radial for one in overlaps])
     gains = np.tile([1.0, 0.0], (len(overlaps), 1))
-    residual = np.zeros(len(grey))
+    residual = np.zeros_like(grey)
     model, scale = start, 30.0
     for iteration in range(ITERATIONS):
         normal, gradient = np.zeros((len(mean), len(mean))), np.zeros(len(mean))
         _accumulate(
-            ends, bounds, points, grey, radial, frames, vectors(model), *chains_of(model),
+            ends, bounds, points, grey, frames, vectors(model), *chains_of(model),
             kernel_hall(model.surroundings), scale, gains, residual, normal, gradient,
         )  # fmt: skip
         seen = np.isfinite(residual)
@@ -143,9 +139,9 @@ def adjust(
 
 @njit(cache=True, nogil=True)
 def _accumulate(
-    ends: NDArray[np.int64], bounds: NDArray[np.int64], points: Array, grey: Array, radial: Array, images: Stored,
-    views: Array, chains: Array, columns: NDArray[np.int64], hall: Hall, scale: float, gains: Array, residual: Array,
-    normal: Array, gradient: Array,
+    ends: NDArray[np.int64], bounds: NDArray[np.int64], points: NDArray[np.int16], grey: NDArray[np.float32],
+    images: Stored, views: Array, chains: Array, columns: NDArray[np.int64], hall: Hall, scale: float, gains: Array,
+    residual: NDArray[np.float32], normal: Array, gradient: Array,
 ) -> None:  # fmt: skip
     """Normal equations of all pixels, each link's gain and shading eliminated. ``gains`` (L, 2) is brought up to date;
     ``residual`` (N,) is inf where the second frame does not show the pixel."""
@@ -153,7 +149,6 @@ def _accumulate(
     nodes, shares = np.zeros(NODES, np.int64), np.zeros(NODES)
     number, used = np.empty((2, hall[1].size + hall[2].size), np.int64)
     touched = np.arange(SIDES + NODES if len(hall[1]) else SIDES)
-    middle_x, middle_y = (images.shape[2] - 1) / 2, (images.shape[1] - 1) / 2
     for link in range(len(ends)):
         first, second = views[ends[link, 0]], views[ends[link, 1]]
         image = images[ends[link, 1]]
@@ -162,14 +157,14 @@ def _accumulate(
         summed, along, row = np.zeros((size, size)), np.zeros(size), np.zeros(size)
         shade, shade_by, shade_along = np.zeros((2, 2)), np.zeros((2, size)), np.zeros(2)
         for n in range(bounds[link], bounds[link + 1]):
-            transfer(first, second, points[n, 0], points[n, 1], hall, seen, jacobian, by_near, nodes, shares)
+            u, v = float(points[n, 0]), float(points[n, 1])
+            transfer(first, second, u, v, hall, seen, jacobian, by_near, nodes, shares)
             inside, value, by_x, by_y = cubic(image, seen[0], seen[1])
             if not inside:
                 residual[n] = np.inf
                 continue
             lit = grey[n]
-            outward = ((seen[0] - middle_x) ** 2 + (seen[1] - middle_y) ** 2) / (middle_x**2 + middle_y**2)
-            shaded = lit * (outward - radial[n])
+            shaded = lit * (_radial(seen[0], seen[1], images) - _radial(u, v, images))
             difference = value - gains[link, 0] * lit - gains[link, 1] * shaded
             residual[n] = difference
             weight = (scale * scale / (scale * scale + difference * difference)) ** 2
@@ -178,18 +173,20 @@ def _accumulate(
             for k in range(len(touched) - SIDES):
                 touched[SIDES + k] = SIDES + number[nodes[k]]
                 row[touched[SIDES + k]] = shares[k] * (by_x * by_near[0] + by_y * by_near[1])
-            for i in touched:
+            for k in range(len(touched)):
+                i = touched[k]
                 weighted = weight * row[i]
                 along[i] += weighted * difference
                 shade_by[0, i] -= weighted * lit
                 shade_by[1, i] -= weighted * shaded
-                for j in touched:
+                for j in touched[: k + 1]:  # each pair once: either way round, since nodes come in any order
                     summed[i, j] += weighted * row[j]
             shade[0, 0] += weight * lit * lit
             shade[0, 1] += weight * lit * shaded
             shade[1, 1] += weight * shaded * shaded
             shade_along[0] -= weight * lit * difference
             shade_along[1] -= weight * shaded * difference
+        summed += summed.T - np.diag(np.diag(summed))
         shade[1, 0] = shade[0, 1]
         shade[0, 0] += 1e-9
         shade[1, 1] += 1e-9 + 1e-3 * shade[0, 0]  # frames are flattened before: little shading is left
@@ -199,3 +196,10 @@ def _accumulate(
         summed -= shade_by.T @ (solved @ shade_by)
         along -= shade_by.T @ (solved @ shade_along)
         carry(summed, along, chains, columns, ends[link], used[:count], normal, gradient)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _radial(u: float, v: float, images: Stored) -> float:
+    """Squared distance from the middle of a frame, 1 in its corners."""
+    x, y = (images.shape[2] - 1) / 2, (images.shape[1] - 1) / 2
+    return ((u - x) ** 2 + (v - y) ** 2) / (x * x + y * y)
