@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.cameras import camera as geometry
-from pzcap.cameras import cylinder, features
+from pzcap.cameras import cylinder, features, sampling
 from pzcap.cameras.bundle import Link
 from pzcap.cameras.camera import View
 from pzcap.cameras.sweep import Frames, SweepConfig, grey
@@ -154,8 +154,8 @@ class _Canvas:
         self.flat = flatness(brightness, view, width, height)
         across = 1.0 - np.abs(2.0 * u / (width - 1) - 1.0)
         edge = np.minimum(v, height - 1 - v) / FEATHER_ROWS
-        # the outermost ring weighs nothing: what interpolation takes from beyond the edge does not count
-        inside = (np.minimum(u, width - 1 - u) > 0) & (np.minimum(v, height - 1 - v) > 0)
+        # the outermost rings weigh nothing: what interpolation takes from beyond the edge does not count
+        inside = (np.minimum(u, width - 1 - u) > 1) & (np.minimum(v, height - 1 - v) > 1)
         self.trust = (inside * (across + 0.02) * np.minimum(edge + 0.02, 1.0)).astype(np.float32)
 
     def paste(self, image: Image, pan_rad: float, log_gain: float, before: Image | None) -> None:
@@ -176,9 +176,7 @@ class _Canvas:
         column, row = cylinder.smooth_map(to_frame, stop - start, self.weight.shape[0])
         flat = self.flat * np.float32(np.exp(-log_gain))
         level = image.astype(np.float32) * (flat if image.ndim == 2 else flat[..., None])
-        # OpenCV's cubic sharpens, and how sharp a panorama is shows in the focal lengths of frames at another zoom
-        warped = cv2.remap(level, column, row, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
-        warped = np.asarray(warped, np.float32).reshape(*column.shape, -1)
+        warped = sampling.warped(level.reshape(*level.shape[:2], -1), column, row)
         weight = cv2.remap(self.trust, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         total = self.weight.shape[1]
         if before is not None:

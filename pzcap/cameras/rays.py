@@ -18,7 +18,6 @@ from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT, KNOWN, COLUMN = range(6)
 """Columns of what is sampled: the panorama's grey, how it changes with pan, log focal and tilt at a fixed pixel of the
 frame, 1 where the panorama is known, and the panorama's column and (6) row there."""
-WARP_GRID = 8  # to 0.01 px: an image is interpolated at steps of 1/32 px anyway
 
 Window = tuple[int, int, int, int]
 """Part of a view: left, top, right, bottom; the last two lie outside."""
@@ -43,7 +42,7 @@ def warp_background(
         turned = looking(panorama, camera, pixels, pan_rad, tilt_rad, focal_px)[:, :2] + np.array([pan_rad, 0.0])
         return np.asarray(panorama.origin_px - panorama.px_per_rad * turned).reshape(points_px.shape)
 
-    column, row = smooth_map(to_panorama, right - left, bottom - top, WARP_GRID)
+    column, row = smooth_map(to_panorama, right - left, bottom - top)
     border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
     image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
     known = cv2.remap(panorama.valid.view(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
