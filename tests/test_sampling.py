@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pzcap.cameras.sampling import SMOOTHING, STEPS, at_pixels, cubic, softened, softened_further, stored
+from pzcap.cameras.sampling import SMOOTHING, STEPS, at_pixels, cubic, softened, softened_further, stored, warped
 
 
 def test_the_slope_of_the_spline_is_its_derivative() -> None:
@@ -44,6 +44,18 @@ def test_waves_stand_where_they_stood_between_pixels_too() -> None:
     (height, aside, _), *_ = np.linalg.lstsq(system, values, rcond=None)
     assert aside == pytest.approx(0.0, abs=1e-3 * height)
     assert np.abs(values - system @ (height, aside, 128.0)).max() < 0.01 * height
+
+
+def test_an_image_is_warped_by_the_spline_that_runs_through_it() -> None:
+    """At its pixels it stays as it was, and between them a cubic surface is one: nothing is moved by a hundredth."""
+    v, u = np.mgrid[:40, :50].astype(np.float32)
+    noise = np.random.default_rng(0).uniform(0, 255, (40, 50, 3)).astype(np.float32)
+    inner = np.s_[12:-12, 12:-12]
+    np.testing.assert_allclose(warped(noise, u, v)[inner], noise[inner], atol=0.01)
+    surface = np.stack([u, v, 0.01 * (u - 25) ** 2 - 0.001 * (v - 20) ** 3], axis=-1)
+    x, y = np.random.default_rng(1).uniform((14, 14), (35, 25), (60, 2)).astype(np.float32).T[:, None]
+    expected = np.stack([x, y, 0.01 * (x - 25) ** 2 - 0.001 * (y - 20) ** 3], axis=-1)
+    np.testing.assert_allclose(warped(surface, x, y), expected, atol=1e-3)
 
 
 def test_at_pixels_is_the_spline_there() -> None:
