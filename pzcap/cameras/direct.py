@@ -23,7 +23,7 @@ from pzcap.cameras.sampling import Stored, at_pixels, cubic, softened_further
 from pzcap.cameras.unknowns import Model, Sigmas, chains_of, information, stepped, vector, vectors
 from pzcap.types import Array
 
-SMOOTHING = 1.3
+SMOOTHING = 1.2
 """Variance, square pixels, of frames that are compared with each other. More than where one is aligned with the
 panorama, which is a mean of many: what lies finer than their pixels, in both of them, moves edges by where in a pixel
 they lie."""
