@@ -7,10 +7,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
-from pzcap.cameras.align import LINEAR, Aligner, _commonest, _weigh
+from pzcap.cameras.align import LINEAR, Aligner, _weigh
 from pzcap.cameras.camera import see, view_at
 from pzcap.cameras.cylinder import from_centre, from_panorama
 from pzcap.cameras.panzoom import PanZoomConfig
@@ -187,17 +185,6 @@ def test_what_covers_a_third_of_a_view_does_not_set_its_gain(aligner: Aligner, b
         assert np.rad2deg(found.pan_rad - 0.3) == pytest.approx(0.0, abs=0.01)
         assert found.agreement > 0.6
         assert found.settled
-
-
-@settings(max_examples=30)
-@given(st.floats(0.3, 3.0), st.floats(0.0, 0.5), st.floats(0.05, 20.0), st.integers(0, 9))
-def test_the_commonest_ratio_is_what_most_pixels_have(gain: float, share: float, other: float, seed: int) -> None:
-    assume(abs(np.log(other / gain)) > 0.4)
-    rng = np.random.default_rng(seed)
-    values = gain * (1.0 + 0.03 * rng.normal(size=1200))
-    spread = rng.random(1200) < share
-    values[spread] = other * rng.uniform(0.8, 1.2, spread.sum())
-    assert _commonest(values) == pytest.approx(gain, rel=0.06)
 
 
 def test_the_wrong_place_does_not_agree(aligner: Aligner) -> None:

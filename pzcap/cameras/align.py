@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.cameras import camera as geometry
+from pzcap.cameras import robust
 from pzcap.cameras.rays import BY_PAN, COLUMN, KNOWN, VALUE, looking, sample
 from pzcap.cameras.sampling import Stored, softened, stored
 from pzcap.cameras.sweep import grey
@@ -163,14 +164,17 @@ class Aligner:
                 return None
             if gains is None:  # the gain first, or everything is an outlier; most pixels show the hall
                 ratio = pixels.grey[usable] / np.maximum(sampled[usable, VALUE], 1.0)
-                commonest = _commonest(ratio)
+                commonest = robust.commonest(ratio)
                 if commonest <= 0.0:  # most of the picture is black
                     return None
+                fall = robust.line(
+                    ratio / commonest, pixels.shading[usable, 1], np.ones_like(ratio), FALLING, (1.0, 0.0)
+                )
                 gains = np.zeros(pixels.shading.shape[1])
-                gains[0], gains[1] = _falling(ratio, pixels.shading[usable, 1], commonest)
+                gains[:2] = commonest * np.array(fall)
             brightness = pixels.shading @ gains
             residual = pixels.grey - brightness * sampled[:, VALUE]
-            scale = LOOSENESS * max(1.4826 * _typical(residual[usable]), 1.0)
+            scale = LOOSENESS * max(1.4826 * robust.typical(residual[usable]), 1.0)
             weight, normal, slope, flatness = _weigh(sampled, pixels.shading, brightness, residual, scale, self._free)
             change = np.linalg.solve(_firm(normal), slope)
             moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * self._camera.lens.width / 2)
@@ -227,8 +231,8 @@ class Aligner:
         variance = float(weight @ fitted.residual**2) / float(weight.sum())
         usable = sampled[:, KNOWN] > 0
         value = sampled[usable, VALUE]
-        contrast = _median(np.abs(value - _median(value)))
-        difference = _typical(fitted.residual[usable])
+        contrast = robust.median(np.abs(value - robust.median(value)))
+        difference = robust.typical(fitted.residual[usable])
         strength = np.abs(sampled[:, BY_PAN]) * weight
         strongest = min(5 * SHOWN, len(strength))
         least = np.partition(strength, -strongest)[-strongest]
@@ -241,44 +245,6 @@ class Aligner:
             np.asarray(variance * np.linalg.inv(_firm(fitted.normal))[:2, :2], np.float64),
             1.0 - difference / max(contrast, 1.0), fitted.settled, fitted.points[shown], places,
         )  # fmt: skip
-
-
-def _commonest(values: Array) -> float:
-    """Middle of the narrowest interval that holds a third of the values (N,), of one in four of them: what the others
-    are like does not matter, be they all larger."""
-    some = np.sort(values[::4])
-    third = len(some) // 3
-    first = int(np.argmin(some[third:] - some[: len(some) - third]))
-    return float(some[first + third // 2])
-
-
-@njit(cache=True, nogil=True)
-def _falling(ratio: Array, squared: Array, commonest: float) -> tuple[float, float]:
-    """The line a + b r^2 on which most ratios (N,) lie at squared distances r^2 (N,), about the ``commonest``."""
-    a, b = commonest, 0.0
-    for scale in FALLING:
-        ones, radii, squares, sums, products = 1e-9, 0.0, 1e-9, 0.0, 0.0
-        for n in range(len(ratio)):
-            weight = 1.0 / (1.0 + ((ratio[n] - a - b * squared[n]) / (scale * commonest)) ** 2) ** 2
-            ones += weight
-            radii += weight * squared[n]
-            squares += weight * squared[n] * squared[n]
-            sums += weight * ratio[n]
-            products += weight * squared[n] * ratio[n]
-        determinant = ones * squares - radii * radii
-        a, b = (squares * sums - radii * products) / determinant, (ones * products - radii * sums) / determinant
-    return a, b
-
-
-def _typical(values: Array) -> float:
-    """Median of the absolute values (N,), of one in four of them: as good for a scale, and sorting takes long."""
-    return _median(np.abs(values[::4]))
-
-
-def _median(values: Array) -> float:
-    """The upper median of (N,): numpy's checks its input for longer than it takes."""
-    middle = len(values) // 2
-    return float(np.partition(values, middle)[middle])
 
 
 def _firm(normal: Array) -> Array:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pzcap.cameras.camera import at
 from pzcap.cameras.rays import Window, warp_background
+from pzcap.cameras.robust import line
 from pzcap.silhouettes import outline
 from pzcap.silhouettes.colours import Compared, ForegroundConfig, compare, double, shrink
 from pzcap.types import Array, Camera, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
@@ -31,6 +32,7 @@ EVEN: Final = 127
 """Probability (of 255) where nothing is known."""
 SOFTNESS: Final = 5 / 12
 """Variance (px2 of the panorama) of its blur: pixels of the sweep (1/12), interpolated twice (1/6 each)."""
+FALLING: Final = (0.15, 0.08, 0.05, 0.04)  # scales of what the log of the brightness differs by, from coarse to fine
 WINDOW: Final = (3, 3)  # half pixels over which the evidence is averaged
 FEWEST: Final = 30  # half pixels that show which colours the body has
 MARGIN_PX: Final = 16  # kept round the body for its outline
@@ -165,18 +167,8 @@ def _fit_gain(image: Image, background: Image, cover: Float32, gain: Float32) ->
                 count += 1
     if count < 50:
         return False
-    a, b = float(np.median(ratio[:count])), 0.0
-    for scale in (0.15, 0.08, 0.05, 0.04):
-        ones, radii, squares, sums, products = 1e-6, 0.0, 1e-6, 0.0, 0.0
-        for n in range(count):
-            robust = weight[n] / (1.0 + ((ratio[n] - a - b * squared[n]) / scale) ** 2) ** 2
-            ones += robust
-            radii += robust * squared[n]
-            squares += robust * squared[n] * squared[n]
-            sums += robust * ratio[n]
-            products += robust * squared[n] * ratio[n]
-        determinant = ones * squares - radii * radii
-        a, b = (squares * sums - radii * products) / determinant, (ones * products - radii * sums) / determinant
+    ratio, start = ratio[:count], (float(np.median(ratio[:count])), 0.0)
+    a, b = line(ratio, squared[:count], weight[:count], FALLING, start)
     for i in range(height):
         for j in range(width):
             gain[i, j, :] = np.exp(a + b * _radius(i, j, height, width))
