@@ -8,7 +8,7 @@ Sweep and zoom run
     `features`, `sweep`, `zoom` and `matching` (which pixels of two frames show the same), `unknowns` (what is
     estimated), `bundle` (from matches), `direct` (from grey values), `panorama`; `calibration` leads through all.
 A frame of the motion
-    `panzoom` leads: `correlate` (where it may be), `solutions` (from matches; eq. 15), `align` (from grey values), which
+    `panzoom` leads: `correlate` (where it may be), `solutions` (from matches; eq. 15), `align` (from grey values). That
     stands on `rays` (where pixels look, and what of the empty hall they see), `sampling` and `robust`. `smooth` is for
     tracks that are finished.
 """
