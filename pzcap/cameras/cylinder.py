@@ -127,7 +127,7 @@ def smooth_map(function: Callable[[Array], Array], width: int, height: int) -> t
     return column.astype(np.float32), row.astype(np.float32)
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=64)
 def _splines(size: int) -> tuple[Array, Array]:
     """Nodes (N,) of a grid over so many pixels, and beyond; what each adds to the spline at every pixel (size, N)."""
     nodes = np.arange(-GRID, size + 2 * GRID, GRID, dtype=np.float64)
