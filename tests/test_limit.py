@@ -1,8 +1,8 @@
 """How near the method comes to what is possible at all, where nothing else is wrong.
 
 A camera without any trouble looks at a cylinder of texture, and what renders it works in double precision, sixty-four
-rays a pixel. So what is more than noise here is wrong with how frames are stitched and aligned, by a thousandth of a
-pixel as well. (In MuJoCo's pictures, `experiment=clean`, single precision is wrong by more than that.)
+rays a pixel. The sweep's pans are known. So what is more than noise here is wrong with how frames are stitched and
+aligned, by a thousandth of a pixel as well.
 """
 
 from __future__ import annotations
