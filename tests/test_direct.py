@@ -35,7 +35,7 @@ def frames() -> Stored:
     model = truth()
     views = [model.view(frame) for frame in range(len(model.pan_of))]
     images = [synthetic.render(OPTICS, v.pan_rad, v.focal_px, noise_seed=i) for i, v in enumerate(views)]
-    return np.stack([stored(grey(image), direct.SMOOTHING) for image in images])
+    return np.stack([stored(grey(image)) for image in images])
 
 
 def off(seed: int) -> Model:

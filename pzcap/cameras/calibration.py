@@ -130,7 +130,7 @@ def _fit_grey_values(
     gains = [*np.exp(-brightness.log_gain), *[1.0] * len(matched.beside)]
     kept = np.empty((len(images), height, width), np.uint16)
     for smooth, image, gain in zip(kept, images, gains, strict=True):
-        smooth[:] = stored(image * (flat * np.float32(gain)), direct.SMOOTHING)
+        smooth[:] = stored(image * (flat * np.float32(gain)))
     pairs = dict.fromkeys((link.first, link.second) for link in matched.links)
     return direct.adjust(
         _refined(model), kept, list(pairs), matched.sigmas, prior=_refined(matched.start),

@@ -23,10 +23,6 @@ from pzcap.cameras.sampling import Stored, at_pixels, cubic, softened_further
 from pzcap.cameras.unknowns import Model, Sigmas, chains_of, information, stepped, vector, vectors
 from pzcap.types import Array
 
-SMOOTHING = 1.2
-"""Variance, square pixels, of frames that are compared with each other. More than where one is aligned with the
-panorama, which is a mean of many: what lies finer than their pixels, in both of them, moves edges by where in a pixel
-they lie."""
 TILE = 16  # pixels: edges are taken from everywhere, so many across
 BORDER = 4  # pixels at the edge left out
 ITERATIONS = 4
@@ -64,7 +60,7 @@ def _overlap(
     height, width = frames[first].shape
     fine, chosen = None, edges[first]
     if shrink > 1.001:
-        fine = softened_further(frames[first], shrink, SMOOTHING)
+        fine = softened_further(frames[first], shrink)
         chosen = _edges(fine, most)
     seen, front = geometry.see(views[1], *geometry.look(views[0], chosen.astype(np.float64)))
     inside = front & np.all((seen >= BORDER) & (seen <= np.array([width, height]) - 1 - BORDER), axis=1)
@@ -100,8 +96,8 @@ def adjust(
     pixels: int,
     report: Callable[[int], None],
 ) -> Fitted:
-    """Fit the model to the grey values of ``pairs`` of ``frames`` (F, H, W), stored with SMOOTHING, of ``pixels`` of
-    each pair at most; as `bundle.adjust`.
+    """Fit the model to the grey values of ``pairs`` of ``frames`` (F, H, W), of ``pixels`` of each pair at most; as
+    `bundle.adjust`.
 
     ``start`` must be right to about a pixel.
     """

@@ -17,7 +17,7 @@ from scipy.special import ive
 
 from pzcap.types import Array
 
-SMOOTHING = 0.64  # variance, square pixels: of a frame and the panorama, which are compared
+SMOOTHING = 0.64  # variance, square pixels: of what is compared
 SPLINE = 1.0 / 3.0  # of which the spline brings about so much
 PIXEL = 1.0 / 12.0  # variance of a pixel itself, a square
 STEPS = 64.0  # to a grey level
@@ -27,8 +27,7 @@ DIRECT = POLE ** np.abs(np.arange(-9, 10))
 DIRECT /= DIRECT.sum()  # makes an image the coefficients of the spline that runs through it
 
 Stored = NDArray[np.uint16]
-"""(H, W) a grey image in STEPS to a grey level, smoothed by SPLINE less than it is to be: these are a spline's
-coefficients."""
+"""(H, W) a grey image in STEPS to a grey level, smoothed by SMOOTHING - SPLINE: these are a spline's coefficients."""
 
 
 def softened(image: NDArray[np.uint8] | NDArray[np.float32], shrink: float = 1.0) -> NDArray[np.float32]:
@@ -36,23 +35,23 @@ def softened(image: NDArray[np.uint8] | NDArray[np.float32], shrink: float = 1.0
 
     It keeps its pixels: an image that is made smaller by a fraction has its edges moved by up to a tenth of a pixel.
     """
-    return _smoothed(image, _variance(SMOOTHING, shrink))
+    return _smoothed(image, _variance(shrink))
 
 
-def stored(image: NDArray[np.uint8] | NDArray[np.float32], smoothing: float = SMOOTHING) -> Stored:
-    """A grey image (H, W), ready for `cubic`, which will find it smoothed by this variance."""
-    soft = _smoothed(image, smoothing - SPLINE)
+def stored(image: NDArray[np.uint8] | NDArray[np.float32]) -> Stored:
+    """A grey image (H, W), ready for `cubic`."""
+    soft = _smoothed(image, SMOOTHING - SPLINE)
     return np.asarray(np.clip(np.rint(soft * STEPS), 0, 65535), np.uint16)
 
 
-def softened_further(image: Stored, shrink: float, smoothing: float = SMOOTHING) -> NDArray[np.float32]:
-    """`softened` of what is stored already, for that ``smoothing``."""
-    soft = _smoothed(image, _variance(smoothing, shrink) - (smoothing - SPLINE))
+def softened_further(image: Stored, shrink: float) -> NDArray[np.float32]:
+    """`softened` of what is stored already."""
+    soft = _smoothed(image, _variance(shrink) - (SMOOTHING - SPLINE))
     return np.asarray(soft / np.float32(STEPS), np.float32)
 
 
-def _variance(smoothing: float, shrink: float) -> float:
-    return smoothing * shrink**2 + PIXEL * (shrink**2 - 1.0)
+def _variance(shrink: float) -> float:
+    return SMOOTHING * shrink**2 + PIXEL * (shrink**2 - 1.0)
 
 
 def _smoothed(image: NDArray[np.uint8] | Stored | NDArray[np.float32], variance: float) -> NDArray[np.float32]:
