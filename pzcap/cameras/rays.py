@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from pzcap.cameras import camera as geometry
-from pzcap.cameras.cylinder import NODES, Hall, kernel_hall, near_at, smooth_map
+from pzcap.cameras.cylinder import NODES, Hall, kernel_hall, near_at, smooth_map, to_unwrapped
 from pzcap.cameras.sampling import Stored, cubic
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
@@ -37,10 +37,10 @@ def warp_background(
     """
     left, top, right, bottom = window or (0, 0, camera.lens.width, camera.lens.height)
 
-    def to_panorama(points_px: Array) -> Array:  # not wrapped, so that neighbours stay neighbours
+    def to_panorama(points_px: Array) -> Array:
         pixels = points_px.reshape(-1, 2) + np.array([left, top])
-        turned = looking(panorama, camera, pixels, pan_rad, tilt_rad, focal_px)[:, :2] + np.array([pan_rad, 0.0])
-        return np.asarray(panorama.origin_px - panorama.px_per_rad * turned).reshape(points_px.shape)
+        azimuth, slope = looking(panorama, camera, pixels, pan_rad, tilt_rad, focal_px)[:, :2].T
+        return to_unwrapped(panorama, pan_rad + azimuth, slope).reshape(points_px.shape)
 
     column, row = smooth_map(to_panorama, right - left, bottom - top)
     border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT

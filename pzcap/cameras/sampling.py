@@ -96,6 +96,7 @@ def warped(image: NDArray[np.float32], columns: NDArray[np.float32], rows: NDArr
 def _warp(
     coefficients: NDArray[np.float32], columns: NDArray[np.float32], rows: NDArray[np.float32], out: NDArray[np.float32]
 ) -> None:
+    """`warped` of a spline's ``coefficients`` (H, W, C), into ``out`` (h, w, C)."""
     height, width, channels = coefficients.shape
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
