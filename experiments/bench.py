@@ -149,7 +149,8 @@ def _follow(
     sets = frame_sets(capture)
     tracker = None
     if capture.subject is not None and sets.keyframes:
-        tracker = tracking.Tracker(body.build(capture.subject), sets.keyframes, config.tracking)
+        model, rate = body.build(capture.subject), float(capture.frame_rate)
+        tracker = tracking.Tracker(model, sets.keyframes, rate, config.tracking)
     before: Found = [None] * len(prepared)
     last: Found = [None] * len(prepared)
 

@@ -292,7 +292,7 @@ def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]
         return None
     model = body.build(capture.subject)
     notes += keyframes.check(sets.keyframes, model, len(sets))
-    return tracking.Tracker(model, sets.keyframes, config.tracking)
+    return tracking.Tracker(model, sets.keyframes, float(capture.frame_rate), config.tracking)
 
 
 def _track_input(seen: FrameSeparated) -> tracking.TrackInput:

@@ -49,7 +49,7 @@ def test_the_skin_is_nowhere_nearer_to_where_it_was_seen() -> None:
 
 
 def test_early_results_get_the_body_and_the_certainty_of_the_last() -> None:
-    solver = IntervalSolver(BODY, TrackingConfig())
+    solver = IntervalSolver(BODY, 30.0, TrackingConfig())
     early = solver.result(0, POSE, 1e4 * np.eye(DOF), UNSEEN, True)
     change = basis(BODY)
     amounts = 0.5 * np.random.default_rng(2).normal(0.0, change.sigma_m)
@@ -65,6 +65,6 @@ def test_early_results_get_the_body_and_the_certainty_of_the_last() -> None:
 
 
 def test_a_tracker_gives_back_what_one_body_tracked_as_it_is() -> None:
-    tracker = Tracker(BODY, [Keyframe(0, POSE)], TrackingConfig())
+    tracker = Tracker(BODY, [Keyframe(0, POSE)], 30.0, TrackingConfig())
     only = IntervalSolver.result(tracker._solver, 0, POSE, 1e4 * np.eye(DOF), UNSEEN, True)
     np.testing.assert_array_equal(tracker.motion([only]).joints_m, [only.joints_m])

@@ -28,6 +28,7 @@ from tests.body_scene import HEIGHT, WIDTH, Clip, shoot
 
 FRAMES = 13
 CONFIG = TrackingConfig()
+RATE = 30.0  # frames a second
 
 
 @cache
@@ -66,7 +67,7 @@ def errors_m(results: list[Tracked]) -> Array:
 
 
 def run(keyframes: list[Keyframe], items: tuple[TrackInput, ...] | list[TrackInput]) -> list[Tracked]:
-    return list(tracking.track(taped(), keyframes, items, CONFIG))
+    return list(tracking.track(taped(), keyframes, items, RATE, CONFIG))
 
 
 def test_between_two_keyframes() -> None:
@@ -116,7 +117,7 @@ def test_the_same_footage_gives_the_same_motion() -> None:
 
 
 def test_results_come_as_soon_as_they_can() -> None:
-    tracker = tracking.Tracker(taped(), [by_hand(0), by_hand(4)], CONFIG)
+    tracker = tracking.Tracker(taped(), [by_hand(0), by_hand(4)], RATE, CONFIG)
     counts = [len(tracker.push(item)) for item in inputs()[:6]]
     assert counts == [1, 0, 0, 0, 0, 5]  # an interval is solved while the next one is followed
     assert tracker.finish() == []
@@ -133,7 +134,7 @@ def test_the_colours_of_the_arms_are_known_from_the_first_keyframe_on() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tracking, "Complexion", Watched)
-        tracker = tracking.Tracker(taped(), [by_hand(0)], CONFIG)
+        tracker = tracking.Tracker(taped(), [by_hand(0)], RATE, CONFIG)
     views = [tracker.push(item) and len(told) for item in inputs()[:2]]
     assert max(told[: views[0]]) <= UNKNOWN
     assert min(told[views[0] :]) > 220
@@ -141,7 +142,7 @@ def test_the_colours_of_the_arms_are_known_from_the_first_keyframe_on() -> None:
 
 def test_no_keyframe_is_a_clear_error() -> None:
     with pytest.raises(PzcapError, match="no keyframes"):
-        list(tracking.track(taped(), [], inputs(), CONFIG))
+        list(tracking.track(taped(), [], inputs(), RATE, CONFIG))
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -396,7 +397,7 @@ def test_where_passes_agree_confidence_weighs_them() -> None:
 
 def test_a_stretch_that_no_keyframe_ends_is_given_up_in_time() -> None:
     tracker = tracking.Tracker(
-        taped(), [by_hand(0), Keyframe(100, clip().poses[0])], replace(CONFIG, longest_stretch=4)
+        taped(), [by_hand(0), Keyframe(100, clip().poses[0])], RATE, replace(CONFIG, longest_stretch=4)
     )
     counts = [len(tracker.push(item)) for item in inputs()[:6]]
     assert counts == [1, 0, 0, 0, 0, 0]

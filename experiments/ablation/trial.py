@@ -107,7 +107,8 @@ def follow(
     subject = material.subject
     if "body" in variant.known:
         subject = Subject(material.truth.measurements_m, SURE_SIGMA_M)
-    tracker = tracking.Tracker(body.build(subject), keys, variant.change(config.tracking))
+    rate = float(material.capture.frame_rate)
+    tracker = tracking.Tracker(body.build(subject), keys, rate, variant.change(config.tracking))
     tracked: list[tracking.Tracked] = []
     started = time.process_time()  # the tracker has a thread of its own
     for frames in material.sets:

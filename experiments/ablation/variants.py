@@ -57,6 +57,7 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("no_limb_search", "no limb search", "evidence", _config(doubt_m2=np.inf)),
     Variant("no_limits", "no joint limits", "evidence", _config(limit_sigma_rad=np.inf)),
     Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
+    Variant("no_fall", "no fall in flight", "evidence", _config(fall_sigma_m_s2=np.inf)),
     Variant("no_polishing", "no polishing", "evidence", _config(polishing_sweeps=0)),
     Variant("first", "first keyframe alone", "keyframes", chosen=lambda _: [0]),
     Variant("ends", "keyframes at the ends", "keyframes", chosen=lambda count: sorted({0, count - 1})),

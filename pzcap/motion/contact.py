@@ -8,27 +8,18 @@ so that a heel that rises is let go.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from pzcap.motion.body import DOF, Body, forward, point_jacobian
+from pzcap.motion.trajectory import Tie
 from pzcap.types import SEGMENTS, Array, Pose
 
 _NEAR_M: Final = 0.04  # above the floor: what a tape and a tracker are wrong by together
 _REST_M: Final = 0.004  # a frame: what trembles by more has begun to move
 _SIGMA_M: Final = 0.001  # a frame: what skin and sole give way by
 _LEAST: Final = 0.02  # weight of what is in contact at all
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Tie:
-    """How far some points move from a frame to the next, and how much each of them should not."""
-
-    moved_m: Array  # (R,) a row a coordinate
-    weight: Array  # (R,)
-    jacobians: Array  # (2, R, 43) derivatives of ``moved_m`` by the tangents of the earlier and the later pose
 
 
 def soles(body: Body) -> tuple[tuple[int, Array], ...]:
@@ -47,7 +38,7 @@ def soles(body: Body) -> tuple[tuple[int, Array], ...]:
 
 
 def ties(body: Body, poses: Sequence[Pose]) -> list[Tie]:
-    """What rests between each two of ``poses`` that follow one another: one tie less than there are poses."""
+    """What rests between two of ``poses`` that follow one another is where it was."""
     rests_on, placed = soles(body), [forward(body, pose) for pose in poses]
     points = np.array([[frames[s, :3, :3] @ point + frames[s, :3, 3] for s, point in rests_on] for frames in placed])
     moved = np.diff(points, axis=0)  # (T - 1, N, 3)
@@ -55,13 +46,12 @@ def ties(body: Body, poses: Sequence[Pose]) -> list[Tie]:
     still = 1.0 / (1.0 + np.sum(moved**2, axis=-1) / _REST_M**2) ** 2
     weight = np.where(near & (still > _LEAST), still / _SIGMA_M**2, 0.0)
     found = []
-    for t in range(len(poses) - 1):
+    for t in np.flatnonzero(weight.any(axis=1)).tolist():
         held = np.flatnonzero(weight[t])
         jacobians = np.zeros((2, len(held), 3, DOF))
         for k, sign in enumerate((-1.0, 1.0)):
             for row, n in enumerate(held):
                 jacobians[k, row] = sign * point_jacobian(placed[t + k], rests_on[n][0], points[t + k, n])
-        found.append(
-            Tie(moved[t, held].ravel(), np.repeat(weight[t, held], 3), jacobians.reshape(2, 3 * len(held), DOF))
-        )
+        rows = 3 * len(held)
+        found.append(Tie(t, moved[t, held].ravel(), np.repeat(weight[t, held], 3), jacobians.reshape(2, rows, DOF)))
     return found

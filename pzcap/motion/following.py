@@ -79,6 +79,8 @@ class TrackingConfig:
     # what the motion accelerates by, a frame squared
     acceleration_position_sigma_m: float = 0.01
     acceleration_rotation_sigma_rad: float = 0.05
+    # what the centre of mass departs from a fall by in flight: the masses of the segments are not known
+    fall_sigma_m_s2: float = 2.5
     polishing_sweeps: int = 2
     longest_stretch: int = 200  # frames that wait for a keyframe to be tracked backward
     longest_lead: int = 120  # frames before the first keyframe that are kept to be tracked backward

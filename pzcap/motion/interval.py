@@ -76,8 +76,8 @@ def astray(contour: Array) -> Array:
 class IntervalSolver:
     """Solves one interval after the other. The body gets better with each."""
 
-    def __init__(self, body: Body, config: TrackingConfig) -> None:
-        self.body, self.config = body, config
+    def __init__(self, body: Body, frame_rate: float, config: TrackingConfig) -> None:
+        self.body, self.frame_rate, self.config = body, frame_rate, config
         self._shape = ShapeEstimate(body)
         # of the joints, until the images have told
         self._known = Shape(self._shape.amounts_m, np.full(len(SEGMENTS), 2 * body.sigma_m**2))
@@ -198,13 +198,13 @@ class IntervalSolver:
     ) -> Polished:
         """Improve the poses of an interval, and the body with them. A ``key`` that ends it has told of the body."""
         if not self.config.shape_weight:
-            return polish(self.body, poses, views, self._before, key, passes, self.config)
+            return polish(self.body, poses, views, self._before, key, passes, self.frame_rate, self.config)
         inner = slice(None if key is None else -1)
         for left in reversed(range(self.config.shape_rounds)):
             said = hear(self.body, self._shape, poses[inner][::_SOME], views[inner][::_SOME], self.config)
             self.body = replace(self._shape.solve(said), landmarks=self.body.landmarks)
             again = None if left else passes  # a second look takes long: in the last round alone
-            polished = polish(self.body, poses, views, self._before, key, again, self.config)
+            polished = polish(self.body, poses, views, self._before, key, again, self.frame_rate, self.config)
             poses = polished.poses
         self._shape.keep(said)
         self._known = Shape(self._shape.amounts_m, self._shape.joint_variance())

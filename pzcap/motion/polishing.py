@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pzcap.motion.body import DOF, Body, difference, forward, joints, retract
 from pzcap.motion.contact import ties
 from pzcap.motion.evidence import Appearance, Evidence
+from pzcap.motion.flight import falls
 from pzcap.motion.following import UNSEEN, TrackingConfig, restraint
 from pzcap.motion.likeness import Likeness
 from pzcap.motion.limbs import LIMBS
@@ -81,7 +82,7 @@ def hear_hand(
 
 def polish(
     body: Body, poses: Sequence[Pose], views: Sequence[Sequence[Cut | None]], before: Sequence[Pose],
-    key: Keyframe | None, passes: Passes | None, config: TrackingConfig,
+    key: Keyframe | None, passes: Passes | None, frame_rate: float, config: TrackingConfig,
 ) -> Polished:  # fmt: skip
     """Improve the ``poses`` of a stretch of frames; in those ``before`` it the body is held fast. Where the last is a
     ``key``, what the hand made of it counts there beside the images.
@@ -89,7 +90,7 @@ def polish(
     Where it is told what the ``passes`` have left behind in the others, limbs that do not look like themselves are also
     looked for once more (`pzcap.motion.second_look`), and taken from there if that is worth more.
     """
-    stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, key, config, Likeness(body))
+    stretch = _Stretch(body, [Evidence(body, cuts) for cuts in views], before, key, frame_rate, config, Likeness(body))
     placed = stretch.visibility(poses)
     appearances = _appearances(body, stretch.evidence, placed)
     found = stretch.sweep(poses, placed, appearances)
@@ -126,6 +127,7 @@ class _Stretch:
     evidence: list[Evidence]
     before: Sequence[Pose]
     key: Keyframe | None  # of the last of them
+    frame_rate: float
     config: TrackingConfig
     likeness: Likeness
 
@@ -152,8 +154,9 @@ class _Stretch:
                 hand = 1.0 / config.hand_sigma**2
                 hessians[-1] += np.diag(hand)
                 gradients[-1] += hand * difference(self.key.pose, found[-1])
-            held = ties(self.body, [*self.before, *found])
-            steps = smooth_step(found, hessians, gradients, sigma, self.before, held).clip(-0.5, 0.5)
+            chain = [*self.before, *found]
+            tied = [*ties(self.body, chain), *falls(self.body, chain, self.frame_rate, config.fall_sigma_m_s2)]
+            steps = smooth_step(found, hessians, gradients, sigma, self.before, tied).clip(-0.5, 0.5)
             found = [retract(pose, step) for pose, step in zip(found, steps, strict=True)]
         return Polished(found, hessians, contours)
 

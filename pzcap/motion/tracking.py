@@ -56,13 +56,13 @@ class Tracker:
     Raises PzcapError when there is no keyframe.
     """
 
-    def __init__(self, body: Body, keyframes: Sequence[Keyframe], config: TrackingConfig) -> None:
+    def __init__(self, body: Body, keyframes: Sequence[Keyframe], frame_rate: float, config: TrackingConfig) -> None:
         if not keyframes:
             raise PzcapError("tracking: no keyframes; pose the body in at least one frame (keyframes.json)")
         self.body, self.config = body, config
         self._keys = {key.frame: key for key in keyframes}
         self._last_key = max(self._keys)
-        self._solver = IntervalSolver(body, config)
+        self._solver = IntervalSolver(body, frame_rate, config)
         self._solving: Future[tuple[IntervalSolver, list[Tracked]]] | None = None
         self._ahead: Follower | None = None
         self._complexion = Complexion()
@@ -179,10 +179,10 @@ class Tracker:
 
 
 def track(
-    body: Body, keyframes: Sequence[Keyframe], inputs: Iterable[TrackInput], config: TrackingConfig
+    body: Body, keyframes: Sequence[Keyframe], inputs: Iterable[TrackInput], frame_rate: float, config: TrackingConfig
 ) -> Iterator[Tracked]:
     """Track the body through ``inputs``, in the order of their frames: a result each, in that order. See `Tracker`."""
-    tracker = Tracker(body, keyframes, config)
+    tracker = Tracker(body, keyframes, frame_rate, config)
     for item in inputs:
         yield from tracker.push(item)
     yield from tracker.finish()

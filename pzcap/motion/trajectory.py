@@ -6,21 +6,34 @@ second difference of the motion as prior: minimise over the steps ``d_t`` of all
 
     sum_t 1/2 d_t' H_t d_t - g_t' d_t  +  sum_t 1/2 |d_(t-1) - 2 d_t + d_(t+1) + a_t|^2 / sigma^2
 
-with ``a_t`` the acceleration that the poses have now; and what rests on the floor is tied to where it is in the next
-frame (`pzcap.motion.contact`). The matrix is banded, so the cost is linear in the frames.
+with ``a_t`` the acceleration that the poses have now; and neighbours are tied to each other by what rests on the floor
+(`pzcap.motion.contact`) and by what falls (`pzcap.motion.flight`). The matrix is banded, so the cost is linear in the
+frames.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solveh_banded
 
 from pzcap.motion.body import DOF, difference
-from pzcap.motion.contact import Tie
 from pzcap.types import Array, Pose
+
+_REACH = 3  # frames that are tied to each other, at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tie:
+    """Something that should be 0 and is made by two or three poses that follow one another."""
+
+    first: int  # of the poses
+    residual_m: Array  # (R,)
+    weight: Array  # (R,)
+    jacobians: Array  # (2 or 3, R, 43) derivatives of ``residual_m`` by the tangent of each pose
 
 
 def smooth_step(
@@ -30,11 +43,11 @@ def smooth_step(
     """Steps (T, 43) of ``poses`` (T of them) with normal equations ``hessians`` (43, 43) and ``gradients`` (43,).
 
     ``sigma`` (43,) is the standard deviation of the acceleration, a frame squared. The body is held fast in the
-    frames ``before`` the stretch. ``ties`` are those between all of these, in their order.
+    frames ``before`` the stretch. ``ties`` are between all of these, and count from the first of them.
     """
     chain, first = [*before, *poses], len(before)
     count = len(poses)
-    band = np.zeros((2 * DOF + 1 if count > 2 else min(count, 2) * DOF, count * DOF))
+    band = np.zeros((min(count, _REACH) * DOF, count * DOF))
     right = np.concatenate(gradients)
     rows, columns = np.tril_indices(DOF)
     for t, hessian in enumerate(hessians):
@@ -55,16 +68,14 @@ def smooth_step(
 
 
 def _tie(band: Array, right: Array, ties: Sequence[Tie], first: int, count: int) -> None:
-    """Add what rests from each frame of the chain to the next; ``first`` of its frames come before the stretch."""
-    rows, columns = np.tril_indices(DOF)
-    every_row, every_column = np.indices((DOF, DOF))
-    for k, tie in enumerate(ties):
-        earlier, later = k - first, k + 1 - first
-        for t, jacobian in zip((earlier, later), tie.jacobians, strict=True):
-            if 0 <= t < count:
-                weighted = jacobian.T * tie.weight
-                right[t * DOF : (t + 1) * DOF] -= weighted @ tie.moved_m
-                band[rows - columns, t * DOF + columns] += (weighted @ jacobian)[rows, columns]
-        if earlier >= 0 and later < count:
-            across = (tie.jacobians[1].T * tie.weight) @ tie.jacobians[0]
-            band[DOF + every_row - every_column, earlier * DOF + every_column] += across
+    """Add what ties the frames of the chain; ``first`` of them come before the stretch."""
+    rows, columns = np.indices((DOF, DOF))
+    below = rows >= columns
+    for tie in ties:
+        inside = [(tie.first + k - first, each) for k, each in enumerate(tie.jacobians)]
+        inside = [(t, each) for t, each in inside if 0 <= t < count]
+        for i, (t, earlier) in enumerate(inside):
+            right[t * DOF : (t + 1) * DOF] -= earlier.T @ (tie.weight * tie.residual_m)
+            for other, later in inside[i:]:
+                block, kept = (later.T * tie.weight) @ earlier, below if other == t else np.ones_like(below)
+                band[(other - t) * DOF + (rows - columns)[kept], t * DOF + columns[kept]] += block[kept]
