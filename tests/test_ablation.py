@@ -72,7 +72,8 @@ def test_the_command_leaves_a_table_metrics_and_plots(
     assert known < usual
     same = {key for key in BY_KEY if found[f"ablation.{key}.mpjpe.mean"] == usual}
     # eight frames of a walker, a keyframe at either end: no limb is lost, nobody flies, no keyframe is between
-    assert same <= {"default", "no_limb_search", "no_limits", "no_fall", "ends", "half", "two_a_second", "four_a_second"}
+    more = {"ends", "half", "two_a_second", "four_a_second"}
+    assert same <= {"default", "no_limb_search", "no_limits", "no_fall"} | more
     with (tmp_path / "ablation.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["variant"] for row in rows] == [variant.label for variant in VARIANTS]

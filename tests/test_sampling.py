@@ -80,6 +80,29 @@ def test_smoothing_is_that_of_a_smaller_image_and_moves_nothing(shrink: float) -
         assert span == pytest.approx(small_span, rel=0.02)
 
 
+@pytest.mark.parametrize("shrink", [1.0, 1.4])
+def test_a_place_is_as_smooth_at_the_side_of_a_frame_as_in_its_middle(shrink: float) -> None:
+    """Waves around the cylinder, photographed by square pixels."""
+    focal, middle, width, rays = 600.0 * shrink, 319.5, 640, 16
+    places = (np.arange(width * rays) + 0.5) / rays - 0.5
+    azimuth = np.arctan((places - middle) / focal)
+    waves = (128 + 60 * np.sin(600.0 * 2 * np.pi / 9 * azimuth)).reshape(width, rays).mean(axis=1)
+    image = np.tile(waves, (20, 1)).astype(np.float32)
+
+    def strength(flat: tuple[float, float] | None, columns: slice) -> float:
+        pixels = np.array([(u, 10) for u in range(width)[columns]], np.int16)
+        row = softened(image, shrink, flat)[10, columns] if shrink > 1 else at_pixels(stored(image, flat), pixels)
+        here = np.arctan((np.arange(width)[columns] - middle) / focal) * 600.0 * 2 * np.pi / 9
+        system = np.stack([np.sin(here), np.cos(here), np.ones_like(here)], axis=1)
+        return float(np.hypot(*np.linalg.lstsq(system, row.astype(float), rcond=None)[0][:2]))
+
+    side, inner = np.s_[570:630], np.s_[290:350]
+    evenly = strength((focal, middle), side) / strength((focal, middle), inner)
+    unevenly = strength(None, side) / strength(None, inner)
+    assert abs(evenly - 1.0) < 0.01
+    assert unevenly > 1.02
+
+
 def _wave(row: np.ndarray, length: float) -> tuple[float, float]:
     """Amplitude and phase of a wave of known length."""
     inner = np.arange(len(row))[40:-40]

@@ -199,7 +199,8 @@ class Aligner:
         whole = max(int(min(shrink, np.sqrt(frame.size / level.pixels))), 1)
         size = (lens.width // whole, lens.height // whole)
         small = cv2.resize(frame[: size[1] * whole, : size[0] * whole], size, interpolation=cv2.INTER_AREA)
-        soft = softened(np.asarray(small, np.uint8), shrink / whole)
+        flat = focal_px / whole, (geometry.lens_at(lens, focal_px)[0][0] + 0.5) / whole - 0.5
+        soft = softened(np.asarray(small, np.uint8), shrink / whole, flat)
         chosen = _edges(soft, max(1, round(np.sqrt(soft.size / level.pixels))))
         if hidden is not None:
             column, row = (chosen * whole + whole // 2).T

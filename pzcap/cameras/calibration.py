@@ -129,8 +129,10 @@ def _fit_grey_values(
     flat = panorama.flatness(brightness, model.view(0), width, height)
     gains = [*np.exp(-brightness.log_gain), *[1.0] * len(matched.beside)]
     kept = np.empty((len(images), height, width), np.uint16)
-    for smooth, image, gain in zip(kept, images, gains, strict=True):
-        smooth[:] = stored(image * (flat * np.float32(gain)))
+    for number, (image, gain) in enumerate(zip(images, gains, strict=True)):
+        view = model.view(number)
+        lens = view.focal_px, float(view.principal_px[0])
+        kept[number] = stored(image * (flat * np.float32(gain)), lens)
     pairs = dict.fromkeys((link.first, link.second) for link in matched.links)
     return direct.adjust(
         _refined(model), kept, list(pairs), matched.sigmas, prior=_refined(matched.start),

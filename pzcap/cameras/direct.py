@@ -60,7 +60,7 @@ def _overlap(
     height, width = frames[first].shape
     fine, chosen = None, edges[first]
     if shrink > 1.001:
-        fine = softened_further(frames[first], shrink)
+        fine = softened_further(frames[first], shrink, (views[0].focal_px, views[0].principal_px[0]))
         chosen = _edges(fine, most)
     seen, front = geometry.see(views[1], *geometry.look(views[0], chosen.astype(np.float64)))
     inside = front & np.all((seen >= BORDER) & (seen <= np.array([width, height]) - 1 - BORDER), axis=1)

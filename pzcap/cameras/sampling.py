@@ -5,6 +5,10 @@ pixels. Cubic B-splines do that without leaving more behind than a hundredth of 
 themselves smooth by a third of a square pixel; discrete Gaussians (Lindeberg, 1990), whose variances are exact and add
 up, do the rest. Other interpolation shifts and blurs edges by where they lie in their pixel, and so biases what is
 aligned by them.
+
+Amounts are angles: towards the sides of a frame its pixels look ever closer together, so that there what was smoothed
+by as many of them is sharper. The same place is then smoother in one frame than in another, which puts the two a
+thousandth of a pixel beside each other; so frames are smoothed more towards their sides (`Flat`).
 """
 
 from __future__ import annotations
@@ -28,26 +32,59 @@ DIRECT /= DIRECT.sum()  # makes an image the coefficients of the spline that run
 
 Stored = NDArray[np.uint16]
 """(H, W) a grey image in STEPS to a grey level, smoothed by SMOOTHING - SPLINE: these are a spline's coefficients."""
+Flat = tuple[float, float]
+"""Of a frame, focal length and column of the principal point, pixels. A panorama is the same all over, and has none."""
 
 
-def softened(image: NDArray[np.uint8] | NDArray[np.float32], shrink: float = 1.0) -> NDArray[np.float32]:
+def softened(
+    image: NDArray[np.uint8] | NDArray[np.float32], shrink: float = 1.0, flat: Flat | None = None
+) -> NDArray[np.float32]:
     """A grey image (H, W), smoothed as one that is ``shrink`` times smaller is where `cubic` looks at it.
 
     It keeps its pixels: an image that is made smaller by a fraction has its edges moved by up to a tenth of a pixel.
     """
-    return _smoothed(image, _variance(shrink))
+    return _evened(_smoothed(image, _variance(shrink)), shrink**2, flat)
 
 
-def stored(image: NDArray[np.uint8] | NDArray[np.float32]) -> Stored:
+def stored(image: NDArray[np.uint8] | NDArray[np.float32], flat: Flat | None = None) -> Stored:
     """A grey image (H, W), ready for `cubic`."""
-    soft = _smoothed(image, SMOOTHING - SPLINE)
+    soft = _evened(_smoothed(image, SMOOTHING - SPLINE), 1.0, flat)
     return np.asarray(np.clip(np.rint(soft * STEPS), 0, 65535), np.uint16)
 
 
-def softened_further(image: Stored, shrink: float) -> NDArray[np.float32]:
+def softened_further(image: Stored, shrink: float, flat: Flat | None = None) -> NDArray[np.float32]:
     """`softened` of what is stored already."""
-    soft = _smoothed(image, _variance(shrink) - (SMOOTHING - SPLINE))
+    soft = _evened(_smoothed(image, _variance(shrink) - (SMOOTHING - SPLINE)), shrink**2 - 1.0, flat)
     return np.asarray(soft / np.float32(STEPS), np.float32)
+
+
+def _evened(image: NDArray[np.float32], share: float, flat: Flat | None) -> NDArray[np.float32]:
+    """A frame (H, W), its pixels and what smoothed them of SMOOTHING + PIXEL, times ``share``, smoothed more towards
+    its sides: by as much everywhere, measured on the cylinder that it looks at.
+
+    Roll, tilt and distortion are slight, and left out.
+    """
+    if flat is None:
+        return image
+    outward: Array = (
+        1.0 + ((np.arange(image.shape[1], dtype=np.float64) - flat[1]) / flat[0]) ** 2
+    )  # the secant, squared
+    half = 0.5 * share * (SMOOTHING + PIXEL)
+    out = np.empty_like(image)
+    _diffuse(image, half * (outward**2 - 1.0), half * (outward - 1.0), out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _diffuse(image: NDArray[np.float32], across: Array, down: Array, out: NDArray[np.float32]) -> None:
+    """One step of heat flow, by so much in each column (W,)."""
+    height, width = image.shape
+    for i in range(height):
+        above, below = image[max(i - 1, 0)], image[min(i + 1, height - 1)]
+        for j in range(width):
+            here = image[i, j]
+            beside = image[i, max(j - 1, 0)] + image[i, min(j + 1, width - 1)]
+            out[i, j] = here + across[j] * (beside - 2.0 * here) + down[j] * (above[j] + below[j] - 2.0 * here)
 
 
 def _variance(shrink: float) -> float:
