@@ -10,7 +10,7 @@ From frame to frame
 Between two keyframes
     `interval` leads, in a process of its own (`elsewhere`): `merging` (two passes made one), `likeness` and
     `second_look` (a limb that both have lost), `shape` and `corrections` (the body, corrected), `polishing` with
-    `trajectory` and `contact` (all frames at once).
+    `trajectory`, `contact` and `flight` (all frames at once).
 In the end
     `hindsight` (early frames with the body as it is known now), `advice` (on keyframes).
 """
