@@ -66,25 +66,24 @@ def _evened(image: NDArray[np.float32], share: float, flat: Flat | None) -> NDAr
     """
     if flat is None:
         return image
-    outward: Array = (
-        1.0 + ((np.arange(image.shape[1], dtype=np.float64) - flat[1]) / flat[0]) ** 2
-    )  # the secant, squared
+    outward: Array = 1.0 + ((np.arange(image.shape[1], dtype=np.float64) - flat[1]) / flat[0]) ** 2  # secant, squared
     half = 0.5 * share * (SMOOTHING + PIXEL)
-    out = np.empty_like(image)
-    _diffuse(image, half * (outward**2 - 1.0), half * (outward - 1.0), out)
+    out = image.copy()
+    _diffuse(image, (half * (outward**2 - 1.0)).astype(np.float32), (half * (outward - 1.0)).astype(np.float32), out)
     return out
 
 
 @njit(cache=True, nogil=True)
-def _diffuse(image: NDArray[np.float32], across: Array, down: Array, out: NDArray[np.float32]) -> None:
-    """One step of heat flow, by so much in each column (W,)."""
-    height, width = image.shape
-    for i in range(height):
-        above, below = image[max(i - 1, 0)], image[min(i + 1, height - 1)]
-        for j in range(width):
-            here = image[i, j]
-            beside = image[i, max(j - 1, 0)] + image[i, min(j + 1, width - 1)]
-            out[i, j] = here + across[j] * (beside - 2.0 * here) + down[j] * (above[j] + below[j] - 2.0 * here)
+def _diffuse(
+    image: NDArray[np.float32], across: NDArray[np.float32], down: NDArray[np.float32], out: NDArray[np.float32]
+) -> None:
+    """One step of heat flow, by so much in each column (W,); the outermost pixels stay."""
+    two = np.float32(2.0)
+    for i in range(1, image.shape[0] - 1):
+        above, row, below = image[i - 1], image[i], image[i + 1]
+        for j in range(1, image.shape[1] - 1):
+            twice = two * row[j]
+            out[i, j] = row[j] + across[j] * (row[j - 1] + row[j + 1] - twice) + down[j] * (above[j] + below[j] - twice)
 
 
 def _variance(shrink: float) -> float:
