@@ -76,21 +76,3 @@ def test_a_foot_that_stands_stops_trembling() -> None:
     steps = smooth_step(poses, hessians, rest, 1e3 * SIGMA, [], ties(body(), poses))
     still = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
     assert slide_m(still) < 0.25 * slide_m(poses)
-
-
-def test_the_banded_solution_is_the_dense_one() -> None:
-    poses = trembling(5)
-    rng = np.random.default_rng(3)
-    hessians = [1e5 * np.eye(DOF)] * 4
-    gradients = list(1e3 * rng.normal(size=(4, DOF)))
-    held = ties(body(), poses)
-    steps = smooth_step(poses[1:], hessians, gradients, 1e6 * SIGMA, poses[:1], held)
-    matrix, right = 1e5 * np.eye(5 * DOF), np.concatenate([np.zeros(DOF), *gradients])
-    for tie in held:
-        rows = np.zeros((len(tie.weight), 5 * DOF))
-        rows[:, tie.first * DOF : (tie.first + 2) * DOF] = np.hstack(list(tie.jacobians))
-        matrix += rows.T * tie.weight @ rows
-        right -= rows.T @ (tie.weight * tie.residual_m)
-    inner = slice(DOF, 5 * DOF)
-    dense = np.linalg.solve(matrix[inner, inner], right[inner])
-    np.testing.assert_allclose(steps.ravel(), dense, atol=1e-6 * np.abs(dense).max())

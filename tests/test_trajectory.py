@@ -6,7 +6,7 @@ import numpy as np
 
 from pzcap.motion import body as bodies
 from pzcap.motion.body import DOF
-from pzcap.motion.trajectory import smooth_step
+from pzcap.motion.trajectory import Tie, smooth_step
 from pzcap.types import Array, Pose
 from tests.body_scene import swing
 
@@ -66,3 +66,24 @@ def test_one_frame_alone_takes_its_own_step() -> None:
     poses, errors = shaken(1)
     steps = smooth_step(poses, [2.0 * np.eye(DOF)], [2.0 * errors[0]], SIGMA, [], [])
     np.testing.assert_allclose(steps[0], errors[0])
+
+
+def test_the_banded_solution_is_the_dense_one() -> None:
+    """With ties of two frames and of three, some to a frame before the stretch, which stays."""
+    poses, _ = shaken(6)
+    rng = np.random.default_rng(3)
+    gradients = list(1e3 * rng.normal(size=(5, DOF)))
+    ties = [
+        Tie(first, rng.normal(size=4), rng.uniform(0.5, 2.0, 4) * 1e4, rng.normal(size=(frames, 4, DOF)))
+        for first, frames in ((0, 2), (0, 3), (1, 2), (2, 3), (3, 3), (4, 2))
+    ]
+    steps = smooth_step(poses[1:], [1e5 * np.eye(DOF)] * 5, gradients, 1e6 * SIGMA, poses[:1], ties)
+    matrix, right = 1e5 * np.eye(6 * DOF), np.concatenate([np.zeros(DOF), *gradients])
+    for tie in ties:
+        rows = np.zeros((4, 6 * DOF))
+        rows[:, tie.first * DOF : (tie.first + len(tie.jacobians)) * DOF] = np.hstack(list(tie.jacobians))
+        matrix += rows.T * tie.weight @ rows
+        right -= rows.T @ (tie.weight * tie.residual_m)
+    inner = slice(DOF, 6 * DOF)
+    dense = np.linalg.solve(matrix[inner, inner], right[inner])
+    np.testing.assert_allclose(steps.ravel(), dense, atol=1e-6 * np.abs(dense).max())
