@@ -27,10 +27,11 @@ def body() -> Body:
     return bodies.build(Subject(athlete.draw_measurements(athlete.AthleteConfig(), np.random.default_rng(1)), 0.005))
 
 
-def centre(pose: Pose) -> Array:
+def centre(pose: Pose, model: Body | None = None) -> Array:
     """(3,) of mass."""
-    share, inner = masses(body().surface)
-    frames = forward(body(), pose)
+    model = model or body()
+    share, inner = masses(model.surface)
+    frames = forward(model, pose)
     return np.asarray(share @ (np.einsum("sij,sj->si", frames[:, :3, :3], inner) + frames[:, :3, 3]))
 
 
@@ -88,10 +89,8 @@ def test_how_a_fall_changes_is_differentiated() -> None:
 
 
 def test_who_stands_is_not_falling_on_a_box_either() -> None:
-    high, low = (
-        moved(swing(0.2), np.array([0.0, 0.0, 1.0])),
-        [moved(p, np.array([0.0, 0.0, -1.8])) for p in somersault(3)],
-    )
+    high = moved(swing(0.2), np.array([0.0, 0.0, 1.0]))
+    low = [moved(pose, np.array([0.0, 0.0, -1.8])) for pose in somersault(3)]
     assert not falls(body(), [high] * 4, RATE, SIGMA_M_S2)
     assert not falls(body(), low, RATE, SIGMA_M_S2)
 
@@ -120,11 +119,7 @@ def test_what_is_claimed_of_a_fall_is_what_masses_make_it_wrong_by() -> None:
         times = np.arange(round(clip.duration_s * RATE)) / RATE
         flying = np.array([clip.airborne(t) for t in times])
         model = bodies.build(Subject(measures, 0.005))
-        share, inner = masses(model.surface)
-        centres = []
-        for time in times:
-            frames = forward(model, clip.at(time))
-            centres.append(share @ (np.einsum("sij,sj->si", frames[:, :3, :3], inner) + frames[:, :3, 3]))
+        centres = [centre(clip.at(time), model) for time in times]
         fall = np.diff(centres, n=2, axis=0) * RATE**2 + [0.0, 0.0, GRAVITY_M_S2]
         off.append(fall[flying[:-2] & flying[1:-1] & flying[2:]])
     root_mean_square = float(np.sqrt(np.mean(np.vstack(off) ** 2)))
