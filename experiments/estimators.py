@@ -85,7 +85,7 @@ def estimate(estimator: Estimator, capture: Capture, name: str) -> Reconstructio
     found, where = estimator(capture), f"estimator {name}"
     whole = found if isinstance(found, Reconstruction) else _nothing_but(found, capture, name, where)
     names, frames = tuple(camera.name for camera in capture.cameras), len(whole.timecodes)
-    parts = {key: len(getattr(whole, key)) for key in ("references", "cameras", "panoramas", "tracks")}
+    parts = {key: len(getattr(whole, key)) for key in ("references", "cameras", "panoramas", "tracks", "refined")}
     if whole.camera_names != names or any(count != len(names) for count in parts.values()):
         raise PzcapError(f"{where}: has cameras {whole.camera_names} and {parts}; the capture has {names} {GUIDE}")
     return replace(
@@ -128,6 +128,7 @@ def _nothing_but(found: Any, capture: Capture, name: str, where: str) -> Reconst
         cameras=none,
         panoramas=none,
         tracks=tracks,
+        refined=none,
         motion=found if isinstance(found, Motion) else None,
         notes=(f"estimated by {name}",),
     )

@@ -28,6 +28,8 @@ class CameraErrors:
     focal: Series | None = None  # the same, relative to the true focal length
     pan_sigma_rad: Series | None = None  # what the estimate itself believes
     focal_sigma: Series | None = None
+    refined_pan_rad: Series | None = None  # corrected by the body
+    refined_focal: Series | None = None
     pan_bound_rad: Series | None = None  # the least standard deviation possible, from experiments.bound
     focal_bound: Series | None = None
     normalised: Array | None = None  # (F, 2) errors of pan and log focal, uncorrelated, in units of their own sigma
@@ -116,9 +118,14 @@ def frames_of(truth: Truth, reconstruction: Reconstruction) -> tuple[NDArray[np.
 def _within(reconstruction: Reconstruction, known: Mask) -> Reconstruction:
     """``reconstruction``, its estimates valid in the frame sets ``known`` (F,) alone."""
     motion = reconstruction.motion
+    tracks, refined = (
+        tuple(None if t is None else replace(t, valid=t.valid & known) for t in either)
+        for either in (reconstruction.tracks, reconstruction.refined)
+    )
     return replace(
         reconstruction,
-        tracks=tuple(None if t is None else replace(t, valid=t.valid & known) for t in reconstruction.tracks),
+        tracks=tracks,
+        refined=refined,
         motion=None if motion is None else replace(motion, valid=motion.valid & known),
     )
 
@@ -155,10 +162,12 @@ def _camera_errors(
         found["reference_px"] = float(np.sqrt(np.mean(np.sum(reference.residuals_px**2, axis=1))))
     if panorama is not None:
         found["sweep_pan_rad"] = sweep_errors(panorama, truth, true)
+    refined = reconstruction.refined[number]
+    if refined is not None:
+        found["refined_pan_rad"], found["refined_focal"] = _pan_and_focal(refined, truth, true, frames)
     if track is not None:
-        pan = np.where(track.valid, _wrap(track.pan_rad - truth.pan_rad[true, frames]), 0.0)
-        focal = np.where(track.valid, track.focal_px / truth.focal_px[true, frames] - 1.0, 0.0)
-        found["pan_rad"], found["focal"] = Series(pan, track.valid), Series(focal, track.valid)
+        found["pan_rad"], found["focal"] = _pan_and_focal(track, truth, true, frames)
+        pan, focal = found["pan_rad"].values, found["focal"].values
         found["pan_sigma_rad"] = Series(np.sqrt(np.maximum(track.covariance[:, 0, 0], 0.0)), track.valid)
         found["focal_sigma"] = Series(np.sqrt(np.maximum(track.covariance[:, 1, 1], 0.0)), track.valid)
         normalised, usable = _normalised(np.column_stack([pan, np.log1p(focal)]), track)
@@ -168,6 +177,13 @@ def _camera_errors(
             series, points = _reprojection(camera, track, truth, true, frames)
             found["reprojection_px"], found["reprojection_points_px"] = series, points
     return CameraErrors(**found)
+
+
+def _pan_and_focal(track: PanZoomTrack, truth: Truth, true: int, frames: NDArray[np.int64]) -> tuple[Series, Series]:
+    """What pan (rad) and focal length (relative) are off by."""
+    pan = np.where(track.valid, _wrap(track.pan_rad - truth.pan_rad[true, frames]), 0.0)
+    focal = np.where(track.valid, track.focal_px / truth.focal_px[true, frames] - 1.0, 0.0)
+    return Series(pan, track.valid), Series(focal, track.valid)
 
 
 def sweep_errors(panorama: Panorama, truth: Truth, true: int) -> Array | None:

@@ -31,6 +31,8 @@ def metrics(result: Score) -> list[Metric]:
         _metric("panorama.pan.rms", _rms(np.degrees(np.concatenate(sweeps))) if sweeps else None, "deg"),
         *_spread("panzoom.pan", pan, "deg"),
         *_spread("panzoom.focal", focal, "%"),
+        _metric("panzoom.refined.pan.rms", _rms(np.degrees(_joined([c.refined_pan_rad for c in cameras]))), "deg"),
+        _metric("panzoom.refined.focal.rms", _rms(100.0 * _joined([c.refined_focal for c in cameras])), "%"),
         _metric("panzoom.reprojection.rms", _rms(points), "px"),
         _metric("panzoom.reprojection.p95", _percentile(points, 95), "px"),
         _metric("panzoom.lost", float(result.lost) if any(c.pan_rad for c in cameras) else None, "frames"),

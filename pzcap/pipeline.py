@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Final
 
@@ -22,6 +22,7 @@ from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameS
 from pzcap.heap import give_back, set_large_apart
 from pzcap.keypoints import NOBODY
 from pzcap.motion import advice, body, keyframes, tracking
+from pzcap.motion.aim import aim_of
 from pzcap.preparing import prepare_cameras, taken_over
 from pzcap.silhouettes import foreground
 from pzcap.types import (
@@ -118,7 +119,7 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
             yield from (seen, separated)
             if tracker:
                 started = time.perf_counter()
-                arrived = tracker.push(_track_input(separated))
+                arrived = tracker.push(_track_input(seen, separated, prepared))
                 seconds["tracking"] += time.perf_counter() - started
                 yield from arrived
                 poses += arrived
@@ -155,6 +156,7 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
             cameras=heads,
             panoramas=tuple(None if p is None else p.panorama for p in prepared),
             tracks=smoothed(tracks, heads, capture.frame_rate, config),
+            refined=tuple(_refined(track, number, poses) for number, track in enumerate(tracks)),
             motion=motion,
             notes=tuple(notes),
         ),
@@ -252,6 +254,20 @@ def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:
     )
 
 
+def _refined(track: PanZoomTrack | None, number: int, poses: Sequence[tracking.Tracked]) -> PanZoomTrack | None:
+    """The ``track`` of one camera with what the body has corrected of it. None where no body was tracked."""
+    if track is None or not poses:
+        return None
+    pan_rad, focal_px, covariance = track.pan_rad.copy(), track.focal_px.copy(), track.covariance.copy()
+    for pose in poses:
+        correction = pose.corrections[number] if pose.corrections else None
+        if correction is not None:
+            pan_rad[pose.frame] += correction.step[0]
+            focal_px[pose.frame] *= np.exp(correction.step[1])
+            covariance[pose.frame] = correction.covariance
+    return replace(track, pan_rad=pan_rad, focal_px=focal_px, covariance=covariance)
+
+
 def smoothed(
     tracks: tuple[PanZoomTrack | None, ...],
     cameras: tuple[PanZoomCamera | None, ...],
@@ -295,15 +311,17 @@ def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]
     return tracking.Tracker(model, sets.keyframes, float(capture.frame_rate), config.tracking)
 
 
-def _track_input(seen: FrameSeparated) -> tracking.TrackInput:
-    people = seen.frames.keypoints or (NOBODY,) * len(seen.cameras)
-    views = zip(seen.frames.images, seen.cameras, seen.silhouettes, people, strict=True)
-    return tracking.TrackInput(
-        seen.frames.index,
-        tuple(
-            tracking.View(image, camera, silhouette, found)
-            if image is not None and camera is not None and silhouette is not None and silhouette.valid
-            else None
-            for image, camera, silhouette, found in views
-        ),
-    )
+def _track_input(
+    seen: FrameLocalised, separated: FrameSeparated, prepared: Sequence[Prepared | None]
+) -> tracking.TrackInput:
+    people = seen.frames.keypoints or (NOBODY,) * len(prepared)
+
+    def view(index: int) -> tracking.View | None:
+        image, camera, silhouette = seen.frames.images[index], separated.cameras[index], separated.silhouettes[index]
+        known, found = prepared[index], seen.localisations[index]
+        if image is None or camera is None or silhouette is None or known is None or found is None:
+            return None
+        aim = aim_of(known.camera, found.covariance)
+        return tracking.View(image, camera, silhouette, people[index], aim) if silhouette.valid else None
+
+    return tracking.TrackInput(seen.frames.index, tuple(view(index) for index in range(len(prepared))))

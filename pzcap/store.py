@@ -41,6 +41,7 @@ PER_CAMERA: Final[dict[str, tuple[str, type]]] = {
     "cameras": ("camera", PanZoomCamera),
     "panoramas": ("panorama", Panorama),
     "tracks": ("track", PanZoomTrack),
+    "refined": ("refined", PanZoomTrack),
 }
 """Field of Reconstruction -> (name in the npz, type)."""
 

@@ -122,6 +122,7 @@ def reconstruction(seed: int = 0, cameras: int = 4, frames: int = 12) -> Reconst
         cameras=tuple(pan_zoom),
         panoramas=tuple(panoramas),
         tracks=tuple(tracks),
+        refined=tuple(tracks),
         motion=Motion(
             root_position_m=root,
             rotations=np.tile([1.0, 0.0, 0.0, 0.0], (frames, 16, 1)),

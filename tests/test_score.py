@@ -122,12 +122,28 @@ def test_a_perfect_reconstruction_scores_zero(whole: Reconstruction, truth: Trut
     assert found["body.keyframes"] == 2
 
 
+def test_cameras_that_the_body_has_corrected_are_scored_beside_those_of_the_background(
+    whole: Reconstruction, truth: Truth
+) -> None:
+    track = whole.tracks[0]
+    assert track is not None
+    off = change(whole, "refined", 0, pan_rad=track.pan_rad + np.deg2rad(0.02), focal_px=1.01 * track.focal_px)
+    found = values(score(off, truth, None))
+    share = np.sqrt(1.0 / len(whole.tracks))  # one camera's, in a mean of squares
+    assert found["panzoom.refined.pan.rms"] == pytest.approx(0.02 * share)
+    assert found["panzoom.refined.focal.rms"] == pytest.approx(1.0 * share)
+    assert found["panzoom.pan.rms"] == pytest.approx(0.0, abs=1e-9)
+    nobody = dataclasses.replace(whole, motion=None, refined=(None,) * len(whole.tracks))
+    assert values(score(nobody, truth, None))["panzoom.refined.pan.rms"] is None
+
+
 def test_every_metric_of_the_list_is_there(whole: Reconstruction, truth: Truth) -> None:
     found = values(score(whole, truth, None))
     assert set(found) == {
         "reference.reprojection.rms", "reference.position.max", "panorama.pan.rms",
         "panzoom.pan.rms", "panzoom.pan.median", "panzoom.pan.p95", "panzoom.pan.max",
         "panzoom.focal.rms", "panzoom.focal.median", "panzoom.focal.p95", "panzoom.focal.max",
+        "panzoom.refined.pan.rms", "panzoom.refined.focal.rms",
         "panzoom.reprojection.rms", "panzoom.reprojection.p95", "panzoom.lost",
         "panzoom.bound_ratio.pan", "panzoom.bound_ratio.focal", "panzoom.nees",
         "foreground.iou", "foreground.outline", "foreground.shadow",

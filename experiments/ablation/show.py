@@ -24,7 +24,7 @@ RESULTS: Final = ("metrics.json", "ablation.csv", "ablation.png", "keyframes.png
 FIGURES: Final = {
     "mpjpe.mean": "mm", "mpjpe.p95": "mm", "mpjpe.inverted": "mm", "mpjpe.airborne": "mm", "lost": "frames"
 }  # fmt: skip
-GROUPS: Final = dict(zip(("default", "evidence", "keyframes", "truth"), (MUTED, *COLOURS), strict=False))
+GROUPS: Final = dict(zip(("default", "evidence", "keyframes", "cameras", "truth"), (MUTED, *COLOURS), strict=False))
 DOTS_PER_INCH: Final = 140
 CUT_OFF: Final = 3.0  # default's errors, where a bar ends
 WIDTH: Final = 96  # columns of text that the table takes

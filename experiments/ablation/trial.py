@@ -24,6 +24,7 @@ from pzcap.cameras import camera
 from pzcap.capture import FrameSets, frame_sets
 from pzcap.keypoints import NOBODY
 from pzcap.motion import body, tracking
+from pzcap.motion.aim import aim_of
 from pzcap.silhouettes import foreground
 from pzcap.types import (
     Camera,
@@ -148,17 +149,22 @@ def _view(
     if head is None or panorama is None or track is None or image is None or not track.valid[frame]:
         return None
     here = truth.camera_names.index(found.camera_names[number]), int(material.true_frames[frame])
-    aim = float(track.pan_rad[frame]), float(track.tilt_rad[frame]), float(track.focal_px[frame])
+    shaken_rad, covariance = np.deg2rad(variant.shaken_deg), track.covariance[frame]
+    pan_rad = float(track.pan_rad[frame]) + shaken_rad * stream(SEED, "shaken", number, frame).standard_normal()
+    covariance = covariance + np.diag([shaken_rad**2, 0.0])
+    aim = pan_rad, float(track.tilt_rad[frame]), float(track.focal_px[frame])
     if "masks" in variant.known:
         silhouette = true_silhouette(truth.mask(*here))
     else:
         none = np.empty((0, 2))
-        located = Localisation(*aim, track.covariance[frame], True, none, none)
+        located = Localisation(*aim, covariance, True, none, none)
         expected = tracker.expect(frame, camera.at(head, *aim)) if variant.expected else None
         silhouette = foreground.separate(image, panorama, head, located, config.foreground, expected)
-    seen = true_camera(truth, *here) if "cameras" in variant.known else camera.at(head, *aim)
     people = frames.keypoints[number] if frames.keypoints else NOBODY
-    return tracking.View(image, seen, silhouette, people)
+    if "cameras" in variant.known:
+        return tracking.View(image, true_camera(truth, *here), silhouette, people)
+    known = aim_of(head, covariance) if variant.corrected else None
+    return tracking.View(image, camera.at(head, *aim), silhouette, people, known)
 
 
 def true_camera(truth: Truth, number: int, frame: int) -> Camera:

@@ -11,8 +11,11 @@ import numpy as np
 from pzcap.motion.tracking import TrackingConfig
 
 Known = Literal["cameras", "masks", "body", "keyframes"]
-Group = Literal["default", "evidence", "keyframes", "truth"]
+Group = Literal["default", "evidence", "keyframes", "cameras", "truth"]
 Change = Callable[[TrackingConfig], TrackingConfig]
+
+
+SHAKEN_DEG: Final = 0.03  # half a pixel and more, forty times what the background leaves open
 
 
 def _all(count: int) -> list[int]:
@@ -34,6 +37,8 @@ class Variant:
     posed_per_s: float = 0.0  # keyframes that the experiment poses besides
     expected: bool = True  # whether the silhouettes are cut knowing where the tracker expects the body
     known: frozenset[Known] = frozenset()  # what the experiment puts in from the truth
+    shaken_deg: float = 0.0  # standard deviation of what the experiment adds to each pan; the tracker is told
+    corrected: bool = True  # whether the body may correct the cameras
 
 
 def _terms(**values: Any) -> Change:
@@ -64,6 +69,9 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("half", "half of the keyframes", "keyframes", chosen=_half),
     Variant("two_a_second", "two keyframes a second", "keyframes", posed_per_s=2.0),
     Variant("four_a_second", "four keyframes a second", "keyframes", posed_per_s=4.0),
+    Variant("kept", "cameras not corrected", "cameras", corrected=False),
+    Variant("shaken", "cameras shaken by 0.03°", "cameras", shaken_deg=SHAKEN_DEG),
+    Variant("shaken_kept", "shaken, not corrected", "cameras", shaken_deg=SHAKEN_DEG, corrected=False),
     Variant("true_cameras", "true cameras", "truth", known=frozenset({"cameras"})),
     Variant("true_masks", "true masks", "truth", known=frozenset({"masks"})),
     Variant("true_body", "true body measures", "truth", known=frozenset({"body"})),

@@ -4,7 +4,7 @@ Body
     `body` (skeleton, kinematics), `surface` (its skin), `rigid` (kernels), `keyframes` (poses set by hand).
 What images say about a pose
     `views` (cut out around the body), `evidence` leads: `residuals` (brightness, contour), `landmarks` (keypoints),
-    `raster` (what of the skin is seen), `complexion` (an arm before the trunk).
+    `raster` (what of the skin is seen), `complexion` (an arm before the trunk); and about the cameras: `aim`.
 From frame to frame
     `tracking` leads, `following` takes a step; `limbs` finds a limb again, `touching` keeps arms out of the trunk.
 Between two keyframes

@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.motion import landmarks, raster, residuals
+from pzcap.motion.aim import Free, eliminate
 from pzcap.motion.body import Body, forward, lift, place, screws
 from pzcap.motion.complexion import LOWER_ARM
 from pzcap.motion.limbs import GROUP, Ground
@@ -83,6 +84,7 @@ class Normal:
     gradient: Array  # (43,)
     contour: Array  # (16, 3) squared distances (px2), edges found, edges sought
     brightness: Array  # (16, 2) weighted squares, weights
+    free: list[Free | None]  # a view each: its camera, which has been eliminated
 
 
 def misfit_px2(contour: Array, unseen_px2: float) -> Array:
@@ -105,7 +107,7 @@ class _Posed:
 
 
 class Evidence:
-    """The views of one instant."""
+    """The views of one instant. Their cameras get better with every pose that is found (`correct`)."""
 
     def __init__(self, body: Body, cuts: Sequence[Cut | None]) -> None:
         self.body = body
@@ -144,10 +146,19 @@ class Evidence:
         appearances: Sequence[Appearance | None],
         terms: Terms,
     ) -> Normal:
-        """Accumulate all residuals at ``pose``, with visibility as ``placed``."""
+        """Accumulate all residuals at ``pose``, with visibility as ``placed``; what the cameras may be off by is
+        eliminated (`pzcap.motion.aim`)."""
         frames, hessians, gradients, contour, brightness = self._per_segment(pose, placed, appearances, terms)
-        hessian, gradient = lift(hessians, gradients, screws(frames, np.ascontiguousarray(frames[0, :3, 3])))
-        return Normal(hessian, gradient, contour, brightness)
+        centre = np.ascontiguousarray(frames[0, :3, 3])
+        twists = screws(frames, centre)
+        hessian, gradient = lift(hessians.sum(axis=0), gradients.sum(axis=0), twists)
+        free = [
+            None
+            if cut is None or cut.aim is None
+            else eliminate(cut.seen.camera, cut.aim, frames, centre, twists, own, pull, hessian, gradient)
+            for cut, own, pull in zip(self.cuts, hessians, gradients, strict=True)
+        ]
+        return Normal(hessian, gradient, contour, brightness, free)
 
     def texture(
         self,
@@ -159,7 +170,15 @@ class Evidence:
         """The residuals of brightness alone, segment by segment."""
         alone = replace(terms, contour_weight=0.0, keypoint_weight=0.0)
         _, hessians, gradients, _, _ = self._per_segment(pose, placed, appearances, alone)
-        return Texture(hessians, gradients)
+        return Texture(hessians.sum(axis=0), gradients.sum(axis=0))
+
+    def correct(self, free: Sequence[Free | None], step: Array) -> None:
+        """Correct the camera of each view by what follows from a ``step`` (43,) of the pose."""
+        self.cuts = [
+            cut if cut is None or one is None else cut.corrected(one.step(step))
+            for cut, one in zip(self.cuts, free, strict=True)
+        ]
+        self._placed = None
 
     def _per_segment(
         self,
@@ -168,15 +187,17 @@ class Evidence:
         appearances: Sequence[Appearance | None],
         terms: Terms,
     ) -> tuple[Array, Array, Array, Array, Array]:
-        """``world_T_segment``; the normal equations (16, 6, 6) and (16, 6) of each segment in its own twist about the
-        pelvis joint; and how well each fits, as `Normal` has it."""
+        """``world_T_segment``; the normal equations (C, 16, 6, 6) and (C, 16, 6) that each view makes of each segment
+        in its own twist about the pelvis joint; and how well each fits, as `Normal` has it."""
         posed = self._posed(pose)
         frames, points, normals = posed.frames, posed.points, posed.normals
         centre = np.ascontiguousarray(frames[0, :3, 3])
-        hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
+        all_hessians, all_gradients = np.zeros((len(self.cuts), 16, 6, 6)), np.zeros((len(self.cuts), 16, 6))
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
         nuisance = np.full(residuals.NUISANCES, 1.0 / terms.shading_sigma**2)
-        for cut, where, skin, appearance in zip(self.cuts, placed, posed.skins, appearances, strict=True):
+        for cut, where, skin, appearance, hessians, gradients in zip(
+            self.cuts, placed, posed.skins, appearances, all_hessians, all_gradients, strict=True
+        ):
             if cut is None or where is None or skin is None:
                 continue
             view, camera = cut.seen, cut.seen.camera
@@ -200,7 +221,7 @@ class Evidence:
                 )
                 rows[:, 0] *= terms.keypoint_weight
                 residuals.accumulate(rows, landmarks.SEGMENT[keypoint], len(rows), centre, hessians, gradients)
-        return frames, hessians, gradients, contour, brightness
+        return frames, all_hessians, all_gradients, contour, brightness
 
     def contour(self, pose: Pose, placed: Sequence[PlacedView | None], terms: Terms) -> ContourRows:
         """The residuals of the contour alone, one by one."""

@@ -163,7 +163,7 @@ class Follower:
         schedule = [each for each in self.config.schedule if self.surprise_m >= each.surprise_m]
         pose, normal = improve(evidence, predicted, prior, self.appearances, self.config, schedule, expected)
         placed = evidence.visibility(pose)
-        pose, normal, placed, found = self._recover(evidence, pose, normal, placed)
+        evidence, pose, normal, placed, found = self._recover(evidence, pose, normal, placed)
         evidence.learn(placed, self.appearances, self.config.appearance_rate)
         if self.age <= BESIDE:
             evidence.learn(placed, self.known, 1.0 / (self.age + 1))
@@ -182,7 +182,7 @@ class Follower:
 
     def _recover(
         self, evidence: Evidence, pose: Pose, normal: Normal, placed: list[PlacedView | None]
-    ) -> tuple[Pose, Normal, list[PlacedView | None], list[int]]:
+    ) -> tuple[Evidence, Pose, Normal, list[PlacedView | None], list[int]]:
         """Search again for the limbs that the silhouettes do not bear out; also, which were found elsewhere."""
         config = self.config
         found: list[int] = []
@@ -191,7 +191,7 @@ class Follower:
         doubtful = np.flatnonzero(loose > 1.3 * self._loose + config.doubt_m2)
         self._loose += np.where(loose < self._loose, 0.5, 0.1) * (loose - self._loose)
         if not len(doubtful):
-            return pose, normal, placed, found
+            return evidence, pose, normal, placed, found
         support = self._limbs.support(pose, grounds)
         for limb in doubtful.tolist():
             other = self._limbs.search(limb, pose, grounds)
@@ -199,14 +199,15 @@ class Follower:
                 continue
             free = np.where(np.isin(DOF_SEGMENT, LIMBS[limb]), config.start_widening, 0.1)
             prior = np.diag(1.0 / (self._sigma * free) ** 2)
-            other, again = improve(evidence, other, prior, self.appearances, config, config.schedule[1:])
-            there = evidence.visibility(other)
-            grounds_there = evidence.grounds(there)
+            trial = Evidence(self.body, evidence.cuts)
+            other, again = improve(trial, other, prior, self.appearances, config, config.schedule[1:])
+            there = trial.visibility(other)
+            grounds_there = trial.grounds(there)
             better = self._limbs.support(other, grounds_there)
             if _explains_more(better, support, config.doubt_m2):
-                pose, normal, placed, grounds, support = other, again, there, grounds_there, better
+                evidence, pose, normal, placed, grounds, support = trial, other, again, there, grounds_there, better
                 found.append(limb)
-        return pose, normal, placed, found
+        return evidence, pose, normal, placed, found
 
 
 def _explains_more(support: Array, before: Array, by_m2: float) -> bool:
@@ -230,8 +231,8 @@ def improve(
     schedule: Sequence[Round],
     expected: Pose | None = None,
 ) -> tuple[Pose, Normal]:
-    """Gauss-Newton from ``start``, coarse to fine. Beside the images the pose ``expected``, else the start, counts with
-    the information matrix ``prior`` (43, 43)."""
+    """Gauss-Newton from ``start``, coarse to fine; the cameras of the ``evidence`` are corrected with it. Beside the
+    images the pose ``expected``, else the start, counts with the information matrix ``prior`` (43, 43)."""
     pose, expected = start, expected or start
     normal: Normal | None = None
     for each in schedule:
@@ -246,6 +247,7 @@ def improve(
             gradient = normal.gradient + information @ difference(expected, pose) + pull
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)
             pose = retract(pose, step)
+            evidence.correct(normal.free, step)
             if np.abs(step).max() < config.step_tolerance:
                 break
     assert normal is not None, "the last round is always made"

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from pzcap.motion.aim import Correction, Free
 from pzcap.motion.body import DOF, Body, forward, joint_jacobians, joints
 from pzcap.motion.evidence import Appearance, Evidence, misfit_px2
 from pzcap.motion.following import UNSEEN, Follower, Step, TrackingConfig, improve
@@ -44,6 +45,7 @@ class Tracked:
     sigma_m: Array  # (16,)
     valid: bool
     shape: Shape  # of the body that was tracked
+    corrections: tuple[Correction | None, ...]  # of the cameras, one a view; None: there is nothing to correct
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,18 +114,25 @@ class IntervalSolver:
         return [] if anchor is None else [self._arrive(anchor)]
 
     def result(
-        self, frame: int, pose: Pose, hessian: Array, contour: Array, valid: bool, doubt_m: Array | float = 0.0
-    ) -> Tracked:
+        self, frame: int, pose: Pose, hessian: Array, contour: Array, valid: bool, doubt_m: Array | float = 0.0,
+        cameras: Sequence[tuple[Cut | None, Free | None]] = (),
+    ) -> Tracked:  # fmt: skip
         """The body at an instant. ``contour`` (16, 3) is as `pzcap.motion.evidence.Normal` has it; ``doubt_m`` (16,):
-        how far apart two estimates of a joint are that do not agree."""
+        how far apart two estimates of a joint are that do not agree. ``cameras``, where they were corrected, is each
+        view with the camera as it is now, and how well that is known."""
         frames = forward(self.body, pose)
         sigma = np.full(DOF, self.config.prediction_rotation_sigma_rad)
         sigma[:3] = self.config.prediction_position_sigma_m
-        covariance = np.linalg.inv(hessian + np.diag(1.0 / sigma**2))
+        covariance = np.asarray(np.linalg.inv(hessian + np.diag(1.0 / sigma**2)), np.float64)
         jacobians = joint_jacobians(frames)
         variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
         variance += self._known.joint_variance_m2 + (0.5 * np.asarray(doubt_m)) ** 2 + astray(contour) * _ASTRAY_M**2
-        return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid, self._known)
+        corrections = tuple(
+            None if cut is None or cut.aim is None or free is None
+            else Correction(cut.aim.correction, free.covariance_with(covariance))
+            for cut, free in cameras
+        )  # fmt: skip
+        return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid, self._known, corrections)
 
     def in_hindsight(self, tracked: Iterable[Tracked]) -> list[Tracked]:
         """What was ``tracked`` with the body as it was known then, with the body as it is known now."""
@@ -158,9 +167,11 @@ class IntervalSolver:
         self._before = [settled.pose]
         return self._at(anchor.key, settled.pose, settled.hessian)
 
-    def _at(self, key: Keyframe, pose: Pose, hessian: Array) -> Tracked:
+    def _at(
+        self, key: Keyframe, pose: Pose, hessian: Array, cameras: Sequence[tuple[Cut | None, Free | None]] = ()
+    ) -> Tracked:
         # a hand knows where the limbs are: what the images do not bear out is a contradiction (`pzcap.motion.advice`)
-        return self.result(key.frame, pose, hessian, UNSEEN, True)
+        return self.result(key.frame, pose, hessian, UNSEEN, True, cameras=cameras)
 
     def _solve(self, interval: Sequence[Instant], known: Sequence[Appearance], anchor: Anchor | None) -> list[Tracked]:
         views, steps = [instant.cuts for instant in interval], [instant.step for instant in interval]
@@ -186,15 +197,16 @@ class IntervalSolver:
             key, poses, views = anchor.key, [*poses, anchor.settled.pose], [*views, anchor.cuts]
         polished = self._polish(poses, views, key, passes)
         self._before = [*self._before, *polished.poses][-2:]
-        found = zip(polished.poses, polished.hessians, polished.contours, strict=True)
+        cameras = [list(zip(cuts, free, strict=True)) for cuts, free in zip(polished.views, polished.free, strict=True)]
+        found = zip(polished.poses, polished.hessians, polished.contours, cameras, strict=True)
         done = [
-            self.result(instant.frame, pose, hessian, contour, instant.step.seen, apart)
-            for instant, (pose, hessian, contour), apart in zip(interval, found, doubt, strict=False)
+            self.result(instant.frame, pose, hessian, contour, instant.step.seen, apart, known)
+            for instant, (pose, hessian, contour, known), apart in zip(interval, found, doubt, strict=False)
         ]
-        return done if key is None else [*done, self._at(key, polished.poses[-1], polished.hessians[-1])]
+        return done if key is None else [*done, self._at(key, polished.poses[-1], polished.hessians[-1], cameras[-1])]
 
     def _polish(
-        self, poses: list[Pose], views: list[list[Cut | None]], key: Keyframe | None, passes: Passes
+        self, poses: list[Pose], views: Sequence[Sequence[Cut | None]], key: Keyframe | None, passes: Passes
     ) -> Polished:
         """Improve the poses of an interval, and the body with them. A ``key`` that ends it has told of the body."""
         if not self.config.shape_weight:
@@ -205,7 +217,7 @@ class IntervalSolver:
             self.body = replace(self._shape.solve(said), landmarks=self.body.landmarks)
             again = None if left else passes  # a second look takes long: in the last round alone
             polished = polish(self.body, poses, views, self._before, key, again, self.frame_rate, self.config)
-            poses = polished.poses
+            poses, views = polished.poses, polished.views
         self._shape.keep(said)
         self._known = Shape(self._shape.amounts_m, self._shape.joint_variance())
         return polished

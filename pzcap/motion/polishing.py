@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.motion.aim import Free
 from pzcap.motion.body import DOF, Body, difference, forward, joints, retract
 from pzcap.motion.contact import ties
 from pzcap.motion.evidence import Appearance, Evidence
@@ -40,6 +41,8 @@ class Polished:
     poses: list[Pose]
     hessians: list[Array]  # (43, 43)
     contours: list[Array]  # (16, 3) how well the silhouettes bear each out, as `pzcap.motion.evidence.Normal` has it
+    views: list[Sequence[Cut | None]]  # their cameras corrected
+    free: list[list[Free | None]]  # and how well these are known
 
 
 def hear(
@@ -137,9 +140,10 @@ class _Stretch:
     def sweep(
         self, poses: Sequence[Pose], placed: Sequence[Sequence[PlacedView | None]], appearances: Sequence[Appearance]
     ) -> Polished:
-        """Some Gauss-Newton steps."""
+        """Some Gauss-Newton steps, of the poses and of the cameras."""
         config = self.config
         found, hessians, contours = list(poses), [np.zeros((DOF, DOF)) for _ in poses], [UNSEEN for _ in poses]
+        free: list[list[Free | None]] = [[None] * len(each.cuts) for each in self.evidence]
         sigma = np.full(DOF, config.acceleration_rotation_sigma_rad)
         sigma[:3] = config.acceleration_position_sigma_m
         for _ in range(config.polishing_sweeps):
@@ -150,6 +154,7 @@ class _Stretch:
                 hessians[t] = normal.hessian + stiffness
                 gradients.append(normal.gradient + pull)
                 contours[t] = normal.contour
+                free[t] = normal.free
             if self.key is not None:
                 hand = 1.0 / config.hand_sigma**2
                 hessians[-1] += np.diag(hand)
@@ -158,7 +163,9 @@ class _Stretch:
             tied = [*ties(self.body, chain), *falls(self.body, chain, self.frame_rate, config.fall_sigma_m_s2)]
             steps = smooth_step(found, hessians, gradients, sigma, self.before, tied).clip(-0.5, 0.5)
             found = [retract(pose, step) for pose, step in zip(found, steps, strict=True)]
-        return Polished(found, hessians, contours)
+            for each, cameras, step in zip(self.evidence, free, steps, strict=True):
+                each.correct(cameras, step)
+        return Polished(found, hessians, contours, [each.cuts for each in self.evidence], free)
 
     def choose(self, one: Sequence[Pose], other: Sequence[Pose], lost: Mask, known: Sequence[Appearance]) -> list[Pose]:
         """``one``, but the limbs that were ``lost`` (t, 16) in the first frames as ``other`` has them, where that is

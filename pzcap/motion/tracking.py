@@ -17,6 +17,7 @@ import numpy as np
 
 from pzcap.keypoints import NOBODY
 from pzcap.motion import elsewhere
+from pzcap.motion.aim import Aim
 from pzcap.motion.body import DOF, DOF_SEGMENT, Body, difference
 from pzcap.motion.complexion import Complexion
 from pzcap.motion.evidence import Evidence
@@ -37,6 +38,7 @@ class View:
     camera: Camera
     silhouette: Silhouette
     people: Array = field(default_factory=lambda: NOBODY)  # (P, 26, 3) a detector's, as in `pzcap.keypoints`
+    aim: Aim | None = None  # how well the background tells the camera; None: it is not to be corrected
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,7 +175,7 @@ class Tracker:
 
         def cut(view: View) -> Cut | None:
             image, silhouette, camera = view.image, view.silhouette, view.camera
-            return cut_out(self.body, image, silhouette, camera, pose, margin, self._complexion, view.people)
+            return cut_out(self.body, image, silhouette, camera, pose, margin, self._complexion, view.people, view.aim)
 
         return [None if view is None or not view.silhouette.valid else cut(view) for view in views]
 

@@ -6,7 +6,7 @@ An `Observation` is what the residuals look at, as a pyramid; a `Cut` is that an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pzcap.cameras.rays import Window
 from pzcap.keypoints import NOBODY
 from pzcap.motion import landmarks, raster
+from pzcap.motion.aim import Aim, corrected
 from pzcap.motion.body import Body, forward, place
 from pzcap.motion.complexion import Complexion
 from pzcap.motion.limbs import BELIEF_SCALE, GROUP, Ground, ground
@@ -61,6 +62,14 @@ class Cut:
     seen: Observation
     belief: Float32  # (h / 4, w / 4) of `pzcap.motion.limbs.Ground`
     person: Array | None = None  # (26, 3) what a detector found of the body, as in `pzcap.keypoints`
+    aim: Aim | None = None  # how well the camera is known; None: as if it could not be better
+
+    def corrected(self, step: Array) -> Cut:
+        """The same, its camera corrected by a ``step`` (2,) of pan and log focal."""
+        if self.aim is None:
+            return self
+        camera, aim = corrected(self.seen.camera, self.aim, step)
+        return replace(self, seen=replace(self.seen, camera=camera), aim=aim)
 
     def ground(self, placed: PlacedView) -> Ground:
         """What the limbs are judged by, the body being where it was ``placed``."""
@@ -73,7 +82,7 @@ class Cut:
 
 def cut_out(
     body: Body, image: Image, silhouette: Silhouette, camera: Camera, pose: Pose, margin: float,
-    complexion: Complexion, people: Array = NOBODY,
+    complexion: Complexion, people: Array = NOBODY, aim: Aim | None = None,
 ) -> Cut | None:  # fmt: skip
     """The part of a view around the body, copied so that the frame itself can be let go. None where it is not seen.
 
@@ -91,7 +100,7 @@ def cut_out(
     here, probability = image[part], silhouette.probability[part]
     seen = observe(here, probability, complexion.arms(here, probability), camera, left, top)
     person = landmarks.nearest(landmarks.in_world(body.landmarks, frames), camera, people) if len(people) else None
-    return Cut(seen, np.asarray(belief, np.float32), person)
+    return Cut(seen, np.asarray(belief, np.float32), person, aim)
 
 
 def expect(body: Body, pose: Pose, sigma_m: float, camera: Camera, margin: float) -> Expected | None:
