@@ -18,8 +18,9 @@ from pzcap.motion.evidence import Appearance, Evidence
 from pzcap.motion.following import TrackingConfig
 from pzcap.motion.likeness import Likeness, Postures, shared
 from pzcap.motion.limbs import LIMBS, POSTURES, LimbSearch, turn_to
+from pzcap.motion.merging import runs
 from pzcap.motion.polishing import polish
-from pzcap.motion.second_look import LEAP_M, LEAP_M2, WORST_LEAP, Again, Passes, best_way, look_again, runs
+from pzcap.motion.second_look import LEAP_M, LEAP_M2, WORST_LEAP, Again, Passes, best_way, look_again
 from pzcap.motion.views import LEVELS, Cut
 from pzcap.types import Array, Keyframe, Mask, Pose
 from tests.test_tracking import clip, cuts, lost, observed, true_body

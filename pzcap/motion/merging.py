@@ -13,11 +13,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pzcap.motion.body import DOF_SEGMENT, Body, difference, forward, retract
 from pzcap.motion.following import Step
 from pzcap.motion.limbs import LIMBS
-from pzcap.types import SEGMENTS, Array, Mask, Pose
+from pzcap.types import PARENTS, SEGMENTS, Array, Mask, Pose
 
 AGREE_M: Final = 0.05
 _LEAP_M: Final = 0.04  # what a joint's motion may change by in a frame
@@ -25,6 +26,7 @@ _WORST_LEAP: Final = 10.0  # of the squares of that: a limb found again leaps on
 _BESIDE: Final = 3  # frames around a leap that may be wrong with it
 _NEARER: Final = 2.0  # what a pass is worth beside its own keyframe: where nothing tells, the leap is in the middle
 _WORTH_M2: Final = 0.01  # of a limb that weighs as much as a leap
+_APART_M: Final = 0.02  # where a limb was found again nearer than this, it was not lost
 
 
 def merge(
@@ -57,7 +59,42 @@ def merge(
         choice = _smoothest(joints[:, :, list(members[1:])], gain)
         for frame in np.flatnonzero(disagree):
             share[frame, list(members)] = choice[frame]
-    return [mix(a.pose, b.pose, s) for a, b, s in zip(ahead, back, share, strict=True)], doubt
+    return [_blend(body, a.pose, b.pose, s) for a, b, s in zip(ahead, back, share, strict=True)], doubt
+
+
+def choose(
+    body: Body, before: Pose, one: Sequence[Pose], other: Sequence[Pose], where: Mask, gain: Array
+) -> list[Pose]:
+    """The poses of ``one``, but limbs as ``other`` has them, ``where`` (t, 16) that is allowed in the first frames and
+    elsewhere, its ``gain`` there (t, 4), square metres, is worth it and it is no leap from the frames beside.
+
+    ``before`` is the pose before the first.
+    """
+    joints = np.array([[_joints(body, pose) for pose in (before, *poses)] for poses in (one, other)])
+    joints = np.append(joints, 2.0 * joints[:, -1:] - joints[:, -2:-1], axis=1)  # what goes on after the last
+    elsewhere = where & (np.linalg.norm(joints[0] - joints[1], axis=2)[1 : len(where) + 1] > _APART_M)
+    poses = list(one)
+    for limb, members in enumerate(LIMBS):
+        for run in runs(elsewhere[:, list(members)].any(axis=1)):
+            worth = gain[run.start : run.stop, limb] / _WORTH_M2
+            moving = joints[:, run.start : run.stop + 2, list(members[1:])]  # with the frames beside the run
+            for t, choice in zip(run, _smoothest(moving, np.stack([np.zeros(len(run)), worth])), strict=True):
+                if choice:
+                    poses[t] = taking(poses[t], members, other[t])
+    return poses
+
+
+def taking(pose: Pose, segments: Sequence[int], other: Pose) -> Pose:
+    """The ``pose`` with some segments turned as the ``other`` has them."""
+    rotations = pose.rotations.copy()
+    rotations[list(segments)] = other.rotations[list(segments)]
+    return Pose(pose.root_position_m, rotations)
+
+
+def runs(marked: Mask) -> list[range]:
+    """The frames that follow each other without a gap among those that are ``marked`` (T,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]])))
+    return [range(first, stop) for first, stop in edges.reshape(-1, 2).tolist()]
 
 
 def _joints(body: Body, pose: Pose) -> Array:
@@ -94,8 +131,22 @@ def _leap(joints_m: Array, t: int, a: int, b: int, c: int) -> float:
     return float(np.minimum(np.sum(bend**2, axis=-1) / (2.0 * _LEAP_M**2), _WORST_LEAP).sum())
 
 
+def _blend(body: Body, ahead: Pose, back: Pose, share: Array) -> Pose:
+    """Each segment turned in the world by its ``share`` (16,) from ``ahead`` to ``back``, and the root moved.
+
+    In the world, not against its parent: where one of the two has the pelvis turned, and the lumbar back by as much, a
+    share of the one and another of the other would turn all that hangs on them.
+    """
+    one, other = (Rotation.from_matrix(forward(body, pose)[:, :3, :3]) for pose in (ahead, back))
+    world = one * Rotation.from_rotvec(share[:, None] * (one.inv() * other).as_rotvec())
+    local = Rotation.concatenate([world[:1], world[list(PARENTS[1:])].inv() * world[1:]])
+    root = ahead.root_position_m + share[0] * (back.root_position_m - ahead.root_position_m)
+    there = Pose(root, local.as_quat(scalar_first=True))
+    return retract(ahead, difference(there, ahead))  # a hinge keeps to its axis
+
+
 def mix(ahead: Pose, back: Pose, share: Array) -> Pose:
-    """Each segment's rotation (and the root's position) turned by its ``share`` (16,) from ``ahead`` to ``back``."""
+    """Each segment turned against its parent by its ``share`` (16,) from ``ahead`` to ``back``, and the root moved."""
     assert len(share) == len(SEGMENTS)
     return retract(ahead, share[DOF_SEGMENT] * difference(back, ahead))
 

@@ -16,20 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.motion.aim import Free
-from pzcap.motion.body import DOF, Body, difference, forward, joints, retract
+from pzcap.motion.body import DOF, Body, difference, forward, retract
 from pzcap.motion.contact import ties
 from pzcap.motion.evidence import Appearance, Evidence
 from pzcap.motion.flight import falls
 from pzcap.motion.following import UNSEEN, TrackingConfig, restraint
 from pzcap.motion.likeness import Likeness
 from pzcap.motion.limbs import LIMBS
-from pzcap.motion.second_look import Passes, look_again, runs, taking
+from pzcap.motion.merging import choose
+from pzcap.motion.second_look import Passes, look_again
 from pzcap.motion.shape import Said, ShapeEstimate, Sight
 from pzcap.motion.trajectory import smooth_step
 from pzcap.motion.views import Cut, PlacedView
 from pzcap.types import Array, Keyframe, Mask, Pose
 
-_APART_M: Final = 0.02  # where a limb was found again nearer than this, it was not lost
 _WORTHWHILE_M2: Final = 0.002  # that a limb must gain a frame: whoever searches finds what looks a little better
 _BRIGHTNESS_SIGMA: Final = 25.0  # grey levels, while the shape is not known: more than in tracking
 
@@ -169,19 +169,11 @@ class _Stretch:
 
     def choose(self, one: Sequence[Pose], other: Sequence[Pose], lost: Mask, known: Sequence[Appearance]) -> list[Pose]:
         """``one``, but the limbs that were ``lost`` (t, 16) in the first frames as ``other`` has them, where that is
-        elsewhere, and worth clearly more."""
+        worth clearly more."""
         frames = np.flatnonzero(lost.any(axis=1))
-        gain = self._worth(other, frames, known) - self._worth(one, frames, known)
-        moved = [joints(self.body, b) - joints(self.body, a) for a, b, _ in zip(one, other, lost, strict=False)]
-        elsewhere = lost & (np.linalg.norm(moved, axis=2) > _APART_M)
-        poses = list(one)
-        for limb, members in enumerate(LIMBS):
-            for run in runs(elsewhere[:, list(members)].any(axis=1)):
-                if gain[np.isin(frames, run), limb].mean() <= _WORTHWHILE_M2:
-                    continue
-                for t in run:
-                    poses[t] = taking(poses[t], members, other[t])
-        return poses
+        gain = np.zeros((len(lost), len(LIMBS)))
+        gain[frames] = self._worth(other, frames, known) - self._worth(one, frames, known) - _WORTHWHILE_M2
+        return choose(self.body, self.before[-1], one, other, lost, gain)
 
     def _worth(self, poses: Sequence[Pose], frames: NDArray[np.int64], known: Sequence[Appearance]) -> Array:
         """(N, 4) what each limb is worth in some ``frames``, as `Likeness.worth` has it."""

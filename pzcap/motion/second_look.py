@@ -22,7 +22,7 @@ from pzcap.motion.evidence import Appearance, Evidence
 from pzcap.motion.following import BESIDE
 from pzcap.motion.likeness import Glance, Likeness, Postures
 from pzcap.motion.limbs import LIMBS, POSTURES, turn_to
-from pzcap.motion.merging import mix
+from pzcap.motion.merging import mix, runs, taking
 from pzcap.motion.views import PlacedView
 from pzcap.types import SEGMENTS, Mask, Pose
 
@@ -175,19 +175,6 @@ def best_way(postures: Sequence[Postures]) -> list[int]:
     for origin in reversed(origins):
         way.append(int(origin[way[-1]]))
     return way[::-1]
-
-
-def taking(pose: Pose, segments: Sequence[int], other: Pose) -> Pose:
-    """The ``pose`` with some segments turned as the ``other`` has them."""
-    rotations = pose.rotations.copy()
-    rotations[list(segments)] = other.rotations[list(segments)]
-    return Pose(pose.root_position_m, rotations)
-
-
-def runs(marked: Mask) -> list[range]:
-    """The frames that follow each other without a gap among those that are ``marked`` (T,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]])))
-    return [range(first, stop) for first, stop in edges.reshape(-1, 2).tolist()]
 
 
 def _window(values: NDArray, t: int, around: int = _AROUND) -> NDArray:
