@@ -53,7 +53,7 @@ def test_what_is_wrong_with_a_camera_is_a_motion_of_the_segments(frame: int, vie
     frames = forward(true_body(), pose)
     centre = frames[0, :3, 3] + 0.1
     points = frames[:, :3, 3] + 0.1 * np.random.default_rng(seed).uniform(-1.0, 1.0, (len(SEGMENTS), 3))
-    moves = aims.motions(camera, known, frames, centre)
+    moves = aims.motions(camera.world_T_cam, UP, frames, centre)
     before = project(camera, points)[0]
     for k, within in ((0, 1e-4), (1, 0.1)):
         step = 1e-5 * np.eye(AIM)[k]
@@ -69,7 +69,7 @@ def test_eliminating_a_camera_is_solving_for_all_at_once() -> None:
     centre = np.ascontiguousarray(frames[0, :3, 3])
     twists = screws(frames, centre)
     known = replace(known_to(SHAKEN), correction=0.3 * SHAKEN)
-    moves = aims.motions(camera, known, frames, centre)
+    moves = aims.motions(camera.world_T_cam, UP, frames, centre)
     rows = rng.normal(size=(len(SEGMENTS), 20, 6))  # of each segment, by its twist
     residuals = rng.normal(size=(len(SEGMENTS), 20))
     hessians, gradients = np.einsum("sni,snj->sij", rows, rows), np.einsum("sni,sn->si", rows, residuals)

@@ -14,6 +14,7 @@ camera's error may explain, and of a step ``d`` of the pose follows that of the 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -75,7 +76,7 @@ def corrected(camera: Camera, aim: Aim, step: Array) -> tuple[Camera, Aim]:
     """The ``camera`` after a ``step`` (2,) of pan and log focal; its lens stays as it is."""
     world_T_cam = camera.world_T_cam.copy()
     world_T_cam[:3, :3] = cv2.Rodrigues(step[0] * aim.pan_axis)[0] @ world_T_cam[:3, :3]
-    turned = replace(camera, world_T_cam=world_T_cam, focal_px=camera.focal_px * float(np.exp(step[1])))
+    turned = replace(camera, world_T_cam=world_T_cam, focal_px=camera.focal_px * math.exp(step[1]))
     return turned, replace(aim, correction=aim.correction + step)
 
 
@@ -86,7 +87,7 @@ def eliminate(
     """Take the camera of one view out of the normal equations of a pose, ``hessian`` (43, 43) and ``gradient`` (43,),
     in place. ``hessians`` (16, 6, 6) and ``gradients`` (16, 6) are what this view says of each segment in its own twist
     about the ``centre``, and ``twists`` (43, 6) the pose's screws about it."""
-    moves = motions(camera, aim, frames, centre)
+    moves = motions(camera.world_T_cam, aim.pan_axis, frames, centre)
     free = Free(np.empty((AIM, AIM)), np.empty(AIM), np.empty((AIM, DOF)))
     _eliminate(
         hessians, gradients, moves, aim.information, aim.correction, twists, DOF_SEGMENT, _PARENTS, hessian, gradient,
@@ -95,14 +96,21 @@ def eliminate(
     return free
 
 
-def motions(camera: Camera, aim: Aim, frames: Array, centre: Array) -> Array:
+@njit(cache=True, nogil=True)
+def motions(world_T_cam: Array, pan_axis: Array, frames: Array, centre: Array) -> Array:
     """(16, 6, 2) Twists ``(v, w)`` about the ``centre`` that show the segments, posed as ``frames`` (16, 4, 4), where
     the camera would see them with one unit more of pan, and of log focal. Of a segment all is as deep as its joint."""
-    position, forward = camera.world_T_cam[:3, 3], camera.world_T_cam[:3, 2]
     found = np.zeros((len(frames), 6, AIM))
-    found[:, :3, 0] = -np.cross(aim.pan_axis, centre - position)
-    found[:, 3:, 0] = -aim.pan_axis
-    found[:, :3, 1] = -((frames[:, :3, 3] - position) @ forward)[:, None] * forward
+    for s in range(len(frames)):
+        depth = 0.0
+        for i in range(3):
+            depth += (frames[s, i, 3] - world_T_cam[i, 3]) * world_T_cam[i, 2]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            arm_j, arm_k = centre[j] - world_T_cam[j, 3], centre[k] - world_T_cam[k, 3]
+            found[s, i, 0] = pan_axis[k] * arm_j - pan_axis[j] * arm_k
+            found[s, 3 + i, 0] = -pan_axis[i]
+            found[s, i, 1] = -depth * world_T_cam[i, 2]
     return found
 
 
