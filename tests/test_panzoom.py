@@ -10,6 +10,7 @@ import pytest
 
 from pzcap.cameras import calibration, panzoom
 from pzcap.cameras.camera import see, view_at, wrapped
+from pzcap.cameras.correlate import Correlator
 from pzcap.cameras.panzoom import Localiser, PanZoomConfig
 from pzcap.cameras.solutions import ransac_eq15, solve_eq11, solve_eq15
 from pzcap.cameras.sweep import consensus
@@ -184,6 +185,29 @@ def test_a_fast_pan_is_followed(exact: calibration.Prepared) -> None:
     for off_px in (-9.0, -6.0, 6.0, 9.0):
         expected = replace(sharp, pan_rad=0.3 + off_px / FOCAL)
         assert localiser.localise(smeared, expected).pan_rad == pytest.approx(sharp.pan_rad, abs=0.1 / FOCAL)
+
+
+@pytest.mark.parametrize(("zoom", "noise"), [(0.8, 9.0), (1.0, 13.0), (1.5, 26.0)])
+def test_a_noisy_frame_is_followed_without_a_search(
+    exact: calibration.Prepared, monkeypatch: pytest.MonkeyPatch, zoom: float, noise: float
+) -> None:
+    """Noise agrees with nothing, and a search, which takes long, would find the frame where it was expected."""
+    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
+    before = localiser.localise(synthetic.render(OPTICS, 0.3, zoom * FOCAL), None)
+    image = synthetic.render(OPTICS, 0.3 + 2.0 / FOCAL, zoom * FOCAL)
+    image = np.clip(image + np.random.default_rng(8).normal(0.0, noise, image.shape), 0, 255).astype(np.uint8)
+    monkeypatch.setattr(Correlator, "places", no_search)
+    with pytest.raises(AssertionError, match="searched"):  # it does not agree well enough to be sure at once
+        Localiser(exact.panorama, exact.camera, PanZoomConfig(same_agreement=1.0)).localise(image, before)
+    found = localiser.localise(image, before)
+    assert found.valid
+    assert found.pan_rad == pytest.approx(0.3 + 2.0 / FOCAL, abs=0.05 / FOCAL)
+    with pytest.raises(AssertionError, match="searched"):  # nor is it taken for where another one was expected
+        localiser.localise(image, replace(before, pan_rad=1.0))
+
+
+def no_search(*_: object) -> None:
+    raise AssertionError("it was searched for")
 
 
 def test_a_jump_is_found_again(exact: calibration.Prepared) -> None:

@@ -70,6 +70,20 @@ def test_everything_is_found(reconstruction: Reconstruction) -> None:
 
 
 @pytest.mark.xdist_group("pipeline")
+def test_the_body_has_its_say_about_the_cameras(reconstruction: Reconstruction) -> None:
+    """Not about the first keyframe, which is not solved with others; and little, where the background tells so much."""
+    for track, refined in zip(reconstruction.tracks, reconstruction.refined, strict=True):
+        assert track is not None
+        assert refined is not None
+        off, sigma = refined.pan_rad - track.pan_rad, np.sqrt(track.covariance[:, 0, 0])
+        assert off[0] == 0.0
+        assert np.all(off[1:] != 0.0)
+        assert np.all(np.abs(off) < sigma)
+        assert np.all(refined.covariance[1:, 0, 0] <= track.covariance[1:, 0, 0] * (1.0 + 1e-9))
+        assert np.all(refined.covariance[1:, 0, 0] > 0.5 * track.covariance[1:, 0, 0])
+
+
+@pytest.mark.xdist_group("pipeline")
 def test_events_come_in_order_and_end_with_the_result(capture: Capture, reconstruction: Reconstruction) -> None:
     localised, separated, tracked = [], [], []
     two = dataclasses.replace(capture, cameras=capture.cameras[:2])

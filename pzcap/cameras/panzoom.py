@@ -29,6 +29,7 @@ from pzcap.types import Array, Image, Lens, Localisation, Mask, Panorama, PanZoo
 
 METHODS = ("exact", "paper")
 FEWEST = 2  # matches that agree: a place to look at
+SAME_PX = 0.1  # what two fits that have come to the same place differ by, at most
 WRAP = 64  # columns of a full turn repeated at its ends, for features on the seam
 
 
@@ -44,6 +45,7 @@ class PanZoomConfig:
     search_deg: float = 8.0  # beyond the frame's edges, where the frame before is known
     min_inliers: int = 12
     sure_agreement: float = 0.85  # of an alignment (see `align.Alignment`) alone, or features are asked
+    same_agreement: float = 0.7  # of one that near and far starts led to alike
     min_agreement: float = 0.5  # of one that features led to
     max_pan_sigma_deg: float = 0.05  # a frame whose matches tell less than this is not valid
     pixels: int = 4000  # of a frame that are aligned with the panorama: more take longer
@@ -91,15 +93,9 @@ class Localiser:
         if self._aligner is None:
             return self._localise_paper(image, prior)
         if prior is not None and prior.valid:
-            for off_px in (1.5, 15.0):  # most often the frame is where it was expected
-                aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px)
-                if self._sure(aligned):
-                    return self._aligned(aligned)
-            body = None if hidden is None else hidden(prior)
-            if body is not None:
-                aligned = self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, 4.0, body)
-                if self._sure(aligned):
-                    return self._aligned(aligned)
+            found = self._near(image, prior, hidden)
+            if found is not None:
+                return found
         for place in self._correlator.places(image):
             aligned = self._aligner.align(image, place.pan_rad, place.tilt_rad, place.focal_px, 4.0)
             if self._sure(aligned):
@@ -112,6 +108,36 @@ class Localiser:
         return self._lost(prior)
 
     # ------------------------------------------------------------------------------------------ exact
+
+    def _near(
+        self, image: Image, prior: Localisation, hidden: Callable[[Localisation], Mask | None] | None
+    ) -> Localisation | None:
+        """The frame near where it is expected; None where it is not there for sure."""
+
+        def align(off_px: float, body: Mask | None = None) -> Alignment:
+            assert self._aligner is not None
+            return self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px, body)
+
+        near = align(1.5)  # most often it is where it was expected
+        if self._sure(near):
+            return self._aligned(near)
+        far = align(15.0)
+        if self._sure(far):
+            return self._aligned(far)
+        body = None if hidden is None else hidden(prior)
+        if body is not None:
+            beside = align(4.0, body)
+            if self._sure(beside):
+                return self._aligned(beside)
+        # noise and a bare wall agree less, however well the frame is found
+        return self._aligned(far) if self._same(near, far) else None
+
+    def _same(self, near: Alignment, far: Alignment) -> bool:
+        """Whether a fit that saw all levels, and could have gone elsewhere, has come to where one from nearby has."""
+        moved_px = abs(near.pan_rad - far.pan_rad) * self._panorama.px_per_rad
+        edges_px = abs(np.log(near.focal_px / far.focal_px)) * self._camera.lens.width / 2
+        steady = near.settled and far.settled and max(moved_px, edges_px) < SAME_PX
+        return bool(steady and far.agreement > self._config.same_agreement)
 
     def _proven(self, image: Image, found: Localisation) -> Localisation | None:
         """What features found, as all pixels have it; None where that is nothing to rely on."""
