@@ -119,7 +119,7 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
             yield from (seen, separated)
             if tracker:
                 started = time.perf_counter()
-                arrived = tracker.push(_track_input(seen, separated, prepared))
+                arrived = tracker.push(_track_input(seen, separated, prepared, config))
                 seconds["tracking"] += time.perf_counter() - started
                 yield from arrived
                 poses += arrived
@@ -156,7 +156,10 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
             cameras=heads,
             panoramas=tuple(None if p is None else p.panorama for p in prepared),
             tracks=smoothed(tracks, heads, capture.frame_rate, config),
-            refined=tuple(_refined(track, number, poses) for number, track in enumerate(tracks)),
+            refined=tuple(
+                None if track is None or head is None or not poses else _refined(track, head, number, poses, config)
+                for number, (track, head) in enumerate(zip(tracks, heads, strict=True))
+            ),
             motion=motion,
             notes=tuple(notes),
         ),
@@ -254,17 +257,18 @@ def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:
     )
 
 
-def _refined(track: PanZoomTrack | None, number: int, poses: Sequence[tracking.Tracked]) -> PanZoomTrack | None:
-    """The ``track`` of one camera with what the body has corrected of it. None where no body was tracked."""
-    if track is None or not poses:
-        return None
+def _refined(
+    track: PanZoomTrack, head: PanZoomCamera, number: int, poses: Sequence[tracking.Tracked], config: Config
+) -> PanZoomTrack:
+    """The ``track`` of one camera with what the body has corrected of it."""
     pan_rad, focal_px, covariance = track.pan_rad.copy(), track.focal_px.copy(), track.covariance.copy()
+    shared = panzoom.systematic(config.panzoom, head, track.pan_rad, track.focal_px)
     for pose in poses:
         correction = pose.corrections[number] if pose.corrections else None
         if correction is not None:
             pan_rad[pose.frame] += correction.step[0]
             focal_px[pose.frame] *= np.exp(correction.step[1])
-            covariance[pose.frame] = correction.covariance
+            covariance[pose.frame] = shared[pose.frame] + correction.covariance
     return replace(track, pan_rad=pan_rad, focal_px=focal_px, covariance=covariance)
 
 
@@ -312,7 +316,7 @@ def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]
 
 
 def _track_input(
-    seen: FrameLocalised, separated: FrameSeparated, prepared: Sequence[Prepared | None]
+    seen: FrameLocalised, separated: FrameSeparated, prepared: Sequence[Prepared | None], config: Config
 ) -> tracking.TrackInput:
     people = seen.frames.keypoints or (NOBODY,) * len(prepared)
 
@@ -321,7 +325,9 @@ def _track_input(
         known, found = prepared[index], seen.localisations[index]
         if image is None or camera is None or silhouette is None or known is None or found is None:
             return None
-        aim = aim_of(known.camera, found.covariance)
+        # what all frames share, the body cannot tell of one: it would make a wrong depth of it
+        alone = panzoom.alone(config.panzoom, known.camera, found.pan_rad, found.focal_px, found.covariance)
+        aim = aim_of(known.camera, alone)
         return tracking.View(image, camera, silhouette, people[index], aim) if silhouette.valid else None
 
     return tracking.TrackInput(seen.frames.index, tuple(view(index) for index in range(len(prepared))))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pzcap import store
+from pzcap.cameras.panzoom import systematic
 from pzcap.capture import read_capture
 from pzcap.events import Finished, FrameLocalised, FrameSeparated
 from pzcap.motion.tracking import Tracked
@@ -72,9 +73,12 @@ def test_everything_is_found(reconstruction: Reconstruction) -> None:
 @pytest.mark.xdist_group("pipeline")
 def test_the_body_has_its_say_about_the_cameras(reconstruction: Reconstruction) -> None:
     """Not about the first keyframe, which is not solved with others; and little, where the background tells so much."""
-    for track, refined in zip(reconstruction.tracks, reconstruction.refined, strict=True):
+    for head, track, refined in zip(reconstruction.cameras, reconstruction.tracks, reconstruction.refined, strict=True):
+        assert head is not None
         assert track is not None
         assert refined is not None
+        shared = systematic(Config().panzoom, head, track.pan_rad, track.focal_px)
+        assert np.all(refined.covariance[:, 0, 0] > shared[:, 0, 0])  # the body cannot tell it of one frame
         off, sigma = refined.pan_rad - track.pan_rad, np.sqrt(track.covariance[:, 0, 0])
         assert off[0] == 0.0
         assert np.all(off[1:] != 0.0)

@@ -20,7 +20,7 @@ from experiments.config import CONVERTER
 from experiments.score import body_errors, frames_of
 from experiments.totals import body_metrics
 from pzcap import pipeline
-from pzcap.cameras import camera
+from pzcap.cameras import camera, panzoom
 from pzcap.capture import FrameSets, frame_sets
 from pzcap.keypoints import NOBODY
 from pzcap.motion import body, tracking
@@ -163,7 +163,8 @@ def _view(
     people = frames.keypoints[number] if frames.keypoints else NOBODY
     if "cameras" in variant.known:
         return tracking.View(image, true_camera(truth, *here), silhouette, people)
-    known = aim_of(head, covariance) if variant.corrected else None
+    alone = panzoom.alone(config.panzoom, head, float(track.pan_rad[frame]), aim[2], covariance)
+    known = aim_of(head, alone) if variant.corrected else None
     return tracking.View(image, camera.at(head, *aim), silhouette, people, known)
 
 

@@ -67,7 +67,10 @@ class Correction:
 
 
 def aim_of(head: PanZoomCamera, covariance: Array) -> Aim:
-    """What the background says of a view's camera: ``covariance`` (2, 2) as in `pzcap.types.Localisation`."""
+    """What the background says of a view's camera, to a ``covariance`` (2, 2) of pan and log focal length.
+
+    What all frames have in common must not be in it: the body cannot tell it from a place further away.
+    """
     information = np.asarray(np.linalg.inv(covariance + _SURE**2 * np.eye(AIM)), np.float64)
     return Aim(head.world_T_head[:3, 2], information, np.zeros(AIM))
 
