@@ -83,7 +83,8 @@ def test_the_body_has_its_say_about_the_cameras(reconstruction: Reconstruction) 
         assert off[0] == 0.0
         assert np.all(off[1:] != 0.0)
         assert np.all(np.abs(off) < sigma)
-        assert np.all(refined.covariance[1:, 0, 0] <= track.covariance[1:, 0, 0] * (1.0 + 1e-9))
+        # a frame alone is never believed to better than 1e-7 rad
+        assert np.all(refined.covariance[1:, 0, 0] < track.covariance[1:, 0, 0] + 2e-14)
         assert np.all(refined.covariance[1:, 0, 0] > 0.5 * track.covariance[1:, 0, 0])
 
 
