@@ -36,6 +36,7 @@ from pzcap.cameras.camera import at
 from pzcap.cameras.panzoom import Localiser
 from pzcap.capture import frame_sets, read_capture, read_image
 from pzcap.motion import body, tracking
+from pzcap.motion.aim import aim_of
 from pzcap.preparing import taken_over
 from pzcap.silhouettes import foreground
 from pzcap.types import Capture, FrameSet, Image, Localisation, PzcapError, Silhouette
@@ -183,22 +184,24 @@ def _follow(
         timed = stages.separate if warm else Stage("", "")
         silhouettes = timed.time(views, separate, frames, last)
         if tracker is not None:
-            stages.track.time(tracker.push, _given(frames, prepared, last, silhouettes))
+            stages.track.time(tracker.push, _given(frames, prepared, last, silhouettes, config))
         bars.update("localise, separate, track", frames.index + 1, len(sets))
     if tracker is not None:
         stages.track.time(tracker.finish)
 
 
 def _given(
-    frames: FrameSet, prepared: Sequence[Prepared], found: Found, silhouettes: Sequence[Silhouette | None]
-) -> tracking.TrackInput:
+    frames: FrameSet, prepared: Sequence[Prepared], found: Found, silhouettes: Sequence[Silhouette | None],
+    config: pipeline.Config,
+) -> tracking.TrackInput:  # fmt: skip
     views: list[tracking.View | None] = []
     for known, image, place, silhouette in zip(prepared, frames.images, found, silhouettes, strict=True):
         if image is None or place is None or silhouette is None or not silhouette.valid:
             views.append(None)
             continue
         camera = at(known.camera, place.pan_rad, place.tilt_rad, place.focal_px)
-        views.append(tracking.View(image, camera, silhouette))
+        aim = aim_of(config.panzoom, known.camera, place)
+        views.append(tracking.View(image, camera, silhouette, aim=aim))
     return tracking.TrackInput(frames.index, tuple(views))
 
 

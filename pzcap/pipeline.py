@@ -325,9 +325,7 @@ def _track_input(
         known, found = prepared[index], seen.localisations[index]
         if image is None or camera is None or silhouette is None or known is None or found is None:
             return None
-        # what all frames share, the body cannot tell of one: it would make a wrong depth of it
-        alone = panzoom.alone(config.panzoom, known.camera, found.pan_rad, found.focal_px, found.covariance)
-        aim = aim_of(known.camera, alone)
+        aim = aim_of(config.panzoom, known.camera, found)
         return tracking.View(image, camera, silhouette, people[index], aim) if silhouette.valid else None
 
     return tracking.TrackInput(seen.frames.index, tuple(view(index) for index in range(len(prepared))))

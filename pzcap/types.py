@@ -324,6 +324,7 @@ class Reconstruction:
     cameras: tuple[PanZoomCamera | None, ...]  # (C,)
     panoramas: tuple[Panorama | None, ...]  # (C,)
     tracks: tuple[PanZoomTrack | None, ...]  # (C,)
-    refined: tuple[PanZoomTrack | None, ...]  # (C,) the same, corrected by the body; None where none was tracked
+    # (C,) what each frame alone gave, not smoothed, corrected by the body; None where none was tracked
+    refined: tuple[PanZoomTrack | None, ...]
     motion: Motion | None
     notes: tuple[str, ...]  # what was skipped, and why; what the motion says about its keyframes

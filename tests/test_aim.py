@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pzcap.cameras.camera import at, project
+from pzcap.cameras.panzoom import PanZoomConfig, systematic
 from pzcap.motion import aim as aims
 from pzcap.motion.aim import AIM, Aim
 from pzcap.motion.body import DOF, MOVES, forward, lift, screws
@@ -18,7 +19,7 @@ from pzcap.motion.evidence import Appearance, Evidence
 from pzcap.motion.following import TrackingConfig, improve
 from pzcap.motion.tracking import TrackInput, track
 from pzcap.motion.views import Cut
-from pzcap.types import SEGMENTS, Array, Lens, PanZoomCamera
+from pzcap.types import SEGMENTS, Array, Lens, Localisation, PanZoomCamera
 from tests.test_tracking import FRAMES, RATE, by_hand, clip, cuts, errors_m, inputs, taped, true_body
 
 CONFIG = TrackingConfig()
@@ -36,13 +37,15 @@ def test_a_corrected_camera_is_the_head_panned_and_zoomed_on() -> None:
     tilted = np.eye(4)
     tilted[:3, :3] = np.linalg.qr(np.array([[1.0, 0.02, 0.05], [-0.03, 1.0, 0.01], [0.04, 0.02, 1.0]]))[0]
     head = PanZoomCamera(lens, tilted, tilt_rad=-0.1, roll_rad=0.02)
-    known = aims.aim_of(head, np.diag([1e-8, 1e-6]))
+    config, alone, none = PanZoomConfig(), np.diag([1e-8, 1e-6]), np.empty((0, 2))
+    shared = systematic(config, head, np.array(0.3), np.array(1200.0))
+    known = aims.aim_of(config, head, Localisation(0.3, -0.1, 1200.0, alone + shared, True, none, none))
     camera, after = aims.corrected(at(head, 0.3, -0.1, 1200.0), known, SHAKEN)
     there = at(head, 0.3 + SHAKEN[0], -0.1, 1200.0 * np.exp(SHAKEN[1]))
     np.testing.assert_allclose(camera.world_T_cam, there.world_T_cam, atol=1e-12)
     assert camera.focal_px == pytest.approx(there.focal_px)
     np.testing.assert_array_equal(after.correction, SHAKEN)
-    np.testing.assert_allclose(np.linalg.inv(known.information), np.diag([1e-8, 1e-6]), rtol=1e-5)
+    np.testing.assert_allclose(np.linalg.inv(known.information), alone, rtol=1e-5, atol=1e-12)
 
 
 @settings(max_examples=30, deadline=None)

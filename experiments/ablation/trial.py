@@ -20,7 +20,7 @@ from experiments.config import CONVERTER
 from experiments.score import body_errors, frames_of
 from experiments.totals import body_metrics
 from pzcap import pipeline
-from pzcap.cameras import camera, panzoom
+from pzcap.cameras import camera
 from pzcap.capture import FrameSets, frame_sets
 from pzcap.keypoints import NOBODY
 from pzcap.motion import body, tracking
@@ -153,18 +153,17 @@ def _view(
     pan_rad = float(track.pan_rad[frame]) + shaken_rad * stream(SEED, "shaken", number, frame).standard_normal()
     covariance = covariance + np.diag([shaken_rad**2, 0.0])
     aim = pan_rad, float(track.tilt_rad[frame]), float(track.focal_px[frame])
+    none = np.empty((0, 2))
+    located = Localisation(*aim, covariance, True, none, none)
     if "masks" in variant.known:
         silhouette = true_silhouette(truth.mask(*here))
     else:
-        none = np.empty((0, 2))
-        located = Localisation(*aim, covariance, True, none, none)
         expected = tracker.expect(frame, camera.at(head, *aim)) if variant.expected else None
         silhouette = foreground.separate(image, panorama, head, located, config.foreground, expected)
     people = frames.keypoints[number] if frames.keypoints else NOBODY
     if "cameras" in variant.known:
         return tracking.View(image, true_camera(truth, *here), silhouette, people)
-    alone = panzoom.alone(config.panzoom, head, float(track.pan_rad[frame]), aim[2], covariance)
-    known = aim_of(head, alone) if variant.corrected else None
+    known = aim_of(config.panzoom, head, located) if variant.corrected else None
     return tracking.View(image, camera.at(head, *aim), silhouette, people, known)
 
 

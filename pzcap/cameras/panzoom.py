@@ -298,11 +298,6 @@ def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array, foc
     return covariance
 
 
-def alone(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: float, focal_px: float, covariance: Array) -> Array:
-    """Of a frame's ``covariance`` (2, 2), as in `pzcap.types.Localisation`, what it does not share with the others."""
-    return np.asarray(covariance - systematic(config, camera, np.array(pan_rad), np.array(focal_px)))
-
-
 def _distortion_sigma(lens: Lens, focal_px: Array, k1_sigma: float) -> Array:
     """Sigma (...) of log focal length, from a distortion whose change, for each unit of that, is known to ``k1_sigma``.
 

@@ -23,8 +23,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pzcap.cameras.panzoom import PanZoomConfig, systematic
 from pzcap.motion.body import DOF, DOF_SEGMENT
-from pzcap.types import PARENTS, Array, Camera, PanZoomCamera
+from pzcap.types import PARENTS, Array, Camera, Localisation, PanZoomCamera
 
 AIM: Final = 2
 """Pan, and log focal length."""
@@ -37,7 +38,7 @@ class Aim:
     """How well the background tells a view's pan and log focal length, and what the body has corrected them by."""
 
     pan_axis: Array  # (3,) unit vector of the world
-    information: Array  # (2, 2) of (pan_rad, log focal)
+    information: Array  # (2, 2) of (pan_rad, log focal), of what this frame alone is wrong by
     correction: Array  # (2,) since then
 
 
@@ -66,13 +67,14 @@ class Correction:
     covariance: Array  # (2, 2) of what comes out
 
 
-def aim_of(head: PanZoomCamera, covariance: Array) -> Aim:
-    """What the background says of a view's camera, to a ``covariance`` (2, 2) of pan and log focal length.
+def aim_of(config: PanZoomConfig, head: PanZoomCamera, found: Localisation) -> Aim:
+    """What the background says of the camera of a view that it has ``found``.
 
-    What all frames have in common must not be in it: the body cannot tell it from a place further away.
+    What all frames share is left out: of one frame the body cannot tell it, and would make a wrong depth of it.
     """
-    information = np.asarray(np.linalg.inv(covariance + _SURE**2 * np.eye(AIM)), np.float64)
-    return Aim(head.world_T_head[:3, 2], information, np.zeros(AIM))
+    shared = systematic(config, head, np.array(found.pan_rad), np.array(found.focal_px))
+    alone = found.covariance - shared + _SURE**2 * np.eye(AIM)
+    return Aim(head.world_T_head[:3, 2], np.asarray(np.linalg.inv(alone), np.float64), np.zeros(AIM))
 
 
 def corrected(camera: Camera, aim: Aim, step: Array) -> tuple[Camera, Aim]:

@@ -45,7 +45,7 @@ class Tracked:
     sigma_m: Array  # (16,)
     valid: bool
     shape: Shape  # of the body that was tracked
-    corrections: tuple[Correction | None, ...]  # of the cameras, one a view; None: there is nothing to correct
+    corrections: tuple[Correction | None, ...]  # of the cameras, one a view; empty: not solved with other frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,8 @@
 Where the two agree they are averaged limb by limb, weighted by confidence, which falls with the distance from the
 keyframe (Yamamoto 2005). Where they do not, one of them has lost the limb. Which one is decided for all frames of the
 interval together: the limb that explains more of the silhouettes and looks more like itself, and that leaps least on
-its way from one keyframe to the other.
+its way from one keyframe to the other. In the same way it is decided whether a limb that was looked for once more
+(`pzcap.motion.second_look`) is taken from there.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pzcap.motion.body import DOF_SEGMENT, Body, difference, forward, retract
+from pzcap.motion.body import Body, difference, forward, retract
 from pzcap.motion.following import Step
 from pzcap.motion.limbs import LIMBS
-from pzcap.types import PARENTS, SEGMENTS, Array, Mask, Pose
+from pzcap.types import PARENTS, Array, Mask, Pose
 
 AGREE_M: Final = 0.05
 _LEAP_M: Final = 0.04  # what a joint's motion may change by in a frame
@@ -143,12 +144,6 @@ def _blend(body: Body, ahead: Pose, back: Pose, share: Array) -> Pose:
     root = ahead.root_position_m + share[0] * (back.root_position_m - ahead.root_position_m)
     there = Pose(root, local.as_quat(scalar_first=True))
     return retract(ahead, difference(there, ahead))  # a hinge keeps to its axis
-
-
-def mix(ahead: Pose, back: Pose, share: Array) -> Pose:
-    """Each segment turned against its parent by its ``share`` (16,) from ``ahead`` to ``back``, and the root moved."""
-    assert len(share) == len(SEGMENTS)
-    return retract(ahead, share[DOF_SEGMENT] * difference(back, ahead))
 
 
 def leaping(body: Body, before: Pose, poses: Sequence[Pose], after: Pose, doubt_m: Array) -> Mask:

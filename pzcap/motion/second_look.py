@@ -18,11 +18,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.motion.body import difference, retract
 from pzcap.motion.evidence import Appearance, Evidence
 from pzcap.motion.following import BESIDE
 from pzcap.motion.likeness import Glance, Likeness, Postures
 from pzcap.motion.limbs import LIMBS, POSTURES, turn_to
-from pzcap.motion.merging import mix, runs, taking
+from pzcap.motion.merging import runs, taking
 from pzcap.motion.views import PlacedView
 from pzcap.types import SEGMENTS, Mask, Pose
 
@@ -136,7 +137,7 @@ def _find(
             first, last = around[run.start], around[run.stop + 1]
             first, last = first or last or poses[run.start], last or first or poses[run.start]
             shares = (np.arange(len(run)) + 1.0) / (len(run) + 1.0)
-            passing = [mix(first, last, np.full(len(SEGMENTS), share)) for share in shares]
+            passing = [retract(first, share * difference(last, first)) for share in shares]
             starts = [taking(poses[t], segments, pose) for t, pose in zip(run, passing, strict=True)]
             glances = [likeness.glance(limb, pose, evidence[t], learned) for t, pose in zip(run, starts, strict=True)]
             for t, pose in zip(run, _way(likeness, limb, glances, [candidates[t] for t in run]), strict=True):
