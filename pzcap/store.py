@@ -157,10 +157,11 @@ def _unflatten(
         return None
     values: dict[str, Any] = dict(images)
     hints = get_type_hints(kind)
-    for name in (field.name for field in dataclasses.fields(cast(Any, kind))):  # not all that is annotated is a field
+    for field in dataclasses.fields(cast(Any, kind)):  # not all that is annotated is a field
+        name = field.name
         key, hint = f"{prefix}.{name}", hints[name]
-        if name in images:
-            continue
+        if name in images or (key not in arrays and field.default_factory is not dataclasses.MISSING):
+            continue  # what was not known yet when this was saved
         if dataclasses.is_dataclass(hint):
             values[name] = _unflatten(cast(type[Any], hint), key, arrays, {})
         elif hint in (int, float, bool):

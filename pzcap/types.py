@@ -243,6 +243,10 @@ class Surroundings:
 FAR_AWAY: Final = Surroundings(1.0, np.zeros(0), np.zeros((0, 0)), np.zeros(2))
 
 
+def _nothing() -> NDArray[np.uint16]:
+    return np.zeros((0, 0), np.uint16)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Panorama:
     """The empty hall on a cylinder about the pan axis (section 3, eqs. 3-6).
@@ -262,6 +266,8 @@ class Panorama:
     closure_rad: float  # what the chain of displacements missed the full turn by, before it was distributed
     residual_px: float  # RMS of the sweep's feature matches after the adjustment
     surroundings: Surroundings = FAR_AWAY
+    fine: NDArray[np.uint16] = field(default_factory=_nothing)  # (n H, n W) what a pixel of the sweep would show at so
+    # many more places, as `pzcap.cameras.superresolution` has it; empty: not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -43,9 +43,22 @@ class Stage:
 
     The athlete's geoms are in ``athlete_group``, the calibration object's in
     ``object_group``, the hall's in group 0. No picture may be larger than ``width`` x ``height``.
+
+    Textures that are seen small are blurred beforehand (``mipmaps``), by as much across as along: a floor that is seen
+    at a flat angle is blurred sideways, too, and stands some thousandths of an image pixel elsewhere at another zoom.
+    Pictures that are much finer than the image can do without.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, width: int, height: int, athlete_group: int, object_group: int) -> None:
+    def __init__(
+        self,
+        spec: mujoco.MjSpec,
+        width: int,
+        height: int,
+        athlete_group: int,
+        object_group: int,
+        *,
+        mipmaps: bool = True,
+    ) -> None:
         self._groups = (athlete_group, object_group)
         spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
         spec.visual.quality.offsamples = 0  # the plate is finer than the image; that is smoothing enough
@@ -60,6 +73,8 @@ class Stage:
         self._context.make_current()
         self._gpu = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
+        if not mipmaps:
+            self._look_textures_up_as_they_are()
         self._scene = mujoco.MjvScene(self.model, maxgeom=2000)
         self._option = mujoco.MjvOption()
         self._view = mujoco.MjvCamera()
@@ -116,6 +131,12 @@ class Stage:
             None, n, 1e3,
         )  # fmt: skip
         return origin_m + directions * distances[:, None], ids >= 0
+
+    def _look_textures_up_as_they_are(self) -> None:
+        gl = importlib.import_module("OpenGL.GL")  # for the backend that MuJoCo has chosen
+        for texture in self._gpu.texture[: self.model.ntex].tolist():
+            gl.glBindTexture(gl.GL_TEXTURE_2D, texture)
+            gl.glTexParameteri(gl.GL_TEXTURE_2D, gl.GL_TEXTURE_MIN_FILTER, gl.GL_LINEAR)
 
     def _update(self, athlete: bool, calibration_object: bool) -> None:
         for group, shown in zip(self._groups, (athlete, calibration_object), strict=True):

@@ -27,13 +27,15 @@ def build_stage(
     athlete_config: AthleteConfig,
     measurements: dict[str, float],
     largest: tuple[int, int],
+    *,
+    mipmaps: bool = True,
 ) -> Stage:
-    """The compiled scene, for pictures no larger than ``largest`` (width, height)."""
+    """The compiled scene, for pictures no larger than ``largest`` (width, height); ``mipmaps`` as `Stage` has it."""
     spec = mujoco.MjSpec()
     gym.build_gym(spec, gym_config, stream(seed, "gym"))
     gym.add_calibration_object(spec)
     athlete.add_athlete(spec, measurements, athlete_config, stream(seed, "athlete"))
-    return Stage(spec, *largest, athlete.GEOM_GROUP, gym.OBJECT_GROUP)
+    return Stage(spec, *largest, athlete.GEOM_GROUP, gym.OBJECT_GROUP, mipmaps=mipmaps)
 
 
 def skeleton(stage: Stage, clip: MotionClip, times_s: Array, measurements: dict[str, float]) -> tuple[Array, Array]:

@@ -26,6 +26,8 @@ class SensorConfig:
     supersampling_still: float = 4.0  # and the reference image, the sweep and the zoom run, by which all is measured
     grid_turn_deg: float = 0.0  # of the grid they are rendered on, about the optical axis: an upright edge then crosses
     # many of its columns, and does not stand beside itself by as much in all rows
+    mipmaps: bool = True  # textures seen small are blurred beforehand, and move a little with the zoom; without them
+    # pictures have to be rendered much finer than the image
     crf_motion: int = 20  # H.264 quality
     crf_still: int = 12  # and of the sweep and the zoom run
     largest_roll: int = 5  # frames that a camera starts early or stops late, at most

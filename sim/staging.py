@@ -93,7 +93,7 @@ def assemble(config: ShootConfig, folder: Path) -> Crew:
     zooms = [1.0, *np.linspace(config.optics.zoom_min, config.optics.zoom_max, 9).tolist()]
     plates = [finest_plate(rig, config.sensor, zoom) for rig in rigs for zoom in zooms]
     largest = max(width for width, _ in plates), max(height for _, height in plates)
-    stage = build_stage(config.seed, config.gym, config.athlete, measurements, largest)
+    stage = build_stage(config.seed, config.gym, config.athlete, measurements, largest, mipmaps=config.sensor.mipmaps)
     cameras, files = [], []
     for c, (name, rig) in enumerate(named.items()):
         cameras.append(FilmCamera(stage, rig, config.sensor, stream(config.seed, "sensor", c)))

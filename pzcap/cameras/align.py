@@ -8,6 +8,7 @@ the frame before is a good enough start for the next.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 
 from pzcap.cameras import camera as geometry
 from pzcap.cameras import robust
-from pzcap.cameras.rays import BY_PAN, COLUMN, KNOWN, VALUE, looking, sample
-from pzcap.cameras.sampling import Stored, softened, stored
+from pzcap.cameras.rays import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, KNOWN, VALUE, looking, sample
+from pzcap.cameras.sampling import Stored, at_least, further, softened, stored
 from pzcap.cameras.sweep import grey
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
@@ -35,6 +36,10 @@ COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
 LOOSENESS = 4.0  # standard deviations at which a pixel counts for a quarter; tighter is less exact
 LINEAR = 1e-3  # change of log focal, or of tilt, up to which rays are straight lines in it: to 0.001 pixels
 BORDER = 3  # pixels at the frame's edge left out
+FINE_STEPS = 6  # of Gauss-Newton, at most, on the super-resolved panorama where there is one,
+FINE_SETTLED_PX = 0.002  # until one is smaller than this
+FINE_NOISE = 0.2  # grey levels, at least, that are taken for noise there
+FINE_SMOOTHING = 0.64  # variance, square pixels of the sweep: what is compared there, frame and prediction
 SHOWN = 80  # points given back as matches
 
 
@@ -54,8 +59,9 @@ class Alignment:
 class _Level:
     image: Stored  # (H, W)
     known: Mask  # (H, W) all around a pixel is known
-    scale: float  # panorama pixels to one of this level's
+    scale: float  # panorama pixels to one of this level's; below 1: the super-resolved panorama
     pixels: int  # looked at, about
+    least_noise: float = 1.0  # grey levels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +80,7 @@ class _Pixels:
     points: Array  # (N, 2)
     grey: Array  # (N,)
     shading: Array  # (N, K) r^0, r^2, ... of the vignetting
+    predict: Callable[[Array], Array] | None = None  # takes what was sampled for each of them to what is compared
 
     def thinned(self, every: int) -> _Pixels:
         return _Pixels(self.points[::every], self.grey[::every], self.shading[::every])
@@ -118,6 +125,7 @@ class Aligner:
         image = cv2.copyMakeBorder(grey(panorama.image), *border).astype(np.float32)
         known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), *border).astype(np.float32)
         self._levels = {k: _level(image, known, k, COARSE_PIXELS.get(k, pixels)) for k, _ in LEVELS}
+        self._fine = _finest(panorama, known, self._margin) if panorama.fine.size else None
 
     def align(
         self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, off_px: float, hidden: Mask | None = None
@@ -136,6 +144,9 @@ class Aligner:
                 return Alignment(pan_rad, tilt_rad, focal_px, np.eye(2), 0.0, False, nothing, nothing)
             pan_rad, tilt_rad, focal_px = fitted.state.pan_rad, fitted.state.tilt_rad, fitted.state.focal_px
         assert fitted is not None
+        if self._fine is not None and fitted.settled:
+            whole = self._whole(frame, hidden, fitted.state)
+            fitted = self._descend(self._fine, whole, fitted.state, FINE_STEPS, FINE_SETTLED_PX) or fitted
         return self._judged(fitted)
 
     def _fit(
@@ -159,6 +170,8 @@ class Aligner:
             if max(abs(np.log(focal_px / rays.focal_px)), abs(tilt_rad - rays.tilt_rad)) > LINEAR:
                 rays = self._rays(pixels.points, pan_rad, tilt_rad, focal_px)
             sampled = self._sample(level, rays, pan_rad, tilt_rad, focal_px)
+            if pixels.predict is not None:
+                sampled = pixels.predict(sampled)
             usable = sampled[:, KNOWN] > 0
             if usable.sum() < FEWEST:
                 return None
@@ -174,7 +187,7 @@ class Aligner:
                 gains[:2] = commonest * np.array(fall)
             brightness = pixels.shading @ gains
             residual = pixels.grey - brightness * sampled[:, VALUE]
-            scale = LOOSENESS * max(1.4826 * robust.typical(residual[usable]), 1.0)
+            scale = LOOSENESS * max(1.4826 * robust.typical(residual[usable]), level.least_noise)
             weight, normal, slope, flatness = _weigh(sampled, pixels.shading, brightness, residual, scale, self._free)
             change = np.linalg.solve(_firm(normal), slope)
             moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * self._camera.lens.width / 2)
@@ -207,10 +220,40 @@ class Aligner:
             chosen = chosen[~hidden[row, column]]
         observed = soft[chosen[:, 1], chosen[:, 0]].astype(np.float64)
         points = (chosen.astype(np.float64) + 0.5) * whole - 0.5
-        across, down = (points - geometry.lens_at(lens, focal_px)[0]).T  # it is the lens that darkens corners
+        return _Pixels(points, observed, self._shading(points, focal_px)[:, : 3 if level.scale == 1 else 2])
+
+    def _whole(self, frame: Image, hidden: Mask | None, state: _State) -> _Pixels:
+        """All pixels, to be compared one by one with what the super-resolved panorama has for each; both then smoothed.
+
+        What the frame's pixels are too coarse for is in the prediction as well as long as it is not smoothed before.
+        """
+        inner = slice(BORDER, -BORDER)
+        shrink = state.focal_px / self._panorama.px_per_rad
+        flat = state.focal_px, float(geometry.lens_at(self._camera.lens, state.focal_px)[0][0])
+        soft = at_least(frame, shrink, FINE_SMOOTHING, flat)[inner, inner]
+        seen = np.ones(soft.shape, np.uint8) if hidden is None else (~hidden[inner, inner]).astype(np.uint8)
+        around = np.ones((2 * round(2.0 * max(shrink, 1.0)) + 1,) * 2, np.uint8)
+
+        def predict(sampled: Array) -> Array:
+            out = sampled.copy()
+            for column in (VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT)[: 1 + self._free]:
+                image = sampled[:, column].reshape(soft.shape).astype(np.float32)
+                out[:, column] = further(image, shrink, FINE_SMOOTHING).ravel()
+            known = (sampled[:, KNOWN].reshape(soft.shape) > 0).astype(np.uint8) & seen
+            out[:, KNOWN] = cv2.erode(known, around).ravel()
+            return out
+
+        rows, columns = np.mgrid[BORDER : frame.shape[0] - BORDER, BORDER : frame.shape[1] - BORDER]
+        points = np.stack([columns.ravel(), rows.ravel()], axis=1).astype(np.float64)
+        shading = self._shading(points, state.focal_px)
+        return _Pixels(points, soft.ravel().astype(np.float64), shading, predict)
+
+    def _shading(self, points: Array, focal_px: float) -> Array:
+        """(N, 3) r^0, r^2 and r^4 of points (N, 2): it is the lens that darkens corners."""
+        lens = self._camera.lens
+        across, down = (points - geometry.lens_at(lens, focal_px)[0]).T
         squared = (across * across + down * down) * 4.0 / (lens.width**2 + lens.height**2)
-        powers = [np.ones_like(squared), squared, squared * squared]
-        return _Pixels(points, observed, np.stack(powers[: 3 if level.scale == 1 else 2], axis=1))
+        return np.stack([np.ones_like(squared), squared, squared * squared], axis=1)
 
     def _rays(self, points: Array, pan_rad: float, tilt_rad: float, focal_px: float) -> _Rays:
         """Where ``points`` (N, 2) look."""
@@ -323,3 +366,12 @@ def _level(image: NDArray[np.float32], known: NDArray[np.float32], halvings: int
     complete = cv2.resize(known[:rows, :columns], size, interpolation=cv2.INTER_AREA) > 0.999
     inside = cv2.erode(complete.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0)
     return _Level(stored(np.asarray(small, np.float32)), inside > 0, scale, pixels)
+
+
+def _finest(panorama: Panorama, known: NDArray[np.float32], margin: int) -> _Level:
+    """The super-resolved panorama; ``known`` and ``margin`` are those of the panorama that goes on beyond its ends."""
+    fineness = panorama.fine.shape[1] // panorama.image.shape[1]
+    image = cv2.copyMakeBorder(panorama.fine, 0, 0, margin * fineness, margin * fineness, cv2.BORDER_WRAP)
+    size = (image.shape[1], image.shape[0])
+    inside = cv2.erode(cv2.resize(known, size, interpolation=cv2.INTER_NEAREST), np.ones((9, 9), np.uint8))
+    return _Level(np.asarray(image, np.uint16), inside > 0, 1.0 / fineness, 0, FINE_NOISE)

@@ -17,10 +17,12 @@ from pzcap.cameras import camera as geometry
 from pzcap.cameras import cylinder, direct, features, panorama, reference
 from pzcap.cameras.align import Aligner, Alignment
 from pzcap.cameras.bundle import Adjusted, Link, adjust, thinned
+from pzcap.cameras.camera import View
 from pzcap.cameras.matching import AZIMUTHS, Matched, height_of, match
 from pzcap.cameras.panzoom import PanZoomConfig, panorama_features
-from pzcap.cameras.sampling import stored
+from pzcap.cameras.sampling import sharp, stored
 from pzcap.cameras.solutions import ransac_eq15, solve_eq15
+from pzcap.cameras.superresolution import super_resolve
 from pzcap.cameras.sweep import Frames, grey
 from pzcap.cameras.unknowns import Model
 from pzcap.types import (
@@ -110,10 +112,27 @@ def _prepare_exact(
         closure_rad=chained.closure_rad,
         residual_px=adjusted.residual_px,
     )
+    if config.sweep.fineness > 1:
+        level = _evenly(chained.images, brightness, swept)
+        fine = super_resolve(
+            background, camera, level, config.sweep.fineness, lambda *done: report("super-resolve", *done)
+        )
+        background = replace(background, fine=fine)
     # every pan is counted from this one image, so its own error is all frames': there is time for all of its pixels
     aligner = Aligner(background, camera, pixels=reference_image.size)
     aligned = aligner.align(reference_image, 0.0, camera.tilt_rad, refined.camera.focal_px, 1.5)
     return Prepared(refined, _counted_from(background, aligned), camera)
+
+
+def _evenly(
+    images: Sequence[Image], brightness: panorama.Brightness, view: View
+) -> Callable[[int], NDArray[np.float32]]:
+    """The sweep's grey frames by number, each as bright as the others, and at its edge as bright and sharp as in its
+    middle."""
+    height, width = images[0].shape
+    flat = panorama.flatness(brightness, view, width, height)
+    gains = np.exp(-brightness.log_gain).astype(np.float32)
+    return lambda k: sharp(images[k] * (flat * gains[k]), (view.focal_px, float(view.principal_px[0])))
 
 
 def _fit_grey_values(
@@ -132,7 +151,7 @@ def _fit_grey_values(
     for number, (image, gain) in enumerate(zip(images, gains, strict=True)):
         view = model.view(number)
         lens = view.focal_px, float(view.principal_px[0])
-        kept[number] = stored(image * (flat * np.float32(gain)), lens)
+        kept[number] = stored(image * (flat * np.float32(gain)), lens, direct.SMOOTHING)
     pairs = dict.fromkeys((link.first, link.second) for link in matched.links)
     return direct.adjust(
         _refined(model), kept, list(pairs), matched.sigmas, prior=_refined(matched.start),

@@ -24,7 +24,8 @@ from pzcap.cameras.unknowns import Model, Sigmas, chains_of, information, steppe
 from pzcap.types import Array
 
 TILE = 16  # pixels: edges are taken from everywhere, so many across
-BORDER = 4  # pixels at the edge left out
+SMOOTHING = 2.0  # variance, square pixels: of the frames
+BORDER = 12  # pixels at the edge left out: the smoothing reaches so far
 ITERATIONS = 4
 DOUBT = 10.0  # what is left over is no noise but the same everywhere: so many pixels are worth one
 SETTLED_RAD = 2e-7  # a step this small ends the adjustment: a five thousandth of a pixel
@@ -60,7 +61,7 @@ def _overlap(
     height, width = frames[first].shape
     fine, chosen = None, edges[first]
     if shrink > 1.001:
-        fine = softened_further(frames[first], shrink, (views[0].focal_px, views[0].principal_px[0]))
+        fine = softened_further(frames[first], shrink, (views[0].focal_px, views[0].principal_px[0]), SMOOTHING)
         chosen = _edges(fine, most)
     seen, front = geometry.see(views[1], *geometry.look(views[0], chosen.astype(np.float64)))
     inside = front & np.all((seen >= BORDER) & (seen <= np.array([width, height]) - 1 - BORDER), axis=1)

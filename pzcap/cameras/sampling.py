@@ -43,31 +43,54 @@ def softened(
 
     It keeps its pixels: an image that is made smaller by a fraction has its edges moved by up to a tenth of a pixel.
     """
-    return _evened(_smoothed(image, _variance(shrink)), shrink**2, flat)
+    return _evened(smoothed(image, _variance(shrink)), shrink**2 * (SMOOTHING + PIXEL), flat)
 
 
-def stored(image: NDArray[np.uint8] | NDArray[np.float32], flat: Flat | None = None) -> Stored:
+def at_least(image: NDArray[np.uint8], shrink: float, variance: float, flat: Flat) -> NDArray[np.float32]:
+    """A grey frame (H, W) as one that is ``shrink`` times smaller would show it, smoothed by ``variance`` of its square
+    pixels besides; a frame that is not finer cannot be made so."""
+    finer = max(shrink, 1.0)
+    soft = smoothed(image, variance * finer**2 + PIXEL * (finer**2 - 1.0))
+    return _evened(soft, PIXEL * finer**2, flat)  # ``variance`` is the prediction's own as well, pixel by pixel
+
+
+def further(image: NDArray[np.float32], shrink: float, variance: float) -> NDArray[np.float32]:
+    """The second part of `at_least` alone."""
+    return smoothed(image, variance * max(shrink, 1.0) ** 2)
+
+
+def stored(
+    image: NDArray[np.uint8] | NDArray[np.float32], flat: Flat | None = None, smoothing: float = SMOOTHING
+) -> Stored:
     """A grey image (H, W), ready for `cubic`."""
-    soft = _evened(_smoothed(image, SMOOTHING - SPLINE), 1.0, flat)
+    soft = _evened(smoothed(image, smoothing - SPLINE), smoothing + PIXEL, flat)
     return np.asarray(np.clip(np.rint(soft * STEPS), 0, 65535), np.uint16)
 
 
-def softened_further(image: Stored, shrink: float, flat: Flat | None = None) -> NDArray[np.float32]:
+def softened_further(
+    image: Stored, shrink: float, flat: Flat | None = None, smoothing: float = SMOOTHING
+) -> NDArray[np.float32]:
     """`softened` of what is stored already."""
-    soft = _evened(_smoothed(image, _variance(shrink) - (SMOOTHING - SPLINE)), shrink**2 - 1.0, flat)
+    more = (shrink**2 - 1.0) * (smoothing + PIXEL)
+    soft = _evened(smoothed(image, more + SPLINE), more, flat)
     return np.asarray(soft / np.float32(STEPS), np.float32)
 
 
-def _evened(image: NDArray[np.float32], share: float, flat: Flat | None) -> NDArray[np.float32]:
-    """A frame (H, W), its pixels and what smoothed them of SMOOTHING + PIXEL, times ``share``, smoothed more towards
-    its sides: by as much everywhere, measured on the cylinder that it looks at.
+def sharp(image: NDArray[np.uint8] | NDArray[np.float32], flat: Flat) -> NDArray[np.float32]:
+    """A grey frame (H, W), as sharp at its sides as in its middle, where it stays as it is."""
+    return _evened(np.asarray(image, np.float32), PIXEL, flat)
+
+
+def _evened(image: NDArray[np.float32], variance: float, flat: Flat | None) -> NDArray[np.float32]:
+    """A frame (H, W), in the middle smoothed by so much, its pixels' own PIXEL included, smoothed more towards its
+    sides: by as much everywhere, measured on the cylinder that it looks at.
 
     Roll, tilt and distortion are slight, and left out.
     """
     if flat is None:
         return image
     outward: Array = 1.0 + ((np.arange(image.shape[1], dtype=np.float64) - flat[1]) / flat[0]) ** 2  # secant, squared
-    half = 0.5 * share * (SMOOTHING + PIXEL)
+    half = 0.5 * variance
     out = image.copy()
     _diffuse(image, (half * (outward**2 - 1.0)).astype(np.float32), (half * (outward - 1.0)).astype(np.float32), out)
     return out
@@ -90,7 +113,7 @@ def _variance(shrink: float) -> float:
     return SMOOTHING * shrink**2 + PIXEL * (shrink**2 - 1.0)
 
 
-def _smoothed(image: NDArray[np.uint8] | Stored | NDArray[np.float32], variance: float) -> NDArray[np.float32]:
+def smoothed(image: NDArray[np.uint8] | Stored | NDArray[np.float32], variance: float) -> NDArray[np.float32]:
     reach = int(np.ceil(4.0 * np.sqrt(variance))) + 1
     kernel = ive(np.abs(np.arange(-reach, reach + 1)), variance)
     return np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REFLECT_101), np.float32)
@@ -102,8 +125,8 @@ def cubic(image: Stored, x: float, y: float) -> tuple[bool, float, float, float]
     i, j = int(np.floor(y)), int(np.floor(x))
     if i < 1 or j < 1 or i + 2 >= image.shape[0] or j + 2 >= image.shape[1]:
         return False, 0.0, 0.0, 0.0
-    across, along_x = _spline(x - j)
-    down, along_y = _spline(y - i)
+    across, along_x = spline(x - j)
+    down, along_y = spline(y - i)
     value, by_x, by_y = 0.0, 0.0, 0.0
     for k in range(4):
         row, slope = 0.0, 0.0
@@ -138,7 +161,7 @@ def _warp(
         for j in range(out.shape[1]):
             x, y = min(max(columns[i, j], 1.0), width - 2.001), min(max(rows[i, j], 1.0), height - 2.001)
             left, top = int(x), int(y)
-            across, down = _spline(x - left)[0], _spline(y - top)[0]
+            across, down = spline(x - left)[0], spline(y - top)[0]
             for c in range(channels):
                 value = 0.0
                 for k in range(4):
@@ -159,7 +182,7 @@ def at_pixels(image: Stored, pixels: NDArray[np.int16]) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _spline(a: float) -> tuple[tuple[float, float, float, float], tuple[float, float, float, float]]:
+def spline(a: float) -> tuple[tuple[float, float, float, float], tuple[float, float, float, float]]:
     """Weights of the four pixels around a place that lies ``a`` beyond the second, and their derivatives."""
     b = 1.0 - a
     return (
