@@ -56,7 +56,7 @@ def silent(done: int) -> None:
 
 
 def adjusted(frames: Stored, start: Model) -> direct.Fitted:
-    return direct.adjust(start, frames, PAIRS, SIGMAS, prior=start, pixels=PIXELS, report=silent)
+    return direct.adjust(start, frames, PAIRS, SIGMAS, prior=start, pixels=PIXELS, smoothing=0.64, report=silent)
 
 
 def errors(found: Model) -> tuple[Array, Array]:
@@ -98,7 +98,7 @@ def test_its_sigmas_are_of_the_size_of_the_errors(frames: Stored) -> None:
 
 
 def test_frames_without_overlap_are_not_compared(frames: Stored) -> None:
-    edges = [direct._edges(frame, PIXELS) for frame in frames]
-    assert direct._overlap(frames, edges, truth(), 0, 7, PIXELS) is not None
+    edges = [direct._edges(frame, PIXELS, 4) for frame in frames]
+    assert direct._overlap(frames, edges, truth(), 0, 7, PIXELS, 0.64) is not None
     far = stepped(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(vector(truth())) - 8)]))
-    assert direct._overlap(frames, edges, far, 0, 7, PIXELS) is None
+    assert direct._overlap(frames, edges, far, 0, 7, PIXELS, 0.64) is None

@@ -151,11 +151,12 @@ def _fit_grey_values(
     for number, (image, gain) in enumerate(zip(images, gains, strict=True)):
         view = model.view(number)
         lens = view.focal_px, float(view.principal_px[0])
-        kept[number] = stored(image * (flat * np.float32(gain)), lens, direct.SMOOTHING)
+        kept[number] = stored(image * (flat * np.float32(gain)), lens, config.sweep.smoothing)
     pairs = dict.fromkeys((link.first, link.second) for link in matched.links)
     return direct.adjust(
         _refined(model), kept, list(pairs), matched.sigmas, prior=_refined(matched.start),
-        pixels=config.sweep.pixels, report=lambda done: report("adjust grey values", done, direct.ITERATIONS),
+        pixels=config.sweep.pixels, smoothing=config.sweep.smoothing,
+        report=lambda done: report("adjust grey values", done, direct.ITERATIONS),
     )  # fmt: skip
 
 

@@ -24,8 +24,7 @@ from pzcap.cameras.unknowns import Model, Sigmas, chains_of, information, steppe
 from pzcap.types import Array
 
 TILE = 16  # pixels: edges are taken from everywhere, so many across
-SMOOTHING = 2.0  # variance, square pixels: of the frames
-BORDER = 12  # pixels at the edge left out: the smoothing reaches so far
+BORDER = 6.0  # times the smoothing: pixels at the edge left out, since it reaches beyond
 ITERATIONS = 4
 DOUBT = 10.0  # what is left over is no noise but the same everywhere: so many pixels are worth one
 SETTLED_RAD = 2e-7  # a step this small ends the adjustment: a five thousandth of a pixel
@@ -48,7 +47,13 @@ class Fitted:
 
 
 def _overlap(
-    frames: Stored, edges: Sequence[NDArray[np.int16]], model: Model, first: int, second: int, most: int
+    frames: Stored,
+    edges: Sequence[NDArray[np.int16]],
+    model: Model,
+    first: int,
+    second: int,
+    most: int,
+    smoothing: float,
 ) -> Overlap | None:
     """``most`` pixels of two frames to be compared; the finer of the two is smoothed to the other's resolution.
 
@@ -59,12 +64,13 @@ def _overlap(
     if shrink < 0.999:
         first, second, views, shrink = second, first, (views[1], views[0]), 1.0 / shrink
     height, width = frames[first].shape
+    border = _border(smoothing)
     fine, chosen = None, edges[first]
     if shrink > 1.001:
-        fine = softened_further(frames[first], shrink, (views[0].focal_px, views[0].principal_px[0]), SMOOTHING)
-        chosen = _edges(fine, most)
+        fine = softened_further(frames[first], shrink, (views[0].focal_px, views[0].principal_px[0]), smoothing)
+        chosen = _edges(fine, most, border)
     seen, front = geometry.see(views[1], *geometry.look(views[0], chosen.astype(np.float64)))
-    inside = front & np.all((seen >= BORDER) & (seen <= np.array([width, height]) - 1 - BORDER), axis=1)
+    inside = front & np.all((seen >= border) & (seen <= np.array([width, height]) - 1 - border), axis=1)
     which = np.flatnonzero(inside)
     which = which[:: max(1, len(which) // most)]
     if len(which) < most // 10:
@@ -74,9 +80,13 @@ def _overlap(
     return Overlap(first, second, points, np.asarray(grey, np.float32))
 
 
-def _edges(image: Stored | NDArray[np.float32], most: int) -> NDArray[np.int16]:
+def _border(smoothing: float) -> int:
+    return round(BORDER * smoothing)
+
+
+def _edges(image: Stored | NDArray[np.float32], most: int, border: int) -> NDArray[np.int16]:
     """(N, 2) the pixels of the strongest edges, the same number in every tile, and some times ``most`` in all."""
-    inner = image[BORDER : image.shape[0] - BORDER, BORDER : image.shape[1] - BORDER].astype(np.float32)
+    inner = image[border : image.shape[0] - border, border : image.shape[1] - border].astype(np.float32)
     strength = np.hypot(cv2.Sobel(inner, cv2.CV_32F, 1, 0), cv2.Sobel(inner, cv2.CV_32F, 0, 1))
     rows, columns = (side // TILE for side in strength.shape)
     tiles = strength[: rows * TILE, : columns * TILE].reshape(rows, TILE, columns, TILE).swapaxes(1, 2)
@@ -84,7 +94,7 @@ def _edges(image: Stored | NDArray[np.float32], most: int) -> NDArray[np.int16]:
     best = np.sort(np.argpartition(-tiles.reshape(rows, columns, TILE**2), strongest, axis=2)[:, :, :strongest], axis=2)
     row = np.arange(rows)[:, None, None] * TILE + best // TILE
     column = np.arange(columns)[None, :, None] * TILE + best % TILE
-    return (np.stack([column.ravel(), row.ravel()], axis=1) + BORDER).astype(np.int16)
+    return (np.stack([column.ravel(), row.ravel()], axis=1) + border).astype(np.int16)
 
 
 def adjust(
@@ -95,10 +105,11 @@ def adjust(
     *,
     prior: Model,
     pixels: int,
+    smoothing: float,
     report: Callable[[int], None],
 ) -> Fitted:
     """Fit the model to the grey values of ``pairs`` of ``frames`` (F, H, W), of ``pixels`` of each pair at most; as
-    `bundle.adjust`.
+    `bundle.adjust`. The frames are smoothed by ``smoothing`` square pixels.
 
     ``start`` must be right to about a pixel.
     """
@@ -106,8 +117,8 @@ def adjust(
     # what is believed of them would push the centre out
     loose = replace(sigmas, walls=3.0, unevenness=1.0, departures=0.1, roughness=0.05)
     believed, mean = information(start, loose), vector(prior)
-    edges = [_edges(frame, pixels) for frame in frames]
-    overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, *pair, pixels)) is not None]
+    edges = [_edges(frame, pixels, _border(smoothing)) for frame in frames]
+    overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, *pair, pixels, smoothing)) is not None]
     ends = np.array([[one.first, one.second] for one in overlaps])
     bounds = np.cumsum([0, *(len(one.grey) for one in overlaps)])
     points = np.vstack([one.points_px for one in overlaps])

@@ -34,9 +34,8 @@ class SweepConfig:
     overlaps: tuple[float, ...] = (0.25, 0.55)  # matched with the frames this far on, in fields of view, too
     min_matches: int = 12  # between two frames
     zoom_frames: int = 24  # of the zoom run, at most
-    fineness: int = (
-        1  # of what is known of the hall, nodes to a pixel: 3 takes a minute, and is worth it in clean footage
-    )
+    smoothing: float = 0.64  # variance, square pixels, of the frames whose grey values are compared
+    fineness: int = 1  # of the panorama that frames are aligned with, nodes to a pixel: 3 takes a minute a camera
     pixels: int = 700  # of two frames that overlap, whose grey values are compared, at most: more take longer
 
 
