@@ -135,6 +135,21 @@ def test_a_turned_grid_shows_the_same_picture_more_exactly(tmp_path: Path) -> No
     assert turned < 0.9 * upright
 
 
+def test_without_mipmaps_a_floor_seen_at_a_flat_angle_keeps_its_sharpness(tmp_path: Path) -> None:
+    def sharpness(mipmaps: bool) -> tuple[float, float]:
+        """Of floor and walls: the mean difference of neighbours in a row."""
+        sensor = replace(NOISELESS, supersampling_still=8.0, mipmaps=mipmaps)
+        crew = assemble(replace(TINY, sensor=sensor), tmp_path / str(mipmaps))
+        picture = crew.cameras[0].still(np.random.default_rng(0), Aim(0.9, 200.0)).astype(np.float64)
+        crew.stage.close()
+        steps = np.abs(np.diff(picture.mean(axis=2), axis=1)).mean(axis=1)
+        return float(steps[int(0.55 * len(steps)) :].mean()), float(steps[: len(steps) // 3].mean())
+
+    (floor, walls), (blurred, same) = sharpness(False), sharpness(True)
+    assert floor > 1.02 * blurred
+    assert abs(walls / same - 1.0) < 0.01
+
+
 def test_joints_lie_on_the_athlete(truth: Truth) -> None:
     on, seen = 0, 0
     for c in range(4):
