@@ -85,6 +85,16 @@ def test_every_key_is_documented(tmp_path: Path) -> None:
         assert f"`{key}`" in named, f"{key} is not in {DOCUMENT.name}"
 
 
+def test_what_an_earlier_version_did_not_know_may_be_missing(tmp_path: Path) -> None:
+    before = fabricated.reconstruction()
+    store.save(before, tmp_path)
+    numbers = dict(np.load(tmp_path / "reconstruction.npz"))
+    earlier: dict[str, Any] = {key: value for key, value in numbers.items() if not key.endswith("panorama.fine")}
+    assert len(earlier) == len(numbers) - 4
+    np.savez(tmp_path / "reconstruction.npz", **earlier)
+    assert_same(before, store.load(tmp_path))
+
+
 def test_a_second_save_replaces_the_first(tmp_path: Path) -> None:
     store.save(fabricated.reconstruction(0), tmp_path)
     other = fabricated.without_a_camera(fabricated.reconstruction(1))

@@ -146,7 +146,8 @@ class Aligner:
         assert fitted is not None
         if self._fine is not None and fitted.settled:
             whole = self._whole(frame, hidden, fitted.state)
-            fitted = self._descend(self._fine, whole, fitted.state, FINE_STEPS, FINE_SETTLED_PX) or fitted
+            finer = self._descend(self._fine, whole, fitted.state, FINE_STEPS, FINE_SETTLED_PX)
+            fitted = finer if finer is not None and finer.settled else fitted
         return self._judged(fitted)
 
     def _fit(
