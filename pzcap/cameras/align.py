@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from pzcap.cameras import camera as geometry
 from pzcap.cameras import robust
+from pzcap.cameras.levels import Level, halved, super_resolved
 from pzcap.cameras.rays import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, KNOWN, VALUE, looking, sample
-from pzcap.cameras.sampling import Stored, at_least, further, softened, stored
+from pzcap.cameras.sampling import at_least, further, softened
 from pzcap.cameras.sweep import grey
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
@@ -38,7 +39,6 @@ LINEAR = 1e-3  # change of log focal, or of tilt, up to which rays are straight 
 BORDER = 3  # pixels at the frame's edge left out
 FINE_STEPS = 6  # of Gauss-Newton, at most, on the super-resolved panorama where there is one,
 FINE_SETTLED_PX = 0.002  # until one is smaller than this
-FINE_NOISE = 0.2  # grey levels, at least, that are taken for noise there
 FINE_SMOOTHING = 0.64  # variance, square pixels of the sweep: what is compared there, frame and prediction
 SHOWN = 80  # points given back as matches
 
@@ -53,15 +53,6 @@ class Alignment:
     settled: bool  # the fit came to rest; one that was stopped on its way agrees too, where a fast pan smears all
     frame_points_px: Array  # (N, 2) some pixels that fit, and show edges
     panorama_points_px: Array  # (N, 2) and where they stand on the panorama
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Level:
-    image: Stored  # (H, W)
-    known: Mask  # (H, W) all around a pixel is known
-    scale: float  # panorama pixels to one of this level's; below 1: the super-resolved panorama
-    pixels: int  # looked at, about
-    least_noise: float = 1.0  # grey levels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,8 +115,8 @@ class Aligner:
         border = (0, 0, self._margin, self._margin, cv2.BORDER_WRAP)
         image = cv2.copyMakeBorder(grey(panorama.image), *border).astype(np.float32)
         known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), *border).astype(np.float32)
-        self._levels = {k: _level(image, known, k, COARSE_PIXELS.get(k, pixels)) for k, _ in LEVELS}
-        self._fine = _finest(panorama, known, self._margin) if panorama.fine.size else None
+        self._levels = {k: halved(image, known, k, COARSE_PIXELS.get(k, pixels)) for k, _ in LEVELS}
+        self._fine = super_resolved(panorama, known, self._margin) if panorama.fine.size else None
 
     def align(
         self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, off_px: float, hidden: Mask | None = None
@@ -151,7 +142,7 @@ class Aligner:
         return self._judged(fitted)
 
     def _fit(
-        self, frame: Image, hidden: Mask | None, level: _Level, steps: int, pan_rad: float, tilt_rad: float,
+        self, frame: Image, hidden: Mask | None, level: Level, steps: int, pan_rad: float, tilt_rad: float,
         focal_px: float,
     ) -> _Fitted | None:  # fmt: skip
         """A level's alignment; None where the panorama is unknown, or the frame dark."""
@@ -162,7 +153,7 @@ class Aligner:
         nearly = self._descend(level, pixels.thinned(SPARSE), start, steps, NEAR_PX)
         return None if nearly is None else self._descend(level, pixels, nearly.state, steps, SETTLED_PX)
 
-    def _descend(self, level: _Level, pixels: _Pixels, start: _State, steps: int, settled_px: float) -> _Fitted | None:
+    def _descend(self, level: Level, pixels: _Pixels, start: _State, steps: int, settled_px: float) -> _Fitted | None:
         """At most so many steps of Gauss and Newton with the weights of Geman and McClure, until one is as small as
         ``settled_px``."""
         pan_rad, tilt_rad, focal_px, gains = start.pan_rad, start.tilt_rad, start.focal_px, start.gains
@@ -205,7 +196,7 @@ class Aligner:
         state = _State(pan_rad, tilt_rad, focal_px, gains)
         return _Fitted(state, pixels.points, sampled, residual, weight, normal, settled)
 
-    def _pixels(self, frame: Image, hidden: Mask | None, level: _Level, focal_px: float) -> _Pixels:
+    def _pixels(self, frame: Image, hidden: Mask | None, level: Level, focal_px: float) -> _Pixels:
         """What is compared on a level."""
         lens = self._camera.lens
         shrink = focal_px / self._panorama.px_per_rad * level.scale  # the frame is so much finer than the level
@@ -261,7 +252,7 @@ class Aligner:
         looks = looking(self._panorama, self._camera, points, pan_rad, tilt_rad, focal_px)
         return _Rays(tilt_rad, focal_px, looks)
 
-    def _sample(self, level: _Level, rays: _Rays, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
+    def _sample(self, level: Level, rays: _Rays, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
         """What the panorama shows along ``rays`` (N), as those change; (N, 7), columns VALUE to ROW."""
         panorama = self._panorama
         column = panorama.origin_px[0] - pan_rad * panorama.px_per_rad
@@ -356,23 +347,3 @@ def _edges(image: NDArray[np.float32], cell: int) -> NDArray[np.int64]:
                         steepest[column] = steepness[n]
                         chosen[row * columns + column, 0], chosen[row * columns + column, 1] = BORDER + n, i
     return chosen
-
-
-def _level(image: NDArray[np.float32], known: NDArray[np.float32], halvings: int, pixels: int) -> _Level:
-    scale = 2.0**halvings
-    size = (int(image.shape[1] / scale), int(image.shape[0] / scale))
-    # whole cells only, so that places scale exactly
-    rows, columns = int(size[1] * scale), int(size[0] * scale)
-    small = cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA)
-    complete = cv2.resize(known[:rows, :columns], size, interpolation=cv2.INTER_AREA) > 0.999
-    inside = cv2.erode(complete.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0)
-    return _Level(stored(np.asarray(small, np.float32)), inside > 0, scale, pixels)
-
-
-def _finest(panorama: Panorama, known: NDArray[np.float32], margin: int) -> _Level:
-    """The super-resolved panorama; ``known`` and ``margin`` are those of the panorama that goes on beyond its ends."""
-    fineness = panorama.fine.shape[1] // panorama.image.shape[1]
-    image = cv2.copyMakeBorder(panorama.fine, 0, 0, margin * fineness, margin * fineness, cv2.BORDER_WRAP)
-    size = (image.shape[1], image.shape[0])
-    inside = cv2.erode(cv2.resize(known, size, interpolation=cv2.INTER_NEAREST), np.ones((9, 9), np.uint8))
-    return _Level(np.asarray(image, np.uint16), inside > 0, 1.0 / fineness, 0, FINE_NOISE)

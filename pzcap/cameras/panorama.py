@@ -181,7 +181,8 @@ class _Canvas:
         total = self.weight.shape[1]
         if before is not None:
             there = before.take(range(start, stop), axis=1, mode="wrap")
-            weight = np.asarray(weight * _agreement(warped, there), np.float32)
+            seen = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGR2GRAY), np.float32)
+            weight = np.asarray(weight * agreement(seen - there.astype(np.float32)), np.float32)
         warped = warped * weight[..., None]
         for shift in range(start // total, (stop - 1) // total + 1):  # a strip across the seam of a full turn
             low, high = max(start, shift * total), min(stop, (shift + 1) * total)
@@ -195,11 +196,10 @@ class _Canvas:
         return np.clip(np.rint(colour), 0, 255).astype(np.uint8), valid
 
 
-def _agreement(image: NDArray[np.float32], before: Image) -> NDArray[np.float32]:
-    """(H, W) weights (Geman and McClure) of an image (H, W, 3) by its difference from a grey one (H, W); never 0."""
-    difference = cv2.absdiff(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), before.astype(np.float32))
-    difference = cv2.boxFilter(difference, -1, (9, 9))
-    return np.asarray((DIFFERENT**2 / (DIFFERENT**2 + difference**2)) ** 2, np.float32)
+def agreement(difference: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(H, W) weights (Geman and McClure) of pixels, by the difference (H, W) around them in grey levels; never 0."""
+    around = cv2.boxFilter(np.abs(difference), -1, (9, 9))
+    return np.asarray((DIFFERENT**2 / (DIFFERENT**2 + around**2)) ** 2, np.float32)
 
 
 # --------------------------------------------------------------------------------------------------------------

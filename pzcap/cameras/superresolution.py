@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pzcap.cameras.align import BORDER
 from pzcap.cameras.cylinder import smooth_map, to_unwrapped
-from pzcap.cameras.panorama import DIFFERENT
+from pzcap.cameras.panorama import agreement
 from pzcap.cameras.rays import looking
 from pzcap.cameras.sampling import STEPS, Stored, smoothed, spline
 from pzcap.types import Array, Panorama, PanZoomCamera
@@ -143,8 +143,7 @@ class _Block:
         column, row = (((one + 0.5) / self._fineness - 0.5).reshape(level.shape) for one in (columns, rows))
         there = cv2.remap(self._grey, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         # what is finer than pixels differs from frame to frame, and is no somebody
-        differs = cv2.boxFilter(np.abs(smoothed(level - there, COARSE)), -1, (9, 9))
-        trust = (DIFFERENT**2 / (DIFFERENT**2 + differs**2)) ** 2
+        trust = agreement(smoothed(level - there, COARSE))
         inside = np.zeros_like(trust)
         inside[BORDER:-BORDER, BORDER:-BORDER] = 1.0
         return np.asarray(trust * inside, np.float32).ravel()

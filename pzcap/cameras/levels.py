@@ -1,0 +1,44 @@
+"""What frames are aligned with (`pzcap.cameras.align`): the panorama in several resolutions, ready to be sampled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.cameras.sampling import Stored, stored
+from pzcap.types import Mask, Panorama
+
+FINE_NOISE = 0.2  # grey levels: a frame is predicted so exactly
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    image: Stored  # (H, W)
+    known: Mask  # (H, W) all around a pixel is known
+    scale: float  # panorama pixels to one of this level's; below 1: the super-resolved panorama
+    pixels: int  # of a frame that are looked at, about; those of the super-resolved panorama all
+    least_noise: float = 1.0  # grey levels, at least, that are taken for noise
+
+
+def halved(image: NDArray[np.float32], known: NDArray[np.float32], halvings: int, pixels: int) -> Level:
+    """A grey panorama (H, W), and where it is ``known``, made smaller; ``pixels`` of a frame are compared with it."""
+    scale = 2.0**halvings
+    size = (int(image.shape[1] / scale), int(image.shape[0] / scale))
+    # whole cells only, so that places scale exactly
+    rows, columns = int(size[1] * scale), int(size[0] * scale)
+    small = cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA)
+    complete = cv2.resize(known[:rows, :columns], size, interpolation=cv2.INTER_AREA) > 0.999
+    inside = cv2.erode(complete.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0)
+    return Level(stored(np.asarray(small, np.float32)), inside > 0, scale, pixels)
+
+
+def super_resolved(panorama: Panorama, known: NDArray[np.float32], margin: int) -> Level:
+    """The super-resolved panorama; ``known`` and ``margin`` are those of the panorama that goes on beyond its ends."""
+    fineness = panorama.fine.shape[1] // panorama.image.shape[1]
+    image = cv2.copyMakeBorder(panorama.fine, 0, 0, margin * fineness, margin * fineness, cv2.BORDER_WRAP)
+    size = (image.shape[1], image.shape[0])
+    inside = cv2.erode(cv2.resize(known, size, interpolation=cv2.INTER_NEAREST), np.ones((9, 9), np.uint8))
+    return Level(np.asarray(image, np.uint16), inside > 0, 1.0 / fineness, 0, FINE_NOISE)
