@@ -266,8 +266,8 @@ class Panorama:
     closure_rad: float  # what the chain of displacements missed the full turn by, before it was distributed
     residual_px: float  # RMS of the sweep's feature matches after the adjustment
     surroundings: Surroundings = FAR_AWAY
-    fine: NDArray[np.uint16] = field(default_factory=_nothing)  # (n H, n W) what a pixel of the sweep would show at so
-    # many more places, as `pzcap.cameras.superresolution` has it; empty: not known
+    fine: NDArray[np.uint16] = field(default_factory=_nothing)  # (3 H, 5 W) the hall within pixels, as
+    # `pzcap.cameras.superresolution` has it; empty: not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -43,7 +43,7 @@ HALL = Surroundings(1.7, np.linspace(0.05, 0.6, 12), np.linspace(0, 0.1, 24).res
 def sampled_at(aligner: Aligner, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
     """What the panorama shows at PIXELS."""
     rays = aligner._rays(PIXELS, pan_rad, tilt_rad, focal_px)
-    return aligner._sample(aligner._levels[0], rays, pan_rad, tilt_rad, focal_px)
+    return aligner._sample(aligner._levels[0].layer, rays, pan_rad, tilt_rad, focal_px)
 
 
 def test_samples_stand_where_the_camera_looks(aligner: Aligner) -> None:
@@ -64,7 +64,7 @@ def test_rays_may_be_taken_as_straight_so_near(aligner: Aligner) -> None:
     near = aligner._rays(PIXELS, 0.2, tilt, focal)
     for by_tilt, by_focal in ((LINEAR, 0.0), (0.0, -LINEAR), (LINEAR, LINEAR)):
         moved = tilt + by_tilt, focal * np.exp(by_focal)
-        straight = aligner._sample(aligner._levels[0], near, 0.2, *moved)
+        straight = aligner._sample(aligner._levels[0].layer, near, 0.2, *moved)
         exact = sampled_at(aligner, 0.2, *moved)
         np.testing.assert_allclose(straight[:, COLUMN:], exact[:, COLUMN:], atol=1e-3)
 

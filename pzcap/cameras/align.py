@@ -9,7 +9,8 @@ the frame before is a good enough start for the next.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -18,9 +19,9 @@ from numpy.typing import NDArray
 
 from pzcap.cameras import camera as geometry
 from pzcap.cameras import robust
-from pzcap.cameras.levels import Level, halved, super_resolved
-from pzcap.cameras.rays import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, KNOWN, VALUE, looking, sample
-from pzcap.cameras.sampling import at_least, further, softened
+from pzcap.cameras.levels import Layer, Level, halved, super_resolved
+from pzcap.cameras.rays import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, KNOWN, VALUE, boxes, looking, sample
+from pzcap.cameras.sampling import smoothed, softened
 from pzcap.cameras.sweep import grey
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
@@ -39,7 +40,8 @@ LINEAR = 1e-3  # change of log focal, or of tilt, up to which rays are straight 
 BORDER = 3  # pixels at the frame's edge left out
 FINE_STEPS = 6  # of Gauss-Newton, at most, on the super-resolved panorama where there is one,
 FINE_SETTLED_PX = 0.002  # until one is smaller than this
-FINE_SMOOTHING = 0.64  # variance, square pixels of the sweep: what is compared there, frame and prediction
+FINE_SMOOTHING = 0.64  # variance, square pixels of the frame: what is compared there, frame and prediction
+LEAST_NOISE, FINE_NOISE = 1.0, 0.2  # grey levels, at least, that are taken for noise; there it is predicted so exactly
 SHOWN = 80  # points given back as matches
 
 
@@ -64,6 +66,10 @@ class _Rays:
     directions: Array  # (N, 6)
 
 
+Look = Callable[[_Rays, float, float, float], Array]
+"""What the panorama shows along rays (N), at a pan, a tilt and a focal length; (N, 7), columns VALUE to ROW."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pixels:
     """What of a frame is compared."""
@@ -71,7 +77,6 @@ class _Pixels:
     points: Array  # (N, 2)
     grey: Array  # (N,)
     shading: Array  # (N, K) r^0, r^2, ... of the vignetting
-    predict: Callable[[Array], Array] | None = None  # takes what was sampled for each of them to what is compared
 
     def thinned(self, every: int) -> _Pixels:
         return _Pixels(self.points[::every], self.grey[::every], self.shading[::every])
@@ -136,8 +141,8 @@ class Aligner:
             pan_rad, tilt_rad, focal_px = fitted.state.pan_rad, fitted.state.tilt_rad, fitted.state.focal_px
         assert fitted is not None
         if self._fine is not None and fitted.settled:
-            whole = self._whole(frame, hidden, fitted.state)
-            finer = self._descend(self._fine, whole, fitted.state, FINE_STEPS, FINE_SETTLED_PX)
+            whole, look = self._whole(self._fine, frame, hidden, fitted.state)
+            finer = self._descend(look, whole, fitted.state, FINE_STEPS, FINE_SETTLED_PX, FINE_NOISE)
             fitted = finer if finer is not None and finer.settled else fitted
         return self._judged(fitted)
 
@@ -148,12 +153,16 @@ class Aligner:
         """A level's alignment; None where the panorama is unknown, or the frame dark."""
         pixels = self._pixels(frame, hidden, level, focal_px)
         start = _State(pan_rad, tilt_rad, focal_px, None)
+        look = partial(self._sample, level.layer)
         if level.scale > 1:
-            return self._descend(level, pixels, start, steps, 0.0)
-        nearly = self._descend(level, pixels.thinned(SPARSE), start, steps, NEAR_PX)
-        return None if nearly is None else self._descend(level, pixels, nearly.state, steps, SETTLED_PX)
+            return self._descend(look, pixels, start, steps, 0.0)
+        nearly = self._descend(look, pixels.thinned(SPARSE), start, steps, NEAR_PX)
+        return None if nearly is None else self._descend(look, pixels, nearly.state, steps, SETTLED_PX)
 
-    def _descend(self, level: Level, pixels: _Pixels, start: _State, steps: int, settled_px: float) -> _Fitted | None:
+    def _descend(
+        self, look: Look, pixels: _Pixels, start: _State, steps: int, settled_px: float,
+        least_noise: float = LEAST_NOISE,
+    ) -> _Fitted | None:  # fmt: skip
         """At most so many steps of Gauss and Newton with the weights of Geman and McClure, until one is as small as
         ``settled_px``."""
         pan_rad, tilt_rad, focal_px, gains = start.pan_rad, start.tilt_rad, start.focal_px, start.gains
@@ -161,9 +170,7 @@ class Aligner:
         for _ in range(steps):
             if max(abs(np.log(focal_px / rays.focal_px)), abs(tilt_rad - rays.tilt_rad)) > LINEAR:
                 rays = self._rays(pixels.points, pan_rad, tilt_rad, focal_px)
-            sampled = self._sample(level, rays, pan_rad, tilt_rad, focal_px)
-            if pixels.predict is not None:
-                sampled = pixels.predict(sampled)
+            sampled = look(rays, pan_rad, tilt_rad, focal_px)
             usable = sampled[:, KNOWN] > 0
             if usable.sum() < FEWEST:
                 return None
@@ -179,7 +186,7 @@ class Aligner:
                 gains[:2] = commonest * np.array(fall)
             brightness = pixels.shading @ gains
             residual = pixels.grey - brightness * sampled[:, VALUE]
-            scale = LOOSENESS * max(1.4826 * robust.typical(residual[usable]), level.least_noise)
+            scale = LOOSENESS * max(1.4826 * robust.typical(residual[usable]), least_noise)
             weight, normal, slope, flatness = _weigh(sampled, pixels.shading, brightness, residual, scale, self._free)
             change = np.linalg.solve(_firm(normal), slope)
             moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * self._camera.lens.width / 2)
@@ -214,31 +221,30 @@ class Aligner:
         points = (chosen.astype(np.float64) + 0.5) * whole - 0.5
         return _Pixels(points, observed, self._shading(points, focal_px)[:, : 3 if level.scale == 1 else 2])
 
-    def _whole(self, frame: Image, hidden: Mask | None, state: _State) -> _Pixels:
-        """All pixels, to be compared one by one with what the super-resolved panorama has for each; both then smoothed.
+    def _whole(self, fine: Layer, frame: Image, hidden: Mask | None, state: _State) -> tuple[_Pixels, Look]:
+        """All pixels, and what the super-resolved panorama has for the square of each; both are then smoothed alike.
 
         What the frame's pixels are too coarse for is in the prediction as well as long as it is not smoothed before.
         """
         inner = slice(BORDER, -BORDER)
-        shrink = state.focal_px / self._panorama.px_per_rad
-        flat = state.focal_px, float(geometry.lens_at(self._camera.lens, state.focal_px)[0][0])
-        soft = at_least(frame, shrink, FINE_SMOOTHING, flat)[inner, inner]
+        soft = smoothed(frame, FINE_SMOOTHING)[inner, inner]
         seen = np.ones(soft.shape, np.uint8) if hidden is None else (~hidden[inner, inner]).astype(np.uint8)
-        around = np.ones((2 * round(2.0 * max(shrink, 1.0)) + 1,) * 2, np.uint8)
-
-        def predict(sampled: Array) -> Array:
-            out = sampled.copy()
-            for column in (VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT)[: 1 + self._free]:
-                image = sampled[:, column].reshape(soft.shape).astype(np.float32)
-                out[:, column] = further(image, shrink, FINE_SMOOTHING).ravel()
-            known = (sampled[:, KNOWN].reshape(soft.shape) > 0).astype(np.uint8) & seen
-            out[:, KNOWN] = cv2.erode(known, around).ravel()
-            return out
-
+        around = np.ones((5, 5), np.uint8)
         rows, columns = np.mgrid[BORDER : frame.shape[0] - BORDER, BORDER : frame.shape[1] - BORDER]
         points = np.stack([columns.ravel(), rows.ravel()], axis=1).astype(np.float64)
-        shading = self._shading(points, state.focal_px)
-        return _Pixels(points, soft.ravel().astype(np.float64), shading, predict)
+        covered = boxes(self._camera, points, state.focal_px) * self._panorama.px_per_rad
+        layer = replace(fine, half=covered / np.array(fine.scale))
+
+        def look(rays: _Rays, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
+            out = self._sample(layer, rays, pan_rad, tilt_rad, focal_px)
+            for column in (VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT)[: 1 + self._free]:
+                image = out[:, column].reshape(soft.shape).astype(np.float32)
+                out[:, column] = smoothed(image, FINE_SMOOTHING).ravel()
+            whole = (out[:, KNOWN].reshape(soft.shape) > 0).astype(np.uint8) & seen
+            out[:, KNOWN] = cv2.erode(whole, around).ravel()
+            return out
+
+        return _Pixels(points, soft.ravel().astype(np.float64), self._shading(points, state.focal_px)), look
 
     def _shading(self, points: Array, focal_px: float) -> Array:
         """(N, 3) r^0, r^2 and r^4 of points (N, 2): it is the lens that darkens corners."""
@@ -252,15 +258,15 @@ class Aligner:
         looks = looking(self._panorama, self._camera, points, pan_rad, tilt_rad, focal_px)
         return _Rays(tilt_rad, focal_px, looks)
 
-    def _sample(self, level: Level, rays: _Rays, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
+    def _sample(self, layer: Layer, rays: _Rays, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
         """What the panorama shows along ``rays`` (N), as those change; (N, 7), columns VALUE to ROW."""
         panorama = self._panorama
         column = panorama.origin_px[0] - pan_rad * panorama.px_per_rad
         if panorama.full_turn:
             column = np.mod(column, panorama.image.shape[1])
-        place = np.array([column + self._margin, panorama.origin_px[1], panorama.px_per_rad, level.scale])
+        place = np.array([column + self._margin, panorama.origin_px[1], panorama.px_per_rad, *layer.scale])
         change = np.array([np.log(focal_px / rays.focal_px), tilt_rad - rays.tilt_rad])
-        return sample(level.image, level.known, rays.directions, change, place)
+        return sample(layer.image, layer.known, rays.directions, change, place, layer.half)
 
     def _judged(self, fitted: _Fitted) -> Alignment:
         sampled, weight = fitted.sampled, fitted.weight

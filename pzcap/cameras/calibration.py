@@ -20,7 +20,7 @@ from pzcap.cameras.bundle import Adjusted, Link, adjust, thinned
 from pzcap.cameras.camera import View
 from pzcap.cameras.matching import AZIMUTHS, Matched, height_of, match
 from pzcap.cameras.panzoom import PanZoomConfig, panorama_features
-from pzcap.cameras.sampling import sharp, stored
+from pzcap.cameras.sampling import stored
 from pzcap.cameras.solutions import ransac_eq15, solve_eq15
 from pzcap.cameras.superresolution import super_resolve
 from pzcap.cameras.sweep import Frames, grey
@@ -112,27 +112,47 @@ def _prepare_exact(
         closure_rad=chained.closure_rad,
         residual_px=adjusted.residual_px,
     )
-    if config.sweep.fineness > 1:
-        level = _evenly(chained.images, brightness, swept)
-        fine = super_resolve(
-            background, camera, level, config.sweep.fineness, lambda *done: report("super-resolve", *done)
-        )
-        background = replace(background, fine=fine)
+    if config.sweep.super_resolve:
+        background = _super_resolved(background, camera, chained.images, brightness, swept, report)
     # every pan is counted from this one image, so its own error is all frames': there is time for all of its pixels
     aligner = Aligner(background, camera, pixels=reference_image.size)
     aligned = aligner.align(reference_image, 0.0, camera.tilt_rad, refined.camera.focal_px, 1.5)
     return Prepared(refined, _counted_from(background, aligned), camera)
 
 
-def _evenly(
-    images: Sequence[Image], brightness: panorama.Brightness, view: View
-) -> Callable[[int], NDArray[np.float32]]:
-    """The sweep's grey frames by number, each as bright as the others, and at its edge as bright and sharp as in its
-    middle."""
+def _super_resolved(
+    background: Panorama,
+    camera: PanZoomCamera,
+    images: Sequence[Image],
+    brightness: panorama.Brightness,
+    view: View,
+    report: Callable[[str, int, int], None],
+) -> Panorama:
+    """The panorama super-resolved from the sweep's grey frames, and once more where these are found on it.
+
+    A pan from pairs of frames is off by what is finer than pixels, in each by something else; the super-resolved
+    panorama is made of twenty frames, and hardly off by any one's.
+    """
     height, width = images[0].shape
     flat = panorama.flatness(brightness, view, width, height)
     gains = np.exp(-brightness.log_gain).astype(np.float32)
-    return lambda k: sharp(images[k] * (flat * gains[k]), (view.focal_px, float(view.principal_px[0])))
+
+    def level(k: int) -> NDArray[np.float32]:
+        return np.asarray(images[k] * (flat * gains[k]), np.float32)
+
+    def heard(done: int, total: int) -> None:
+        report("super-resolve", done, total)
+
+    fine = replace(background, fine=super_resolve(background, camera, level, heard))
+    aligner = Aligner(fine, camera, pixels=width * height)
+    pan_rad = fine.sweep_pan_rad.copy()
+    for number, image in enumerate(images):
+        found = aligner.align(image, pan_rad[number], camera.tilt_rad, view.focal_px, 1.5)
+        if found.settled and found.agreement > SURE_AGREEMENT:
+            pan_rad[number] = found.pan_rad
+        report("align sweep", number + 1, len(images))
+    better = replace(fine, sweep_pan_rad=pan_rad)
+    return replace(better, fine=super_resolve(better, camera, level, heard))
 
 
 def _fit_grey_values(

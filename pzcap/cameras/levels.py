@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.cameras.sampling import Stored, stored
-from pzcap.types import Mask, Panorama
+from pzcap.types import Array, Mask, Panorama
 
-FINE_NOISE = 0.2  # grey levels: a frame is predicted so exactly
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """The panorama in one resolution."""
+
+    image: Stored  # (H, W)
+    known: Mask  # (H, W) all around a pixel is known
+    scale: tuple[float, float]  # panorama pixels to one of this image's, across and down
+    half: Array = field(default_factory=lambda: np.empty((0, 2)))  # (N, 2) see `rays.sample`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Level:
-    image: Stored  # (H, W)
-    known: Mask  # (H, W) all around a pixel is known
-    scale: float  # panorama pixels to one of this level's; below 1: the super-resolved panorama
-    pixels: int  # of a frame that are looked at, about; those of the super-resolved panorama all
-    least_noise: float = 1.0  # grey levels, at least, that are taken for noise
+    layer: Layer
+    scale: float
+    pixels: int  # of a frame that are looked at, about
 
 
 def halved(image: NDArray[np.float32], known: NDArray[np.float32], halvings: int, pixels: int) -> Level:
@@ -32,13 +38,12 @@ def halved(image: NDArray[np.float32], known: NDArray[np.float32], halvings: int
     small = cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA)
     complete = cv2.resize(known[:rows, :columns], size, interpolation=cv2.INTER_AREA) > 0.999
     inside = cv2.erode(complete.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0)
-    return Level(stored(np.asarray(small, np.float32)), inside > 0, scale, pixels)
+    return Level(Layer(stored(np.asarray(small, np.float32)), inside > 0, (scale, scale)), scale, pixels)
 
 
-def super_resolved(panorama: Panorama, known: NDArray[np.float32], margin: int) -> Level:
+def super_resolved(panorama: Panorama, known: NDArray[np.float32], margin: int) -> Layer:
     """The super-resolved panorama; ``known`` and ``margin`` are those of the panorama that goes on beyond its ends."""
-    fineness = panorama.fine.shape[1] // panorama.image.shape[1]
-    image = cv2.copyMakeBorder(panorama.fine, 0, 0, margin * fineness, margin * fineness, cv2.BORDER_WRAP)
-    size = (image.shape[1], image.shape[0])
-    inside = cv2.erode(cv2.resize(known, size, interpolation=cv2.INTER_NEAREST), np.ones((9, 9), np.uint8))
-    return Level(np.asarray(image, np.uint16), inside > 0, 1.0 / fineness, 0, FINE_NOISE)
+    down, across = np.array(panorama.fine.shape) // np.array(panorama.image.shape[:2])
+    image = cv2.copyMakeBorder(panorama.fine, 0, 0, margin * across, margin * across, cv2.BORDER_WRAP)
+    inside = cv2.erode(cv2.resize(known, image.shape[::-1], interpolation=cv2.INTER_NEAREST), np.ones((9, 9), np.uint8))
+    return Layer(np.asarray(image, np.uint16), inside > 0, (1.0 / across, 1.0 / down))

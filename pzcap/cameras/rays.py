@@ -12,7 +12,7 @@ from numba import njit
 
 from pzcap.cameras import camera as geometry
 from pzcap.cameras.cylinder import NODES, Hall, kernel_hall, near_at, smooth_map, to_unwrapped
-from pzcap.cameras.sampling import Stored, cubic
+from pzcap.cameras.sampling import Stored, box, cubic
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT, KNOWN, COLUMN = range(6)
@@ -61,6 +61,15 @@ def looking(
     view = np.array([tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
     beside = np.array([pan_rad, *geometry.view_at(camera, pan_rad, tilt_rad, focal_px).centre_m])
     return directions(points, view, beside, kernel_hall(panorama.surroundings))
+
+
+def boxes(camera: PanZoomCamera, points: Array, focal_px: float) -> Array:
+    """(N, 2) half of the azimuths and of the slopes that the pixels at ``points`` (N, 2) of a frame cover.
+
+    Roll, tilt and distortion are slight, and left out.
+    """
+    secant = np.hypot(1.0, (points[:, 0] - geometry.lens_at(camera.lens, focal_px)[0][0]) / focal_px)
+    return np.asarray(np.stack([0.5 / secant**2, 0.5 / secant], axis=1) / focal_px)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -114,15 +123,15 @@ def directions(points: Array, view: Array, beside: Array, hall: Hall) -> Array:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sample(image: Stored, known: Mask, directions: Array, change: Array, place: Array) -> Array:
+def sample(image: Stored, known: Mask, directions: Array, change: Array, place: Array, half: Array) -> Array:
     """Samples of the image and their derivatives along directions (N, 6), `directions`, which have changed by
     ``change`` in log focal and tilt.
 
-    ``place``: panorama column of the pan, row of slope 0, pixels to the radian, scale of the level. The columns of the
-    result are VALUE and so on.
+    ``place``: panorama column of the pan, row of slope 0, pixels to the radian, and how many of them make one of the
+    image's across and down. ``half`` (N, 2): half of what a pixel covers of the image, across and down, if that is made
+    of cells; empty: it is a spline. The columns of the result are VALUE and so on.
     """
-    column_0, row_0, per_rad, scale = place
-    per_px = -per_rad / scale
+    column_0, row_0, per_rad, scale_x, scale_y = place
     out = np.zeros((len(directions), 7))
     for n in range(len(directions)):
         azimuth, slope, azimuth_by_focal, slope_by_focal, azimuth_by_tilt, slope_by_tilt = directions[n]
@@ -130,13 +139,18 @@ def sample(image: Stored, known: Mask, directions: Array, change: Array, place: 
         slope += slope_by_focal * change[0] + slope_by_tilt * change[1]
         column, row = column_0 - azimuth * per_rad, row_0 - slope * per_rad
         out[n, COLUMN], out[n, COLUMN + 1] = column, row
-        column, row = (column + 0.5) / scale - 0.5, (row + 0.5) / scale - 0.5
-        inside, value, by_column, by_row = cubic(image, column, row)
-        if not inside or not known[int(np.rint(row)), int(np.rint(column))]:
+        column, row = (column + 0.5) / scale_x, (row + 0.5) / scale_y
+        if len(half):
+            inside, value, by_column, by_row = box(image, column, row, half[n, 0], half[n, 1])
+        else:
+            inside, value, by_column, by_row = cubic(image, column - 0.5, row - 0.5)
+        if not inside or not known[int(row), int(column)]:
             continue
+        by_column *= -per_rad / scale_x
+        by_row *= -per_rad / scale_y
         out[n, VALUE] = value
-        out[n, BY_PAN] = per_px * by_column
-        out[n, BY_LOG_FOCAL] = per_px * (by_column * azimuth_by_focal + by_row * slope_by_focal)
-        out[n, BY_TILT] = per_px * (by_column * azimuth_by_tilt + by_row * slope_by_tilt)
+        out[n, BY_PAN] = by_column
+        out[n, BY_LOG_FOCAL] = by_column * azimuth_by_focal + by_row * slope_by_focal
+        out[n, BY_TILT] = by_column * azimuth_by_tilt + by_row * slope_by_tilt
         out[n, KNOWN] = 1.0
     return out

@@ -46,19 +46,6 @@ def softened(
     return _evened(smoothed(image, _variance(shrink)), shrink**2 * (SMOOTHING + PIXEL), flat)
 
 
-def at_least(image: NDArray[np.uint8], shrink: float, variance: float, flat: Flat) -> NDArray[np.float32]:
-    """A grey frame (H, W) as one that is ``shrink`` times smaller would show it, smoothed by ``variance`` of its square
-    pixels besides; a frame that is not finer cannot be made so."""
-    finer = max(shrink, 1.0)
-    soft = smoothed(image, variance * finer**2 + PIXEL * (finer**2 - 1.0))
-    return _evened(soft, PIXEL * finer**2, flat)  # ``variance`` is the prediction's own as well, pixel by pixel
-
-
-def further(image: NDArray[np.float32], shrink: float, variance: float) -> NDArray[np.float32]:
-    """The second part of `at_least` alone."""
-    return smoothed(image, variance * max(shrink, 1.0) ** 2)
-
-
 def stored(
     image: NDArray[np.uint8] | NDArray[np.float32], flat: Flat | None = None, smoothing: float = SMOOTHING
 ) -> Stored:
@@ -74,11 +61,6 @@ def softened_further(
     more = (shrink**2 - 1.0) * (smoothing + PIXEL)
     soft = _evened(smoothed(image, more + SPLINE), more, flat)
     return np.asarray(soft / np.float32(STEPS), np.float32)
-
-
-def sharp(image: NDArray[np.uint8] | NDArray[np.float32], flat: Flat) -> NDArray[np.float32]:
-    """A grey frame (H, W), as sharp at its sides as in its middle, where it stays as it is."""
-    return _evened(np.asarray(image, np.float32), PIXEL, flat)
 
 
 def _evened(image: NDArray[np.float32], variance: float, flat: Flat | None) -> NDArray[np.float32]:
@@ -138,6 +120,28 @@ def cubic(image: Stored, x: float, y: float) -> tuple[bool, float, float, float]
         by_x += down[k] * slope
         by_y += along_y[k] * row
     return True, value / STEPS, by_x / STEPS, by_y / STEPS
+
+
+@njit(cache=True, nogil=True)
+def box(image: Stored, x: float, y: float, half_x: float, half_y: float) -> tuple[bool, float, float, float]:
+    """Whether a box about (x, y) lies inside an image of cells, of which the first spans 0 to 1; the mean grey level in
+    it, and the derivatives along x and y."""
+    left, right, top, bottom = x - half_x, x + half_x, y - half_y, y + half_y
+    first, last = int(np.floor(left)), int(np.floor(right))
+    upper, lower = int(np.floor(top)), int(np.floor(bottom))
+    if first < 0 or upper < 0 or last >= image.shape[1] or lower >= image.shape[0]:
+        return False, 0.0, 0.0, 0.0
+    value, by_x, by_y = 0.0, 0.0, 0.0
+    for i in range(upper, lower + 1):
+        row = 0.0
+        for j in range(first, last + 1):
+            row += (min(right, j + 1.0) - max(left, float(j))) * image[i, j]
+        down = min(bottom, i + 1.0) - max(top, float(i))
+        value += down * row
+        by_x += down * (float(image[i, last]) - float(image[i, first]))
+        by_y += (row if i == lower else 0.0) - (row if i == upper else 0.0)
+    share = 1.0 / (STEPS * (right - left) * (bottom - top))
+    return True, value * share, by_x * share, by_y * share
 
 
 def warped(image: NDArray[np.float32], columns: NDArray[np.float32], rows: NDArray[np.float32]) -> NDArray[np.float32]:

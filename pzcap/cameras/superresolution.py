@@ -3,9 +3,10 @@
 A pixel is the mean of a square, and squares are too far apart for all the detail that they let through: what is finer
 than two pixels comes back as coarser structure that moves as the frame's pixels do, and not as the hall does. It puts
 an aligned frame a thousandth of a pixel beside itself, several times what noise does. A mean of frames does not know of
-it. But twenty frames of a sweep have twenty places for their pixels: they tell what *any* pixel would show, wherever
-its middle lay (Tsai and Huang, 1984). So the panorama is a spline with ``fineness`` nodes to a pixel, through all
-pixels of all frames where these are, by least squares; what they leave open is smooth. A frame at the sweep's zoom is
+it. But twenty frames of a sweep have twenty places for their pixels: together they tell what the hall is like within
+pixels (Tsai and Huang, 1984). So the panorama is made of cells, ``ACROSS`` to a pixel and ``DOWN``, whose means over
+the squares of all frames' pixels are what these show, by least squares. What twenty places leave open is decided as in
+total variation (Rudin, Osher and Fatemi, 1992): halls are flat between sharp edges. Any frame, of whatever zoom, is
 then predicted pixel by pixel, coarse structure included (`pzcap.cameras.align`).
 """
 
@@ -22,64 +23,60 @@ from numpy.typing import NDArray
 from pzcap.cameras.align import BORDER
 from pzcap.cameras.cylinder import smooth_map, to_unwrapped
 from pzcap.cameras.panorama import agreement
-from pzcap.cameras.rays import looking
-from pzcap.cameras.sampling import STEPS, Stored, smoothed, spline
+from pzcap.cameras.rays import boxes, looking
+from pzcap.cameras.sampling import STEPS, Stored, smoothed
 from pzcap.types import Array, Panorama, PanZoomCamera
 
-ITERATIONS = 14  # of conjugate gradients
-SMOOTH = 3.7e-4  # squared noise over the squared second differences of what pixels show, as believed
+ACROSS, DOWN = 5, 3  # cells to a pixel: uprights stand between pixels alike in all rows, and need more of them
+ROUNDS, ITERATIONS = 3, 10  # of weighing what neighbours differ by anew; of conjugate gradients in each
+FLAT = 0.02  # weight of the squared difference of neighbours, to that of a pixel,
+EDGE = 2.0  # grey levels: less of a difference that is more
 COARSE = 4.0  # variance, square pixels: what is left of a difference when it is smoothed by so much shows somebody
-UNSEEN = 1e-4  # pixels' worth of a node that no frame shows: it stays what it was
+UNSEEN = 1e-4  # pixels' worth of a cell that no frame shows: it stays what it was
 BLOCK_PX, AROUND_PX = 700, 10  # columns of the panorama that are solved for at a time, and with them so many more
 
 Fine = NDArray[np.float32]
-"""(H * fineness, W * fineness) coefficients of a spline."""
+"""(H * DOWN, W * ACROSS) grey levels of cells."""
 
 
 def super_resolve(
     panorama: Panorama,
     camera: PanZoomCamera,
     level: Callable[[int], NDArray[np.float32]],
-    fineness: int,
     report: Callable[[int, int], None],
 ) -> Stored:
-    """`Panorama.fine` of a panorama, (H * fineness, W * fineness), from the frames that it was stitched of.
+    """`Panorama.fine` of a panorama, (H * DOWN, W * ACROSS), from the frames that it was stitched of.
 
-    ``level(k)`` (H, W) is grey frame k of the sweep, all of them made as bright as the panorama and even in sharpness.
-    What shows somebody counts little. ``report(done, total)`` hears of the blocks.
+    ``level(k)`` (H, W) is grey frame k of the sweep, all of them made as bright as the panorama. What shows somebody
+    counts little. A panorama that has been super-resolved before is improved. ``report(done, total)`` hears of the
+    blocks.
     """
     height, width = panorama.image.shape[:2]
-    fine = np.empty((height * fineness, width * fineness), np.uint16)
+    fine = np.empty((height * DOWN, width * ACROSS), np.uint16)
     edges = np.linspace(0, width, max(1, round(width / BLOCK_PX)) + 1).astype(int)
     for number, (left, right) in enumerate(pairwise(edges.tolist())):
-        block = _Block(panorama, camera, level, fineness, left - AROUND_PX, right + AROUND_PX).solved()
-        around = AROUND_PX * fineness
-        stored = np.clip(np.rint(block[:, around:-around] * STEPS), 0, 65535)
-        fine[:, left * fineness : right * fineness] = stored
+        block = _Block(panorama, camera, level, left - AROUND_PX, right + AROUND_PX).solved()
+        around = AROUND_PX * ACROSS
+        fine[:, left * ACROSS : right * ACROSS] = np.clip(np.rint(block[:, around:-around] * STEPS), 0, 65535)
         report(number + 1, len(edges) - 1)
     return fine
 
 
 class _Block:
-    """The spline of some columns of the panorama, ``left`` to ``right``, and the frames that show them."""
+    """The cells of some columns of the panorama, ``left`` to ``right``, and the frames that show them."""
 
     def __init__(
-        self,
-        panorama: Panorama,
-        camera: PanZoomCamera,
-        level: Callable[[int], NDArray[np.float32]],
-        fineness: int,
-        left: int,
+        self, panorama: Panorama, camera: PanZoomCamera, level: Callable[[int], NDArray[np.float32]], left: int,
         right: int,
-    ) -> None:
-        self._panorama, self._camera = panorama, camera
-        self._fineness, self._left = fineness, left
-        mode = "wrap" if panorama.full_turn else "clip"
-        part = panorama.image.take(range(left, right), axis=1, mode=mode)  # type: ignore[call-overload]
+    ) -> None:  # fmt: skip
+        self._panorama, self._camera, self._left = panorama, camera, left
+        lens = camera.lens
+        u, v = np.meshgrid(np.arange(lens.width), np.arange(lens.height))
+        half = boxes(camera, np.stack([u.ravel(), v.ravel()], axis=1), lens.reference_focal_px)
+        self._half = (half * panorama.px_per_rad * np.array([ACROSS, DOWN])).astype(np.float32)
+        part = np.asarray(_columns(panorama, panorama.image, left, right), np.uint8)
         self._grey = cv2.cvtColor(part, cv2.COLOR_BGR2GRAY).astype(np.float32)
-        self._smooth = np.float32(SMOOTH * fineness**4)
-        size = ((right - left) * fineness, part.shape[0] * fineness)
-        self._start: Fine = np.asarray(cv2.resize(self._grey, size, interpolation=cv2.INTER_CUBIC), np.float32)
+        self._start = self._started(right)
         self._count, self._told = np.full_like(self._start, UNSEEN), UNSEEN * self._start
         self._frames: list[tuple[float, NDArray[np.float32]]] = []  # pan of each that shows the block; its weights
         for k, pan_rad in enumerate(panorama.sweep_pan_rad.tolist()):
@@ -88,33 +85,54 @@ class _Block:
                     shown = level(k)
                     columns, rows = self._placed(turned_rad)
                     trust = self._trust(shown, columns, rows)
-                    _scatter(self._count, columns, rows, trust)
-                    _scatter(self._told, columns, rows, trust * shown.ravel())
+                    _spread(self._count, columns, rows, self._half, trust)
+                    _spread(self._told, columns, rows, self._half, trust * shown.ravel())
                     self._frames.append((turned_rad, trust))
 
     def solved(self) -> Fine:
-        """The spline, by conjugate gradients (Hestenes and Stiefel, 1952)."""
+        """The cells, by conjugate gradients (Hestenes and Stiefel, 1952) under weights that are found again in each
+        round."""
         fine = self._start
-        rest = self._told - self._applied(fine)
-        scaled = 1.0 / (self._count + 20.0 * self._smooth)  # the diagonal of the squared Laplacian
-        along = rest * scaled
-        worth = float(np.vdot(rest, along))
-        for _ in range(ITERATIONS):
-            applied = self._applied(along)
-            length = np.float32(worth / float(np.vdot(along, applied)))
-            fine += length * along
-            rest -= length * applied
-            better = rest * scaled
-            before, worth = worth, float(np.vdot(rest, better))
-            along = better + np.float32(worth / before) * along
+        for _ in range(1 if self._panorama.fine.size else ROUNDS):  # what is known already needs no more
+            across, down = (_ties(np.diff(fine, axis=axis)) for axis in (1, 0))
+            ties: Fine = np.zeros_like(fine)
+            ties[:, 1:] += across
+            ties[:, :-1] += across
+            ties[1:] += down
+            ties[:-1] += down
+            scaled = 1.0 / (self._count * np.float32(2.0 / (ACROSS * DOWN)) + ties)
+            rest = self._told - self._applied(fine, across, down)
+            along: Fine = rest * scaled
+            worth = float(np.vdot(rest, along))
+            for _ in range(ITERATIONS):
+                applied = self._applied(along, across, down)
+                length = np.float32(worth / float(np.vdot(along, applied)))
+                fine = fine + length * along
+                rest -= length * applied
+                better = rest * scaled
+                before, worth = worth, float(np.vdot(rest, better))
+                along = better + np.float32(worth / before) * along
         return fine
 
-    def _applied(self, fine: Fine) -> Fine:
-        """The normal matrix of the spline, times ``fine``."""
-        out = np.asarray(UNSEEN * fine + self._smooth * _laplacian(_laplacian(fine)), np.float32)
+    def _applied(self, fine: Fine, across: Fine, down: Fine) -> Fine:
+        """The normal matrix of the cells, times ``fine``; ``across`` and ``down`` weigh what neighbours differ by."""
+        out = np.asarray(UNSEEN * fine, np.float32)
+        beside, below = across * np.diff(fine, axis=1), down * np.diff(fine, axis=0)
+        out[:, 1:] += beside
+        out[:, :-1] -= beside
+        out[1:] += below
+        out[:-1] -= below
         for pan_rad, trust in self._frames:
-            _gather_and_scatter(fine, *self._placed(pan_rad), trust, out)
+            _gather_and_spread(fine, *self._placed(pan_rad), self._half, trust, out)
         return out
+
+    def _started(self, right: int) -> Fine:
+        """What is known of the cells before."""
+        if self._panorama.fine.size:
+            fine = _columns(self._panorama, self._panorama.fine, self._left * ACROSS, right * ACROSS)
+            return np.asarray(fine, np.float32) / np.float32(STEPS)
+        size = (self._grey.shape[1] * ACROSS, self._grey.shape[0] * DOWN)
+        return np.asarray(cv2.resize(self._grey, size, interpolation=cv2.INTER_CUBIC), np.float32)
 
     def _shows(self, pan_rad: float) -> bool:
         lens, panorama = self._camera.lens, self._panorama
@@ -123,7 +141,7 @@ class _Block:
         return bool(-reach < middle < self._grey.shape[1] + reach)
 
     def _placed(self, pan_rad: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Columns and rows (N,) of the block's spline where the pixels of a frame lie."""
+        """Columns and rows (N,) among the block's cells, the first of which spans 0 to 1, of a frame's pixels."""
         lens, tilt_rad = self._camera.lens, self._camera.tilt_rad
 
         def to_block(points_px: Array) -> Array:
@@ -131,7 +149,7 @@ class _Block:
                 self._panorama, self._camera, points_px.reshape(-1, 2), pan_rad, tilt_rad, lens.reference_focal_px
             )
             places = to_unwrapped(self._panorama, pan_rad + looks[:, 0], looks[:, 1]).reshape(points_px.shape)
-            return (places - np.array([self._left, 0.0]) + 0.5) * self._fineness - 0.5
+            return (places - np.array([self._left, 0.0]) + 0.5) * np.array([ACROSS, DOWN])
 
         columns, rows = smooth_map(to_block, lens.width, lens.height)
         return columns.ravel(), rows.ravel()
@@ -140,7 +158,7 @@ class _Block:
         self, level: NDArray[np.float32], columns: NDArray[np.float32], rows: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         """(N,) weights of a frame's pixels by what they differ from the panorama around them; 0 at the frame's edge."""
-        column, row = (((one + 0.5) / self._fineness - 0.5).reshape(level.shape) for one in (columns, rows))
+        column, row = ((columns / ACROSS - 0.5).reshape(level.shape), (rows / DOWN - 0.5).reshape(level.shape))
         there = cv2.remap(self._grey, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         # what is finer than pixels differs from frame to frame, and is no somebody
         trust = agreement(smoothed(level - there, COARSE))
@@ -149,46 +167,62 @@ class _Block:
         return np.asarray(trust * inside, np.float32).ravel()
 
 
-def _laplacian(fine: Fine) -> Fine:
-    return np.asarray(cv2.Laplacian(fine, cv2.CV_32F, borderType=cv2.BORDER_REPLICATE), np.float32)
+def _ties(differences: Fine) -> Fine:
+    """Weights of differences between neighbours."""
+    return np.asarray(FLAT / np.hypot(1.0, differences / EDGE), np.float32)
+
+
+def _columns(panorama: Panorama, image: NDArray[np.generic], left: int, right: int) -> NDArray[np.generic]:
+    """Columns of an image of the panorama, beyond its ends those that follow."""
+    mode = "wrap" if panorama.full_turn else "clip"
+    return image.take(range(left, right), axis=1, mode=mode)  # type: ignore[call-overload]
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _corner(column: float, row: float, shape: tuple[int, int]) -> tuple[bool, int, int, float, float]:
-    """Whether all sixteen nodes around a place are there; row and column of the first, and what it lies beyond the
-    second."""
-    i, j = int(np.floor(row)), int(np.floor(column))
-    return 1 <= i < shape[0] - 2 and 1 <= j < shape[1] - 2, i - 1, j - 1, row - i, column - j
+def _covered(
+    column: float, row: float, half_x: float, half_y: float, shape: tuple[int, int]
+) -> tuple[bool, float, float, float, float]:
+    """Whether all cells that a pixel covers are there; its left and right, its top and bottom."""
+    left, right, top, bottom = column - half_x, column + half_x, row - half_y, row + half_y
+    return left >= 0.0 and right < shape[1] and top >= 0.0 and bottom < shape[0], left, right, top, bottom
 
 
 @njit(cache=True, nogil=True)
-def _scatter(out: Fine, columns: NDArray[np.float32], rows: NDArray[np.float32], values: NDArray[np.float32]) -> None:
-    """Add each value to the nodes around its place, by their share in it."""
+def _spread(
+    out: Fine, columns: NDArray[np.float32], rows: NDArray[np.float32], half: NDArray[np.float32],
+    values: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Add each value to the cells that its pixel covers, by their share in it."""
     for n in range(len(columns)):
-        inside, i, j, beyond_row, beyond_column = _corner(columns[n], rows[n], out.shape)
+        inside, left, right, top, bottom = _covered(columns[n], rows[n], half[n, 0], half[n, 1], out.shape)
         if not inside or values[n] == 0.0:
             continue
-        across, down = spline(beyond_column)[0], spline(beyond_row)[0]
-        for k in range(4):
-            for m in range(4):
-                out[i + k, j + m] += down[k] * across[m] * values[n]
+        value = values[n] / ((right - left) * (bottom - top))
+        for i in range(int(top), int(bottom) + 1):
+            down = (min(bottom, i + 1.0) - max(top, float(i))) * value
+            for j in range(int(left), int(right) + 1):
+                out[i, j] += down * (min(right, j + 1.0) - max(left, float(j)))
 
 
 @njit(cache=True, nogil=True)
-def _gather_and_scatter(
-    fine: Fine, columns: NDArray[np.float32], rows: NDArray[np.float32], weight: NDArray[np.float32], out: Fine
-) -> None:
-    """`_scatter` of what the spline has at each place, times a weight."""
+def _gather_and_spread(
+    fine: Fine, columns: NDArray[np.float32], rows: NDArray[np.float32], half: NDArray[np.float32],
+    weight: NDArray[np.float32], out: Fine,
+) -> None:  # fmt: skip
+    """`_spread` of the mean over each pixel, times a weight."""
     for n in range(len(columns)):
-        inside, i, j, beyond_row, beyond_column = _corner(columns[n], rows[n], fine.shape)
+        inside, left, right, top, bottom = _covered(columns[n], rows[n], half[n, 0], half[n, 1], fine.shape)
         if not inside or weight[n] == 0.0:
             continue
-        across, down = spline(beyond_column)[0], spline(beyond_row)[0]
+        share = 1.0 / ((right - left) * (bottom - top))
         value = 0.0
-        for k in range(4):
-            for m in range(4):
-                value += down[k] * across[m] * fine[i + k, j + m]
-        value *= weight[n]
-        for k in range(4):
-            for m in range(4):
-                out[i + k, j + m] += down[k] * across[m] * value
+        for i in range(int(top), int(bottom) + 1):
+            row = 0.0
+            for j in range(int(left), int(right) + 1):
+                row += (min(right, j + 1.0) - max(left, float(j))) * fine[i, j]
+            value += (min(bottom, i + 1.0) - max(top, float(i))) * row
+        value *= weight[n] * share * share
+        for i in range(int(top), int(bottom) + 1):
+            down = (min(bottom, i + 1.0) - max(top, float(i))) * value
+            for j in range(int(left), int(right) + 1):
+                out[i, j] += down * (min(right, j + 1.0) - max(left, float(j)))

@@ -35,7 +35,7 @@ class SweepConfig:
     min_matches: int = 12  # between two frames
     zoom_frames: int = 24  # of the zoom run, at most
     smoothing: float = 0.64  # variance, square pixels, of the frames whose grey values are compared
-    fineness: int = 1  # of the panorama that frames are aligned with, nodes to a pixel: 3 takes a minute a camera
+    super_resolve: bool = False  # the panorama that frames are aligned with: takes some minutes a camera
     pixels: int = 700  # of two frames that overlap, whose grey values are compared, at most: more take longer
 
 
