@@ -40,7 +40,8 @@ LINEAR = 1e-3  # change of log focal, or of tilt, up to which rays are straight 
 BORDER = 3  # pixels at the frame's edge left out
 FINE_STEPS = 6  # of Gauss-Newton, at most, on the super-resolved panorama where there is one,
 FINE_SETTLED_PX = 0.002  # until one is smaller than this
-FINE_SMOOTHING = 0.64  # variance, square pixels of the frame: what is compared there, frame and prediction
+FINE_SMOOTHING = 1.0  # variance, square pixels of the frame: what is compared there, frame and prediction
+FINE_LOOSENESS = 2.5  # there are more pixels, and few edges that are not sharp enough should not decide
 LEAST_NOISE, FINE_NOISE = 1.0, 0.2  # grey levels, at least, that are taken for noise; there it is predicted so exactly
 SHOWN = 80  # points given back as matches
 
@@ -142,7 +143,7 @@ class Aligner:
         assert fitted is not None
         if self._fine is not None and fitted.settled:
             whole, look = self._whole(self._fine, frame, hidden, fitted.state)
-            finer = self._descend(look, whole, fitted.state, FINE_STEPS, FINE_SETTLED_PX, FINE_NOISE)
+            finer = self._descend(look, whole, fitted.state, FINE_STEPS, FINE_SETTLED_PX, FINE_LOOSENESS, FINE_NOISE)
             fitted = finer if finer is not None and finer.settled else fitted
         return self._judged(fitted)
 
@@ -161,7 +162,7 @@ class Aligner:
 
     def _descend(
         self, look: Look, pixels: _Pixels, start: _State, steps: int, settled_px: float,
-        least_noise: float = LEAST_NOISE,
+        looseness: float = LOOSENESS, least_noise: float = LEAST_NOISE,
     ) -> _Fitted | None:  # fmt: skip
         """At most so many steps of Gauss and Newton with the weights of Geman and McClure, until one is as small as
         ``settled_px``."""
@@ -186,7 +187,7 @@ class Aligner:
                 gains[:2] = commonest * np.array(fall)
             brightness = pixels.shading @ gains
             residual = pixels.grey - brightness * sampled[:, VALUE]
-            scale = LOOSENESS * max(1.4826 * robust.typical(residual[usable]), least_noise)
+            scale = looseness * max(1.4826 * robust.typical(residual[usable]), least_noise)
             weight, normal, slope, flatness = _weigh(sampled, pixels.shading, brightness, residual, scale, self._free)
             change = np.linalg.solve(_firm(normal), slope)
             moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * self._camera.lens.width / 2)
@@ -229,7 +230,7 @@ class Aligner:
         inner = slice(BORDER, -BORDER)
         soft = smoothed(frame, FINE_SMOOTHING)[inner, inner]
         seen = np.ones(soft.shape, np.uint8) if hidden is None else (~hidden[inner, inner]).astype(np.uint8)
-        around = np.ones((5, 5), np.uint8)
+        around = np.ones((7, 7), np.uint8)  # beyond is too little to count
         rows, columns = np.mgrid[BORDER : frame.shape[0] - BORDER, BORDER : frame.shape[1] - BORDER]
         points = np.stack([columns.ravel(), rows.ravel()], axis=1).astype(np.float64)
         covered = boxes(self._camera, points, state.focal_px) * self._panorama.px_per_rad
@@ -241,7 +242,7 @@ class Aligner:
                 image = out[:, column].reshape(soft.shape).astype(np.float32)
                 out[:, column] = smoothed(image, FINE_SMOOTHING).ravel()
             whole = (out[:, KNOWN].reshape(soft.shape) > 0).astype(np.uint8) & seen
-            out[:, KNOWN] = cv2.erode(whole, around).ravel()
+            out[:, KNOWN] = cv2.erode(whole, around, borderType=cv2.BORDER_CONSTANT, borderValue=0).ravel()
             return out
 
         return _Pixels(points, soft.ravel().astype(np.float64), self._shading(points, state.focal_px)), look

@@ -39,6 +39,7 @@ from pzcap.types import (
 
 PARTIAL_SCALE_SIGMA = 1e-3  # relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole
 NODES = (10, AZIMUTHS)  # slopes and azimuths at which the hall's distance is estimated from grey values
+PASSES = 2  # of aligning the sweep's frames with the panorama that was super-resolved from them
 SURE_AGREEMENT = 0.5  # of the reference image with the panorama (see `align.Alignment`)
 
 
@@ -128,7 +129,7 @@ def _super_resolved(
     view: View,
     report: Callable[[str, int, int], None],
 ) -> Panorama:
-    """The panorama super-resolved from the sweep's grey frames, and once more where these are found on it.
+    """The panorama super-resolved from the sweep's grey frames, and again where these are found on it.
 
     A pan from pairs of frames is off by what is finer than pixels, in each by something else; the super-resolved
     panorama is made of twenty frames, and hardly off by any one's.
@@ -144,15 +145,17 @@ def _super_resolved(
         report("super-resolve", done, total)
 
     fine = replace(background, fine=super_resolve(background, camera, level, heard))
-    aligner = Aligner(fine, camera, pixels=width * height)
-    pan_rad = fine.sweep_pan_rad.copy()
-    for number, image in enumerate(images):
-        found = aligner.align(image, pan_rad[number], camera.tilt_rad, view.focal_px, 1.5)
-        if found.settled and found.agreement > SURE_AGREEMENT:
-            pan_rad[number] = found.pan_rad
-        report("align sweep", number + 1, len(images))
-    better = replace(fine, sweep_pan_rad=pan_rad)
-    return replace(better, fine=super_resolve(better, camera, level, heard))
+    for _ in range(PASSES):
+        aligner = Aligner(fine, camera, pixels=width * height)
+        pan_rad = fine.sweep_pan_rad.copy()
+        for number, image in enumerate(images):
+            found = aligner.align(image, pan_rad[number], camera.tilt_rad, view.focal_px, 1.5)
+            if found.settled and found.agreement > SURE_AGREEMENT:
+                pan_rad[number] = found.pan_rad
+            report("align sweep", number + 1, len(images))
+        moved = replace(fine, sweep_pan_rad=pan_rad)
+        fine = replace(moved, fine=super_resolve(moved, camera, level, heard))
+    return fine
 
 
 def _fit_grey_values(

@@ -28,7 +28,7 @@ from pzcap.cameras.sampling import STEPS, Stored, smoothed
 from pzcap.types import Array, Panorama, PanZoomCamera
 
 ACROSS, DOWN = 5, 3  # cells to a pixel: uprights stand between pixels alike in all rows, and need more of them
-ROUNDS, ITERATIONS = 3, 10  # of weighing what neighbours differ by anew; of conjugate gradients in each
+ROUNDS, ITERATIONS = 2, 10  # of weighing what neighbours differ by anew; of conjugate gradients in each
 FLAT = 0.02  # weight of the squared difference of neighbours, to that of a pixel,
 EDGE = 2.0  # grey levels: less of a difference that is more
 COARSE = 4.0  # variance, square pixels: what is left of a difference when it is smoothed by so much shows somebody
