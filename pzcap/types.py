@@ -266,7 +266,7 @@ class Panorama:
     closure_rad: float  # what the chain of displacements missed the full turn by, before it was distributed
     residual_px: float  # RMS of the sweep's feature matches after the adjustment
     surroundings: Surroundings = FAR_AWAY
-    fine: NDArray[np.uint16] = field(default_factory=_nothing)  # (3 H, 5 W) the hall within pixels, as
+    fine: NDArray[np.uint16] = field(default_factory=_nothing)  # (5 H, 7 W) the hall within pixels, as
     # `pzcap.cameras.superresolution` has it; empty: not known
 
 

@@ -38,11 +38,11 @@ COARSE_PIXELS = {3: 1500, 1: 2000}  # looked at on the coarser levels, about
 LOOSENESS = 4.0  # standard deviations at which a pixel counts for a quarter; tighter is less exact
 LINEAR = 1e-3  # change of log focal, or of tilt, up to which rays are straight lines in it: to 0.001 pixels
 BORDER = 3  # pixels at the frame's edge left out
-FINE_STEPS = 6  # of Gauss-Newton, at most, on the super-resolved panorama where there is one,
-FINE_SETTLED_PX = 0.002  # until one is smaller than this
+FINE_STEPS = 12  # of Gauss-Newton, at most, on the super-resolved panorama where there is one,
+FINE_SETTLED_PX = 0.0005  # until one is smaller than this
 FINE_SMOOTHING = 1.0  # variance, square pixels of the frame: what is compared there, frame and prediction
-FINE_LOOSENESS = 2.5  # there are more pixels, and few edges that are not sharp enough should not decide
 LEAST_NOISE, FINE_NOISE = 1.0, 0.2  # grey levels, at least, that are taken for noise; there it is predicted so exactly
+SURE_AGREEMENT = 0.5  # of what should be where it is looked for (see `Alignment`)
 SHOWN = 80  # points given back as matches
 
 
@@ -143,7 +143,7 @@ class Aligner:
         assert fitted is not None
         if self._fine is not None and fitted.settled:
             whole, look = self._whole(self._fine, frame, hidden, fitted.state)
-            finer = self._descend(look, whole, fitted.state, FINE_STEPS, FINE_SETTLED_PX, FINE_LOOSENESS, FINE_NOISE)
+            finer = self._descend(look, whole, fitted.state, FINE_STEPS, FINE_SETTLED_PX, FINE_NOISE)
             fitted = finer if finer is not None and finer.settled else fitted
         return self._judged(fitted)
 
@@ -162,7 +162,7 @@ class Aligner:
 
     def _descend(
         self, look: Look, pixels: _Pixels, start: _State, steps: int, settled_px: float,
-        looseness: float = LOOSENESS, least_noise: float = LEAST_NOISE,
+        least_noise: float = LEAST_NOISE,
     ) -> _Fitted | None:  # fmt: skip
         """At most so many steps of Gauss and Newton with the weights of Geman and McClure, until one is as small as
         ``settled_px``."""
@@ -187,7 +187,7 @@ class Aligner:
                 gains[:2] = commonest * np.array(fall)
             brightness = pixels.shading @ gains
             residual = pixels.grey - brightness * sampled[:, VALUE]
-            scale = looseness * max(1.4826 * robust.typical(residual[usable]), least_noise)
+            scale = LOOSENESS * max(1.4826 * robust.typical(residual[usable]), least_noise)
             weight, normal, slope, flatness = _weigh(sampled, pixels.shading, brightness, residual, scale, self._free)
             change = np.linalg.solve(_firm(normal), slope)
             moved_px = max(abs(change[0]) * focal_px, abs(change[1]) * self._camera.lens.width / 2)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.cameras import camera as geometry
-from pzcap.cameras import cylinder, direct, features, panorama, reference
-from pzcap.cameras.align import Aligner, Alignment
+from pzcap.cameras import crossfit, cylinder, direct, features, panorama, reference
+from pzcap.cameras.align import SURE_AGREEMENT, Aligner, Alignment
 from pzcap.cameras.bundle import Adjusted, Link, adjust, thinned
 from pzcap.cameras.camera import View
 from pzcap.cameras.matching import AZIMUTHS, Matched, height_of, match
@@ -39,8 +39,6 @@ from pzcap.types import (
 
 PARTIAL_SCALE_SIGMA = 1e-3  # relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole
 NODES = (10, AZIMUTHS)  # slopes and azimuths at which the hall's distance is estimated from grey values
-PASSES = 2  # of aligning the sweep's frames with the panorama that was super-resolved from them
-SURE_AGREEMENT = 0.5  # of the reference image with the panorama (see `align.Alignment`)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,11 +127,7 @@ def _super_resolved(
     view: View,
     report: Callable[[str, int, int], None],
 ) -> Panorama:
-    """The panorama super-resolved from the sweep's grey frames, and again where these are found on it.
-
-    A pan from pairs of frames is off by what is finer than pixels, in each by something else; the super-resolved
-    panorama is made of twenty frames, and hardly off by any one's.
-    """
+    """The panorama super-resolved from the sweep's grey frames, whose pans are found again for that."""
     height, width = images[0].shape
     flat = panorama.flatness(brightness, view, width, height)
     gains = np.exp(-brightness.log_gain).astype(np.float32)
@@ -141,21 +135,10 @@ def _super_resolved(
     def level(k: int) -> NDArray[np.float32]:
         return np.asarray(images[k] * (flat * gains[k]), np.float32)
 
-    def heard(done: int, total: int) -> None:
-        report("super-resolve", done, total)
-
-    fine = replace(background, fine=super_resolve(background, camera, level, heard))
-    for _ in range(PASSES):
-        aligner = Aligner(fine, camera, pixels=width * height)
-        pan_rad = fine.sweep_pan_rad.copy()
-        for number, image in enumerate(images):
-            found = aligner.align(image, pan_rad[number], camera.tilt_rad, view.focal_px, 1.5)
-            if found.settled and found.agreement > SURE_AGREEMENT:
-                pan_rad[number] = found.pan_rad
-            report("align sweep", number + 1, len(images))
-        moved = replace(fine, sweep_pan_rad=pan_rad)
-        fine = replace(moved, fine=super_resolve(moved, camera, level, heard))
-    return fine
+    pan_rad = crossfit.pans(background, camera, images, level, report)
+    moved = replace(background, sweep_pan_rad=pan_rad)
+    fine = super_resolve(moved, camera, level, lambda done, total: report("super-resolve", done, total))
+    return replace(moved, fine=fine)
 
 
 def _fit_grey_values(

@@ -27,29 +27,30 @@ from pzcap.cameras.rays import boxes, looking
 from pzcap.cameras.sampling import STEPS, Stored, smoothed
 from pzcap.types import Array, Panorama, PanZoomCamera
 
-ACROSS, DOWN = 5, 3  # cells to a pixel: uprights stand between pixels alike in all rows, and need more of them
-ROUNDS, ITERATIONS = 2, 10  # of weighing what neighbours differ by anew; of conjugate gradients in each
+ACROSS, DOWN = 7, 5  # cells to a pixel: uprights stand between pixels alike in all rows, and need more of them
+ROUNDS, ITERATIONS = 3, 10  # of weighing what neighbours differ by anew; of conjugate gradients in each
 FLAT = 0.02  # weight of the squared difference of neighbours, to that of a pixel,
 EDGE = 2.0  # grey levels: less of a difference that is more
 COARSE = 4.0  # variance, square pixels: what is left of a difference when it is smoothed by so much shows somebody
 UNSEEN = 1e-4  # pixels' worth of a cell that no frame shows: it stays what it was
+WIDE, HIGH = ACROSS + 1, DOWN + 1  # cells that a pixel covers, at most
 BLOCK_PX, AROUND_PX = 700, 10  # columns of the panorama that are solved for at a time, and with them so many more
 
 Fine = NDArray[np.float32]
 """(H * DOWN, W * ACROSS) grey levels of cells."""
+Levels = Callable[[int], NDArray[np.float32]]
+"""(H, W) grey frame k of the sweep, all of them made as bright as the panorama."""
 
 
 def super_resolve(
     panorama: Panorama,
     camera: PanZoomCamera,
-    level: Callable[[int], NDArray[np.float32]],
+    level: Levels,
     report: Callable[[int, int], None],
 ) -> Stored:
-    """`Panorama.fine` of a panorama, (H * DOWN, W * ACROSS), from the frames that it was stitched of.
+    """`Panorama.fine` of a panorama, (H * DOWN, W * ACROSS), from the frames of the sweep at its ``sweep_pan_rad``.
 
-    ``level(k)`` (H, W) is grey frame k of the sweep, all of them made as bright as the panorama. What shows somebody
-    counts little. A panorama that has been super-resolved before is improved. ``report(done, total)`` hears of the
-    blocks.
+    What shows somebody counts little. ``report(done, total)`` hears of the blocks.
     """
     height, width = panorama.image.shape[:2]
     fine = np.empty((height * DOWN, width * ACROSS), np.uint16)
@@ -65,10 +66,7 @@ def super_resolve(
 class _Block:
     """The cells of some columns of the panorama, ``left`` to ``right``, and the frames that show them."""
 
-    def __init__(
-        self, panorama: Panorama, camera: PanZoomCamera, level: Callable[[int], NDArray[np.float32]], left: int,
-        right: int,
-    ) -> None:  # fmt: skip
+    def __init__(self, panorama: Panorama, camera: PanZoomCamera, level: Levels, left: int, right: int) -> None:
         self._panorama, self._camera, self._left = panorama, camera, left
         lens = camera.lens
         u, v = np.meshgrid(np.arange(lens.width), np.arange(lens.height))
@@ -76,7 +74,8 @@ class _Block:
         self._half = (half * panorama.px_per_rad * np.array([ACROSS, DOWN])).astype(np.float32)
         part = np.asarray(_columns(panorama, panorama.image, left, right), np.uint8)
         self._grey = cv2.cvtColor(part, cv2.COLOR_BGR2GRAY).astype(np.float32)
-        self._start = self._started(right)
+        size = (self._grey.shape[1] * ACROSS, self._grey.shape[0] * DOWN)
+        self._start = np.asarray(cv2.resize(self._grey, size, interpolation=cv2.INTER_CUBIC), np.float32)
         self._count, self._told = np.full_like(self._start, UNSEEN), UNSEEN * self._start
         self._frames: list[tuple[float, NDArray[np.float32]]] = []  # pan of each that shows the block; its weights
         for k, pan_rad in enumerate(panorama.sweep_pan_rad.tolist()):
@@ -93,7 +92,7 @@ class _Block:
         """The cells, by conjugate gradients (Hestenes and Stiefel, 1952) under weights that are found again in each
         round."""
         fine = self._start
-        for _ in range(1 if self._panorama.fine.size else ROUNDS):  # what is known already needs no more
+        for _ in range(ROUNDS):
             across, down = (_ties(np.diff(fine, axis=axis)) for axis in (1, 0))
             ties: Fine = np.zeros_like(fine)
             ties[:, 1:] += across
@@ -125,14 +124,6 @@ class _Block:
         for pan_rad, trust in self._frames:
             _gather_and_spread(fine, *self._placed(pan_rad), self._half, trust, out)
         return out
-
-    def _started(self, right: int) -> Fine:
-        """What is known of the cells before."""
-        if self._panorama.fine.size:
-            fine = _columns(self._panorama, self._panorama.fine, self._left * ACROSS, right * ACROSS)
-            return np.asarray(fine, np.float32) / np.float32(STEPS)
-        size = (self._grey.shape[1] * ACROSS, self._grey.shape[0] * DOWN)
-        return np.asarray(cv2.resize(self._grey, size, interpolation=cv2.INTER_CUBIC), np.float32)
 
     def _shows(self, pan_rad: float) -> bool:
         lens, panorama = self._camera.lens, self._panorama
@@ -178,51 +169,63 @@ def _columns(panorama: Panorama, image: NDArray[np.generic], left: int, right: i
     return image.take(range(left, right), axis=1, mode=mode)  # type: ignore[call-overload]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _covered(
-    column: float, row: float, half_x: float, half_y: float, shape: tuple[int, int]
-) -> tuple[bool, float, float, float, float]:
-    """Whether all cells that a pixel covers are there; its left and right, its top and bottom."""
-    left, right, top, bottom = column - half_x, column + half_x, row - half_y, row + half_y
-    return left >= 0.0 and right < shape[1] and top >= 0.0 and bottom < shape[0], left, right, top, bottom
+@njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _shares(middle: np.float32, half: np.float32, shares: Fine) -> int:
+    """The first cell of a row that a pixel covers; and the shares of this and the next in it."""
+    one, none = np.float32(1.0), np.float32(0.0)
+    left, right = middle - half, middle + half
+    first = int(left)
+    by_width = one / (right - left)
+    for m in range(len(shares)):
+        cell = np.float32(first + m)
+        shares[m] = max(min(right, cell + one) - max(left, cell), none) * by_width
+    return first
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True)
 def _spread(
     out: Fine, columns: NDArray[np.float32], rows: NDArray[np.float32], half: NDArray[np.float32],
     values: NDArray[np.float32],
 ) -> None:  # fmt: skip
     """Add each value to the cells that its pixel covers, by their share in it."""
+    across, down = np.empty(WIDE, np.float32), np.empty(HIGH, np.float32)
     for n in range(len(columns)):
-        inside, left, right, top, bottom = _covered(columns[n], rows[n], half[n, 0], half[n, 1], out.shape)
-        if not inside or values[n] == 0.0:
+        if values[n] == 0.0 or not _inside(columns[n], rows[n], half[n, 0], half[n, 1], out.shape):
             continue
-        value = values[n] / ((right - left) * (bottom - top))
-        for i in range(int(top), int(bottom) + 1):
-            down = (min(bottom, i + 1.0) - max(top, float(i))) * value
-            for j in range(int(left), int(right) + 1):
-                out[i, j] += down * (min(right, j + 1.0) - max(left, float(j)))
+        i, j = _shares(rows[n], half[n, 1], down), _shares(columns[n], half[n, 0], across)
+        for k in range(HIGH):
+            value = values[n] * down[k]
+            for m in range(WIDE):
+                out[i + k, j + m] += value * across[m]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=True)
 def _gather_and_spread(
     fine: Fine, columns: NDArray[np.float32], rows: NDArray[np.float32], half: NDArray[np.float32],
     weight: NDArray[np.float32], out: Fine,
 ) -> None:  # fmt: skip
     """`_spread` of the mean over each pixel, times a weight."""
+    across, down = np.empty(WIDE, np.float32), np.empty(HIGH, np.float32)
     for n in range(len(columns)):
-        inside, left, right, top, bottom = _covered(columns[n], rows[n], half[n, 0], half[n, 1], fine.shape)
-        if not inside or weight[n] == 0.0:
+        if weight[n] == 0.0 or not _inside(columns[n], rows[n], half[n, 0], half[n, 1], fine.shape):
             continue
-        share = 1.0 / ((right - left) * (bottom - top))
-        value = 0.0
-        for i in range(int(top), int(bottom) + 1):
-            row = 0.0
-            for j in range(int(left), int(right) + 1):
-                row += (min(right, j + 1.0) - max(left, float(j))) * fine[i, j]
-            value += (min(bottom, i + 1.0) - max(top, float(i))) * row
-        value *= weight[n] * share * share
-        for i in range(int(top), int(bottom) + 1):
-            down = (min(bottom, i + 1.0) - max(top, float(i))) * value
-            for j in range(int(left), int(right) + 1):
-                out[i, j] += down * (min(right, j + 1.0) - max(left, float(j)))
+        i, j = _shares(rows[n], half[n, 1], down), _shares(columns[n], half[n, 0], across)
+        mean = np.float32(0.0)
+        for k in range(HIGH):
+            row = np.float32(0.0)
+            for m in range(WIDE):
+                row += across[m] * fine[i + k, j + m]
+            mean += down[k] * row
+        mean *= weight[n]
+        for k in range(HIGH):
+            value = mean * down[k]
+            for m in range(WIDE):
+                out[i + k, j + m] += value * across[m]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _inside(column: float, row: float, half_x: float, half_y: float, shape: tuple[int, int]) -> bool:
+    """Whether all cells that a pixel may cover are there."""
+    return bool(
+        column >= half_x and column - half_x + WIDE < shape[1] and row >= half_y and row - half_y + HIGH < shape[0]
+    )
