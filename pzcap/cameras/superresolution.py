@@ -25,7 +25,7 @@ from pzcap.cameras.cylinder import smooth_map, to_unwrapped
 from pzcap.cameras.panorama import agreement
 from pzcap.cameras.rays import boxes, looking
 from pzcap.cameras.sampling import STEPS, Stored, smoothed
-from pzcap.types import Array, Panorama, PanZoomCamera
+from pzcap.types import Array, Mask, Panorama, PanZoomCamera
 
 ACROSS, DOWN = 7, 5  # cells to a pixel: uprights stand between pixels alike in all rows, and need more of them
 ROUNDS, ITERATIONS = 3, 10  # of weighing what neighbours differ by anew; of conjugate gradients in each
@@ -40,6 +40,9 @@ Fine = NDArray[np.float32]
 """(H * DOWN, W * ACROSS) grey levels of cells."""
 Levels = Callable[[int], NDArray[np.float32]]
 """(H, W) grey frame k of the sweep, all of them made as bright as the panorama."""
+_Pixels = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
+"""Of a frame, those inside a block: columns and rows (N,) among its cells, the first of which spans 0 to 1; half of
+what each covers, across and down (N, 2); weights (N,)."""
 
 
 def super_resolve(
@@ -77,16 +80,18 @@ class _Block:
         size = (self._grey.shape[1] * ACROSS, self._grey.shape[0] * DOWN)
         self._start = np.asarray(cv2.resize(self._grey, size, interpolation=cv2.INTER_CUBIC), np.float32)
         self._count, self._told = np.full_like(self._start, UNSEEN), UNSEEN * self._start
-        self._frames: list[tuple[float, NDArray[np.float32]]] = []  # pan of each that shows the block; its weights
+        self._shown: list[_Pixels] = []  # of each frame that shows the block
         for k, pan_rad in enumerate(panorama.sweep_pan_rad.tolist()):
             for turned_rad in (pan_rad - 2 * np.pi, pan_rad, pan_rad + 2 * np.pi) if panorama.full_turn else (pan_rad,):
                 if self._shows(turned_rad):
                     shown = level(k)
                     columns, rows = self._placed(turned_rad)
                     trust = self._trust(shown, columns, rows)
-                    _spread(self._count, columns, rows, self._half, trust)
-                    _spread(self._told, columns, rows, self._half, trust * shown.ravel())
-                    self._frames.append((turned_rad, trust))
+                    inside = trust * _inside(columns, rows, self._half, self._start.shape) > 0.0
+                    pixels = columns[inside], rows[inside], self._half[inside], trust[inside]
+                    _spread(self._count, *pixels)
+                    _spread(self._told, *pixels[:3], pixels[3] * shown.ravel()[inside])
+                    self._shown.append(pixels)
 
     def solved(self) -> Fine:
         """The cells, by conjugate gradients (Hestenes and Stiefel, 1952) under weights that are found again in each
@@ -121,8 +126,8 @@ class _Block:
         out[:, :-1] -= beside
         out[1:] += below
         out[:-1] -= below
-        for pan_rad, trust in self._frames:
-            _gather_and_spread(fine, *self._placed(pan_rad), self._half, trust, out)
+        for pixels in self._shown:
+            _gather_and_spread(fine, *pixels, out)
         return out
 
     def _shows(self, pan_rad: float) -> bool:
@@ -163,6 +168,14 @@ def _ties(differences: Fine) -> Fine:
     return np.asarray(FLAT / np.hypot(1.0, differences / EDGE), np.float32)
 
 
+def _inside(
+    columns: NDArray[np.float32], rows: NDArray[np.float32], half: NDArray[np.float32], shape: tuple[int, ...]
+) -> Mask:
+    """(N,) whether all cells that a pixel may cover are there."""
+    left, top = columns - half[:, 0], rows - half[:, 1]
+    return np.asarray((left >= 0) & (left + WIDE < shape[1]) & (top >= 0) & (top + HIGH < shape[0]), np.bool_)
+
+
 def _columns(panorama: Panorama, image: NDArray[np.generic], left: int, right: int) -> NDArray[np.generic]:
     """Columns of an image of the panorama, beyond its ends those that follow."""
     mode = "wrap" if panorama.full_turn else "clip"
@@ -190,8 +203,6 @@ def _spread(
     """Add each value to the cells that its pixel covers, by their share in it."""
     across, down = np.empty(WIDE, np.float32), np.empty(HIGH, np.float32)
     for n in range(len(columns)):
-        if values[n] == 0.0 or not _inside(columns[n], rows[n], half[n, 0], half[n, 1], out.shape):
-            continue
         i, j = _shares(rows[n], half[n, 1], down), _shares(columns[n], half[n, 0], across)
         for k in range(HIGH):
             value = values[n] * down[k]
@@ -207,8 +218,6 @@ def _gather_and_spread(
     """`_spread` of the mean over each pixel, times a weight."""
     across, down = np.empty(WIDE, np.float32), np.empty(HIGH, np.float32)
     for n in range(len(columns)):
-        if weight[n] == 0.0 or not _inside(columns[n], rows[n], half[n, 0], half[n, 1], fine.shape):
-            continue
         i, j = _shares(rows[n], half[n, 1], down), _shares(columns[n], half[n, 0], across)
         mean = np.float32(0.0)
         for k in range(HIGH):
@@ -221,11 +230,3 @@ def _gather_and_spread(
             value = mean * down[k]
             for m in range(WIDE):
                 out[i + k, j + m] += value * across[m]
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _inside(column: float, row: float, half_x: float, half_y: float, shape: tuple[int, int]) -> bool:
-    """Whether all cells that a pixel may cover are there."""
-    return bool(
-        column >= half_x and column - half_x + WIDE < shape[1] and row >= half_y and row - half_y + HIGH < shape[0]
-    )
