@@ -45,5 +45,6 @@ def super_resolved(panorama: Panorama, known: NDArray[np.float32], margin: int) 
     """The super-resolved panorama; ``known`` and ``margin`` are those of the panorama that goes on beyond its ends."""
     down, across = np.array(panorama.fine.shape) // np.array(panorama.image.shape[:2])
     image = cv2.copyMakeBorder(panorama.fine, 0, 0, margin * across, margin * across, cv2.BORDER_WRAP)
-    inside = cv2.erode(cv2.resize(known, image.shape[::-1], interpolation=cv2.INTER_NEAREST), np.ones((9, 9), np.uint8))
+    inside = cv2.resize(known.astype(np.uint8), image.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    inside = cv2.erode(inside, np.ones((9, 9), np.uint8))
     return Layer(np.asarray(image, np.uint16), inside > 0, (1.0 / across, 1.0 / down))
