@@ -106,7 +106,8 @@ def _told(panorama: Panorama, camera: PanZoomCamera) -> list[_Told]:
         by_azimuth, by_slope = across[row, column], down[row, column]
         changes = np.stack([by_azimuth, by_azimuth * looks[:, 2] + by_slope * looks[:, 3]])
         by_column = np.array([np.bincount(column, change * changes[0], width) for change in changes])
-        told.append(_Told(changes @ changes.T, by_column, np.bincount(column, minlength=width) > 0))
+        normal = changes @ changes.T + np.eye(2)  # a bare wall tells nothing, and that can be solved too
+        told.append(_Told(normal, by_column, np.bincount(column, minlength=width) > 0))
     return told
 
 
