@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from pzcap.cameras import crossfit
 from pzcap.types import Array
@@ -30,13 +29,9 @@ def found_again(true_rad: Array, told_rad: Array, full_turn: bool, somebody_at: 
     return pans
 
 
-@pytest.fixture(scope="module")
-def circle() -> Array:
-    pans = swept(-184.0, 176.0)
-    return pans * (np.deg2rad(358.0) / (pans[-1] - pans[0]))
-
-
-def test_slow_errors_of_a_full_turn_are_found_as_well_as_each_frame_s_own(circle: Array) -> None:
+def test_slow_errors_of_a_full_turn_are_found_as_well_as_each_frame_s_own() -> None:
+    circle = swept(-184.0, 176.0)
+    circle *= np.deg2rad(358.0) / (circle[-1] - circle[0])
     rng = np.random.default_rng(4)
     own = rng.normal(0.0, 0.01, len(circle)) / FOCAL
     slow = (0.04 * np.cos(circle + 1.0) + 0.02 * np.sin(2.0 * circle)) / FOCAL

@@ -8,11 +8,12 @@ These others are not in their places either. With e_k what frame k is beside its
 theirs by s, the mean of e over the frames that show them; and so frame k is found where s puts it, by d_k of pan and
 f_k of log focal:
 
-    (d_k, f_k) = N_k^-1 sum (g, h) g s - (e_k, 0),    N_k = sum (g, h) (g, h)^T
+    (d_k, f_k) = N_k^-1 sum (g, h) g s - (e_k, 0) + (0, phi),    N_k = sum (g, h) (g, h)^T
 
-summed over its pixels, whose grey changes by g with pan and by h with log focal. Least squares with weights N_k tell
-all e. Errors that change slowly, once or twice in a turn, put hardly any frame beside its neighbours; but they stretch
-the hall, and that all frames feel in their focal length, which is the same for all.
+summed over its pixels, whose grey changes by g with pan and by h with log focal; phi is what the sweep's log focal is
+off by. Least squares with weights N_k tell all e. Errors that change slowly, once or twice in a turn, put hardly any
+frame beside its neighbours; but they stretch the hall, and that all frames feel in their focal length, which is the
+same for all.
 """
 
 from __future__ import annotations
