@@ -29,18 +29,20 @@ from rich.table import Table
 from experiments.errors import guard
 from experiments.metrics import machine
 from experiments.progress import Bars
-from pzcap import pipeline, store
-from pzcap.cameras import calibration, panzoom
-from pzcap.cameras.calibration import Prepared
-from pzcap.cameras.camera import at
-from pzcap.cameras.panzoom import Localiser
-from pzcap.capture import frame_sets, read_capture, read_image
-from pzcap.motion import body, tracking
-from pzcap.motion.aim import aim_of
-from pzcap.preparing import taken_over
-from pzcap.silhouettes import foreground
+from pzcap import pipeline
+from pzcap.body import skeleton
+from pzcap.calibration import calibrate
+from pzcap.calibration.calibrate import Prepared
+from pzcap.camera_set import taken_over
+from pzcap.geometry.camera import at
+from pzcap.io import results
+from pzcap.io.capture import frame_sets, read_capture, read_image
+from pzcap.io.video import VideoReader
+from pzcap.localisation.localise import Localiser, PanZoomConfig, predicted
+from pzcap.segmentation import foreground
+from pzcap.tracking.camera_refinement import camera_prior
+from pzcap.tracking.tracker import Tracker, TrackInput, View
 from pzcap.types import Capture, FrameSet, Image, Localisation, PzcapError, Silhouette
-from pzcap.video import VideoReader
 
 COLD_EVERY: Final = 10  # frame sets
 WARM: Final = 3  # frame sets before the clock starts
@@ -119,7 +121,7 @@ def _calibrate(capture: Capture, number: int, config: pipeline.Config, stages: S
         bars.update(f"camera {files.name}: {stage}", done, total)
 
     zoom = None if files.zoom is None else VideoReader(files.zoom)
-    prepared = calibration.prepare(
+    prepared = calibrate.prepare(
         read_image(files.reference), capture.calibration_object, VideoReader(files.sweep), zoom, capture.full_turn,
         config.panzoom, report,
     )  # fmt: skip
@@ -150,8 +152,8 @@ def _follow(
     sets = frame_sets(capture)
     tracker = None
     if capture.subject is not None and sets.keyframes:
-        model, rate = body.build(capture.subject), float(capture.frame_rate)
-        tracker = tracking.Tracker(model, sets.keyframes, rate, config.tracking)
+        model, rate = skeleton.build(capture.subject), float(capture.frame_rate)
+        tracker = Tracker(model, sets.keyframes, rate, config.tracking)
     before: Found = [None] * len(prepared)
     last: Found = [None] * len(prepared)
 
@@ -174,7 +176,7 @@ def _follow(
         if frames.index % COLD_EVERY == WARM:
             for number, image in enumerate(frames.images):
                 stages.cold.time(localise, number, image, None)
-        prior = [panzoom.predicted(*pair) for pair in zip(before, last, strict=True)]
+        prior = [predicted(*pair) for pair in zip(before, last, strict=True)]
         # a view that was lost is a cold start
         timed = stages.follow if warm and all(found is not None for found in prior) else Stage("", "")
         before = last
@@ -193,16 +195,16 @@ def _follow(
 def _given(
     frames: FrameSet, prepared: Sequence[Prepared], found: Found, silhouettes: Sequence[Silhouette | None],
     config: pipeline.Config,
-) -> tracking.TrackInput:  # fmt: skip
-    views: list[tracking.View | None] = []
+) -> TrackInput:  # fmt: skip
+    views: list[View | None] = []
     for known, image, place, silhouette in zip(prepared, frames.images, found, silhouettes, strict=True):
         if image is None or place is None or silhouette is None or not silhouette.valid:
             views.append(None)
             continue
         camera = at(known.camera, place.pan_rad, place.tilt_rad, place.focal_px)
-        aim = aim_of(config.panzoom, known.camera, place)
-        views.append(tracking.View(image, camera, silhouette, aim=aim))
-    return tracking.TrackInput(frames.index, tuple(views))
+        aim = camera_prior(config.panzoom, known.camera, place)
+        views.append(View(image, camera, silhouette, aim=aim))
+    return TrackInput(frames.index, tuple(views))
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -231,7 +233,7 @@ def table(stages: Stages, title: str) -> Table:
 
 def _ready(capture: Capture, folder: Path, method: str) -> list[Prepared]:
     """Cameras and panoramas of a reconstruction by the cameras of ``capture``."""
-    found = taken_over(capture, store.load(folder), method, [])
+    found = taken_over(capture, results.load(folder), method, [])
     missing = [files.name for files, ready in zip(capture.cameras, found, strict=True) if ready is None]
     if missing:
         raise PzcapError(f"{folder}: camera {', '.join(missing)} was not calibrated; leave --reconstruction out")
@@ -245,7 +247,7 @@ def _job() -> None:
     given = parser.parse_args()
     capture = read_capture(given.capture)
     about, load = machine(), os.getloadavg()[0]
-    config = pipeline.Config(panzoom=panzoom.PanZoomConfig())
+    config = pipeline.Config(panzoom=PanZoomConfig())
     folder, method = given.reconstruction, config.panzoom.method
     prepared = None if folder is None else _ready(capture, folder, method)
     with Bars(Console(stderr=True)) as bars:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from experiments.metrics import TARGETS
-from pzcap.rerun_columns import TIMELINE
 from pzcap.types import Array
+from pzcap.viewer.columns import TIMELINE
 
 PER_KIND: Final = 3
 APART: Final = 10  # frames: the neighbours of a bad one are bad in the same way

@@ -36,9 +36,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.silhouettes import Series
-from pzcap.cameras import camera as geometry
-from pzcap.cameras import cylinder
-from pzcap.cameras.camera import View
+from pzcap.geometry import camera as geometry
+from pzcap.geometry import cylinder
+from pzcap.geometry.camera import View
 from pzcap.types import Array, Lens, Mask, Panorama, PanZoomCamera, Reconstruction
 from sim.truth import Truth
 
@@ -291,7 +291,7 @@ def _field(panorama: Panorama, lens: Lens, view: View, stride: int) -> Layer:
     """
     u, v = np.meshgrid(np.arange(0, lens.width + GRID, GRID), np.arange(0, lens.height + GRID, GRID))
     pixels = np.stack([u, v], axis=-1).astype(np.float64)
-    azimuth, slope = geometry.look(view, pixels)
+    azimuth, slope = geometry.pixel_to_direction(view, pixels)
     flat = azimuth.ravel(), slope.ravel()
     by_parameter = geometry.pan_zoom_derivatives(PanZoomCamera(lens, np.eye(4), 0.0, 0.0), view, *flat)
     by_direction = geometry.derivatives(view, *flat)[1]

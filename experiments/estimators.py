@@ -20,7 +20,7 @@ from experiments.config import nearest
 from experiments.metrics import Metric
 from experiments.score import score
 from experiments.totals import metrics
-from pzcap.capture import frame_sets, read_capture
+from pzcap.io.capture import frame_sets, read_capture
 from pzcap.types import Capture, Motion, PanZoomTrack, PzcapError, Reconstruction
 from sim.truth import Truth
 

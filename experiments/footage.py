@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from experiments.config import AppConfig
-from pzcap.cameras.calibration import no_report
+from pzcap.calibration.calibrate import no_report
 from pzcap.types import PzcapError
 from sim import truth as truth_files
 from sim.captures import shoot_cached

@@ -26,7 +26,7 @@ from experiments.progress import Bars
 from experiments.score import score
 from experiments.totals import metrics
 from experiments.triangulation import triangulate
-from pzcap.capture import read_capture
+from pzcap.io.capture import read_capture
 from pzcap.pipeline import Config, reconstruct
 from pzcap.types import Capture, PzcapError, Reconstruction
 from sim.truth import Truth

@@ -9,11 +9,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from pzcap import drawing
-from pzcap import rerun_columns as columns
-from pzcap.drawing import TRUNK_COLOUR, Colour
-from pzcap.rerun_columns import path_part, plain, view_path
 from pzcap.types import Reconstruction
+from pzcap.viewer import columns, drawing
+from pzcap.viewer.columns import path_part, plain, view_path
+from pzcap.viewer.drawing import TRUNK_COLOUR, Colour
 
 PANORAMA_REACH_RAD: Final = 1.0
 OTHER: Final = "/other"

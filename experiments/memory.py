@@ -12,7 +12,7 @@ from typing import Final
 
 import psutil
 
-from pzcap.heap import give_back
+from pzcap.runtime import give_back
 
 _EVERY_S: Final = 0.05
 _FAMILY: Final = 20

@@ -34,7 +34,7 @@ from experiments.metrics import Metric, format_value, run_info, write_metrics
 from experiments.plots import COLOURS, STYLE
 from experiments.run import run as run_one
 from experiments.score import BodyErrors, body_errors, frames_of
-from pzcap import store
+from pzcap.io.results import load
 from pzcap.types import Array, Mask, PzcapError
 from sim.truth import Truth
 
@@ -67,7 +67,7 @@ def film(config: AppConfig, folder: Path, moves: Moves, console: Console) -> Fil
     found = run_one(config, CONVERTER.unstructure(config), folder, console)
     truth = footage.truth_beside(folder / "capture")
     assert truth is not None, "what was just shot has its truth beside it"
-    reconstruction = store.load(folder / "reconstruction")
+    reconstruction = load(folder / "reconstruction")
     motion, frames = reconstruction.motion, frames_of(truth, reconstruction)[0]
     height, cut = framing(truth)
     body = None if motion is None else body_errors(motion, truth, frames)

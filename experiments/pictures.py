@@ -9,9 +9,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from pzcap.cameras import camera as camera_model
-from pzcap.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR, OUTLINE_COLOUR, Colour, footprint, project_edges
+from pzcap.geometry import camera as camera_model
 from pzcap.types import Array, CalibrationObject, Camera, Image, Panorama, PanZoomCamera, ReferenceCamera
+from pzcap.viewer.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR, OUTLINE_COLOUR, Colour, footprint, project_edges
 
 _SHIFT = 4  # cv2 draws at 1/16 px
 

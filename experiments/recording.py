@@ -14,12 +14,11 @@ from experiments.config import CONVERTER, build, leaves
 from experiments.metrics import Metric, format_value, meets_target
 from experiments.score import Score
 from experiments.silhouettes import Series
-from pzcap import drawing
-from pzcap import rerun_columns as columns
-from pzcap.drawing import CAMERA_COLOURS, TRUTH_COLOUR
-from pzcap.rerun_columns import path_part, plain, view_path
-from pzcap.rerun_log import Recorder
 from pzcap.types import JOINTS, Camera, Reconstruction
+from pzcap.viewer import columns, drawing
+from pzcap.viewer.columns import path_part, plain, view_path
+from pzcap.viewer.drawing import CAMERA_COLOURS, TRUTH_COLOUR
+from pzcap.viewer.recording import Recorder
 from sim.truth import Truth
 
 

@@ -15,12 +15,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from experiments import pictures, plots
 from experiments.metrics import TARGETS, Metric, format_value, meets_target
 from experiments.score import Score
-from pzcap.capture import frame_sets, read_image
-from pzcap.drawing import TRUTH_COLOUR, Colour, figures, instants
-from pzcap.motion import advice
-from pzcap.motion.body import build
-from pzcap.motion.tracking import TrackingConfig
+from pzcap.body.skeleton import build
+from pzcap.extras import keyframe_diagnostics
+from pzcap.io.capture import frame_sets, read_image
+from pzcap.tracking.tracker import TrackingConfig
 from pzcap.types import Array, Camera, Capture, FrameSet, Image, Reconstruction
+from pzcap.viewer.drawing import TRUTH_COLOUR, Colour, figures, instants
 from sim.truth import Truth
 
 
@@ -120,8 +120,8 @@ def _advice(material: Material) -> tuple[list[int], int | None]:
     if motion is None or capture.subject is None:
         return [], None
     keyframes, hand_sigma = frame_sets(capture).keyframes, material.tracking.hand_sigma
-    found = advice.contradictions(motion, keyframes, build(capture.subject), hand_sigma)
-    next_one = advice.suggestion(motion)
+    found = keyframe_diagnostics.contradictions(motion, keyframes, build(capture.subject), hand_sigma)
+    next_one = keyframe_diagnostics.suggestion(motion)
     return [each.frame for each in found], None if next_one is None else next_one.frame
 
 

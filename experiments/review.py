@@ -33,10 +33,10 @@ from rerun.experimental import ViewerClient
 from experiments import bookmarks, layouts
 from experiments.bookmarks import Bookmark
 from experiments.errors import guard
-from pzcap import store
-from pzcap.rerun_columns import TIMELINE, plain
-from pzcap.rerun_log import APPLICATION
+from pzcap.io import results
 from pzcap.types import PzcapError
+from pzcap.viewer.columns import TIMELINE, plain
+from pzcap.viewer.recording import APPLICATION
 
 RECORDING: Final = "recording.rrd"
 AT_ONCE: Final = 3  # runs of a study
@@ -69,7 +69,7 @@ def runs_in(folder: Path) -> list[Path]:
 def review(run: Path) -> Review:
     """Write RUN/review.rrd: all of the recording, its worst frames, and a layout a purpose."""
     marks = bookmarks.worst(bookmarks.errors(run / RECORDING))
-    whole = store.load(run / "reconstruction")
+    whole = results.load(run / "reconstruction")
     purposes = layouts.overview(whole, scored=bool(marks)), layouts.calibration(whole), layouts.tracking(whole)
     first = {"calibration": 1, "tracking": 2}[marks[0].kind.purpose] if marks else 0
     blueprint = layouts.whole(_beside(rrb.Tabs(*purposes, active_tab=first)), whole)
@@ -82,7 +82,7 @@ def review(run: Path) -> Review:
 def compare(first: Path, second: Path) -> Review:
     """Write FIRST/comparison.rrd: both runs in one recording, and where they differ."""
     marks = bookmarks.differing(*(bookmarks.errors(run / RECORDING) for run in (first, second)))
-    whole = store.load(first / "reconstruction")
+    whole = results.load(first / "reconstruction")
     others = RrdReader(second / RECORDING).store().stream().drop(content=LEFT_OUT).map(_under_other)
     both = LazyChunkStream.merge(RrdReader(first / RECORDING).store().stream(), others)
     titles = told_apart(first.name, second.name)

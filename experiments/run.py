@@ -37,10 +37,11 @@ from experiments.report import Material, write_report
 from experiments.score import Score, score
 from experiments.silhouettes import ForegroundScorer
 from experiments.totals import metrics
-from pzcap import events, pipeline, store
-from pzcap.capture import read_capture
-from pzcap.rerun_log import Recorder, outlines
+from pzcap import events, pipeline
+from pzcap.io import results
+from pzcap.io.capture import read_capture
 from pzcap.types import Array, Capture, PzcapError, Reconstruction
+from pzcap.viewer.recording import Recorder, outlines
 
 CONF: Final = Path(__file__).parents[1] / "conf"
 RESULTS: Final = ("metrics.json", "report.html", "recording.rrd")
@@ -63,7 +64,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     estimator = None if config.estimator is None else estimators.find(config.estimator)
     if estimator is not None and config.cameras is not None:
         raise PzcapError("an estimator finds the cameras itself; leave out cameras=... or estimator=...")
-    cameras = None if config.cameras is None else store.load(footage.reconstruction_in(Path(config.cameras)))
+    cameras = None if config.cameras is None else results.load(footage.reconstruction_in(Path(config.cameras)))
     _forget(folder)
     with Bars(console) as bars:
         shot = footage.capture_of(config, bars.update)
@@ -87,7 +88,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
             with console.status(config.estimator or ""):
                 done = _estimate(estimator, capture, config.estimator or "")
         reconstruction = done.reconstruction
-        store.save(reconstruction, folder / "reconstruction")
+        results.save(reconstruction, folder / "reconstruction")
         frames = len(reconstruction.timecodes)
         result: Score | None = None
         found: list[Metric] = []
@@ -126,7 +127,7 @@ def _command() -> str:
 def _forget(folder: Path) -> None:
     """Remove what an earlier run left in ``folder``: a run that fails must not be mistaken for it."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (*RESULTS, f"reconstruction/{store.MANIFEST}"):
+    for name in (*RESULTS, f"reconstruction/{results.MANIFEST}"):
         (folder / name).unlink(missing_ok=True)
     if (folder / "capture").is_symlink():  # else it is footage
         (folder / "capture").unlink()

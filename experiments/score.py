@@ -1,7 +1,7 @@
 """The reconstruction against the truth: errors a frame. `experiments.totals` sums them up to metrics.
 
 Nothing is aligned before it is compared, except where a metric's name says so. True cameras are projected here from the
-truth's own numbers, so that a bug in `pzcap.cameras.camera` shows and does not cancel out.
+truth's own numbers, so that a bug in `pzcap.geometry.camera` shows and does not cancel out.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from experiments import bound
 from experiments.silhouettes import ForegroundErrors, Series
-from pzcap.cameras import camera as camera_model
+from pzcap.geometry import camera as camera_model
 from pzcap.types import PARENTS, Array, Mask, Motion, Panorama, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
 from sim.truth import Truth
 

@@ -22,11 +22,11 @@ from rich.console import Console
 from experiments.errors import guard
 from experiments.pictures import draw_dots, draw_strips
 from experiments.progress import Bars
-from pzcap.capture import read_image
-from pzcap.drawing import Colour
-from pzcap.slide import Slide, SlideConfig, advise
+from pzcap.extras.slide import Slide, SlideConfig, advise
+from pzcap.io.capture import read_image
+from pzcap.io.video import VideoReader
 from pzcap.types import Image, PzcapError
-from pzcap.video import VideoReader
+from pzcap.viewer.drawing import Colour
 
 NEAR: Final[Colour] = (235, 130, 20)
 FAR: Final[Colour] = (60, 140, 235)

@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from pzcap.cameras import camera as cameras
-from pzcap.capture import frame_sets
-from pzcap.keypoints import KEYPOINTS
+from pzcap.geometry import camera as cameras
+from pzcap.io.capture import frame_sets
+from pzcap.io.detections import KEYPOINTS
 from pzcap.types import (
     JOINTS,
     LUMBAR_FRACTION,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pzcap.cameras.calibration import Prepared
-from pzcap.motion.tracking import Tracked
+from pzcap.calibration.calibrate import Prepared
+from pzcap.tracking.tracker import Tracked
 from pzcap.types import Camera, FrameSet, Localisation, Reconstruction, Silhouette
 
 

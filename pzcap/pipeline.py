@@ -5,26 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Final
 
-import cv2
 import numpy as np
-from threadpoolctl import threadpool_limits
 
-from pzcap.cameras import panzoom, smooth
-from pzcap.cameras.calibration import Prepared, no_report
-from pzcap.cameras.camera import at
-from pzcap.capture import FrameSets, frame_sets
+from pzcap.body import skeleton
+from pzcap.calibration.calibrate import Prepared, no_report
+from pzcap.camera_set import prepare_cameras, taken_over
 from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameSeparated, Progress
-from pzcap.heap import give_back, set_large_apart
-from pzcap.keypoints import NOBODY
-from pzcap.motion import advice, body, keyframes, tracking
-from pzcap.motion.aim import aim_of
-from pzcap.preparing import prepare_cameras, taken_over
-from pzcap.silhouettes import foreground
+from pzcap.extras import keyframe_diagnostics, rts_smoother
+from pzcap.geometry.camera import at
+from pzcap.io.capture import FrameSets, frame_sets
+from pzcap.io.detections import NOBODY
+from pzcap.localisation.localise import Localiser, PanZoomConfig, predicted, systematic
+from pzcap.runtime import give_back, one_thread_each, set_large_apart
+from pzcap.segmentation import foreground
+from pzcap.tracking import keyframes
+from pzcap.tracking.camera_refinement import camera_prior
+from pzcap.tracking.tracker import Tracked, Tracker, TrackingConfig, TrackInput, View
 from pzcap.types import (
     Array,
     Camera,
@@ -46,10 +46,10 @@ TIDY_EVERY: Final = 30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Config:
-    panzoom: panzoom.PanZoomConfig = field(default_factory=panzoom.PanZoomConfig)
+    panzoom: PanZoomConfig = field(default_factory=PanZoomConfig)
     foreground: foreground.ForegroundConfig = field(default_factory=foreground.ForegroundConfig)
-    tracking: tracking.TrackingConfig = field(default_factory=tracking.TrackingConfig)
-    smooth: smooth.SmoothConfig = field(default_factory=smooth.SmoothConfig)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    smooth: rts_smoother.SmoothConfig = field(default_factory=rts_smoother.SmoothConfig)
     threads: int = 2
 
     def __post_init__(self) -> None:
@@ -90,7 +90,7 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
     seconds = {"prepare": 0.0, "panzoom": 0.0, "foreground": 0.0, "tracking": 0.0}
     notes: list[str] = []
     set_large_apart()
-    with _own_threads(), ThreadPoolExecutor(config.threads) as pool:
+    with one_thread_each(), ThreadPoolExecutor(config.threads) as pool:
         sets = frame_sets(capture)
         tracker = _tracker(capture, sets, config, notes)
 
@@ -104,12 +104,12 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
         if tracker:
             tracker.make_ready()  # not before: cameras being prepared take most of the memory that there is
         # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
-        localisers = [None if p is None else panzoom.Localiser(p.panorama, p.camera, config.panzoom) for p in prepared]
+        localisers = [None if p is None else Localiser(p.panorama, p.camera, config.panzoom) for p in prepared]
         give_back()
         seconds["prepare"] = time.perf_counter() - started
 
         found: list[list[Localisation | None]] = [[] for _ in capture.cameras]
-        poses: list[tracking.Tracked] = []
+        poses: list[Tracked] = []
         views = _Views(prepared, localisers, config, pool, seconds)
         for frames in sets:
             seen = views.localise(frames, tracker)
@@ -136,8 +136,8 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
     motion = None
     if tracker and capture.subject:
         motion = tracker.motion(poses)
-        taped, hand_sigma = body.build(capture.subject), config.tracking.hand_sigma
-        notes += advice.notes(motion, sets.keyframes, taped, hand_sigma, sets.timecodes)
+        taped, hand_sigma = skeleton.build(capture.subject), config.tracking.hand_sigma
+        notes += keyframe_diagnostics.notes(motion, sets.keyframes, taped, hand_sigma, sets.timecodes)
     heads = tuple(None if p is None else p.camera for p in prepared)
     tracks = tuple(_panzoom_track(history) if p else None for p, history in zip(prepared, found, strict=True))
     notes += [
@@ -167,18 +167,6 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
     )
 
 
-@contextmanager
-def _own_threads() -> Iterator[None]:
-    """What works side by side here are our own threads: those of BLAS and OpenCV would only take turns with them."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        with threadpool_limits(1, "blas"):
-            yield
-    finally:
-        cv2.setNumThreads(before)
-
-
 # --------------------------------------------------------------------------------------------------------------
 # Stages 4-5: each view of an instant for itself
 
@@ -188,7 +176,7 @@ class _Views:
     """The four views of an instant, worked on side by side. Remembers where each camera was last seen."""
 
     prepared: list[Prepared | None]
-    localisers: list[panzoom.Localiser | None]
+    localisers: list[Localiser | None]
     config: Config
     pool: ThreadPoolExecutor
     seconds: dict[str, float]  # of each stage, added to
@@ -199,7 +187,7 @@ class _Views:
         self.before = [None] * len(self.prepared)
         self.last = [None] * len(self.prepared)
 
-    def localise(self, frames: FrameSet, tracker: tracking.Tracker | None) -> FrameLocalised:
+    def localise(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
         """``tracker``, where there is one, says where it expects the body."""
 
         def one(index: int, image: Image | None) -> Localisation | None:
@@ -213,7 +201,7 @@ class _Views:
                 expected = None if tracker is None else tracker.expect(frames.index, camera)
                 return None if expected is None else expected.covered(camera.height, camera.width)
 
-            prior = panzoom.predicted(self.before[index], self.last[index])
+            prior = predicted(self.before[index], self.last[index])
             localisation = localiser.localise(image, prior, hidden)
             self.before[index] = self.last[index]
             self.last[index] = localisation if localisation.valid else None
@@ -224,7 +212,7 @@ class _Views:
         self.seconds["panzoom"] += time.perf_counter() - started
         return FrameLocalised(frames, localisations)
 
-    def separate(self, seen: FrameLocalised, tracker: tracking.Tracker | None) -> FrameSeparated:
+    def separate(self, seen: FrameLocalised, tracker: Tracker | None) -> FrameSeparated:
         """``tracker``, where there is one, says where it expects the body."""
 
         def one(index: int) -> tuple[Camera | None, Silhouette | None]:
@@ -258,11 +246,11 @@ def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:
 
 
 def _refined(
-    track: PanZoomTrack, head: PanZoomCamera, number: int, poses: Sequence[tracking.Tracked], config: Config
+    track: PanZoomTrack, head: PanZoomCamera, number: int, poses: Sequence[Tracked], config: Config
 ) -> PanZoomTrack:
     """The ``track`` of one camera with what the body has corrected of it."""
     pan_rad, focal_px, covariance = track.pan_rad.copy(), track.focal_px.copy(), track.covariance.copy()
-    shared = panzoom.systematic(config.panzoom, head, track.pan_rad, track.focal_px)
+    shared = systematic(config.panzoom, head, track.pan_rad, track.focal_px)
     for pose in poses:
         correction = pose.corrections[number] if pose.corrections else None
         if correction is not None:
@@ -289,11 +277,11 @@ def smoothed(
         None
         if track is None or camera is None
         # systematic error, which the covariances hold, is not smoothed away
-        else smooth.smooth(
+        else rts_smoother.smooth(
             track,
             frame_rate,
             config.smooth,
-            panzoom.systematic(config.panzoom, camera, track.pan_rad, track.focal_px),
+            systematic(config.panzoom, camera, track.pan_rad, track.focal_px),
         )
         for track, camera in zip(tracks, cameras, strict=True)
     )
@@ -303,29 +291,29 @@ def smoothed(
 # Stage 6: the body in all views
 
 
-def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]) -> tracking.Tracker | None:
+def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]) -> Tracker | None:
     if capture.subject is None:
         notes.append("the body is not tracked: the capture holds no tape measurements (subject.json)")
         return None
     if not sets.keyframes:
         notes.append("the body is not tracked: the capture holds no keyframes (keyframes.json)")
         return None
-    model = body.build(capture.subject)
+    model = skeleton.build(capture.subject)
     notes += keyframes.check(sets.keyframes, model, len(sets))
-    return tracking.Tracker(model, sets.keyframes, float(capture.frame_rate), config.tracking)
+    return Tracker(model, sets.keyframes, float(capture.frame_rate), config.tracking)
 
 
 def _track_input(
     seen: FrameLocalised, separated: FrameSeparated, prepared: Sequence[Prepared | None], config: Config
-) -> tracking.TrackInput:
+) -> TrackInput:
     people = seen.frames.keypoints or (NOBODY,) * len(prepared)
 
-    def view(index: int) -> tracking.View | None:
+    def view(index: int) -> View | None:
         image, camera, silhouette = seen.frames.images[index], separated.cameras[index], separated.silhouettes[index]
         known, found = prepared[index], seen.localisations[index]
         if image is None or camera is None or silhouette is None or known is None or found is None:
             return None
-        aim = aim_of(config.panzoom, known.camera, found)
-        return tracking.View(image, camera, silhouette, people[index], aim) if silhouette.valid else None
+        aim = camera_prior(config.panzoom, known.camera, found)
+        return View(image, camera, silhouette, people[index], aim) if silhouette.valid else None
 
-    return tracking.TrackInput(seen.frames.index, tuple(view(index) for index in range(len(prepared))))
+    return TrackInput(seen.frames.index, tuple(view(index) for index in range(len(prepared))))

@@ -152,7 +152,7 @@ class CameraFiles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """A capture folder, read and checked. `pzcap.capture` reads and writes it; docs/capture.md specifies it."""
+    """A capture folder, read and checked. `pzcap.io.capture` reads and writes it; docs/capture.md specifies it."""
 
     folder: Path
     name: str
@@ -171,7 +171,7 @@ class FrameSet:
     index: int
     timecode: str
     images: tuple[Image | None, ...]  # one a camera, (H, W, 3)
-    keypoints: tuple[Array, ...] = ()  # one a camera, (P, 26, 3) as in `pzcap.keypoints`; none: no camera has any
+    keypoints: tuple[Array, ...] = ()  # one a camera, (P, 26, 3) as in `pzcap.io.detections`; none: no camera has any
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ class Lens:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PanZoomCamera:
-    """A camera on a head: what stays while it pans and zooms. `pzcap.cameras.camera.at` gives an instant's Camera."""
+    """A camera on a head: what stays while it pans and zooms. `pzcap.geometry.camera.at` gives an instant's Camera."""
 
     lens: Lens
     world_T_head: Array  # (4, 4)
@@ -228,7 +228,7 @@ class ReferenceCamera:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
+class InverseDepthMap:
     """How near the hall is, as far as it matters to a projection centre that is not quite on the pan axis.
 
     Inverse horizontal distance, 1 / m: a floor so far below, or the wall before it, and what departs from these.
@@ -240,7 +240,7 @@ class Surroundings:
     slopes: Array  # (2,) of their first and last row
 
 
-FAR_AWAY: Final = Surroundings(1.0, np.zeros(0), np.zeros((0, 0)), np.zeros(2))
+FAR_AWAY: Final = InverseDepthMap(1.0, np.zeros(0), np.zeros((0, 0)), np.zeros(2))
 
 
 def _nothing() -> NDArray[np.uint16]:
@@ -265,9 +265,9 @@ class Panorama:
     sweep_inliers: NDArray[np.int64]  # (M,) feature matches that agreed with the neighbouring frames
     closure_rad: float  # what the chain of displacements missed the full turn by, before it was distributed
     residual_px: float  # RMS of the sweep's feature matches after the adjustment
-    surroundings: Surroundings = FAR_AWAY
+    surroundings: InverseDepthMap = FAR_AWAY
     fine: NDArray[np.uint16] = field(default_factory=_nothing)  # (5 H, 7 W) the hall within pixels, as
-    # `pzcap.cameras.superresolution` has it; empty: not known
+    # `pzcap.extras.superresolution` has it; empty: not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)

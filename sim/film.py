@@ -12,10 +12,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from pzcap.io.video import write_video
 from pzcap.types import Array, Image, Mask, Pose
-from pzcap.video import write_video
 from sim.athlete import set_pose
-from sim.operator import Aim
+from sim.operator import CameraPrior
 from sim.optics import Plate, Rig, lens_maps, plate_for, through_lens, vignette
 from sim.render import Stage
 from sim.sensor import Exposure, Sensor, SensorConfig
@@ -25,7 +25,7 @@ _AVERAGED: Final = 0.75  # several moments averaged smooth edges by themselves: 
 _AHEAD = 4  # frames that may wait to be developed
 _SHADOW_LEVELS = 6  # grey levels by which a shadow darkens a pixel, at least
 
-Look = Callable[[float], Aim]
+Look = Callable[[float], CameraPrior]
 """Where the camera looks at a time (s)."""
 Person = Callable[[float], Pose]
 """The pose of whoever is in the hall, at a time (s)."""
@@ -45,10 +45,10 @@ class FilmCamera:
         self._averaged_scale = _AVERAGED * config.supersampling
         self._sensor = Sensor(config, vignette(rig), rng)
 
-    def still(self, rng: np.random.Generator, aim: Aim | None = None) -> Image:
+    def still(self, rng: np.random.Generator, aim: CameraPrior | None = None) -> Image:
         """Photograph the calibration object at the reference pose, or with another ``aim``; nobody in the hall."""
         scale = self._config.supersampling_still
-        aim = aim or Aim(0.0, self._rig.reference_focal_px)
+        aim = aim or CameraPrior(0.0, self._rig.reference_focal_px)
         focal_px = aim.focal_px
         plate = self._aim(lambda _: aim, 0.0, None)
         light = self._stage.picture(plate.size(scale), athlete=False, calibration_object=True)

@@ -46,7 +46,7 @@ class OperatorConfig:
             )
 
 
-class Aim(NamedTuple):
+class CameraPrior(NamedTuple):
     """Where a camera looks."""
 
     pan_rad: float
@@ -62,9 +62,9 @@ class Hands:
     log_focal: PPoly  # s -> log px
     raised: PPoly | None = None  # s -> rad above the locked tilt; None: it stays locked
 
-    def at(self, time_s: float) -> Aim:
+    def at(self, time_s: float) -> CameraPrior:
         raised_rad = 0.0 if self.raised is None else float(self.raised(time_s))
-        return Aim(float(self.pan(time_s)), float(np.exp(self.log_focal(time_s))), raised_rad)
+        return CameraPrior(float(self.pan(time_s)), float(np.exp(self.log_focal(time_s))), raised_rad)
 
 
 def follow(rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rng: np.random.Generator) -> Hands:

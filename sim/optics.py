@@ -1,6 +1,6 @@
 """The cameras as they really are: where they stand, how their heads turn, and what their lenses do to a picture.
 
-Written without a look at `pzcap.cameras.camera`: what the two have in common is the conventions of `pzcap.types`.
+Written without a look at `pzcap.geometry.camera`: what the two have in common is the conventions of `pzcap.types`.
 """
 
 from __future__ import annotations

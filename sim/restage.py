@@ -9,7 +9,7 @@ import numpy as np
 
 from pzcap.types import Camera, Image, Pose
 from sim.athlete import set_pose
-from sim.operator import Aim
+from sim.operator import CameraPrior
 from sim.scene import stream
 from sim.staging import ShootConfig, assemble
 
@@ -31,7 +31,7 @@ class Hall:
     def photograph_object(self, camera: int, pan_rad: float, focal_px: float) -> Image:
         """The calibration object, put back where it was, as this camera sees it panned and zoomed (section 4.3)."""
         rng = stream(self._config.seed, "object once more", camera)
-        return self._crew.cameras[camera].still(rng, Aim(pan_rad, focal_px))
+        return self._crew.cameras[camera].still(rng, CameraPrior(pan_rad, focal_px))
 
     def camera(self, camera: int, pan_rad: float, focal_px: float) -> Camera:
         """What that camera is then, truly."""

@@ -12,9 +12,9 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
-from pzcap.capture import write_capture
+from pzcap.io.capture import write_capture
+from pzcap.io.video import frames_per_day, frames_to_timecode
 from pzcap.types import Array, CameraFiles, Capture, Image, PzcapError
-from pzcap.video import frames_per_day, frames_to_timecode
 from sim import gym, motion
 from sim.crew import keyframe_indices, measure, pose_by_hand, to_and_fro
 from sim.detector import Detector, write_openpose

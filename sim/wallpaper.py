@@ -8,7 +8,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from pzcap.capture import read_image
+from pzcap.io.capture import read_image
 from pzcap.types import PzcapError
 from sim.scenery import WALLS
 from sim.textures import Canvas

@@ -11,20 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pzcap import store
-from pzcap.cameras.panzoom import systematic
-from pzcap.capture import read_capture
+from pzcap.camera_set import taken_over
 from pzcap.events import Finished, FrameLocalised, FrameSeparated
-from pzcap.motion.tracking import Tracked
+from pzcap.io import results
+from pzcap.io.capture import read_capture
+from pzcap.localisation.localise import systematic
 from pzcap.pipeline import Config, reconstruct, stages
-from pzcap.preparing import taken_over
+from pzcap.tracking.tracker import Tracked
 from pzcap.types import Capture, PzcapError, Reconstruction
 
 RECONSTRUCT = """
 import sys
 from pathlib import Path
 from pzcap import store
-from pzcap.capture import read_capture
+from pzcap.io.capture import read_capture
 from pzcap.pipeline import Config, reconstruct
 store.save(reconstruct(read_capture(Path(sys.argv[1])), Config()), Path(sys.argv[2]))
 foreign = {"mujoco", "sim", "experiments", "hydra", "rerun"} & set(sys.modules)
@@ -54,7 +54,7 @@ def test_reads_the_capture_alone(small_capture: Path, reconstruction: Reconstruc
         [sys.executable, "-c", RECONSTRUCT, str(tmp_path / "lone"), str(tmp_path / "there")],
         check=True, cwd=tmp_path, timeout=300,
     )  # fmt: skip
-    store.save(reconstruction, tmp_path / "here")
+    results.save(reconstruction, tmp_path / "here")
     here, there = files(tmp_path / "here"), files(tmp_path / "there")
     assert here
     assert here == there
@@ -144,8 +144,8 @@ def test_a_camera_without_a_sweep_is_left_out(capture: Capture) -> None:
 def test_another_take_by_the_same_cameras_needs_their_recordings_alone(
     capture: Capture, reconstruction: Reconstruction, tmp_path: Path
 ) -> None:
-    store.save(reconstruction, tmp_path)
-    result = reconstruct(bare(capture), Config(), cameras=store.load(tmp_path))
+    results.save(reconstruction, tmp_path)
+    result = reconstruct(bare(capture), Config(), cameras=results.load(tmp_path))
     taken, *others = result.notes
     assert taken == f"calibrated at the take before, '{capture.name}': camera 1, 2, 3, 4"
     assert not any("camera" in note for note in others)

@@ -10,7 +10,8 @@ found once; then the body is tracked under one variant after the other (`experim
 switched off  one piece of evidence, or one step, is left out.
 keyframes     fewer of those that the capture has, or more, posed with the error of a hand as those are. The second plot
               is the joint error against keyframes a second.
-cameras       the body may not correct them (`pzcap.motion.aim`); or each pan is made wrong, and the tracker told by how
+cameras       the body may not correct them (`pzcap.tracking.camera_refinement`); or each pan is made wrong, and the
+tracker told by how
               much it may be.
 known         the experiment puts the truth in place of an estimate: cameras, masks (before a hall that shows them, so
               that colours agree), the athlete's lengths and girths, the keyframes' poses. The tracker is the same, and
@@ -36,7 +37,7 @@ from experiments.command import command
 from experiments.config import AppConfig
 from experiments.metrics import run_info, write_metrics
 from experiments.progress import Bars
-from pzcap.capture import read_capture
+from pzcap.io.capture import read_capture
 from pzcap.types import PzcapError
 
 

@@ -20,12 +20,13 @@ from experiments.config import CONVERTER
 from experiments.score import body_errors, frames_of
 from experiments.totals import body_metrics
 from pzcap import pipeline
-from pzcap.cameras import camera
-from pzcap.capture import FrameSets, frame_sets
-from pzcap.keypoints import NOBODY
-from pzcap.motion import body, tracking
-from pzcap.motion.aim import aim_of
-from pzcap.silhouettes import foreground
+from pzcap.body import skeleton
+from pzcap.geometry import camera
+from pzcap.io.capture import FrameSets, frame_sets
+from pzcap.io.detections import NOBODY
+from pzcap.segmentation import foreground
+from pzcap.tracking.camera_refinement import camera_prior
+from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, View
 from pzcap.types import (
     Camera,
     Capture,
@@ -109,12 +110,12 @@ def follow(
     if "body" in variant.known:
         subject = Subject(material.truth.measurements_m, SURE_SIGMA_M)
     rate = float(material.capture.frame_rate)
-    tracker = tracking.Tracker(body.build(subject), keys, rate, variant.change(config.tracking))
-    tracked: list[tracking.Tracked] = []
+    tracker = Tracker(skeleton.build(subject), keys, rate, variant.change(config.tracking))
+    tracked: list[Tracked] = []
     started = time.process_time()  # the tracker has a thread of its own
     for frames in material.sets:
         views = tuple(_view(material, frames, number, variant, config, tracker) for number in range(len(frames.images)))
-        tracked += tracker.push(tracking.TrackInput(frames.index, views))
+        tracked += tracker.push(TrackInput(frames.index, views))
         report(variant.label, frames.index + 1, len(material.sets))
     tracked += tracker.finish()
     return tracker.motion(tracked), time.process_time() - started
@@ -140,8 +141,8 @@ def _view(
     number: int,
     variant: Variant,
     config: pipeline.Config,
-    tracker: tracking.Tracker,
-) -> tracking.View | None:
+    tracker: Tracker,
+) -> View | None:
     """What the tracker is given of one camera, as `pzcap.pipeline` has it but for what the ``variant`` knows."""
     found, truth = material.found, material.truth
     head, panorama, track = found.cameras[number], found.panoramas[number], found.tracks[number]
@@ -162,9 +163,9 @@ def _view(
         silhouette = foreground.separate(image, panorama, head, located, config.foreground, expected)
     people = frames.keypoints[number] if frames.keypoints else NOBODY
     if "cameras" in variant.known:
-        return tracking.View(image, true_camera(truth, *here), silhouette, people)
-    known = aim_of(config.panzoom, head, located) if variant.corrected else None
-    return tracking.View(image, camera.at(head, *aim), silhouette, people, known)
+        return View(image, true_camera(truth, *here), silhouette, people)
+    known = camera_prior(config.panzoom, head, located) if variant.corrected else None
+    return View(image, camera.at(head, *aim), silhouette, people, known)
 
 
 def true_camera(truth: Truth, number: int, frame: int) -> Camera:

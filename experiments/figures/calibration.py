@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from experiments.figures.canvas import PANNED, REFERENCE, WIDTH, Drawn, beneath, cased, letter, lines, show
 from experiments.figures.material import Located, Run, shoot_config
 from experiments.figures.panoramas import border_on_panorama, window
-from pzcap.cameras import camera as camera_model
-from pzcap.cameras.panzoom import Localiser, PanZoomConfig
-from pzcap.drawing import project_edges
+from pzcap.geometry import camera as camera_model
+from pzcap.localisation.localise import Localiser, PanZoomConfig
 from pzcap.types import Array, CalibrationObject, Camera, Image, Localisation, PzcapError
+from pzcap.viewer.drawing import project_edges
 from sim.restage import Hall
 
 PAN_DEG: Final = -5.0  # to the right, as the paper has it

@@ -19,9 +19,9 @@ from matplotlib.patches import ConnectionPatch
 from matplotlib.ticker import MultipleLocator
 
 from experiments import plots
-from pzcap.cameras import camera as camera_model
-from pzcap.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR
+from pzcap.geometry import camera as camera_model
 from pzcap.types import Array, Camera, Image
+from pzcap.viewer.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR
 
 WIDTH: Final = 10.0
 """Of a figure, inches."""

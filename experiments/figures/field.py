@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from pzcap.cameras import camera as geometry
+from pzcap.geometry import camera as geometry
 from pzcap.types import Array, Mask, PanZoomCamera, PzcapError
 
 Value = TypeVar("Value", bound=np.generic)
@@ -88,7 +88,7 @@ def height_px(camera: PanZoomCamera, floor_m: Array, body: Standing, freedom: st
     tall, fits = np.full(len(floor_m), -1.0), np.arange(len(floor_m))
     for focal in focals_px if freedom == "pan-zoom" else [camera.lens.reference_focal_px]:
         view = geometry.view_at(camera, 0.0, camera.tilt_rad, float(focal))
-        pixels, ahead = geometry.see(view, azimuth[fits], slope[fits])
+        pixels, ahead = geometry.direction_to_pixel(view, azimuth[fits], slope[fits])
         inside = ahead & np.all((pixels >= -0.5) & (pixels <= [camera.lens.width - 0.5, camera.lens.height - 0.5]), -1)
         whole = inside.all(axis=1)
         fits = fits[whole]  # what is cut off stays so when zoomed in further

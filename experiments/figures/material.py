@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from experiments import footage
 from experiments.score import frames_of
-from pzcap import store
-from pzcap.cameras import camera as camera_model
-from pzcap.cameras.camera import mount
-from pzcap.capture import frame_sets, read_capture, read_image
-from pzcap.drawing import figures, instants
+from pzcap.geometry import camera as camera_model
+from pzcap.geometry.camera import mount
+from pzcap.io import results
+from pzcap.io.capture import frame_sets, read_capture, read_image
 from pzcap.types import (
     Array,
     CalibrationObject,
@@ -33,6 +32,7 @@ from pzcap.types import (
     Reconstruction,
     Subject,
 )
+from pzcap.viewer.drawing import figures, instants
 from sim.staging import ShootConfig
 from sim.truth import Truth
 
@@ -133,9 +133,9 @@ class Run:
 
 def load(folder: Path, command: str) -> Run:
     """The run in ``folder``. PzcapError, with the ``command`` that makes it, where there is none."""
-    if not (folder / "reconstruction" / store.MANIFEST).is_file() or not (folder / "capture").exists():
+    if not (folder / "reconstruction" / results.MANIFEST).is_file() or not (folder / "capture").exists():
         raise PzcapError(f"{folder}: no finished run there; make it: python -m experiments.run {command}")
-    reconstruction = store.load(folder / "reconstruction")
+    reconstruction = results.load(folder / "reconstruction")
     capture = read_capture(folder / "capture")
     truth = footage.truth_beside(folder / "capture")
     sets = frame_sets(capture)

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from experiments.figures.material import Located, Run
-from pzcap.cameras import camera as camera_model
-from pzcap.cameras import cylinder
-from pzcap.motion import body as body_model
-from pzcap.motion import raster
-from pzcap.motion.body import Body
+from pzcap.body import skeleton as body_model
+from pzcap.body.skeleton import Body
+from pzcap.geometry import camera as camera_model
+from pzcap.geometry import cylinder
+from pzcap.tracking import visibility
 from pzcap.types import Array, Camera, Image, Mask, Pose
 
 FINER: Final = 2  # rendered so much finer than shown, to smooth edges
@@ -138,10 +138,10 @@ def _depth(camera: Camera, skin: Skin) -> NDArray[np.float32]:
     """(H, W) along the optical axis, infinite where there is no body."""
     points, _, faces = skin
     pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
-    raster.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
+    visibility.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
     z_buffer = np.empty((camera.height, camera.width), np.float32)
     cover = np.empty(z_buffer.shape, np.uint8)
-    raster.rasterise(
+    visibility.rasterise(
         pixels, depth, faces, np.zeros(len(points), np.int64), np.zeros(1, np.uint8), 0, 0, 1.0, z_buffer, cover
     )
     return z_buffer

@@ -13,8 +13,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 
 from experiments.figures.canvas import Drawn
 from experiments.figures.material import Run
-from pzcap import rerun_columns as columns
-from pzcap.rerun_columns import plain, view_path
+from pzcap.viewer import columns
+from pzcap.viewer.columns import plain, view_path
 
 APPLICATION: Final = "pzcap-figures-v1"
 PAGE: Final = "index.html"

@@ -25,9 +25,9 @@ from experiments.figures.canvas import (
 )
 from experiments.figures.material import Located, Run
 from experiments.score import sweep_errors
-from pzcap.cameras import camera as camera_model
-from pzcap.drawing import centred, footprint, image_border
+from pzcap.geometry import camera as camera_model
 from pzcap.types import Array, Camera, Image, Panorama, PanZoomCamera, PzcapError
+from pzcap.viewer.drawing import centred, footprint, image_border
 
 PANORAMA_PX: Final = 2400  # across, in a file
 MARGIN_RAD: Final = 0.12

@@ -28,9 +28,9 @@ from experiments.figures.canvas import (
 from experiments.figures.material import Located, Run, shoot_config
 from experiments.figures.novel_view import render, virtual_camera
 from experiments.figures.panoramas import on_panorama, window
-from pzcap.drawing import KEYFRAME_COLOUR
-from pzcap.motion import body as body_model
+from pzcap.body import skeleton as body_model
 from pzcap.types import Array, Camera, Image, PzcapError
+from pzcap.viewer.drawing import KEYFRAME_COLOUR
 from sim.restage import Hall
 
 COLUMNS: Final = 6

@@ -28,9 +28,9 @@ from experiments.figures.canvas import (
 )
 from experiments.figures.material import Located, Run
 from experiments.plots import triangle
-from pzcap.cameras import camera as camera_model
-from pzcap.cameras.camera import lens_at
-from pzcap.cameras.rays import warp_background
+from pzcap.geometry import camera as camera_model
+from pzcap.geometry.camera import lens_at
+from pzcap.localisation.panorama_sampler import warp_background
 from pzcap.types import Camera, Image, PanZoomCamera, PzcapError
 
 INSTANTS: Final = 4

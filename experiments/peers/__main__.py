@@ -32,7 +32,7 @@ from experiments.peers.folder import from_folder, is_folder_of_frames
 from experiments.peers.material import Material, from_capture
 from experiments.progress import Bars
 from experiments.run import CONF
-from pzcap.capture import MANIFEST, read_capture
+from pzcap.io.capture import MANIFEST, read_capture
 from pzcap.types import PzcapError
 
 

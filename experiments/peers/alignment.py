@@ -9,9 +9,9 @@ import numpy as np
 
 from experiments.peers import matching
 from experiments.peers.material import Background, Estimate, Shot
-from pzcap.cameras import camera as geometry
-from pzcap.cameras.rays import warp_background
-from pzcap.cameras.sweep import grey
+from pzcap.calibration.sweep import grey
+from pzcap.geometry import camera as geometry
+from pzcap.localisation.panorama_sampler import warp_background
 from pzcap.types import Image, Mask
 
 STOP: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-7)
@@ -56,7 +56,7 @@ class Ecc:
         places = np.column_stack([u[shown], v[shown]]).astype(np.float64)
         moved = np.asarray(cv2.perspectiveTransform(places[:, None], np.asarray(warp, np.float64))[:, 0], np.float64)
         view = geometry.view_at(camera, start.pan_rad, camera.tilt_rad, start.focal_px)
-        azimuth, slope = geometry.look(view, places)
+        azimuth, slope = geometry.pixel_to_direction(view, places)
         return matching.fit_directions(self._background, moved, azimuth, slope, start)
 
     def _person(self, shot: Shot, frame: Image, template: Image, known: Mask) -> Mask:

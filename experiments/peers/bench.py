@@ -16,8 +16,8 @@ from experiments.peers.adjustment import RayAdjustment
 from experiments.peers.alignment import Ecc
 from experiments.peers.matching import Features
 from experiments.peers.material import Background, Estimate, Material, Shot
-from pzcap.cameras.camera import wrapped
-from pzcap.cameras.panzoom import Localiser
+from pzcap.geometry.camera import wrapped
+from pzcap.localisation.localise import Localiser
 from pzcap.types import Array, Localisation, PzcapError
 
 LOST_RAD: Final = np.deg2rad(1.0)
@@ -34,7 +34,7 @@ class Peer(Protocol):
 
 
 class Ours:
-    """`pzcap.cameras.panzoom`, from nothing or from the frame before."""
+    """`pzcap.localisation.localise`, from nothing or from the frame before."""
 
     def __init__(self, background: Background, *, method: str, tracking: bool) -> None:
         config = replace(background.config, method=method)

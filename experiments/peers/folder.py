@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from experiments.config import structured
 from experiments.peers.material import SWEEP_STEP, Background, Estimate, Material, Shot, SweepView, spaced
-from pzcap.cameras import camera as geometry
-from pzcap.cameras import panorama as stitching
-from pzcap.cameras.bundle import Link
-from pzcap.cameras.camera import View, wrapped
-from pzcap.cameras.panzoom import PanZoomConfig
-from pzcap.cameras.sweep import chain, link_further
-from pzcap.capture import read_image
+from pzcap.calibration import stitching
+from pzcap.calibration.bundle_adjustment import Link
+from pzcap.calibration.sweep import chain, link_further
+from pzcap.geometry import camera as geometry
+from pzcap.geometry.camera import View, wrapped
+from pzcap.io.capture import read_image
+from pzcap.localisation.localise import PanZoomConfig
 from pzcap.types import FAR_AWAY, Array, Image, Lens, Mask, Panorama, PanZoomCamera, PzcapError
 
 CAMERA: Final = "camera.json"
@@ -207,7 +207,10 @@ def _adjusted(pan_rad: Array, links: Sequence[Link], view: View) -> Array:
     """
     first, second = np.array([link.first for link in links]), np.array([link.second for link in links])
     turn = np.array([
-        np.median(geometry.look(view, link.first_px)[0] - geometry.look(view, link.second_px)[0]) for link in links
+        np.median(
+            geometry.pixel_to_direction(view, link.first_px)[0] - geometry.pixel_to_direction(view, link.second_px)[0]
+        )
+        for link in links
     ])  # fmt: skip
     matches = np.array([float(len(link.first_px)) for link in links])
     rows = np.arange(len(links))

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from experiments.peers.material import Background, Estimate, Shot
-from pzcap.cameras import camera as geometry
-from pzcap.cameras import cylinder
-from pzcap.cameras.sweep import grey
+from pzcap.calibration.sweep import grey
+from pzcap.geometry import camera as geometry
+from pzcap.geometry import cylinder
 from pzcap.types import Array, Image, Mask
 
 RATIO: Final = 0.8  # of Lowe's test
@@ -176,7 +176,7 @@ def fit_directions(
 
     def residuals(unknowns: Array) -> Array:
         view = geometry.view_at(camera, float(unknowns[0]), camera.tilt_rad, float(np.exp(unknowns[1])))
-        return (geometry.see(view, azimuth_rad, slope)[0] - points_px).ravel()
+        return (geometry.direction_to_pixel(view, azimuth_rad, slope)[0] - points_px).ravel()
 
     return _solved(residuals, start)
 

@@ -10,15 +10,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pzcap import store
-from pzcap.cameras import camera as geometry
-from pzcap.cameras import cylinder
-from pzcap.cameras.calibration import Prepared, prepare
-from pzcap.cameras.panzoom import PanZoomConfig
-from pzcap.capture import frame_sets, read_image
-from pzcap.preparing import taken_over
+from pzcap.calibration.calibrate import Prepared, prepare
+from pzcap.camera_set import taken_over
+from pzcap.geometry import camera as geometry
+from pzcap.geometry import cylinder
+from pzcap.io import results
+from pzcap.io.capture import frame_sets, read_image
+from pzcap.io.video import VideoReader
+from pzcap.localisation.localise import PanZoomConfig
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask, Panorama, PanZoomCamera, PzcapError
-from pzcap.video import VideoReader
 from sim.truth import Truth
 
 SWEEP_STEP = 0.25  # between the frames of a sweep that a peer is given, in fields of view
@@ -146,7 +146,7 @@ def from_capture(
         raise PzcapError(
             f"{capture.folder}: no camera has an image of the calibration object, a sweep and motion; bring all three"
         )
-    ready = taken_over(capture, store.load(finished), "exact", []) if finished else (None,) * len(capture.cameras)
+    ready = taken_over(capture, results.load(finished), "exact", []) if finished else (None,) * len(capture.cameras)
     backgrounds = []
     for index in chosen:
         files = capture.cameras[index]

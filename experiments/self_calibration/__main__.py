@@ -33,7 +33,7 @@ from experiments.metrics import Metric, run_info, write_metrics
 from experiments.progress import Bars
 from experiments.self_calibration.show import PLOT, metrics_of, plot, print_comparison
 from experiments.self_calibration.trial import compare
-from pzcap.capture import read_capture
+from pzcap.io.capture import read_capture
 from pzcap.types import PzcapError
 
 

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap.cameras import features
-from pzcap.cameras.sweep import grey
-from pzcap.capture import frame_sets
-from pzcap.selfcalibration import Frames, Shots
+from experiments.comparisons.self_calibration.baselines import Frames, Shots
+from pzcap.calibration import features
+from pzcap.calibration.sweep import grey
+from pzcap.io.capture import frame_sets
+from pzcap.io.video import VideoReader
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask
-from pzcap.video import VideoReader
 from sim.truth import Truth
 
 SWEEP_EVERY, ZOOM_EVERY, MOTION_EVERY = 6, 2, 7

@@ -12,13 +12,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.config import AppConfig
-from experiments.self_calibration.material import Footage, hall_footage, motion_footage, shots_of
-from pzcap.cameras import panzoom
-from pzcap.cameras.calibration import Prepared, prepare
-from pzcap.cameras.camera import at
-from pzcap.capture import read_image
-from pzcap.selfcalibration import (
+from experiments.comparisons.self_calibration.baselines import (
     Frames,
     Library,
     Pair,
@@ -29,8 +23,14 @@ from pzcap.selfcalibration import (
     sinha_pollefeys,
     wu_radke,
 )
+from experiments.config import AppConfig
+from experiments.self_calibration.material import Footage, hall_footage, motion_footage, shots_of
+from pzcap.calibration.calibrate import Prepared, prepare
+from pzcap.geometry.camera import at
+from pzcap.io.capture import read_image
+from pzcap.io.video import VideoReader
+from pzcap.localisation import localise
 from pzcap.types import Array, Capture, Mask, PzcapError
-from pzcap.video import VideoReader
 from sim.truth import Truth
 
 FAILED_FOCAL, FAILED_PAN_RAD = 0.05, np.deg2rad(1.0)
@@ -75,7 +75,7 @@ def ours(prepared: Prepared, config: AppConfig, footage: Footage, masked: bool) 
 
     Twice, since ours starts from the frame before, as a rule a thirtieth of a second off, and that is left out here.
     """
-    localiser = panzoom.Localiser(prepared.panorama, prepared.camera, config.reconstruct.panzoom)
+    localiser = localise.Localiser(prepared.panorama, prepared.camera, config.reconstruct.panzoom)
     rotation, lens, valid = [], [], []
     last = None
     for image, mask in zip(footage.images, footage.masks, strict=True):

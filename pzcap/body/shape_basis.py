@@ -1,0 +1,199 @@
+"""How a body may differ from what the tape says: segment lengths, and the skin's shape at stations along each segment.
+
+Each correction is a number of metres. A length moves joints and stretches the skin between them. The skin's own
+corrections are affine in a segment's frame (deeper, wider, further ahead, ...), for the whole segment or tapering off
+linearly about one of its stations. Left and right are taken to be alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.body.skeleton import Body
+from pzcap.types import LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Array
+
+_STATIONS: Final = 6  # along a segment, evenly spaced: some five centimetres apart
+_SKIN_SIGMA_M: Final = 0.010  # how far a segment's skin as a whole may be from where the tape's girths put it
+_STATION_SIGMA_M: Final = 0.012  # and the skin at one station, beside that
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Basis:
+    """How a body changes with each of P corrections, each in metres."""
+
+    joints: Array  # (P, 16, 3) of a segment's joint in its parent's frame
+    skin: Array  # (P, 16, 3, 4) of a point (x, y, z, 1) in its segment's frame, at the station
+    station: NDArray[np.int64]  # (P,) along the segment; _STATIONS: the whole of it
+    sigma_m: Array  # (P,) prior
+    span: Array  # (16, 4) takes a point (x, y, z, 1) of a segment to 0 at one end of it, 1 at the other
+
+    def skin_change(self, segment: int, local: Array, along: Array) -> Array:
+        """Derivatives (N, P) of ``along . point`` for skin points (N, 3) of a segment and directions (N, 3), both in
+        its frame."""
+        change = np.zeros((len(local), len(self.sigma_m)))
+        mine = np.flatnonzero(self.skin[:, segment].any(axis=(1, 2)))
+        points = _homogeneous(local)
+        moments = (along[:, :, None] * points[:, None]).reshape(-1, 12)
+        share = self._shares(segment, points)[:, self.station[mine]]
+        change[:, mine] = share * (moments @ self.skin[mine, segment].reshape(-1, 12).T)
+        return change
+
+    def carried(self, world_T_segment: Array) -> Array:
+        """(P, 16, 3) what a correction moves each joint by, in the world, the pose's numbers kept."""
+        moved = np.zeros_like(self.joints)
+        for s, parent in enumerate(PARENTS):
+            if parent >= 0:
+                moved[:, s] = moved[:, parent] + self.joints[:, s] @ world_T_segment[parent, :3, :3].T
+        return moved
+
+    def displaced(self, segment: int, local: Array, amounts_m: Array) -> Array:
+        """Skin points (N, 3) of a segment, in its frame, after corrections (P,)."""
+        points = _homogeneous(local)
+        share = self._shares(segment, points)[:, self.station]
+        affine = ((share * amounts_m) @ self.skin[:, segment].reshape(-1, 12)).reshape(-1, 3, 4)
+        return local + np.einsum("nij,nj->ni", affine, points)
+
+    def _shares(self, segment: int, points: Array) -> Array:
+        """(N, _STATIONS + 1) how much of each station's corrections a point takes on, and all of the whole's."""
+        at = (_STATIONS - 1) * np.clip(points @ self.span[segment], 0.0, 1.0)
+        hats = np.maximum(1.0 - np.abs(at[:, None] - np.arange(_STATIONS)), 0.0)
+        return np.column_stack([hats, np.ones(len(hats))])
+
+
+def _homogeneous(points: Array) -> Array:
+    return np.column_stack([points, np.ones(len(points))])
+
+
+def _segments(name: str) -> list[int]:
+    return [i for i, segment in enumerate(SEGMENTS) if segment.removeprefix("left_").removeprefix("right_") == name]
+
+
+def _stretch(axis: int, per_m: float, about_m: float = 0.0) -> Array:
+    affine = np.zeros((3, 4))
+    affine[axis, axis], affine[axis, 3] = per_m, -per_m * about_m
+    return affine
+
+
+def _shift(axis: int, by: float = 1.0) -> Array:
+    affine = np.zeros((3, 4))
+    affine[axis, 3] = by
+    return affine
+
+
+class _Rows:
+    """Corrections as they are listed."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[Array, Array, int, float]] = []
+
+    def length(
+        self, sigma_m: float, joints: Mapping[int, Sequence[float]], skin: Mapping[int, Array] | None = None
+    ) -> None:
+        moved = np.zeros((len(SEGMENTS), 3))
+        for segment, direction in joints.items():
+            moved[segment] = direction
+        self.rows.append((moved, _everywhere(skin or {}), _STATIONS, sigma_m))
+
+    def whole(self, skin: Mapping[int, Array]) -> None:
+        self.rows.append((np.zeros((len(SEGMENTS), 3)), _everywhere(skin), _STATIONS, _SKIN_SIGMA_M))
+
+    def stations(self, skin: Mapping[int, Array]) -> None:
+        """The whole segment, and each station by itself."""
+        self.whole(skin)
+        for station in range(_STATIONS):
+            self.rows.append((np.zeros((len(SEGMENTS), 3)), _everywhere(skin), station, _STATION_SIGMA_M))
+
+
+def _everywhere(skin: Mapping[int, Array]) -> Array:
+    rows = np.zeros((len(SEGMENTS), 3, 4))
+    for segment, affine in skin.items():
+        rows[segment] = affine
+    return rows
+
+
+def basis(body: Body) -> Basis:
+    """The corrections of ``body``: first the eight lengths, then its skin's."""
+    rows = _Rows()
+    _lengths(body, rows)
+    _skin(body, rows)
+    joints, skin, station, sigma = zip(*rows.rows, strict=True)
+    return Basis(np.array(joints), np.array(skin), np.array(station), np.array(sigma), _spans(body))
+
+
+def _lengths(body: Body, rows: _Rows) -> None:
+    tape, trunk = body.sigma_m, float(body.offsets_m[[1, 2, 3], 2].sum())
+    shoulders, hips = _segments("upper_arm"), _segments("thigh")
+    rows.length(
+        tape,
+        {1: (0, 0, LUMBAR_FRACTION), 2: (0, 0, THORAX_FRACTION - LUMBAR_FRACTION)}
+        | dict.fromkeys((3, *shoulders), (0, 0, 1 - THORAX_FRACTION)),
+        {i: _stretch(2, 1 / trunk) for i in (0, 1, 2)},
+    )
+    rows.length(tape, dict.fromkeys(shoulders, (0, 0, -1.0)))
+    rows.length(tape, dict(zip(shoulders, ((0, 0.5, 0), (0, -0.5, 0)), strict=True)))
+    rows.length(tape, dict(zip(hips, ((0, 0.5, 0), (0, -0.5, 0)), strict=True)))
+    for near, far in (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shank"), ("shank", "foot")):
+        length = float(-body.offsets_m[_segments(far)[0], 2])
+        stretched = {i: _stretch(2, 1 / length) for i in _segments(near)}
+        rows.length(tape, dict.fromkeys(_segments(far), (0, 0, -1.0)), stretched)
+
+
+def _skin(body: Body, rows: _Rows) -> None:
+    def extent(segment: int) -> tuple[Array, Array]:
+        points = body.surface.points_m[body.surface.segment == segment]
+        return points.min(axis=0), points.max(axis=0)
+
+    outwards = {i: -1.0 if name.startswith("right_") else 1.0 for i, name in enumerate(SEGMENTS)}
+    for segment in range(4):  # the trunk and the head: deeper, wider, further ahead, further up
+        depth, width, _ = 0.5 * np.subtract(*extent(segment)[::-1])
+        rows.stations({segment: _stretch(0, 1 / depth)})
+        rows.stations({segment: _stretch(1, 1 / width)})
+        rows.stations({segment: _shift(0)})
+        rows.whole({segment: _shift(2)})
+    for name in ("upper_arm", "forearm", "hand", "thigh", "shank"):  # thicker, further ahead, further outwards
+        pair = _segments(name)
+        depth, width, _ = 0.5 * np.subtract(*extent(pair[0])[::-1])
+        if name == "hand":
+            rows.stations({i: _stretch(0, 1 / depth) for i in pair})
+            rows.stations({i: _stretch(1, 1 / width) for i in pair})
+        else:
+            rows.stations({i: _stretch(0, 2 / (depth + width)) + _stretch(1, 2 / (depth + width)) for i in pair})
+        rows.stations({i: _shift(0) for i in pair})
+        rows.stations({i: _shift(1, outwards[i]) for i in pair})
+    # further up: of all near ends the shoulder's alone is seen, and its joint would make up for what the skin is off by
+    rows.stations({i: _shift(2) for i in _segments("upper_arm")})
+    feet = _segments("foot")  # higher, further up, wider, further outwards, further ahead
+    low, high = extent(feet[0])
+    rows.stations({i: _stretch(2, 2 / (high[2] - low[2]), (low[2] + high[2]) / 2) for i in feet})
+    rows.stations({i: _shift(2) for i in feet})
+    rows.stations({i: _stretch(1, 2 / (high[1] - low[1])) for i in feet})
+    rows.whole({i: _shift(1, outwards[i]) for i in feet})
+    rows.whole({i: _shift(0) for i in feet})
+    for name, axis in (("head", 2), ("hand", 2), ("foot", 0)):  # what ends a limb
+        low, high = extent(_segments(name)[0])
+        rows.whole({i: _stretch(axis, 1 / (high[axis] - low[axis])) for i in _segments(name)})
+
+
+def _spans(body: Body) -> Array:
+    spans = np.zeros((len(SEGMENTS), 4))
+    for segment, name in enumerate(SEGMENTS):
+        axis = 0 if name.endswith("foot") else 2
+        along = body.surface.points_m[body.surface.segment == segment, axis]
+        spans[segment, axis], spans[segment, 3] = 1 / np.ptp(along), -along.min() / np.ptp(along)
+    return spans
+
+
+def corrected(body: Body, change: Basis, amounts_m: Array) -> Body:
+    """``body`` after corrections (P,)."""
+    surface = body.surface
+    points = surface.points_m.copy()
+    for segment in range(len(SEGMENTS)):
+        mine = surface.segment == segment
+        points[mine] = change.displaced(segment, points[mine], amounts_m)
+    offsets = body.offsets_m + np.einsum("p,psi->si", amounts_m, change.joints)
+    return replace(body, offsets_m=offsets, surface=surface.moved(points))

@@ -1,0 +1,171 @@
+"""The frames of one camera in the empty hall, matched with each other; and where each probably looked.
+
+The sweep's frames are chained; the reference image and the zoom run find their places among them. From these first
+values the adjustments begin (`pzcap.calibration.bundle_adjustment`, `pzcap.calibration.photometric_bundle_adjustment`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pzcap.calibration import features
+from pzcap.calibration.bundle_adjustment import Link, adjust
+from pzcap.calibration.features import Features
+from pzcap.calibration.parameters import BeliefConfig, Model, Sigmas
+from pzcap.calibration.sweep import Chain, Frames, chain, grey, link_further, link_views, place, spaced
+from pzcap.calibration.zoom_run import link_zoom
+from pzcap.geometry import camera as geometry
+from pzcap.geometry.camera import View
+from pzcap.localisation.localise import PanZoomConfig
+from pzcap.types import FAR_AWAY, Array, Camera, Image, InverseDepthMap, PzcapError
+
+MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor
+AZIMUTHS = 72  # at which the distance of the walls is estimated
+WALL_NEARNESS = 0.15  # inverse distance of a wall before anything is known, in inverse heights of the camera
+FOCAL_SIGMA = 0.005  # relative, of the reference calibration
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matched:
+    """The sweep's frames, the reference image and some frames of the zoom run, in this order."""
+
+    chained: Chain
+    beside: list[Image]  # grey: the reference image, then the frames of the zoom run
+    sweep_links: list[Link]  # between frames of the sweep
+    links: list[Link]  # these, and those with and between the others
+    start: Model  # first values
+    sigmas: Sigmas
+
+
+def match(
+    camera: Camera,
+    reference_image: Image,
+    sweep: Frames,
+    zoom: Frames | None,
+    full_turn: bool,
+    config: PanZoomConfig,
+    report: Callable[[str, int, int], None],
+) -> Matched:
+    """Chain the sweep, and find the places of the reference image (taken by ``camera``) and the zoom run on it.
+
+    Raises PzcapError where the sweep does not hold together, or shows nothing of what the reference image does.
+    """
+    height, width = reference_image.shape[:2]
+    view = View(0.0, 0.0, 0.0, camera.focal_px, camera.principal_px, 0.0)
+    chained = chain(sweep, view, full_turn, config.sweep, lambda done: report("match sweep", done, 0))
+    count = len(chained.pan_rad)
+    sigmas = sigmas_of(camera, config.beliefs, full_turn, zoom=False)
+    coarse = adjust(_start(view, chained.pan_rad), chained.links, sigmas, iterations=6).model
+    further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
+    sweep_links = [*chained.links, *further]
+
+    found = [*chained.features, _detect(reference_image, config)]
+    pan, links = _place_reference(found, coarse, width, config)
+    links = [*sweep_links, *links]
+    pans, focals = [*coarse.pan_rad, pan], [coarse.log_focal[0]] * 2
+    pan_of, focal_of = [*range(count), count], [0] * count + [1]
+    zoomed = _zoom_frames(zoom, config)
+    if zoomed:
+        for done, image in enumerate(zoomed):
+            report("match zoom run", done, len(zoomed) + 1)
+            found.append(_detect(image, config))
+        run = link_zoom(found, coarse.pan_rad, count + 1, coarse.view(0), width, config)
+        report("match zoom run", len(zoomed) + 1, len(zoomed) + 1)
+        links += run.links
+        pans.append(run.pan_rad)
+        focals += list(run.log_focal)
+        pan_of += [count + 1] * len(run.log_focal)
+        focal_of += list(range(2, 2 + len(run.log_focal)))
+    start = Model(
+        np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
+        _padded(coarse.principal_px, 2 if zoomed else 1), _padded(coarse.k1[:, None], 3 if zoomed else 1)[:, 0],
+        coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
+    )  # fmt: skip
+    beside = [grey(image) for image in [reference_image, *zoomed]]
+    return Matched(
+        chained, beside, sweep_links, links, start, sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
+    )
+
+
+def _start(view: View, pan_rad: Array) -> Model:
+    count = len(pan_rad)
+    return Model(
+        pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
+        view.principal_px[None], np.array([view.k1]),
+        np.zeros(2), 0.0, FAR_AWAY,
+    )  # fmt: skip
+
+
+def _floor_and_walls(view: View, width: int, height: int, rows: int) -> InverseDepthMap:
+    """What is believed of a hall before anything is known, in camera heights; its departures at ``rows`` slopes."""
+    edge = np.linspace(0, width - 1, 32)
+    border = np.array([(u, v) for v in (0.0, height - 1.0) for u in edge])
+    _, slope = geometry.pixel_to_direction(view, border)
+    slopes = np.array([slope.min(), slope.max()])
+    return InverseDepthMap(1.0, np.full(AZIMUTHS, WALL_NEARNESS), np.zeros((rows, AZIMUTHS)), slopes)
+
+
+def sigmas_of(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool) -> Sigmas:
+    """What is believed of a camera and its hall before the footage is seen."""
+    # a circle that closes fixes the focal length far better than the calibration object can
+    focal = 10.0 * FOCAL_SIGMA if full_turn else FOCAL_SIGMA
+    principal = np.full(2 if zoom else 1, beliefs.principal * camera.width)
+    k1 = beliefs.k1 * np.array([1.0, 1.0, 0.5] if zoom else [1.0])
+    height_m = height_of(camera)
+    return Sigmas(
+        focal, np.deg2rad(beliefs.tilt_deg), principal, k1, beliefs.offset_m / height_m, beliefs.travel_m / height_m
+    )
+
+
+def _padded(coefficients: Array, order: int) -> Array:
+    """Polynomial coefficients (p, D) with zeros up to ``order`` terms."""
+    return np.vstack([coefficients, np.zeros((order - len(coefficients), coefficients.shape[1]))])
+
+
+def _detect(image: Image, config: PanZoomConfig) -> Features:
+    return features.detect(grey(image), config.sweep.threshold, config.sweep.features, scales=features.FEW_SCALES)
+
+
+def _place_reference(
+    found: Sequence[Features], sweep: Model, width: int, config: PanZoomConfig
+) -> tuple[float, list[Link]]:
+    """Pan of the last frame of ``found``, the reference image, and its links to the frames of the sweep."""
+    view = sweep.view(0)
+    field = 2 * np.arctan(width / 2 / view.focal_px)
+    focals = view.focal_px * np.exp(np.arange(-0.1, 0.101, 0.01))
+    best, pan, focal = 0, 0.0, view.focal_px
+    for index in spaced(sweep.pan_rad, 0.3 * field):
+        taken = sweep.view(index)
+        candidate = place(
+            found[-1], found[index], taken, lambda f: replace(view, focal_px=f), focals, config.sweep.ratio
+        )
+        if candidate[2] > best:
+            pan, focal, best = candidate
+    seen = replace(view, pan_rad=pan, focal_px=focal)
+    links = []
+    for share in np.arange(-0.6, 0.61, 0.1):
+        apart = geometry.wrapped(sweep.pan_rad - pan - share * field)
+        index = int(np.argmin(np.abs(apart)))
+        links.append(link_views(found, index, len(found) - 1, (sweep.view(index), seen), 12.0, config.sweep))
+    kept = [link for link in links if link is not None]
+    if best < config.sweep.min_matches or not kept:
+        raise PzcapError("reference image: it shows nothing of what the sweep showed; sweep past the reference pose")
+    return pan, kept
+
+
+def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[Image]:
+    """Some frames of the zoom run, evenly spaced."""
+    if zoom is None:
+        return []
+    count = sum(1 for _ in zoom)
+    chosen = set(np.round(np.linspace(0, count - 1, min(count, config.sweep.zoom_frames))).astype(int).tolist())
+    return [image for number, (_, image) in enumerate(zoom) if number in chosen]
+
+
+def height_of(camera: Camera) -> float:
+    """Of a camera over its floor, metres."""
+    height_m = float(camera.world_T_cam[2, 3])
+    return height_m if height_m > MIN_HEIGHT_M else 1.0

@@ -1,0 +1,266 @@
+"""The camera's pose from the grey values of the printed markers themselves.
+
+What is printed on the calibration object is known exactly, so the picture of it can be predicted: every pixel of a
+marker, not its four corners alone, says where the camera stands. The six pose parameters are fitted by Gauss-Newton on
+the grey values. Light and sharpness are unknown and of no interest. Each marker has linear shadings of its own for
+paper and ink, which are solved for wherever the pose is (variable projection; Golub and Pereyra, 1973), and two widths
+of blur, across its upright and across its level edges, which the Schur complement eliminates. What covers or outshines
+a part of a marker loses its weight (Tukey's biweight).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import cv2
+import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation
+
+from pzcap.geometry.camera import distort, undistort
+from pzcap.types import Array, CalibrationObject, Camera, Image, Marker
+
+MARGIN: Final = 0.5  # cells of the white around a marker that are looked at
+LEAST_BLUR_PX2, BLUR_PX2, MOST_BLUR_PX2 = 0.015, 0.2, 9.0  # variance beside the pixel's own square
+BLUR_SIGMA_PX2: Final = 1.0  # of the blur about BLUR_PX2
+ROUNDS: Final = 24
+LOOSE: Final = 4  # rounds in which outliers pull a little (Huber), so that none wins by being there first
+SETTLED: Final = 12  # rounds after which the weights are left alone, lest they and the pose chase each other
+HUBER, TUKEY = 1.345, 8.0  # in standard deviations; wide, for the tails of what the model misses are long
+LEAST_NOISE: Final = 0.3  # grey levels: what rounding leaves
+DONE: Final = 0.02  # a step of so few standard deviations is the last
+SHADING: Final = 6  # of paper and ink, three coefficients each
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseFit:
+    camera: Camera
+    covariance: Array  # (6, 6) of the step of `moved`
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """The pixels that show one marker, and what is printed on it."""
+
+    ink: Array  # (n, n) 1 where a cell is black, 0 where it is white; row, column
+    axes_m: Array  # (3, 3) world, columns: one cell to the right, one cell down, the top left corner
+    rays: Array  # (P, 3) camera, z = 1
+    ray_by_px: Array  # (P, 2, 2) derivative of a ray's x and y with respect to column and row
+    place: Array  # (P, 3) 1, column and row about the patch's middle
+    grey: Array  # (P,)
+
+
+def moved(camera: Camera, step: Array) -> Camera:
+    """``camera`` when the world before it turns by the rotation vector ``step[:3]``, then shifts by ``step[3:]``."""
+    turn = Rotation.from_rotvec(step[:3]).as_matrix()
+    cam_R_world = turn @ camera.world_T_cam[:3, :3].T
+    translation = step[3:] - cam_R_world @ camera.world_T_cam[:3, 3]
+    world_T_cam = np.eye(4)
+    world_T_cam[:3, :3] = cam_R_world.T
+    world_T_cam[:3, 3] = -cam_R_world.T @ translation
+    return replace(camera, world_T_cam=world_T_cam)
+
+
+def fit_pose(camera: Camera, image: Image, calibration_object: CalibrationObject, ids: Sequence[int]) -> PoseFit | None:
+    """The pose that explains what ``image`` (H, W[, 3]) shows of the markers ``ids``; the lens of ``camera`` is held.
+
+    The start has to be right to half a cell or so. None where the steps do not die out.
+    """
+    patches = cut(camera, image, calibration_object, ids)
+    blur = np.full((len(patches), 2), BLUR_PX2)
+    weights = [np.ones(len(patch.grey)) for patch in patches]
+    for number in range(ROUNDS):
+        parts = [linearise(camera, *part) for part in zip(patches, blur, weights, strict=True)]
+        sigmas = _sigmas([part[0] for part in parts], [part[2] for part in parts])
+        kept, normal, gradient = [], np.zeros((6, 6)), np.zeros(6)
+        for k, (residual, jacobian, _) in enumerate(parts):
+            if number < SETTLED:
+                weights[k] = _weigh(residual / sigmas[k], tight=number >= LOOSE) / np.square(sigmas[k])
+            whole = jacobian.T @ (weights[k][:, None] * jacobian)
+            right = jacobian.T @ (weights[k] * residual)
+            whole[[6, 7], [6, 7]] += BLUR_SIGMA_PX2**-2
+            right[6:8] += BLUR_SIGMA_PX2**-2 * (blur[k] - BLUR_PX2)
+            share = np.linalg.solve(whole[6:, 6:], whole[6:, :6])
+            normal += whole[:6, :6] - whole[:6, 6:] @ share
+            gradient += right[:6] - share.T @ right[6:]
+            kept.append((whole, right))
+        step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
+        for k, (whole, right) in enumerate(kept):
+            change = -np.linalg.solve(whole[6:, 6:], right[6:] + whole[6:, :6] @ step)[:2]
+            blur[k] = np.clip(blur[k] + change, LEAST_BLUR_PX2, MOST_BLUR_PX2)
+        camera = moved(camera, step)
+        if number > LOOSE and step @ normal @ step < DONE**2:
+            return PoseFit(camera, np.asarray(np.linalg.inv(normal), np.float64))
+    return None
+
+
+def _sigmas(residuals: list[Array], slopes: list[Array]) -> list[Array]:
+    """Standard deviation of each pixel's residual, of the median kind.
+
+    Noise, and what the model misses where the picture is steep: a share of a pixel, as if the edges lay a bit off.
+    """
+    residual, slope = np.abs(np.concatenate(residuals)), np.concatenate(slopes)
+    steep = slope > 0.25 * slope.max()
+    noise = max(1.4826 * float(np.median(residual[~steep])), LEAST_NOISE)
+    excess = (1.4826 * float(np.median(residual[steep]))) ** 2 - noise**2
+    off_px = math.sqrt(max(excess, 0.0) / float(np.median(np.square(slope[steep]))))
+    return [np.hypot(noise, off_px * each) for each in slopes]
+
+
+def cut(camera: Camera, image: Image, calibration_object: CalibrationObject, ids: Sequence[int]) -> list[Patch]:
+    """A patch for each of the markers ``ids``, where ``camera`` sees it in ``image`` (H, W[, 3])."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, calibration_object.dictionary))
+    cells = dictionary.markerSize + 2
+    patches = []
+    for marker in calibration_object.markers:
+        if marker.id not in ids:
+            continue
+        axes_m = _axes(marker, cells)
+        corners = np.array([(a, b, 1.0) for a in (-MARGIN, cells + MARGIN) for b in (-MARGIN, cells + MARGIN)])
+        around = _project(camera, corners @ axes_m.T)
+        low = np.maximum(np.floor(around.min(axis=0)), 0).astype(int)
+        high = np.minimum(np.ceil(around.max(axis=0)) + 1, [camera.width, camera.height]).astype(int)
+        v, u = (g.ravel() for g in np.mgrid[low[1] : high[1], low[0] : high[0]])
+        pixels = np.column_stack([u, v]).astype(np.float64)
+        rays, ray_by_px = _rays(camera, pixels)
+        places, _, _ = _on_print(camera, axes_m, rays)
+        seen = image[v, u].reshape(len(pixels), -1)
+        # beyond white nothing is known of the light
+        used = np.all((places > -MARGIN) & (places < cells + MARGIN), axis=1) & (seen.max(axis=1) < 255)
+        ink = (cv2.aruco.generateImageMarker(dictionary, marker.id, cells) == 0).astype(np.float64)
+        place = np.column_stack([np.ones(len(pixels)), (pixels - around.mean(axis=0)) / np.ptp(around, axis=0)])
+        # the mean of the colours: they are equal on print, and their noises are not the same
+        patches.append(Patch(ink, axes_m, rays[used], ray_by_px[used], place[used], seen[used].mean(axis=1)))
+    return patches
+
+
+def linearise(camera: Camera, patch: Patch, blur_px2: Array, weight: Array) -> tuple[Array, Array, Array]:
+    """Predicted minus seen grey values (P,) with the best shadings by ``weight`` (P,), and derivatives (P, 14).
+
+    The columns: the step of `moved` (6), the blurs ``blur_px2`` (2,), the shadings of paper and ink (6).
+    Also how steep the prediction is (P,), grey levels a pixel.
+    """
+    places, by_ray, by_pose = _on_print(camera, patch.axes_m, patch.rays)
+    by_px = by_ray @ patch.ray_by_px
+    ink = np.empty((len(places), 5))
+    _ink(patch.ink, places, by_px, blur_px2, ink)
+    shares = np.column_stack([(1.0 - ink[:, :1]) * patch.place, ink[:, :1] * patch.place])
+    root = np.sqrt(weight)
+    shading = np.linalg.lstsq(shares * root[:, None], patch.grey * root, rcond=None)[0]
+    contrast = patch.place @ (shading[3:] - shading[:3])
+    jacobian = np.empty((len(places), 8 + SHADING))
+    jacobian[:, :6] = contrast[:, None] * np.einsum("pi,pij->pj", ink[:, 1:3], by_pose)
+    jacobian[:, 6:8] = contrast[:, None] * ink[:, 3:]
+    jacobian[:, 8:] = shares
+    slope = np.abs(contrast) * np.linalg.norm(np.einsum("pi,pij->pj", ink[:, 1:3], by_px), axis=1)
+    return shares @ shading - patch.grey, jacobian, slope
+
+
+def _weigh(scaled: Array, *, tight: bool) -> Array:
+    if tight:
+        return np.square(np.clip(1.0 - np.square(scaled / TUKEY), 0.0, None))
+    return np.minimum(1.0, HUBER / np.maximum(np.abs(scaled), 1e-9))
+
+
+def _axes(marker: Marker, cells: int) -> Array:
+    """(3, 3) columns: one cell to the right, one down, the top left corner, of the square nearest the corners."""
+    a, b, c, d = marker.corners_m
+    right, down = ((b - a) + (c - d)) / (2 * cells), ((d - a) + (c - b)) / (2 * cells)
+    return np.column_stack([right, down, marker.corners_m.mean(axis=0) - cells / 2 * (right + down)])
+
+
+def _on_print(camera: Camera, axes_m: Array, rays: Array) -> tuple[Array, Array, Array]:
+    """Where rays (P, 3) meet a print, (P, 2) in cells to the right and down, and derivatives.
+
+    (P, 2, 2) with respect to a ray's x and y, (P, 2, 6) to the step of `moved`: with ``H`` the print's axes in the
+    camera's frame a ray ``d`` meets it at ``H^-1 d``, up to scale; ``dH = w x H + (0, 0, t)``.
+    """
+    rotation, centre = camera.world_T_cam[:3, :3], camera.world_T_cam[:3, 3]
+    inverse = np.linalg.inv(rotation.T @ (axes_m - np.column_stack([np.zeros((3, 2)), centre])))
+    met = rays @ inverse.T
+    places = met[:, :2] / met[:, 2:]
+    rows = (inverse[None, :2] - places[:, :, None] * inverse[2]) / met[:, 2, None, None]
+    by_pose = np.empty((len(rays), 2, 6))
+    by_pose[:, :, :3] = -np.cross(rays[:, None], rows)
+    by_pose[:, :, 3:] = -met[:, 2, None, None] * rows
+    return places, rows[:, :, :2], by_pose
+
+
+def _project(camera: Camera, points_m: Array) -> Array:
+    """Pixels (N, 2) of world points (N, 3) before the camera."""
+    seen = (points_m - camera.world_T_cam[:3, 3]) @ camera.world_T_cam[:3, :3]
+    return camera.principal_px + camera.focal_px * distort(seen[:, :2] / seen[:, 2:], camera.k1)
+
+
+def _rays(camera: Camera, pixels: Array) -> tuple[Array, Array]:
+    """Rays (P, 3) of pixels (P, 2), z = 1, and derivatives of their x and y (P, 2, 2) by column and row."""
+    xy = undistort((pixels - camera.principal_px) / camera.focal_px, camera.k1)
+    factor = 1.0 + camera.k1 * np.sum(xy * xy, axis=1)
+    bend = factor[:, None, None] * np.eye(2) + 2.0 * camera.k1 * xy[:, :, None] * xy[:, None, :]
+    return np.column_stack([xy, np.ones(len(xy))]), np.linalg.inv(bend) / camera.focal_px
+
+
+REACH: Final = 4.0  # standard deviations beyond which an edge is not felt
+HALF_ROOT: Final = math.sqrt(0.5)
+DENSITY: Final = 1.0 / math.sqrt(2.0 * math.pi)
+NODES, SHARES = (values / 2 for values in np.polynomial.legendre.leggauss(3))
+
+
+@njit(cache=True, nogil=True)
+def _ink(cells: Array, places: Array, by_px: Array, blur_px2: Array, out: Array) -> None:
+    """The share of ink in each pixel, and derivatives: ``out`` (P, 5).
+
+    Ink, its derivatives with respect to the place (to the right, down), and to the two blurs. A straight edge is seen
+    exactly: blurred by a Gaussian, and averaged over the pixel's square, on which the print is seen under a linear
+    map. Where two edges meet they are taken to blur one after the other, which is exact where they stand upright and
+    level in the image, and else wrong alike on either side.
+    """
+    n = len(cells)
+    across, down = np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
+    for p in range(len(places)):
+        out[p] = 0.0
+        left, right = _profile(places[p, 0], by_px[p, 0], blur_px2[0], across)
+        top, bottom = _profile(places[p, 1], by_px[p, 1], blur_px2[1], down)
+        for j in range(top, bottom):
+            of_row = down[j] - down[j + 1]
+            for i in range(left, right):
+                if cells[j, i] > 0.0:
+                    of_column = across[i] - across[i + 1]
+                    out[p, 0] += cells[j, i] * of_column[0] * of_row[0]
+                    out[p, 1] += cells[j, i] * of_column[1] * of_row[0]
+                    out[p, 2] += cells[j, i] * of_column[0] * of_row[1]
+                    out[p, 3] += cells[j, i] * of_column[2] * of_row[0]
+                    out[p, 4] += cells[j, i] * of_column[0] * of_row[2]
+
+
+@njit(cache=True, nogil=True)
+def _profile(place: float, by_px: Array, blur_px2: float, out: Array) -> tuple[int, int]:
+    """How far a pixel at ``place`` is beyond each of the edges 0, 1, ...: ``out`` (n + 1, 3).
+
+    The share beyond the edge, its derivatives with respect to the place and to the blur. Only the edges from the first
+    to the second of the numbers returned are felt or written.
+    """
+    wide, narrow = abs(by_px[0]), abs(by_px[1])
+    if wide < narrow:
+        wide, narrow = narrow, wide
+    squared = wide * wide + narrow * narrow
+    sigma = math.sqrt(blur_px2 * squared)
+    reach = 0.5 * (wide + narrow) + REACH * sigma
+    first = min(max(int(math.floor(place - reach)), 0), len(out) - 1)  # noqa: RUF046
+    last = min(max(int(math.ceil(place + reach)), 0), len(out) - 1)  # noqa: RUF046
+    for i in range(first, last + 1):
+        out[i] = 0.0
+        for k in range(len(NODES)):
+            # the square's longer side is integrated over exactly, the shorter one at a few places
+            low = (place - i + NODES[k] * narrow - 0.5 * wide) / sigma
+            high = low + wide / sigma
+            low_share, high_share = 0.5 + 0.5 * math.erf(low * HALF_ROOT), 0.5 + 0.5 * math.erf(high * HALF_ROOT)
+            low_density, high_density = DENSITY * math.exp(-0.5 * low * low), DENSITY * math.exp(-0.5 * high * high)
+            scale = SHARES[k] / wide
+            out[i, 0] += scale * sigma * (high * high_share + high_density - low * low_share - low_density)
+            out[i, 1] += scale * (high_share - low_share)
+            out[i, 2] += scale * (high_density - low_density) * 0.5 * squared / sigma
+    return first, last

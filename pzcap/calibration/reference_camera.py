@@ -1,0 +1,291 @@
+"""The camera at its reference pose, from one image of the calibration object (section 3.4).
+
+Tsai's method (Tsai, 1986, noncoplanar points): the radial alignment constraint gives the orientation and two thirds of
+the position by linear equations that neither focal length nor radial distortion can disturb, a second linear system
+the focal length and the distance; then everything is refined together with the distortion by Levenberg-Marquardt. Once
+the lens is known from elsewhere, the pose is fitted to the grey values of the whole markers
+(`pzcap.calibration.marker_pose`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.calibration import marker_pose
+from pzcap.types import Array, CalibrationObject, Camera, Image, PzcapError, ReferenceCamera
+
+MIN_MARKERS = 3
+AGREE = 5.0  # standard deviations between the pose of the corners and that of the grey values
+LEAST_CORNER_ERROR_PX = 0.02
+TOLERANCE = 0.25  # of a marker's side, by which the linear stages may miss its corners
+TRIPLES = 100
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceConfig:
+    k1_sigma: float = 0.05  # what k1 can be before anything is known; the object alone hardly shows it
+    outlier_px: float = 1.0  # residuals beyond this count less and less (Huber)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detection:
+    """The corners of the markers that were found."""
+
+    ids: tuple[int, ...]
+    points_m: Array  # (N, 3) world
+    points_px: Array  # (N, 2)
+
+
+def detect(image: Image, calibration_object: CalibrationObject) -> Detection:
+    """Find the markers of ``calibration_object`` in ``image`` (H, W[, 3]), their corners to a fraction of a pixel.
+
+    Raises PzcapError when fewer than MIN_MARKERS are found, or only markers of one plane.
+    """
+    identifier = getattr(cv2.aruco, calibration_object.dictionary, None)
+    if not isinstance(identifier, int):
+        raise PzcapError(
+            f"calibration object: no marker dictionary is called {calibration_object.dictionary!r}; "
+            "use a name of cv2.aruco, such as DICT_4X4_50"
+        )
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.adaptiveThreshWinSizeMax = 43
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(identifier), parameters)
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)
+    corners, found, _ = detector.detectMarkers(grey)
+    known = {marker.id: marker.corners_m for marker in calibration_object.markers}
+    quads = [(int(i), quad[0]) for quad, i in zip(corners, [] if found is None else found.ravel(), strict=True)]
+    seen = _consistent([(i, quad) for i, quad in quads if i in known], known, *grey.shape[::-1])
+    ids = tuple(sorted(seen))
+    if len(ids) < MIN_MARKERS:
+        raise PzcapError(
+            f"{len(ids)} of the calibration object's {len(known)} markers found, {MIN_MARKERS} are needed; "
+            "let it fill more of the picture, in focus and evenly lit"
+        )
+    points_m = np.concatenate([known[i] for i in ids]).astype(np.float64)
+    if np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)[2] < 1e-2 * np.ptp(points_m):
+        raise PzcapError("all markers found lie in one plane; turn the calibration object so that two faces are seen")
+    points_px = np.concatenate([refine_corners(grey, seen[i].astype(np.float64)) for i in ids])
+    return Detection(ids, points_m, points_px)
+
+
+def _consistent(
+    quads: Sequence[tuple[int, Array]], known: Mapping[int, Array], width: int, height: int
+) -> dict[int, Array]:
+    """The quads (id, (4, 2) pixels) that one camera can see together; of two with one id at most one is true.
+
+    A pattern of the hall passes for a marker now and then. If not all agree, those that most agree with: the cameras
+    of triples are tried (Fischler and Bolles, 1981).
+    """
+
+    points_m = np.array([known[i] for i, _ in quads], np.float64).reshape(-1, 4, 3)
+    points_px = np.array([quad for _, quad in quads], np.float64).reshape(-1, 4, 2)
+    sides = np.linalg.norm(points_px - np.roll(points_px, 1, axis=1), axis=2).mean(axis=1)
+
+    def agreeing(sample: NDArray[np.int64]) -> dict[int, Array]:
+        try:
+            camera = tsai(points_m[sample].reshape(-1, 3), points_px[sample].reshape(-1, 2), width, height)
+        except (PzcapError, np.linalg.LinAlgError):
+            return {}
+        off = _residuals(camera, points_m.reshape(-1, 3), points_px.reshape(-1, 2))[0].reshape(-1, 8)
+        agree = np.abs(off).max(axis=1) < TOLERANCE * sides
+        return {i: quad for (i, quad), good in zip(quads, agree, strict=True) if good}
+
+    everything = dict(quads)
+    if len(quads) < MIN_MARKERS or len(best := agreeing(np.arange(len(quads)))) == len(quads):
+        return everything
+    rng = np.random.default_rng(0)
+    for _ in range(TRIPLES):
+        best = max(best, agreeing(rng.choice(len(quads), 3, replace=False)), key=len)
+    return best if len(best) >= MIN_MARKERS else everything
+
+
+def refine_corners(grey: Image, corners_px: Array) -> Array:
+    """Corners (4, 2) of a dark square on a bright ground, as the intersections of its four edges.
+
+    `cv2.cornerSubPix` takes the whole neighbourhood of a corner, which blur rounds, and so pulls corners towards the
+    square's middle. An edge away from its ends knows of no corner: each side is sampled across at many places, each
+    gives the edge's position as the first moment of the gradient, and a line is fitted through them.
+    """
+    lines = []
+    for start, end in zip(corners_px, np.roll(corners_px, -1, axis=0), strict=True):
+        length = float(np.hypot(*(end - start)))
+        along = (end - start) / length
+        normal = np.array([along[1], -along[0]])  # out of the square: corners run clockwise, y is down
+        places = start + np.linspace(0.15, 0.85, max(8, int(length)))[:, None] * (end - start)
+        reach = float(np.clip(0.08 * length, 2.0, 4.0))  # stays inside the marker's black border and its white margin
+        across = np.arange(-reach, reach + 1e-9, 0.25)
+        for _ in range(2):
+            at = places[:, None, :] + across[None, :, None] * normal
+            profile = cv2.remap(grey, at[..., 0].astype(np.float32), at[..., 1].astype(np.float32), cv2.INTER_LINEAR)
+            slope = np.clip(np.diff(profile.astype(np.float64), axis=1), 0.0, None)
+            total = slope.sum(axis=1)
+            offset = (slope @ ((across[1:] + across[:-1]) / 2)) / np.maximum(total, 1e-9)
+            good = total > 0.5 * np.median(total)
+            places = places + np.where(good, offset, 0.0)[:, None] * normal
+        middle = places[good].mean(axis=0)
+        direction = np.linalg.svd(places[good] - middle)[2][0]
+        lines.append((middle, np.array([direction[1], -direction[0]])))
+    refined = corners_px.copy()
+    for i in range(4):  # corner i is where the sides before and after it meet
+        (point_a, normal_a), (point_b, normal_b) = lines[i - 1], lines[i]
+        refined[i] = np.linalg.solve(np.array([normal_a, normal_b]), [normal_a @ point_a, normal_b @ point_b])
+    moved = np.hypot(*(refined - corners_px).T)
+    return np.where((moved < 3.0)[:, None], refined, corners_px)  # a side that is partly hidden can send a corner away
+
+
+def calibrate(image: Image, calibration_object: CalibrationObject, config: ReferenceConfig) -> ReferenceCamera:
+    """Pose, focal length and distortion of the camera that took ``image``; the principal point is its centre.
+
+    Raises PzcapError when the object is not found.
+    """
+    height, width = image.shape[:2]
+    detection = detect(image, calibration_object)
+    camera = tsai(detection.points_m, detection.points_px, width, height)
+    return fit(camera, detection.points_m, detection.points_px, config, free_lens=True)
+
+
+def tsai(points_m: Array, points_px: Array, width: int, height: int) -> Camera:
+    """Tsai's linear stages: points (N, 3) and their pixels (N, 2), N >= 7 and not in one plane, to a camera, k1 = 0.
+
+    The radial alignment constraint ``x (r2 P + t2) = y (r1 P + t1)`` is solved for the first two rows of ``[R | t]``
+    up to scale (unit-norm solution in place of Tsai's division by t2, which fails where t2 = 0).
+    """
+    centre = np.array([(width - 1) / 2, (height - 1) / 2])
+    xy = points_px - centre
+    middle = points_m.mean(axis=0)
+    size = float(np.abs(points_m - middle).max())
+    scaled = (points_m - middle) / size
+    homogeneous = np.column_stack([scaled, np.ones(len(scaled))])
+    constraint = np.hstack([xy[:, 1:] * homogeneous, -xy[:, :1] * homogeneous]) / np.abs(xy).max()
+    rows = np.linalg.svd(constraint)[2][-1].reshape(2, 4)
+    rows = rows / np.linalg.norm(rows[:, :3], axis=1).mean()
+    # the sign: points lie on the same side of the optical axis as their images
+    if np.sum(xy * (homogeneous @ rows.T)) < 0:
+        rows = -rows
+    left, _, right = np.linalg.svd(np.vstack([rows[:, :3], np.cross(rows[0, :3], rows[1, :3])]))
+    rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+
+    # f (r1 P + t1) - x t3 = x (r3 P), the same for y: focal length and distance
+    planar = scaled @ rotation[:2].T + rows[:, 3]
+    depth = scaled @ rotation[2]
+    system = np.column_stack([planar.ravel(), -xy.ravel()])
+    focal, distance = np.linalg.lstsq(system, (xy * depth[:, None]).ravel(), rcond=None)[0]
+    if focal <= 0 or distance <= 0:
+        raise PzcapError("the calibration object's markers do not fit one camera; check its dimensions (object.json)")
+    translation = size * np.array([rows[0, 3], rows[1, 3], distance]) - rotation @ middle
+    world_T_cam = np.eye(4)
+    world_T_cam[:3, :3] = rotation.T
+    world_T_cam[:3, 3] = -rotation.T @ translation
+    return Camera(width, height, world_T_cam, float(focal), centre, 0.0)
+
+
+def fit(
+    camera: Camera, points_m: Array, points_px: Array, config: ReferenceConfig, *, free_lens: bool
+) -> ReferenceCamera:
+    """Refine ``camera`` to the points by Levenberg-Marquardt with Huber weights.
+
+    With ``free_lens`` the focal length and k1 are refined with the pose, else the pose alone.
+    """
+    free = 8 if free_lens else 6
+    damping = 1e-3
+    residual, jacobian = _residuals(camera, points_m, points_px)
+    cost = _cost(residual, camera, config)
+    for _ in range(100):
+        norms = np.hypot(*residual.reshape(-1, 2).T)
+        weight = np.repeat(np.minimum(1.0, config.outlier_px / np.maximum(norms, 1e-12)), 2)
+        normal = jacobian[:, :free].T @ (weight[:, None] * jacobian[:, :free])
+        gradient = jacobian[:, :free].T @ (weight * residual)
+        if free_lens:
+            normal[7, 7] += config.k1_sigma**-2 * PIXEL_SIGMA**2
+            gradient[7] += camera.k1 * config.k1_sigma**-2 * PIXEL_SIGMA**2
+        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        candidate = _stepped(camera, np.concatenate([step, np.zeros(8 - free)]))
+        candidate_residual, candidate_jacobian = _residuals(candidate, points_m, points_px)
+        candidate_cost = _cost(candidate_residual, candidate, config)
+        if candidate_cost > cost:
+            damping *= 10
+            if damping > 1e9:
+                break
+            continue
+        gain = cost - candidate_cost
+        camera, residual, jacobian, cost = candidate, candidate_residual, candidate_jacobian, candidate_cost
+        damping = max(damping / 10, 1e-12)
+        if gain <= 1e-14 * cost:
+            break
+    return ReferenceCamera(camera, points_m, points_px, -residual.reshape(-1, 2))
+
+
+PIXEL_SIGMA = 0.1  # of a corner, to weigh the prior on k1 against
+
+
+def _cost(residual: Array, camera: Camera, config: ReferenceConfig) -> float:
+    norms = np.hypot(*residual.reshape(-1, 2).T)
+    bound = config.outlier_px
+    huber = np.where(norms < bound, 0.5 * norms**2, bound * (norms - 0.5 * bound))
+    return float(huber.sum() + 0.5 * (camera.k1 / config.k1_sigma * PIXEL_SIGMA) ** 2)
+
+
+def _residuals(camera: Camera, points_m: Array, points_px: Array) -> tuple[Array, Array]:
+    """Projected minus detected (2 N,), and derivatives (2 N, 8).
+
+    The columns: rotation vector and translation of the world in the camera's frame, log focal, k1.
+    """
+    rotation, centre = camera.world_T_cam[:3, :3], camera.world_T_cam[:3, 3]
+    seen = (points_m - centre) @ rotation
+    x, y, z = (seen / seen[:, 2:]).T[0], (seen / seen[:, 2:]).T[1], seen[:, 2]
+    squared = x * x + y * y
+    factor = 1.0 + camera.k1 * squared
+    bent = np.column_stack([x, y]) * factor[:, None]
+    lens = np.empty((len(seen), 2, 2))
+    lens[:, 0, 0], lens[:, 1, 1] = factor + 2 * camera.k1 * x * x, factor + 2 * camera.k1 * y * y
+    lens[:, 0, 1] = lens[:, 1, 0] = 2 * camera.k1 * x * y
+    divide = np.zeros((len(seen), 2, 3))
+    divide[:, 0, 0] = divide[:, 1, 1] = 1 / z
+    divide[:, 0, 2], divide[:, 1, 2] = -x / z, -y / z
+    by_point = camera.focal_px * (lens @ divide)
+    jacobian = np.empty((len(seen), 2, 8))
+    jacobian[:, :, :3] = np.cross(seen[:, None, :], by_point)  # d(w x P) = [w]x P, so row . (w x P) = w . (P x row)
+    jacobian[:, :, 3:6] = by_point
+    jacobian[:, :, 6] = camera.focal_px * bent
+    jacobian[:, :, 7] = camera.focal_px * squared[:, None] * np.column_stack([x, y])
+    residual = camera.principal_px + camera.focal_px * bent - points_px
+    return residual.ravel(), jacobian.reshape(-1, 8)
+
+
+def _stepped(camera: Camera, step: Array) -> Camera:
+    focal_px = camera.focal_px * float(np.exp(np.clip(step[6], -0.5, 0.5)))
+    return replace(marker_pose.moved(camera, step[:6]), focal_px=focal_px, k1=camera.k1 + float(step[7]))
+
+
+def resolve(
+    reference: ReferenceCamera,
+    lens_camera: Camera,
+    image: Image,
+    calibration_object: CalibrationObject,
+    config: ReferenceConfig,
+) -> ReferenceCamera:
+    """The pose again, for the intrinsics of ``lens_camera``, which the sweep and the zoom run know better.
+
+    First from the corners, then from all grey values of the markers in ``image`` (H, W[, 3]), the one that
+    ``reference`` is of. Where that does not converge, or disagrees with the corners by more than their errors allow,
+    the corners' pose stays. The residuals are always those of the corners. Raises PzcapError as `detect` does.
+    """
+    start = replace(lens_camera, world_T_cam=reference.camera.world_T_cam)
+    points_m, points_px = reference.points_m, reference.points_px
+    by_corners = fit(start, points_m, points_px, config, free_lens=False)
+    found = marker_pose.fit_pose(by_corners.camera, image, calibration_object, detect(image, calibration_object).ids)
+    if found is None:
+        return by_corners
+    residuals_px = -_residuals(found.camera, points_m, points_px)[0].reshape(-1, 2)
+    shift = np.square(residuals_px - by_corners.residuals_px).sum(axis=1)
+    # six parameters fitted to N corners move them by sqrt(3 / N) of the corners' own error
+    error_px = max(1.2 * float(np.median(np.hypot(*by_corners.residuals_px.T))), LEAST_CORNER_ERROR_PX)
+    if np.sqrt(shift.mean()) > AGREE * np.sqrt(3.0 / len(shift)) * error_px:
+        return by_corners
+    return ReferenceCamera(found.camera, points_m, points_px, residuals_px)

@@ -1,0 +1,256 @@
+"""The empty hall on a cylinder, from a pan sweep (section 3.5).
+
+`stitch` pastes the frames of an adjusted sweep about the pan axis, distortion, tilt and roll taken out, brightness made
+equal, all frames that see a place averaged. `stitch_paper` is the paper's procedure: cylinders about the camera's own y
+axis, a chain of displacements, each frame pasted where nothing is written yet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.calibration import features
+from pzcap.calibration.bundle_adjustment import Link
+from pzcap.calibration.sweep import Frames, SweepConfig, grey
+from pzcap.geometry import camera as geometry
+from pzcap.geometry import cylinder
+from pzcap.geometry.camera import View
+from pzcap.imaging import bspline
+from pzcap.types import Array, Image, InverseDepthMap, Mask, Panorama, PzcapError
+
+DIFFERENT = 8.0  # grey levels, mean over a few pixels, that noise and resampling do not make
+FEATHER_ROWS = 12.0  # pixels over which a frame fades in from its upper and lower edge
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Brightness:
+    """What makes one place look brighter in one frame than in another."""
+
+    log_gain: Array  # (M,) of each frame of the sweep
+    vignetting: Array  # (2,) of r^2 and r^4 in the log of the brightness, r = 1 in the image's corner
+
+
+def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, height: int) -> Brightness:
+    """Gains of the first ``frames`` frames, and the vignetting they share, from the brightness of matched places."""
+    links = [link for link in links if max(link.first, link.second) < frames]
+    first = np.concatenate([np.full(len(link.first_px), link.first) for link in links])
+    second = np.concatenate([np.full(len(link.first_px), link.second) for link in links])
+    radial = _radial(np.concatenate([link.second_px for link in links]), view, width, height)
+    radial = radial - _radial(np.concatenate([link.first_px for link in links]), view, width, height)
+    observed = np.concatenate([link.log_ratio for link in links])
+    solution: Array = np.zeros(frames + 2)
+    for _ in range(6):
+        residual = observed - radial @ solution[frames:] - (solution[second] - solution[first])
+        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-3)
+        weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
+        normal = np.zeros((frames + 2, frames + 2))
+        gradient = np.zeros(frames + 2)
+        shared = slice(frames, frames + 2)
+        for a, b, sign in ((first, first, 1.0), (second, second, 1.0), (first, second, -1.0), (second, first, -1.0)):
+            np.add.at(normal, (a, b), sign * weight)
+        for index, sign in ((second, 1.0), (first, -1.0)):
+            np.add.at(normal[:, frames], index, sign * weight * radial[:, 0])
+            np.add.at(normal[:, frames + 1], index, sign * weight * radial[:, 1])
+            np.add.at(gradient, index, sign * weight * observed)
+        normal[shared, :frames] = normal[:frames, shared].T
+        normal[shared, shared] = (weight[:, None] * radial).T @ radial
+        gradient[shared] = radial.T @ (weight * observed)
+        # only differences of gains are seen: their mean stays 0; and a weak belief that there is no vignetting
+        normal[:frames, :frames] += 1.0 / frames
+        normal[shared, shared] += np.eye(2) * 1e-6 * len(observed)
+        solution = np.asarray(np.linalg.solve(normal, gradient), np.float64)
+    return Brightness(solution[:frames], solution[frames:])
+
+
+def flatness(brightness: Brightness, view: View, width: int, height: int) -> NDArray[np.float32]:
+    """(H, W) what a frame's brightness is multiplied with to take the vignetting out."""
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    pixels = np.stack([u, v], axis=-1).astype(np.float64)
+    return np.exp(-_radial(pixels, view, width, height) @ brightness.vignetting).astype(np.float32)
+
+
+def _radial(points_px: Array, view: View, width: int, height: int) -> Array:
+    """(..., 2) r^2 and r^4 of pixels (..., 2)."""
+    squared = np.sum((points_px - view.principal_px) ** 2, axis=-1) / (width**2 + height**2) * 4.0
+    return np.stack([squared, squared**2], axis=-1)
+
+
+def stitch(
+    frames: Frames,
+    kept: NDArray[np.int64],
+    greys: Sequence[Image],
+    pan_rad: Array,
+    view: View,
+    full_turn: bool,
+    brightness: Brightness,
+    surroundings: InverseDepthMap,
+    report: Callable[[int], None],
+) -> Panorama:
+    """Paste the frames ``kept`` (M,) of a sweep, taken at ``pan_rad`` (M,) with ``view``, on the cylinder about the pan
+    axis.
+
+    Twice: what differs from the first result, made of ``greys`` (M of them), is somebody who walked through the sweep,
+    and counts little in the second. The panorama has as many pixels to the radian as the sweep has in the middle of its
+    frames. Its azimuth 0 is pan 0. ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
+    """
+    numbers = {int(index): number for number, index in enumerate(kept)}
+    canvas = _Canvas(view, pan_rad, full_turn, greys[0].shape[::-1], 1, brightness, surroundings)
+    for number, image in enumerate(greys):
+        canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]), None)
+        report(number + 1)
+    before = canvas.finish()[0][..., 0]
+    canvas = _Canvas(view, pan_rad, full_turn, greys[0].shape[::-1], 3, brightness, surroundings)
+    for index, image in frames:
+        if index in numbers:
+            number = numbers[index]
+            canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]), before)
+            report(len(greys) + number + 1)
+    image, valid = canvas.finish()
+    return Panorama(
+        image, valid, canvas.px_per_rad, canvas.origin, full_turn, pan_rad, np.zeros(len(pan_rad), np.int64), 0.0, 0.0,
+        surroundings,
+    )  # fmt: skip
+
+
+class _Canvas:
+    """A panorama that is being pasted together: the sums of weighted colours, and of weights."""
+
+    def __init__(
+        self,
+        view: View,
+        pan_rad: Array,
+        full_turn: bool,
+        size: tuple[int, ...],
+        channels: int,
+        brightness: Brightness,
+        surroundings: InverseDepthMap,
+    ) -> None:
+        width, height = size
+        self.surroundings = surroundings
+        self.view = view
+        self.full_turn = full_turn
+        border = np.concatenate([
+            np.stack(np.broadcast_arrays(np.linspace(0, width - 1, 64), edge), axis=-1) for edge in (0, height - 1)
+        ] + [
+            np.stack(np.broadcast_arrays(edge, np.linspace(0, height - 1, 64)), axis=-1) for edge in (0, width - 1)
+        ])  # fmt: skip
+        azimuth, slope = geometry.pixel_to_direction(replace(view, pan_rad=0.0), border.astype(np.float64))
+        self.left, self.right = float(azimuth.max()), float(azimuth.min())
+        columns = round(2 * np.pi * view.focal_px)
+        self.px_per_rad = columns / (2 * np.pi)
+        if full_turn:
+            origin_column = columns / 2
+        else:
+            origin_column = np.ceil((pan_rad.max() + self.left) * self.px_per_rad)
+            columns = int(np.ceil(origin_column - (pan_rad.min() + self.right) * self.px_per_rad)) + 1
+        rows = int(np.ceil((slope.max() - slope.min()) * self.px_per_rad)) + 1
+        self.origin = np.array([float(origin_column), float(slope.max() * self.px_per_rad)])
+        self.colour = np.zeros((rows, columns, channels), np.float32)
+        self.weight = np.zeros((rows, columns), np.float32)
+        u, v = np.meshgrid(np.arange(width), np.arange(height))
+        self.flat = flatness(brightness, view, width, height)
+        across = 1.0 - np.abs(2.0 * u / (width - 1) - 1.0)
+        edge = np.minimum(v, height - 1 - v) / FEATHER_ROWS
+        # the outermost rings weigh nothing: what interpolation takes from beyond the edge does not count
+        inside = (np.minimum(u, width - 1 - u) > 1) & (np.minimum(v, height - 1 - v) > 1)
+        self.trust = (inside * (across + 0.02) * np.minimum(edge + 0.02, 1.0)).astype(np.float32)
+
+    def paste(self, image: Image, pan_rad: float, log_gain: float, before: Image | None) -> None:
+        """Add a frame; what differs from the grey panorama ``before`` counts little."""
+        start = int(np.floor(self.origin[0] - (pan_rad + self.left) * self.px_per_rad))
+        stop = int(np.ceil(self.origin[0] - (pan_rad + self.right) * self.px_per_rad)) + 1
+        if not self.full_turn:
+            start, stop = max(start, 0), min(stop, self.weight.shape[1])
+        turned = replace(self.view, pan_rad=pan_rad)
+
+        def to_frame(points_px: Array) -> Array:
+            offset = (self.origin - points_px - np.array([start, 0.0])) / self.px_per_rad
+            azimuth, slope = offset[..., 0], offset[..., 1]
+            near = cylinder.inverse_distance(self.surroundings, azimuth, slope)
+            moved = geometry.parallax(turned, azimuth, slope, near)
+            return geometry.direction_to_pixel(turned, azimuth + moved[0], slope + moved[1])[0]
+
+        column, row = cylinder.smooth_map(to_frame, stop - start, self.weight.shape[0])
+        flat = self.flat * np.float32(np.exp(-log_gain))
+        level = image.astype(np.float32) * (flat if image.ndim == 2 else flat[..., None])
+        warped = bspline.warped(level.reshape(*level.shape[:2], -1), column, row)
+        weight = cv2.remap(self.trust, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        total = self.weight.shape[1]
+        if before is not None:
+            there = before.take(range(start, stop), axis=1, mode="wrap")
+            seen = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGR2GRAY), np.float32)
+            weight = np.asarray(weight * agreement(seen - there.astype(np.float32)), np.float32)
+        warped = warped * weight[..., None]
+        for shift in range(start // total, (stop - 1) // total + 1):  # a strip across the seam of a full turn
+            low, high = max(start, shift * total), min(stop, (shift + 1) * total)
+            self.colour[:, low - shift * total : high - shift * total] += warped[:, low - start : high - start]
+            self.weight[:, low - shift * total : high - shift * total] += weight[:, low - start : high - start]
+
+    def finish(self) -> tuple[Image, Mask]:
+        valid = self.weight > 1e-3
+        colour = self.colour / np.maximum(self.weight, 1e-6)[..., None]
+        colour[~valid] = 0.0
+        return np.clip(np.rint(colour), 0, 255).astype(np.uint8), valid
+
+
+def agreement(difference: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(H, W) weights (Geman and McClure) of pixels, by the difference (H, W) around them in grey levels; never 0."""
+    around = cv2.boxFilter(np.abs(difference), -1, (9, 9))
+    return np.asarray((DIFFERENT**2 / (DIFFERENT**2 + around**2)) ** 2, np.float32)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The paper's panorama
+
+
+def stitch_paper(frames: Frames, focal_px: float, config: SweepConfig, report: Callable[[int], None]) -> Panorama:
+    """The panorama of section 3.5, whose first frame has pan 0; it does not wrap.
+
+    The displacement of each frame against the one before it is the median of the AKAZE matches' on the cylinder.
+    Raises PzcapError where two successive frames show nothing in common.
+    """
+    places = [np.zeros(2)]
+    inliers = []
+    spread = []
+    before: features.Features | None = None
+    for number, (_, image) in enumerate(frames):
+        unfolded, covered, origin = cylinder.to_cylinder(image, focal_px)
+        inside = np.asarray(cv2.erode(covered.astype(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
+        found = features.detect(grey(unfolded), config.threshold, config.features, inside)
+        if before is not None:
+            pairs = features.match(before, found, config.ratio)
+            moved = before.points_px[pairs[:, 0]] - found.points_px[pairs[:, 1]]
+            agree = features.densest(moved[:, 0], 4.0) if len(moved) else np.zeros(0, bool)
+            if agree.sum() < config.min_matches:
+                raise PzcapError(
+                    f"sweep: frames {number - 1} and {number} show nothing in common; pan more slowly, past texture"
+                )
+            step = np.median(moved[agree], axis=0)
+            places.append(places[-1] + step)
+            inliers.append(int(agree.sum()))
+            spread.append(np.mean(np.sum((moved[agree] - step) ** 2, axis=1)))
+        before = found
+        report(number + 1)
+    if before is None or len(places) < 3:
+        raise PzcapError(f"sweep: {len(inliers) + 1} frames are too few; record the whole pan")
+
+    corners = np.round(np.array(places)).astype(int)
+    corners = corners - corners.min(axis=0)
+    height, width = covered.shape
+    image_out = np.zeros((corners[:, 1].max() + height, corners[:, 0].max() + width, 3), np.uint8)
+    written = np.zeros(image_out.shape[:2], bool)
+    for (x, y), (_, image) in zip(corners, frames, strict=True):
+        unfolded, covered, _ = cylinder.to_cylinder(image, focal_px)
+        new = covered & ~written[y : y + height, x : x + width]
+        image_out[y : y + height, x : x + width][new] = unfolded[new]
+        written[y : y + height, x : x + width] |= new
+    pan = -np.array(places)[:, 0] / focal_px
+    return Panorama(
+        image_out, written, focal_px, corners[0] + origin, False, pan,
+        np.array([*inliers, inliers[-1]], np.int64), 0.0, float(np.sqrt(np.mean(spread))),
+    )  # fmt: skip

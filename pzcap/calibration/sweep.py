@@ -1,0 +1,271 @@
+"""Matches between the frames of a pan sweep, a zoom run and the reference image, and first values for `bundle`.
+
+The displacements between successive frames of the sweep (AKAZE) give a first chain of pans (section 3.5); in a sweep
+of a full turn its end is matched with its beginning, so that the circle closes and fixes the focal length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.calibration import features
+from pzcap.calibration.bundle_adjustment import Link
+from pzcap.calibration.features import Features
+from pzcap.geometry import camera as geometry
+from pzcap.geometry.camera import View
+from pzcap.types import Array, Image, Mask, PzcapError
+
+Frames = Iterable[tuple[int, Image]]
+"""Index and image (H, W, 3), as `video.VideoReader` yields them; is iterated more than once."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepConfig:
+    threshold: float = 2e-4  # of AKAZE's response
+    features: int = 1000  # a frame, at most
+    ratio: float = 0.85  # of Lowe's test
+    min_step: float = 0.04  # frames less than so many image widths apart are left out,
+    max_skip: int = 8  # but never so many in a row
+    overlaps: tuple[float, ...] = (0.25, 0.55)  # matched with the frames this far on, in fields of view, too
+    min_matches: int = 12  # between two frames
+    zoom_frames: int = 24  # of the zoom run, at most
+    smoothing: float = 0.64  # variance, square pixels, of the frames whose grey values are compared
+    super_resolve: bool = False  # the panorama that frames are aligned with: takes some minutes a camera
+    pixels: int = 700  # of two frames that overlap, whose grey values are compared, at most: more take longer
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chain:
+    """The sweep's frames, matched. Where it was panned slowly some are left out."""
+
+    kept: NDArray[np.int64]  # (M,) which frames of the video these are
+    images: tuple[Image, ...]  # (H, W) grey, a frame
+    features: tuple[Features, ...]  # a frame
+    pan_rad: Array  # (M,) from the displacements; the first frame's is 0
+    links: tuple[Link, ...]
+    closure_rad: float  # what the chain missed the full turn by; 0 for a partial sweep
+    full_turn: bool
+
+
+def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, report: Callable[[int], None]) -> Chain:
+    """Match the frames of a sweep with each other; ``view`` is what is known of the camera, at pan 0.
+
+    Raises PzcapError where the sweep has a gap, or where a full turn does not close.
+    """
+    found: list[Features] = []
+    images: list[Image] = []
+    kept: list[int] = []
+    links: list[Link] = []
+    pans = [0.0]
+    for index, image in frames:
+        report(index + 1)
+        if len(kept) > 1:
+            rate = (pans[-1] - pans[-2]) / (kept[-1] - kept[-2])
+            expected = rate * (index - kept[-1])
+            # it has hardly moved on: the next will do
+            if abs(expected) * view.focal_px < config.min_step * image.shape[1] and index - kept[-1] < config.max_skip:
+                continue
+        kept.append(index)
+        images.append(grey(image))
+        found.append(features.detect(images[-1], config.threshold, config.features, scales=features.FEW_SCALES))
+        if len(kept) > 1:
+            last = len(kept) - 1
+            link = link_pan(found, last - 1, last, view, expected, config) if last > 1 else None
+            if link is None:  # the pan stopped, started or turned
+                link = link_pan(found, last - 1, last, view, None, config)
+            if link is None:
+                raise PzcapError(
+                    f"sweep: frames {kept[-2]} and {index} show nothing in common; pan more slowly, past texture"
+                )
+            links.append(link)
+            pans.append(pans[-1] + _turn(link, view))
+    if len(found) < 3:
+        raise PzcapError(f"sweep: {len(found)} frames are too few; record the whole pan")
+    pan = np.array(pans)
+    closure = 0.0
+    if full_turn:
+        field = 2 * np.arctan(images[0].shape[1] / 2 / view.focal_px)
+        pan, closure, seam = _close(found, pan, view, field, config)
+        links.extend(seam)
+    return Chain(np.array(kept), tuple(images), tuple(found), pan, tuple(links), closure, full_turn)
+
+
+def link_further(found: Sequence[Features], views: Sequence[View], width: int, config: SweepConfig) -> list[Link]:
+    """Links between frames of a sweep further apart, once their ``views`` are known roughly.
+
+    Each frame is matched with those ``config.overlaps`` of a field of view on: the longer the lever, the better the
+    shape of the lens and the sum of the pans are known.
+    """
+    field = 2 * np.arctan(width / 2 / views[0].focal_px)
+    pan = np.array([view.pan_rad for view in views])
+    links = []
+    for overlap in config.overlaps:
+        for first in range(len(pan) - 2):
+            beyond = np.flatnonzero(np.abs(pan[first + 2 :] - pan[first]) >= overlap * field)
+            if len(beyond):
+                second = first + 2 + int(beyond[0])
+                links.append(link_views(found, first, second, (views[first], views[second]), 16.0, config))
+    return [link for link in links if link is not None]
+
+
+def link_pan(
+    found: Sequence[Features], first: int, second: int, view: View, expected: float | None, config: SweepConfig
+) -> Link | None:
+    """Matches of two frames that agree on one pan, near ``expected`` if that is given; None if too few do."""
+    near = None
+    if expected is not None:
+        azimuth, slope = geometry.pixel_to_direction(view, found[first].points_px)
+        predicted, _ = geometry.direction_to_pixel(replace(view, pan_rad=view.pan_rad + expected), azimuth, slope)
+        # tilt, roll and distortion are not known yet: points far apart agree only roughly
+        reach = 24.0 + 0.1 * abs(expected) * view.focal_px
+        near = (predicted, reach)
+    pairs = features.match(found[first], found[second], config.ratio, near)
+    if len(pairs) < config.min_matches:
+        return None
+    link = _link(found, first, second, pairs)
+    azimuth_a, slope_a = geometry.pixel_to_direction(view, link.first_px)
+    azimuth_b, slope_b = geometry.pixel_to_direction(view, link.second_px)
+    turn = azimuth_a - azimuth_b
+    if expected is None:
+        agree = features.densest(turn, 8.0 / view.focal_px)
+        agree = np.abs(turn - np.median(turn[agree])) < 16.0 / view.focal_px
+    else:
+        agree = np.abs(turn - expected) < reach / view.focal_px
+    if agree.any():
+        agree &= np.abs(slope_a - slope_b) < 0.03 + 0.2 * abs(float(np.median(turn[agree])))
+    return subset(link, agree) if agree.sum() >= config.min_matches else None
+
+
+def _close(
+    found: Sequence[Features], pan: Array, view: View, field: float, config: SweepConfig
+) -> tuple[Array, float, list[Link]]:
+    """Match frames of the end with frames of the beginning.
+
+    Returns the pans with the miss distributed over the chain, the miss, and the links across the seam.
+    """
+    turn = float(np.sign(pan[-1])) * 2 * np.pi
+    apart = np.abs(pan[None, :] - pan[:, None] - turn)
+    firsts, seconds = np.nonzero((apart < 0.75 * field) & (np.arange(len(pan))[:, None] < np.arange(len(pan))))
+    order = np.argsort(apart[firsts, seconds], kind="stable")
+    seam: list[Link] = []
+    misses: list[float] = []
+    for which in order[:: max(1, len(order) // 40)]:
+        first, second = int(firsts[which]), int(seconds[which])
+        chained = float(pan[second] - pan[first])
+        expected = chained - turn - float(np.median(misses)) if misses else None
+        link = link_pan(found, first, second, view, expected, config)
+        if link is not None and len(link.first_px) >= 2 * config.min_matches:
+            seam.append(link)
+            misses.append(chained - turn - _turn(link, view))
+    if not seam:
+        raise PzcapError(
+            "sweep: its end does not show what its beginning showed, so the circle cannot close; "
+            "pan a little more than a full turn, or say that it is a partial sweep"
+        )
+    closure = float(np.median(misses))
+    return pan * (turn / (turn + closure)), closure, seam
+
+
+def _turn(link: Link, view: View) -> float:
+    """How far left the second frame is of the first, from the matches' azimuths."""
+    return float(
+        np.median(
+            geometry.pixel_to_direction(view, link.first_px)[0] - geometry.pixel_to_direction(view, link.second_px)[0]
+        )
+    )
+
+
+def consensus(
+    view_at: Callable[[float], View],
+    points_px: Array,
+    azimuth_rad: Array,
+    slope: Array,
+    focals_px: Array,
+    *,
+    free_tilt: bool = False,
+) -> tuple[float, float, Mask]:
+    """The pan and the focal length, of those proposed, that most matches agree on, and which matches (N,) do.
+
+    ``view_at`` gives the view, at pan 0, of a focal length. For a focal length one match gives the pan, and says by its
+    slope whether it fits. So every match votes under every focal length, and the densest cluster of pans wins: this is
+    RANSAC (Fischler and Bolles, 1981) with all samples tried and none drawn. With ``free_tilt`` the slopes of the
+    cluster may all be off by the same.
+    """
+    best, winner = np.zeros(len(points_px), bool), (0.0, float(focals_px[0]))
+    for focal in focals_px:
+        seen_azimuth, seen_slope = geometry.pixel_to_direction(view_at(float(focal)), points_px)
+        off = seen_slope - slope
+        fits = np.arange(len(off)) if free_tilt else np.flatnonzero(np.abs(off) < 5.0 / focal)
+        if len(fits) <= best.sum():
+            continue
+        pans = np.mod(azimuth_rad - seen_azimuth, 2 * np.pi)[fits]
+        both = np.concatenate([pans, pans + 2 * np.pi])  # a cluster may lie across 0
+        cluster = features.densest(both, 8.0 / float(focal))
+        agree = np.zeros(len(points_px), bool)
+        agree[fits] = cluster[: len(fits)] | cluster[len(fits) :]
+        if free_tilt:
+            level = features.densest(off[agree], 10.0 / float(focal))
+            agree[np.flatnonzero(agree)[~level]] = False
+        if agree.sum() > best.sum():
+            best, winner = agree, (float(np.median(both[cluster])), float(focal))
+    return *winner, best
+
+
+def place(
+    query: Features, known: Features, view: View, view_at: Callable[[float], View], focals_px: Array, ratio: float
+) -> tuple[float, float, int]:
+    """Pan and focal length of a frame from its matches with one taken with ``view``, and how many agree."""
+    pairs = features.match(known, query, ratio)
+    if len(pairs) < 2:
+        return 0.0, view.focal_px, 0
+    azimuth, slope = geometry.pixel_to_direction(view, known.points_px[pairs[:, 0]])
+    pan, focal, agree = consensus(view_at, query.points_px[pairs[:, 1]], azimuth, slope, focals_px)
+    return pan, focal, int(agree.sum())
+
+
+def link_views(
+    found: Sequence[Features],
+    first: int,
+    second: int,
+    views: tuple[View, View],
+    tolerance_px: float,
+    config: SweepConfig,
+) -> Link | None:
+    """Matches of two frames whose views are known roughly; None if too few lie within ``tolerance_px`` of them."""
+    predicted, _ = geometry.direction_to_pixel(views[1], *geometry.pixel_to_direction(views[0], found[first].points_px))
+    pairs = features.match(found[first], found[second], config.ratio, (predicted, tolerance_px))
+    link = _link(found, first, second, pairs)
+    seen, front = geometry.direction_to_pixel(views[1], *geometry.pixel_to_direction(views[0], link.first_px))
+    agree = front & (np.hypot(*(seen - link.second_px).T) < tolerance_px)
+    return subset(link, agree) if agree.sum() >= config.min_matches else None
+
+
+def spaced(pan_rad: Array, step_rad: float) -> list[int]:
+    """Indices of frames about ``step_rad`` apart, from the first on."""
+    chosen = [0]
+    for index, pan in enumerate(pan_rad):
+        if abs(pan - pan_rad[chosen[-1]]) >= step_rad:
+            chosen.append(index)
+    return chosen
+
+
+def subset(link: Link, which: Mask) -> Link:
+    """Some of a link's matches."""
+    return Link(link.first, link.second, link.first_px[which], link.second_px[which], link.log_ratio[which])
+
+
+def _link(found: Sequence[Features], first: int, second: int, pairs: NDArray[np.int64]) -> Link:
+    a, b = found[first], found[second]
+    i, j = pairs[:, 0], pairs[:, 1]
+    log_ratio = np.log(np.maximum(b.brightness[j], 1.0) / np.maximum(a.brightness[i], 1.0))
+    return Link(first, second, a.points_px[i], b.points_px[j], log_ratio)
+
+
+def grey(image: Image) -> Image:
+    """(H, W) of an image (H, W[, 3])."""
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)

@@ -1,0 +1,148 @@
+"""Stages 2-3: the cameras of a capture made ready, each for itself, before the motion; or taken over from another take
+by the same cameras, which have not been moved since."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from pzcap.calibration import reference_camera
+from pzcap.calibration.calibrate import Prepared, prepare
+from pzcap.events import CameraPrepared, Progress
+from pzcap.io.capture import read_image
+from pzcap.io.video import VideoReader
+from pzcap.localisation.localise import PanZoomConfig
+from pzcap.runtime import give_back
+from pzcap.types import CameraFiles, Capture, PzcapError, Reconstruction
+
+
+def taken_over(capture: Capture, earlier: Reconstruction, method: str, notes: list[str]) -> tuple[Prepared | None, ...]:
+    """The cameras of ``capture`` as ``earlier``, by the same cameras at the same places, has them; None for one that it
+    does not know, or could not calibrate.
+
+    Cameras are told by their names; which are known is added to ``notes``. Raises PzcapError if it knows none of them,
+    or was made by another method.
+    """
+    if earlier.method != method:
+        raise PzcapError(
+            f"'{earlier.capture_name}' was calibrated with method={earlier.method}, not {method}; give the same method"
+        )
+    parts = zip(earlier.references, earlier.panoramas, earlier.cameras, strict=True)
+    known = {
+        name: Prepared(reference, panorama, camera)
+        for name, (reference, panorama, camera) in zip(earlier.camera_names, parts, strict=True)
+        if reference is not None and panorama is not None and camera is not None
+    }
+    found = tuple(known.get(files.name) for files in capture.cameras)
+    if not any(found):
+        raise PzcapError(
+            f"'{earlier.capture_name}' has no calibrated camera of the names in {capture.folder}: "
+            f"{', '.join(files.name for files in capture.cameras)}; it is another setup"
+        )
+    for files, prepared in zip(capture.cameras, found, strict=True):
+        if prepared is not None and files.motion is not None:
+            reader, lens = VideoReader(files.motion), prepared.camera.lens
+            if (reader.width, reader.height) != (lens.width, lens.height):
+                raise PzcapError(
+                    f"{files.motion}: {reader.width}x{reader.height} pixels, where camera {files.name} had "
+                    f"{lens.width}x{lens.height} when it was calibrated; film as then, or calibrate it anew"
+                )
+    names = [files.name for files, prepared in zip(capture.cameras, found, strict=True) if prepared is not None]
+    notes.append(f"calibrated at the take before, '{earlier.capture_name}': camera {', '.join(names)}")
+    return found
+
+
+def prepare_cameras(
+    capture: Capture,
+    config: PanZoomConfig,
+    pool: ThreadPoolExecutor,
+    notes: list[str],
+    ready: Sequence[Prepared | None] = (),
+) -> Iterator[Progress | CameraPrepared]:
+    """Calibrate the cameras but those that are ``ready``, as many at a time as ``pool`` has threads; what is missing is
+    added to ``notes``.
+
+    Raises PzcapError where a file is there and is not what it should be; the cameras not begun by then are left.
+    """
+    ready = ready or (None,) * len(capture.cameras)
+    _find_object(capture, [files for files, known in zip(capture.cameras, ready, strict=True) if known is None])
+    news: queue.SimpleQueue[Progress | CameraPrepared | Future[None]] = queue.SimpleQueue()
+
+    def job(index: int, files: CameraFiles) -> None:
+        def report(stage: str, done: int, total: int) -> None:
+            news.put(Progress(f"camera {files.name}: {stage}", done, total))
+
+        news.put(CameraPrepared(index, _prepare_camera(capture, files, config, report)))
+        give_back()
+
+    jobs: list[Future[None]] = []
+    for index, (files, known) in enumerate(zip(capture.cameras, ready, strict=True)):
+        missing = _missing(capture, files)
+        if known is None and missing:
+            notes.append(f"camera {files.name} is not calibrated: {missing}")
+            yield CameraPrepared(index, None)
+            continue
+        if files.motion is None:
+            notes.append(f"camera {files.name} recorded no motion: the body is tracked in the other views")
+        if known is not None:
+            yield CameraPrepared(index, known)
+            continue
+        if files.zoom is None:
+            notes.append(f"camera {files.name} has no zoom run: distortion and principal point are taken as constant")
+        jobs.append(pool.submit(job, index, files))
+        jobs[-1].add_done_callback(news.put)
+
+    running = len(jobs)
+    while running:
+        event = news.get()
+        if isinstance(event, Future):
+            running -= 1
+            if error := event.exception():
+                for other in jobs:
+                    other.cancel()
+                raise error
+        else:
+            yield event
+
+
+def _missing(capture: Capture, files: CameraFiles) -> str | None:
+    """What a camera cannot be calibrated without, and the capture does not hold."""
+    if capture.calibration_object is None:
+        return "the capture holds no calibration object"
+    if files.reference is None:
+        return "it has no reference image"
+    if files.sweep is None:
+        return "it has no pan sweep"
+    return None
+
+
+def _find_object(capture: Capture, cameras: Sequence[CameraFiles]) -> None:
+    """Raise PzcapError, before minutes are spent on the sweeps, if a reference image does not show the object."""
+    for files in cameras:
+        if capture.calibration_object is None or files.reference is None:
+            continue
+        try:
+            reference_camera.detect(read_image(files.reference), capture.calibration_object)
+        except PzcapError as error:
+            raise PzcapError(f"camera {files.name}: {files.reference}: {error}") from error
+
+
+def _prepare_camera(
+    capture: Capture, files: CameraFiles, config: PanZoomConfig, report: Callable[[str, int, int], None]
+) -> Prepared:
+    assert capture.calibration_object is not None
+    assert files.reference is not None
+    assert files.sweep is not None
+    try:
+        return prepare(
+            read_image(files.reference),
+            capture.calibration_object,
+            VideoReader(files.sweep),
+            None if files.zoom is None else VideoReader(files.zoom),
+            capture.full_turn,
+            config,
+            report,
+        )
+    except PzcapError as error:
+        raise PzcapError(f"camera {files.name}: {error}") from error

@@ -1,0 +1,192 @@
+"""What a finished motion says about its keyframes: which of them the images contradict, where the next would help most.
+
+The frames beside a keyframe say what the images have the body do in its own: there they have had their way, where in
+the keyframe itself the hand has. A hand errs by so much at each joint (`TrackingConfig.hand_sigma`); a pose that stands
+further off than that was set wrongly, or to another instant.
+
+Away from the keyframes the uncertainty of a joint grows, as the motion itself shows. A keyframe more starts it anew, on
+both its sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.special import chdtri
+
+from pzcap.body.skeleton import Body, difference, forward, joint_jacobians, joints, retract
+from pzcap.limbs.search import LIMBS
+from pzcap.types import Array, Keyframe, Motion, Pose
+
+PARTS: Final[dict[str, tuple[int, ...]]] = {
+    "trunk": (0, 1, 2, 3), "left arm": LIMBS[0], "right arm": LIMBS[1], "left leg": LIMBS[2], "right leg": LIMBS[3]
+}  # fmt: skip
+"""Joints of each part of the body."""
+_BESIDE: Final = 2  # frames on either side that say what the images have a keyframe be
+_ASTRAY: Final = 5  # frames that a timecode may be off by
+_CHANCE: Final = 1e-3  # that a hand as good as stated sets a part of the body so far off
+_UNKNOWN_M: Final = 1.0  # of a joint, in a frame in which nobody was tracked
+_RISK_M2: Final = 3e-4  # a frame: that a limb is lost unnoticed, some 0.3 m off, in three of a thousand
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """A keyframe that stands further from what the images say than a hand errs."""
+
+    frame: int
+    parts: tuple[str, ...]  # of PARTS, the worst first
+    off_m: float  # of the joint in them that is furthest off
+    sigma_m: float  # what a hand errs by there
+    like: int | None  # the frame near by that the pose does fit
+
+    def told(self, timecodes: Sequence[str]) -> str:
+        """In one line. ``timecodes`` (F,) are those of the frames."""
+        where = f"keyframe {self.frame}: the images have its {_listed(self.parts)} {1000 * self.off_m:.0f} mm elsewhere"
+        if self.like is not None:
+            return f"{where}; it fits frame {self.like}: check its timecode, {timecodes[self.like]} would do"
+        return f"{where}, where a hand errs by {1000 * self.sigma_m:.0f} mm; pose it again"
+
+
+@dataclass(frozen=True, slots=True)
+class Suggestion:
+    """Where a keyframe more would help most."""
+
+    frame: int
+    part: str  # of PARTS: what is least certain there
+
+    def told(self, timecodes: Sequence[str]) -> str:
+        """In one line. ``timecodes`` (F,) are those of the frames."""
+        where = f"frame {self.frame} ({timecodes[self.frame]})"
+        return f"the next keyframe would help most at {where}, where the {self.part} is least certain"
+
+
+def notes(
+    motion: Motion, keyframes: Sequence[Keyframe], body: Body, hand_sigma: Array, timecodes: Sequence[str]
+) -> tuple[str, ...]:
+    """All advice, a line each."""
+    found: list[Contradiction | Suggestion | None] = [*contradictions(motion, keyframes, body, hand_sigma)]
+    return tuple(each.told(timecodes) for each in [*found, suggestion(motion)] if each is not None)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Keyframes that cannot be
+
+
+def contradictions(
+    motion: Motion, keyframes: Sequence[Keyframe], body: Body, hand_sigma: Array
+) -> tuple[Contradiction, ...]:
+    """The keyframes that the motion found from them contradicts. ``hand_sigma`` (43,) is of a pose's tangent."""
+    found = (_contradiction(motion, key, body, hand_sigma) for key in keyframes if 0 <= key.frame < len(motion.valid))
+    return tuple(each for each in found if each is not None)
+
+
+def _contradiction(motion: Motion, key: Keyframe, body: Body, hand_sigma: Array) -> Contradiction | None:
+    near = _near(motion, key.frame, _BESIDE)
+    if len(near) < 2:
+        return None
+    said, spread = _in_line(motion, near, key.frame)
+    hand = _Hand.of(body, key.pose, hand_sigma)
+    seen_m, sigma_m = joints(body, said), spread * motion.sigma_m[key.frame]
+    excess = hand.excess(seen_m, sigma_m)
+    parts = tuple(part for part in sorted(PARTS, key=excess.__getitem__, reverse=True) if excess[part] > 1.0)
+    if not parts:
+        return None
+    off_m = np.linalg.norm(seen_m - hand.joints_m, axis=1)
+    worst = max((joint for part in parts for joint in PARTS[part]), key=off_m.__getitem__)
+    fits = {
+        frame: max(hand.excess(joints(body, _pose(motion, frame)), sigma_m).values())
+        for frame in _near(motion, key.frame, _ASTRAY)
+    }
+    like = min(fits, key=fits.__getitem__)
+    return Contradiction(
+        key.frame, parts, float(off_m[worst]), hand.sigma_m(worst), like if fits[like] <= 1.0 else None
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Hand:
+    """Where a hand has set the joints, and how well."""
+
+    joints_m: Array  # (16, 3)
+    covariance: Array  # (16, 3, 16, 3)
+
+    @classmethod
+    def of(cls, body: Body, pose: Pose, sigma: Array) -> _Hand:
+        frames = forward(body, pose)
+        jacobians = joint_jacobians(frames)
+        return cls(frames[:, :3, 3], np.einsum("iad,d,jbd->iajb", jacobians, sigma**2, jacobians))
+
+    def sigma_m(self, joint: int) -> float:
+        """Of a joint's distance from where it is."""
+        return float(np.sqrt(np.trace(self.covariance[joint, :, joint])))
+
+    def excess(self, seen_m: Array, sigma_m: Array) -> dict[str, float]:
+        """Of each part, the squared Mahalanobis distance between the hand and what is seen (joints (16, 3) with the
+        standard deviation (16,) of their distance), as a share of the largest that chance allows."""
+        found = {}
+        for part, members in PARTS.items():
+            rows = list(members)
+            off, count = (seen_m - self.joints_m)[rows].ravel(), 3 * len(rows)
+            hand = self.covariance[rows][:, :, rows].reshape(count, count)
+            covariance = hand + np.diag(np.repeat(sigma_m[rows] ** 2 / 3.0, 3))
+            found[part] = float(off @ np.linalg.solve(covariance, off) / chdtri(count, _CHANCE))
+        return found
+
+
+def _in_line(motion: Motion, near: Sequence[int], frame: int) -> tuple[Pose, float]:
+    """The pose of a frame as those ``near`` it have it: on a parabola through them, on a line where they are on one
+    side only. Also, by what factor that is less certain than one of them."""
+    degree = 2 if len(near) > 2 and near[0] < frame < near[-1] else 1
+    shares = np.linalg.pinv(np.vander(np.array(near) - frame, degree + 1))[-1]
+    base = _pose(motion, near[len(near) // 2])
+    moved = sum(share * difference(_pose(motion, t), base) for share, t in zip(shares, near, strict=True))
+    return retract(base, moved), float(np.linalg.norm(shares))
+
+
+def _near(motion: Motion, frame: int, reach: int) -> list[int]:
+    """The frames within ``reach`` of a frame in which the body was tracked and no hand has set it."""
+    around = range(max(frame - reach, 0), min(frame + reach + 1, len(motion.valid)))
+    return [t for t in around if t != frame and motion.valid[t] and t not in motion.keyframes]
+
+
+def _pose(motion: Motion, frame: int) -> Pose:
+    return Pose(motion.root_position_m[frame], motion.rotations[frame])
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The next one
+
+
+def suggestion(motion: Motion) -> Suggestion | None:
+    """Where a keyframe more would take most variance away. None if there is no keyframe to learn that from, or no frame
+    without one.
+
+    Between two keyframes (or before the first, or after the last) the variance of a joint is taken to grow by ``slope``
+    with every frame from the nearest one, so that its sum is right. Where in between it is large tells little: two
+    passes that have lost a limb alike agree, and differ only where one of them has it still. That they may have is in
+    the slope, too.
+    """
+    frames = np.arange(len(motion.valid))
+    keys = np.flatnonzero(np.isin(frames, motion.keyframes) & motion.valid)
+    if not 0 < len(keys) < len(frames):
+        return None
+    variance = np.where(motion.valid[:, None], motion.sigma_m**2, _UNKNOWN_M**2)  # (F, 16)
+    excess = variance - variance[keys].mean(axis=0)
+    distance = np.abs(frames[:, None] - keys).min(axis=1)
+    gains = np.zeros(excess.shape)  # of a keyframe in each frame
+    for span in np.split(frames, np.unique([keys, keys + 1])):
+        if len(span) and span[0] not in keys:
+            slope = np.maximum(excess[span].sum(axis=0), 0.0) / distance[span].sum()
+            left = np.minimum(distance[span], np.abs(span - span[:, None]))  # (S, S) by a keyframe in each of them
+            gains[span] = (slope + _RISK_M2) * (distance[span] - left).sum(axis=1)[:, None]
+    best = int(np.argmax(gains.sum(axis=1)))
+    return Suggestion(best, max(PARTS, key=lambda part: float(gains[best, list(PARTS[part])].mean())))
+
+
+def _listed(parts: Sequence[str]) -> str:
+    if len(parts) == len(PARTS):
+        return "whole body"
+    return " and ".join(filter(None, (", ".join(parts[:-1]), parts[-1])))

@@ -1,0 +1,306 @@
+"""The pan-zoom camera: head, lens and (pan, tilt, focal) to pixels, rays and derivatives.
+
+All the geometry of a camera on a head stands here, once. A direction of the *head* frame is given by its azimuth ``a``
+(positive to the left of the reference view) and its slope ``h`` (height over horizontal distance), the coordinates of
+the cylinder (`pzcap.geometry.cylinder`): the vector ``(cos a, sin a, h)``. With ``alpha = a - pan`` it is in the camera
+
+    X =  cos(roll) x + sin(roll) y          x = -sin(alpha)
+    Y = -sin(roll) x + cos(roll) y          y =  sin(tilt) cos(alpha) - cos(tilt) h
+    Z =  z                                  z =  cos(tilt) cos(alpha) + sin(tilt) h
+
+which is ``(Rz(pan) Ry(-tilt) HEAD_R_CAM Rz(roll))^T`` times the vector; the lens of `pzcap.types` takes it to a pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from pzcap.types import Array, Camera, Lens, PanZoomCamera
+
+HEAD_R_CAM: Final[Array] = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Camera axes in the head frame at pan, tilt and roll 0."""
+
+ON_AXIS: Final[Array] = np.zeros(3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """How a camera stands on its head at one instant, and its lens at one zoom: what takes a direction to a pixel."""
+
+    pan_rad: float
+    tilt_rad: float
+    roll_rad: float
+    focal_px: float
+    principal_px: Array  # (2,)
+    k1: float
+    centre_m: Array = field(default_factory=lambda: ON_AXIS)  # (3,) of projection: forward, left, up from the pan axis
+
+    def vector(self) -> Array:
+        """(VIEW,) the view as `direction_to_pixel_with_derivatives` takes it."""
+        return np.array([
+            self.pan_rad, self.tilt_rad, self.focal_px, self.roll_rad, *self.principal_px, self.k1, *self.centre_m
+        ])  # fmt: skip
+
+
+VIEW: Final = 10
+PARAMETERS: Final[tuple[str, ...]] = ("pan", "tilt", "log_focal", "roll", "principal_x", "principal_y", "k1")
+"""Columns of `derivatives`."""
+
+
+def lens_at(lens: Lens, focal_px: float) -> tuple[Array, float]:
+    """Principal point (2,) in pixels and k1 of ``lens`` zoomed to ``focal_px``."""
+    powers = np.log(focal_px / lens.reference_focal_px) ** np.arange(max(len(lens.principal_px), len(lens.k1)))
+    return powers[: len(lens.principal_px)] @ lens.principal_px, float(powers[: len(lens.k1)] @ lens.k1)
+
+
+def lens_slope(lens: Lens, focal_px: float) -> tuple[Array, float]:
+    """Derivative of `lens_at` with respect to log focal: (2,) pixels, and k1."""
+    order = max(len(lens.principal_px), len(lens.k1))
+    powers = np.log(focal_px / lens.reference_focal_px) ** np.arange(order)
+    slopes = np.concatenate([[0.0], np.arange(1, order) * powers[: order - 1]])
+    return slopes[: len(lens.principal_px)] @ lens.principal_px, float(slopes[: len(lens.k1)] @ lens.k1)
+
+
+def view_at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) -> View:
+    """The view of ``camera`` panned, tilted and zoomed."""
+    principal_px, k1 = lens_at(camera.lens, focal_px)
+    travel_m = camera.travel_m * np.log(focal_px / camera.lens.reference_focal_px)
+    return View(
+        pan_rad, tilt_rad, camera.roll_rad, focal_px, principal_px, k1, centre(camera.offset_m, travel_m, tilt_rad)
+    )
+
+
+def centre(offset: Array, travel: float, tilt_rad: float) -> Array:
+    """(3,) the projection centre: beside the pan axis by ``offset`` (2,), and ``travel`` on along the optical axis."""
+    return np.array([offset[0] + travel * np.cos(tilt_rad), offset[1], travel * np.sin(tilt_rad)])
+
+
+def at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) -> Camera:
+    """The camera of an instant: ``world_T_cam = world_T_head Rz(pan) T(centre) Ry(-tilt) HEAD_R_CAM Rz(roll)``."""
+    view = view_at(camera, pan_rad, tilt_rad, focal_px)
+    world_T_cam = camera.world_T_head @ head_T_cam(pan_rad, tilt_rad, camera.roll_rad, view.centre_m)
+    return Camera(camera.lens.width, camera.lens.height, world_T_cam, focal_px, view.principal_px, view.k1)
+
+
+def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float, centre_m: Array = ON_AXIS) -> Array:
+    """(4, 4) camera coordinates to head coordinates; ``centre_m`` (3,) as in `View`."""
+    cos_p, sin_p = np.cos(pan_rad), np.sin(pan_rad)
+    cos_t, sin_t = np.cos(tilt_rad), np.sin(tilt_rad)
+    cos_r, sin_r = np.cos(roll_rad), np.sin(roll_rad)
+    pan = np.array([[cos_p, -sin_p, 0.0], [sin_p, cos_p, 0.0], [0.0, 0.0, 1.0]])
+    tilt = np.array([[cos_t, 0.0, -sin_t], [0.0, 1.0, 0.0], [sin_t, 0.0, cos_t]])
+    roll = np.array([[cos_r, -sin_r, 0.0], [sin_r, cos_r, 0.0], [0.0, 0.0, 1.0]])
+    transform = np.eye(4)
+    transform[:3, :3] = pan @ tilt @ HEAD_R_CAM @ roll
+    transform[:3, 3] = pan @ centre_m
+    return transform
+
+
+def mount(reference: Camera, camera: PanZoomCamera) -> PanZoomCamera:
+    """``camera``, its head put where its reference pose (pan 0) is ``reference``."""
+    view = view_at(camera, 0.0, camera.tilt_rad, reference.focal_px)
+    there = head_T_cam(0.0, camera.tilt_rad, camera.roll_rad, view.centre_m)
+    return replace(camera, world_T_head=reference.world_T_cam @ np.linalg.inv(there))
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Lens
+
+
+def distort(xy: Array, k1: float) -> Array:
+    """Normalised image coordinates (..., 2) as the lens bends them: ``(1 + k1 r^2) (x, y)``.
+
+    Beyond the radius where that would fold back (barrel distortion, far outside any image) the factor stays what it
+    is there, so that nothing out of view comes back into it.
+    """
+    squared = np.sum(xy * xy, axis=-1, keepdims=True)
+    if k1 < 0:
+        squared = np.minimum(squared, -1.0 / (3.0 * k1))
+    return (1.0 + k1 * squared) * xy
+
+
+def undistort(xy: Array, k1: float) -> Array:
+    """The inverse of `distort` by Newton's method on the radius; (..., 2) to (..., 2)."""
+    distorted = np.sqrt(np.sum(xy * xy, axis=-1, keepdims=True))
+    if k1 < 0:
+        distorted = np.minimum(distorted, 2.0 / 3.0 / np.sqrt(-3.0 * k1) * (1 - 1e-9))
+    radius = distorted
+    for _ in range(8):
+        radius = radius - (radius * (1.0 + k1 * radius**2) - distorted) / (1.0 + 3.0 * k1 * radius**2)
+    return xy / (1.0 + k1 * radius**2)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# World points and rays
+
+
+def project(camera: Camera, points_m: Array) -> tuple[Array, Array]:
+    """World points (N, 3) to pixels (N, 2) and depths (N,) in metres along the optical axis.
+
+    A point is seen where its depth is positive; behind the camera the pixel is meaningless but finite.
+    """
+    rotation, centre = camera.world_T_cam[:3, :3], camera.world_T_cam[:3, 3]
+    seen = (points_m - centre) @ rotation
+    depth = seen[:, 2]
+    xy = seen[:, :2] / np.where(np.abs(depth) < 1e-9, 1e-9, depth)[:, None]
+    return camera.principal_px + camera.focal_px * distort(xy, camera.k1), depth
+
+
+def rays(camera: Camera, points_px: Array) -> Array:
+    """Pixels (N, 2) to unit directions in the world (N, 3)."""
+    xy = undistort((points_px - camera.principal_px) / camera.focal_px, camera.k1)
+    directions = np.column_stack([xy, np.ones(len(xy))]) @ camera.world_T_cam[:3, :3].T
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Directions of the head frame
+
+
+def wrapped(angle_rad: Array | float) -> Array:
+    """Angles brought into [-pi, pi)."""
+    return np.asarray(np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi)
+
+
+def direction_to_pixel(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
+    """Directions (...) of the head frame to pixels (..., 2) and whether they are in front of the camera (...)."""
+    xy, front = _normalised(view, azimuth_rad, slope)
+    return view.principal_px + view.focal_px * distort(xy, view.k1), front
+
+
+def pixel_to_direction(view: View, points_px: Array) -> tuple[Array, Array]:
+    """Pixels (..., 2) to directions of the head frame: azimuth (...) in (-pi, pi] around the pan, and slope (...)."""
+    xy = undistort((points_px - view.principal_px) / view.focal_px, view.k1)
+    cos_r, sin_r = np.cos(view.roll_rad), np.sin(view.roll_rad)
+    cos_t, sin_t = np.cos(view.tilt_rad), np.sin(view.tilt_rad)
+    x = cos_r * xy[..., 0] - sin_r * xy[..., 1]
+    y = sin_r * xy[..., 0] + cos_r * xy[..., 1]
+    forward = cos_t + sin_t * y
+    left, up = -x, sin_t - cos_t * y
+    return view.pan_rad + np.arctan2(left, forward), up / np.hypot(left, forward)
+
+
+def derivatives(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
+    """Derivatives of `direction_to_pixel` for directions (N,).
+
+    Returns the derivatives with respect to ``PARAMETERS`` (N, 2, 7) and to (azimuth, slope) (N, 2, 2), in pixels
+    per radian, per unit of log focal, per pixel and per unit of k1.
+    """
+    seen = np.empty((len(azimuth_rad), 2, SEEN))
+    _see_all(view.vector(), azimuth_rad, slope, seen)
+    return seen[:, :, BY_PARAMETERS], seen[:, :, BY_DIRECTION]
+
+
+SEEN: Final = 10
+BY_PARAMETERS: Final = slice(1, 8)
+BY_DIRECTION: Final = slice(8, 10)
+"""What `direction_to_pixel_with_derivatives` writes for each coordinate: the pixel, its derivatives with respect to
+PARAMETERS, and to azimuth and slope."""
+
+
+@njit(cache=True, nogil=True)
+def direction_to_pixel_with_derivatives(view: Array, azimuth: float, slope: float, seen: Array) -> None:
+    """`direction_to_pixel` and its derivatives for one direction in front of the camera, into ``seen`` (2, SEEN). For
+    other kernels.
+
+    ``view`` is `View.vector`.
+    """
+    pan, tilt, focal, roll, principal_x, principal_y, k1 = view[:7]
+    cos_a, sin_a = np.cos(azimuth - pan), np.sin(azimuth - pan)
+    cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
+    y, z = sin_t * cos_a - cos_t * slope, cos_t * cos_a + sin_t * slope
+    x_n, y_n = (-cos_r * sin_a + sin_r * y) / z, (sin_r * sin_a + cos_r * y) / z
+    squared = x_n * x_n + y_n * y_n
+    factor = 1.0 + k1 * squared
+    lens_xx, lens_yy = focal * (factor + 2.0 * k1 * x_n * x_n), focal * (factor + 2.0 * k1 * y_n * y_n)
+    lens_xy = focal * 2.0 * k1 * x_n * y_n
+
+    seen[0, 0], seen[1, 0] = principal_x + focal * factor * x_n, principal_y + focal * factor * y_n
+    # d(x, y, z) before roll by azimuth, slope and tilt, where they go among the columns of ``seen``
+    for column, d_x, d_y, d_z in (
+        (8, -cos_a, -sin_t * sin_a, -cos_t * sin_a), (9, 0.0, -cos_t, sin_t), (2, 0.0, z, -y)
+    ):  # fmt: skip
+        d_x_n = (cos_r * d_x + sin_r * d_y - x_n * d_z) / z
+        d_y_n = (-sin_r * d_x + cos_r * d_y - y_n * d_z) / z
+        seen[0, column] = lens_xx * d_x_n + lens_xy * d_y_n
+        seen[1, column] = lens_xy * d_x_n + lens_yy * d_y_n
+    for row, along, centred in ((0, lens_xx * y_n - lens_xy * x_n, x_n), (1, lens_xy * y_n - lens_yy * x_n, y_n)):
+        seen[row, 1] = -seen[row, 8]  # pan
+        seen[row, 3] = focal * factor * centred  # log focal
+        seen[row, 4] = along  # roll
+        seen[row, 5], seen[row, 6] = 1.0 - row, float(row)  # principal point
+        seen[row, 7] = focal * squared * centred  # k1
+
+
+@njit(cache=True, nogil=True)
+def pixel_to_direction_kernel(view: Array, u: float, v: float) -> tuple[float, float]:
+    """`pixel_to_direction` for one pixel: azimuth and slope. For other kernels; ``view`` is `View.vector`."""
+    pan, tilt, focal, roll, principal_x, principal_y, k1 = view[:7]
+    bent_x, bent_y = (u - principal_x) / focal, (v - principal_y) / focal
+    bent = np.sqrt(bent_x * bent_x + bent_y * bent_y)
+    radius = bent
+    for _ in range(5):
+        radius -= (radius * (1.0 + k1 * radius * radius) - bent) / (1.0 + 3.0 * k1 * radius * radius)
+    factor = 1.0 + k1 * radius * radius
+    x, y = bent_x / factor, bent_y / factor
+    left, down = -(np.cos(roll) * x - np.sin(roll) * y), np.sin(roll) * x + np.cos(roll) * y
+    forward, up = np.cos(tilt) + np.sin(tilt) * down, np.sin(tilt) - np.cos(tilt) * down
+    return pan + np.arctan2(left, forward), up / np.sqrt(forward * forward + left * left)
+
+
+@njit(cache=True, nogil=True)
+def _see_all(view: Array, azimuth: Array, slope: Array, seen: Array) -> None:
+    for n in range(len(azimuth)):
+        direction_to_pixel_with_derivatives(view, azimuth[n], slope[n], seen[n])
+
+
+def pan_zoom_derivatives(camera: PanZoomCamera, view: View, azimuth_rad: Array, slope: Array) -> Array:
+    """Derivatives (N, 2, 3) of pixels with respect to (pan, log focal, tilt), the lens changing with the zoom."""
+    full, _ = derivatives(view, azimuth_rad, slope)
+    principal, k1 = lens_slope(camera.lens, view.focal_px)
+    result = np.empty((len(full), 2, 3))
+    result[:, :, 0] = full[:, :, 0]
+    result[:, :, 1] = full[:, :, 2] + principal + k1 * full[:, :, 6]
+    result[:, :, 2] = full[:, :, 1]
+    return result
+
+
+def parallax(view: View, azimuth_rad: Array, slope: Array, inverse_distance: Array) -> tuple[Array, Array]:
+    """What azimuth and slope (...) change by from a point on the pan axis to the projection centre of ``view``.
+
+    ``inverse_distance`` (...), 1 / m, is that of what is seen, horizontally. To first order: a few millimetres against
+    metres.
+    """
+    forward, left, up = view.centre_m
+    sin_a, cos_a = np.sin(azimuth_rad - view.pan_rad), np.cos(azimuth_rad - view.pan_rad)
+    d_azimuth = inverse_distance * (forward * sin_a - left * cos_a)
+    return d_azimuth, inverse_distance * (slope * (forward * cos_a + left * sin_a) - up)
+
+
+def moved(view: View, step: Array) -> View:
+    """``view`` after adding ``step`` (7,) in the order of ``PARAMETERS``."""
+    return View(
+        view.pan_rad + float(step[0]),
+        view.tilt_rad + float(step[1]),
+        view.roll_rad + float(step[3]),
+        view.focal_px * float(np.exp(step[2])),
+        view.principal_px + step[4:6],
+        view.k1 + float(step[6]),
+        view.centre_m,
+    )
+
+
+def _normalised(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
+    """Directions to normalised image coordinates before distortion (..., 2) and whether they are in front (...)."""
+    alpha = azimuth_rad - view.pan_rad
+    cos_a, sin_a = np.cos(alpha), np.sin(alpha)
+    cos_t, sin_t = np.cos(view.tilt_rad), np.sin(view.tilt_rad)
+    cos_r, sin_r = np.cos(view.roll_rad), np.sin(view.roll_rad)
+    y, z = sin_t * cos_a - cos_t * slope, cos_t * cos_a + sin_t * slope
+    front = z > 1e-6
+    safe = np.where(front, z, 1.0)
+    return np.stack([(-cos_r * sin_a + sin_r * y) / safe, (sin_r * sin_a + cos_r * y) / safe], axis=-1), front

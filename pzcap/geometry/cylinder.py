@@ -1,0 +1,174 @@
+"""Perspective image <-> cylinder: the paper's equations 3-6, and their generalisation to a calibrated camera.
+
+The paper's cylinder stands about the camera's own y axis and knows neither tilt nor distortion (`to_cylinder`). The
+exact cylinder stands about the pan axis: `pzcap.geometry.camera` takes its points to pixels,
+`pzcap.localisation.panorama_sampler` back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Final
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from pzcap.geometry import camera as geometry
+from pzcap.geometry.camera import View
+from pzcap.types import Array, Image, InverseDepthMap, Mask, Panorama
+
+GRID = 16  # maps are smooth: they are computed at every sixteenth pixel and interpolated, to 0.0003 px
+
+Map = NDArray[np.float32]
+
+
+def to_panorama(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
+    """Directions of the head frame (...) to panorama pixels (..., 2); a full turn wraps into [0, width)."""
+    column = panorama.origin_px[0] - azimuth_rad * panorama.px_per_rad
+    if panorama.full_turn:
+        column = np.mod(column, panorama.image.shape[1])
+    return np.stack([column, panorama.origin_px[1] - slope * panorama.px_per_rad], axis=-1)
+
+
+def from_panorama(panorama: Panorama, points_px: Array) -> tuple[Array, Array]:
+    """Panorama pixels (..., 2) to directions of the head frame: azimuth (...) and slope (...)."""
+    offset = (panorama.origin_px - points_px) / panorama.px_per_rad
+    return offset[..., 0], offset[..., 1]
+
+
+Hall = tuple[float, Array, Array, Array]
+"""The fields of `types.Surroundings`, for kernels."""
+
+
+def kernel_hall(surroundings: InverseDepthMap) -> Hall:
+    return surroundings.height_m, surroundings.walls, surroundings.departures, surroundings.slopes
+
+
+def inverse_distance(surroundings: InverseDepthMap, azimuth_rad: Array, slope: Array) -> Array:
+    """How near what is seen in these directions (...) is, 1 / m horizontally."""
+    azimuth, slope = np.broadcast_arrays(azimuth_rad, slope)
+    near = np.zeros(azimuth.size)
+    if len(surroundings.walls):
+        _near_all(kernel_hall(surroundings), azimuth.ravel(), slope.ravel(), near)
+    return near.reshape(azimuth.shape)
+
+
+NODES: Final = 6
+
+
+@njit(cache=True, nogil=True)
+def near_at(hall: Hall, azimuth: float, slope: float, nodes: NDArray[np.int64], shares: Array) -> float:
+    """`inverse_distance` in one direction, for other kernels; linear between neighbours.
+
+    ``nodes`` (NODES,) takes the indices of what it is made of, in walls followed by departures, and ``shares`` (NODES,)
+    the derivatives with respect to these.
+    """
+    height, walls, departures, slopes = hall
+    rows, around = departures.shape
+    up = min(max((slope - slopes[0]) / (slopes[1] - slopes[0]), 0.0), 1.0) * (rows - 1)
+    row = min(int(up), rows - 2)
+    turns = azimuth / (2 * np.pi)
+    left = (turns - np.floor(turns)) * around  # faster than the remainder
+    column = min(int(left), around - 1)
+    beyond = column + 1 if column + 1 < around else 0
+    b, a = up - row, left - column
+    wall, floor = (1 - a) * walls[column] + a * walls[beyond], -slope / height
+    nodes[0], nodes[1] = column, beyond
+    nodes[2], nodes[3] = around * (row + 1) + column, around * (row + 1) + beyond
+    nodes[4], nodes[5] = nodes[2] + around, nodes[3] + around
+    shares[2], shares[3], shares[4], shares[5] = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
+    nearer = (
+        1.0 + shares[2] * departures[row, column] + shares[3] * departures[row, beyond]
+        + shares[4] * departures[row + 1, column] + shares[5] * departures[row + 1, beyond]
+    )  # fmt: skip
+    before = nearer if wall > floor else 0.0
+    shares[0], shares[1] = before * (1 - a), before * a
+    nearest = max(wall, floor)
+    for k in range(2, NODES):
+        shares[k] *= nearest
+    return nearest * nearer
+
+
+@njit(cache=True, nogil=True)
+def _near_all(hall: Hall, azimuth: Array, slope: Array, near: Array) -> None:
+    nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
+    for n in range(len(near)):
+        near[n] = near_at(hall, azimuth[n], slope[n], nodes, shares)
+
+
+def from_centre(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
+    """Directions (...) of the panorama, as they are seen from the projection centre.
+
+    `pzcap.localisation.panorama_sampler.directions` undoes it.
+    """
+    near = inverse_distance(panorama.surroundings, azimuth_rad, slope)
+    d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
+    return azimuth_rad + d_azimuth, slope + d_slope
+
+
+def to_unwrapped(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
+    """`to_panorama` without the wrap, so that neighbours stay neighbours."""
+    offset = np.stack([azimuth_rad, slope], axis=-1) * panorama.px_per_rad
+    return np.asarray(panorama.origin_px - offset)
+
+
+def smooth_map(function: Callable[[Array], Array], width: int, height: int) -> tuple[Map, Map]:
+    """Evaluate ``function``, pixels (..., 2) to pixels (..., 2), for a whole image: columns and rows, each (H, W).
+
+    It has to be smooth: it is evaluated on a grid, every GRID pixels, and interpolated by cubic splines. Straight lines
+    in their place would all err to the same side, and the panorama be a hundred thousandth too high.
+    """
+    (u, across), (v, down) = _splines(width), _splines(height)
+    nodes = function(np.stack(np.meshgrid(u, v), axis=-1))
+    column, row = (down @ nodes[..., k] @ across.T for k in range(2))
+    return column.astype(np.float32), row.astype(np.float32)
+
+
+@lru_cache(maxsize=64)
+def _splines(size: int) -> tuple[Array, Array]:
+    """Nodes (N,) of a grid over so many pixels, and beyond; what each adds to the spline at every pixel (size, N)."""
+    nodes = np.arange(-GRID, size + 2 * GRID, GRID, dtype=np.float64)
+    return nodes, np.asarray(make_interp_spline(nodes, np.eye(len(nodes)), k=3)(np.arange(size)))
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The paper's cylinder
+
+
+def to_cylinder(image: Image, focal_px: float) -> tuple[Image, Mask, Array]:
+    """Unfold ``image`` (H, W[, 3]) onto the cylinder about the camera's own y axis (eq. 6).
+
+    The principal point is the image's centre, and the cylinder has ``focal_px`` pixels to the radian, so that scales
+    agree in the centre. Returns the unfolded image, where it is covered, and its origin ``(r_0, s_0)`` in it: the
+    image of the principal point.
+    """
+    height, width = image.shape[:2]
+    right_edge = points_to_cylinder(np.array([[width - 0.5, 0.0]]), focal_px, width, height)[0, 0]
+    origin = np.array([np.floor(right_edge), (height - 1) / 2])
+    out_width = int(2 * origin[0]) + 1
+    angle = (np.arange(out_width) - origin[0]) / focal_px
+    slope = (np.arange(height) - origin[1]) / focal_px
+    column = np.broadcast_to((width - 1) / 2 + focal_px * np.tan(angle), (height, out_width)).astype(np.float32)
+    row = ((height - 1) / 2 + focal_px * slope[:, None] / np.cos(angle)).astype(np.float32)
+    unfolded = cv2.remap(image, column, row, cv2.INTER_LINEAR)
+    covered = (column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1)
+    return np.asarray(unfolded, np.uint8), covered, origin
+
+
+def points_to_cylinder(points_px: Array, focal_px: float, width: int, height: int) -> Array:
+    """Eq. 6 with ``r_0 = s_0 = 0`` for points (N, 2), the principal point in the image's centre."""
+    offset = points_px - np.array([(width - 1) / 2, (height - 1) / 2])
+    r = focal_px * np.arctan(offset[:, 0] / focal_px)
+    s = focal_px * offset[:, 1] / np.hypot(offset[:, 0], focal_px)
+    return np.column_stack([r, s])
+
+
+def points_from_cylinder(relative_px: Array, focal_px: float, width: int, height: int) -> Array:
+    """The inverse of eq. 6: points (N, 2) relative to the cylinder's origin to pixels of the frame."""
+    x = focal_px * np.tan(relative_px[:, 0] / focal_px)
+    y = relative_px[:, 1] * np.hypot(x, focal_px) / focal_px
+    return np.column_stack([x, y]) + np.array([(width - 1) / 2, (height - 1) / 2])

@@ -1,0 +1,289 @@
+"""The capture folder: what a crew brings home, read, checked and written. docs/capture.md specifies the format.
+
+`read_capture` checks every file that the folder names, so that what is wrong is said before any work begins;
+`frame_sets` brings the recordings of the motion together by timecode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from pzcap.io.detections import NOBODY, read_keypoints
+from pzcap.io.manifest import (
+    Json,
+    dump_json,
+    load_json,
+    read_keyframes,
+    read_object,
+    read_subject,
+    write_keyframes,
+    write_object,
+    write_subject,
+)
+from pzcap.io.video import VideoReader, frames_per_day, frames_to_timecode, timecode_to_frames
+from pzcap.types import Array, CameraFiles, Capture, FrameSet, Image, Keyframe, PzcapError
+
+FORMAT = "pzcap-capture"
+VERSION = 1
+MANIFEST = "capture.json"
+_ENTRIES = ("format", "version", "name", "frame_rate", "full_turn", "cameras", "object", "subject", "keyframes")
+_FOOTAGE = ("reference", "sweep", "zoom", "motion")
+_PLACES = (*_FOOTAGE, "keypoints")
+_RATE_TOLERANCE = 1e-4  # containers round 30000/1001 to 29.97
+
+
+def read_capture(folder: Path) -> Capture:
+    """Read a capture folder and check everything it names, but for the pixels and for what a detector found in them.
+
+    Raises PzcapError naming the file at fault and the remedy: a file that is missing or no JSON, a wrong version, a
+    missing, misspelt or malformed entry, a video that cannot be opened, lacks its timecode, or has another frame rate
+    than the manifest or another size than the camera's other files.
+    """
+    manifest = load_json(folder / MANIFEST, "give the folder that holds it, or write one (docs/capture.md)")
+    if manifest["format"].text() != FORMAT or manifest["version"].value != VERSION:
+        raise manifest.error(f'this is not format "{FORMAT}", version {VERSION}; convert it (docs/capture.md)')
+    manifest.only(*_ENTRIES)
+    rate = _frame_rate(manifest["frame_rate"])
+    cameras = tuple(_read_camera(entry, folder) for entry in manifest["cameras"].list())
+    names = [camera.name for camera in cameras]
+    if not cameras or len(set(names)) < len(names):
+        raise manifest["cameras"].error("list at least one camera, each with a name of its own")
+    for camera in cameras:
+        _check_videos(camera, rate)
+    object_path, subject_path, keyframes_path = (
+        manifest.file(key, folder) for key in ("object", "subject", "keyframes")
+    )
+    return Capture(
+        folder=folder,
+        name=manifest["name"].text(),
+        frame_rate=rate,
+        cameras=cameras,
+        calibration_object=read_object(object_path) if object_path else None,
+        subject=read_subject(subject_path) if subject_path else None,
+        keyframe_poses=read_keyframes(keyframes_path, rate) if keyframes_path else {},
+        full_turn=manifest["full_turn"].boolean(),
+    )
+
+
+def write_capture(capture: Capture) -> None:
+    """Write the JSON files of ``capture`` into its folder, which holds the images and videos already."""
+
+    def relative(path: Path | None) -> str | None:
+        return path.relative_to(capture.folder).as_posix() if path else None
+
+    manifest: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": capture.name,
+        "frame_rate": f"{capture.frame_rate.numerator}/{capture.frame_rate.denominator}",
+        "full_turn": capture.full_turn,
+        "cameras": [
+            {"name": c.name, **{kind: relative(getattr(c, kind)) for kind in _places(c)}} for c in capture.cameras
+        ],
+    }
+    if capture.calibration_object is not None:
+        manifest["object"] = "object.json"
+        write_object(capture.folder / "object.json", capture.calibration_object)
+    if capture.subject is not None:
+        manifest["subject"] = "subject.json"
+        write_subject(capture.folder / "subject.json", capture.subject)
+    if capture.keyframe_poses:
+        manifest["keyframes"] = "keyframes.json"
+        write_keyframes(capture.folder / "keyframes.json", capture.keyframe_poses)
+    dump_json(capture.folder / MANIFEST, manifest)
+
+
+def read_image(path: Path) -> Image:
+    """Read a still image (H, W, 3). Raises PzcapError if it is missing, truncated, or cannot be decoded."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise PzcapError(f"{path}: no such image ({error.strerror}); copy it again from the camera") from error
+    # OpenCV fills up what is cut off with grey and a line on stderr
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if _is_whole(data) else None
+    if image is None:
+        raise PzcapError(f"{path}: the image cannot be decoded; copy it again from the camera, as PNG or JPEG")
+    return np.asarray(image, np.uint8)
+
+
+def _is_whole(still: bytes) -> bool:
+    """Whether a PNG's or JPEG's last part is there. Within a JPEG's data, a marker is never met by chance."""
+    if still.startswith(b"\x89PNG"):
+        return b"IEND" in still[-64:]
+    if still.startswith(b"\xff\xd8"):
+        return still.rfind(b"\xff\xd9") > still.rfind(b"\xff\xda")
+    return len(still) > 0
+
+
+def _frame_rate(entry: Json) -> Fraction:
+    try:
+        rate = Fraction(entry.text())
+    except (ValueError, ZeroDivisionError) as error:
+        raise entry.error('must be a fraction in quotes, such as "30/1"') from error
+    if rate <= 0:
+        raise entry.error("must be above 0")
+    return rate
+
+
+def _read_camera(entry: Json, folder: Path) -> CameraFiles:
+    entry.only("name", *_PLACES)
+    reference, sweep, zoom, motion = (entry.file(kind, folder) for kind in _FOOTAGE)
+    keypoints = entry.file("keypoints", folder, or_folder=True)
+    return CameraFiles(entry["name"].text(), reference, sweep, zoom, motion, keypoints)
+
+
+def _places(camera: CameraFiles) -> tuple[str, ...]:
+    """What is written of a camera: all its footage, with null for what is missing, and keypoints if it has them."""
+    return _PLACES if camera.keypoints else _FOOTAGE
+
+
+def _check_videos(camera: CameraFiles, rate: Fraction) -> None:
+    """One size for all that a camera recorded; timecode and the right frame rate on the motion."""
+    sizes: dict[Path, tuple[int, int]] = {}
+    if camera.reference is not None:
+        height, width = read_image(camera.reference).shape[:2]
+        sizes[camera.reference] = (width, height)
+    for path in (camera.sweep, camera.zoom, camera.motion):
+        if path is None:
+            continue
+        reader = VideoReader(path)
+        sizes[path] = (reader.width, reader.height)
+        if path == camera.motion:
+            if abs(reader.frame_rate / rate - 1) > _RATE_TOLERANCE:
+                raise PzcapError(
+                    f"{path}: has {reader.frame_rate} frames/s where {MANIFEST} says {rate}; correct one of them"
+                )
+            _start(reader, rate)
+    if len(set(sizes.values())) > 1:
+        listing = ", ".join(f"{path.name} {width}x{height}" for path, (width, height) in sizes.items())
+        raise PzcapError(f"{next(iter(sizes)).parent}: one size is needed for all files of a camera, not {listing}")
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Frame sets
+
+
+class FrameSets:
+    """The recordings of the motion, brought together by timecode. See `frame_sets`.
+
+    ``len()`` is the number of frame sets, ``timecodes`` names each, ``keyframes`` holds the poses set by hand.
+    """
+
+    def __init__(
+        self,
+        readers: Sequence[VideoReader | None],
+        keypoints: Sequence[dict[int, Array]],
+        starts: Sequence[int],
+        first: int,
+        count: int,
+    ) -> None:
+        self._readers = readers
+        self._keypoints = keypoints  # of each camera, by its own index
+        self._starts = starts  # of each camera's index 0, on the common clock
+        self._first = first  # of the first frame set, on the common clock
+        rate = next(reader.frame_rate for reader in readers if reader is not None)
+        self.timecodes: tuple[str, ...] = tuple(frames_to_timecode(first + k, rate) for k in range(count))
+        self.keyframes: tuple[Keyframe, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.timecodes)
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        return self.between(0, len(self))
+
+    def between(self, start: int, stop: int) -> Iterator[FrameSet]:
+        """Frame sets ``start`` to ``stop`` - 1, in order.
+
+        The cameras are decoded side by side, one frame set ahead of the caller; memory does not grow with the length.
+        """
+        views = [self._view(camera, start, stop) for camera in range(len(self._readers))]
+        with ThreadPoolExecutor(max_workers=len(views)) as pool:
+            ahead = [pool.submit(next, view) for view in views] if start < stop else []
+            for index in range(start, stop):
+                images = tuple(future.result() for future in ahead)
+                if index + 1 < stop:
+                    ahead = [pool.submit(next, view) for view in views]
+                yield FrameSet(index, self.timecodes[index], images, self.people(index))
+
+    def people(self, index: int) -> tuple[Array, ...]:
+        """What the detector found in each camera's picture of a frame set."""
+        if not any(self._keypoints):
+            return ()
+        clock = self._first + index
+        return tuple(
+            found.get(clock - start, NOBODY) for found, start in zip(self._keypoints, self._starts, strict=True)
+        )
+
+    def _view(self, camera: int, start: int, stop: int) -> Iterator[Image | None]:
+        """One camera's image for each of the frame sets, None where it has none."""
+        reader = self._readers[camera]
+        offset = self._first - self._starts[camera]
+        frames = iter(()) if reader is None else reader.read(start + offset, stop + offset)
+        index, image = next(frames, (stop + offset, None))
+        for wanted in range(start + offset, stop + offset):
+            if index == wanted:
+                yield image
+                index, image = next(frames, (stop + offset, None))
+            else:
+                yield None
+
+
+def frame_sets(capture: Capture) -> FrameSets:
+    """Align the cameras' recordings of the motion by timecode.
+
+    The range is what all cameras with a recording have in common. Within it a frame that a camera dropped is None, and
+    so is every view of a camera that recorded no motion. Raises PzcapError if no camera recorded the motion, the
+    recordings do not overlap, a keyframe lies outside them, or keypoints cannot be read.
+    """
+    readers = [None if camera.motion is None else VideoReader(camera.motion) for camera in capture.cameras]
+    recorded = [reader for reader in readers if reader is not None]
+    if not recorded:
+        raise PzcapError(f'{capture.folder / MANIFEST}: no camera has a "motion" video; name at least one')
+    day = frames_per_day(capture.frame_rate)
+    clocks = [_start(reader, capture.frame_rate) for reader in recorded]
+    # A clock that passed midnight before another was started is a day ahead of it, not a day behind.
+    unwrapped = iter([clocks[0] + (clock - clocks[0] + day // 2) % day - day // 2 for clock in clocks])
+    starts = [0 if reader is None else next(unwrapped) for reader in readers]
+    spans = [
+        (start + int(reader.indices[0]), start + int(reader.indices[-1]) + 1)
+        for reader, start in zip(readers, starts, strict=True)
+        if reader is not None
+    ]
+    first, stop = max(span[0] for span in spans), min(span[1] for span in spans)
+    if first >= stop:
+        raise PzcapError(
+            f"{capture.folder}: the motion videos have no timecode in common; check that the clocks were synchronised"
+        )
+    keypoints = [
+        {} if reader is None or camera.keypoints is None else read_keypoints(camera.keypoints, reader.indices)
+        for camera, reader in zip(capture.cameras, readers, strict=True)
+    ]
+    sets = FrameSets(readers, keypoints, starts, first, stop - first)
+    keyframes = []
+    for timecode, pose in capture.keyframe_poses.items():
+        index = (timecode_to_frames(timecode, capture.frame_rate) - first) % day
+        if index >= len(sets):
+            raise PzcapError(
+                f"{capture.folder}: the keyframe at {timecode} lies outside the recordings' common range"
+                f" {sets.timecodes[0]} to {sets.timecodes[-1]}; correct its timecode or remove it"
+            )
+        keyframes.append(Keyframe(frame=index, pose=pose))
+    sets.keyframes = tuple(sorted(keyframes, key=lambda keyframe: keyframe.frame))
+    return sets
+
+
+def _start(reader: VideoReader, rate: Fraction) -> int:
+    """Frames since midnight of a recording's index 0."""
+    if reader.timecode is None:
+        raise PzcapError(f"{reader.path}: the video holds no SMPTE timecode; export it again with its timecode track")
+    try:
+        return timecode_to_frames(reader.timecode, rate)
+    except PzcapError as error:
+        raise PzcapError(f"{reader.path}: {error}") from error

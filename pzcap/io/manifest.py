@@ -1,0 +1,180 @@
+"""The text files of a capture: the calibration object, the subject, the keyframes. docs/capture.md specifies them."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from pzcap.io.video import frames_to_timecode, timecode_to_frames
+from pzcap.types import MEASUREMENTS, SEGMENTS, Array, CalibrationObject, Marker, Pose, PzcapError, Subject
+
+_UNIT_TOLERANCE = 1e-3  # quaternions are written with a few decimals; they are normalised after this check
+
+
+@dataclass(frozen=True, slots=True)
+class Json:
+    """A JSON value that knows where it stands, so that a complaint can say it."""
+
+    value: Any
+    path: Path
+    where: str = ""
+
+    def error(self, problem: str) -> PzcapError:
+        return PzcapError(f"{self.path}: {self.where + ': ' if self.where else ''}{problem}")
+
+    def __getitem__(self, key: str) -> Json:
+        if not isinstance(self.value, dict):
+            raise self.error("must be a JSON object; see docs/capture.md")
+        if key not in self.value:
+            raise self.error(f'"{key}" is missing; add it (docs/capture.md)')
+        return Json(self.value[key], self.path, f"{self.where}.{key}" if self.where else key)
+
+    def only(self, *keys: str) -> None:
+        """Complain about a key that is not one of these: a misspelt optional one would silently be missing."""
+        for key in self.value if isinstance(self.value, dict) else ():
+            if key not in keys:
+                near = difflib.get_close_matches(key, keys, n=1, cutoff=0.4) or keys
+                raise self.error(f'unknown entry "{key}"; the nearest are {", ".join(near)}')
+
+    def list(self) -> list[Json]:
+        if not isinstance(self.value, list):
+            raise self.error("must be a JSON list; see docs/capture.md")
+        return [Json(value, self.path, f"{self.where}[{i}]") for i, value in enumerate(self.value)]
+
+    def text(self) -> str:
+        if not isinstance(self.value, str) or not self.value:
+            raise self.error("must be text in quotes")
+        return self.value
+
+    def boolean(self) -> bool:
+        if not isinstance(self.value, bool):
+            raise self.error("must be true or false")
+        return self.value
+
+    def length(self) -> float:
+        """A positive number of metres."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not 0 < self.value < 100:
+            raise self.error("must be a length in metres, above 0")
+        return float(self.value)
+
+    def array(self, *shape: int) -> Array:
+        """Finite numbers; a -1 in ``shape`` stands for any length."""
+        try:
+            array = np.array(self.value, np.float64)
+        except (TypeError, ValueError):
+            array = np.empty(0)
+        fits = array.ndim == len(shape) and all(w in (-1, n) for w, n in zip(shape, array.shape, strict=True))
+        if not fits or not np.isfinite(array).all():
+            raise self.error(f"must be {' x '.join('n' if n < 0 else str(n) for n in shape)} finite numbers")
+        return array
+
+    def file(self, key: str, folder: Path, or_folder: bool = False) -> Path | None:
+        """An optional file, which must exist if it is named; with ``or_folder`` it may be a folder of them."""
+        if not isinstance(self.value, dict) or self.value.get(key) is None:
+            return None
+        path = folder / self[key].text()
+        if not (path.is_file() or (or_folder and path.is_dir())):
+            raise self[key].error(f"the file {path} is missing; bring it, or put null in its place")
+        return path
+
+
+def load_json(path: Path, remedy: str = "write it (docs/capture.md)") -> Json:
+    """Raises PzcapError, with the remedy, if the file cannot be read or is no JSON."""
+    try:
+        return Json(json.loads(path.read_text(encoding="utf-8")), path)
+    except OSError as error:
+        raise PzcapError(f"{path}: cannot be read ({error.strerror}); {remedy}") from error
+    except (ValueError, RecursionError) as error:
+        raise PzcapError(f"{path}: is not valid JSON ({error}); correct it there") from error
+
+
+def dump_json(path: Path, value: Any) -> None:
+    path.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8")
+
+
+def write_object(path: Path, definition: CalibrationObject) -> None:
+    """Write object.json."""
+    markers = [{"id": marker.id, "corners_m": marker.corners_m.tolist()} for marker in definition.markers]
+    wireframe = definition.wireframe_m.tolist()
+    dump_json(path, {"dictionary": definition.dictionary, "markers": markers, "wireframe_m": wireframe})
+
+
+def read_object(path: Path) -> CalibrationObject:
+    """Read and check object.json."""
+    root = load_json(path)
+    dictionary = root["dictionary"].text()
+    if not dictionary.startswith("DICT_") or not hasattr(cv2.aruco, dictionary):
+        raise root["dictionary"].error(f'OpenCV knows no ArUco dictionary "{dictionary}"; such as "DICT_4X4_50"')
+    markers = []
+    for entry in root["markers"].list():
+        number = entry["id"].value
+        if isinstance(number, bool) or not isinstance(number, int) or number < 0:
+            raise entry["id"].error("must be a whole number, 0 or above")
+        markers.append(Marker(number, entry["corners_m"].array(4, 3)))
+    if not markers or len({marker.id for marker in markers}) < len(markers):
+        raise root["markers"].error("list at least one marker, each with an id of its own")
+    wireframe = root["wireframe_m"].array(-1, 2, 3) if root.value.get("wireframe_m") else np.zeros((0, 2, 3))
+    return CalibrationObject(dictionary, tuple(markers), wireframe)
+
+
+def write_subject(path: Path, subject: Subject) -> None:
+    """Write subject.json."""
+    dump_json(path, {"measurements_m": subject.measurements_m, "sigma_m": subject.sigma_m})
+
+
+def read_subject(path: Path) -> Subject:
+    """Read and check subject.json."""
+    root = load_json(path)
+    entry = root["measurements_m"]
+    if not isinstance(entry.value, dict):
+        raise entry.error("must be a JSON object of lengths in metres")
+    for name in entry.value:
+        if name not in MEASUREMENTS:
+            near = difflib.get_close_matches(name, MEASUREMENTS, n=3, cutoff=0.4) or MEASUREMENTS
+            raise entry.error(f'unknown measurement "{name}"; the nearest are {", ".join(near)}')
+    return Subject({name: entry[name].length() for name in MEASUREMENTS}, root["sigma_m"].length())
+
+
+def write_keyframes(path: Path, poses: dict[str, Pose]) -> None:
+    """Write keyframes.json: the poses by timecode."""
+    keyframes = [
+        {
+            "timecode": timecode,
+            "root_position_m": pose.root_position_m.tolist(),
+            "rotations_wxyz": dict(zip(SEGMENTS, pose.rotations.tolist(), strict=True)),
+        }
+        for timecode, pose in poses.items()
+    ]
+    dump_json(path, keyframes)
+
+
+def read_keyframes(path: Path, rate: Fraction) -> dict[str, Pose]:
+    """Read and check keyframes.json: the poses by timecode, quaternions normalised."""
+    root = load_json(path)
+    poses: dict[str, Pose] = {}
+    for entry in root.list():
+        try:
+            timecode = frames_to_timecode(timecode_to_frames(entry["timecode"].text(), rate), rate)
+        except PzcapError as error:
+            raise entry.error(str(error)) from error
+        if timecode in poses:
+            raise entry.error(f"a second keyframe at {timecode}; remove one")
+        table = entry["rotations_wxyz"]
+        for name in table.value if isinstance(table.value, dict) else ():
+            if name not in SEGMENTS:
+                raise table.error(f'unknown segment "{name}"; the segments are {", ".join(SEGMENTS)}')
+        rotations = np.stack([table[segment].array(4) for segment in SEGMENTS])
+        norms = np.linalg.norm(rotations, axis=1, keepdims=True)
+        if abs(norms[worst := int(np.argmax(np.abs(norms - 1))), 0] - 1) > _UNIT_TOLERANCE:
+            raise table[SEGMENTS[worst]].error(f"the quaternion's length is {norms[worst, 0]:.4g}; it must be 1")
+        poses[timecode] = Pose(entry["root_position_m"].array(3), rotations / norms)
+    if not poses:
+        raise root.error('holds no keyframe; add one, or put null at "keyframes" in capture.json')
+    return poses

@@ -1,0 +1,73 @@
+"""The colours of the lower arms: what shows a forearm or a hand before the trunk.
+
+A silhouette does not show them there, and what the skin looks like leads them on only from where they nearly are. But
+forearms are mostly bare, and what is worn is seldom of the skin's colour; where it is, nothing is said. Which colours
+are theirs and which the rest of the body's is learned at the keyframes, where the arms are where the hand has put them.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from pzcap.segmentation.background_model import LEVELS, count_colours, log_shares
+from pzcap.types import SEGMENTS, Array, Image
+
+UNKNOWN: Final = np.uint8(127)  # of 255
+LOWER_ARM: Final = np.array([name.endswith(("forearm", "hand")) for name in SEGMENTS])
+"""(16,) Which segments are of one."""
+_LUMA: Final = 4  # by how much less luma counts than chroma: light changes it
+_FACING: Final = 0.3  # cosine: skin that is seen more obliquely may be another part's
+_SUREST: Final = 3.0  # log-odds
+_SOFT_PX: Final = 1.0  # sigma; chroma has half the resolution
+
+
+class SkinColourModel:
+    """Which colours the lower arms of one athlete have, and which everything else of her."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros((2, LEVELS, LEVELS, LEVELS), np.int64)  # of the rest, of lower arms
+        self._table = np.full((LEVELS, LEVELS, LEVELS), UNKNOWN)
+
+    def learn(self, image: Image, segment: NDArray[np.int64], pixels: Array, facing: NDArray[np.float32]) -> None:
+        """Hear one view (H, W, 3): points of the skin, each on a ``segment`` (V,), are seen at ``pixels`` (V, 2) with a
+        cosine ``facing`` (V,) to the ray, 0 where they are hidden."""
+        column, row = np.rint(pixels).astype(np.int64).T
+        height, width = image.shape[:2]
+        clear = (facing > _FACING) & (column >= 0) & (row >= 0) & (column < width) & (row < height)
+        for counts, part in zip(self._counts, (~LOWER_ARM, LOWER_ARM), strict=True):
+            shown = clear & part[segment]
+            if shown.any():
+                colours = _luma_and_chroma(image[row[shown], column[shown]][None])
+                colours[..., 0] //= _LUMA
+                count_colours(colours, np.ones(colours.shape[:2], np.uint8), counts)
+        if self._counts.any(axis=(1, 2, 3)).all():
+            rest, arms = (log_shares(counts) for counts in self._counts)
+            odds = np.clip(arms - rest, -_SUREST, _SUREST)
+            self._table = np.asarray(np.rint(255.0 / (1.0 + np.exp(-odds))), np.uint8)
+
+    def arms(self, image: Image, silhouette: Image) -> Image:
+        """The probability (h, w), 0..255, that a pixel of ``image`` (h, w, 3) shows a lower arm, that of its being the
+        athlete at all as in ``silhouette`` (h, w), 0..255."""
+        found = np.empty(silhouette.shape, np.uint8)
+        _look_up(_luma_and_chroma(image), silhouette, self._table, found)
+        return np.asarray(cv2.GaussianBlur(found, (0, 0), _SOFT_PX), np.uint8)
+
+
+def _luma_and_chroma(image: Image) -> Image:
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), np.uint8)
+
+
+@njit(cache=True, nogil=True)
+def _look_up(colours: Image, silhouette: Image, table: Image, found: Image) -> None:
+    """The ``table`` (LEVELS, LEVELS, LEVELS) at each pixel's ``colours``, times the ``silhouette``."""
+    height, width = silhouette.shape
+    cell = 256 // LEVELS
+    for i in range(height):
+        for j in range(width):
+            here = table[colours[i, j, 0] // (_LUMA * cell), colours[i, j, 1] // cell, colours[i, j, 2] // cell]
+            found[i, j] = here * np.int64(silhouette[i, j]) // 255

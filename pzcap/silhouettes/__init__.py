@@ -1,2 +1,0 @@
-"""What in a frame is the athlete: stage 5. `foreground` leads; `colours` says what a pixel's colours speak for,
-`outline` draws where the body ends."""

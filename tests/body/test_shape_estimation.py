@@ -1,0 +1,126 @@
+"""The body's corrections: what they change, and that contours find them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pzcap.body import skeleton as bodies
+from pzcap.body.shape_basis import basis, corrected
+from pzcap.body.shape_estimation import ShapeEstimate, Sight
+from pzcap.body.skeleton import DOF, forward
+from pzcap.tracking.frame_tracker import TrackingConfig
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.types import SEGMENTS, Array, Subject
+from tests.tracking.test_tracker import TERMS, clip, cuts, true_body
+
+
+def test_a_length_corrects_the_skeleton_and_stretches_the_skin() -> None:
+    body = true_body()
+    change = basis(body)
+    upper_arm = 4  # after trunk, shoulder drop and both widths
+    amounts = np.zeros(len(change.sigma_m))
+    amounts[upper_arm] = 0.01
+    longer = corrected(body, change, amounts)
+    moved = longer.offsets_m - body.offsets_m
+    np.testing.assert_allclose(moved[[5, 8], 2], -0.01)
+    assert np.count_nonzero(moved) == 2
+    arm = body.surface.segment == 4
+    reach = [shape.surface.points_m[arm, 2].min() for shape in (body, longer)]
+    assert 0.009 < reach[0] - reach[1] < 0.013
+    assert np.array_equal(longer.surface.points_m[~arm & (body.surface.segment != 7)],
+                          body.surface.points_m[~arm & (body.surface.segment != 7)])  # fmt: skip
+
+
+def test_jacobians_are_derivatives_of_the_skin() -> None:
+    """Moving the body by a correction moves each contour point as its row says."""
+    body, pose = true_body(), clip().poses[4]
+    evidence = PoseObjective(body, cuts(4))
+    rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+    shape = ShapeEstimate(body)
+    frames = forward(body, pose)
+    by_pose, by_shape = np.hsplit(shape._jacobian(frames, rows), [DOF])
+    change = basis(body)
+    local = np.einsum("nji,nj->ni", frames[rows.segment, :3, :3], rows.points_m - frames[rows.segment, :3, 3])
+    for k in range(len(change.sigma_m)):
+        amounts = np.zeros(len(change.sigma_m))
+        amounts[k] = 1e-3
+        there = forward(corrected(body, change, amounts), pose)
+        skin = local.copy()
+        for s in np.unique(rows.segment):
+            here = rows.segment == s
+            skin[here] = change.displaced(s, local[here], amounts)
+        moved = np.einsum("nij,nj->ni", there[rows.segment, :3, :3], skin) + there[rows.segment, :3, 3]
+        expected = np.einsum("ni,ni->n", rows.gradients, moved - rows.points_m) / 1e-3
+        np.testing.assert_allclose(by_shape[:, k], expected, atol=1e-6 * max(1.0, np.abs(expected).max()))
+    assert by_pose.shape == (len(local), DOF)
+
+
+def test_what_is_learned_narrows_the_joints_sigma() -> None:
+    """By each frame, and never to nothing: frames err alike, and the hips are inside."""
+    body = true_body()
+    shape = ShapeEstimate(body)
+    variances = []
+    for frame in (0, 4, 8):
+        evidence, pose = PoseObjective(body, cuts(frame)), clip().poses[frame]
+        rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+        rows.weight[:] *= 0.024
+        shape.keep(shape.hear([Sight(forward(body, pose), rows, None, 1e-3 * np.eye(DOF), np.zeros(DOF))]))
+        variances.append(shape.joint_variance().mean())
+    assert variances[0] > variances[1] > variances[2]
+    assert 0.001 < np.sqrt(variances[2]) < 0.02
+
+
+def test_texture_moves_with_its_segment() -> None:
+    """A segment's twist by pose and corrections is what its joint does, and a slide is the opposite of its own."""
+    body, pose = true_body(), clip().poses[4]
+    shape, change, frames = ShapeEstimate(body), basis(body), forward(body, pose)
+    moved = shape._twists(frames)
+    centre, knee, thigh_length, count = frames[0, :3, 3], 11, 6, DOF + len(change.sigma_m)
+    np.testing.assert_allclose(moved[knee, :3, DOF + thigh_length], -frames[10, :3, 2])
+    arm = frames[knee, :3, 3] - centre
+    slides = moved[knee, :, count + 6 * knee : count + 6 * knee + 6]
+    at_joint = slides[:3] + np.cross(slides[3:], arm, axisa=0).T
+    np.testing.assert_allclose(at_joint, np.hstack([-frames[knee, :3, :3], np.zeros((3, 3))]), atol=1e-12)
+
+
+def amounts_found(measurements_m: dict[str, float]) -> Array:
+    """The corrections that true silhouettes at true poses ask for."""
+    body = bodies.build(Subject(measurements_m, 0.01))
+    shape = ShapeEstimate(body)
+    for frame in range(0, 13, 3):
+        evidence, pose = PoseObjective(body, cuts(frame)), clip().poses[frame]
+        rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+        rows.weight[:] *= 0.1
+        shape.keep(shape.hear([Sight(forward(body, pose), rows, None, 1e6 * np.eye(DOF), np.zeros(DOF))]))
+    shape.solve()
+    return shape.amounts_m
+
+
+def test_a_wrong_tape_is_corrected() -> None:
+    """Thighs that are taken for two centimetres too short are made longer, by about half of that."""
+    thigh = 6
+    wrong = dict(clip().measurements_m)
+    wrong["thigh"] -= 0.02
+    assert 0.008 < amounts_found(wrong)[thigh] < 0.025
+    assert abs(amounts_found(clip().measurements_m)[thigh]) < 0.006
+
+
+def test_shoulders_that_end_too_high_are_brought_down() -> None:
+    """Where the upper arms' skin stands two centimetres too far above the joint, the skin is corrected, not the arm."""
+    body, arm, forearm = true_body(), SEGMENTS.index("left_upper_arm"), SEGMENTS.index("left_forearm")
+    arms = np.isin(body.surface.segment, [arm, SEGMENTS.index("right_upper_arm")])
+    points = body.surface.points_m.copy()
+    above = arms & (points[:, 2] > 0.0)
+    points[above, 2] *= 1.0 + 0.02 / points[above, 2].max()
+    wrong = replace(body, surface=body.surface.moved(points))
+    shape, hand = ShapeEstimate(wrong), np.diag(1.0 / TrackingConfig().hand_sigma ** 2)
+    for frame in range(0, 13, 3):
+        evidence, pose = PoseObjective(wrong, cuts(frame)), clip().poses[frame]
+        rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+        rows.weight[:] *= 0.1
+        shape.keep(shape.hear([Sight(forward(wrong, pose), rows, None, hand, np.zeros(DOF))]))
+    found = shape.solve()
+    assert points[arms, 2].max() - found.surface.points_m[arms, 2].max() > 0.003
+    assert abs(found.offsets_m[forearm, 2] - body.offsets_m[forearm, 2]) < 0.001

@@ -1,0 +1,143 @@
+"""The body: kinematics against MuJoCo's own, every derivative against finite differences, laws of the tangent."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from pzcap.body import skeleton as bodies
+from pzcap.body.mesh import ellipse_half_axes
+from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError, Subject
+from sim import athlete
+
+
+def subject(seed: int = 0) -> Subject:
+    rng = np.random.default_rng(seed)
+    return Subject(athlete.draw_measurements(athlete.AthleteConfig(), rng), 0.005)
+
+
+def random_pose(seed: int, size: float = 1.0) -> Pose:
+    rng = np.random.default_rng(seed)
+    vectors = rng.normal(0, size, (len(SEGMENTS), 3))
+    for i, name in enumerate(SEGMENTS):
+        if name in HINGE_AXES:
+            vectors[i] = rng.uniform(0, 2) * np.array(HINGE_AXES[name])
+    return Pose(rng.normal(0, 2, 3), Rotation.from_rotvec(vectors).as_quat(scalar_first=True))
+
+
+BODY = bodies.build(subject())
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_joints_stand_where_mujoco_puts_them(seed: int) -> None:
+    person = subject(seed)
+    spec = mujoco.MjSpec()
+    athlete.add_athlete(spec, person.measurements_m, athlete.AthleteConfig(), np.random.default_rng(seed))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    body = bodies.build(person)
+    for k in range(3):
+        pose = random_pose(10 * seed + k)
+        athlete.set_pose(model, data, pose)
+        mujoco.mj_kinematics(model, data)
+        frames = bodies.forward(body, pose)
+        for i, name in enumerate(SEGMENTS):
+            np.testing.assert_allclose(frames[i, :3, 3], data.body(name).xpos, atol=1e-9)
+            np.testing.assert_allclose(frames[i, :3, :3].ravel(), data.body(name).xmat, atol=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 99), st.floats(1e-9, 1.0))
+def test_difference_undoes_retract(seed: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    pose, delta = random_pose(seed), size * rng.uniform(-1, 1, bodies.DOF)
+    np.testing.assert_allclose(bodies.difference(bodies.retract(pose, delta), pose), delta, atol=1e-9)
+
+
+def numeric(function: object, pose: Pose, step: float = 1e-6) -> Array:
+    columns = []
+    for k in range(bodies.DOF):
+        delta = np.zeros(bodies.DOF)
+        delta[k] = step
+        ahead, behind = function(bodies.retract(pose, delta)), function(bodies.retract(pose, -delta))  # type: ignore[operator]
+        columns.append((ahead - behind) / (2 * step))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_joint_jacobians(seed: int) -> None:
+    pose = random_pose(seed)
+    expected = numeric(lambda p: bodies.joints(BODY, p), pose)
+    np.testing.assert_allclose(bodies.joint_jacobians(bodies.forward(BODY, pose)), expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("segment", range(len(SEGMENTS)))
+def test_point_jacobian(segment: int) -> None:
+    pose, local = random_pose(segment), np.array([0.1, -0.05, -0.2, 1.0])
+    frames = bodies.forward(BODY, pose)
+    expected = numeric(lambda p: (bodies.forward(BODY, p)[segment] @ local)[:3], pose)
+    got = bodies.point_jacobian(frames, segment, (frames[segment] @ local)[:3])
+    np.testing.assert_allclose(got, expected, atol=1e-7)
+
+
+def test_lifting_segments_equals_the_dense_normal_equations() -> None:
+    rng = np.random.default_rng(4)
+    pose = random_pose(4)
+    frames = bodies.forward(BODY, pose)
+    centre = frames[0, :3, 3]
+    hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
+    dense_h, dense_g = np.zeros((bodies.DOF, bodies.DOF)), np.zeros(bodies.DOF)
+    for _ in range(200):
+        s = int(rng.integers(16))
+        point, a, residual = rng.normal(0, 1, 3) + centre, rng.normal(0, 1, 3), rng.normal()
+        row = np.concatenate([a, np.cross(point - centre, a)])
+        hessians[s] += np.outer(row, row)
+        gradients[s] += row * residual
+        full = a @ bodies.point_jacobian(frames, s, point)
+        dense_h += np.outer(full, full)
+        dense_g += full * residual
+    hessian, gradient = bodies.lift(hessians, gradients, bodies.screws(frames, centre))
+    np.testing.assert_allclose(hessian, dense_h, atol=1e-9)
+    np.testing.assert_allclose(gradient, dense_g, atol=1e-9)
+
+
+def test_skin_is_closed_and_its_normals_point_outward() -> None:
+    surface = BODY.surface
+    for s in range(len(SEGMENTS)):
+        faces = surface.faces[surface.segment[surface.faces[:, 0]] == s]
+        directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+        assert {tuple(e) for e in directed} == {tuple(e[::-1]) for e in directed}, "every edge runs once each way"
+        a, b, c = (surface.points_m[faces[:, k]] for k in range(3))
+        assert np.sum(np.cross(a, b) * c) > 0, "positive volume: counter-clockwise from outside"
+    np.testing.assert_allclose(np.linalg.norm(surface.normals, axis=1), 1.0, atol=1e-12)
+    assert 1.5 < surface.area_m2.sum() < 3.0
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 1.3, 3.0])
+def test_a_ring_has_the_girth_that_was_measured(ratio: float) -> None:
+    depth, width = ellipse_half_axes(0.9, ratio)
+    phi = np.linspace(0, 2 * np.pi, 20001)
+    ring = np.stack([depth * np.cos(phi), width * np.sin(phi)], axis=1)
+    assert np.sum(np.linalg.norm(np.diff(ring, axis=0), axis=1)) == pytest.approx(0.9, rel=1e-6)
+    assert depth / width == pytest.approx(ratio)
+
+
+def test_limits_leave_the_standing_body_alone_and_catch_a_knee_that_bends_forward() -> None:
+    standing = Pose(np.zeros(3), np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1)))
+    assert not bodies.limit_residuals(standing)[0].any()
+    delta = np.where(SEGMENTS.index("left_shank") == bodies.DOF_SEGMENT, -0.5, 0.0)
+    residual, _ = bodies.limit_residuals(bodies.retract(standing, delta))
+    assert np.flatnonzero(residual).tolist() == np.flatnonzero(delta).tolist()
+
+
+def test_a_missing_or_absurd_measurement_is_named() -> None:
+    measured = subject().measurements_m
+    with pytest.raises(PzcapError, match="trunk"):
+        bodies.build(Subject({k: v for k, v in measured.items() if k != "trunk"}, 0.005))
+    with pytest.raises(PzcapError, match=r"girth_chest = 95.* metres"):
+        bodies.build(Subject({**measured, "girth_chest": 95.0}, 0.005))
+    assert set(MEASUREMENTS) <= set(measured)

@@ -1,0 +1,113 @@
+"""One camera made ready: what the adjustment found is what the camera has, and pan 0 is the reference image's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from experiments.footage import SMALL
+from pzcap.calibration import calibrate
+from pzcap.calibration.correspondences import sigmas_of
+from pzcap.calibration.parameters import BeliefConfig, Model
+from pzcap.geometry.camera import at
+from pzcap.io.video import VideoReader
+from pzcap.localisation.localise import PanZoomConfig
+from pzcap.localisation.photometric_alignment import Aligner
+from pzcap.types import Camera, InverseDepthMap, Panorama
+from sim import gym
+from sim.operator import sweep, through
+from sim.staging import assemble
+from tests.geometry.test_cylinder import camera_of, whole_turn
+from tests.scenes import synthetic
+
+OPTICS = synthetic.Optics()
+FOCAL = OPTICS.reference_focal_px
+HALL = InverseDepthMap(1.0, np.linspace(0.1, 0.5, 6), np.zeros((2, 6)), np.array([-0.3, 0.3]))
+
+
+def taken(height_m: float) -> Camera:
+    camera = at(camera_of(OPTICS), 0.0, OPTICS.tilt_rad, FOCAL)
+    stood = camera.world_T_cam.copy()
+    stood[2, 3] = height_m
+    return replace(camera, world_T_cam=stood)
+
+
+def test_what_was_adjusted_is_what_the_camera_has() -> None:
+    model = Model(
+        np.zeros(1), np.log([FOCAL]), np.zeros(1, int), np.zeros(1, int), -0.07, 0.01, np.array([[160.0, 121.0]]),
+        np.array([-0.05, 0.07]), np.array([0.003, -0.002]), 0.0017, HALL,
+    )  # fmt: skip
+    camera, hall = calibrate._measured(model, 0.0, taken(1.6))
+    assert (camera.tilt_rad, camera.roll_rad) == (-0.07, 0.01)
+    np.testing.assert_allclose(camera.offset_m, 1.6 * model.offset)
+    assert camera.travel_m == pytest.approx(1.6 * 0.0017)
+    np.testing.assert_allclose(camera.lens.k1, model.k1)
+    np.testing.assert_allclose(hall.walls, HALL.walls / 1.6)
+    there = at(camera, 0.0, camera.tilt_rad, FOCAL)
+    np.testing.assert_allclose(there.world_T_cam, taken(1.6).world_T_cam, atol=1e-12)
+
+
+def test_beliefs_are_in_metres_and_the_adjustment_in_camera_heights() -> None:
+    sigmas = sigmas_of(taken(2.0), BeliefConfig(offset_m=0.01, travel_m=0.004), full_turn=True, zoom=True)
+    assert (sigmas.offset, sigmas.travel) == (pytest.approx(0.005), pytest.approx(0.002))
+    # a camera that stands nowhere has no height to measure by
+    assert sigmas_of(taken(0.0), BeliefConfig(offset_m=0.01), full_turn=True, zoom=False).offset == 0.01
+
+
+def shrunk() -> Panorama:
+    """The hall at the resolution of a frame."""
+    whole = whole_turn(0)
+    width = round(2 * np.pi * FOCAL)
+    scale = width / whole.image.shape[1]
+    image = cv2.resize(whole.image, (width, round(whole.image.shape[0] * scale)), interpolation=cv2.INTER_AREA)
+    return replace(
+        whole, image=image, valid=np.ones(image.shape[:2], bool), px_per_rad=width / (2 * np.pi),
+        origin_px=(whole.origin_px + 0.5) * scale - 0.5,
+    )  # fmt: skip
+
+
+def test_pan_0_is_where_the_reference_image_lies_on_the_panorama() -> None:
+    panorama, camera = shrunk(), camera_of(OPTICS)
+    image = synthetic.render(OPTICS, 0.8 / FOCAL, FOCAL)
+    counted = calibrate._counted_from(
+        panorama, Aligner(panorama, camera).align(image, 0.0, OPTICS.tilt_rad, FOCAL, 1.5)
+    )
+    again = Aligner(counted, camera).align(image, 0.0, camera.tilt_rad, FOCAL, 1.5)
+    assert again.pan_rad == pytest.approx(0.0, abs=0.01 / FOCAL)
+    np.testing.assert_allclose(counted.sweep_pan_rad, panorama.sweep_pan_rad - 0.8 / FOCAL, atol=0.05 / FOCAL)
+
+
+def test_a_reference_image_of_something_else_moves_nothing() -> None:
+    panorama = shrunk()
+    nonsense = np.random.default_rng(0).integers(0, 255, (OPTICS.height, OPTICS.width, 3)).astype(np.uint8)
+    aligned = Aligner(panorama, camera_of(OPTICS)).align(nonsense, 0.0, OPTICS.tilt_rad, FOCAL, 1.5)
+    assert calibrate._counted_from(panorama, aligned) is panorama
+
+
+@pytest.mark.slow
+def test_what_is_believed_of_walls_does_not_push_the_projection_centre_out(tmp_path: Path) -> None:
+    # ten times as far from the axis as a crew leaves it, so that small pictures show it: what is seen is the offset
+    # times how near things are, and walls that were held back to what is believed of them pushed it out by a sixth
+    optics = replace(SMALL.optics, axis_behind_m=0.05, axis_beside_m=0.03)
+    config = replace(SMALL, sweep_deg=360.0, optics=optics, operator=replace(SMALL.operator, sweep_step_deg=4.0))
+    crew = assemble(config, tmp_path)
+    filming, rig, file, rng = crew.cameras[3], crew.rigs[3], tmp_path / "sweep.mp4", np.random.default_rng(0)
+    pan_rad = sweep(config.sweep_deg, config.operator, rng)
+    times_s = np.arange(len(pan_rad)) / config.sweep_frame_rate
+    hands = through(times_s, pan_rad, np.full(len(pan_rad), rig.reference_focal_px))
+    rate, quality = Fraction(config.sweep_frame_rate), config.sensor.crf_still
+    for _ in filming.record(
+        file, hands.at, times_s, person=None, frame_rate=rate, crf=quality, supersampling=4.0, sub_exposures=1, rng=rng
+    ):
+        pass
+    image = filming.still(rng)
+    crew.stage.close()
+    found = calibrate.prepare(
+        image, gym.calibration_object(), VideoReader(file), None, True, PanZoomConfig()
+    ).camera  # fmt: skip
+    np.testing.assert_allclose(found.offset_m, [optics.axis_behind_m, -rig.beside_m], rtol=0.09)

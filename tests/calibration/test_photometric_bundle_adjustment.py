@@ -1,0 +1,106 @@
+"""The adjustment on grey values: better than features, unbiased by a person, honest about its own error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pzcap.calibration import photometric_bundle_adjustment
+from pzcap.calibration.parameters import Model, Sigmas, stepped, vector
+from pzcap.calibration.sweep import grey
+from pzcap.imaging.bspline import STEPS, Stored, stored
+from pzcap.types import FAR_AWAY, Array
+from tests.scenes import synthetic
+
+OPTICS = synthetic.Optics(vignetting=0.0)
+PANS = np.deg2rad(np.arange(0.0, 40.0, 5.0))
+FOCALS = np.log(OPTICS.reference_focal_px * np.array([1.0, 0.8, 1.4, 2.0]))
+SIGMAS = Sigmas(0.05, 0.2, np.array([6.4, 6.4]), np.array([0.1, 0.1]))
+PAIRS = [(i, i + k) for k in (1, 2) for i in range(len(PANS) - k)] + [
+    (i, len(PANS) + k) for i in (2, 3, 4) for k in range(3)
+]
+
+
+def truth() -> Model:
+    """Eight frames of a sweep, and three of a zoom run at the fourth's pan."""
+    return Model(
+        np.append(PANS, PANS[3]), FOCALS, np.array([*range(8)] + [8] * 3), np.array([0] * 8 + [1, 2, 3]),
+        OPTICS.tilt_rad, OPTICS.roll_rad, np.array([OPTICS.principal_px, OPTICS.principal_slope_px]),
+        np.array([OPTICS.k1, OPTICS.k1_slope]), np.zeros(2), 0.0, FAR_AWAY,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def frames() -> Stored:
+    model = truth()
+    views = [model.view(frame) for frame in range(len(model.pan_of))]
+    images = [synthetic.render(OPTICS, v.pan_rad, v.focal_px, noise_seed=i) for i, v in enumerate(views)]
+    return np.stack([stored(grey(image)) for image in images])
+
+
+def off(seed: int) -> Model:
+    """The truth, as wrong as features leave it."""
+    true, rng = truth(), np.random.default_rng(seed)
+    step = np.zeros(len(vector(true)))
+    step[1:9] = rng.normal(0, 3e-4, 8)
+    step[9:13] = rng.normal(0, 1e-3, 4)
+    step[13:15] = rng.normal(0, 5e-4, 2)
+    return stepped(true, step)
+
+
+PIXELS = 700
+
+
+def silent(done: int) -> None:
+    del done
+
+
+def adjusted(frames: Stored, start: Model) -> photometric_bundle_adjustment.Fitted:
+    return photometric_bundle_adjustment.adjust(
+        start, frames, PAIRS, SIGMAS, prior=start, pixels=PIXELS, smoothing=0.64, report=silent
+    )
+
+
+def errors(found: Model) -> tuple[Array, Array]:
+    """Of the pans (9,) rad, but for their scale, which so short a sweep hardly shows; and of the zoom ratios (3,)."""
+    pan = found.pan_rad - truth().pan_rad
+    zoom = found.log_focal - found.log_focal[0] - (truth().log_focal - truth().log_focal[0])
+    line = np.polynomial.Polynomial.fit(truth().pan_rad, pan, 1)
+    return pan - line(truth().pan_rad), zoom[1:]
+
+
+def test_it_improves_on_features(frames: Stored) -> None:
+    before, after = errors(off(0)), errors(adjusted(frames, off(0)).model)
+    assert np.rad2deg(np.abs(after[0])).max() < 0.004  # a thirtieth of a pixel
+    assert np.abs(after[1]).max() < 3e-4
+    for first, then in zip(before, after, strict=True):
+        assert np.sqrt(np.mean(then**2)) < 0.4 * np.sqrt(np.mean(first**2))
+
+
+def test_where_it_starts_does_not_matter(frames: Stored) -> None:
+    one, other = (adjusted(frames, off(seed)).model for seed in (1, 2))
+    for first, then in zip(errors(one), errors(other), strict=True):
+        np.testing.assert_allclose(first, then, atol=2e-4)  # other pixels are looked at
+
+
+def test_a_person_and_a_lamp_do_not_pull(frames: Stored) -> None:
+    walked = frames.copy()
+    walked[2][60:200, 150:210] = 20 * int(STEPS)
+    walked[4] = (walked[4] * 1.1).astype(np.uint16)
+    plain, disturbed = (errors(adjusted(taken, off(0)).model) for taken in (frames, walked))
+    for first, then in zip(plain, disturbed, strict=True):
+        np.testing.assert_allclose(first, then, atol=5e-5)
+
+
+def test_its_sigmas_are_of_the_size_of_the_errors(frames: Stored) -> None:
+    found = adjusted(frames, off(3))
+    sigma = np.sqrt(np.diag(found.covariance))
+    normalised = (vector(found.model) - vector(truth()))[1:13] / sigma[1:13]
+    assert 0.05 < np.sqrt(np.mean(normalised**2)) < 3.0
+
+
+def test_frames_without_overlap_are_not_compared(frames: Stored) -> None:
+    edges = [photometric_bundle_adjustment._edges(frame, PIXELS, 4) for frame in frames]
+    assert photometric_bundle_adjustment._overlap(frames, edges, truth(), 0, 7, PIXELS, 0.64) is not None
+    far = stepped(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(vector(truth())) - 8)]))
+    assert photometric_bundle_adjustment._overlap(frames, edges, far, 0, 7, PIXELS, 0.64) is None

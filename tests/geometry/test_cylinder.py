@@ -1,0 +1,141 @@
+"""Perspective to cylinder and back, and the warped background."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pzcap.geometry import cylinder
+from pzcap.geometry.camera import direction_to_pixel, head_T_cam, pixel_to_direction, view_at
+from pzcap.localisation.panorama_sampler import looking, warp_background
+from pzcap.types import InverseDepthMap, Lens, Panorama, PanZoomCamera
+from tests.scenes import synthetic
+
+
+def whole_turn(seed: int) -> Panorama:
+    """The synthetic hall itself as a panorama."""
+    image = synthetic.hall(seed)
+    height, width = image.shape[:2]
+    px_per_rad = width / (2 * np.pi)
+    origin = np.array([width / 2 - 0.5, synthetic.SLOPES * px_per_rad - 0.5])
+    empty = np.zeros(0)
+    return Panorama(
+        image, np.ones((height, width), bool), px_per_rad, origin, True, empty, empty.astype(np.int64), 0.0, 0.0
+    )
+
+
+def camera_of(optics: synthetic.Optics) -> PanZoomCamera:
+    lens = Lens(
+        optics.width, optics.height, optics.reference_focal_px,
+        np.array([optics.principal_px, optics.principal_slope_px]), np.array([optics.k1, optics.k1_slope]),
+    )  # fmt: skip
+    return PanZoomCamera(lens, np.eye(4), optics.tilt_rad, optics.roll_rad)
+
+
+@settings(deadline=None)  # the first call draws the hall
+@given(st.floats(-4, 4), st.floats(-0.5, 0.5))
+def test_panorama_pixels_and_directions_are_inverse(azimuth: float, slope: float) -> None:
+    panorama = whole_turn(0)
+    pixel = cylinder.to_panorama(panorama, np.array([azimuth]), np.array([slope]))
+    assert 0 <= pixel[0, 0] <= panorama.image.shape[1]
+    back_azimuth, back_slope = cylinder.from_panorama(panorama, pixel)
+    np.testing.assert_allclose(np.exp(1j * back_azimuth), np.exp(1j * azimuth), atol=1e-12)
+    np.testing.assert_allclose(back_slope, slope, atol=1e-12)
+
+
+@settings(deadline=None)
+@given(st.floats(-3, 3), st.floats(-0.4, 0.4), st.floats(-0.3, 0.3))
+def test_parallax_is_what_three_dimensions_give(pan: float, alpha: float, slope: float) -> None:
+    """A point on a wall 3 m off or on the floor, seen from the axis and from some millimetres beside it."""
+    hall = InverseDepthMap(1.7, np.full(8, 1 / 3.0), np.zeros((2, 8)), np.array([-0.4, 0.4]))
+    panorama = replace(whole_turn(0), surroundings=hall)
+    camera = replace(camera_of(synthetic.Optics()), offset_m=np.array([0.005, -0.003]), travel_m=0.004)
+    distance = min(3.0, 1.7 / max(-slope, 1e-9))
+    azimuth = pan + alpha
+    point = distance * np.array([np.cos(azimuth), np.sin(azimuth), slope])
+    view = view_at(camera, pan, -0.07, 700.0)
+    from_there = point - head_T_cam(pan, -0.07, 0.0, view.centre_m)[:3, 3]
+    there = np.array([np.arctan2(from_there[1], from_there[0]), from_there[2] / np.hypot(*from_there[:2])])
+    seen = cylinder.from_centre(panorama, view, np.array([azimuth]), np.array([slope]))
+    off = np.array([np.angle(np.exp(1j * (seen[0][0] - there[0]))), seen[1][0] - there[1]])
+    assert np.abs(off).max() < 1e-5  # second order: a hundredth of a pixel
+    pixel, _ = direction_to_pixel(view, *seen)
+    back = looking(panorama, camera, pixel, pan, -0.07, 700.0)[0]
+    np.testing.assert_allclose([pan + back[0], back[1]], [azimuth, slope], atol=1e-5)
+
+
+def test_nearness_is_linear_between_its_nodes_and_wraps() -> None:
+    around = np.array([0.0, 1.0, 2.0, 1.0])
+    hall = InverseDepthMap(0.5, around, np.stack([0 * around, around + 1.0]), np.array([-0.5, 0.5]))
+    quarter = np.pi / 2
+    azimuth = np.array([0.0, quarter, -quarter / 2, 4 * quarter, 2.5 * quarter, quarter, quarter])
+    slope = np.array([-0.5, -0.5, -0.5, -0.5, -0.5, 0.0, 3.0])
+    found = cylinder.inverse_distance(hall, azimuth, slope)
+    np.testing.assert_allclose(found, [1.0, 1.0, 1.0, 1.0, 1.5, 2.0, 3.0], atol=1e-12)
+
+
+def test_interpolated_maps_are_exact_to_a_thousandth_of_a_pixel() -> None:
+    """And do not err to one side: a panorama is stitched by them."""
+    panorama, optics = whole_turn(0), synthetic.Optics()
+    view = view_at(camera_of(optics), 0.4, optics.tilt_rad, 310.0)
+    column, row = cylinder.smooth_map(
+        lambda points: cylinder.to_unwrapped(panorama, *pixel_to_direction(view, points)), optics.width, optics.height
+    )
+    u, v = np.meshgrid(np.arange(optics.width), np.arange(optics.height))
+    exact = cylinder.to_unwrapped(panorama, *pixel_to_direction(view, np.stack([u, v], axis=-1).astype(float)))
+    np.testing.assert_allclose(column, exact[..., 0], atol=1e-3)
+    np.testing.assert_allclose(row, exact[..., 1], atol=1e-3)
+    assert abs(np.polyfit(exact[..., 1].ravel(), row.ravel(), 1)[0] - 1.0) < 1e-7
+
+
+def test_the_warped_background_is_what_the_camera_sees() -> None:
+    """Across the seam of the full turn, too; the test's renderer shares no code with the library."""
+    panorama = whole_turn(0)
+    optics = synthetic.Optics(noise=0.0, vignetting=0.0)
+    for pan, focal in ((0.3, 440.0), (np.pi - 0.1, 400.0), (-2.0, 900.0)):
+        image, valid = warp_background(panorama, camera_of(optics), pan, optics.tilt_rad, focal)
+        seen = synthetic.render(optics, pan, focal)
+        assert valid.mean() > 0.99
+        difference = np.abs(image.astype(float) - seen)[valid]
+        shifted = np.abs(np.roll(image, 1, axis=1).astype(float) - seen)[valid]
+        assert difference.mean() < 0.5 * shifted.mean()
+        assert difference.mean() < 4.0
+
+
+def test_beyond_the_panorama_nothing_is_known() -> None:
+    panorama, optics = whole_turn(0), synthetic.Optics()
+    image, valid = warp_background(panorama, camera_of(optics), 0.0, 0.9, 440.0)
+    assert not valid[:40].any()
+    assert valid[-40:].any()
+    assert (image[~valid] == 0).all()
+
+
+@given(st.floats(0, 639), st.floats(0, 479), st.floats(400, 2000))
+def test_equation_6_and_its_inverse(u: float, v: float, focal: float) -> None:
+    point = np.array([[u, v]])
+    unfolded = cylinder.points_to_cylinder(point, focal, 640, 480)
+    np.testing.assert_allclose(cylinder.points_from_cylinder(unfolded, focal, 640, 480), point, atol=1e-8)
+
+
+def test_equation_6_is_the_camera_on_an_upright_head() -> None:
+    """Without distortion, tilt and roll, the paper's cylinder is the cylinder about the pan axis."""
+    lens = Lens(640, 480, 880.0, np.array([[319.5, 239.5]]), np.zeros(1))
+    camera = PanZoomCamera(lens, head_T_cam(0, 0, 0), 0.0, 0.0)
+    points = np.random.default_rng(0).uniform((0, 0), (640, 480), (50, 2))
+    azimuth, slope = pixel_to_direction(view_at(camera, 0.0, 0.0, 880.0), points)
+    expected = -880.0 * np.column_stack([azimuth, slope])
+    np.testing.assert_allclose(cylinder.points_to_cylinder(points, 880.0, 640, 480), expected, atol=1e-9)
+
+
+def test_unfolded_images_hold_what_equation_6_says() -> None:
+    v, u = np.mgrid[0:480, 0:640]
+    ramp = np.stack([u / 4, v / 4, 0 * u], axis=-1).astype(np.uint8)
+    unfolded, covered, origin = cylinder.to_cylinder(ramp, 500.0)
+    points = np.array([[100.0, 100.0], [500.0, 400.0], [319.5, 239.5]])
+    for point, place in zip(points, cylinder.points_to_cylinder(points, 500.0, 640, 480) + origin, strict=True):
+        column, row = np.round(place).astype(int)
+        assert covered[row, column]
+        np.testing.assert_allclose(unfolded[row, column, :2] * 4.0, point, atol=6)

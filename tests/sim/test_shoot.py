@@ -1,0 +1,364 @@
+"""The shoot as a whole: what is in the pixels agrees with the truth, and the same config gives the same bytes."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import cattrs
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from experiments.footage import SMALL
+from pzcap.io.capture import frame_sets, read_capture, read_image
+from pzcap.io.detections import KEYPOINTS
+from pzcap.io.video import VideoReader
+from pzcap.types import HINGE_AXES, JOINTS, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError
+from sim import captures, film
+from sim import shoot as shooting
+from sim.captures import shoot_cached
+from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand
+from sim.detector import DetectorConfig
+from sim.operator import CameraPrior
+from sim.optics import OpticsConfig
+from sim.sensor import SensorConfig
+from sim.shoot import Progress, shoot
+from sim.staging import ShootConfig, assemble
+from sim.truth import Truth, load
+
+TINY = replace(
+    SMALL, motion_frames=2, width=160, height=120, sweep_deg=8.0, zoom_frames=2,
+    gym=replace(SMALL.gym, texture_px_per_m=50.0),
+)  # fmt: skip
+NOISELESS = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0)
+
+
+@pytest.fixture(scope="module")
+def truth(small_capture: Path) -> Truth:
+    return load(small_capture / "truth")
+
+
+def project(truth: Truth, camera: int, frame: int, points_m: Array) -> Array:
+    """(N, 2) pixels, by the formulas of `pzcap.types`."""
+    cam_T_world = np.linalg.inv(truth.world_T_cam[camera, frame])
+    points = points_m @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
+    xy = points[:, :2] / points[:, 2:]
+    bend = 1 + truth.k1[camera, frame] * np.sum(xy**2, axis=1, keepdims=True)
+    return truth.principal_px[camera, frame] + truth.focal_px[camera, frame] * bend * xy
+
+
+def test_the_library_can_read_it(small_capture: Path, truth: Truth) -> None:
+    capture = read_capture(small_capture / "capture")
+    sets = frame_sets(capture)
+    assert sets.timecodes == truth.timecodes
+    assert len(sets) == SMALL.motion_frames
+    assert [keyframe.frame for keyframe in sets.keyframes] == [0, 7]
+    for frames in sets:
+        assert all(image is not None and image.shape == (240, 320, 3) for image in frames.images)
+    for c, camera in enumerate(capture.cameras):
+        assert camera.sweep is not None
+        assert camera.zoom is not None
+        assert VideoReader(camera.sweep).frame_count == truth.sweep_pan_rad.shape[1] == 40
+        assert VideoReader(camera.zoom).frame_count == truth.zoom_focal_px.shape[1] == 8
+        assert truth.camera_names[c] == camera.name
+    assert not capture.full_turn
+
+
+def test_cameras_start_at_different_times(small_capture: Path) -> None:
+    cameras = read_capture(small_capture / "capture").cameras
+    readers = [VideoReader(camera.motion) for camera in cameras if camera.motion]
+    assert len({reader.timecode for reader in readers}) > 1
+    assert min(reader.frame_count for reader in readers) >= SMALL.motion_frames
+
+
+def test_the_calibration_object_is_where_the_truth_says(small_capture: Path, truth: Truth) -> None:
+    capture = read_capture(small_capture / "capture")
+    assert capture.calibration_object is not None
+    corners_m = {marker.id: marker.corners_m for marker in capture.calibration_object.markers}
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.cornerRefinementWinSize = 2
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    for c, camera in enumerate(capture.cameras):
+        assert camera.reference is not None
+        grey = cv2.cvtColor(read_image(camera.reference), cv2.COLOR_BGR2GRAY)
+        grey = cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)  # small markers
+        found, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(grey)
+        assert ids is not None
+        assert len(ids) >= 6
+        errors = []
+        cam_T_world = np.linalg.inv(truth.reference_world_T_cam[c])
+        numbers = ids.ravel().tolist()
+        for number, corners in zip(numbers, found, strict=True):
+            if numbers.count(number) > 1:  # something in the hall looks like a marker, too
+                continue
+            points = corners_m[number] @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
+            xy = points[:, :2] / points[:, 2:]
+            bend = 1 + truth.reference_k1[c] * np.sum(xy**2, axis=1, keepdims=True)
+            expected = truth.reference_principal_px[c] + truth.reference_focal_px[c] * bend * xy
+            errors.append((corners[0] + 0.5) / 2 - 0.5 - expected)
+        assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.2
+        assert np.sqrt(np.mean(np.square(errors))) < 0.6  # markers of 25 px
+
+
+def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show(tmp_path: Path) -> None:
+    pictures = []
+    for supersampling in (2.0, 4.0, 8.0):
+        sensor = replace(NOISELESS, supersampling_still=supersampling)
+        crew = assemble(replace(TINY, sensor=sensor), tmp_path / str(supersampling))
+        pictures.append(crew.cameras[0].still(np.random.default_rng(0), CameraPrior(0.2, 200.0)).astype(float))
+        crew.stage.close()
+    coarse, fine = (float(np.sqrt(np.mean((one - pictures[-1]) ** 2))) for one in pictures[:2])
+    assert coarse < 15.0  # grey levels: it is the same picture
+    assert fine < 0.7 * coarse
+
+
+def test_a_turned_grid_shows_the_same_picture_more_exactly(tmp_path: Path) -> None:
+    def taken(supersampling: float, turn_deg: float) -> Array:
+        sensor = replace(NOISELESS, supersampling_still=supersampling, grid_turn_deg=turn_deg)
+        crew = assemble(replace(TINY, sensor=sensor), tmp_path / f"{supersampling} {turn_deg}")
+        picture = crew.cameras[0].still(np.random.default_rng(0), CameraPrior(0.2, 200.0)).astype(np.float64)
+        crew.stage.close()
+        return picture
+
+    exact = taken(8.0, -13.0)
+    upright, turned = (float(np.sqrt(np.mean((taken(4.0, deg) - exact) ** 2))) for deg in (0.0, 9.5))
+    assert upright < 10.0  # grey levels
+    assert turned < 0.9 * upright
+
+
+def test_without_mipmaps_a_floor_seen_at_a_flat_angle_keeps_its_sharpness(tmp_path: Path) -> None:
+    def sharpness(mipmaps: bool) -> tuple[float, float]:
+        """Of floor and walls: the mean difference of neighbours in a row."""
+        sensor = replace(NOISELESS, supersampling_still=8.0, mipmaps=mipmaps)
+        crew = assemble(replace(TINY, sensor=sensor), tmp_path / str(mipmaps))
+        picture = crew.cameras[0].still(np.random.default_rng(0), CameraPrior(0.9, 200.0)).astype(np.float64)
+        crew.stage.close()
+        steps = np.abs(np.diff(picture.mean(axis=2), axis=1)).mean(axis=1)
+        return float(steps[int(0.55 * len(steps)) :].mean()), float(steps[: len(steps) // 3].mean())
+
+    (floor, walls), (blurred, same) = sharpness(False), sharpness(True)
+    assert floor > 1.02 * blurred
+    assert abs(walls / same - 1.0) < 0.01
+
+
+def test_joints_lie_on_the_athlete(truth: Truth) -> None:
+    on, seen = 0, 0
+    for c in range(4):
+        for f in range(len(truth.timecodes)):
+            mask = cv2.dilate(truth.mask(c, f).astype(np.uint8), np.ones((3, 3), np.uint8))
+            for u, v in np.rint(project(truth, c, f, truth.joints_m[f])).astype(int):
+                if 0 <= u < truth.width and 0 <= v < truth.height:
+                    seen += 1
+                    on += int(mask[v, u])
+    assert seen > 0.9 * truth.joints_m[..., 0].size * 4
+    assert on > 0.97 * seen
+
+
+def test_the_mask_is_where_the_picture_moved(small_capture: Path, truth: Truth) -> None:
+    """Inside the mask stands the athlete: coloured otherwise than just outside it."""
+    capture = read_capture(small_capture / "capture")
+    first = next(iter(frame_sets(capture)))
+    for c, image in enumerate(first.images):
+        assert image is not None
+        mask = truth.mask(c, 0)
+        height = np.ptp(np.flatnonzero(mask.any(axis=1)))
+        assert 0.1 * SMALL.optics.zoom_max * truth.height < height < 0.75 * truth.height
+        edges = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) != mask
+        gradient = np.hypot(
+            *(cv2.Sobel(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.CV_64F, *d) for d in ((1, 0), (0, 1)))
+        )
+        assert gradient[edges].mean() > 1.3 * gradient.mean()
+
+
+def test_zoom_and_sweep_follow_the_config(truth: Truth) -> None:
+    zoom = truth.zoom_focal_px / truth.reference_focal_px[:, None]
+    np.testing.assert_allclose(zoom[:, [0, -1]], [[SMALL.optics.zoom_min, SMALL.optics.zoom_max]] * 4)
+    assert np.abs(np.rad2deg(truth.zoom_pan_rad)).max() <= 5
+    assert (np.diff(truth.sweep_pan_rad, axis=1) > 0).all()
+    assert (truth.sweep_pan_rad[:, 0] < 0).all()
+    assert (truth.sweep_pan_rad[:, -1] > 0).all()
+    assert (truth.focal_px >= SMALL.optics.zoom_min * truth.reference_focal_px[:, None] - 1e-6).all()
+    assert (truth.focal_px <= SMALL.optics.zoom_max * truth.reference_focal_px[:, None] + 1e-6).all()
+
+
+def test_scene_points_lie_in_the_hall(truth: Truth) -> None:
+    assert truth.scene_points_m.shape[0] == 4
+    assert truth.scene_points_m.shape[1] > 400
+    assert (np.abs(truth.scene_points_m) <= [15.01, 10.01, 8.01]).all()
+    distance = np.linalg.norm(truth.scene_points_m - truth.reference_world_T_cam[:, None, :3, 3], axis=2)
+    assert distance.min() > 0.5
+
+
+def test_the_crew_brings_papers_with_errors(small_capture: Path, truth: Truth) -> None:
+    capture = read_capture(small_capture / "capture")
+    assert capture.subject is not None
+    errors = [capture.subject.measurements_m[name] - truth.measurements_m[name] for name in MEASUREMENTS]
+    assert 0.002 < np.std(errors) < 0.009
+    pose = next(iter(capture.keyframe_poses.values()))
+    assert 0.0005 < np.linalg.norm(pose.root_position_m - truth.root_position_m[0]) < 0.03
+
+
+def test_the_tape_has_its_error() -> None:
+    true = dict.fromkeys(MEASUREMENTS, 0.5)
+    rng = np.random.default_rng(0)
+    read = [list(measure(true, CrewConfig(), rng).measurements_m.values()) for _ in range(200)]
+    assert np.std(read) == pytest.approx(0.005, rel=0.05)
+    assert measure(true, CrewConfig(tape_sigma_m=0.0), rng).measurements_m == true
+
+
+def test_hands_pose_with_their_error() -> None:
+    rng = np.random.default_rng(0)
+    true = Pose(np.zeros(3), Rotation.random(16, rng=1).as_quat(scalar_first=True))
+    posed = [pose_by_hand(true, CrewConfig(), rng) for _ in range(300)]
+    distances = np.linalg.norm([pose.root_position_m for pose in posed], axis=1)
+    assert np.sqrt(np.mean(distances**2)) == pytest.approx(0.010, rel=0.06)
+    reference = Rotation.from_quat(true.rotations, scalar_first=True)
+    turns = np.array(
+        [(reference.inv() * Rotation.from_quat(p.rotations, scalar_first=True)).as_rotvec() for p in posed]
+    )
+    assert np.rad2deg(np.sqrt(np.mean(np.sum(turns**2, axis=2)))) == pytest.approx(3.0, rel=0.05)
+    for name, axis in HINGE_AXES.items():
+        assert np.abs(np.cross(turns[:, SEGMENTS.index(name)], axis)).max() < 1e-12
+    exact = pose_by_hand(true, CrewConfig(keyframe_position_m=0.0, keyframe_rotation_deg=0.0), rng)
+    np.testing.assert_allclose(exact.rotations, true.rotations, atol=1e-12)
+
+
+def test_keyframes_are_one_a_second() -> None:
+    assert keyframe_indices(171, 30, CrewConfig()) == [0, 34, 68, 102, 136, 170]
+    assert keyframe_indices(8, 30, CrewConfig()) == [0, 7]
+    assert keyframe_indices(1, 30, CrewConfig()) == [0]
+    assert len(keyframe_indices(171, 30, CrewConfig(keyframes_per_s=2))) == 11
+
+
+def listing(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def drain(progress: Iterator[Progress]) -> list[Progress]:
+    return list(progress)
+
+
+def test_the_same_config_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        steps = drain(shoot(TINY, tmp_path / name))
+        assert all(0 <= step.done <= step.total for step in steps)
+    first, second = listing(tmp_path / "a"), listing(tmp_path / "b")
+    assert len(first) == 4 * 4 + 4 + 3
+    assert first.keys() == second.keys()
+    assert [name for name in first if first[name] != second[name]] == []
+
+
+def test_a_shoot_is_reused_and_a_killed_one_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shot = []
+
+    def pretend(config: ShootConfig, folder: Path) -> Iterator[Progress]:
+        (folder / "capture").mkdir()
+        yield Progress("sweep", 1, 2)
+        shot.append(config.seed)
+        yield Progress("sweep", 2, 2)
+
+    monkeypatch.setattr(captures, "shoot", pretend)
+    killed = shoot_cached(TINY, tmp_path)
+    next(killed)
+    killed.close()
+    assert shot == []
+    assert list(tmp_path.iterdir()) == []
+    folders = []
+    for config in (TINY, TINY, replace(TINY, seed=1)):
+        run = shoot_cached(config, tmp_path)
+        try:
+            while True:
+                next(run)
+        except StopIteration as end:
+            folders.append(end.value)
+    assert shot == [0, 1]
+    assert folders[0] == folders[1] != folders[2]
+    assert (folders[0] / "capture").is_dir()
+
+
+def test_the_config_survives_plain_data() -> None:
+    converter = cattrs.Converter(forbid_extra_keys=True)
+    config = replace(SMALL, optics=OpticsConfig(k1_wide=-0.1), sensor=SensorConfig(dropped_share=0.05))
+    plain = json.loads(json.dumps(converter.unstructure(config)))
+    assert converter.structure(plain, ShootConfig) == config
+
+
+def test_dropped_frames_are_gaps(tmp_path: Path) -> None:
+    config = replace(TINY, motion_frames=8, sensor=SensorConfig(dropped_share=0.4, sub_exposures=1))
+    drain(shoot(config, tmp_path))
+    truth = load(tmp_path / "truth")
+    assert not truth.recorded.all()
+    sets = frame_sets(read_capture(tmp_path / "capture"))
+    present = np.array([[image is not None for image in frames.images] for frames in sets]).T
+    np.testing.assert_array_equal(present, truth.recorded)
+
+
+def test_a_detector_finds_the_athlete_and_changes_no_footage(tmp_path: Path) -> None:
+    """In the frames that were not dropped, and in them alone."""
+    config = replace(TINY, motion_frames=8, sensor=SensorConfig(dropped_share=0.4, sub_exposures=1))
+    drain(shoot(config, tmp_path / "without"))
+    drain(shoot(replace(config, detector=DetectorConfig(enabled=True)), tmp_path / "with"))
+    without, found = listing(tmp_path / "without" / "capture"), listing(tmp_path / "with" / "capture")
+    assert [name for name in without if found[name] != without[name]] == ["capture.json"]
+    truth = load(tmp_path / "with" / "truth")
+    joints = [JOINTS.index(name) for name in KEYPOINTS if name in JOINTS]
+    points = [KEYPOINTS.index(JOINTS[joint]) for joint in joints]
+    off = []
+    for f, frames in enumerate(frame_sets(read_capture(tmp_path / "with" / "capture"))):
+        for c, people in enumerate(frames.keypoints):
+            assert len(people) == truth.recorded[c, f]
+            for person in people[:, points]:
+                distance = np.linalg.norm(person[:, :2] - project(truth, c, f, truth.joints_m[f, joints]), axis=1)
+                off += distance[person[:, 2] > 0].tolist()
+    assert len(off) > 100
+    assert np.median(off) < 3.0
+
+
+def test_a_failing_encoder_ends_the_shoot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise PzcapError("the disk is full")
+
+    monkeypatch.setattr(film, "write_video", full)
+    with pytest.raises(PzcapError, match="the disk is full"):
+        drain(shoot(TINY, tmp_path))
+
+
+def test_an_unknown_motion_gets_one_line(tmp_path: Path) -> None:
+    with pytest.raises(PzcapError, match="pedestrian"):
+        drain(shoot(replace(TINY, motion="pedestrain"), tmp_path))
+
+
+def test_a_full_disk_gets_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(shooting, "assemble", full)
+    with pytest.raises(PzcapError, match="the disk is full"):
+        drain(shoot(TINY, tmp_path))
+
+
+@pytest.mark.parametrize(("backend", "expected"), [("nothing", "set it to one of"), ("glfw", "apt-get install")])
+def test_no_gl_gets_one_line(tmp_path: Path, backend: str, expected: str) -> None:
+    """In a process of its own: the backend is chosen when MuJoCo is first imported."""
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from sim.shoot import shoot; from sim.staging import ShootConfig; from pzcap.types import PzcapError\n"
+        "try: list(shoot(ShootConfig(), Path(sys.argv[1])))\n"
+        "except PzcapError as error: print(error); sys.exit(3)"
+    )
+    environment = {**os.environ, "MUJOCO_GL": backend, "DISPLAY": "", "WAYLAND_DISPLAY": ""}
+    run = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)], env=environment, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 3, run.stderr
+    assert expected in run.stdout
+    assert run.stdout.count("\n") == 1

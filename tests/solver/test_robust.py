@@ -1,0 +1,39 @@
+"""What most values are like, among others that are far off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from pzcap.solver.robust import half_sample_mode, line, median, median_absolute
+
+
+@settings(max_examples=30)
+@given(st.floats(0.3, 3.0), st.floats(0.0, 0.5), st.floats(0.05, 20.0), st.integers(0, 9))
+def test_the_commonest_ratio_is_what_most_pixels_have(gain: float, share: float, other: float, seed: int) -> None:
+    assume(abs(np.log(other / gain)) > 0.4)
+    rng = np.random.default_rng(seed)
+    values = gain * (1.0 + 0.03 * rng.normal(size=1200))
+    spread = rng.random(1200) < share
+    values[spread] = other * rng.uniform(0.8, 1.2, spread.sum())
+    assert half_sample_mode(values) == pytest.approx(gain, rel=0.06)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-2.0, 2.0), st.floats(-0.5, 0.5), st.floats(0.0, 0.35), st.integers(0, 9))
+def test_the_line_is_that_of_most_values(a: float, b: float, share: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    at = rng.uniform(0.0, 1.0, 800)
+    values = a + b * at + 0.01 * rng.normal(size=800)
+    off = rng.random(800) < share
+    values[off] += rng.uniform(1.0, 2.0, off.sum())
+    found = line(values, at, np.ones(800), (0.5, 0.2, 0.1, 0.05), (a + 0.2, 0.0))
+    np.testing.assert_allclose(found, (a, b), atol=0.02)
+
+
+def test_medians_are_of_what_is_there() -> None:
+    values = np.random.default_rng(0).normal(0.0, 2.0, 4001)
+    assert median(values) == np.median(values)
+    assert median_absolute(values) == pytest.approx(0.6745 * 2.0, rel=0.1)
