@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiments.reference import markdown
+from experiments.settings_reference import markdown
 
 project = "pzcap"
 extensions = ["myst_parser", "sphinx.ext.mathjax"]

@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pzcap import pipeline
 from pzcap.types import PzcapError
-from sim.staging import ShootConfig
+from sim.session import ShootConfig
 
 T = TypeVar("T")
 

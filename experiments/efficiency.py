@@ -34,7 +34,7 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.errors import AlreadyReported, guard
-from experiments.study import TABLE
+from experiments.studies.study import TABLE
 from pzcap.types import PzcapError
 
 FOLDER: Final = Path("outputs/efficiency")

@@ -10,10 +10,10 @@ from experiments.config import AppConfig
 from pzcap.calibration.calibrate import no_report
 from pzcap.types import PzcapError
 from sim import truth as truth_files
-from sim.captures import shoot_cached
-from sim.gym import GymConfig
-from sim.optics import OpticsConfig
-from sim.staging import ShootConfig
+from sim.cameras.optics import OpticsConfig
+from sim.capture_cache import shoot_cached
+from sim.hall.gym import GymConfig
+from sim.session import ShootConfig
 from sim.truth import Truth
 
 SMALL: Final = ShootConfig(

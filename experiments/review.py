@@ -30,9 +30,9 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 from rerun.experimental import ViewerClient
 
-from experiments import bookmarks, layouts
-from experiments.bookmarks import Bookmark
 from experiments.errors import guard
+from experiments.report import bookmarks, layouts
+from experiments.report.bookmarks import Bookmark
 from pzcap.io import results
 from pzcap.types import PzcapError
 from pzcap.viewer.columns import TIMELINE, plain
@@ -94,7 +94,7 @@ def compare(first: Path, second: Path) -> Review:
 
 
 def told_apart(first: str, second: str) -> tuple[str, str]:
-    """The names of two jobs without what they share, which can be long (`experiments.jobs.name`)."""
+    """The names of two jobs without what they share, which can be long (`experiments.studies.jobs.name`)."""
     one, other = first.split(","), second.split(",")
     return (
         ",".join(part for part in one if part not in other) or first,

@@ -4,7 +4,8 @@
     python -m experiments.run capture=FOLDER              # footage of anyone's, docs/capture.md
     python -m experiments.run capture=FOLDER cameras=RESULTS    # filmed by the same cameras: not calibrated again
     python -m experiments.run estimator=module:function   # an estimator of anyone's, docs/estimators.md
-    python -m experiments.run -m shoot.sensor.read_noise=0,2,8    # a sweep: runs what is missing, `experiments.jobs`
+    python -m experiments.run -m shoot.sensor.read_noise=0,2,8    # a sweep: runs what is missing,
+    `experiments.studies.jobs`
 
 leaves DIR/{metrics.json, recording.rrd, report.html, reconstruction/} and the link DIR/capture.
 """
@@ -28,14 +29,16 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
 
-from experiments import estimators, footage, jobs, memory, recording
+from experiments import estimators, footage, memory
 from experiments.config import AppConfig, build, default_tree, plain
 from experiments.errors import guard, reported
 from experiments.metrics import Metric, format_value, meets_target, run_info, write_metrics
 from experiments.progress import Bars
-from experiments.report import Material, write_report
+from experiments.report import recording
+from experiments.report.page import Material, write_report
 from experiments.score import Score, score
-from experiments.silhouettes import ForegroundScorer
+from experiments.silhouette_score import ForegroundScorer
+from experiments.studies import jobs
 from experiments.totals import metrics
 from pzcap import events, pipeline
 from pzcap.io import results

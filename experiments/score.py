@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments import bound
-from experiments.silhouettes import ForegroundErrors, Series
+from experiments.silhouette_score import ForegroundErrors, Series
 from pzcap.geometry import camera as camera_model
 from pzcap.types import PARENTS, Array, Mask, Motion, Panorama, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
 from sim.truth import Truth

@@ -20,8 +20,8 @@ import numpy as np
 from rich.console import Console
 
 from experiments.errors import guard
-from experiments.pictures import draw_dots, draw_strips
 from experiments.progress import Bars
+from experiments.report.pictures import draw_dots, draw_strips
 from pzcap.extras.slide import Slide, SlideConfig, advise
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader

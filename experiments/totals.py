@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.metrics import Direction, Metric
 from experiments.score import BodyErrors, Score
-from experiments.silhouettes import Series
+from experiments.silhouette_score import Series
 from pzcap.types import Array
 
 LOST_M: Final = 0.1

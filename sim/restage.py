@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from pzcap.types import Camera, Image, Pose
-from sim.athlete import set_pose
-from sim.operator import CameraPrior
+from sim.cameras.operator import CameraPrior
+from sim.people.athlete import set_pose
 from sim.scene import stream
-from sim.staging import ShootConfig, assemble
+from sim.session import ShootConfig, assemble
 
 
 class Hall:

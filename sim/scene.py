@@ -8,12 +8,13 @@ import mujoco
 import numpy as np
 
 from pzcap.types import SEGMENTS, Array
-from sim import athlete, gym
-from sim.athlete import AthleteConfig
-from sim.gym import GymConfig
+from sim.cameras.optics import Rig
+from sim.cameras.render import Stage
+from sim.hall import gym
+from sim.hall.gym import GymConfig
 from sim.motion import MotionClip
-from sim.optics import Rig
-from sim.render import Stage
+from sim.people import athlete
+from sim.people.athlete import AthleteConfig
 
 
 def stream(seed: int, *purpose: str | int) -> np.random.Generator:

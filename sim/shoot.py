@@ -15,16 +15,17 @@ import numpy as np
 from pzcap.io.capture import write_capture
 from pzcap.io.video import frames_per_day, frames_to_timecode
 from pzcap.types import Array, CameraFiles, Capture, Image, PzcapError
-from sim import gym, motion
-from sim.crew import keyframe_indices, measure, pose_by_hand, to_and_fro
-from sim.detector import Detector, write_openpose
-from sim.furniture import REARRANGED
-from sim.known import Filmed, truth_of
-from sim.operator import Hands, follow, sweep, swinging, through, tilting, zooming
-from sim.render import check_gl
+from sim import motion
+from sim.cameras.operator import Hands, follow, sweep, swinging, through, tilting, zooming
+from sim.cameras.render import check_gl
+from sim.cameras.sensor import draw_dropped, rolls
+from sim.ground_truth import Filmed, truth_of
+from sim.hall import gym
+from sim.hall.furniture import REARRANGED
+from sim.people.crew import keyframe_indices, measure, pose_by_hand, to_and_fro
+from sim.people.detector import Detector, write_openpose
 from sim.scene import skeleton, stream
-from sim.sensor import draw_dropped, rolls
-from sim.staging import CAMERAS, Crew, ShootConfig, assemble
+from sim.session import CAMERAS, Crew, ShootConfig, assemble
 from sim.truth import save
 
 _SHADOW_EVERY: Final = 10  # frames

@@ -11,7 +11,7 @@ from hypothesis import settings
 from experiments import footage
 from experiments.config import AppConfig
 from experiments.footage import SMALL
-from sim.staging import ShootConfig
+from sim.session import ShootConfig
 
 settings.register_profile("gate", derandomize=True)  # the same examples every time: a gate must not open by luck
 settings.load_profile("gate")

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import reference
+from experiments import settings_reference
 from experiments.config import AppConfig, default_tree, keys, leaves
-from sim.anthropometry import draw_measurements
 from sim.motion import MotionClip
+from sim.people.anthropometry import draw_measurements
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(page for page in (ROOT / "docs").glob("*.md") if page.stem != "configuration")])
@@ -62,7 +62,7 @@ def test_every_setting_experiment_study_and_name_is_there(page: Path) -> None:
 
 
 def test_every_setting_is_in_the_reference_and_told_from_the_source() -> None:
-    page = reference.markdown()
+    page = settings_reference.markdown()
     for key in leaves(default_tree()):
         assert f"| `{key}` |" in page
     assert "| `shoot.sensor.read_noise` | `2.0` | standard deviation, grey levels |" in page

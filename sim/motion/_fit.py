@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
 from pzcap.types import HINGE_AXES, SEGMENTS, Array, Mask
-from sim.anthropometry import body_tree, joint_limit_rad
 from sim.motion._clip import END_POINTS, FRAME_RATE, MotionClip
 from sim.motion._kinematics import DOF, DOFS, Frames, log, skew
 from sim.motion._normal import NormalEquations
+from sim.people.anthropometry import body_tree, joint_limit_rad
 
 KNOT_RATE: Final = 90
 DENSE_RATE: Final = 240

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pzcap.types import HINGE_AXES, PARENTS, SEGMENTS, Array
-from sim.anthropometry import Tree
+from sim.people.anthropometry import Tree
 
 
 def _chain(segment: int) -> tuple[int, ...]:

@@ -15,12 +15,12 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from pzcap.types import HINGE_AXES, PARENTS, SEGMENTS, Array, Mask, PzcapError
-from sim.anthropometry import body_tree, joint_limit_rad
 from sim.motion._bvh import Bvh
 from sim.motion._clip import END_POINTS, FRAME_RATE, MotionClip
 from sim.motion._figure import Figure, understand
 from sim.motion._fit import FloorPoint, floor_points
 from sim.motion._kinematics import Frames, exp, log
+from sim.people.anthropometry import body_tree, joint_limit_rad
 
 _SPACE_M: Final = (18.0, 13.0)  # between the tripods
 _FASTEST_RAD_S: Final = np.radians(2000.0)  # of a limb; a somersault's fastest reaches three quarters of it

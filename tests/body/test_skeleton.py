@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from pzcap.body import skeleton as bodies
 from pzcap.body.mesh import ellipse_half_axes
 from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError, Subject
-from sim import athlete
+from sim.people import athlete
 
 
 def subject(seed: int = 0) -> Subject:

@@ -19,9 +19,9 @@ from pzcap.io.video import VideoReader
 from pzcap.localisation.localise import PanZoomConfig
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.types import Camera, InverseDepthMap, Panorama
-from sim import gym
-from sim.operator import sweep, through
-from sim.staging import assemble
+from sim.cameras.operator import sweep, through
+from sim.hall import gym
+from sim.session import assemble
 from tests.geometry.test_cylinder import camera_of, whole_turn
 from tests.scenes import synthetic
 

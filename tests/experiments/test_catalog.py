@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments import catalog, recording
+from experiments import catalog
 from experiments.config import default_tree
 from experiments.metrics import Metric, run_info
+from experiments.report import recording
 from pzcap.types import Capture
 from pzcap.viewer.recording import Recorder
 from tests.scenes import fabricated

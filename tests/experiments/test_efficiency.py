@@ -12,7 +12,7 @@ import pytest
 
 from experiments import efficiency
 from experiments.efficiency import Spent
-from experiments.study import TABLE
+from experiments.studies.study import TABLE
 from pzcap.types import PzcapError
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from experiments import plots
+from experiments.report import plots
 from experiments.score import BodyErrors
 
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from experiments import bookmarks, recording, review
+from experiments import review
 from experiments.config import default_tree
 from experiments.metrics import Metric, run_info
+from experiments.report import bookmarks, recording
 from pzcap.events import FrameLocalised
 from pzcap.io import results
 from pzcap.types import Array, CameraFiles, Capture, FrameSet, Localisation, PzcapError

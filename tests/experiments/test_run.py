@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from experiments import bookmarks, review
+from experiments import review
 from experiments.metrics import read_metrics
+from experiments.report import bookmarks
 from pzcap.io import results
 from pzcap.types import Image
 from tests.scenes.viewer import likeness, needs_vulkan, screenshot

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments import plots
 from experiments.metrics import Metric, format_value, meets_target, read_metrics, run_info, write_metrics
+from experiments.report import plots
 from experiments.score import Score, project_true, score
-from experiments.silhouettes import ForegroundScorer, iou, outline_distance
+from experiments.silhouette_score import ForegroundScorer, iou, outline_distance
 from experiments.totals import metrics
 from pzcap.geometry import camera as camera_model
 from pzcap.types import Camera, PzcapError, Reconstruction

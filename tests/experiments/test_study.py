@@ -17,9 +17,11 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig
 
-from experiments import jobs, run, study, study_page
+from experiments import run
 from experiments.config import build, plain
 from experiments.metrics import Metric, run_info, write_metrics
+from experiments.studies import jobs, study
+from experiments.studies import page as study_page
 
 STUDIES = sorted(path.stem for path in (run.CONF / "study").glob("[!_]*.yaml"))
 NOISE, ZOOM = "shoot.sensor.read_noise", "shoot.optics.zoom_max"

@@ -20,8 +20,9 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.plugins import Plugins
 from omegaconf import DictConfig, OmegaConf
 
-from experiments import jobs, run
+from experiments import run
 from experiments.errors import AlreadyReported
+from experiments.studies import jobs
 from pzcap.types import PzcapError
 
 ROOT = Path(__file__).parents[2]
@@ -184,7 +185,7 @@ def test_folders_of_the_users_own_naming_are_told_apart_by_what_they_hold(tmp_pa
 
 def test_code_that_changed_while_a_job_ran_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Plugins.instance()  # loads Hydra's own sweepers anew: not after ours was derived from one of them
-    from experiments import sweeper
+    from experiments.studies import sweeper
 
     (tmp_path / jobs.MARK).write_text('{"key": "of the code as it is now"}')
     job = sweeper.Job((), tmp_path, "of the code as it was")

@@ -13,16 +13,16 @@ import pytest
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image, Mask, PzcapError
-from sim import captures
-from sim.captures import shoot_cached
-from sim.crew import CrewConfig
-from sim.furniture import REARRANGED
-from sim.operator import OperatorConfig, follow, swinging, through, zooming
-from sim.optics import OpticsConfig, build_rig
-from sim.scenery import WALLS
-from sim.sensor import SensorConfig
+from sim import capture_cache
+from sim.cameras.operator import OperatorConfig, follow, swinging, through, zooming
+from sim.cameras.optics import OpticsConfig, build_rig
+from sim.cameras.sensor import SensorConfig
+from sim.capture_cache import shoot_cached
+from sim.hall.furniture import REARRANGED
+from sim.hall.scenery import WALLS
+from sim.people.crew import CrewConfig
+from sim.session import ShootConfig
 from sim.shoot import Progress, shoot
-from sim.staging import ShootConfig
 from sim.truth import Truth, load
 from tests.conftest import SMALL
 
@@ -92,7 +92,7 @@ def test_the_names_of_default_captures_have_not_changed(tmp_path: Path, monkeypa
         (folder / "capture").mkdir()
         yield Progress("sweep", 1, 1)
 
-    monkeypatch.setattr(captures, "shoot", pretend)
+    monkeypatch.setattr(capture_cache, "shoot", pretend)
     list(shoot_cached(ShootConfig(), tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["floor_exercise-0-1d2a017099e3"]
 

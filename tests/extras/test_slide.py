@@ -20,8 +20,8 @@ from pzcap.extras.slide.adjustment import from_centre
 from pzcap.geometry import camera
 from pzcap.geometry.camera import View
 from pzcap.types import Array, Image, PzcapError
-from sim.optics import OpticsConfig, build_rig, lens_maps, plate_for, through_lens
-from sim.render import Stage
+from sim.cameras.optics import OpticsConfig, build_rig, lens_maps, plate_for, through_lens
+from sim.cameras.render import Stage
 from tests.scenes import synthetic
 
 WIDTH, HEIGHT = 640, 480

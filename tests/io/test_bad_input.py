@@ -146,7 +146,7 @@ def test_cameras_of_another_take_and_an_estimator(refused: Callable[..., str]) -
 
 def test_no_gl_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]) -> None:
     monkeypatch.setattr(sim, "GL_BACKEND", "osmesa")
-    monkeypatch.setattr("sim.render._PROBE", "raise ImportError")
+    monkeypatch.setattr("sim.cameras.render._PROBE", "raise ImportError")
     assert "apt-get install libosmesa6" in refused(f"output.captures={tmp_path / 'captures'}")
     assert not list((tmp_path / "captures").iterdir())
 

@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import jobs
 from experiments.config import CONVERTER, default_tree
+from experiments.studies import jobs
 from pzcap.types import PzcapError
-from sim import captures, motion
-from sim.anthropometry import draw_measurements
-from sim.captures import VERSION, shoot_cached
-from sim.operator import OperatorConfig
+from sim import capture_cache, motion
+from sim.cameras.operator import OperatorConfig
+from sim.capture_cache import VERSION, shoot_cached
+from sim.people.anthropometry import draw_measurements
+from sim.session import ShootConfig
 from sim.shoot import Progress, shoot
-from sim.staging import ShootConfig
 from sim.truth import Truth, load
 from tests.scenes.bvh_files import Style, t_pose, write_bvh
 from tests.sim.test_shoot import TINY
@@ -66,7 +66,7 @@ def place_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PlaceOf:
             except StopIteration as end:
                 return Path(end.value).name
 
-    monkeypatch.setattr(captures, "shoot", pretend)
+    monkeypatch.setattr(capture_cache, "shoot", pretend)
     return find
 
 

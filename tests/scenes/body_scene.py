@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pzcap.types import SEGMENTS, Array, Camera, Image, Mask, Pose
-from sim import athlete
-from sim.render import Stage
+from sim.cameras.render import Stage
+from sim.people import athlete
 
 WIDTH, HEIGHT = 480, 360
 _POSITIONS = np.array([[-6.0, -5.0, 1.7], [6.0, -5.0, 1.8], [6.0, 5.0, 1.6], [-6.0, 5.0, 1.75]])

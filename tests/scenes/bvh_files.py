@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pzcap.types import PARENTS, SEGMENTS, Array
-from sim.anthropometry import body_tree
 from sim.motion import MotionClip
+from sim.people.anthropometry import body_tree
 
 _SIDED = {"upper_arm": "Arm", "forearm": "ForeArm", "hand": "Hand", "thigh": "UpLeg", "shank": "Leg", "foot": "Foot"}
 MIXAMO = {

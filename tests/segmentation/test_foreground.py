@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import convolve1d
 
-from experiments.silhouettes import outline_distance
+from experiments.silhouette_score import outline_distance
 from pzcap.segmentation import background_model, boundary_refinement, foreground
 from pzcap.segmentation.background_model import ANY_COLOUR, LEVELS, floor_plane
 from pzcap.segmentation.foreground import ForegroundConfig

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.types import HINGE_AXES, MEASUREMENTS, PARENTS, SEGMENTS, Array, Image, Mask, Pose
 from sim import motion
-from sim.anthropometry import body_tree, draw_measurements, joint_limit_rad
-from sim.athlete import GEOM_GROUP, AthleteConfig, add_athlete, set_pose
-from sim.athlete import draw_measurements as draw
-from sim.render import Stage
+from sim.cameras.render import Stage
+from sim.people.anthropometry import body_tree, draw_measurements, joint_limit_rad
+from sim.people.athlete import GEOM_GROUP, AthleteConfig, add_athlete, set_pose
+from sim.people.athlete import draw_measurements as draw
 
 SEEDS = st.integers(min_value=0, max_value=99)
 IDENTITY = Rotation.identity(16).as_quat(scalar_first=True)

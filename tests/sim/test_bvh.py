@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.types import HINGE_AXES, SEGMENTS, Array, PzcapError
 from sim import motion
-from sim.anthropometry import body_tree, draw_measurements, joint_limit_rad
 from sim.motion import MotionClip
 from sim.motion._fit import floor_points
 from sim.motion._kinematics import Frames, log
 from sim.motion._retarget import _limited
+from sim.people.anthropometry import body_tree, draw_measurements, joint_limit_rad
 from tests.scenes.bvh_files import MIXAMO, XSENS, Y_UP, Style, astride, t_pose, write_bvh
 
 CMU = {name: joint.removeprefix("mixamorig:") for name, joint in MIXAMO.items()}

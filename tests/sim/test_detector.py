@@ -15,11 +15,11 @@ from pzcap.body import skeleton as bodies
 from pzcap.io.detections import BODY_25, KEYPOINTS, read_keypoints
 from pzcap.tracking import keypoint_residuals
 from pzcap.types import Array, Subject
-from sim import athlete, detector
-from sim.detector import Detector, DetectorConfig
-from sim.operator import Hands, through
-from sim.optics import OpticsConfig, Rig, build_rig
-from sim.render import Stage
+from sim.cameras.operator import Hands, through
+from sim.cameras.optics import OpticsConfig, Rig, build_rig
+from sim.cameras.render import Stage
+from sim.people import athlete, detector
+from sim.people.detector import Detector, DetectorConfig
 from tests.scenes.body_scene import swing
 
 FRAMES = 60

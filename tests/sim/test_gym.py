@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from pzcap.types import Array, Image, PzcapError
-from sim.gym import HALL_GROUP, OBJECT_GROUP, GymConfig, add_calibration_object, build_gym, calibration_object
-from sim.scenery import HALL_M, WALLS
-from sim.textures import Canvas, courses, flecks, grain, tint
+from sim.hall.gym import HALL_GROUP, OBJECT_GROUP, GymConfig, add_calibration_object, build_gym, calibration_object
+from sim.hall.scenery import HALL_M, WALLS
+from sim.hall.textures import Canvas, courses, flecks, grain, tint
 
 WIDTH, HEIGHT, FOCAL_PX = 640, 480, 880.0
 CORNERS = ((-10.5, -8.0), (10.5, -8.0), (10.5, 8.0), (-10.5, 8.0))

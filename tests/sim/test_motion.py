@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.types import HINGE_AXES, JOINTS, PARENTS, SEGMENTS, Array, PzcapError
 from sim import motion
-from sim.anthropometry import body_tree, draw_measurements, joint_limit_rad
 from sim.motion._fit import GRAVITY, Contact, _Problem, fit, knots
 from sim.motion._kinematics import CHAINS, DOF, Frames, exp
 from sim.motion._normal import NormalEquations
+from sim.people.anthropometry import body_tree, draw_measurements, joint_limit_rad
 
 RATE = 240
 CASES = [

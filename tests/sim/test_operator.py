@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pzcap.types import Array
-from sim.operator import Hands, OperatorConfig, follow, sweep, sweep_length, through
-from sim.optics import OpticsConfig, Rig, build_rig
+from sim.cameras.operator import Hands, OperatorConfig, follow, sweep, sweep_length, through
+from sim.cameras.optics import OpticsConfig, Rig, build_rig
 
 CONFIG = OperatorConfig()
 STILL = replace(CONFIG, tremor_deg=0.0)

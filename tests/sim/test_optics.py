@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from pzcap.types import Array
-from sim.optics import OpticsConfig, Rig, build_rig, lens_maps, plate_for, through_lens, vignette
-from sim.render import Stage
+from sim.cameras.optics import OpticsConfig, Rig, build_rig, lens_maps, plate_for, through_lens, vignette
+from sim.cameras.render import Stage
 
 CLEAN = OpticsConfig(
     k1_wide=0.0, k1_long=0.0, principal_offset=0.0, vignetting=1.0, axis_beside_m=0.0, axis_behind_m=0.0,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.sensor import Exposure, Sensor, SensorConfig, draw_dropped, rolls
+from sim.cameras.sensor import Exposure, Sensor, SensorConfig, draw_dropped, rolls
 
 QUIET = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0)
 FLAT = np.ones((120, 160, 1), np.float32)

@@ -22,16 +22,17 @@ from pzcap.io.capture import frame_sets, read_capture, read_image
 from pzcap.io.detections import KEYPOINTS
 from pzcap.io.video import VideoReader
 from pzcap.types import HINGE_AXES, JOINTS, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError
-from sim import captures, film
+from sim import capture_cache
 from sim import shoot as shooting
-from sim.captures import shoot_cached
-from sim.crew import CrewConfig, keyframe_indices, measure, pose_by_hand
-from sim.detector import DetectorConfig
-from sim.operator import CameraPrior
-from sim.optics import OpticsConfig
-from sim.sensor import SensorConfig
+from sim.cameras import film
+from sim.cameras.operator import CameraPrior
+from sim.cameras.optics import OpticsConfig
+from sim.cameras.sensor import SensorConfig
+from sim.capture_cache import shoot_cached
+from sim.people.crew import CrewConfig, keyframe_indices, measure, pose_by_hand
+from sim.people.detector import DetectorConfig
+from sim.session import ShootConfig, assemble
 from sim.shoot import Progress, shoot
-from sim.staging import ShootConfig, assemble
 from sim.truth import Truth, load
 
 TINY = replace(
@@ -266,7 +267,7 @@ def test_a_shoot_is_reused_and_a_killed_one_is_not(tmp_path: Path, monkeypatch: 
         shot.append(config.seed)
         yield Progress("sweep", 2, 2)
 
-    monkeypatch.setattr(captures, "shoot", pretend)
+    monkeypatch.setattr(capture_cache, "shoot", pretend)
     killed = shoot_cached(TINY, tmp_path)
     next(killed)
     killed.close()
@@ -351,7 +352,7 @@ def test_no_gl_gets_one_line(tmp_path: Path, backend: str, expected: str) -> Non
     """In a process of its own: the backend is chosen when MuJoCo is first imported."""
     script = (
         "import sys; from pathlib import Path\n"
-        "from sim.shoot import shoot; from sim.staging import ShootConfig; from pzcap.types import PzcapError\n"
+        "from sim.shoot import shoot; from sim.session import ShootConfig; from pzcap.types import PzcapError\n"
         "try: list(shoot(ShootConfig(), Path(sys.argv[1])))\n"
         "except PzcapError as error: print(error); sys.exit(3)"
     )

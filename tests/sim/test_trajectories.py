@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pzcap.types import PzcapError
-from sim.operator import Hands, OperatorConfig
-from sim.optics import OpticsConfig, build_rig
-from sim.trajectories import read_hands
+from sim.cameras.operator import Hands, OperatorConfig
+from sim.cameras.optics import OpticsConfig, build_rig
+from sim.cameras.trajectories import read_hands
 
 RIGS = {name: build_rig(c, 640, 480, OpticsConfig(), np.random.default_rng(c)) for c, name in enumerate(("1", "2"))}
 TABLE = """camera,frame,pan_deg,focal_px

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from pzcap.types import Image, PzcapError
-from sim.gym import GymConfig, build_gym
-from sim.textures import Canvas
-from sim.wallpaper import cover, wall_pictures
+from sim.hall.gym import GymConfig, build_gym
+from sim.hall.textures import Canvas
+from sim.hall.wallpaper import cover, wall_pictures
 from tests.sim.test_gym import Hall
 
 RED, GREEN, BLUE, YELLOW = (200, 30, 30), (30, 200, 30), (30, 30, 200), (200, 200, 30)

@@ -12,7 +12,7 @@ from pzcap.body.skeleton import DOF, Body, forward, retract
 from pzcap.tracking.banded_solver import smooth_step
 from pzcap.tracking.contact import soles, ties
 from pzcap.types import SEGMENTS, Array, Pose, Subject
-from sim import athlete
+from sim.people import athlete
 from tests.scenes.body_scene import swing
 
 SIGMA = np.full(DOF, 0.05)

@@ -15,7 +15,8 @@ from pzcap.tracking.banded_solver import smooth_step
 from pzcap.tracking.flight import GRAVITY_M_S2, falls, masses
 from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.types import SEGMENTS, Array, Pose, Subject
-from sim import athlete, motion
+from sim import motion
+from sim.people import athlete
 from tests.scenes.body_scene import swing
 
 RATE = 30.0  # frames a second

@@ -18,7 +18,7 @@ from pzcap.io.detections import KEYPOINTS
 from pzcap.tracking import keypoint_residuals
 from pzcap.tracking.residuals import accumulate
 from pzcap.types import SEGMENTS, Array, Camera, Pose, Subject
-from sim.anthropometry import draw_measurements
+from sim.people.anthropometry import draw_measurements
 from tests.scenes.body_scene import _POSITIONS, _aim, swing
 
 

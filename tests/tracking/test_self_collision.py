@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from pzcap.body.skeleton import DOF, Body, build, forward, joints, retract
 from pzcap.tracking import self_collision
 from pzcap.types import JOINTS, SEGMENTS, Pose, Subject
-from sim.anthropometry import draw_measurements
+from sim.people.anthropometry import draw_measurements
 
 _WRISTS = [JOINTS.index("left_wrist"), JOINTS.index("right_wrist")]
 

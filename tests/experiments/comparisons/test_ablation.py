@@ -12,10 +12,10 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from experiments import footage
-from experiments.ablation import __main__ as ablation
-from experiments.ablation import show, trial
-from experiments.ablation.trial import Material
-from experiments.ablation.variants import VARIANTS
+from experiments.comparisons.ablation import __main__ as ablation
+from experiments.comparisons.ablation import show, trial
+from experiments.comparisons.ablation.trial import Material
+from experiments.comparisons.ablation.variants import VARIANTS
 from experiments.metrics import read_metrics
 from experiments.score import frames_of
 from pzcap import pipeline

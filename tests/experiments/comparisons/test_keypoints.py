@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from experiments import keypoints
+from experiments.comparisons import keypoints
 from experiments.footage import SMALL
-from sim.detector import DetectorConfig
+from sim.people.detector import DetectorConfig
 from tests.conftest import shot
 
 pytestmark = pytest.mark.xdist_group("experiments")
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.xdist_group("experiments")
 def test_a_capture_without_keypoints_gets_one_line(
     small_capture: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("sys.argv", ["experiments.keypoints", str(small_capture)])
+    monkeypatch.setattr("sys.argv", ["experiments.comparisons.keypoints", str(small_capture)])
     assert keypoints.main() == 1
     out, err = capfd.readouterr()
     assert out == ""
@@ -30,7 +30,7 @@ def test_a_capture_without_keypoints_gets_one_line(
 @pytest.mark.slow
 def test_the_table_has_a_row_for_each_way(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     folder = shot(replace(SMALL, detector=DetectorConfig(enabled=True)))
-    monkeypatch.setattr("sys.argv", ["experiments.keypoints", str(folder)])
+    monkeypatch.setattr("sys.argv", ["experiments.comparisons.keypoints", str(folder)])
     monkeypatch.setenv("COLUMNS", "200")
     assert keypoints.main() == 0
     rows = {line.split("│")[1].strip(): line for line in capfd.readouterr().out.splitlines() if line.startswith("│")}

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
-from experiments import footage, operators
+from experiments import footage
+from experiments.comparisons import operators
 from experiments.config import AppConfig
 from experiments.metrics import read_metrics
 from tests.conftest import CAPTURES

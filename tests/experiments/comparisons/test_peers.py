@@ -17,11 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments import footage
+from experiments.comparisons.peers import bench, folder, show
+from experiments.comparisons.peers.__main__ import main
+from experiments.comparisons.peers.matching import decompose, fit
+from experiments.comparisons.peers.material import Background, Estimate, Material, from_capture
 from experiments.metrics import read_metrics
-from experiments.peers import bench, folder, show
-from experiments.peers.__main__ import main
-from experiments.peers.matching import decompose, fit
-from experiments.peers.material import Background, Estimate, Material, from_capture
 from pzcap.geometry import camera as geometry
 from pzcap.io.capture import read_capture
 from pzcap.localisation.localise import PanZoomConfig
@@ -204,7 +204,7 @@ def test_the_command_leaves_a_table_a_plot_and_every_answer(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr("sys.argv", [
-        "experiments.peers", f"capture={frames_folder}", "methods=[ours,sift,rays]", "every=2",
+        "experiments.comparisons.peers", f"capture={frames_folder}", "methods=[ours,sift,rays]", "every=2",
         f"hydra.run.dir={tmp_path}",
     ])  # fmt: skip
     assert main() == 0
@@ -304,7 +304,7 @@ def test_a_reconstruction_of_another_capture_is_refused(small_capture: Path, tmp
 
 def refused(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *arguments: str) -> str:
     """Start the command, which must fail with one line; return it."""
-    monkeypatch.setattr("sys.argv", ["experiments.peers", *arguments])
+    monkeypatch.setattr("sys.argv", ["experiments.comparisons.peers", *arguments])
     assert main() == 1
     out, err = capfd.readouterr()
     assert out == ""

@@ -12,6 +12,8 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 from scipy.spatial.transform import Rotation
 
+from experiments.comparisons.self_calibration import show, trial
+from experiments.comparisons.self_calibration.__main__ import main
 from experiments.comparisons.self_calibration.baselines import (
     Frames,
     Library,
@@ -25,8 +27,6 @@ from experiments.comparisons.self_calibration.baselines import (
 from experiments.comparisons.self_calibration.baselines.adjustment import transfer
 from experiments.comparisons.self_calibration.baselines.rotations import focals_of
 from experiments.metrics import read_metrics
-from experiments.self_calibration import show, trial
-from experiments.self_calibration.__main__ import main
 from pzcap.calibration.features import Features
 from pzcap.geometry.camera import distort, head_T_cam
 from pzcap.types import Array

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import triangulation
-from experiments.triangulation import cameras_at, meet, smooth, triangulate
+from experiments.comparisons import triangulation
+from experiments.comparisons.triangulation import cameras_at, meet, smooth, triangulate
 from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
 from pzcap.types import JOINTS, Array, Camera, Capture, Keyframe, Pose, PzcapError, Subject

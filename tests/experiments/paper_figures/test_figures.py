@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from experiments.figures import __main__ as command
-from experiments.figures import calibration, common_field, field, novel_view, page, panoramas, skeletons, zooming
-from experiments.figures.canvas import STYLE, Drawn
-from experiments.figures.field import FEET, Standing, common_height_px, floor_between, height_px, zoom_range
-from experiments.figures.material import Run, load
+from experiments.paper_figures import __main__ as command
+from experiments.paper_figures import calibration, common_field, field, novel_view, page, panoramas, skeletons, zooming
+from experiments.paper_figures.canvas import STYLE, Drawn
+from experiments.paper_figures.field import FEET, Standing, common_height_px, floor_between, height_px, zoom_range
+from experiments.paper_figures.material import Run, load
 from pzcap.body import skeleton as body_model
 from pzcap.geometry import camera as camera_model
 from pzcap.types import Array, Lens, Localisation, PanZoomCamera, Pose, PzcapError, Subject
-from sim.anthropometry import draw_measurements
-from sim.gym import calibration_object
+from sim.hall.gym import calibration_object
+from sim.people.anthropometry import draw_measurements
 from sim.restage import Hall
 from tests.conftest import SMALL
 from tests.experiments.test_score import truth_of

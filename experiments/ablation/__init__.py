@@ -1,1 +1,0 @@
-"""What each piece of evidence is worth, and each error costs: see `experiments.ablation.__main__`."""

@@ -1,0 +1,302 @@
+"""report.html: one self-contained page that says what was reconstructed, how well, and what it looks like."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+
+from experiments.metrics import TARGETS, Metric, format_value, meets_target
+from experiments.report import pictures, plots
+from experiments.score import Score
+from pzcap.body.skeleton import build
+from pzcap.extras import keyframe_diagnostics
+from pzcap.io.capture import frame_sets, read_image
+from pzcap.tracking.tracker import TrackingConfig
+from pzcap.types import Array, Camera, Capture, FrameSet, Image, Reconstruction
+from pzcap.viewer.drawing import TRUTH_COLOUR, Colour, figures, instants
+from sim.truth import Truth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Material:
+    """What the report is made from."""
+
+    capture: Capture
+    reconstruction: Reconstruction
+    truth: Truth | None
+    score: Score | None
+    metrics: Sequence[Metric]
+    run: Mapping[str, Any]
+    outlines: Mapping[tuple[int, int], Sequence[Array]]  # (frame set, camera) -> closed lines (N, 2) px
+    stage_s: Mapping[str, float]
+    tracking: TrackingConfig  # that the body was tracked with
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    uri: str
+    caption: str
+
+
+HEADLINES: Final[tuple[tuple[str, str, str], ...]] = (
+    ("panzoom.pan.rms", "Pan", "RMS error. 0.02° turn a ray away by 5 mm at 15 m."),
+    ("panzoom.focal.rms", "Focal length", "RMS error. 1 % moves a point 150 px off the centre by 22 mm at 15 m."),
+    ("panzoom.reprojection.rms", "Reprojection", "Static points of the hall, estimated against true camera."),
+    ("panzoom.lost", "Lost views", "Recorded views in which the camera was not found."),
+    ("foreground.iou", "Silhouettes", "Intersection over union with the true masks; 1 is perfect."),
+    ("body.mpjpe.mean", "Joints", "Mean distance of joint centres from the truth, in the world, nothing aligned."),
+    ("body.keyframes", "Keyframes", "Poses set by hand. Not scored."),
+    ("speed.fps", "Speed", "Four views, from decoding to the body."),
+)
+THUMBNAIL_PX: Final = 460
+INSTANTS: Final = 5
+WORST: Final = 3
+
+
+def write_report(path: Path, material: Material, command: str) -> None:
+    """Write the page. It needs no other file and no network."""
+    environment = Environment(
+        loader=PackageLoader("experiments"),
+        autoescape=select_autoescape(),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template("report.html.j2").render(_context(material, command))
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(page, encoding="utf-8")
+    partial.replace(path)
+
+
+def _context(material: Material, command: str) -> dict[str, Any]:
+    reconstruction, truth, result = material.reconstruction, material.truth, material.score
+    body = None if result is None else result.body
+    by_key = {metric.key: metric for metric in material.metrics}
+    shown = _Frames(material)
+    contradicted, next_keyframe = _advice(material)
+    return {
+        "title": reconstruction.capture_name,
+        "method": reconstruction.method,
+        "seed": material.run["seed"],
+        "frames": len(reconstruction.timecodes),
+        "cameras": len(reconstruction.camera_names),
+        "frame_rate": float(reconstruction.frame_rate),
+        "notes": reconstruction.notes,
+        "scored": result is not None,
+        "headlines": [_headline(by_key[key], name, text) for key, name, text in HEADLINES if key in by_key],
+        "references": _references(material),
+        "camera_rows": _camera_rows(reconstruction, result),
+        "panoramas": _panoramas(material),
+        "pan_zoom": plots.pan_zoom(reconstruction, truth, result) if any(reconstruction.tracks) else None,
+        "honesty": None if result is None or not any(reconstruction.tracks) else plots.honesty(reconstruction, result),
+        "top_view": plots.top_view(reconstruction, truth, result) if any(reconstruction.tracks) else None,
+        "sheet": shown.sheet(),
+        "silhouettes": None
+        if result is None or result.foreground is None
+        else plots.silhouettes(reconstruction, result),
+        "body_error": None if body is None else plots.body_error(body, contradicted, next_keyframe),
+        "contradicted": contradicted,
+        "joint_bars": None if body is None or not body.scored.any() else plots.joint_bars(body),
+        "worst": shown.worst(),
+        "stage_times": plots.stage_times(material.stage_s) if material.stage_s else None,
+        "groups": _groups(material.metrics),
+        "command": command,
+        "versions": material.run["versions"],
+        "machine": material.run["machine"],
+        "config": json.dumps(material.run["config"], indent=2, ensure_ascii=False),
+    }
+
+
+def _advice(material: Material) -> tuple[list[int], int | None]:
+    """The keyframes that the images contradict, and the frame where the next one would help most."""
+    capture, motion = material.capture, material.reconstruction.motion
+    if motion is None or capture.subject is None:
+        return [], None
+    keyframes, hand_sigma = frame_sets(capture).keyframes, material.tracking.hand_sigma
+    found = keyframe_diagnostics.contradictions(motion, keyframes, build(capture.subject), hand_sigma)
+    next_one = keyframe_diagnostics.suggestion(motion)
+    return [each.frame for each in found], None if next_one is None else next_one.frame
+
+
+def _headline(metric: Metric, name: str, text: str) -> dict[str, Any]:
+    target = TARGETS.get(metric.key)
+    return {
+        "name": name,
+        "value": format_value(metric),
+        "unit": "" if metric.unit == "1" else {"deg": "°"}.get(metric.unit, metric.unit),
+        "text": text,
+        "target": None if target is None else f"{'≤' if metric.direction == 'lower' else '≥'} {target:g}",
+        "reached": meets_target(metric),
+    }
+
+
+def _groups(metrics: Sequence[Metric]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": name,
+            "rows": [
+                {
+                    "key": m.key,
+                    "value": format_value(m),
+                    "unit": m.unit,
+                    "reached": meets_target(m),
+                    "direction": m.direction,
+                }
+                for m in members
+            ],
+        }
+        for name, members in groupby(metrics, lambda metric: metric.key.partition(".")[0])
+    ]
+
+
+def _references(material: Material) -> list[Picture]:
+    found = []
+    target = material.capture.calibration_object
+    for camera, reference in zip(material.capture.cameras, material.reconstruction.references, strict=True):
+        if camera.reference is not None and reference is not None and target is not None:
+            image = pictures.reference_picture(read_image(camera.reference), reference, target)
+            found.append(Picture(pictures.data_uri(image, 640), f"Camera {camera.name}"))
+    return found
+
+
+def _camera_rows(reconstruction: Reconstruction, result: Score | None) -> list[dict[str, str]]:
+    rows = []
+    for number, name in enumerate(reconstruction.camera_names):
+        reference, panorama = reconstruction.references[number], reconstruction.panoramas[number]
+        track, camera = reconstruction.tracks[number], reconstruction.cameras[number]
+        errors = None if result is None else result.cameras[number]
+        row = {"camera": name}
+        if reference is not None:
+            residual = float(np.sqrt(np.mean(np.sum(reference.residuals_px**2, axis=1))))
+            row["corners"] = f"{len(reference.points_px)} at {residual:.2f} px"
+        if errors is not None and errors.position_m is not None:
+            row["position"] = f"{1000 * errors.position_m:.1f} mm"
+        if camera is not None:
+            row["lens"] = f"{camera.lens.reference_focal_px:.1f} px, tilt {np.degrees(camera.tilt_rad):.2f}°"
+        if panorama is not None:
+            row["closure"] = f"{np.degrees(panorama.closure_rad):.3f}°" if panorama.full_turn else "no full turn"
+            row["residual"] = f"{panorama.residual_px:.2f} px"
+        if track is not None:
+            row["found"] = f"{int(track.valid.sum())} of {len(track.valid)}"
+        if (
+            errors is not None
+            and errors.pan_rad is not None
+            and errors.focal is not None
+            and errors.pan_rad.valid.any()
+        ):
+            pan, focal = errors.pan_rad, errors.focal
+            row["pan"] = f"{np.degrees(np.sqrt(np.mean(pan.values[pan.valid] ** 2))):.4f}°"
+            row["focal"] = f"{100 * np.sqrt(np.mean(focal.values[focal.valid] ** 2)):.3f} %"
+        rows.append(row)
+    return rows
+
+
+def _panoramas(material: Material) -> list[Picture]:
+    reconstruction, motion = material.reconstruction, material.reconstruction.motion
+    body = None if motion is None else figures(motion.joints_m, motion.rotations)
+    found = []
+    for number, name in enumerate(reconstruction.camera_names):
+        camera, track = reconstruction.cameras[number], reconstruction.tracks[number]
+        panorama = reconstruction.panoramas[number]
+        if camera is None or track is None or panorama is None or not track.valid.any():
+            continue
+        located = np.flatnonzero(track.valid)
+        some = located[np.unique(np.linspace(0, len(located) - 1, 6).astype(int))]
+        cameras = instants(camera, track)
+        drawn: list[tuple[Array, bool]] = []
+        if motion is not None and body is not None:
+            between = np.linspace(0, len(body) - 1, min(14, 1 + len(body) // 8)).astype(int)
+            frames = sorted({int(f) for f in between if motion.valid[f]} | {int(f) for f in motion.keyframes})
+            drawn = [(body[frame], frame in motion.keyframes) for frame in frames]
+        borders = [at for frame in some if (at := cameras[frame]) is not None]
+        colours = [_ramp(place) for place in np.linspace(0.0, 1.0, len(borders))]
+        image = pictures.panorama_picture(panorama, camera, borders, colours, drawn)
+        found.append(Picture(pictures.data_uri(image, 1500, 78), f"Camera {name}"))
+    return found
+
+
+def _ramp(place: float) -> Colour:
+    """From blue (0) to yellow (1)."""
+    ends = np.array([[66, 133, 244], [251, 202, 4]])
+    red, green, blue = np.round((1 - place) * ends[0] + place * ends[1]).astype(int)
+    return int(red), int(green), int(blue)
+
+
+class _Frames:
+    """Frames of the motion with what was found in them."""
+
+    def __init__(self, material: Material) -> None:
+        self._material = material
+        self._sets = frame_sets(material.capture) if any(material.reconstruction.tracks) else None
+        reconstruction, motion = material.reconstruction, material.reconstruction.motion
+        self._cameras: list[list[Camera | None] | None] = [
+            None if camera is None or track is None else instants(camera, track)
+            for camera, track in zip(reconstruction.cameras, reconstruction.tracks, strict=True)
+        ]
+        self._body = None if motion is None else figures(motion.joints_m, motion.rotations)
+        self._true = None
+        if material.truth is not None and material.score is not None:
+            at = material.score.truth_frames
+            self._true = figures(material.truth.joints_m[at], material.truth.rotations[at])
+
+    def sheet(self) -> list[list[Picture]]:
+        """All views at a few instants: a row an instant."""
+        if self._sets is None or not len(self._sets):
+            return []
+        return [
+            self._row(int(frame), truth=False, close=False)
+            for frame in np.unique(np.linspace(0, len(self._sets) - 1, INSTANTS).astype(int))
+        ]
+
+    def worst(self) -> list[dict[str, Any]]:
+        """The instants where the body is most wrong, close up, with the truth in white."""
+        score = self._material.score
+        if self._sets is None or score is None or score.body is None:
+            return []
+        body, rows = score.body, []
+        mean = np.where(body.scored, 1000.0 * body.joints_m.mean(axis=1), -1.0)
+        for _ in range(WORST):
+            frame = int(np.argmax(mean))
+            if mean[frame] <= 0.0:
+                break
+            rows.append(
+                {"title": f"Frame {frame}: {mean[frame]:.0f} mm", "views": self._row(frame, truth=True, close=True)}
+            )
+            mean[max(frame - 10, 0) : frame + 11] = -1.0  # its neighbours are wrong in the same way
+        return rows
+
+    def _row(self, frame: int, *, truth: bool, close: bool) -> list[Picture]:
+        assert self._sets is not None
+        frames: FrameSet = next(iter(self._sets.between(frame, frame + 1)))
+        row = []
+        for number, (name, image) in enumerate(
+            zip(self._material.reconstruction.camera_names, frames.images, strict=True)
+        ):
+            if image is None:
+                continue
+            picture = self._draw(image.copy(), frame, number, truth=truth, close=close)
+            row.append(Picture(pictures.data_uri(picture, THUMBNAIL_PX), f"Camera {name}, frame {frame}"))
+        return row
+
+    def _draw(self, image: Image, frame: int, number: int, *, truth: bool, close: bool) -> Image:
+        cameras, motion = self._cameras[number], self._material.reconstruction.motion
+        camera = None if cameras is None else cameras[frame]
+        tracked = motion is not None and self._body is not None and bool(motion.valid[frame])
+        if not close or camera is None or self._body is None:
+            pictures.draw_outline(image, self._material.outlines.get((frame, number), ()))
+        elif tracked:
+            around = self._body[frame] if self._true is None else np.vstack([self._body[frame], self._true[frame]])
+            image, camera = pictures.close_up(image, camera, around, THUMBNAIL_PX)
+        if camera is None or self._body is None or not tracked:
+            return image
+        if truth and self._true is not None:
+            pictures.draw_figure(image, camera, self._true[frame], TRUTH_COLOUR, 2)
+        pictures.draw_figure(image, camera, self._body[frame], None, 2)
+        return image

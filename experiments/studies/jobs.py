@@ -1,0 +1,196 @@
+"""The jobs of a sweep on disk: a result is there whole or not at all, and says which configuration and code made it.
+
+A job works in a hidden folder beside its own, ``.NAME.partial``, which takes the job's name when all is done. So a job
+that was killed, at any moment, leaves nothing that looks like a result; what it left is swept away when it runs again.
+A job that failed leaves the reason in ``failed.txt``.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import re
+import shutil
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from omegaconf import DictConfig, OmegaConf
+
+from experiments import estimators, footage
+from experiments.config import plain, structured
+from experiments.errors import explain
+from pzcap.types import PzcapError
+from sim.capture_cache import file_hashes
+from sim.session import ShootConfig
+
+T = TypeVar("T")
+
+MARK: Final = "job.json"  # of a finished job
+FAILED: Final = "failed.txt"  # of one that failed: its reason in the first line, a traceback below if it is a bug
+HYDRA: Final = ".hydra"  # what Hydra itself writes into a job's folder before the job begins
+_CODE: Final = Path(__file__).parents[2]
+_ABOVE: Final = ("experiment=", "study=")  # overrides that name the folders above a job's
+_LONGEST: Final = 80  # letters of the overrides in a folder's name
+
+
+def key(tree: Mapping[str, Any]) -> str:
+    """What a result depends on, as a hash: configuration, our code, and a user's own files."""
+    named = tree.get("estimator")
+    theirs = estimators.source(str(named)) if named else None
+    parts = [json.dumps(tree, sort_keys=True), _code(), theirs.read_bytes().hex() if theirs else ""]
+    return hashlib.sha256(json.dumps(parts + _filmed_files(tree) + _given_files(tree)).encode()).hexdigest()
+
+
+def _filmed_files(tree: Mapping[str, Any]) -> list[str]:
+    """Hashes of what of a user's is filmed. None where it cannot be: the job itself fails, and says why."""
+    try:
+        return file_hashes(structured(tree.get("shoot"), ShootConfig, "shoot"))
+    except PzcapError:
+        return []
+
+
+def _given_files(tree: Mapping[str, Any]) -> list[str]:
+    """What a user's folders hold, by name, size and time: it takes too long to read footage for this."""
+    means = {"capture": footage.capture_in, "cameras": footage.reconstruction_in}
+    folders = [find(Path(str(tree[name])).resolve()) for name, find in means.items() if tree.get(name)]
+    found = [(path, path.stat()) for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()]
+    return [f"{path} {state.st_size} {state.st_mtime_ns}" for path, state in found]
+
+
+@cache
+def _code() -> str:
+    """Hash of our own sources: a result of yesterday's code is not one of today's."""
+    digest = hashlib.sha256()
+    for package in ("pzcap", "sim", "experiments"):
+        for path in sorted((_CODE / package).rglob("*.py")):
+            digest.update(path.relative_to(_CODE).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def name(config: DictConfig) -> str:
+    """The folder of a job that is to be run with ``config`` (with its ``hydra`` node): readable, and its alone.
+
+    What was overridden comes first, cut where it is long; then a hash of the whole configuration.
+    """
+    overrides = [str(o) for o in config.hydra.overrides.task if not str(o).startswith(_ABOVE)]
+    shorter = r"['\"]|^[^=]*\.(?=[^=.]+=)|(?<==).*/"  # of keys the last part, of paths too
+    leaves = sorted(re.sub(shorter, "", override.lstrip("+~")) for override in overrides)
+    readable = re.sub(r"[^\w.,=+-]+", "_", ",".join(leaves))[:_LONGEST]
+    tree = OmegaConf.to_container(_without_hydra(config), resolve=True)
+    digest = hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()[:10]
+    return f"{readable}-{digest}" if readable else digest
+
+
+OmegaConf.register_new_resolver("job_name", lambda *, _root_: name(_root_))
+
+
+def tree_of(config: DictConfig) -> dict[str, Any]:
+    """The application's part of a composed configuration, as `plain` gives it."""
+    return plain(_without_hydra(config))
+
+
+def _without_hydra(config: DictConfig) -> DictConfig:
+    return OmegaConf.masked_copy(config, [str(k) for k in config if k != "hydra"])
+
+
+def finished(folder: Path, wanted: str) -> bool:
+    """Whether ``folder`` holds the result of the job whose `key` is ``wanted``."""
+    try:
+        return bool(json.loads((folder / MARK).read_text(encoding="utf-8"))["key"] == wanted)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def failure(folder: Path) -> str | None:
+    """Why the job of ``folder`` failed, in one line; None if it did not."""
+    try:
+        return (folder / FAILED).read_text(encoding="utf-8").partition("\n")[0]
+    except OSError:
+        return None
+
+
+def carry_out(
+    folder: Path, composed: DictConfig, overrides: Sequence[str], work: Callable[[dict[str, Any], Path], T]
+) -> T | None:
+    """Do ``work(tree, partial)`` for ``folder``, if that is not done yet; None where it was done, or failed.
+
+    ``composed`` is the configuration without Hydra's own. An exception ends in ``folder/failed.txt`` and goes no
+    further: the other jobs of the sweep are not to hear of it, on whatever machine they run.
+    """
+    partial = folder.with_name(f".{folder.name}.partial")
+    try:
+        tree = plain(composed)
+        wanted = key(tree)
+        if finished(folder, wanted):
+            return None
+        with _alone(partial):
+            _clear(folder, partial)
+            start = time.perf_counter()
+            result = work(tree, partial)
+            mark = {"key": wanted, "overrides": list(overrides), "seconds": round(time.perf_counter() - start, 3)}
+            (partial / MARK).write_text(json.dumps(mark, indent=2) + "\n", encoding="utf-8")
+            (folder / FAILED).unlink(missing_ok=True)  # of a process that found this one at work
+            partial.rename(folder)  # the one step that makes it a result; what it replaces is an empty folder
+        return result
+    except Exception as error:
+        line = explain(error)
+        if line is None:
+            bug = " ".join(f"{type(error).__name__}: {error}".split())
+            line = f"{bug} (a bug: traceback in {folder / FAILED})\n\n{traceback.format_exc()}"
+        _write(folder / FAILED, line.rstrip() + "\n")
+        return None
+
+
+@contextmanager
+def _alone(partial: Path) -> Iterator[None]:
+    """``partial``, empty, while no other process works in it. A process that is killed lets go of it."""
+    partial.mkdir(parents=True, exist_ok=True)
+    handle = os.open(partial, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            ours = os.path.samestat(os.fstat(handle), partial.stat())
+        except (BlockingIOError, FileNotFoundError):
+            ours = False
+        if not ours:
+            raise PzcapError(f"{partial}: another process works on this job; wait for it, then give the command again")
+        for path in partial.iterdir():
+            _remove(path)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _clear(folder: Path, partial: Path) -> None:
+    """Take from ``folder`` what Hydra wrote for this job, and remove what an earlier one left there."""
+    if (folder / HYDRA).is_dir():
+        (folder / HYDRA).rename(partial / HYDRA)
+    left = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if left and MARK not in left and left != {FAILED}:
+        raise PzcapError(f"{folder}: holds what no sweep left there; choose another folder with hydra.sweep.dir=FOLDER")
+    if left:
+        stale = folder.with_name(f".{folder.name}.stale")
+        _remove(stale)
+        folder.rename(stale)  # at once: half an old result is no better than half a new one
+        _remove(stale)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)

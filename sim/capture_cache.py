@@ -1,0 +1,73 @@
+"""Captures kept on disk, named by what they were shot with: the same configuration is not rendered twice."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Generator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from pzcap.types import PzcapError
+from sim import motion
+from sim.hall.wallpaper import wall_pictures
+from sim.session import ShootConfig
+from sim.shoot import Progress, shoot
+
+VERSION: Final = 6
+"""Of the simulator. Raise it with every change to a default or to what comes of one, so that cached captures are shot
+again."""
+
+_COMPLETE: Final = "complete"  # stands in a cached folder when its shoot has come to the end
+
+
+def shoot_cached(config: ShootConfig, root: Path) -> Generator[Progress, None, Path]:
+    """Shoot into a folder of ``root`` named by a hash of config and files, or find it there; return the folder.
+
+    A shoot that was killed leaves only a temporary folder behind, which is never used.
+    Raises PzcapError if the disk is full, GL is missing, the motion is unknown, or a file cannot be used.
+    """
+    departures = _departures(asdict(config), asdict(ShootConfig()))
+    canonical = json.dumps([VERSION, departures, *file_hashes(config)], sort_keys=True)
+    name = f"{motion.title(config.motion)}-{config.seed}-{hashlib.sha256(canonical.encode()).hexdigest()[:12]}"
+    folder = root / name
+    if (folder / _COMPLETE).is_file():
+        return folder
+    root.mkdir(parents=True, exist_ok=True)
+    temporary = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=root))
+    try:
+        yield from shoot(config, temporary)
+        (temporary / _COMPLETE).touch()
+        temporary.chmod(0o755)  # mkdtemp's folders are private
+        if not (folder / _COMPLETE).is_file():  # else another process was faster
+            shutil.rmtree(folder, ignore_errors=True)
+            temporary.replace(folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return folder
+
+
+def _departures(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
+    """What of ``values`` is not as by default: a new effect that is off by default leaves cached captures valid."""
+    return {
+        key: _departures(value, defaults[key]) if isinstance(value, dict) else value
+        for key, value in values.items()
+        if value != defaults[key]
+    }
+
+
+def file_hashes(config: ShootConfig) -> list[str]:
+    """Of the user's own files that a capture is made of, names and contents: changed, they make another capture.
+
+    Raises PzcapError if one cannot be read.
+    """
+    acted = motion.file_of(config.motion)
+    driven = Path(config.operator.trajectories) if config.operator.trajectories else None
+    paths = [path for path in (acted, driven, *wall_pictures(config.gym.wall_pictures).values()) if path]
+    try:
+        return [f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths]
+    except OSError as error:
+        raise PzcapError(f"{error.filename}: cannot be read: {error.strerror}") from error

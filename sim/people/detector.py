@@ -1,0 +1,189 @@
+"""Somebody runs a detector of keypoints over the motion videos. It is not simulated by looking, but by how it errs.
+
+It looks at a picture of one size, however large the athlete is in the video, so its errors are a share of the body.
+What it means by a keypoint is not quite what anybody else means. Its errors last for some frames; they grow where the
+body is small, blurred, upside down or hides a joint. Left and right are taken for one another at times; now and then a
+keypoint is elsewhere on the body, or is not found. Its confidence says how hard a joint was to see, and not how wrong
+it is.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from pzcap.types import PARENTS, SEGMENTS, Array, Mask, Pose
+from sim.cameras.operator import Hands
+from sim.cameras.optics import Rig
+from sim.cameras.render import Stage
+from sim.people.athlete import GEOM_GROUP, set_pose
+
+BODY_25: Final = (
+    "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
+    "mid_hip", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle",
+    "right_eye", "left_eye", "right_ear", "left_ear",
+    "left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel",
+)  # fmt: skip
+_ARMS: Final = ("shoulder", "elbow", "wrist")
+_LEGS: Final = ("hip", "knee", "ankle", "big_toe", "small_toe", "heel")
+_SWAPS: Final = tuple(
+    tuple([BODY_25.index(f"{side}_{name}") for name in names] for side in ("left", "right")) for names in (_ARMS, _LEGS)
+)
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorConfig:
+    """How a detector errs. Lengths are standard deviations along each axis, in shares of the athlete's stature."""
+
+    enabled: bool = False
+    meaning: float = 0.008  # what it means by a keypoint lies elsewhere on the body
+    noise: float = 0.007  # of a joint that it sees well
+    noise_px: float = 0.7  # and of what a pixel of the video can tell
+    blur: float = 0.5  # share of a motion blur's length that it errs by besides
+    hidden: float = 3.0  # times as much where the body hides the joint
+    inverted: float = 2.0  # times as much, and as often, where the body is upside down
+    memory: float = 0.7  # how alike its errors are from one frame to the next
+    swapped: float = 0.02  # share of the frames in which arms, or legs, are taken for one another
+    swap_frames: float = 4.0  # how long that lasts
+    astray: float = 0.01  # share of the keypoints that lie anywhere on the body
+    missed: float = 0.01  # share of the keypoints that it does not find, and twice as many hidden ones
+
+
+class Detector:
+    """One detector, which means the same by its keypoints in every video."""
+
+    def __init__(
+        self, stage: Stage, measurements: dict[str, float], config: DetectorConfig, rng: np.random.Generator
+    ) -> None:
+        self._stage, self._config, self._stature_m = stage, config, measurements["stature"]
+        places = _places(measurements)
+        self._segment = np.array([SEGMENTS.index(places[name][0]) for name in BODY_25])
+        points = np.array([places[name][1] for name in BODY_25])
+        self._points_m = points + rng.normal(0.0, config.meaning * self._stature_m, points.shape)
+        bodies = [stage.model.body(name).id for name in SEGMENTS]
+        self._bodies = np.array(bodies)
+        self._segment_of = {body: s for s, body in enumerate(bodies)}
+
+    def watch(
+        self, rig: Rig, hands: Hands, person: Callable[[float], Pose], times_s: Array, shutter_s: float,
+        rng: np.random.Generator,
+    ) -> Array:  # fmt: skip
+        """What it finds in the pictures that a camera exposed at these times (T,): (T, 25, 3), 0 where nothing."""
+        config, pictures = self._config, len(times_s)
+        seen = np.array([self._look(rig, hands, person, t, shutter_s) for t in times_s.tolist()])
+        pixels, size_px, blur_px, hidden, upside = (
+            seen[..., :2], seen[..., 2], seen[..., 3], seen[..., 4] > 0, seen[..., 5] > 0
+        )  # fmt: skip
+        ideal = np.hypot(config.noise * size_px, config.noise_px)
+        hard = np.where(hidden, config.hidden, 1.0) * np.where(upside, config.inverted, 1.0)
+        sigma = hard * np.hypot(ideal, config.blur * blur_px)
+        error = np.empty(pixels.shape)
+        error[0] = rng.normal(size=pixels.shape[1:])
+        fresh = np.sqrt(1.0 - config.memory**2)
+        for t in range(1, pictures):
+            error[t] = config.memory * error[t - 1] + fresh * rng.normal(size=pixels.shape[1:])
+        found = pixels + sigma[..., None] * error
+        for group in _SWAPS:
+            rows = np.flatnonzero(self._swapped(upside[:, 0], rng))[:, None]
+            left, right = group
+            found[rows, left], found[rows, right] = found[rows, right], found[rows, left]
+        astray = rng.uniform(size=sigma.shape) < config.astray
+        anywhere = rng.integers(len(BODY_25), size=sigma.shape)
+        found = np.where(astray[..., None], np.take_along_axis(found, anywhere[..., None], axis=1), found)
+        effort = np.maximum(sigma / np.maximum(ideal, 1e-9), 1.0)
+        confidence = 0.9 / np.sqrt(effort) + 0.08 * rng.normal(size=sigma.shape)
+        confidence = np.where(astray, 0.5 * confidence, confidence)
+        missed = rng.uniform(size=sigma.shape) < config.missed * np.where(hidden, 2.0, 1.0)
+        inside = np.all((found >= -0.5) & (found < [rig.width - 0.5, rig.height - 0.5]), axis=2)
+        there = inside & ~missed & (size_px > 0)
+        return np.where(there[..., None], np.dstack([found, np.clip(confidence, 0.05, 1.0)]), 0.0)
+
+    def _swapped(self, upside: Mask, rng: np.random.Generator) -> Mask:
+        """(T,) the frames in which left and right are taken for one another."""
+        config = self._config
+        draws, swapped, now = rng.uniform(size=len(upside)), np.zeros(len(upside), bool), False
+        for t, draw in enumerate(draws.tolist()):
+            often = config.swapped * (config.inverted if upside[t] else 1.0)
+            now = draw > 1.0 / config.swap_frames if now else draw < often / config.swap_frames
+            swapped[t] = now
+        return swapped
+
+    def _look(
+        self, rig: Rig, hands: Hands, person: Callable[[float], Pose], time_s: float, shutter_s: float
+    ) -> Array:  # fmt: skip
+        """Of every keypoint (25, 6): where it is, how tall the body is there, the blur's length (all in pixels),
+        whether the body hides it, and whether it is upside down."""
+        ends = []
+        for at_s in (time_s - shutter_s / 2, time_s + shutter_s / 2, time_s):
+            aim = hands.at(at_s)
+            pose = rig.world_T_cam(aim.pan_rad, aim.focal_px, aim.raised_rad)
+            points = self._place(person(at_s))
+            ends.append(rig.see(pose, aim.focal_px, points))
+        (start, _), (end, _), (pixels, depth) = ends
+        size = np.where(depth > 0.1, self._stature_m * aim.focal_px / np.maximum(depth, 0.1), 0.0)
+        hidden = [self._hidden(pose[:3, 3], k, point) for k, point in enumerate(points)]
+        data, head = self._stage.data, self._bodies[SEGMENTS.index("head")]
+        upside = np.full(len(points), data.xpos[head, 2] < data.xpos[self._bodies[0], 2])
+        return np.column_stack([pixels, size, np.linalg.norm(end - start, axis=1), hidden, upside])
+
+    def _place(self, pose: Pose) -> Array:
+        """The keypoints (25, 3) in the world, of an athlete who stands as ``pose`` has it."""
+        stage = self._stage
+        set_pose(stage.model, stage.data, pose)
+        mujoco.mj_kinematics(stage.model, stage.data)
+        bodies = self._bodies[self._segment]
+        turns = stage.data.xmat[bodies].reshape(-1, 3, 3)
+        return np.asarray(stage.data.xpos[bodies] + np.einsum("kij,kj->ki", turns, self._points_m))
+
+    def _hidden(self, eye_m: Array, keypoint: int, point_m: Array) -> bool:
+        """Whether a part of the body that the keypoint's own does not hang on, nor hangs on it, is in front of it."""
+        groups = np.array([group == GEOM_GROUP for group in range(6)], np.uint8)
+        geom = np.zeros(1, np.int32)
+        way = point_m - eye_m
+        distance = mujoco.mj_ray(self._stage.model, self._stage.data, eye_m, way, groups, 1, -1, geom, None)
+        if not 0.0 <= distance < 1.0:
+            return False
+        other, own = self._segment_of[int(self._stage.model.geom_bodyid[geom[0]])], int(self._segment[keypoint])
+        return other != own and PARENTS[own] != other and PARENTS[other] != own
+
+
+def write_openpose(folder: Path, name: str, people: Array) -> None:
+    """One JSON file a picture, as OpenPose has them: keypoints (T, 25, 3) of one person; none where nothing is seen."""
+    folder.mkdir()
+    for number, person in enumerate(people):
+        found = [{"person_id": [-1], "pose_keypoints_2d": np.round(person, 3).ravel().tolist()}] if person.any() else []
+        value = json.dumps({"version": 1.3, "people": found}, separators=(",", ":"))
+        (folder / f"{name}_{number:012d}_keypoints.json").write_text(value + "\n", encoding="utf-8")
+
+
+def _places(m: dict[str, float]) -> dict[str, tuple[str, tuple[float, float, float]]]:
+    """What people click on: the segment of each keypoint, and where in its frame."""
+    depth, breadth = 0.175 * m["girth_head"], 0.14 * m["girth_head"]  # half axes of a head
+    drop = m["trunk"] * 0.45 - m["shoulder_drop"]
+    table = {
+        "nose": ("head", (depth + 0.03, 0.0, 0.43 * m["head"])),
+        "neck": ("thorax", (0.01, 0.0, drop + 0.01)),
+        "mid_hip": ("pelvis", (0.0, 0.0, 0.02)),
+    }
+    for side, left in (("left_", 1.0), ("right_", -1.0)):
+        sole = 0.02 - m["ankle_height"]
+        table |= {
+            side + "eye": ("head", (depth, left * 0.032, 0.54 * m["head"])),
+            side + "ear": ("head", (0.005, left * breadth, 0.48 * m["head"])),
+            side + "shoulder": (side + "upper_arm", (0.0, 0.0, 0.015)),
+            side + "elbow": (side + "forearm", (-0.005, 0.0, 0.0)),
+            side + "wrist": (side + "hand", (0.0, 0.0, 0.0)),
+            side + "hip": (side + "thigh", (0.0, left * 0.015, 0.02)),
+            side + "knee": (side + "shank", (0.015, 0.0, 0.0)),
+            side + "ankle": (side + "foot", (0.0, 0.0, 0.0)),
+            side + "big_toe": (side + "foot", (0.72 * m["foot"], -left * 0.02, sole)),
+            side + "small_toe": (side + "foot", (0.60 * m["foot"], left * 0.04, sole)),
+            side + "heel": (side + "foot", (-0.24 * m["foot"], 0.0, sole)),
+        }
+    return table
