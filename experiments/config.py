@@ -26,10 +26,14 @@ T = TypeVar("T")
 class OutputConfig:
     """What a run leaves behind, beside metrics.json."""
 
-    recording: bool = True  # recording.rrd, for the Rerun viewer
-    report: bool = True  # report.html
-    jpeg_quality: int = 75  # of the images in the recording
-    captures: str = "outputs/captures"  # where shoots are kept for the next run of the same shoot config
+    recording: bool = True
+    """Recording.rrd, for the Rerun viewer."""
+    report: bool = True
+    """Report.html."""
+    jpeg_quality: int = 75
+    """Of the images in the recording."""
+    captures: str = "outputs/captures"
+    """Where shoots are kept for the next run of the same shoot config."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.jpeg_quality <= 100:
@@ -40,11 +44,16 @@ class OutputConfig:
 class AppConfig:
     """Everything that `python -m experiments.run` can be told."""
 
-    seed: int = 0  # of the shoot; stands at shoot.seed, too
-    method: str = "exact"  # or "paper"; stands at reconstruct.panzoom.method, too
-    estimator: str | None = None  # module:function in place of the pipeline (docs/estimators.md)
-    capture: str | None = None  # a capture folder made by anyone (docs/capture.md); null: shoot one
-    cameras: str | None = None  # results of another take by the same cameras, not moved since: not calibrated again
+    seed: int = 0
+    """Of the shoot; stands at shoot.seed, too."""
+    method: str = "exact"
+    """Or "paper"; stands at reconstruct.panzoom.method, too."""
+    estimator: str | None = None
+    """Module:function in place of the pipeline (docs/estimators.md)."""
+    capture: str | None = None
+    """A capture folder made by anyone (docs/capture.md); null: shoot one."""
+    cameras: str | None = None
+    """Results of another take by the same cameras, not moved since: not calibrated again."""
     shoot: ShootConfig = field(default_factory=ShootConfig)
     reconstruct: pipeline.Config = field(default_factory=pipeline.Config)
     output: OutputConfig = field(default_factory=OutputConfig)

@@ -52,8 +52,10 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class GateConfig:
-    common: tuple[str, ...]  # overrides of every case
-    cases: dict[str, tuple[str, ...]]  # name -> overrides
+    common: tuple[str, ...]
+    """Overrides of every case."""
+    cases: dict[str, tuple[str, ...]]
+    """Name -> overrides."""
     tolerances: tuple[Tolerance, ...]
 
     def overrides(self, case: str) -> list[str]:

@@ -2,17 +2,16 @@
 
     python -m experiments.settings_reference      # prints it; `make docs` writes it
 
-A setting is described by the comment beside it in the source, a group by the docstring of its class.
+A setting is described by the docstring under it in the source, a group by the docstring of its class.
 """
 
 from __future__ import annotations
 
 import ast
 import inspect
-import io
+import itertools
 import json
 import textwrap
-import tokenize
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, Final, get_type_hints
@@ -33,8 +32,8 @@ def markdown() -> str:
 
 
 def descriptions(kind: type = AppConfig, prefix: str = "") -> dict[str, str]:
-    """Dotted key -> the comment beside it, of every setting that has one."""
-    hints, found = get_type_hints(kind), {prefix + name: comment for name, comment in _comments(kind).items()}
+    """Dotted key -> the docstring under it, of every setting that has one."""
+    hints, found = get_type_hints(kind), {prefix + name: text for name, text in _texts(kind).items()}
     for field in fields(kind):
         if is_dataclass(hints[field.name]):
             found |= descriptions(hints[field.name], f"{prefix}{field.name}.")
@@ -62,21 +61,16 @@ def _documented(kind: type) -> str:
     return "" if text.startswith(f"{kind.__name__}(") else text
 
 
-def _comments(kind: type) -> dict[str, str]:
-    """Field -> the comment that ends its line."""
-    source = textwrap.dedent(inspect.getsource(kind))
-    beside = {
-        token.start[0]: token.string.lstrip("# ")
-        for token in tokenize.generate_tokens(io.StringIO(source).readline)
-        if token.type == tokenize.COMMENT
-    }
-    (definition,) = ast.parse(source).body
+def _texts(kind: type) -> dict[str, str]:
+    """Field -> the docstring under it, on one line."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(definition, ast.ClassDef)
     return {
-        line.target.id: beside[line.end_lineno]
-        for line in definition.body
-        if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name) and line.end_lineno in beside
-    }
+        line.target.id: " ".join(text.value.value.split())
+        for line, text in itertools.pairwise(definition.body)
+        if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name)
+        and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+    }  # fmt: skip
 
 
 if __name__ == "__main__":

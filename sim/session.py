@@ -31,14 +31,19 @@ class ShootConfig:
     """All that decides what a capture looks like. The same config, and files that it names, give the same bytes."""
 
     seed: int = 0
-    motion: str = "floor_exercise"  # a module of sim.motion, or a BVH file
-    motion_frames: int = 0  # film only so many from the start; 0: the whole motion
+    motion: str = "floor_exercise"
+    """A module of sim.motion, or a BVH file."""
+    motion_frames: int = 0
+    """Film only so many from the start; 0: the whole motion."""
     width: int = 640
     height: int = 480
-    frame_rate: int = 30  # of the motion
-    sweep_deg: float = 360.0  # 360: a full turn, and past its own start; less: centred on the reference pose
+    frame_rate: int = 30
+    """Of the motion."""
+    sweep_deg: float = 360.0
+    """360: a full turn, and past its own start; less: centred on the reference pose."""
     sweep_frame_rate: int = 5
-    zoom_frames: int = 22  # 0: no zoom run
+    zoom_frames: int = 22
+    """0: no zoom run."""
     gym: GymConfig = field(default_factory=GymConfig)
     athlete: AthleteConfig = field(default_factory=AthleteConfig)
     operator: OperatorConfig = field(default_factory=OperatorConfig)

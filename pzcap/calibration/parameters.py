@@ -56,11 +56,16 @@ class Model:
 class BeliefConfig:
     """Standard deviations of what is believed of a camera before its footage is seen."""
 
-    tilt_deg: float = 12.0  # of tilt and of roll, about 0
-    principal: float = 0.01  # of the principal point about the image's centre, of the image's width
-    k1: float = 0.1  # about 0
-    offset_m: float = 0.03  # of the projection centre beside the pan axis
-    travel_m: float = 0.003  # of the same along the optical axis, for each unit of log focal
+    tilt_deg: float = 12.0
+    """Of tilt and of roll, about 0."""
+    principal: float = 0.01
+    """Of the principal point about the image's centre, of the image's width."""
+    k1: float = 0.1
+    """About 0."""
+    offset_m: float = 0.03
+    """Of the projection centre beside the pan axis."""
+    travel_m: float = 0.003
+    """Of the same along the optical axis, for each unit of log focal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

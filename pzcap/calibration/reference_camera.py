@@ -28,8 +28,10 @@ TRIPLES = 100
 
 @dataclass(frozen=True, slots=True)
 class ReferenceConfig:
-    k1_sigma: float = 0.05  # what k1 can be before anything is known; the object alone hardly shows it
-    outlier_px: float = 1.0  # residuals beyond this count less and less (Huber)
+    k1_sigma: float = 0.05
+    """What k1 can be before anything is known; the object alone hardly shows it."""
+    outlier_px: float = 1.0
+    """Residuals beyond this count less and less (Huber)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

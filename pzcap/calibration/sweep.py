@@ -26,17 +26,28 @@ Frames = Iterable[tuple[int, Image]]
 
 @dataclass(frozen=True, slots=True)
 class SweepConfig:
-    threshold: float = 2e-4  # of AKAZE's response
-    features: int = 1000  # a frame, at most
-    ratio: float = 0.85  # of Lowe's test
-    min_step: float = 0.04  # frames less than so many image widths apart are left out,
-    max_skip: int = 8  # but never so many in a row
-    overlaps: tuple[float, ...] = (0.25, 0.55)  # matched with the frames this far on, in fields of view, too
-    min_matches: int = 12  # between two frames
-    zoom_frames: int = 24  # of the zoom run, at most
-    smoothing: float = 0.64  # variance, square pixels, of the frames whose grey values are compared
-    super_resolve: bool = False  # the panorama that frames are aligned with: takes some minutes a camera
-    pixels: int = 700  # of two frames that overlap, whose grey values are compared, at most: more take longer
+    threshold: float = 2e-4
+    """Of AKAZE's response."""
+    features: int = 1000
+    """A frame, at most."""
+    ratio: float = 0.85
+    """Of Lowe's test."""
+    min_step: float = 0.04
+    """Frames less than so many image widths apart are left out,."""
+    max_skip: int = 8
+    """But never so many in a row."""
+    overlaps: tuple[float, ...] = (0.25, 0.55)
+    """Matched with the frames this far on, in fields of view, too."""
+    min_matches: int = 12
+    """Between two frames."""
+    zoom_frames: int = 24
+    """Of the zoom run, at most."""
+    smoothing: float = 0.64
+    """Variance, square pixels, of the frames whose grey values are compared."""
+    super_resolve: bool = False
+    """The panorama that frames are aligned with: takes some minutes a camera."""
+    pixels: int = 700
+    """Of two frames that overlap, whose grey values are compared, at most: more take longer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

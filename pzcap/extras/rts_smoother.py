@@ -35,9 +35,12 @@ class SmoothConfig:
     """Smoothing of the finished tracks. Off by default: a frame's camera is then what this frame alone says."""
 
     enabled: bool = False
-    pan_deg_s3: float = 0.0  # standard deviation of the jerk of pan; 0: found from the track
-    zoom_s3: float = 0.0  # and that of log focal, 1/s^3
-    max_gap_s: float = 0.2  # frames that were not found are filled in where they are no longer in a row
+    pan_deg_s3: float = 0.0
+    """Standard deviation of the jerk of pan; 0: found from the track."""
+    zoom_s3: float = 0.0
+    """And that of log focal, 1/s^3."""
+    max_gap_s: float = 0.2
+    """Frames that were not found are filled in where they are no longer in a row."""
 
     def __post_init__(self) -> None:
         if min(self.pan_deg_s3, self.zoom_s3, self.max_gap_s) < 0:

@@ -37,22 +37,35 @@ WRAP = 64  # columns of a full turn repeated at its ends, for features on the se
 
 @dataclass(frozen=True, slots=True)
 class PanZoomConfig:
-    method: str = "exact"  # or "paper": no distortion, no tilt, stops at eq. 15
-    free_tilt: bool = False  # the heads were tilted while the motion was recorded, too
-    threshold: float = 1e-4  # of AKAZE's response
+    method: str = "exact"
+    """Or "paper": no distortion, no tilt, stops at eq. 15."""
+    free_tilt: bool = False
+    """The heads were tilted while the motion was recorded, too."""
+    threshold: float = 1e-4
+    """Of AKAZE's response."""
     frame_features: int = 400
     panorama_features: int = 12000
-    ratio: float = 0.85  # of Lowe's test
-    zoom_range: tuple[float, float] = (0.5, 5.0)  # searched where nothing is known, relative to the reference
-    search_deg: float = 8.0  # beyond the frame's edges, where the frame before is known
+    ratio: float = 0.85
+    """Of Lowe's test."""
+    zoom_range: tuple[float, float] = (0.5, 5.0)
+    """Searched where nothing is known, relative to the reference."""
+    search_deg: float = 8.0
+    """Beyond the frame's edges, where the frame before is known."""
     min_inliers: int = 12
-    sure_agreement: float = 0.85  # of an alignment (see `align.Alignment`) alone, or features are asked
-    same_agreement: float = 0.7  # of one that near and far starts led to alike
-    min_agreement: float = 0.5  # of one that features led to
-    max_pan_sigma_deg: float = 0.05  # a frame whose matches tell less than this is not valid
-    pixels: int = 4000  # of a frame that are aligned with the panorama: more take longer
-    floor_px: float = 0.011  # systematic error of pan at the sweep's zoom: the least standard deviation claimed
-    floor_edge_px: float = 0.025  # the same of the focal length, by what it moves the left and right edges
+    sure_agreement: float = 0.85
+    """Of an alignment (see `align.Alignment`) alone, or features are asked."""
+    same_agreement: float = 0.7
+    """Of one that near and far starts led to alike."""
+    min_agreement: float = 0.5
+    """Of one that features led to."""
+    max_pan_sigma_deg: float = 0.05
+    """A frame whose matches tell less than this is not valid."""
+    pixels: int = 4000
+    """Of a frame that are aligned with the panorama: more take longer."""
+    floor_px: float = 0.011
+    """Systematic error of pan at the sweep's zoom: the least standard deviation claimed."""
+    floor_edge_px: float = 0.025
+    """The same of the focal length, by what it moves the left and right edges."""
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     sweep: SweepConfig = field(default_factory=SweepConfig)
     beliefs: BeliefConfig = field(default_factory=BeliefConfig)

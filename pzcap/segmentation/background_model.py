@@ -35,16 +35,26 @@ SHADOW_WINDOW: Final = (3, 3)  # half pixels over which a shadow is even
 class ForegroundConfig:
     """Defaults suit 8-bit video; the noise is scaled to the footage automatically."""
 
-    noise: float = 1.8  # grey levels by which the frame and an even hall differ
-    camera_error_px: float = 0.22  # with parallax that the panorama does not have
-    prior_log_odds: float = -1.0  # of body anywhere, nothing predicted
-    floor_range_m: float = 25.0  # where shadows are expected
-    shadow_log_odds: float = -2.5  # of shadow against none, there
-    shadow_light: float = 0.65  # that a shadow leaves
-    shadow_spread: float = 0.3  # of its logarithm
-    prediction_sigma_px: float = 1.0  # of a predicted outline where the pose is right
-    prediction_for: float = 3.5  # log-odds that a prediction speaks with at most, for the body
-    prediction_against: float = 1.5  # and against it
+    noise: float = 1.8
+    """Grey levels by which the frame and an even hall differ."""
+    camera_error_px: float = 0.22
+    """With parallax that the panorama does not have."""
+    prior_log_odds: float = -1.0
+    """Of body anywhere, nothing predicted."""
+    floor_range_m: float = 25.0
+    """Where shadows are expected."""
+    shadow_log_odds: float = -2.5
+    """Of shadow against none, there."""
+    shadow_light: float = 0.65
+    """That a shadow leaves."""
+    shadow_spread: float = 0.3
+    """Of its logarithm."""
+    prediction_sigma_px: float = 1.0
+    """Of a predicted outline where the pose is right."""
+    prediction_for: float = 3.5
+    """Log-odds that a prediction speaks with at most, for the body."""
+    prediction_against: float = 1.5
+    """And against it."""
 
 
 def shrink(values: Pixels, by: int) -> Pixels:

@@ -56,34 +56,45 @@ def _schedule() -> tuple[Round, ...]:
 class TrackingConfig:
     """Defaults suit a body of 150-400 pixels at 25-60 frames a second."""
 
-    keyframe_position_sigma_m: float = 0.010  # how well a hand places the root
-    keyframe_rotation_sigma_rad: float = 0.052  # and turns each joint
-    appearance_rate: float = 0.15  # share of the image that the appearance takes on with each frame
-    # what the pose that is expected may be wrong by, a frame
+    keyframe_position_sigma_m: float = 0.010
+    """How well a hand places the root."""
+    keyframe_rotation_sigma_rad: float = 0.052
+    """And turns each joint."""
+    appearance_rate: float = 0.15
+    """Share of the image that the appearance takes on with each frame."""
     prediction_position_sigma_m: float = 0.03
+    """What the pose that is expected may be wrong by, a frame."""
     prediction_rotation_sigma_rad: float = 0.20
-    velocity_gain: float = 0.8  # how fast the velocity follows
-    joint_persistence: float = 0.2  # of a joint's velocity, what is expected to go on: unseen limbs come to rest
+    velocity_gain: float = 0.8
+    """How fast the velocity follows."""
+    joint_persistence: float = 0.2
+    """Of a joint's velocity, what is expected to go on: unseen limbs come to rest."""
     limit_sigma_rad: float = 0.05
-    cut_out_margin: float = 0.1  # what is kept of a view around the body, in sizes of the body
-    doubt_m2: float = (
-        0.004  # foreground that nothing explains, or hall that a limb lies on, to search for the limb again
-    )
-    step_tolerance: float = 3e-3  # metres, radians: a smaller step ends a round
+    cut_out_margin: float = 0.1
+    """What is kept of a view around the body, in sizes of the body."""
+    doubt_m2: float = 0.004
+    """Foreground that nothing explains, or hall that a limb lies on, to search for the limb again."""
+    step_tolerance: float = 3e-3
+    """Metres, radians: a smaller step ends a round."""
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
-    start_widening: float = 4.0  # of a prediction's sigma while the velocity is not known
-    # of a frame's contour, on the body's shape: the next frame errs alike; 0: the body stays as the tape has it
+    start_widening: float = 4.0
+    """Of a prediction's sigma while the velocity is not known."""
     shape_weight: float = 0.024
-    shape_texture_weight: float = 0.6  # and of its texture
-    shape_rounds: int = 2  # of correcting the body and improving the poses, a stretch
-    # what the motion accelerates by, a frame squared
+    """Of a frame's contour, on the body's shape: the next frame errs alike; 0: the body stays as the tape has it."""
+    shape_texture_weight: float = 0.6
+    """And of its texture."""
+    shape_rounds: int = 2
+    """Of correcting the body and improving the poses, a stretch."""
     acceleration_position_sigma_m: float = 0.01
+    """What the motion accelerates by, a frame squared."""
     acceleration_rotation_sigma_rad: float = 0.05
-    # what the centre of mass departs from a fall by in flight: the masses of the segments are not known
     fall_sigma_m_s2: float = 2.5
+    """What the centre of mass departs from a fall by in flight: the masses of the segments are not known."""
     polishing_sweeps: int = 2
-    longest_stretch: int = 200  # frames that wait for a keyframe to be tracked backward
-    longest_lead: int = 120  # frames before the first keyframe that are kept to be tracked backward
+    longest_stretch: int = 200
+    """Frames that wait for a keyframe to be tracked backward."""
+    longest_lead: int = 120
+    """Frames before the first keyframe that are kept to be tracked backward."""
 
     def __post_init__(self) -> None:
         if not self.schedule or self.schedule[-1].surprise_m > 0.0:

@@ -21,22 +21,35 @@ _TILT_SMOOTHING_S = 0.3  # nobody follows every jump with the tilt
 class OperatorConfig:
     """How steady the hands are and how the picture is framed."""
 
-    moves: Literal["pan_zoom", "pan", "none"] = "pan_zoom"  # pan: zoomed once, for all of it; none: locked
-    reaction_s: float = 0.15  # what is seen is acted upon this much later
-    bandwidth_hz: float = 0.9  # of the hand on the pan bar, a mass on a spring
-    damping: float = 0.55  # of the same; below 1 it overshoots
-    tremor_deg: float = 0.02  # standard deviation
+    moves: Literal["pan_zoom", "pan", "none"] = "pan_zoom"
+    """Pan: zoomed once, for all of it; none: locked."""
+    reaction_s: float = 0.15
+    """What is seen is acted upon this much later."""
+    bandwidth_hz: float = 0.9
+    """Of the hand on the pan bar, a mass on a spring."""
+    damping: float = 0.55
+    """Of the same; below 1 it overshoots."""
+    tremor_deg: float = 0.02
+    """Standard deviation."""
     tremor_hz: float = 4.0
-    body_height: float = 0.55  # of the body in the picture, image heights
-    whole_body: bool = True  # False: as close as `body_height` says, if only the chest stays in the picture
+    body_height: float = 0.55
+    """Of the body in the picture, image heights."""
+    whole_body: bool = True
+    """False: as close as `body_height` says, if only the chest stays in the picture."""
     zoom_smoothing_s: float = 0.45
-    sweep_step_deg: float = 2.05  # between the frames of the sweep
-    sweep_speed_variation: float = 0.05  # standard deviation of a step, share of the step
-    swing_deg_s: float = 0.0  # peak speed of a swing to and fro about the athlete; 0: none
+    sweep_step_deg: float = 2.05
+    """Between the frames of the sweep."""
+    sweep_speed_variation: float = 0.05
+    """Standard deviation of a step, share of the step."""
+    swing_deg_s: float = 0.0
+    """Peak speed of a swing to and fro about the athlete; 0: none."""
     swing_hz: float = 1.9
-    zoom_swing_s: float = 0.0  # time to zoom through the lens's whole range and back, for its own sake; 0: as framed
-    tilts: bool = False  # follows the body's height by hand, too; else the tilt stays locked
-    trajectories: str = ""  # CSV file of what the cameras do while the motion is recorded, in place of operators
+    zoom_swing_s: float = 0.0
+    """Time to zoom through the lens's whole range and back, for its own sake; 0: as framed."""
+    tilts: bool = False
+    """Follows the body's height by hand, too; else the tilt stays locked."""
+    trajectories: str = ""
+    """CSV file of what the cameras do while the motion is recorded, in place of operators."""
 
     def __post_init__(self) -> None:
         if self.trajectories and (self.swing_deg_s or self.zoom_swing_s or self.tilts):

@@ -28,21 +28,33 @@ Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
 class OpticsConfig:
     """Mount and lens. An effect whose size is 0 (vignetting: 1) is exactly absent."""
 
-    reference_focal: float = 1.375  # focal length at the reference pose, image widths (880 px of 640)
-    zoom_min: float = 0.7  # widest and longest focal length, in reference focal lengths
+    reference_focal: float = 1.375
+    """Focal length at the reference pose, image widths (880 px of 640)."""
+    zoom_min: float = 0.7
+    """Widest and longest focal length, in reference focal lengths."""
     zoom_max: float = 3.0
-    k1_wide: float = -0.08  # radial distortion at the widest focal length; linear in log focal
-    k1_long: float = 0.02  # and at the longest
-    principal_offset: float = 0.00625  # of the principal point from the centre, image widths (4 px of 640)
-    vignetting: float = 0.8  # brightness in the corners, falling with the square of the radius
-    axis_beside_m: float = 0.003  # the rotation axis stands beside the projection centre,
-    axis_behind_m: float = 0.005  # and behind it: what remains after the slide head was set
-    centre_travel_m: float = 0.005  # of the projection centre along the optical axis, widest to longest
+    k1_wide: float = -0.08
+    """Radial distortion at the widest focal length; linear in log focal."""
+    k1_long: float = 0.02
+    """And at the longest."""
+    principal_offset: float = 0.00625
+    """Of the principal point from the centre, image widths (4 px of 640)."""
+    vignetting: float = 0.8
+    """Brightness in the corners, falling with the square of the radius."""
+    axis_beside_m: float = 0.003
+    """The rotation axis stands beside the projection centre,."""
+    axis_behind_m: float = 0.005
+    """And behind it: what remains after the slide head was set."""
+    centre_travel_m: float = 0.005
+    """Of the projection centre along the optical axis, widest to longest."""
     tilt_deg: float = -4.0
     tilt_sigma_deg: float = 0.7
-    roll_deg: float = 0.5  # to either side
-    axis_lean_deg: float = 0.3  # of the pan axis from the vertical, at most
-    position_sigma_m: float = 0.2  # of the tripods about their places in the hall
+    roll_deg: float = 0.5
+    """To either side."""
+    axis_lean_deg: float = 0.3
+    """Of the pan axis from the vertical, at most."""
+    position_sigma_m: float = 0.2
+    """Of the tripods about their places in the hall."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,24 +14,32 @@ from pzcap.types import Image, Mask
 class SensorConfig:
     """Exposure, noise, compression, clock. An effect whose size is 0 is exactly absent."""
 
-    read_noise: float = 2.0  # standard deviation, grey levels
-    shot_noise: float = 0.02  # variance per grey level
-    exposure_drift: float = 0.03  # largest departure of the brightness from its mean
+    read_noise: float = 2.0
+    """Standard deviation, grey levels."""
+    shot_noise: float = 0.02
+    """Variance per grey level."""
+    exposure_drift: float = 0.03
+    """Largest departure of the brightness from its mean."""
     shutter_s: float = 1 / 250
-    sub_exposures: int = (
-        2  # averaged over the open shutter while the motion is recorded; the sweep is too slow to need it
-    )
-    supersampling: float = 2.0  # frames of the motion are rendered so much finer than the image: the less, the further
-    # edges stand beside themselves
-    supersampling_still: float = 4.0  # and the reference image, the sweep and the zoom run, by which all is measured
-    grid_turn_deg: float = 0.0  # of the grid they are rendered on, about the optical axis: an upright edge then crosses
-    # many of its columns, and does not stand beside itself by as much in all rows
-    mipmaps: bool = True  # textures seen small are blurred beforehand, and move a little with the zoom; without them
-    # pictures have to be rendered much finer than the image
-    crf_motion: int = 20  # H.264 quality
-    crf_still: int = 12  # and of the sweep and the zoom run
-    largest_roll: int = 5  # frames that a camera starts early or stops late, at most
-    dropped_share: float = 0.0  # of the motion's frames
+    sub_exposures: int = 2
+    """Averaged over the open shutter while the motion is recorded; the sweep is too slow to need it."""
+    supersampling: float = 2.0
+    """Frames of the motion are rendered so much finer than the image: the less, the further."""
+    supersampling_still: float = 4.0
+    """Edges stand beside themselves and the reference image, the sweep and the zoom run, by which all is measured."""
+    grid_turn_deg: float = 0.0
+    """Of the grid they are rendered on, about the optical axis: an upright edge then crosses."""
+    mipmaps: bool = True
+    """Many of its columns, and does not stand beside itself by as much in all rows textures seen small are blurred
+    beforehand, and move a little with the zoom; without them."""
+    crf_motion: int = 20
+    """Pictures have to be rendered much finer than the image H.264 quality."""
+    crf_still: int = 12
+    """And of the sweep and the zoom run."""
+    largest_roll: int = 5
+    """Frames that a camera starts early or stops late, at most."""
+    dropped_share: float = 0.0
+    """Of the motion's frames."""
 
 
 class Exposure:

@@ -34,11 +34,16 @@ _MARKER_PX_PER_M: Final = 384  # a marker's cell is 32 texels, a marker 192: its
 class GymConfig:
     """How the hall is furnished and lit."""
 
-    shadows: bool = True  # the main light casts shadows
-    texture_px_per_m: float = 200.0  # of the lower walls and the carpet; less where no camera comes near
-    lights_on: float = 1.0  # brightness while the motion is recorded, over that of all before
-    wall_pictures: str = ""  # folder of pictures that cover walls: north, east, south, west, as PNG or JPEG
-    rearranged: bool = False  # vaulting boxes and mats stand elsewhere while the motion is recorded
+    shadows: bool = True
+    """The main light casts shadows."""
+    texture_px_per_m: float = 200.0
+    """Of the lower walls and the carpet; less where no camera comes near."""
+    lights_on: float = 1.0
+    """Brightness while the motion is recorded, over that of all before."""
+    wall_pictures: str = ""
+    """Folder of pictures that cover walls: north, east, south, west, as PNG or JPEG."""
+    rearranged: bool = False
+    """Vaulting boxes and mats stand elsewhere while the motion is recorded."""
 
     def __post_init__(self) -> None:
         if not 50.0 <= self.texture_px_per_m <= 500.0:

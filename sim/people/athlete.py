@@ -24,8 +24,10 @@ _Vector = tuple[float, float, float]
 class AthleteConfig:
     """How the athlete looks."""
 
-    clothing: Literal["rich", "plain"] = "rich"  # printed shirt and seams, or plain cloth of weak texture
-    sleeves: Literal["short", "long"] = "short"  # of the shirt: bare forearms, or such as look like the trunk
+    clothing: Literal["rich", "plain"] = "rich"
+    """Printed shirt and seams, or plain cloth of weak texture."""
+    sleeves: Literal["short", "long"] = "short"
+    """Of the shirt: bare forearms, or such as look like the trunk."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,12 @@ class CrewConfig:
 
     tape_sigma_m: float = 0.005
     keyframes_per_s: float = 1.0
-    keyframe_position_m: float = 0.00577  # along each axis; 10 mm in all
-    keyframe_rotation_deg: float = 3.0  # of a joint; about a random axis, or about its own for a hinge
-    walks_in_sweep: bool = False  # somebody walks to and fro in the hall while the cameras sweep it
+    keyframe_position_m: float = 0.00577
+    """Along each axis; 10 mm in all."""
+    keyframe_rotation_deg: float = 3.0
+    """Of a joint; about a random axis, or about its own for a hinge."""
+    walks_in_sweep: bool = False
+    """Somebody walks to and fro in the hall while the cameras sweep it."""
 
 
 def measure(measurements: dict[str, float], config: CrewConfig, rng: np.random.Generator) -> Subject:

@@ -42,17 +42,28 @@ class DetectorConfig:
     """How a detector errs. Lengths are standard deviations along each axis, in shares of the athlete's stature."""
 
     enabled: bool = False
-    meaning: float = 0.008  # what it means by a keypoint lies elsewhere on the body
-    noise: float = 0.007  # of a joint that it sees well
-    noise_px: float = 0.7  # and of what a pixel of the video can tell
-    blur: float = 0.5  # share of a motion blur's length that it errs by besides
-    hidden: float = 3.0  # times as much where the body hides the joint
-    inverted: float = 2.0  # times as much, and as often, where the body is upside down
-    memory: float = 0.7  # how alike its errors are from one frame to the next
-    swapped: float = 0.02  # share of the frames in which arms, or legs, are taken for one another
-    swap_frames: float = 4.0  # how long that lasts
-    astray: float = 0.01  # share of the keypoints that lie anywhere on the body
-    missed: float = 0.01  # share of the keypoints that it does not find, and twice as many hidden ones
+    meaning: float = 0.008
+    """What it means by a keypoint lies elsewhere on the body."""
+    noise: float = 0.007
+    """Of a joint that it sees well."""
+    noise_px: float = 0.7
+    """And of what a pixel of the video can tell."""
+    blur: float = 0.5
+    """Share of a motion blur's length that it errs by besides."""
+    hidden: float = 3.0
+    """Times as much where the body hides the joint."""
+    inverted: float = 2.0
+    """Times as much, and as often, where the body is upside down."""
+    memory: float = 0.7
+    """How alike its errors are from one frame to the next."""
+    swapped: float = 0.02
+    """Share of the frames in which arms, or legs, are taken for one another."""
+    swap_frames: float = 4.0
+    """How long that lasts."""
+    astray: float = 0.01
+    """Share of the keypoints that lie anywhere on the body."""
+    missed: float = 0.01
+    """Share of the keypoints that it does not find, and twice as many hidden ones."""
 
 
 class Detector:

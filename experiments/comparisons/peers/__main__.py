@@ -40,9 +40,12 @@ from pzcap.types import PzcapError
 class PeersConfig(AppConfig):
     """Everything that `python -m experiments.comparisons.peers` can be told: what a run can, and this."""
 
-    every: int = 10  # locate every so many-th frame
-    methods: tuple[str, ...] = ()  # of bench.METHODS; none: all
-    reconstruction: str | None = None  # a folder that a run left of the same capture; null: calibrate now
+    every: int = 10
+    """Locate every so many-th frame."""
+    methods: tuple[str, ...] = ()
+    """Of bench.METHODS; none: all."""
+    reconstruction: str | None = None
+    """A folder that a run left of the same capture; null: calibrate now."""
 
 
 def run(config: PeersConfig, tree: dict[str, Any], folder: Path, console: Console) -> tuple[bench.Result, ...]:

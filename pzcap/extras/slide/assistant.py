@@ -25,14 +25,22 @@ EDGE = 0.03  # image widths about the border of the crew's box, where nobody kno
 
 @dataclass(frozen=True, slots=True)
 class SlideConfig:
-    threshold: float = 2e-4  # of AKAZE's response
-    features: int = 1500  # a frame, at most
-    ratio: float = 0.8  # of Lowe's test
-    frames: int = 12  # of the pan, at most
-    distance_sigma: float = 0.03  # of the distances that the crew measured, relative
-    depth: float = 0.05  # how deep the near object is; relative standard deviation
-    far_depth: float = 0.4  # and what is behind it
-    focal_sigma: float = 0.3  # of log focal
+    threshold: float = 2e-4
+    """Of AKAZE's response."""
+    features: int = 1500
+    """A frame, at most."""
+    ratio: float = 0.8
+    """Of Lowe's test."""
+    frames: int = 12
+    """Of the pan, at most."""
+    distance_sigma: float = 0.03
+    """Of the distances that the crew measured, relative."""
+    depth: float = 0.05
+    """How deep the near object is; relative standard deviation."""
+    far_depth: float = 0.4
+    """And what is behind it."""
+    focal_sigma: float = 0.3
+    """Of log focal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
