@@ -31,14 +31,13 @@ from experiments.metrics import machine
 from experiments.progress import Bars
 from pzcap import pipeline
 from pzcap.body import skeleton
-from pzcap.calibration import calibrate
-from pzcap.calibration.calibrate import Prepared
-from pzcap.camera_set import taken_over
+from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.camera_set import calibrate_camera, footage_of, taken_over
 from pzcap.geometry.camera import at
 from pzcap.io import results
-from pzcap.io.capture import frame_sets, read_capture, read_image
-from pzcap.io.video import VideoReader
-from pzcap.localisation.localise import Localiser, PanZoomConfig, predicted
+from pzcap.io.capture import frame_sets, read_capture
+from pzcap.localisation.localise import Localiser, predicted
 from pzcap.segmentation import foreground
 from pzcap.tracking.camera_refinement import camera_prior
 from pzcap.tracking.tracker import Tracker, TrackInput, View
@@ -91,7 +90,7 @@ class Stages:
         ]  # fmt: skip
 
 
-def bench(capture: Capture, prepared: Sequence[Prepared] | None, config: pipeline.Config, bars: Bars) -> Stages:
+def bench(capture: Capture, prepared: Sequence[CalibratedCamera] | None, config: pipeline.Config, bars: Bars) -> Stages:
     """Run every stage that ``capture`` has the material for, and time it.
 
     ``prepared`` is what is known of the cameras already, one each; None: calibrate them. Raises PzcapError where a
@@ -108,7 +107,7 @@ def bench(capture: Capture, prepared: Sequence[Prepared] | None, config: pipelin
     return stages
 
 
-def _calibrate(capture: Capture, number: int, config: pipeline.Config, stages: Stages, bars: Bars) -> Prepared:
+def _calibrate(capture: Capture, number: int, config: pipeline.Config, stages: Stages, bars: Bars) -> CalibratedCamera:
     files = capture.cameras[number]
     if capture.calibration_object is None or files.reference is None or files.sweep is None:
         raise PzcapError(f"camera {files.name}: a benchmark needs its reference image and sweep, and the object")
@@ -120,11 +119,7 @@ def _calibrate(capture: Capture, number: int, config: pipeline.Config, stages: S
             matched = time.perf_counter()
         bars.update(f"camera {files.name}: {stage}", done, total)
 
-    zoom = None if files.zoom is None else VideoReader(files.zoom)
-    prepared = calibrate.prepare(
-        read_image(files.reference), capture.calibration_object, VideoReader(files.sweep), zoom, capture.full_turn,
-        config.panzoom, report,
-    )  # fmt: skip
+    prepared = calibrate_camera(footage_of(capture, files), config.panzoom, report)
     stages.match.add(matched - start)
     stages.adjust.add(time.perf_counter() - matched)
     return prepared
@@ -141,7 +136,7 @@ def _decode(capture: Capture, stages: Stages, bars: Bars) -> None:
 
 def _follow(
     capture: Capture,
-    prepared: Sequence[Prepared],
+    prepared: Sequence[CalibratedCamera],
     localisers: Sequence[Localiser],
     config: pipeline.Config,
     stages: Stages,
@@ -193,7 +188,7 @@ def _follow(
 
 
 def _given(
-    frames: FrameSet, prepared: Sequence[Prepared], found: Found, silhouettes: Sequence[Silhouette | None],
+    frames: FrameSet, prepared: Sequence[CalibratedCamera], found: Found, silhouettes: Sequence[Silhouette | None],
     config: pipeline.Config,
 ) -> TrackInput:  # fmt: skip
     views: list[View | None] = []
@@ -231,7 +226,7 @@ def table(stages: Stages, title: str) -> Table:
     return result
 
 
-def _ready(capture: Capture, folder: Path, method: str) -> list[Prepared]:
+def _ready(capture: Capture, folder: Path, method: str) -> list[CalibratedCamera]:
     """Cameras and panoramas of a reconstruction by the cameras of ``capture``."""
     found = taken_over(capture, results.load(folder), method, [])
     missing = [files.name for files, ready in zip(capture.cameras, found, strict=True) if ready is None]

@@ -15,7 +15,7 @@ import cattrs
 from cattrs.errors import ForbiddenExtraKeysError
 from omegaconf import DictConfig, OmegaConf
 
-from pzcap import pipeline
+from pzcap.extras import reconstruct as extras
 from pzcap.types import PzcapError
 from sim.session import ShootConfig
 
@@ -55,7 +55,7 @@ class AppConfig:
     cameras: str | None = None
     """Results of another take by the same cameras, not moved since: not calibrated again."""
     shoot: ShootConfig = field(default_factory=ShootConfig)
-    reconstruct: pipeline.Config = field(default_factory=pipeline.Config)
+    reconstruct: extras.Config = field(default_factory=extras.Config)
     output: OutputConfig = field(default_factory=OutputConfig)
 
 

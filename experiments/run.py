@@ -40,7 +40,8 @@ from experiments.score import Score, score
 from experiments.silhouette_score import ForegroundScorer
 from experiments.studies import jobs
 from experiments.totals import metrics
-from pzcap import events, pipeline
+from pzcap import events
+from pzcap.extras import reconstruct
 from pzcap.io import results
 from pzcap.io.capture import read_capture
 from pzcap.types import Array, Capture, PzcapError, Reconstruction
@@ -145,8 +146,9 @@ def _reconstruct(
     recorder: Recorder | None,
 ) -> Reconstructed:
     """Drive the pipeline. Scoring and recording happen between its steps and are not in its time."""
-    clock = _Clock(pipeline.stages(capture, config.reconstruct, cameras))
+    clock = _Clock(reconstruct.stages(capture, config.reconstruct, cameras))
     contours: dict[tuple[int, int], list[Array]] = {}
+    stage_s = dict.fromkeys(("prepare", "panzoom", "foreground", "tracking"), 0.0)
     with memory.watched() as peak:
         for event in clock:
             if recorder is not None:
@@ -154,15 +156,22 @@ def _reconstruct(
             match event:
                 case events.Progress(stage, done, total):
                     bars.update(stage, done, total)
-                case events.FrameSeparated(frames, _, silhouettes):
+                case events.CamerasReady(seconds):
+                    stage_s["prepare"] = seconds
+                case events.FrameLocalised():
+                    stage_s["panzoom"] += event.seconds
+                case events.BodyTracked():
+                    stage_s["tracking"] += event.seconds
+                case events.FrameSegmented(frames, _, silhouettes):
+                    stage_s["foreground"] += event.seconds
                     for camera, silhouette in enumerate(silhouettes):
                         if silhouette is None or not silhouette.valid:
                             continue
                         contours[frames.index, camera] = outlines(silhouette.probability)
                         if foreground is not None:
                             foreground.add(frames.index, frames.timecode, camera, silhouette.probability)
-                case events.Finished(reconstruction, seconds):
-                    return Reconstructed(reconstruction, dict(seconds), clock.seconds, peak, contours)
+                case events.Finished(reconstruction):
+                    return Reconstructed(reconstruction, stage_s, clock.seconds, peak, contours)
                 case _:
                     pass
     raise AssertionError("the pipeline ends with Finished")

@@ -1,23 +1,29 @@
-"""Stages 2-3: the cameras of a capture made ready, each for itself, before the motion; or taken over from another take
-by the same cameras, which have not been moved since."""
+"""Stages 2-3: the cameras of a capture calibrated side by side before the motion; or taken over from another take by
+the same cameras, which have not been moved since."""
 
 from __future__ import annotations
 
 import queue
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from typing import TypeAlias
 
 from pzcap.calibration import reference_camera
-from pzcap.calibration.calibrate import Prepared, prepare
-from pzcap.events import CameraPrepared, Progress
+from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, SweptFrames, calibrate, no_report
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
-from pzcap.localisation.localise import PanZoomConfig
+from pzcap.localisation.localise import count_from_reference
 from pzcap.runtime import give_back
-from pzcap.types import CameraFiles, Capture, PzcapError, Reconstruction
+from pzcap.types import CameraFiles, Capture, Panorama, PanZoomCamera, PzcapError, Reconstruction
 
 
-def taken_over(capture: Capture, earlier: Reconstruction, method: str, notes: list[str]) -> tuple[Prepared | None, ...]:
+def taken_over(
+    capture: Capture, earlier: Reconstruction, method: str, notes: list[str]
+) -> tuple[CalibratedCamera | None, ...]:
     """The cameras of ``capture`` as ``earlier``, by the same cameras at the same places, has them; None for one that it
     does not know, or could not calibrate.
 
@@ -30,7 +36,7 @@ def taken_over(capture: Capture, earlier: Reconstruction, method: str, notes: li
         )
     parts = zip(earlier.references, earlier.panoramas, earlier.cameras, strict=True)
     known = {
-        name: Prepared(reference, panorama, camera)
+        name: CalibratedCamera(reference, panorama, camera)
         for name, (reference, panorama, camera) in zip(earlier.camera_names, parts, strict=True)
         if reference is not None and panorama is not None and camera is not None
     }
@@ -53,13 +59,29 @@ def taken_over(capture: Capture, earlier: Reconstruction, method: str, notes: li
     return found
 
 
-def prepare_cameras(
+SuperResolver: TypeAlias = Callable[[Panorama, PanZoomCamera, SweptFrames, Report], Panorama]
+"""Finds in a sweep what lies finer than its pixels, and the sweep's pans again; `pzcap.extras` has one."""
+
+
+def calibrate_camera(
+    footage: Footage, config: PanZoomConfig, report: Report = no_report, super_resolve: SuperResolver | None = None
+) -> CalibratedCamera:
+    """Calibrate one camera, and count its pans from the reference image. Raises PzcapError as `calibrate` does."""
+    found, swept = calibrate(footage, config, report)
+    panorama = found.panorama
+    if super_resolve is not None:
+        panorama = super_resolve(panorama, found.camera, swept, report)
+    focal_px = found.reference.camera.focal_px
+    return replace(found, panorama=count_from_reference(panorama, found.camera, footage.reference_image, focal_px))
+
+
+def calibrate_cameras(
     capture: Capture,
-    config: PanZoomConfig,
+    calibrate_one: Callable[[Footage, Report], CalibratedCamera],
     pool: ThreadPoolExecutor,
     notes: list[str],
-    ready: Sequence[Prepared | None] = (),
-) -> Iterator[Progress | CameraPrepared]:
+    ready: Sequence[CalibratedCamera | None] = (),
+) -> Iterator[Progress | CameraCalibrated]:
     """Calibrate the cameras but those that are ``ready``, as many at a time as ``pool`` has threads; what is missing is
     added to ``notes``.
 
@@ -67,13 +89,18 @@ def prepare_cameras(
     """
     ready = ready or (None,) * len(capture.cameras)
     _find_object(capture, [files for files, known in zip(capture.cameras, ready, strict=True) if known is None])
-    news: queue.SimpleQueue[Progress | CameraPrepared | Future[None]] = queue.SimpleQueue()
+    news: queue.SimpleQueue[Progress | CameraCalibrated | Future[None]] = queue.SimpleQueue()
 
     def job(index: int, files: CameraFiles) -> None:
         def report(stage: str, done: int, total: int) -> None:
             news.put(Progress(f"camera {files.name}: {stage}", done, total))
 
-        news.put(CameraPrepared(index, _prepare_camera(capture, files, config, report)))
+        started = time.perf_counter()
+        try:
+            calibrated = calibrate_one(footage_of(capture, files), report)
+        except PzcapError as error:
+            raise PzcapError(f"camera {files.name}: {error}") from error
+        news.put(CameraCalibrated(index, calibrated, time.perf_counter() - started))
         give_back()
 
     jobs: list[Future[None]] = []
@@ -81,12 +108,12 @@ def prepare_cameras(
         missing = _missing(capture, files)
         if known is None and missing:
             notes.append(f"camera {files.name} is not calibrated: {missing}")
-            yield CameraPrepared(index, None)
+            yield CameraCalibrated(index, None, 0.0)
             continue
         if files.motion is None:
             notes.append(f"camera {files.name} recorded no motion: the body is tracked in the other views")
         if known is not None:
-            yield CameraPrepared(index, known)
+            yield CameraCalibrated(index, known, 0.0)
             continue
         if files.zoom is None:
             notes.append(f"camera {files.name} has no zoom run: distortion and principal point are taken as constant")
@@ -128,21 +155,11 @@ def _find_object(capture: Capture, cameras: Sequence[CameraFiles]) -> None:
             raise PzcapError(f"camera {files.name}: {files.reference}: {error}") from error
 
 
-def _prepare_camera(
-    capture: Capture, files: CameraFiles, config: PanZoomConfig, report: Callable[[str, int, int], None]
-) -> Prepared:
+def footage_of(capture: Capture, files: CameraFiles) -> Footage:
+    """The footage of one camera in the empty hall. Raises PzcapError where an image or video cannot be opened."""
     assert capture.calibration_object is not None
     assert files.reference is not None
     assert files.sweep is not None
-    try:
-        return prepare(
-            read_image(files.reference),
-            capture.calibration_object,
-            VideoReader(files.sweep),
-            None if files.zoom is None else VideoReader(files.zoom),
-            capture.full_turn,
-            config,
-            report,
-        )
-    except PzcapError as error:
-        raise PzcapError(f"camera {files.name}: {error}") from error
+    zoom = None if files.zoom is None else VideoReader(files.zoom)
+    image, sweep = read_image(files.reference), VideoReader(files.sweep)
+    return Footage(image, capture.calibration_object, sweep, zoom, capture.full_turn)

@@ -1,27 +1,38 @@
-"""What the pipeline tells while it works: each stage's results as they come, and how far it is."""
+"""Events of the pipeline: each stage's results as they come, the time they took, and how far the work is."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pzcap.calibration.calibrate import Prepared
+from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.tracking.camera_refinement import CameraPrior
 from pzcap.tracking.tracker import Tracked
 from pzcap.types import Camera, FrameSet, Localisation, Reconstruction, Silhouette
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Progress:
+    """How far a stage is."""
+
     stage: str
     done: int
     total: int  # 0 where it is not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CameraPrepared:
+class CameraCalibrated:
     """Stages 2-3 are done for one camera; None where the material is missing."""
 
     index: int
-    prepared: Prepared | None
+    calibrated: CalibratedCamera | None
+    seconds: float  # wall time, beside the other cameras
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CamerasReady:
+    """Stages 2-3 are done for all cameras, and frames can be localised."""
+
+    seconds: float  # wall time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,22 +41,33 @@ class FrameLocalised:
 
     frames: FrameSet
     localisations: tuple[Localisation | None, ...]  # one a camera; None where there is no frame or no camera
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrameSeparated:
+class FrameSegmented:
     """Stage 5 is done for one instant."""
 
     frames: FrameSet
     cameras: tuple[Camera | None, ...]  # one a camera; None where it is lost or the frame missing
     silhouettes: tuple[Silhouette | None, ...]
+    priors: tuple[CameraPrior | None, ...]  # how well each camera is known; None: taken as it is
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyTracked:
+    """Stage 6 has taken in one instant, or the end. Poses come in order, up to two intervals between keyframes late."""
+
+    poses: tuple[Tracked, ...]
+    seconds: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finished:
+    """All is done."""
+
     reconstruction: Reconstruction
-    seconds: dict[str, float]  # wall time: of the whole of "prepare", summed over the frame sets for the others
 
 
-Event = Progress | CameraPrepared | FrameLocalised | FrameSeparated | Tracked | Finished
-"""`Tracked`: stage 6 is done for one instant. Comes in order, up to two intervals between keyframes late."""
+Event = Progress | CameraCalibrated | CamerasReady | FrameLocalised | FrameSegmented | BodyTracked | Finished

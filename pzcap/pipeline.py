@@ -1,4 +1,9 @@
-"""Footage in, cameras and motion out: the paper's method section, a line a stage."""
+"""Footage in, cameras and motion out: the paper's method section, a line a stage.
+
+`stages` runs the whole; `reconstruct` runs it for whoever wants the result alone. The stages are functions, for whoever
+replaces one to compare it: `calibrate_cameras`, `ViewLocaliser`, `segment_views`, `body_tracker`, and `follow`, the one
+loop over the frames.
+"""
 
 from __future__ import annotations
 
@@ -6,24 +11,34 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
-from typing import Final
+from functools import partial
+from typing import Any, Final, Protocol
 
 import numpy as np
 
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import Prepared, no_report
-from pzcap.camera_set import prepare_cameras, taken_over
-from pzcap.events import CameraPrepared, Event, Finished, FrameLocalised, FrameSeparated, Progress
-from pzcap.extras import keyframe_diagnostics, rts_smoother
+from pzcap.calibration.calibrate import CalibratedCamera, no_report
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.camera_set import calibrate_camera, calibrate_cameras, taken_over
+from pzcap.events import (
+    BodyTracked,
+    CameraCalibrated,
+    CamerasReady,
+    Event,
+    Finished,
+    FrameLocalised,
+    FrameSegmented,
+    Progress,
+)
 from pzcap.geometry.camera import at
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.io.detections import NOBODY
-from pzcap.localisation.localise import Localiser, PanZoomConfig, predicted, systematic
+from pzcap.localisation.covariance import systematic
+from pzcap.localisation.localise import Localiser, predicted
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
-from pzcap.tracking.camera_refinement import camera_prior
+from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
 from pzcap.tracking.tracker import Tracked, Tracker, TrackingConfig, TrackInput, View
 from pzcap.types import (
     Array,
@@ -40,21 +55,38 @@ from pzcap.types import (
     Silhouette,
 )
 
-TIDY_EVERY: Final = 30
-"""Frame sets after which free memory is given back: what threads leave between what they keep comes to 150 MiB."""
+TIDY_EVERY: Final = 8
+"""Frame sets after which free memory is given back to the system."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Config:
+    """How footage is reconstructed."""
+
     panzoom: PanZoomConfig = field(default_factory=PanZoomConfig)
+    """Calibration, and pan and zoom of each frame."""
     foreground: foreground.ForegroundConfig = field(default_factory=foreground.ForegroundConfig)
+    """Silhouettes."""
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
-    smooth: rts_smoother.SmoothConfig = field(default_factory=rts_smoother.SmoothConfig)
+    """The body."""
     threads: int = 2
+    """Views that are worked on side by side; BLAS and OpenCV have one thread each."""
 
     def __post_init__(self) -> None:
         if self.threads < 1:
             raise PzcapError(f"threads is {self.threads}; give 1 or more")
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """The functions that find a camera and its frames. `pzcap.extras` has others than `EXACT`."""
+
+    name: str
+    calibrate: Callable[..., CalibratedCamera]  # of a Footage, a PanZoomConfig and a Report
+    localiser: Callable[..., Any]  # of a panorama, a PanZoomCamera and a PanZoomConfig; it has `localise`
+
+
+EXACT: Final = Method("exact", calibrate_camera, Localiser)
 
 
 def reconstruct(
@@ -63,22 +95,27 @@ def reconstruct(
     report: Callable[[str, int, int], None] = no_report,
     cameras: Reconstruction | None = None,
 ) -> Reconstruction:
-    """Run every stage that ``capture`` has the material for. See ``stages`` for ``cameras`` and the results on the way.
+    """Run every stage that ``capture`` has the material for. See `stages` for ``cameras``.
 
     ``report(stage, done, total)`` hears of the progress; a total of 0 is not known yet.
     """
-    for event in stages(capture, config, cameras):
+    return finished(stages(capture, config, cameras), report)
+
+
+def finished(events: Iterator[Event], report: Callable[[str, int, int], None]) -> Reconstruction:
+    """The reconstruction that ``events`` end with."""
+    for event in events:
         match event:
             case Progress(stage, done, total):
                 report(stage, done, total)
-            case Finished(reconstruction, _):
+            case Finished(reconstruction):
                 return reconstruction
-            case _:
-                pass
-    raise AssertionError("stages() ends with Finished")
+    raise AssertionError("stages end with Finished")
 
 
-def stages(capture: Capture, config: Config, cameras: Reconstruction | None = None) -> Iterator[Event]:
+def stages(
+    capture: Capture, config: Config, cameras: Reconstruction | None = None, method: Method = EXACT
+) -> Iterator[Event]:
     """Run every stage that ``capture`` has the material for, and yield each result as it comes.
 
     ``cameras`` is of another take by the same cameras: those that it knows are not calibrated again.
@@ -87,151 +124,222 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
     the reconstruction's ``notes`` say what and why. Memory does not grow with the length of the video, but for the
     result itself. Raises PzcapError where a file is there and is not what it should be.
     """
-    seconds = {"prepare": 0.0, "panzoom": 0.0, "foreground": 0.0, "tracking": 0.0}
+    if config.panzoom.method != method.name:
+        raise PzcapError(f"method '{config.panzoom.method}' is not the core's; call pzcap.extras.reconstruct for it")
     notes: list[str] = []
     set_large_apart()
     with one_thread_each(), ThreadPoolExecutor(config.threads) as pool:
         sets = frame_sets(capture)
-        tracker = _tracker(capture, sets, config, notes)
+        tracker = body_tracker(capture, sets, config, notes)
+        known = taken_over(capture, cameras, method.name, notes) if cameras else ()
 
         started = time.perf_counter()
-        prepared: list[Prepared | None] = [None] * len(capture.cameras)
-        ready = taken_over(capture, cameras, config.panzoom.method, notes) if cameras else ()
-        for event in prepare_cameras(capture, config.panzoom, pool, notes, ready):
-            if isinstance(event, CameraPrepared):
-                prepared[event.index] = event.prepared
-            yield event
+        calibrated: list[CalibratedCamera | None] = [None] * len(capture.cameras)
+        one = partial(_calibrate, method, config.panzoom)
+        for calibration in calibrate_cameras(capture, one, pool, notes, known):
+            if isinstance(calibration, CameraCalibrated):
+                calibrated[calibration.index] = calibration.calibrated
+            yield calibration
         if tracker:
-            tracker.make_ready()  # not before: cameras being prepared take most of the memory that there is
-        # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
-        localisers = [None if p is None else Localiser(p.panorama, p.camera, config.panzoom) for p in prepared]
-        give_back()
-        seconds["prepare"] = time.perf_counter() - started
+            tracker.make_ready()  # not before: cameras being calibrated take most of the memory that there is
+        localise = ViewLocaliser(calibrated, config.panzoom, pool, method)
+        yield CamerasReady(time.perf_counter() - started)
 
-        found: list[list[Localisation | None]] = [[] for _ in capture.cameras]
+        segment = partial(segment_views, calibrated, config, pool)
+        located: list[tuple[Localisation | None, ...]] = []
         poses: list[Tracked] = []
-        views = _Views(prepared, localisers, config, pool, seconds)
-        for frames in sets:
-            seen = views.localise(frames, tracker)
-            for history, localisation in zip(found, seen.localisations, strict=True):
-                history.append(localisation)
-            separated = views.separate(seen, tracker)
-            yield from (seen, separated)
-            if tracker:
-                started = time.perf_counter()
-                arrived = tracker.push(_track_input(seen, separated, prepared, config))
-                seconds["tracking"] += time.perf_counter() - started
-                yield from arrived
-                poses += arrived
-            if frames.index % TIDY_EVERY == 0:
-                give_back()
-            yield Progress("motion", frames.index + 1, len(sets))
-        if tracker:
-            started = time.perf_counter()
-            arrived = tracker.finish()
-            seconds["tracking"] += time.perf_counter() - started
-            yield from arrived
-            poses += arrived
+        for event in follow(sets, localise, segment, tracker):
+            match event:
+                case FrameLocalised(_, localisations):
+                    located.append(localisations)
+                case BodyTracked(tracked):
+                    poses += tracked
+            yield event
+    yield Finished(_assembled(capture, sets, config, calibrated, known, located, tracker, poses, notes))
 
-    motion = None
-    if tracker and capture.subject:
-        motion = tracker.motion(poses)
-        taped, hand_sigma = skeleton.build(capture.subject), config.tracking.hand_sigma
-        notes += keyframe_diagnostics.notes(motion, sets.keyframes, taped, hand_sigma, sets.timecodes)
-    heads = tuple(None if p is None else p.camera for p in prepared)
-    tracks = tuple(_panzoom_track(history) if p else None for p, history in zip(prepared, found, strict=True))
-    notes += [
-        f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"
-        for files, known, track in zip(capture.cameras, ready, tracks, strict=False)
-        if known and files.motion and track and not track.valid.any()
-    ]
-    yield Finished(
-        Reconstruction(
-            capture_name=capture.name,
-            method=config.panzoom.method,
-            frame_rate=capture.frame_rate,
-            timecodes=sets.timecodes,
-            camera_names=tuple(files.name for files in capture.cameras),
-            references=tuple(None if p is None else p.reference for p in prepared),
-            cameras=heads,
-            panoramas=tuple(None if p is None else p.panorama for p in prepared),
-            tracks=smoothed(tracks, heads, capture.frame_rate, config),
-            refined=tuple(
-                None if track is None or head is None or not poses else _refined(track, head, number, poses, config)
-                for number, (track, head) in enumerate(zip(tracks, heads, strict=True))
-            ),
-            motion=motion,
-            notes=tuple(notes),
-        ),
-        seconds,
-    )
+
+def _calibrate(method: Method, config: PanZoomConfig, *footage: Any) -> CalibratedCamera:
+    return method.calibrate(footage[0], config, footage[1])
 
 
 # --------------------------------------------------------------------------------------------------------------
-# Stages 4-5: each view of an instant for itself
+# The loop over the frames
 
 
-@dataclass(slots=True, eq=False)
-class _Views:
-    """The four views of an instant, worked on side by side. Remembers where each camera was last seen."""
+class Localise(Protocol):
+    """Stage 4: the views of an instant found on their panoramas."""
 
-    prepared: list[Prepared | None]
-    localisers: list[Localiser | None]
-    config: Config
-    pool: ThreadPoolExecutor
-    seconds: dict[str, float]  # of each stage, added to
-    before: list[Localisation | None] = field(init=False)
-    last: list[Localisation | None] = field(init=False)
+    def __call__(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised: ...
 
-    def __post_init__(self) -> None:
-        self.before = [None] * len(self.prepared)
-        self.last = [None] * len(self.prepared)
 
-    def localise(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
-        """``tracker``, where there is one, says where it expects the body."""
+class Segment(Protocol):
+    """Stage 5: the athlete cut out of the views of an instant."""
 
-        def one(index: int, image: Image | None) -> Localisation | None:
-            localiser, prepared = self.localisers[index], self.prepared[index]
-            if localiser is None or prepared is None or image is None:
-                return None
-            head = prepared.camera
+    def __call__(self, seen: FrameLocalised, tracker: Tracker | None) -> FrameSegmented: ...
 
-            def hidden(prior: Localisation) -> Mask | None:
-                camera = at(head, prior.pan_rad, prior.tilt_rad, prior.focal_px)
-                expected = None if tracker is None else tracker.expect(frames.index, camera)
-                return None if expected is None else expected.covered(camera.height, camera.width)
 
-            prior = predicted(self.before[index], self.last[index])
-            localisation = localiser.localise(image, prior, hidden)
-            self.before[index] = self.last[index]
-            self.last[index] = localisation if localisation.valid else None
-            return localisation
+def follow(
+    sets: FrameSets, localise: Localise, segment: Segment, tracker: Tracker | None
+) -> Iterator[FrameLocalised | FrameSegmented | BodyTracked | Progress]:
+    """Stages 4 to 6, frame set by frame set. ``tracker``, where there is one, also says where it expects the body."""
+    for frames in sets:
+        seen = localise(frames, tracker)
+        yield seen
+        segmented = segment(seen, tracker)
+        yield segmented
+        if tracker:
+            yield _timed(partial(tracker.push, _track_input(segmented)))
+        if frames.index % TIDY_EVERY == 0:
+            give_back()
+        yield Progress("motion", frames.index + 1, len(sets))
+    if tracker:
+        yield _timed(tracker.finish)
 
+
+def _timed(track: Callable[[], list[Tracked]]) -> BodyTracked:
+    started = time.perf_counter()
+    poses = tuple(track())
+    return BodyTracked(poses, time.perf_counter() - started)
+
+
+class ViewLocaliser:
+    """Stage 4: localises the views of an instant side by side, each from where its camera was seen last."""
+
+    def __init__(
+        self,
+        cameras: Sequence[CalibratedCamera | None],
+        config: PanZoomConfig,
+        pool: ThreadPoolExecutor,
+        method: Method = EXACT,
+    ) -> None:
+        self._heads = [None if one is None else one.camera for one in cameras]
+        # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
+        self.localisers = [
+            None if one is None else method.localiser(one.panorama, one.camera, config) for one in cameras
+        ]
+        give_back()
+        self._pool = pool
+        self._before: list[Localisation | None] = [None] * len(cameras)
+        self._last: list[Localisation | None] = [None] * len(cameras)
+
+    def __call__(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
+        """Localise ``frames``; ``tracker``, where there is one, says where it expects the body."""
         started = time.perf_counter()
-        localisations = tuple(self.pool.map(one, range(len(frames.images)), frames.images))
-        self.seconds["panzoom"] += time.perf_counter() - started
-        return FrameLocalised(frames, localisations)
+        one = partial(self._one, frames.index, tracker)
+        localisations = tuple(self._pool.map(one, range(len(frames.images)), frames.images))
+        return FrameLocalised(frames, localisations, time.perf_counter() - started)
 
-    def separate(self, seen: FrameLocalised, tracker: Tracker | None) -> FrameSeparated:
-        """``tracker``, where there is one, says where it expects the body."""
+    def _one(self, frame: int, tracker: Tracker | None, index: int, image: Image | None) -> Localisation | None:
+        localiser, head = self.localisers[index], self._heads[index]
+        if localiser is None or head is None or image is None:
+            return None
 
-        def one(index: int) -> tuple[Camera | None, Silhouette | None]:
-            image, found, prepared = seen.frames.images[index], seen.localisations[index], self.prepared[index]
-            if prepared is None or image is None or found is None or not found.valid:
-                return None, None
-            camera = at(prepared.camera, found.pan_rad, found.tilt_rad, found.focal_px)
-            expected = None if tracker is None else tracker.expect(seen.frames.index, camera)
-            settings = self.config.foreground
-            return camera, foreground.separate(image, prepared.panorama, prepared.camera, found, settings, expected)
+        def hidden(prior: Localisation) -> Mask | None:
+            camera = at(head, prior.pan_rad, prior.tilt_rad, prior.focal_px)
+            expected = None if tracker is None else tracker.expect(frame, camera)
+            return None if expected is None else expected.covered(camera.height, camera.width)
 
-        started = time.perf_counter()
-        pairs = list(self.pool.map(one, range(len(seen.frames.images))))
-        self.seconds["foreground"] += time.perf_counter() - started
-        cameras, silhouettes = (tuple(parts) for parts in zip(*pairs, strict=True))
-        return FrameSeparated(seen.frames, cameras, silhouettes)
+        prior = predicted(self._before[index], self._last[index])
+        localisation: Localisation = localiser.localise(image, prior, hidden)
+        self._before[index] = self._last[index]
+        self._last[index] = localisation if localisation.valid else None
+        return localisation
 
 
-def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:
+def segment_views(
+    cameras: Sequence[CalibratedCamera | None],
+    config: Config,
+    pool: ThreadPoolExecutor,
+    seen: FrameLocalised,
+    tracker: Tracker | None,
+) -> FrameSegmented:
+    """Stage 5: the athlete cut out of the views of an instant, side by side; ``tracker`` says where it expects the
+    body."""
+    started = time.perf_counter()
+
+    def one(index: int) -> tuple[Camera | None, Silhouette | None, CameraPrior | None]:
+        image, found, known = seen.frames.images[index], seen.localisations[index], cameras[index]
+        if known is None or image is None or found is None or not found.valid:
+            return None, None, None
+        camera = at(known.camera, found.pan_rad, found.tilt_rad, found.focal_px)
+        expected = None if tracker is None else tracker.expect(seen.frames.index, camera)
+        silhouette = foreground.separate(image, known.panorama, known.camera, found, config.foreground, expected)
+        return camera, silhouette, camera_prior(config.panzoom, known.camera, found)
+
+    found, silhouettes, priors = zip(*pool.map(one, range(len(seen.frames.images))), strict=True)
+    return FrameSegmented(seen.frames, found, silhouettes, priors, time.perf_counter() - started)
+
+
+def body_tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]) -> Tracker | None:
+    """The tracker of stage 6; None, and a reason added to ``notes``, where the capture holds nothing to track by."""
+    if capture.subject is None:
+        notes.append("the body is not tracked: the capture holds no tape measurements (subject.json)")
+        return None
+    if not sets.keyframes:
+        notes.append("the body is not tracked: the capture holds no keyframes (keyframes.json)")
+        return None
+    model = skeleton.build(capture.subject)
+    notes += keyframes.check(sets.keyframes, model, len(sets))
+    return Tracker(model, sets.keyframes, float(capture.frame_rate), config.tracking)
+
+
+def _track_input(segmented: FrameSegmented) -> TrackInput:
+    frames = segmented.frames
+    people = frames.keypoints or (NOBODY,) * len(frames.images)
+
+    def view(index: int) -> View | None:
+        image, camera, silhouette = frames.images[index], segmented.cameras[index], segmented.silhouettes[index]
+        if image is None or camera is None or silhouette is None or not silhouette.valid:
+            return None
+        return View(image, camera, silhouette, people[index], segmented.priors[index])
+
+    return TrackInput(frames.index, tuple(view(index) for index in range(len(frames.images))))
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The result
+
+
+def _assembled(
+    capture: Capture,
+    sets: FrameSets,
+    config: Config,
+    calibrated: Sequence[CalibratedCamera | None],
+    known: Sequence[CalibratedCamera | None],
+    located: Sequence[tuple[Localisation | None, ...]],
+    tracker: Tracker | None,
+    poses: Sequence[Tracked],
+    notes: list[str],
+) -> Reconstruction:
+    """Gather what the stages found."""
+    heads = tuple(None if one is None else one.camera for one in calibrated)
+    histories = zip(*located, strict=True) if located else ((),) * len(heads)
+    tracks = tuple(_panzoom_track(history) if one else None for one, history in zip(calibrated, histories, strict=True))
+    notes += [
+        f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"
+        for files, taken, track in zip(capture.cameras, known, tracks, strict=False)
+        if taken and files.motion and track and not track.valid.any()
+    ]
+    return Reconstruction(
+        capture_name=capture.name,
+        method=config.panzoom.method,
+        frame_rate=capture.frame_rate,
+        timecodes=sets.timecodes,
+        camera_names=tuple(files.name for files in capture.cameras),
+        references=tuple(None if one is None else one.reference for one in calibrated),
+        cameras=heads,
+        panoramas=tuple(None if one is None else one.panorama for one in calibrated),
+        tracks=tracks,
+        refined=tuple(
+            None if track is None or head is None or not poses else _refined(track, head, number, poses, config)
+            for number, (track, head) in enumerate(zip(tracks, heads, strict=True))
+        ),
+        motion=tracker.motion(poses) if tracker else None,
+        notes=tuple(notes),
+    )
+
+
+def _panzoom_track(history: Sequence[Localisation | None]) -> PanZoomTrack:
     def column(value: Callable[[Localisation], float]) -> Array:
         return np.array([value(found) if found else 0.0 for found in history])
 
@@ -248,7 +356,7 @@ def _panzoom_track(history: list[Localisation | None]) -> PanZoomTrack:
 def _refined(
     track: PanZoomTrack, head: PanZoomCamera, number: int, poses: Sequence[Tracked], config: Config
 ) -> PanZoomTrack:
-    """The ``track`` of one camera with what the body has corrected of it."""
+    """The ``track`` of camera ``number`` with what the body has corrected of it."""
     pan_rad, focal_px, covariance = track.pan_rad.copy(), track.focal_px.copy(), track.covariance.copy()
     shared = systematic(config.panzoom, head, track.pan_rad, track.focal_px)
     for pose in poses:
@@ -258,62 +366,3 @@ def _refined(
             focal_px[pose.frame] *= np.exp(correction.step[1])
             covariance[pose.frame] = shared[pose.frame] + correction.covariance
     return replace(track, pan_rad=pan_rad, focal_px=focal_px, covariance=covariance)
-
-
-def smoothed(
-    tracks: tuple[PanZoomTrack | None, ...],
-    cameras: tuple[PanZoomCamera | None, ...],
-    frame_rate: Fraction,
-    config: Config,
-) -> tuple[PanZoomTrack | None, ...]:
-    """The finished tracks, smoothed where the config says so.
-
-    A smoother looks ahead, and the pipeline runs forward: silhouettes and body were found with the cameras as each
-    frame alone gave them, whatever is done here.
-    """
-    if not config.smooth.enabled:
-        return tracks
-    return tuple(
-        None
-        if track is None or camera is None
-        # systematic error, which the covariances hold, is not smoothed away
-        else rts_smoother.smooth(
-            track,
-            frame_rate,
-            config.smooth,
-            systematic(config.panzoom, camera, track.pan_rad, track.focal_px),
-        )
-        for track, camera in zip(tracks, cameras, strict=True)
-    )
-
-
-# --------------------------------------------------------------------------------------------------------------
-# Stage 6: the body in all views
-
-
-def _tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]) -> Tracker | None:
-    if capture.subject is None:
-        notes.append("the body is not tracked: the capture holds no tape measurements (subject.json)")
-        return None
-    if not sets.keyframes:
-        notes.append("the body is not tracked: the capture holds no keyframes (keyframes.json)")
-        return None
-    model = skeleton.build(capture.subject)
-    notes += keyframes.check(sets.keyframes, model, len(sets))
-    return Tracker(model, sets.keyframes, float(capture.frame_rate), config.tracking)
-
-
-def _track_input(
-    seen: FrameLocalised, separated: FrameSeparated, prepared: Sequence[Prepared | None], config: Config
-) -> TrackInput:
-    people = seen.frames.keypoints or (NOBODY,) * len(prepared)
-
-    def view(index: int) -> View | None:
-        image, camera, silhouette = seen.frames.images[index], separated.cameras[index], separated.silhouettes[index]
-        known, found = prepared[index], seen.localisations[index]
-        if image is None or camera is None or silhouette is None or known is None or found is None:
-            return None
-        aim = camera_prior(config.panzoom, known.camera, found)
-        return View(image, camera, silhouette, people[index], aim) if silhouette.valid else None
-
-    return TrackInput(seen.frames.index, tuple(view(index) for index in range(len(prepared))))

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import taken_over
-from pzcap.events import Finished, FrameLocalised, FrameSeparated
+from pzcap.events import BodyTracked, Finished, FrameLocalised, FrameSegmented
+from pzcap.extras import reconstruct as extras
 from pzcap.io import results
 from pzcap.io.capture import read_capture
-from pzcap.localisation.localise import systematic
+from pzcap.localisation.covariance import systematic
 from pzcap.pipeline import Config, reconstruct, stages
-from pzcap.tracking.tracker import Tracked
 from pzcap.types import Capture, PzcapError, Reconstruction
 
 RECONSTRUCT = """
@@ -97,11 +98,11 @@ def test_events_come_in_order_and_end_with_the_result(capture: Capture, reconstr
         match event:
             case FrameLocalised(frames, _):
                 localised.append(frames.index)
-            case FrameSeparated(frames, _, _):
+            case FrameSegmented(frames):
                 separated.append(frames.index)
-            case Tracked(frame=index):
-                assert index <= separated[-1]
-                tracked.append(index)
+            case BodyTracked(poses):
+                assert all(pose.frame <= separated[-1] for pose in poses)
+                tracked += [pose.frame for pose in poses]
             case _:
                 pass
     assert localised == separated == tracked == list(range(len(localised)))
@@ -207,8 +208,12 @@ def bare(capture: Capture) -> Capture:
 
 @pytest.mark.xdist_group("pipeline")
 def test_the_paper_method_runs_on_the_same_footage(capture: Capture) -> None:
-    config = Config()
-    config = dataclasses.replace(config, panzoom=dataclasses.replace(config.panzoom, method="paper"))
-    result = reconstruct(capture, config)
+    config = extras.Config(panzoom=PanZoomConfig(method="paper"))
+    result = extras.reconstruct(capture, config)
     assert result.method == "paper"
     assert all(track is not None and track.valid.any() for track in result.tracks)
+
+
+def test_a_method_that_the_core_has_not_is_said_in_one_line(capture: Capture) -> None:
+    with pytest.raises(PzcapError, match=r"method 'paper' .* pzcap.extras"):
+        reconstruct(capture, Config(panzoom=PanZoomConfig(method="paper")))

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from experiments.paper_figures.canvas import PANNED, REFERENCE, WIDTH, Drawn, beneath, cased, letter, lines, show
 from experiments.paper_figures.material import Located, Run, shoot_config
 from experiments.paper_figures.panoramas import border_on_panorama, window
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry import camera as camera_model
-from pzcap.localisation.localise import Localiser, PanZoomConfig
+from pzcap.localisation.localise import Localiser
 from pzcap.types import Array, CalibrationObject, Camera, Image, Localisation, PzcapError
 from pzcap.viewer.drawing import project_edges
 from sim.restage import Hall

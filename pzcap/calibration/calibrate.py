@@ -1,90 +1,86 @@
-"""One camera made ready: reference image, sweep and zoom run in, panorama and pan-zoom camera out.
+"""The calibration of one camera: reference image, sweep and zoom run in, panorama and pan-zoom camera out.
 
-With ``method="exact"`` the matches of all three go into one adjustment (`pzcap.calibration.bundle_adjustment`): the
-sweep's closed circle fixes the focal length, the zoom run the principal point and how distortion changes, the reference
-image where pan 0 is. With ``method="paper"`` the camera turns about its own y axis and has no distortion (sections
-3.4-4.1).
+The matches of all three go into one adjustment (`pzcap.calibration.bundle_adjustment`), which grey values then improve
+(`pzcap.calibration.photometric_bundle_adjustment`): the sweep's closed circle fixes the focal length, the zoom run the
+principal point and how distortion changes, the reference image where pan 0 is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.calibration import features, photometric_bundle_adjustment, reference_camera, stitching
+from pzcap.calibration import photometric_bundle_adjustment, reference_camera, stitching
 from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust, thinned
 from pzcap.calibration.correspondences import AZIMUTHS, Matched, height_of, match
 from pzcap.calibration.parameters import Model
-from pzcap.calibration.sweep import Frames, grey
-from pzcap.extras import leave_half_out
-from pzcap.extras.superresolution import super_resolve
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.calibration.sweep import Frames
 from pzcap.geometry import camera as geometry
-from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
 from pzcap.imaging.bspline import stored
-from pzcap.localisation.localise import PanZoomConfig, panorama_features
-from pzcap.localisation.panzoom_solvers import ransac_eq15, solve_eq15
-from pzcap.localisation.photometric_alignment import SURE_AGREEMENT, Aligner, Alignment
 from pzcap.types import (
     CalibrationObject,
     Camera,
     Image,
     InverseDepthMap,
-    Lens,
     Panorama,
     PanZoomCamera,
-    PzcapError,
     ReferenceCamera,
 )
+
+Report: TypeAlias = Callable[[str, int, int], None]
+"""Hears of the progress: a stage, how much of it is done, of how much (0: not known)."""
 
 PARTIAL_SCALE_SIGMA = 1e-3  # relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole
 NODES = (10, AZIMUTHS)  # slopes and azimuths at which the hall's distance is estimated from grey values
 
 
+class Footage(NamedTuple):
+    """The footage of one camera in the empty hall, and what it shows."""
+
+    reference_image: Image  # (H, W, 3) of the calibration object, at the reference pose
+    calibration_object: CalibrationObject
+    sweep: Frames  # iterated more than once, as the zoom run is
+    zoom: Frames | None
+    full_turn: bool  # the sweep's circle closes
+
+
+class SweptFrames(NamedTuple):
+    """The sweep's grey frames as the panorama was stitched from them."""
+
+    images: Sequence[Image]  # (H, W) each
+    brightness: stitching.Brightness
+    view: View  # of the sweep, at pan 0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
+class CalibratedCamera:
+    """Everything that is known of a camera before the motion."""
+
     reference: ReferenceCamera
     panorama: Panorama
     camera: PanZoomCamera
 
 
 def no_report(stage: str, done: int, total: int) -> None:
-    """Progress goes nowhere."""
+    """Discard progress."""
 
 
-def prepare(
-    reference_image: Image,
-    calibration_object: CalibrationObject,
-    sweep: Frames,
-    zoom: Frames | None,
-    full_turn: bool,
-    config: PanZoomConfig,
-    report: Callable[[str, int, int], None] = no_report,
-) -> Prepared:
-    """Calibrate one camera at its reference pose, and make its panorama.
+def calibrate(
+    footage: Footage, config: PanZoomConfig, report: Report = no_report
+) -> tuple[CalibratedCamera, SweptFrames]:
+    """Calibrate one camera at its reference pose, and stitch its panorama.
 
-    ``sweep`` and ``zoom`` are iterated more than once. ``report(stage, done, total)`` hears of the progress; a total of
-    0 is not known yet. Raises PzcapError when the calibration object is not found or the sweep does not hold together.
+    ``report(stage, done, total)`` hears of the progress; a total of 0 is not known yet. Raises PzcapError when the
+    calibration object is not found or the sweep does not hold together.
     """
+    reference_image, calibration_object, sweep, zoom, full_turn = footage
     first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
-    if config.method == "paper":
-        return _prepare_paper(first, reference_image, sweep, config, report)
-    return _prepare_exact(first, reference_image, calibration_object, sweep, zoom, full_turn, config, report)
-
-
-def _prepare_exact(
-    first: ReferenceCamera,
-    reference_image: Image,
-    calibration_object: CalibrationObject,
-    sweep: Frames,
-    zoom: Frames | None,
-    full_turn: bool,
-    config: PanZoomConfig,
-    report: Callable[[str, int, int], None],
-) -> Prepared:
     height, width = reference_image.shape[:2]
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
     chained, count = matched.chained, len(matched.chained.pan_rad)
@@ -114,34 +110,7 @@ def _prepare_exact(
         closure_rad=chained.closure_rad,
         residual_px=adjusted.residual_px,
     )
-    if config.sweep.super_resolve:
-        background = _super_resolved(background, camera, chained.images, brightness, swept, report)
-    # every pan is counted from this one image, so its own error is all frames': there is time for all of its pixels
-    aligner = Aligner(background, camera, pixels=reference_image.size)
-    aligned = aligner.align(reference_image, 0.0, camera.tilt_rad, refined.camera.focal_px, 1.5)
-    return Prepared(refined, _counted_from(background, aligned), camera)
-
-
-def _super_resolved(
-    background: Panorama,
-    camera: PanZoomCamera,
-    images: Sequence[Image],
-    brightness: stitching.Brightness,
-    view: View,
-    report: Callable[[str, int, int], None],
-) -> Panorama:
-    """The panorama super-resolved from the sweep's grey frames, whose pans are found again for that."""
-    height, width = images[0].shape
-    flat = stitching.flatness(brightness, view, width, height)
-    gains = np.exp(-brightness.log_gain).astype(np.float32)
-
-    def level(k: int) -> NDArray[np.float32]:
-        return np.asarray(images[k] * (flat * gains[k]), np.float32)
-
-    pan_rad = leave_half_out.pans(background, camera, images, level, report)
-    moved = replace(background, sweep_pan_rad=pan_rad)
-    fine = super_resolve(moved, camera, level, lambda done, total: report("super-resolve", done, total))
-    return replace(moved, fine=fine)
+    return CalibratedCamera(refined, background, camera), SweptFrames(chained.images, brightness, swept)
 
 
 def _fit_grey_values(
@@ -149,7 +118,7 @@ def _fit_grey_values(
     model: Model,
     brightness: stitching.Brightness,
     config: PanZoomConfig,
-    report: Callable[[str, int, int], None],
+    report: Report,
 ) -> photometric_bundle_adjustment.Fitted:
     """The model fitted to all frames, each made as bright as the others and as bright at its edge as in its middle."""
     images = [*matched.chained.images, *matched.beside]
@@ -167,18 +136,6 @@ def _fit_grey_values(
         pixels=config.sweep.pixels, smoothing=config.sweep.smoothing,
         report=lambda done: report("adjust grey values", done, photometric_bundle_adjustment.ITERATIONS),
     )  # fmt: skip
-
-
-def _counted_from(panorama: Panorama, reference: Alignment) -> Panorama:
-    """The panorama, its azimuths counted from where the reference image lies on it.
-
-    The adjustment knows that already; but found in the same way as later the pan of every frame, what is wrong with all
-    of them alike is not wrong with their difference.
-    """
-    if reference.agreement < SURE_AGREEMENT:
-        return panorama
-    origin_px = panorama.origin_px - np.array([reference.pan_rad * panorama.px_per_rad, 0.0])
-    return replace(panorama, origin_px=origin_px, sweep_pan_rad=panorama.sweep_pan_rad - reference.pan_rad)
 
 
 def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, InverseDepthMap]:
@@ -219,30 +176,3 @@ def _sweep_inliers(adjusted: Adjusted, links: Sequence[Link], count: int) -> NDA
             inliers[link.first] = agreed
     inliers[-1] = inliers[-2]
     return inliers
-
-
-def _prepare_paper(
-    first: ReferenceCamera,
-    reference_image: Image,
-    sweep: Frames,
-    config: PanZoomConfig,
-    report: Callable[[str, int, int], None],
-) -> Prepared:
-    height, width = reference_image.shape[:2]
-    focal = first.camera.focal_px
-    pasted = stitching.stitch_paper(sweep, focal, config.sweep, lambda done: report("stitch sweep", done, 0))
-    unfolded, covered, origin = cylinder.to_cylinder(reference_image, focal)
-    inside = np.asarray(covered, np.uint8)
-    found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside)
-    landmarks = panorama_features(pasted, config.threshold, config.panorama_features)
-    pairs = features.match(found, landmarks, config.ratio)
-    relative, places = found.points_px[pairs[:, 0]] - origin, landmarks.points_px[pairs[:, 1]]
-    agree = ransac_eq15(relative, places)
-    if agree.sum() < config.min_inliers:
-        raise PzcapError("reference image: it shows nothing of what the sweep showed; sweep past the reference pose")
-    (_, column, row), _ = solve_eq15(relative[agree], places[agree])
-    shift = (column - pasted.origin_px[0]) / pasted.px_per_rad
-    background = replace(pasted, origin_px=np.array([column, row]), sweep_pan_rad=pasted.sweep_pan_rad + shift)
-    lens = Lens(width, height, focal, first.camera.principal_px[None], np.zeros(1))
-    level = PanZoomCamera(lens, np.eye(4), 0.0, 0.0)
-    return Prepared(first, background, geometry.mount(replace(first.camera, k1=0.0), level))

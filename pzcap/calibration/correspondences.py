@@ -15,11 +15,11 @@ from pzcap.calibration import features
 from pzcap.calibration.bundle_adjustment import Link, adjust
 from pzcap.calibration.features import Features
 from pzcap.calibration.parameters import BeliefConfig, Model, Sigmas
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Chain, Frames, chain, grey, link_further, link_views, place, spaced
 from pzcap.calibration.zoom_run import link_zoom
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
-from pzcap.localisation.localise import PanZoomConfig
 from pzcap.types import FAR_AWAY, Array, Camera, Image, InverseDepthMap, PzcapError
 
 MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor

@@ -14,9 +14,9 @@ import numpy as np
 
 from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.features import Features
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import link_views, place, spaced
 from pzcap.geometry.camera import View, wrapped
-from pzcap.localisation.localise import PanZoomConfig
 from pzcap.types import Array, PzcapError
 
 STEPS = (1, 2, 4, 8)  # zoom frames matched with those so many further on

@@ -25,6 +25,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.calibration import stitching
+from pzcap.calibration.calibrate import Report, SweptFrames
 from pzcap.calibration.sweep import grey
 from pzcap.extras.superresolution import Levels, super_resolve
 from pzcap.geometry.cylinder import to_unwrapped
@@ -131,3 +133,18 @@ def _beside(told: Sequence[_Told], half: NDArray[np.int64], found: Array, trust:
         rows.append(trust[k] * row)
         values.append(trust[k] * root @ found[k])
     return np.asarray(np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=1e-9)[0][:-1], np.float64)
+
+
+def super_resolved(panorama: Panorama, camera: PanZoomCamera, swept: SweptFrames, report: Report) -> Panorama:
+    """The panorama super-resolved from the sweep's grey frames, whose pans are found again for that."""
+    images, brightness, view = swept
+    height, width = images[0].shape
+    flat = stitching.flatness(brightness, view, width, height)
+    gains = np.exp(-brightness.log_gain).astype(np.float32)
+
+    def level(k: int) -> NDArray[np.float32]:
+        return np.asarray(images[k] * (flat * gains[k]), np.float32)
+
+    moved = replace(panorama, sweep_pan_rad=pans(panorama, camera, images, level, report))
+    fine = super_resolve(moved, camera, level, lambda done, total: report("super-resolve", done, total))
+    return replace(moved, fine=fine)

@@ -1,16 +1,15 @@
 """Pan and zoom of a frame: where it belongs on the panorama (section 4).
 
-`Localiser` takes one of two ways. ``paper`` unfolds the frame onto the reference cylinder and solves eq. 15. ``exact``
-aligns the frame with the panorama by its pixels (`pzcap.localisation.photometric_alignment`): from where the frame
-before was, else from where the whole frame looks most alike (`pzcap.localisation.coarse_search`), else, as when
-somebody covers much of it, from where its matches say by eq. 11 (`pzcap.localisation.panzoom_solvers`). What the pixels
-do not bear out does not count.
+`Localiser` aligns the frame with the panorama by its pixels (`pzcap.localisation.photometric_alignment`): from where
+the frame before was, else from where the whole frame looks most alike (`pzcap.localisation.coarse_search`), else, as
+when somebody covers much of it, from where its matches say by eq. 11 (`pzcap.localisation.panzoom_solvers`). A place
+that the pixels do not bear out does not count.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -18,63 +17,20 @@ from numpy.typing import NDArray
 
 from pzcap.calibration import features
 from pzcap.calibration.features import Features
-from pzcap.calibration.parameters import BeliefConfig
-from pzcap.calibration.reference_camera import ReferenceConfig
-from pzcap.calibration.sweep import SweepConfig, consensus, grey
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.calibration.sweep import consensus, grey
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View, wrapped
 from pzcap.localisation.coarse_search import Correlator
-from pzcap.localisation.panzoom_solvers import Solution, ransac_eq15, solve_eq11, solve_eq15
-from pzcap.localisation.photometric_alignment import Aligner, Alignment
-from pzcap.types import Array, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera, PzcapError
+from pzcap.localisation.covariance import systematic
+from pzcap.localisation.panzoom_solvers import Solution, solve_eq11
+from pzcap.localisation.photometric_alignment import SURE_AGREEMENT, Aligner, Alignment
+from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
 
-METHODS = ("exact", "paper")
 FEWEST = 2  # matches that agree: a place to look at
 SAME_PX = 0.1  # what two fits that have come to the same place differ by, at most
 WRAP = 64  # columns of a full turn repeated at its ends, for features on the seam
-
-
-@dataclass(frozen=True, slots=True)
-class PanZoomConfig:
-    method: str = "exact"
-    """Or "paper": no distortion, no tilt, stops at eq. 15."""
-    free_tilt: bool = False
-    """The heads were tilted while the motion was recorded, too."""
-    threshold: float = 1e-4
-    """Of AKAZE's response."""
-    frame_features: int = 400
-    panorama_features: int = 12000
-    ratio: float = 0.85
-    """Of Lowe's test."""
-    zoom_range: tuple[float, float] = (0.5, 5.0)
-    """Searched where nothing is known, relative to the reference."""
-    search_deg: float = 8.0
-    """Beyond the frame's edges, where the frame before is known."""
-    min_inliers: int = 12
-    sure_agreement: float = 0.85
-    """Of an alignment (see `align.Alignment`) alone, or features are asked."""
-    same_agreement: float = 0.7
-    """Of one that near and far starts led to alike."""
-    min_agreement: float = 0.5
-    """Of one that features led to."""
-    max_pan_sigma_deg: float = 0.05
-    """A frame whose matches tell less than this is not valid."""
-    pixels: int = 4000
-    """Of a frame that are aligned with the panorama: more take longer."""
-    floor_px: float = 0.011
-    """Systematic error of pan at the sweep's zoom: the least standard deviation claimed."""
-    floor_edge_px: float = 0.025
-    """The same of the focal length, by what it moves the left and right edges."""
-    reference: ReferenceConfig = field(default_factory=ReferenceConfig)
-    sweep: SweepConfig = field(default_factory=SweepConfig)
-    beliefs: BeliefConfig = field(default_factory=BeliefConfig)
-
-    def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise PzcapError(f"method {self.method!r} is not known; choose one of {', '.join(METHODS)}")
-        if self.free_tilt and self.method == "paper":
-            raise PzcapError("the paper's method knows no tilt; take method=exact, or free_tilt=false")
 
 
 class Localiser:
@@ -85,11 +41,9 @@ class Localiser:
         self._camera = camera
         self._config = config
         self._features = panorama_features(panorama, config.threshold, config.panorama_features)
-        self._aligner = None
-        if config.method == "exact":
-            low, high = (zoom * camera.lens.reference_focal_px for zoom in config.zoom_range)
-            self._aligner = Aligner(panorama, camera, pixels=config.pixels, free_tilt=config.free_tilt)
-            self._correlator = Correlator(panorama, camera, (low, high), free_tilt=config.free_tilt)
+        low, high = (zoom * camera.lens.reference_focal_px for zoom in config.zoom_range)
+        self._aligner = Aligner(panorama, camera, pixels=config.pixels, free_tilt=config.free_tilt)
+        self._correlator = Correlator(panorama, camera, (low, high), free_tilt=config.free_tilt)
         self._azimuth, self._slope = cylinder.from_panorama(panorama, self._features.points_px)
 
     def localise(
@@ -105,8 +59,6 @@ class Localiser:
         is expected; it is asked when the others alone must do. A frame whose matches do not determine it, or whose
         grey values do not bear them out, comes back with ``valid`` False.
         """
-        if self._aligner is None:
-            return self._localise_paper(image, prior)
         if prior is not None and prior.valid:
             found = self._near(image, prior, hidden)
             if found is not None:
@@ -120,9 +72,7 @@ class Localiser:
                 proven = self._proven(image, found)
                 if proven is not None:
                     return proven
-        return self._lost(prior)
-
-    # ------------------------------------------------------------------------------------------ exact
+        return lost(self._camera, prior)
 
     def _near(
         self, image: Image, prior: Localisation, hidden: Callable[[Localisation], Mask | None] | None
@@ -130,7 +80,6 @@ class Localiser:
         """The frame near where it is expected; None where it is not there for sure."""
 
         def align(off_px: float, body: Mask | None = None) -> Alignment:
-            assert self._aligner is not None
             return self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px, body)
 
         near = align(1.5)  # most often it is where it was expected
@@ -156,7 +105,6 @@ class Localiser:
 
     def _proven(self, image: Image, found: Localisation) -> Localisation | None:
         """What features found, as all pixels have it; None where that is nothing to rely on."""
-        assert self._aligner is not None
         aligned = self._aligner.align(image, found.pan_rad, found.tilt_rad, found.focal_px, 1.5 if found.valid else 4.0)
         if not found.valid:  # few matches, as at a zoom far from the sweep's: the pixels have to be sure alone
             return self._aligned(aligned) if self._sure(aligned) else None
@@ -197,7 +145,7 @@ class Localiser:
             focals = lens.reference_focal_px * np.exp(np.arange(np.log(low), np.log(high), 0.02))
         else:
             focals = prior.focal_px * np.exp(np.arange(-0.2, 0.2001, 0.02))
-        window = self._windows(prior)[0]
+        window = near_prior(self._azimuth, prior, self._camera, config.search_deg)
         pairs = features.match(found, self._features.subset(window), config.ratio)
         if len(pairs) < FEWEST:
             return None
@@ -241,49 +189,24 @@ class Localiser:
     def _systematic(self, pan_rad: float, focal_px: float) -> Array:
         return systematic(self._config, self._camera, np.array(pan_rad), np.array(focal_px))
 
-    def _lost(self, prior: Localisation | None) -> Localisation:
-        pan, focal = (0.0, self._camera.lens.reference_focal_px) if prior is None else (prior.pan_rad, prior.focal_px)
-        return Localisation(
-            pan, self._camera.tilt_rad, focal, np.diag([np.pi**2, 1.0]), False, np.empty((0, 2)), np.empty((0, 2))
-        )
 
-    # ------------------------------------------------------------------------------------------ paper
+def lost(camera: PanZoomCamera, prior: Localisation | None) -> Localisation:
+    """A frame of ``camera`` that was not found: where ``prior`` expected it, not valid, anywhere in its covariance."""
+    pan, focal = (0.0, camera.lens.reference_focal_px) if prior is None else (prior.pan_rad, prior.focal_px)
+    return Localisation(
+        pan, camera.tilt_rad, focal, np.diag([np.pi**2, 1.0]), False, np.empty((0, 2)), np.empty((0, 2))
+    )
 
-    def _localise_paper(self, image: Image, prior: Localisation | None) -> Localisation:
-        config, lens = self._config, self._camera.lens
-        unfolded, covered, origin = cylinder.to_cylinder(image, lens.reference_focal_px)
-        inside = np.asarray(cv2.erode(covered.astype(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
-        found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside)
-        relative, places = np.empty((0, 2)), np.empty((0, 2))
-        agree = np.zeros(0, bool)
-        for window in self._windows(prior):
-            pairs = features.match(found, self._features.subset(window), config.ratio)
-            relative = found.points_px[pairs[:, 0]] - origin
-            places = self._features.points_px[window[pairs[:, 1]]]
-            agree = ransac_eq15(relative, places)
-            if agree.sum() >= config.min_inliers:
-                break
-        else:
-            return self._lost(None)
-        (shrink, column, _), covariance = solve_eq15(relative[agree], places[agree])
-        if shrink <= 0:
-            return self._lost(None)
-        per_rad = self._panorama.px_per_rad
-        jacobian = np.array([[0.0, -1.0 / per_rad, 0.0], [-1.0 / shrink, 0.0, 0.0]])
-        return Localisation(
-            float((self._panorama.origin_px[0] - column) / per_rad), self._camera.tilt_rad,
-            lens.reference_focal_px / float(shrink), jacobian @ covariance @ jacobian.T, True,
-            cylinder.points_from_cylinder(relative[agree], lens.reference_focal_px, lens.width, lens.height),
-            places[agree],
-        )  # fmt: skip
 
-    def _windows(self, prior: Localisation | None) -> list[NDArray[np.int64]]:
-        """Which of the panorama's features to match with: those around ``prior``, then all."""
-        everything = [np.arange(len(self._azimuth))]
-        if prior is None or not prior.valid:
-            return everything
-        reach = np.arctan(self._camera.lens.width / 2 / prior.focal_px) + np.deg2rad(self._config.search_deg)
-        return [np.flatnonzero(np.abs(wrapped(self._azimuth - prior.pan_rad)) < reach), *everything]
+def near_prior(
+    azimuth_rad: Array, prior: Localisation | None, camera: PanZoomCamera, search_deg: float
+) -> NDArray[np.int64]:
+    """Indices of the panorama's features (azimuths (N,)) within ``search_deg`` of what ``prior`` sees; without it
+    all."""
+    if prior is None or not prior.valid:
+        return np.arange(len(azimuth_rad))
+    reach = np.arctan(camera.lens.width / 2 / prior.focal_px) + np.deg2rad(search_deg)
+    return np.flatnonzero(np.abs(wrapped(azimuth_rad - prior.pan_rad)) < reach)
 
 
 def _likeliest(places: Iterator[Localisation]) -> Iterator[Localisation]:
@@ -298,32 +221,19 @@ def _likeliest(places: Iterator[Localisation]) -> Iterator[Localisation]:
     yield from sorted(doubtful, key=lambda place: len(place.frame_points_px), reverse=True)
 
 
-def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array, focal_px: Array) -> Array:
-    """The covariance (..., 2, 2) at pans and focal lengths (...) of what no single frame shows and all share: a floor;
-    the scale of the sweep, which stretches focal lengths and shrinks pans together; and in the focal length what the
-    distortion may do unseen. The paper's method knows of none."""
-    pan_rad = wrapped(pan_rad)
-    if config.method == "paper":
-        return np.zeros((*pan_rad.shape, 2, 2))
-    scale = np.stack([-pan_rad, np.ones_like(pan_rad)], axis=-1) * camera.focal_sigma
-    lens = camera.lens
-    floor = np.array([config.floor_px / lens.reference_focal_px, config.floor_edge_px / (0.5 * lens.width)])
-    covariance = np.asarray(np.diag(floor**2) + scale[..., :, None] * scale[..., None, :])
-    covariance[..., 1, 1] += _distortion_sigma(lens, focal_px, config.beliefs.k1) ** 2
-    return covariance
+def count_from_reference(panorama: Panorama, camera: PanZoomCamera, image: Image, focal_px: float) -> Panorama:
+    """The panorama, its azimuths counted from where the reference ``image``, of ``focal_px``, lies on it.
 
-
-def _distortion_sigma(lens: Lens, focal_px: Array, k1_sigma: float) -> Array:
-    """Sigma (...) of log focal length, from a distortion whose change, for each unit of that, is known to ``k1_sigma``.
-
-    Only a zoom run shows how it changes: without one the lens has the sweep's (one coefficient) at every zoom. What is
-    missing, k r^3, passes for a longer focal length, a r, by least squares over the image a = k sum r^4 / sum r^2.
+    The adjustment knows that already; but found in the same way as later the pan of every frame, what is wrong with all
+    of them alike is not wrong with their difference.
     """
-    if len(lens.k1) > 1:
-        return np.zeros_like(focal_px)
-    across, down = lens.width**2, lens.height**2
-    mean_square, mean_fourth = (across + down) / 12, (across**2 + down**2) / 80 + across * down / 72
-    return k1_sigma * np.abs(np.log(focal_px / lens.reference_focal_px)) * mean_fourth / mean_square / focal_px**2
+    # every pan is counted from this one image, so its own error is all frames': there is time for all of its pixels
+    aligner = Aligner(panorama, camera, pixels=image.size)
+    reference = aligner.align(image, 0.0, camera.tilt_rad, focal_px, 1.5)
+    if reference.agreement < SURE_AGREEMENT:
+        return panorama
+    origin_px = panorama.origin_px - np.array([reference.pan_rad * panorama.px_per_rad, 0.0])
+    return replace(panorama, origin_px=origin_px, sweep_pan_rad=panorama.sweep_pan_rad - reference.pan_rad)
 
 
 def predicted(before: Localisation | None, last: Localisation | None) -> Localisation | None:

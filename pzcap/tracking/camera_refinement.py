@@ -24,7 +24,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.body.skeleton import DOF, DOF_SEGMENT
-from pzcap.localisation.localise import PanZoomConfig, systematic
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.localisation.covariance import systematic
 from pzcap.types import PARENTS, Array, Camera, Localisation, PanZoomCamera
 
 AIM: Final = 2

@@ -22,7 +22,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from pzcap.events import CameraPrepared, Event, FrameLocalised, FrameSeparated
+from pzcap.events import CameraCalibrated, Event, FrameLocalised, FrameSegmented
 from pzcap.io.capture import read_image
 from pzcap.types import (
     Array,
@@ -73,11 +73,11 @@ class Recorder:
             raise self._error
         names = [camera.name for camera in self.capture.cameras]
         match event:
-            case CameraPrepared():
-                self._queue.put(lambda: self._prepared(event, names[event.index]))
+            case CameraCalibrated():
+                self._queue.put(lambda: self._calibrated(event, names[event.index]))
             case FrameLocalised():
                 self._queue.put(lambda: self._localised(event, names))
-            case FrameSeparated():
+            case FrameSegmented():
                 self._queue.put(lambda: self._separated(event, names))
             case _:
                 pass
@@ -136,8 +136,8 @@ class Recorder:
                 self._queue.task_done()
         self._queue.task_done()
 
-    def _prepared(self, event: CameraPrepared, name: str) -> None:
-        part, prepared = path_part(name), event.prepared
+    def _calibrated(self, event: CameraCalibrated, name: str) -> None:
+        part, prepared = path_part(name), event.calibrated
         if prepared is not None:
             self._panoramas[event.index] = prepared.panorama
             log_panorama(self.rec, f"/panorama/{part}", prepared.panorama, self._quality)
@@ -155,7 +155,7 @@ class Recorder:
         for name, people in zip(names, event.frames.keypoints, strict=False):  # there may be none at all
             log_keypoints(self.rec, name, people)
 
-    def _separated(self, event: FrameSeparated, names: Sequence[str]) -> None:
+    def _separated(self, event: FrameSegmented, names: Sequence[str]) -> None:
         self.rec.set_time(TIMELINE, sequence=event.frames.index)
         for name, silhouette in zip(names, event.silhouettes, strict=True):
             log_silhouette(self.rec, name, silhouette, self._quality)

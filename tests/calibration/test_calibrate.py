@@ -12,11 +12,13 @@ import pytest
 
 from experiments.footage import SMALL
 from pzcap.calibration import calibrate
+from pzcap.calibration.calibrate import Footage
 from pzcap.calibration.correspondences import sigmas_of
 from pzcap.calibration.parameters import BeliefConfig, Model
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.camera_set import calibrate_camera
 from pzcap.geometry.camera import at
 from pzcap.io.video import VideoReader
-from pzcap.localisation.localise import PanZoomConfig
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.types import Camera, InverseDepthMap, Panorama
 from sim.cameras.operator import sweep, through
@@ -107,7 +109,6 @@ def test_what_is_believed_of_walls_does_not_push_the_projection_centre_out(tmp_p
         pass
     image = filming.still(rng)
     crew.stage.close()
-    found = calibrate.prepare(
-        image, gym.calibration_object(), VideoReader(file), None, True, PanZoomConfig()
-    ).camera  # fmt: skip
+    footage = Footage(image, gym.calibration_object(), VideoReader(file), None, True)
+    found = calibrate_camera(footage, PanZoomConfig()).camera
     np.testing.assert_allclose(found.offset_m, [optics.axis_behind_m, -rig.beside_m], rtol=0.09)

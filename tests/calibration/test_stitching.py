@@ -11,6 +11,7 @@ from pzcap.calibration import bundle_adjustment, stitching, sweep
 from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.parameters import Model, Sigmas
 from pzcap.calibration.sweep import SweepConfig
+from pzcap.extras.paper import stitching as paper
 from pzcap.geometry.camera import View
 from pzcap.types import FAR_AWAY, Array, Image, Panorama, PzcapError
 from tests.scenes import synthetic
@@ -126,17 +127,6 @@ def test_a_partial_sweep_is_adjusted_without_closure() -> None:
     assert chain.closure_rad == 0.0
 
 
-def test_the_papers_chain_on_a_camera_as_the_paper_assumes_it() -> None:
-    optics = synthetic.clean(OPTICS)
-    pans = np.deg2rad(np.arange(0.0, 40.0, 4.0))
-    found = stitching.stitch_paper(frames(optics, pans), FOCAL, SweepConfig(), silent)
-    np.testing.assert_allclose(np.rad2deg(found.sweep_pan_rad), np.rad2deg(pans), atol=0.03)
-    azimuth = (found.origin_px[0] - np.arange(found.image.shape[1])) / found.px_per_rad
-    middle = round(found.origin_px[1])
-    here = np.abs(found.image[middle] - hall_at(azimuth, 0 * azimuth)).mean()
-    assert here < 0.7 * np.abs(found.image[middle] - hall_at(azimuth + 2 / FOCAL, 0 * azimuth)).mean()
-
-
 def test_gaps_and_open_circles_are_said_in_one_line() -> None:
     guess = replace(VIEW, tilt_rad=0.0, roll_rad=0.0)
     jump = frames(OPTICS, np.deg2rad([0.0, 4.0, 90.0]))
@@ -146,4 +136,4 @@ def test_gaps_and_open_circles_are_said_in_one_line() -> None:
     with pytest.raises(PzcapError, match="circle cannot close"):
         sweep.chain(half, guess, True, SweepConfig(), silent)
     with pytest.raises(PzcapError, match="too few"):
-        stitching.stitch_paper(frames(OPTICS, np.zeros(1)), FOCAL, SweepConfig(), silent)
+        paper.stitch(frames(OPTICS, np.zeros(1)), FOCAL, SweepConfig(), silent)

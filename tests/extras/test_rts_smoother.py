@@ -11,9 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from pzcap.extras.reconstruct import Config, smoothed
 from pzcap.extras.rts_smoother import SmoothConfig, jerk, smooth
-from pzcap.localisation.localise import systematic
-from pzcap.pipeline import Config, smoothed
+from pzcap.localisation.covariance import systematic
 from pzcap.types import Array, PanZoomTrack, PzcapError
 from tests.geometry.test_cylinder import camera_of
 from tests.scenes import synthetic

@@ -111,31 +111,3 @@ def test_beyond_the_panorama_nothing_is_known() -> None:
     assert not valid[:40].any()
     assert valid[-40:].any()
     assert (image[~valid] == 0).all()
-
-
-@given(st.floats(0, 639), st.floats(0, 479), st.floats(400, 2000))
-def test_equation_6_and_its_inverse(u: float, v: float, focal: float) -> None:
-    point = np.array([[u, v]])
-    unfolded = cylinder.points_to_cylinder(point, focal, 640, 480)
-    np.testing.assert_allclose(cylinder.points_from_cylinder(unfolded, focal, 640, 480), point, atol=1e-8)
-
-
-def test_equation_6_is_the_camera_on_an_upright_head() -> None:
-    """Without distortion, tilt and roll, the paper's cylinder is the cylinder about the pan axis."""
-    lens = Lens(640, 480, 880.0, np.array([[319.5, 239.5]]), np.zeros(1))
-    camera = PanZoomCamera(lens, head_T_cam(0, 0, 0), 0.0, 0.0)
-    points = np.random.default_rng(0).uniform((0, 0), (640, 480), (50, 2))
-    azimuth, slope = pixel_to_direction(view_at(camera, 0.0, 0.0, 880.0), points)
-    expected = -880.0 * np.column_stack([azimuth, slope])
-    np.testing.assert_allclose(cylinder.points_to_cylinder(points, 880.0, 640, 480), expected, atol=1e-9)
-
-
-def test_unfolded_images_hold_what_equation_6_says() -> None:
-    v, u = np.mgrid[0:480, 0:640]
-    ramp = np.stack([u / 4, v / 4, 0 * u], axis=-1).astype(np.uint8)
-    unfolded, covered, origin = cylinder.to_cylinder(ramp, 500.0)
-    points = np.array([[100.0, 100.0], [500.0, 400.0], [319.5, 239.5]])
-    for point, place in zip(points, cylinder.points_to_cylinder(points, 500.0, 640, 480) + origin, strict=True):
-        column, row = np.round(place).astype(int)
-        assert covered[row, column]
-        np.testing.assert_allclose(unfolded[row, column, :2] * 4.0, point, atol=6)

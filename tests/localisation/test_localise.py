@@ -8,13 +8,17 @@ import cv2
 import numpy as np
 import pytest
 
-from pzcap.calibration import calibrate
+from pzcap.calibration.calibrate import CalibratedCamera, Footage
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import consensus
+from pzcap.camera_set import calibrate_camera
+from pzcap.extras.paper import method as paper
 from pzcap.geometry.camera import direction_to_pixel, view_at, wrapped
 from pzcap.localisation import localise
 from pzcap.localisation.coarse_search import Correlator
-from pzcap.localisation.localise import Localiser, PanZoomConfig
-from pzcap.localisation.panzoom_solvers import ransac_eq15, solve_eq11, solve_eq15
+from pzcap.localisation.covariance import systematic
+from pzcap.localisation.localise import Localiser
+from pzcap.localisation.panzoom_solvers import solve_eq11
 from pzcap.types import Array, Image, PzcapError
 from tests.geometry.test_cylinder import camera_of, whole_turn
 from tests.scenes import synthetic
@@ -48,13 +52,14 @@ def material() -> Material:
 
 
 @pytest.fixture(scope="module")
-def exact(material: Material) -> calibrate.Prepared:
-    return calibrate.prepare(
-        material.reference, synthetic.calibration_object(), material.sweep, material.zoom, True, PanZoomConfig()
+def exact(material: Material) -> CalibratedCamera:
+    return calibrate_camera(
+        Footage(material.reference, synthetic.calibration_object(), material.sweep, material.zoom, True),
+        PanZoomConfig(),
     )
 
 
-def test_preparation_finds_the_camera(material: Material, exact: calibrate.Prepared) -> None:
+def test_preparation_finds_the_camera(material: Material, exact: CalibratedCamera) -> None:
     camera, background = exact.camera, exact.panorama
     error = np.rad2deg(background.sweep_pan_rad - material.sweep_pan)
     assert np.sqrt(np.mean(error**2)) < 0.01  # pan 0 is the reference image's
@@ -69,7 +74,7 @@ def test_preparation_finds_the_camera(material: Material, exact: calibrate.Prepa
 
 
 @pytest.mark.parametrize(("pan_deg", "zoom"), [(3.0, 1.0), (-9.0, 0.72), (140.0, 1.5), (-179.9, 2.0), (60.0, 2.6)])
-def test_a_frame_is_found_from_nothing(exact: calibrate.Prepared, pan_deg: float, zoom: float) -> None:
+def test_a_frame_is_found_from_nothing(exact: CalibratedCamera, pan_deg: float, zoom: float) -> None:
     image = synthetic.render(OPTICS, np.deg2rad(pan_deg), FOCAL * zoom, noise_seed=9, gain=0.97)
     found = Localiser(exact.panorama, exact.camera, PanZoomConfig()).localise(image, None)
     assert found.valid
@@ -80,7 +85,7 @@ def test_a_frame_is_found_from_nothing(exact: calibrate.Prepared, pan_deg: float
 
 
 @pytest.mark.parametrize("zoom", [0.6, 4.0, 4.8])
-def test_frames_far_from_the_sweeps_zoom_are_found_from_nothing(exact: calibrate.Prepared, zoom: float) -> None:
+def test_frames_far_from_the_sweeps_zoom_are_found_from_nothing(exact: CalibratedCamera, zoom: float) -> None:
     """At four times the sweep's zoom a frame is but eighty pixels of the panorama wide, too few for features."""
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     for pan_deg in np.arange(-150.0, 180.0, 30.0):
@@ -93,7 +98,7 @@ def test_frames_far_from_the_sweeps_zoom_are_found_from_nothing(exact: calibrate
 
 @pytest.mark.parametrize(("zoom", "covered", "least"), [(3.2, 0.3, 10), (1.0, 0.5, 10)])
 def test_someone_in_the_way_does_not_keep_frames_from_being_found(
-    exact: calibrate.Prepared, zoom: float, covered: float, least: int
+    exact: CalibratedCamera, zoom: float, covered: float, least: int
 ) -> None:
     """Of eleven places; the few others must be lost, not wrong."""
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
@@ -111,7 +116,7 @@ def test_someone_in_the_way_does_not_keep_frames_from_being_found(
     assert sum(located) >= least
 
 
-def test_matches_that_the_pixels_do_not_bear_out_do_not_count(exact: calibrate.Prepared) -> None:
+def test_matches_that_the_pixels_do_not_bear_out_do_not_count(exact: CalibratedCamera) -> None:
     """As when a camera is taken for another one that sees the same wall: a third of the picture is where it belongs."""
     image = synthetic.render(OPTICS, 0.5, FOCAL, seed=1)
     third = OPTICS.width // 3
@@ -119,7 +124,7 @@ def test_matches_that_the_pixels_do_not_bear_out_do_not_count(exact: calibrate.P
     assert not Localiser(exact.panorama, exact.camera, PanZoomConfig()).localise(image, None).valid
 
 
-def test_someone_in_the_picture_is_left_out(exact: calibrate.Prepared) -> None:
+def test_someone_in_the_picture_is_left_out(exact: CalibratedCamera) -> None:
     """A person with a texture of her own, who stands still in the frame while the camera pans."""
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     person = np.random.default_rng(2).integers(0, 255, (160, 70, 3)).astype(np.uint8)
@@ -137,7 +142,7 @@ def test_someone_in_the_picture_is_left_out(exact: calibrate.Prepared) -> None:
 
 
 def test_someone_who_covers_most_of_the_picture_is_left_out_where_she_is_expected(
-    exact: calibrate.Prepared,
+    exact: CalibratedCamera,
 ) -> None:
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     before = localiser.localise(synthetic.render(OPTICS, 0.3, 1.5 * FOCAL), None)
@@ -152,14 +157,14 @@ def test_someone_who_covers_most_of_the_picture_is_left_out_where_she_is_expecte
     assert not localiser.localise(image, before, lambda _: ~body).valid
 
 
-def test_nothing_is_found_in_what_is_all_covered(exact: calibrate.Prepared) -> None:
+def test_nothing_is_found_in_what_is_all_covered(exact: CalibratedCamera) -> None:
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     before = localiser.localise(synthetic.render(OPTICS, 0.3, FOCAL), None)
     image = np.zeros((OPTICS.height, OPTICS.width, 3), np.uint8)
     assert not localiser.localise(image, before, lambda _: np.ones(image.shape[:2], bool)).valid
 
 
-def test_a_tilted_frame_is_found_and_followed(exact: calibrate.Prepared) -> None:
+def test_a_tilted_frame_is_found_and_followed(exact: CalibratedCamera) -> None:
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig(free_tilt=True))
     prior = None
     for step in range(4):
@@ -172,13 +177,13 @@ def test_a_tilted_frame_is_found_and_followed(exact: calibrate.Prepared) -> None
         assert prior.focal_px == pytest.approx(1.5 * FOCAL, rel=2e-3)
 
 
-def test_a_tilted_frame_is_no_frame_of_a_camera_that_does_not_tilt(exact: calibrate.Prepared) -> None:
+def test_a_tilted_frame_is_no_frame_of_a_camera_that_does_not_tilt(exact: CalibratedCamera) -> None:
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     tilted = synthetic.render(replace(OPTICS, tilt_rad=OPTICS.tilt_rad + np.deg2rad(3.0)), 0.1, 1.5 * FOCAL)
     assert not localiser.localise(tilted, None).valid
 
 
-def test_a_fast_pan_is_followed(exact: calibrate.Prepared) -> None:
+def test_a_fast_pan_is_followed(exact: CalibratedCamera) -> None:
     """Its frames are smeared, and not where they were expected."""
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     sharp = localiser.localise(synthetic.render(OPTICS, 0.3, 2 * FOCAL), None)
@@ -190,7 +195,7 @@ def test_a_fast_pan_is_followed(exact: calibrate.Prepared) -> None:
 
 @pytest.mark.parametrize(("zoom", "noise"), [(0.8, 9.0), (1.0, 13.0), (1.5, 26.0)])
 def test_a_noisy_frame_is_followed_without_a_search(
-    exact: calibrate.Prepared, monkeypatch: pytest.MonkeyPatch, zoom: float, noise: float
+    exact: CalibratedCamera, monkeypatch: pytest.MonkeyPatch, zoom: float, noise: float
 ) -> None:
     """Noise agrees with nothing, and a search, which takes long, would find the frame where it was expected."""
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
@@ -211,7 +216,7 @@ def no_search(*_: object) -> None:
     raise AssertionError("it was searched for")
 
 
-def test_a_jump_is_found_again(exact: calibrate.Prepared) -> None:
+def test_a_jump_is_found_again(exact: CalibratedCamera) -> None:
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     first = localiser.localise(synthetic.render(OPTICS, 0.0, FOCAL), None)
     second = localiser.localise(synthetic.render(OPTICS, 1.5, 1.4 * FOCAL), first)
@@ -219,7 +224,7 @@ def test_a_jump_is_found_again(exact: calibrate.Prepared) -> None:
     assert second.pan_rad == pytest.approx(1.5, abs=5e-4)
 
 
-def test_what_cannot_be_found_is_not_valid_and_not_nan(exact: calibrate.Prepared) -> None:
+def test_what_cannot_be_found_is_not_valid_and_not_nan(exact: CalibratedCamera) -> None:
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     grey = np.full((OPTICS.height, OPTICS.width, 3), 90, np.uint8)
     noise = np.random.default_rng(0).integers(0, 255, grey.shape).astype(np.uint8)
@@ -234,30 +239,11 @@ def test_what_cannot_be_found_is_not_valid_and_not_nan(exact: calibrate.Prepared
             assert np.isfinite([found.pan_rad, found.focal_px, *found.covariance.ravel()]).all()
 
 
-def test_localising_twice_is_the_same_to_the_bit(exact: calibrate.Prepared) -> None:
+def test_localising_twice_is_the_same_to_the_bit(exact: CalibratedCamera) -> None:
     image = synthetic.render(OPTICS, 0.2, 1.3 * FOCAL)
     one, two = (Localiser(exact.panorama, exact.camera, PanZoomConfig()).localise(image, None) for _ in range(2))
     assert one.pan_rad == two.pan_rad
     assert one.focal_px == two.focal_px
-
-
-def test_the_papers_method_on_the_papers_camera() -> None:
-    """No distortion, tilt or roll: what is left is the error of eq. 15."""
-    optics = synthetic.clean(OPTICS)
-    pans = np.deg2rad(np.arange(-24.0, 25.0, 4.0))
-    frames = [(i, synthetic.render(optics, pan, FOCAL, noise_seed=i)) for i, pan in enumerate(pans)]
-    reference = synthetic.render(optics, 0.0, FOCAL, with_object=True)
-    config = PanZoomConfig(method="paper")
-    made = calibrate.prepare(reference, synthetic.calibration_object(), frames, None, False, config)
-    np.testing.assert_allclose(
-        np.rad2deg(made.panorama.sweep_pan_rad), np.rad2deg(pans), atol=0.3
-    )  # the focal length is the object's
-    localiser = Localiser(made.panorama, made.camera, config)
-    for pan_deg, zoom in ((5.0, 1.0), (-10.0, 1.2), (0.0, 0.8)):
-        found = localiser.localise(synthetic.render(optics, np.deg2rad(pan_deg), FOCAL * zoom), None)
-        assert found.valid
-        assert np.rad2deg(found.pan_rad) == pytest.approx(pan_deg, abs=0.3)
-        assert found.focal_px == pytest.approx(FOCAL * zoom, rel=0.03)
 
 
 def matches(pan: float, focal: float, noise: float) -> tuple[Array, Array, Array]:
@@ -305,7 +291,7 @@ def test_without_a_zoom_run_distortion_leaves_the_focal_length_in_doubt() -> Non
 
     def sigma_squared(k1: list[float]) -> Array:
         lens = replace(camera.lens, k1=np.array(k1))
-        return localise.systematic(config, replace(camera, lens=lens), np.zeros(2), focal)[:, 1, 1]
+        return systematic(config, replace(camera, lens=lens), np.zeros(2), focal)[:, 1, 1]
 
     more = sigma_squared([-0.05]) - sigma_squared([-0.05, 0.06, 0.0])
     np.testing.assert_allclose(np.sqrt(more), [0.0, passes_for], rtol=1e-3)
@@ -325,18 +311,6 @@ def test_consensus_survives_three_wrong_matches_in_four() -> None:
     assert agree[wrong].mean() < 0.1
 
 
-def test_equation_15_is_exact_for_a_similarity() -> None:
-    rng = np.random.default_rng(0)
-    relative = rng.uniform(-150, 150, (60, 2))
-    places = relative / 1.7 + (812.0, 95.0)
-    places[:20] = rng.uniform(0, 2000, (20, 2))
-    agree = ransac_eq15(relative, places)
-    assert not agree[:20].any()
-    assert agree[20:].all()
-    solution, _ = solve_eq15(relative[agree], places[agree])
-    np.testing.assert_allclose(solution, [1 / 1.7, 812.0, 95.0], atol=1e-9)
-
-
 def test_an_unknown_method_names_the_known_ones() -> None:
     with pytest.raises(PzcapError, match="exact, paper"):
         PanZoomConfig(method="papper")
@@ -346,11 +320,9 @@ def test_without_a_sweep_of_the_reference_pose_one_line_says_so() -> None:
     pans = np.deg2rad(np.arange(100.0, 130.0, 6.0))
     frames = [(i, synthetic.render(OPTICS, pan, FOCAL, noise_seed=i)) for i, pan in enumerate(pans)]
     reference = synthetic.render(OPTICS, 0.0, FOCAL, with_object=True)
-    for method in localise.METHODS:
+    for calibrate in (calibrate_camera, paper.calibrate):
         with pytest.raises(PzcapError, match="sweep past the reference pose"):
-            calibrate.prepare(
-                reference, synthetic.calibration_object(), frames, None, False, PanZoomConfig(method=method)
-            )
+            calibrate(Footage(reference, synthetic.calibration_object(), frames, None, False), PanZoomConfig())
 
 
 def test_the_panorama_of_a_full_turn_has_features_on_its_seam() -> None:

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import direction_to_pixel, view_at
 from pzcap.geometry.cylinder import from_centre, from_panorama
-from pzcap.localisation.localise import PanZoomConfig
 from pzcap.localisation.panorama_sampler import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, KNOWN, VALUE
 from pzcap.localisation.photometric_alignment import LINEAR, Aligner, _weigh
 from pzcap.types import Array, InverseDepthMap

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pzcap.body.skeleton import DOF, MOVES, forward, lift, screws
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import at, project
-from pzcap.localisation.localise import PanZoomConfig, systematic
+from pzcap.localisation.covariance import systematic
 from pzcap.tracking import camera_refinement as aims
 from pzcap.tracking.camera_refinement import AIM, CameraPrior
 from pzcap.tracking.frame_tracker import TrackingConfig, improve

@@ -14,7 +14,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from pzcap.events import CameraPrepared, FrameLocalised, FrameSeparated
+from pzcap.events import CameraCalibrated, FrameLocalised, FrameSegmented
 from pzcap.geometry import camera as camera_model
 from pzcap.types import (
     CalibrationObject,
@@ -55,7 +55,7 @@ def capture(folder: Path) -> Capture:
     )
 
 
-def frames(count: int) -> Iterator[FrameLocalised | FrameSeparated]:
+def frames(count: int) -> Iterator[FrameLocalised | FrameSegmented]:
     rng = np.random.default_rng(0)
     size = (fabricated.HEIGHT, fabricated.WIDTH)
     body = np.zeros(size, np.uint8)
@@ -70,13 +70,13 @@ def frames(count: int) -> Iterator[FrameLocalised | FrameSeparated]:
         sets = FrameSet(index, f"01:00:00:{index:02d}", images, (people if index else nobody, nobody, nobody, people))
         yield FrameLocalised(sets, (found, None, None, found))
         silhouette = Silhouette(body, image, np.zeros((120, 160), np.float32), True)
-        yield FrameSeparated(sets, (None,) * 4, (silhouette, None, None, silhouette))
+        yield FrameSegmented(sets, (None,) * 4, (silhouette, None, None, silhouette), (None,) * 4)
 
 
 def record(path: Path, whole: Reconstruction, count: int = 3) -> None:
     with Recorder(path, capture(path.parent), name="test") as recorder:
         for index in range(4):
-            recorder.event(CameraPrepared(index, None))
+            recorder.event(CameraCalibrated(index, None, 0.0))
         for event in frames(count):
             recorder.event(event)
         recorder.drain()

@@ -16,6 +16,7 @@ from experiments.comparisons.peers.alignment import Ecc
 from experiments.comparisons.peers.matching import Features
 from experiments.comparisons.peers.material import Background, Estimate, Material, Shot
 from experiments.metrics import Metric
+from pzcap.extras.paper.method import PaperLocaliser
 from pzcap.geometry.camera import wrapped
 from pzcap.localisation.localise import Localiser
 from pzcap.types import Array, Localisation, PzcapError
@@ -40,7 +41,7 @@ class Ours:
         config = replace(background.config, method=method)
         if method == "paper":
             assert background.paper is not None
-            self._localiser = Localiser(*background.paper, config)
+            self._localiser: Localiser | PaperLocaliser = PaperLocaliser(*background.paper, config)
         else:
             self._localiser = Localiser(background.panorama, background.camera, config)
         self._tracking = tracking

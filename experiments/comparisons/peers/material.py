@@ -10,14 +10,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pzcap.calibration.calibrate import Prepared, prepare
-from pzcap.camera_set import taken_over
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.camera_set import calibrate_camera, footage_of, taken_over
+from pzcap.extras.paper import method as paper
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.io import results
-from pzcap.io.capture import frame_sets, read_image
+from pzcap.io.capture import frame_sets
 from pzcap.io.video import VideoReader
-from pzcap.localisation.localise import PanZoomConfig
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask, Panorama, PanZoomCamera, PzcapError
 from sim.truth import Truth
 
@@ -188,15 +188,9 @@ def from_capture(
 def _prepared(
     capture: Capture, files: CameraFiles, config: PanZoomConfig, report: Callable[[str, int, int], None]
 ) -> tuple[Panorama, PanZoomCamera]:
-    assert capture.calibration_object is not None
-    assert files.reference is not None
-    assert files.sweep is not None
-    zoom = None if files.zoom is None else VideoReader(files.zoom)
+    calibrate = paper.calibrate if config.method == "paper" else calibrate_camera
     try:
-        ready: Prepared = prepare(
-            read_image(files.reference), capture.calibration_object, VideoReader(files.sweep), zoom, capture.full_turn,
-            config, report,
-        )  # fmt: skip
+        ready = calibrate(footage_of(capture, files), config, report)
     except PzcapError as error:
         raise PzcapError(f"camera {files.name}: {error}") from error
     return ready.panorama, ready.camera

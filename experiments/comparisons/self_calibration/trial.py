@@ -25,10 +25,9 @@ from experiments.comparisons.self_calibration.baselines import (
 )
 from experiments.comparisons.self_calibration.material import Footage, hall_footage, motion_footage, shots_of
 from experiments.config import AppConfig
-from pzcap.calibration.calibrate import Prepared, prepare
+from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.camera_set import calibrate_camera, footage_of
 from pzcap.geometry.camera import at
-from pzcap.io.capture import read_image
-from pzcap.io.video import VideoReader
 from pzcap.localisation import localise
 from pzcap.types import Array, Capture, Mask, PzcapError
 from sim.truth import Truth
@@ -70,7 +69,7 @@ def errors_of(found: Frames, true: Frames, seconds: float) -> Errors:
     return Errors(np.abs(focal), pan, principal, np.abs(found.lens[:, 3] - true.lens[:, 3]), ~good, seconds)
 
 
-def ours(prepared: Prepared, config: AppConfig, footage: Footage, masked: bool) -> Frames:
+def ours(prepared: CalibratedCamera, config: AppConfig, footage: Footage, masked: bool) -> Frames:
     """Pan and zoom of the frames on the panorama of the empty hall.
 
     Twice, since ours starts from the frame before, as a rule a thirtieth of a second off, and that is left out here.
@@ -128,10 +127,7 @@ def compare(
         hall, sweep = hall_footage(files, truth, truth.camera_names.index(files.name))
 
         started = time.perf_counter()
-        prepared = prepare(
-            read_image(files.reference), capture.calibration_object, VideoReader(files.sweep), VideoReader(files.zoom),
-            capture.full_turn, config.reconstruct.panzoom,
-        )  # fmt: skip
+        prepared = calibrate_camera(footage_of(capture, files), config.reconstruct.panzoom)
         spent = time.perf_counter() - started
         for condition, shown in (("empty", hall), ("athlete", motion), ("masked", motion)):
             work = partial(ours, prepared, config, shown, condition == "masked")

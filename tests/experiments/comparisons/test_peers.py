@@ -22,9 +22,9 @@ from experiments.comparisons.peers.__main__ import main
 from experiments.comparisons.peers.matching import decompose, fit
 from experiments.comparisons.peers.material import Background, Estimate, Material, from_capture
 from experiments.metrics import read_metrics
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry import camera as geometry
 from pzcap.io.capture import read_capture
-from pzcap.localisation.localise import PanZoomConfig
 from pzcap.localisation.panorama_sampler import warp_background
 from pzcap.types import PzcapError
 

@@ -1,0 +1,94 @@
+"""The pipeline with all extras: what the configuration asks of them, and notes on the keyframes.
+
+What is in `pzcap.pipeline` runs without them; this is what the experiments call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import partial
+from typing import Final
+
+from pzcap import pipeline
+from pzcap.body import skeleton
+from pzcap.calibration.calibrate import no_report
+from pzcap.camera_set import calibrate_camera
+from pzcap.events import Event, Finished
+from pzcap.extras import keyframe_diagnostics, rts_smoother
+from pzcap.extras.leave_half_out import super_resolved
+from pzcap.extras.paper.method import PAPER, without_floor
+from pzcap.io.capture import frame_sets
+from pzcap.localisation.covariance import systematic
+from pzcap.localisation.localise import Localiser
+from pzcap.types import Capture, PanZoomCamera, PanZoomTrack, Reconstruction
+
+SUPER_RESOLVING: Final = pipeline.Method("exact", partial(calibrate_camera, super_resolve=super_resolved), Localiser)
+
+
+@dataclass(frozen=True, slots=True)
+class Config(pipeline.Config):
+    """How footage is reconstructed, and what is made of the result."""
+
+    smooth: rts_smoother.SmoothConfig = field(default_factory=rts_smoother.SmoothConfig)
+    """Smoothing of the finished camera tracks."""
+
+
+def method_of(config: Config) -> tuple[pipeline.Method, Config]:
+    """The method that ``config`` asks for, and the configuration as that method takes it."""
+    if config.panzoom.method == PAPER.name:
+        return PAPER, replace(config, panzoom=without_floor(config.panzoom))
+    return (SUPER_RESOLVING if config.panzoom.sweep.super_resolve else pipeline.EXACT), config
+
+
+def reconstruct(
+    capture: Capture,
+    config: Config,
+    report: Callable[[str, int, int], None] = no_report,
+    cameras: Reconstruction | None = None,
+) -> Reconstruction:
+    """Run `stages`, and give back what they end with; as `pzcap.pipeline.reconstruct`."""
+    return pipeline.finished(stages(capture, config, cameras), report)
+
+
+def stages(capture: Capture, config: Config, cameras: Reconstruction | None = None) -> Iterator[Event]:
+    """Run `pzcap.pipeline.stages` by the method that ``config`` names; smooth the tracks, and add notes on the
+    keyframes."""
+    method, taken = method_of(config)
+    for event in pipeline.stages(capture, taken, cameras, method):
+        yield Finished(_finished(event.reconstruction, capture, taken)) if isinstance(event, Finished) else event
+
+
+def _finished(found: Reconstruction, capture: Capture, config: Config) -> Reconstruction:
+    notes = found.notes
+    if found.motion is not None and capture.subject is not None:
+        keyframes, body = frame_sets(capture).keyframes, skeleton.build(capture.subject)
+        hand_sigma = config.tracking.hand_sigma
+        notes += keyframe_diagnostics.notes(found.motion, keyframes, body, hand_sigma, found.timecodes)
+    tracks = smoothed(found.tracks, found.cameras, found.frame_rate, config)
+    return replace(found, tracks=tracks, notes=notes)
+
+
+def smoothed(
+    tracks: tuple[PanZoomTrack | None, ...],
+    cameras: tuple[PanZoomCamera | None, ...],
+    frame_rate: Fraction,
+    config: Config,
+) -> tuple[PanZoomTrack | None, ...]:
+    """The finished tracks, smoothed where the config says so.
+
+    A smoother looks ahead, and the pipeline runs forward: silhouettes and body were found with the cameras as each
+    frame alone gave them, whatever is done here.
+    """
+    if not config.smooth.enabled:
+        return tracks
+    return tuple(
+        None
+        if track is None or camera is None
+        # systematic error, which the covariances hold, is not smoothed away
+        else rts_smoother.smooth(
+            track, frame_rate, config.smooth, systematic(config.panzoom, camera, track.pan_rad, track.focal_px)
+        )
+        for track, camera in zip(tracks, cameras, strict=True)
+    )
