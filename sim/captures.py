@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+from pzcap.files import checked
 from pzcap.types import PzcapError
 from sim import motion
 from sim.shoot import Progress, shoot
@@ -68,6 +69,6 @@ def file_hashes(config: ShootConfig) -> list[str]:
     driven = Path(config.operator.trajectories) if config.operator.trajectories else None
     paths = [path for path in (acted, driven, *wall_pictures(config.gym.wall_pictures).values()) if path]
     try:
-        return [f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths]
+        return [f"{path.name} {hashlib.sha256(checked(path).read_bytes()).hexdigest()}" for path in paths]
     except OSError as error:
         raise PzcapError(f"{error.filename}: cannot be read: {error.strerror}") from error
