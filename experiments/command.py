@@ -15,6 +15,7 @@ from rich.console import Console
 from experiments.config import AppConfig, build, plain
 from experiments.errors import guard, reported
 from experiments.run import CONF
+from experiments.terminal import terminal
 
 T = TypeVar("T")
 
@@ -31,7 +32,7 @@ def command(
 
     @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
     def job(composed: DictConfig) -> None:
-        out, err = Console(), Console(stderr=True)
+        out, err = terminal(), terminal(stderr=True)
         with reported():
             tree = plain(composed)
             config = build(tree)

@@ -27,6 +27,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from experiments import estimators, footage, jobs, memory, recording
 from experiments.config import AppConfig, build, default_tree, plain
@@ -36,6 +37,7 @@ from experiments.progress import Bars
 from experiments.report import Material, write_report
 from experiments.score import Score, score
 from experiments.silhouettes import ForegroundScorer
+from experiments.terminal import terminal
 from experiments.totals import metrics
 from pzcap import events, pipeline, store
 from pzcap.capture import read_capture
@@ -84,7 +86,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
             with Bars(console) as bars:
                 done = _reconstruct(capture, config, cameras, bars, foreground, recorder)
         else:
-            with console.status(config.estimator or ""):
+            with console.status(Text(config.estimator or "")):
                 done = _estimate(estimator, capture, config.estimator or "")
         reconstruction = done.reconstruction
         store.save(reconstruction, folder / "reconstruction")
@@ -210,7 +212,7 @@ def print_table(console: Console, title: str, found: list[Metric]) -> None:
     for metric in found:
         if metric.value is None:
             continue
-        verdict = {True: "[green]reached[/]", False: "[red]missed[/]", None: ""}[meets_target(metric)]
+        verdict = {True: Text("reached", "green"), False: Text("missed", "red"), None: ""}[meets_target(metric)]
         table.add_row(metric.key, format_value(metric), metric.unit, verdict)
     console.print(table)
 
@@ -222,7 +224,7 @@ ConfigStore.instance().store(name="base", node=default_tree())
 def _job(composed: DictConfig) -> None:
     # jobs side by side would write over each other's bars: what a sweep says of each is enough
     aside = HydraConfig.get().runtime.choices["hydra/launcher"] != "basic"
-    out, err = Console(quiet=aside), Console(stderr=True, quiet=aside)
+    out, err = terminal(quiet=aside), terminal(stderr=True, quiet=aside)
     folder = Path(HydraConfig.get().runtime.output_dir)
 
     def work(tree: dict[str, Any], here: Path) -> tuple[AppConfig, list[Metric]]:

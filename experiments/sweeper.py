@@ -19,10 +19,10 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf, open_dict
-from rich.console import Console
 
 from experiments import jobs
 from experiments.errors import AlreadyReported
+from experiments.terminal import terminal
 from pzcap.types import PzcapError
 
 POLL_S: Final = 0.2
@@ -169,4 +169,4 @@ def _words(seconds: float) -> str:
 
 
 def _say(line: str) -> None:
-    Console(stderr=True).print(line, highlight=False, markup=False, soft_wrap=True)
+    terminal(stderr=True).print(line, highlight=False, soft_wrap=True)

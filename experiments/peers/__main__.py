@@ -32,6 +32,7 @@ from experiments.peers.folder import from_folder, is_folder_of_frames
 from experiments.peers.material import Material, from_capture
 from experiments.progress import Bars
 from experiments.run import CONF
+from experiments.terminal import terminal
 from pzcap.capture import MANIFEST, read_capture
 from pzcap.types import PzcapError
 
@@ -83,7 +84,7 @@ ConfigStore.instance().store(name="peers_base", node=default_tree(PeersConfig))
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="peers")
 def _job(composed: DictConfig) -> None:
-    out, err = Console(), Console(stderr=True)
+    out, err = terminal(), terminal(stderr=True)
     with reported():
         tree = plain(composed)
         config = structured(tree, PeersConfig, "configuration")
