@@ -14,6 +14,7 @@ from rich.console import Console
 
 from experiments.config import AppConfig, build, plain
 from experiments.errors import guard, reported
+from experiments.jobs import alone
 from experiments.run import CONF
 from experiments.terminal import terminal
 
@@ -36,7 +37,9 @@ def command(
         with reported():
             tree = plain(composed)
             config = build(tree)
-            found = run(config, tree, Path(HydraConfig.get().runtime.output_dir), err)
+            folder = Path(HydraConfig.get().runtime.output_dir)
+            with alone(folder):
+                found = run(config, tree, folder, err)
         show(out, f"{config.capture or config.shoot.motion}, seed {config.seed}", found)
 
     if not any(argument.startswith("experiment=") for argument in sys.argv[1:]):

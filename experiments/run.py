@@ -130,6 +130,8 @@ def _forget(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name in (*RESULTS, f"reconstruction/{store.MANIFEST}"):
         (folder / name).unlink(missing_ok=True)
+    for partial in (*folder.glob("*.partial"), *folder.glob("reconstruction/*.partial")):  # of one that was killed
+        partial.unlink()
     if (folder / "capture").is_symlink():  # else it is footage
         (folder / "capture").unlink()
 
@@ -212,7 +214,7 @@ def print_table(console: Console, title: str, found: list[Metric]) -> None:
     for metric in found:
         if metric.value is None:
             continue
-        verdict = {True: Text("reached", "green"), False: Text("missed", "red"), None: ""}[meets_target(metric)]
+        verdict = {True: Text("reached", "green"), False: Text("missed", "red"), None: Text()}[meets_target(metric)]
         table.add_row(metric.key, format_value(metric), metric.unit, verdict)
     console.print(table)
 
@@ -232,7 +234,7 @@ def _job(composed: DictConfig) -> None:
         return config, run(config, tree, here, err)
 
     if OmegaConf.is_missing(HydraConfig.get().job, "num"):
-        with reported():
+        with reported(), jobs.alone(folder):
             config, found = work(plain(composed), folder)
     else:  # a job of a sweep
         result = jobs.carry_out(folder, composed, HydraConfig.get().overrides.task, work)

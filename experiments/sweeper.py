@@ -20,7 +20,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from experiments import jobs
+from experiments import jobs, workers
 from experiments.errors import AlreadyReported
 from experiments.terminal import terminal
 from pzcap.types import PzcapError
@@ -52,6 +52,10 @@ class Resuming(BasicSweeper):
         assert self.launcher is not None
         assert self.config is not None
         plan = self._plan(arguments)
+        jobs.tidy({job.folder.parent for job in plan})
+        workers.announce()
+        if isinstance(options := getattr(self.launcher, "joblib", None), dict):  # joblib's workers may wait for a job
+            options["initializer"] = workers.end_with_sweep
         missing = [job for job in plan if not jobs.finished(job.folder, job.key)]
         for job in missing:
             (job.folder / jobs.FAILED).unlink(missing_ok=True)
@@ -128,7 +132,8 @@ def _watch(plan: Sequence[Job], missing: Sequence[Job], over: threading.Event) -
         last = over.wait(POLL_S)
         for job in [job for job in running if job.ended]:
             running.remove(job)
-            reason, name = jobs.failure(job.folder), job.folder.name
+            name = job.folder.name
+            reason = None if jobs.finished(job.folder, job.key) else jobs.failure(job.folder)
             if reason is not None:
                 _say(f"error: {name}: {reason}" if len(plan) > 1 else f"error: {reason}")
             elif len(plan) > 1:

@@ -16,7 +16,7 @@ from typing import Final
 from pzcap.types import PzcapError
 
 POLL_S: Final = 0.1
-_HELD: Final = (errno.EAGAIN, errno.EACCES)
+_NO_LOCKS: Final = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # on the file systems of some clusters
 
 
 def leads_out(name: str) -> bool:
@@ -61,21 +61,31 @@ def _taken(path: Path, busy: str, until: float) -> int:
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if _is(path, handle):
+            if _held(handle):
+                holder = os.read(handle, 200).decode(errors="replace")
+                if holder == us or time.monotonic() > until:  # nobody outwaits himself
+                    raise PzcapError(f"{busy} (it is {holder})" if holder else busy)
+            elif _is(path, handle):
                 os.truncate(handle, 0)
                 os.write(handle, us.encode())
                 return handle
-        except OSError as error:
-            if error.errno not in _HELD:
-                os.close(handle)
-                raise
-            holder = os.read(handle, 200).decode(errors="replace")
-            if holder == us or time.monotonic() > until:  # nobody outwaits himself
-                os.close(handle)
-                raise PzcapError(f"{busy} (it is {holder})" if holder else busy) from error
+        except BaseException:
+            os.close(handle)
+            raise
         os.close(handle)
         time.sleep(POLL_S)
+
+
+def _held(handle: int) -> bool:
+    """By another; else it is ours from now on."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+    return False
 
 
 def _is(path: Path, handle: int) -> bool:

@@ -26,6 +26,7 @@ from rich.console import Console
 from experiments import footage
 from experiments.config import AppConfig, default_tree, plain, structured
 from experiments.errors import guard, reported
+from experiments.jobs import alone
 from experiments.metrics import run_info, write_metrics
 from experiments.peers import bench, show
 from experiments.peers.folder import from_folder, is_folder_of_frames
@@ -89,7 +90,8 @@ def _job(composed: DictConfig) -> None:
         tree = plain(composed)
         config = structured(tree, PeersConfig, "configuration")
         folder = Path(HydraConfig.get().runtime.output_dir)
-        results = run(config, tree, folder, err)
+        with alone(folder):
+            results = run(config, tree, folder, err)
     what = config.capture or f"{HydraConfig.get().runtime.choices['experiment']}, seed {config.seed}"
     show.print_table(out, f"{what}, every {config.every}. frame", results)
     shown = os.path.relpath(folder) if folder.is_relative_to(Path.cwd()) else folder
