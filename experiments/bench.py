@@ -23,12 +23,13 @@ from typing import Final, ParamSpec, TypeVar
 
 import cv2
 import numpy as np
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from experiments.errors import guard
 from experiments.metrics import machine
 from experiments.progress import Bars
+from experiments.terminal import terminal
 from pzcap import pipeline
 from pzcap.body import skeleton
 from pzcap.calibration.calibrate import CalibratedCamera
@@ -218,7 +219,7 @@ def table(stages: Stages, title: str) -> Table:
             continue
         median = float(np.median(stage.samples))
         figures = median, float(np.percentile(stage.samples, 95)), float(np.mean(stage.samples))
-        verdict = "" if stage.limit is None else "[green]yes[/]" if median <= stage.limit else "[red]no[/]"
+        verdict = "" if stage.limit is None else Text("yes", "green") if median <= stage.limit else Text("no", "red")
         limit = "" if stage.limit is None else f"{stage.limit:g} {stage.unit}"
         result.add_row(
             stage.name, stage.per, str(len(stage.samples)), *(f"{f:.1f} {stage.unit}" for f in figures), limit, verdict
@@ -245,10 +246,10 @@ def _job() -> None:
     config = pipeline.Config(panzoom=PanZoomConfig())
     folder, method = given.reconstruction, config.panzoom.method
     prepared = None if folder is None else _ready(capture, folder, method)
-    with Bars(Console(stderr=True)) as bars:
+    with Bars(terminal(stderr=True)) as bars:
         stages = bench(capture, prepared, config, bars)
     title = f"{capture.name}: {about['cpu']}, {about['cores']} cores, {config.threads} threads, load {load:.1f} before"
-    Console(width=max(Console().width, 120)).print(table(stages, title))
+    terminal(width=max(terminal().width, 120)).print(table(stages, title))
 
 
 def main() -> int:

@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import rerun as rr
-from rich.console import Console
 from rich.table import Table
 
 from experiments.config import nearest
 from experiments.errors import guard
 from experiments.review import RECORDING, runs_in
+from experiments.terminal import terminal
 from pzcap.types import PzcapError
 
 
@@ -79,7 +79,7 @@ def _command() -> None:
     for value, row in found.iterrows():
         name = f"{value:g}" if isinstance(value, float) else str(value)
         table.add_row(name, *("–" if number != number else f"{number:.4g}" for number in row))  # no spread of one run
-    out = Console()
+    out = terminal()
     out.print(table)
     took = f"opened in {_between(begun, opened)}, asked in {_between(opened, answered)}"
     out.print(f"{len(recordings)} recordings, {took}", highlight=False, soft_wrap=True)

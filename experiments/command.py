@@ -15,6 +15,8 @@ from rich.console import Console
 from experiments.config import AppConfig, build, plain
 from experiments.errors import guard, reported
 from experiments.run import CONF
+from experiments.studies.jobs import alone
+from experiments.terminal import terminal
 
 T = TypeVar("T")
 
@@ -31,11 +33,13 @@ def command(
 
     @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
     def job(composed: DictConfig) -> None:
-        out, err = Console(), Console(stderr=True)
+        out, err = terminal(), terminal(stderr=True)
         with reported():
             tree = plain(composed)
             config = build(tree)
-            found = run(config, tree, Path(HydraConfig.get().runtime.output_dir), err)
+            folder = Path(HydraConfig.get().runtime.output_dir)
+            with alone(folder):
+                found = run(config, tree, folder, err)
         show(out, f"{config.capture or config.shoot.motion}, seed {config.seed}", found)
 
     if not any(argument.startswith("experiment=") for argument in sys.argv[1:]):

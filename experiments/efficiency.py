@@ -35,6 +35,7 @@ from rich.table import Table
 
 from experiments.errors import AlreadyReported, guard
 from experiments.studies.study import TABLE
+from experiments.terminal import terminal
 from pzcap.types import PzcapError
 
 FOLDER: Final = Path("outputs/efficiency")
@@ -142,7 +143,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=6)
     parser.add_argument("--cores", type=int, default=2)
     options, overrides = parser.parse_known_args()
-    return guard(lambda: measure(overrides or SMALL, options.jobs, options.cores, Console()))
+    return guard(lambda: measure(overrides or SMALL, options.jobs, options.cores, terminal()))
 
 
 if __name__ == "__main__":

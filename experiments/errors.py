@@ -6,7 +6,9 @@ import errno
 import os
 import re
 import shlex
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -63,7 +65,8 @@ def guard(main: Callable[[], object], config: type[AppConfig] = AppConfig) -> in
     os.environ["HYDRA_FULL_ERROR"] = "1"
     setattr(JobReturn, "return_value", property(_value_or_error, _keep))  # noqa: B010
     try:
-        main()
+        with _terminable():
+            main()
     except AlreadyReported:
         return 1
     except KeyboardInterrupt:
@@ -76,6 +79,19 @@ def guard(main: Callable[[], object], config: type[AppConfig] = AppConfig) -> in
         print(f"error: {line}", file=sys.stderr)
         return 1
     return 0
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM interrupts as the keyboard does: what is half done is cleared away, and the command says that it ends."""
+    if threading.current_thread() is not threading.main_thread():  # no other is given signals
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def report(error: Exception) -> bool:

@@ -13,18 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rich.console import Console
-
 from experiments.config import CONVERTER, AppConfig
 from experiments.errors import guard, reported
 from experiments.footage import SMALL
 from experiments.run import run
+from experiments.terminal import terminal
 
 
 def _job() -> None:
     config = replace(AppConfig(), shoot=SMALL)
     with reported(), TemporaryDirectory() as folder:
-        run(config, CONVERTER.unstructure(config), Path(folder), Console(stderr=True))
+        run(config, CONVERTER.unstructure(config), Path(folder), terminal(stderr=True))
 
 
 def main() -> int:

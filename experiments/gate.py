@@ -25,11 +25,13 @@ from omegaconf import OmegaConf
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from experiments.config import build, plain, structured
 from experiments.errors import AlreadyReported, guard
 from experiments.metrics import Direction, Metric, format_value, run_info
 from experiments.run import CONF, run
+from experiments.terminal import terminal
 from pzcap.types import PzcapError
 
 GATE: Final = CONF / "gate.yaml"
@@ -204,7 +206,7 @@ def table(found: Sequence[Move]) -> Table:
         unit = then.unit if then is not None else now.unit if now is not None else ""
         sign = "" if then is None else "+" if then.direction == "lower" else "−"
         allowed = "–" if then is None else f"{sign}{then.tolerance:.3g}"
-        verdict = f"[{colours[move.verdict]}]{move.verdict}[/]"
+        verdict = Text(move.verdict, colours[move.verdict])
         shown.add_row(move.case, move.key, before, after, change, allowed, unit, verdict)
     return shown
 
@@ -250,8 +252,8 @@ def main() -> int:
     parser.add_argument("--renew", action="store_true", help="make the baseline of what is reached now")
     options, extra = parser.parse_known_args()
     task = _renew if options.renew else _compare
-    out = Console(width=None if sys.stdout.isatty() else WIDTH)
-    return guard(lambda: task(read_config(GATE), extra, out, Console(stderr=True)))
+    out = terminal(width=None if sys.stdout.isatty() else WIDTH)
+    return guard(lambda: task(read_config(GATE), extra, out, terminal(stderr=True)))
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from experiments import estimators, footage, memory
 from experiments.config import AppConfig, build, default_tree, plain
@@ -39,6 +40,7 @@ from experiments.report.page import Material, write_report
 from experiments.score import Score, score
 from experiments.silhouette_score import ForegroundScorer
 from experiments.studies import jobs
+from experiments.terminal import terminal
 from experiments.totals import metrics
 from pzcap import events
 from pzcap.extras import reconstruct
@@ -89,7 +91,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
             with Bars(console) as bars:
                 done = _reconstruct(capture, config, cameras, bars, foreground, recorder)
         else:
-            with console.status(config.estimator or ""):
+            with console.status(Text(config.estimator or "")):
                 done = _estimate(estimator, capture, config.estimator or "")
         reconstruction = done.reconstruction
         results.save(reconstruction, folder / "reconstruction")
@@ -133,6 +135,8 @@ def _forget(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name in (*RESULTS, f"reconstruction/{results.MANIFEST}"):
         (folder / name).unlink(missing_ok=True)
+    for partial in (*folder.glob("*.partial"), *folder.glob("reconstruction/*.partial")):  # of one that was killed
+        partial.unlink()
     if (folder / "capture").is_symlink():  # else it is footage
         (folder / "capture").unlink()
 
@@ -223,7 +227,7 @@ def print_table(console: Console, title: str, found: list[Metric]) -> None:
     for metric in found:
         if metric.value is None:
             continue
-        verdict = {True: "[green]reached[/]", False: "[red]missed[/]", None: ""}[meets_target(metric)]
+        verdict = {True: Text("reached", "green"), False: Text("missed", "red"), None: Text()}[meets_target(metric)]
         table.add_row(metric.key, format_value(metric), metric.unit, verdict)
     console.print(table)
 
@@ -235,7 +239,7 @@ ConfigStore.instance().store(name="base", node=default_tree())
 def _job(composed: DictConfig) -> None:
     # jobs side by side would write over each other's bars: what a sweep says of each is enough
     aside = HydraConfig.get().runtime.choices["hydra/launcher"] != "basic"
-    out, err = Console(quiet=aside), Console(stderr=True, quiet=aside)
+    out, err = terminal(quiet=aside), terminal(stderr=True, quiet=aside)
     folder = Path(HydraConfig.get().runtime.output_dir)
 
     def work(tree: dict[str, Any], here: Path) -> tuple[AppConfig, list[Metric]]:
@@ -243,7 +247,7 @@ def _job(composed: DictConfig) -> None:
         return config, run(config, tree, here, err)
 
     if OmegaConf.is_missing(HydraConfig.get().job, "num"):
-        with reported():
+        with reported(), jobs.alone(folder):
             config, found = work(plain(composed), folder)
     else:  # a job of a sweep
         result = jobs.carry_out(folder, composed, HydraConfig.get().overrides.task, work)

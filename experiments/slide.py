@@ -22,6 +22,7 @@ from rich.console import Console
 from experiments.errors import guard
 from experiments.progress import Bars
 from experiments.report.pictures import draw_dots, draw_strips
+from experiments.terminal import terminal
 from pzcap.extras.slide import Slide, SlideConfig, advise
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
@@ -107,7 +108,7 @@ def _command() -> None:
     parser.add_argument("--focal", type=float, metavar="PX", help="focal length, if it is known")
     said = parser.parse_args()
     box = None if said.near_box is None else (said.near_box[0], said.near_box[1], said.near_box[2], said.near_box[3])
-    found, target = assist(said.clip, said.near, said.far, box, said.focal, Console(stderr=True))
+    found, target = assist(said.clip, said.near, said.far, box, said.focal, terminal(stderr=True))
     print(found.sentence)
     print(
         f"{int(found.near.sum())} features near, {int(found.far.sum())} far, "

@@ -109,14 +109,16 @@ def taken(future: Future[T]) -> T:
 
 
 def _executor():  # type: ignore[no-untyped-def]  # loky has no types
-    return get_reusable_executor(max_workers=1, timeout=_IDLE_S, initializer=_alone, env=_ONE_THREAD)
+    return get_reusable_executor(
+        max_workers=1, timeout=_IDLE_S, initializer=_alone, initargs=(os.getpid(),), env=_ONE_THREAD
+    )
 
 
-def _alone() -> None:
-    """This process is to be busy on one core, no more, and to be small."""
+def _alone(parent: int) -> None:
+    """This process is to be busy on one core, no more, to be small, and to end with the one that started it."""
     set_large_apart()
     cv2.setNumThreads(1)
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 class _Parcel:

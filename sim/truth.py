@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.io.files import checked
 from pzcap.types import Array, Mask
 
 _MASKS = ("mask_bits", "shadow_bits")
@@ -96,10 +97,10 @@ def save(truth: Truth, folder: Path) -> None:
 
 def load(folder: Path) -> Truth:
     """Read what `save` wrote."""
-    values = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    values = json.loads(checked(folder / "truth.json").read_text(encoding="utf-8"))
     values["frame_rate"] = Fraction(values["frame_rate"])
     values["camera_names"], values["timecodes"] = tuple(values["camera_names"]), tuple(values["timecodes"])
     for name in ("truth.npz", "masks.npz"):
-        with np.load(folder / name) as arrays:
+        with np.load(checked(folder / name)) as arrays:
             values.update({key: arrays[key] for key in arrays})
     return Truth(**values)

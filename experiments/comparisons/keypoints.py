@@ -16,7 +16,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
 from rich.table import Table
 
 from experiments.comparisons.triangulation import triangulate
@@ -25,6 +24,7 @@ from experiments.footage import capture_in, truth_beside
 from experiments.metrics import Metric, format_value
 from experiments.progress import Bars
 from experiments.score import score
+from experiments.terminal import terminal
 from experiments.totals import metrics
 from pzcap.io.capture import read_capture
 from pzcap.pipeline import Config, reconstruct
@@ -65,10 +65,10 @@ def _command() -> None:
     table.add_column("the body")
     for key in SHOWN:
         table.add_column(key.rpartition(".")[2], justify="right")
-    with Bars(Console(stderr=True)) as bars:
+    with Bars(terminal(stderr=True)) as bars:
         for name, found in compare(capture, truth, bars):
             table.add_row(name, *(format_value(found[key]) for key in SHOWN))
-    Console().print(table)
+    terminal().print(table)
 
 
 def main() -> int:

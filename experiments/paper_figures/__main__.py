@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import matplotlib as mpl
-from rich.console import Console
 
 from experiments.errors import guard
 from experiments.paper_figures import calibration, material, page, panoramas, zooming
@@ -25,6 +24,7 @@ from experiments.paper_figures.canvas import STYLE, Drawn
 from experiments.paper_figures.common_field import common_field
 from experiments.paper_figures.material import Run
 from experiments.paper_figures.skeletons import skeletons
+from experiments.terminal import terminal
 
 
 def draw(exercise: Run, walk: Run) -> Iterator[Drawn]:
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = _options(given)
-    console = Console(stderr=True)
+    console = terminal(stderr=True)
 
     def command() -> None:
         exercise = material.load(options.exercise, f"experiment=floor_exercise hydra.run.dir={options.exercise}")

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from experiments.paper_figures.canvas import PANNED, REFERENCE, WIDTH, Drawn, beneath, cased, letter, lines, show
 from experiments.paper_figures.material import Located, Run, shoot_config
 from experiments.paper_figures.panoramas import border_on_panorama, window
+from experiments.report.plots import literal
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry import camera as camera_model
 from pzcap.localisation.localise import Localiser
@@ -75,7 +76,7 @@ def wireframe(run: Run, shot: Shot) -> Drawn:
     figure = Figure(figsize=(WIDTH, 3.95))
     left, right = figure.subplots(1, 2)
     _wired(left, still, reference.camera, run.true_camera(one.name, None), target)
-    left.set_title(f"Camera {one.name} at its reference pose")
+    left.set_title(f"Camera {literal(one.name)} at its reference pose")
     letter(left, f"focal length {reference.camera.focal_px:.1f} px")
     _wired(right, shot.image, shot.camera, shot.true, target)
     right.set_title("After pan and zoom")
@@ -141,7 +142,7 @@ def matches(shot: Shot) -> Drawn:
     lines(plot, list(np.stack([here, there], axis=1)), colours, 0.55, alpha=0.8)
     for points in (here, there):
         plot.scatter(points[:, 0], points[:, 1], s=9, facecolors="none", edgecolors=colours, linewidths=0.8)
-    plot.set_title(f"Camera {one.name}: panned and zoomed frame (left), panorama (right)")
+    plot.set_title(f"Camera {literal(one.name)}: panned and zoomed frame (left), panorama (right)")
     caption = (
         f"AKAZE matches between the image after pan and zoom and the panorama of camera {one.name}: "
         f"{len(found.frame_points_px)} agree on one pan and zoom, {len(some)} of them are drawn, no start being given. "

@@ -123,13 +123,13 @@ def tripod(plot: Axes, place_m: Array, name: str, colour: str) -> None:
     """A camera's place (2,) on the floor, its name beyond it."""
     plot.plot(*place_m, "o", color=colour, ms=6, mec="white", zorder=4)
     x, y = (1.12 * place_m).tolist()
-    plot.text(x, y, name, ha="center", va="center", color=colour, fontweight="bold")
+    plot.text(x, y, plots.literal(name), ha="center", va="center", color=colour, fontweight="bold")
 
 
 def letter(plot: Axes, text: str) -> None:
     """A label in the corner of a picture."""
     plot.text(
-        0.015, 0.98, text, transform=plot.transAxes, va="top", color="white", fontsize=8.0,
+        0.015, 0.98, plots.literal(text), transform=plot.transAxes, va="top", color="white", fontsize=8.0,
         path_effects=[effects.withStroke(linewidth=2.0, foreground="#000000c0")],
     )  # fmt: skip
 

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import rerun as rr
 import rerun.blueprint as rrb
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
+from experiments import pages
 from experiments.paper_figures.canvas import Drawn
 from experiments.paper_figures.material import Run
 from pzcap.viewer import columns
@@ -29,13 +29,8 @@ def save(drawn: Drawn, folder: Path) -> None:
 
 def write_page(folder: Path, figures: Sequence[Drawn], runs: Sequence[Run], command: str) -> None:
     """The page, which shows the PNGs that lie beside it."""
-    environment = Environment(
-        loader=PackageLoader("experiments"), autoescape=select_autoescape(), undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
     names = [run.reconstruction.capture_name for run in runs]
-    page = environment.get_template("figures.html.j2").render(figures=figures, runs=names, command=command)
-    (folder / PAGE).write_text(page, encoding="utf-8")
+    pages.write(folder / PAGE, "figures.html.j2", {"figures": figures, "runs": names, "command": command})
 
 
 def write_recording(folder: Path, figures: Sequence[Drawn], walk: Run) -> None:

@@ -24,6 +24,7 @@ from experiments.paper_figures.canvas import (
     show,
 )
 from experiments.paper_figures.material import Located, Run
+from experiments.report.plots import literal
 from experiments.score import sweep_errors
 from pzcap.geometry import camera as camera_model
 from pzcap.types import Array, Camera, Image, Panorama, PanZoomCamera, PzcapError
@@ -106,7 +107,7 @@ def _panorama(plot: Axes, run: Run, one: Located) -> None:
     _ticks(plot, column, height, COLOURS[one.number % len(COLOURS)], 0.7)
     at = camera_model.at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     cased(plot, footprint(shown, camera, at), REFERENCE)
-    plot.set_title(f"Camera {one.name}", pad=3)
+    plot.set_title(f"Camera {literal(one.name)}", pad=3)
     plot.set_title(", ".join(said), loc="right", fontsize=8.0, fontweight="normal", color=MUTED, pad=3)
     degrees: Array = np.arange(-180.0, 181.0, 30.0)
     at_column = shown.origin_px[0] - np.radians(degrees) * shown.px_per_rad
@@ -167,7 +168,7 @@ def located_frames(run: Run) -> Drawn:
         connect(figure, (wide, start), (below, np.array([view.width / 2, -0.5])), colour, lw=1.4)
     origin = panorama.origin_px - corner
     wide.plot(*origin, "+", color=REFERENCE, ms=11, mew=1.8)
-    wide.set_title(f"Camera {one.name}: panorama", pad=4)
+    wide.set_title(f"Camera {literal(one.name)}: panorama", pad=4)
     caption = (
         f"The image of the calibration object at the reference pose (blue) and frame {frame} of the motion after "
         f"panning and zooming (orange), each located on the panorama of camera {one.name}. The cross is the origin: "

@@ -28,6 +28,7 @@ from experiments.paper_figures.canvas import (
 from experiments.paper_figures.material import Located, Run, shoot_config
 from experiments.paper_figures.novel_view import render, virtual_camera
 from experiments.paper_figures.panoramas import on_panorama, window
+from experiments.report.plots import literal
 from pzcap.body import skeleton as body_model
 from pzcap.types import Array, Camera, Image, PzcapError
 from pzcap.viewer.drawing import KEYFRAME_COLOUR
@@ -74,7 +75,9 @@ def skeletons(run: Run) -> Drawn:
             show(last, true_portraits[column])
             _aside(last, column, "truth")
         _aside(below, column, "reconstructed")
-    wide.set_title(f"Camera {one.name}: motion over its panorama, {len(motion_frames)} of {len(body)} frames", pad=4)
+    wide.set_title(
+        f"Camera {literal(one.name)}: motion over its panorama, {len(motion_frames)} of {len(body)} frames", pad=4
+    )
     caption = (
         f"Motion of the athlete. Top: stick figures over the panorama of camera {one.name}, which turned the most; red "
         "those that a person posed (keyframes), else cyan the left side, orange the right. Below: frames of the same "

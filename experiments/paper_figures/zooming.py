@@ -27,7 +27,7 @@ from experiments.paper_figures.canvas import (
     tripod,
 )
 from experiments.paper_figures.material import Located, Run
-from experiments.report.plots import triangle
+from experiments.report.plots import literal, triangle
 from pzcap.geometry import camera as camera_model
 from pzcap.geometry.camera import lens_at
 from pzcap.localisation.panorama_sampler import warp_background
@@ -108,7 +108,9 @@ def focal_lengths(run: Run) -> Drawn:
             plot.plot(frames, true[1] / width, color=TRUTH_ON_PAPER, lw=5.0, zorder=1)
             worst.append(100 * np.abs(track.focal_px / true[1] - 1)[track.valid].max())
         estimate = np.ma.masked_array(track.focal_px / width, ~track.valid)
-        plot.plot(frames, estimate, color=colour, lw=1.6, ls=style, label=f"camera {one.name}", zorder=2 + one.number)
+        plot.plot(
+            frames, estimate, color=colour, lw=1.6, ls=style, label=f"camera {literal(one.name)}", zorder=2 + one.number
+        )
     reference = float(np.mean([one.camera.lens.reference_focal_px for one in located])) / width
     plot.axhline(reference, color=INK, ls=":", lw=1.3, label="reference")
     plot.set(xlabel="frame", ylabel=f"focal length [×{width} px]", xlim=(0, len(located[0].track.valid) - 1))

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
+from experiments import pages
 from experiments.metrics import TARGETS, Metric, format_value, meets_target
 from experiments.report import pictures, plots
 from experiments.score import Score
@@ -62,17 +62,7 @@ WORST: Final = 3
 
 def write_report(path: Path, material: Material, command: str) -> None:
     """Write the page. It needs no other file and no network."""
-    environment = Environment(
-        loader=PackageLoader("experiments"),
-        autoescape=select_autoescape(),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page = environment.get_template("report.html.j2").render(_context(material, command))
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(page, encoding="utf-8")
-    partial.replace(path)
+    pages.write(path, "report.html.j2", _context(material, command))
 
 
 def _context(material: Material, command: str) -> dict[str, Any]:

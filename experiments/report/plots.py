@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
@@ -48,7 +49,7 @@ INK, MUTED, KEY = "#202124", "#9aa0a6", "#d93025"
 INVERTED, AIRBORNE = "#7c4dff", "#00acc1"
 
 
-def svg(width: float, height: float, draw: Callable[[Figure], None]) -> str:
+def svg(width: float, height: float, draw: Callable[[Figure], None]) -> Markup:
     """The figure that ``draw`` fills, ``width`` x ``height`` inches, as an SVG element that scales with the page."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, height))
@@ -57,15 +58,21 @@ def svg(width: float, height: float, draw: Callable[[Figure], None]) -> str:
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
     text = out.getvalue()
     text = text[text.index("<svg") :]
-    return re.sub(
+    scaling = re.sub(
         r'<svg ([^>]*?)width="[^"]*" height="[^"]*"',
         r"<svg \1",
         re.sub(r'height="[^"]*pt" |width="[^"]*pt" ', "", text, count=2),
         count=1,
     )
+    return Markup(scaling)  # Matplotlib has escaped what is written in it
 
 
-def pan_zoom(reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> str:
+def literal(text: str) -> str:
+    """Text that Matplotlib is to draw as it is: between dollars it reads formulas, and gives up on those it cannot."""
+    return text.replace("$", r"\$")
+
+
+def pan_zoom(reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> Markup:
     """A column a camera: pan, focal length (Fig. 12), and their errors with the sigma that the estimate claims."""
     names, count = reconstruction.camera_names, len(reconstruction.camera_names)
     rows = 2 if result is None else 4
@@ -75,7 +82,7 @@ def pan_zoom(reconstruction: Reconstruction, truth: Truth | None, result: Score 
         for number, name in enumerate(names):
             track, camera, colour = reconstruction.tracks[number], reconstruction.cameras[number], COLOURS[number % 4]
             column: list[Axes] = list(axes[:, number])
-            column[0].set_title(f"Camera {name}")
+            column[0].set_title(f"Camera {literal(name)}")
             column[-1].set_xlabel("frame")
             if track is None:
                 column[0].text(0.5, 0.5, "not reconstructed", transform=column[0].transAxes, ha="center", color=MUTED)
@@ -108,7 +115,7 @@ def pan_zoom(reconstruction: Reconstruction, truth: Truth | None, result: Score 
     return svg(11.5, 1.75 * rows + 0.5, draw)
 
 
-def honesty(reconstruction: Reconstruction, result: Score) -> str:
+def honesty(reconstruction: Reconstruction, result: Score) -> Markup:
     """A column a camera: the size of the errors between the bound and the claimed sigma; and whether the claim holds.
 
     Below, each frame is a dot: its errors of pan and log focal in units of their own covariance. If that is honest,
@@ -122,7 +129,7 @@ def honesty(reconstruction: Reconstruction, result: Score) -> str:
         clouds = rows[1].subplots(1, count, squeeze=False)[0]
         for number, name in enumerate(names):
             errors, colour = result.cameras[number], COLOURS[number % 4]
-            axes[0, number].set_title(f"Camera {name}")
+            axes[0, number].set_title(f"Camera {literal(name)}")
             axes[1, number].set_xlabel("frame")
             pan, focal = np.degrees(1.0), 100.0
             _size(axes[0, number], errors.pan_rad, errors.pan_sigma_rad, errors.pan_bound_rad, pan, colour)
@@ -138,7 +145,7 @@ def honesty(reconstruction: Reconstruction, result: Score) -> str:
     return svg(11.5, 6.6, draw)
 
 
-def top_view(reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> str:
+def top_view(reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> Markup:
     """The athlete's path and the cameras from above at four instants, on a grid of 2 m (Fig. 11)."""
     frames = len(reconstruction.timecodes)
     instants = np.unique(np.linspace(0, frames - 1, 4).astype(int))
@@ -161,7 +168,7 @@ def top_view(reconstruction: Reconstruction, truth: Truth | None, result: Score 
     return svg(11.5, 2.9, draw)
 
 
-def body_error(body: BodyErrors, contradicted: Sequence[int], suggested: int | None) -> str:
+def body_error(body: BodyErrors, contradicted: Sequence[int], suggested: int | None) -> Markup:
     """Joint errors over time, and what made each stretch hard. The keyframes that the images contradict are crossed,
     and a line stands where another keyframe would help most."""
 
@@ -189,7 +196,7 @@ def body_error(body: BodyErrors, contradicted: Sequence[int], suggested: int | N
     return svg(11.5, 3.2, draw)
 
 
-def joint_bars(body: BodyErrors) -> str:
+def joint_bars(body: BodyErrors) -> Markup:
     """Mean and 95th percentile of every joint."""
 
     def draw(figure: Figure) -> None:
@@ -206,13 +213,13 @@ def joint_bars(body: BodyErrors) -> str:
     return svg(11.5, 2.8, draw)
 
 
-def silhouettes(reconstruction: Reconstruction, result: Score) -> str:
+def silhouettes(reconstruction: Reconstruction, result: Score) -> Markup:
     """Intersection over union and outline error of every camera over time."""
 
     def draw(figure: Figure) -> None:
         one, two = figure.subplots(1, 2, sharex=True)
         for number, (name, view) in enumerate(zip(reconstruction.camera_names, result.foreground or (), strict=True)):
-            _line(one, view.iou, COLOURS[number % 4], label=f"camera {name}")
+            _line(one, view.iou, COLOURS[number % 4], label=f"camera {literal(name)}")
             _line(two, view.outline_px, COLOURS[number % 4])
         one.set(xlabel="frame", ylabel="intersection over union")
         two.set(xlabel="frame", ylabel="distance of the outlines [px]")
@@ -222,7 +229,7 @@ def silhouettes(reconstruction: Reconstruction, result: Score) -> str:
     return svg(11.5, 2.6, draw)
 
 
-def stage_times(stage_s: Mapping[str, float]) -> str:
+def stage_times(stage_s: Mapping[str, float]) -> Markup:
     """Wall time of each stage."""
 
     def draw(figure: Figure) -> None:

@@ -1,31 +1,31 @@
 """The jobs of a sweep on disk: a result is there whole or not at all, and says which configuration and code made it.
 
 A job works in a hidden folder beside its own, ``.NAME.partial``, which takes the job's name when all is done. So a job
-that was killed, at any moment, leaves nothing that looks like a result; what it left is swept away when it runs again.
-A job that failed leaves the reason in ``failed.txt``.
+that was killed, at any moment, leaves nothing that looks like a result; what it left is swept away by the next sweep.
+A job that failed leaves the reason in ``failed.txt``. Who works on a job holds the lock ``.NAME.partial.lock``.
 """
 
 from __future__ import annotations
 
-import fcntl
+import errno
 import hashlib
 import json
-import os
 import re
 import shutil
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 
-from experiments import estimators, footage
+from experiments import estimators, footage, workers
 from experiments.config import plain, structured
 from experiments.errors import explain
+from pzcap.io.files import locked
 from pzcap.types import PzcapError
 from sim.capture_cache import file_hashes
 from sim.session import ShootConfig
@@ -38,6 +38,9 @@ HYDRA: Final = ".hydra"  # what Hydra itself writes into a job's folder before t
 _CODE: Final = Path(__file__).parents[2]
 _ABOVE: Final = ("experiment=", "study=")  # overrides that name the folders above a job's
 _LONGEST: Final = 80  # letters of the overrides in a folder's name
+_PATIENCE_S: Final = 6.0  # with another process at work: one whose sweep was killed ends within this
+_LEFT: Final = re.compile(r"\.(.+)\.(?:partial|partial\.lock|stale)")
+_TRIES: Final = 40  # a twentieth of a second each
 
 
 def key(tree: Mapping[str, Any]) -> str:
@@ -124,48 +127,89 @@ def carry_out(
     ``composed`` is the configuration without Hydra's own. An exception ends in ``folder/failed.txt`` and goes no
     further: the other jobs of the sweep are not to hear of it, on whatever machine they run.
     """
+    workers.end_with_sweep()
     partial = folder.with_name(f".{folder.name}.partial")
+    wanted = ""
     try:
         tree = plain(composed)
         wanted = key(tree)
         if finished(folder, wanted):
             return None
-        with _alone(partial):
+        with _at_work(partial):
+            if finished(folder, wanted):  # by now: by whom this process has waited for
+                return None
             _clear(folder, partial)
             start = time.perf_counter()
             result = work(tree, partial)
             mark = {"key": wanted, "overrides": list(overrides), "seconds": round(time.perf_counter() - start, 3)}
             (partial / MARK).write_text(json.dumps(mark, indent=2) + "\n", encoding="utf-8")
-            (folder / FAILED).unlink(missing_ok=True)  # of a process that found this one at work
-            partial.rename(folder)  # the one step that makes it a result; what it replaces is an empty folder
+            _publish(partial, folder)
         return result
     except Exception as error:
         line = explain(error)
         if line is None:
             bug = " ".join(f"{type(error).__name__}: {error}".split())
             line = f"{bug} (a bug: traceback in {folder / FAILED})\n\n{traceback.format_exc()}"
-        _write(folder / FAILED, line.rstrip() + "\n")
+        if not finished(folder, wanted):
+            _write(folder / FAILED, line.rstrip() + "\n")
         return None
 
 
+def tidy(folders: Iterable[Path]) -> None:
+    """Remove what jobs left in ``folders`` whose processes were killed."""
+    for folder in folders:
+        names = {found[1] for path in folder.glob(".*") if (found := _LEFT.fullmatch(path.name))}
+        for partial, stale in ((folder / f".{name}.partial", folder / f".{name}.stale") for name in names):
+            if partial.is_file():
+                continue  # of a page or a table that is being written
+            with suppress(PzcapError, OSError), locked(_lock(partial), "at work"):
+                _remove(partial)
+                _remove(stale)
+
+
 @contextmanager
-def _alone(partial: Path) -> Iterator[None]:
-    """``partial``, empty, while no other process works in it. A process that is killed lets go of it."""
-    partial.mkdir(parents=True, exist_ok=True)
-    handle = os.open(partial, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            ours = os.path.samestat(os.fstat(handle), partial.stat())
-        except (BlockingIOError, FileNotFoundError):
-            ours = False
-        if not ours:
-            raise PzcapError(f"{partial}: another process works on this job; wait for it, then give the command again")
-        for path in partial.iterdir():
-            _remove(path)
+def alone(folder: Path) -> Iterator[None]:
+    """``folder``, made where it is missing, while no other run works in it. PzcapError if one does."""
+    folder.mkdir(parents=True, exist_ok=True)
+    where = "wait for it, or choose another folder with hydra.run.dir=FOLDER"
+    with locked(folder / ".lock", f"{folder}: another run works in this folder; {where}"):
         yield
-    finally:
-        os.close(handle)
+
+
+@contextmanager
+def _at_work(partial: Path) -> Iterator[None]:
+    """``partial``, empty, while no other process works in it; it is gone in the end."""
+    partial.parent.mkdir(parents=True, exist_ok=True)
+    busy = f"{partial}: another process works on this job; wait for it, then give the command again"
+    with locked(_lock(partial), busy, _PATIENCE_S):
+        _remove(partial)
+        partial.mkdir()
+        try:
+            yield
+        finally:
+            _remove(partial)
+
+
+def _lock(partial: Path) -> Path:
+    return partial.with_name(f"{partial.name}.lock")
+
+
+def _publish(partial: Path, folder: Path) -> None:
+    """The one step that makes it a result: what it replaces is an empty folder.
+
+    What another process has put there since, Hydra's part and that it found this one at work, is taken out before.
+    """
+    for attempt in range(_TRIES):
+        (folder / FAILED).unlink(missing_ok=True)
+        shutil.rmtree(folder / HYDRA, ignore_errors=True)
+        try:
+            partial.rename(folder)
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST) or attempt == _TRIES - 1:
+                raise
+            time.sleep(0.05)
+        else:
+            return
 
 
 def _clear(folder: Path, partial: Path) -> None:
@@ -173,7 +217,7 @@ def _clear(folder: Path, partial: Path) -> None:
     if (folder / HYDRA).is_dir():
         (folder / HYDRA).rename(partial / HYDRA)
     left = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    if left and MARK not in left and left != {FAILED}:
+    if MARK not in left and left - {FAILED, f".{FAILED}.partial"}:
         raise PzcapError(f"{folder}: holds what no sweep left there; choose another folder with hydra.sweep.dir=FOLDER")
     if left:
         stale = folder.with_name(f".{folder.name}.stale")

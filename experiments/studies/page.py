@@ -10,10 +10,11 @@ from typing import Any, Final, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments import pages
 from experiments.metrics import Metric, format_value
 from experiments.report import plots
 from experiments.settings_reference import descriptions
@@ -117,13 +118,7 @@ def write_study(folder: Path, places: Sequence[Path]) -> bool:
     if not study.runs:
         return False
     write_table(study)
-    environment = Environment(
-        loader=PackageLoader("experiments"), autoescape=select_autoescape(), undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    partial = folder / f".{PAGE}.partial"
-    partial.write_text(environment.get_template("study.html.j2").render(_context(study)), encoding="utf-8")
-    partial.replace(folder / PAGE)
+    pages.write(folder / PAGE, "study.html.j2", _context(study))
     return True
 
 
@@ -188,7 +183,9 @@ def _curve(axes: Axes, line: Line, panel: Panel, colour: Any) -> None:
     """Mean and standard deviation over the seeds, the runs as points that lead to their row, the bound dashed."""
     values = line.values(panel.metric)
     found = means(line.x, values)
-    axes.errorbar(found.x, found.mean, found.sigma, color=colour, capsize=3, elinewidth=1.0, label=line.label)
+    axes.errorbar(
+        found.x, found.mean, found.sigma, color=colour, capsize=3, elinewidth=1.0, label=plots.literal(line.label)
+    )
     filled = ["white" if run.value(LOST) else colour for run in line.runs]
     points = axes.scatter(line.x, values, 22, filled, edgecolors=[colour], zorder=3)
     points.set_urls([f"#{run.folder.name}" for run in line.runs])
@@ -202,7 +199,7 @@ def _scale(axes: Axes, plan: Plan, panel: Panel) -> None:
     if values.min() > 0 and values.max() > 5 * values.min():
         axes.set_yscale("log")
     places = np.unique(np.concatenate([line.x for line in plan.lines]))
-    axes.set_xticks(places, plan.names or [f"{place:g}" for place in places])
+    axes.set_xticks(places, [plots.literal(name) for name in plan.names or ()] or [f"{place:g}" for place in places])
 
 
 def _legend(axes: Axes, plan: Plan, panels: Sequence[Panel]) -> None:
@@ -214,7 +211,7 @@ def _legend(axes: Axes, plan: Plan, panels: Sequence[Panel]) -> None:
         axes.legend()
 
 
-def _surfaces(plan: Plan, panels: Sequence[Panel]) -> str | None:
+def _surfaces(plan: Plan, panels: Sequence[Panel]) -> Markup | None:
     """Error and bound over two axes of numbers, as surfaces; None where the runs are no such grid."""
     bounded = [panel for panel in panels if panel.bound_ratio is not None]
     if len(plan.others) != 1 or plan.names is not None or len(plan.lines) < 2 or not bounded:

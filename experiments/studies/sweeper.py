@@ -1,6 +1,6 @@
 """A Hydra sweeper that runs only what is missing. `experiments.studies.jobs` says what a finished job is.
 
-It is chosen by ``hydra/sweeper: resuming``; Hydra finds it in hydra_plugins/pzcap_resume. Which launcher runs the jobs
+It is chosen by ``hydra/sweeper: resuming``; Hydra finds it in experiments/plugins. Which launcher runs the jobs
 (hydra/launcher=joblib, submitit_slurm, ray, ...) is chosen as always: the launcher is given the missing jobs, and how
 they go is read off the disk.
 """
@@ -19,10 +19,11 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf, open_dict
-from rich.console import Console
 
+from experiments import workers
 from experiments.errors import AlreadyReported
 from experiments.studies import jobs
+from experiments.terminal import terminal
 from pzcap.types import PzcapError
 
 POLL_S: Final = 0.2
@@ -52,6 +53,10 @@ class Resuming(BasicSweeper):
         assert self.launcher is not None
         assert self.config is not None
         plan = self._plan(arguments)
+        jobs.tidy({job.folder.parent for job in plan})
+        workers.announce()
+        if isinstance(options := getattr(self.launcher, "joblib", None), dict):  # joblib's workers may wait for a job
+            options["initializer"] = workers.end_with_sweep
         missing = [job for job in plan if not jobs.finished(job.folder, job.key)]
         for job in missing:
             (job.folder / jobs.FAILED).unlink(missing_ok=True)
@@ -128,7 +133,8 @@ def _watch(plan: Sequence[Job], missing: Sequence[Job], over: threading.Event) -
         last = over.wait(POLL_S)
         for job in [job for job in running if job.ended]:
             running.remove(job)
-            reason, name = jobs.failure(job.folder), job.folder.name
+            name = job.folder.name
+            reason = None if jobs.finished(job.folder, job.key) else jobs.failure(job.folder)
             if reason is not None:
                 _say(f"error: {name}: {reason}" if len(plan) > 1 else f"error: {reason}")
             elif len(plan) > 1:
@@ -169,4 +175,4 @@ def _words(seconds: float) -> str:
 
 
 def _say(line: str) -> None:
-    Console(stderr=True).print(line, highlight=False, markup=False, soft_wrap=True)
+    terminal(stderr=True).print(line, highlight=False, soft_wrap=True)

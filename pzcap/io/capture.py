@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from pzcap.io.detections import NOBODY, read_keypoints
+from pzcap.io.files import checked
 from pzcap.io.manifest import (
     Json,
     dump_json,
@@ -103,7 +104,7 @@ def write_capture(capture: Capture) -> None:
 def read_image(path: Path) -> Image:
     """Read a still image (H, W, 3). Raises PzcapError if it is missing, truncated, or cannot be decoded."""
     try:
-        data = path.read_bytes()
+        data = checked(path).read_bytes()
     except OSError as error:
         raise PzcapError(f"{path}: no such image ({error.strerror}); copy it again from the camera") from error
     # OpenCV fills up what is cut off with grey and a line on stderr

@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from pzcap.io.files import checked, leads_out
 from pzcap.io.video import frames_to_timecode, timecode_to_frames
 from pzcap.types import MEASUREMENTS, SEGMENTS, Array, CalibrationObject, Marker, Pose, PzcapError, Subject
 
@@ -76,11 +77,19 @@ class Json:
         return array
 
     def file(self, key: str, folder: Path, or_folder: bool = False) -> Path | None:
-        """An optional file, which must exist if it is named; with ``or_folder`` it may be a folder of them."""
+        """An optional file in ``folder``, which must exist if named; with ``or_folder`` it may be a folder of them.
+
+        Links are followed: whoever made one in the folder meant it. A name that leads out by itself is refused.
+        """
         if not isinstance(self.value, dict) or self.value.get(key) is None:
             return None
-        path = folder / self[key].text()
-        if not (path.is_file() or (or_folder and path.is_dir())):
+        name = self[key].text()
+        if leads_out(name):
+            raise self[key].error(f"{name} leads out of the folder; put the file, or a link to it, inside")
+        path = folder / name
+        if or_folder and path.is_dir():
+            return path
+        if not checked(path).is_file():
             raise self[key].error(f"the file {path} is missing; bring it, or put null in its place")
         return path
 
@@ -88,7 +97,7 @@ class Json:
 def load_json(path: Path, remedy: str = "write it (docs/capture.md)") -> Json:
     """Raises PzcapError, with the remedy, if the file cannot be read or is no JSON."""
     try:
-        return Json(json.loads(path.read_text(encoding="utf-8")), path)
+        return Json(json.loads(checked(path).read_text(encoding="utf-8")), path)
     except OSError as error:
         raise PzcapError(f"{path}: cannot be read ({error.strerror}); {remedy}") from error
     except (ValueError, RecursionError) as error:

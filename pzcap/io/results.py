@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.io.files import checked, leads_out
 from pzcap.types import (
     JOINTS,
     SEGMENTS,
@@ -109,7 +110,7 @@ def load(folder: Path) -> Reconstruction:
             for number, camera in enumerate(cameras, start=1):
                 images = {}
                 if kind is Panorama and camera["panorama"] is not None:
-                    images = _decode_panorama(folder / camera["panorama"])
+                    images = _decode_panorama(folder, camera["panorama"])
                 parts.append(_unflatten(kind, f"camera{number}.{name}", arrays, images))
             per_camera[field] = tuple(parts)
         motion = _unflatten(Motion, "motion", arrays, {})
@@ -181,8 +182,11 @@ def _encode_panorama(panorama: Panorama) -> bytes:
     return bytes(cv2.imencode(".png", np.dstack([panorama.image, alpha]))[1])
 
 
-def _decode_panorama(path: Path) -> dict[str, NDArray[Any]]:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+def _decode_panorama(folder: Path, name: str) -> dict[str, NDArray[Any]]:
+    if leads_out(name):
+        raise PzcapError(f"{folder / MANIFEST}: {name} leads out of the folder; save the reconstruction again")
+    path = folder / name
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if checked(path).is_file() else None
     if image is None or image.ndim != 3 or image.shape[2] != 4:
         raise PzcapError(f"{path}: no readable PNG with an alpha channel; save the reconstruction again")
     return {"image": np.ascontiguousarray(image[:, :, :3]), "valid": image[:, :, 3] > 0}
@@ -190,7 +194,7 @@ def _decode_panorama(path: Path) -> dict[str, NDArray[Any]]:
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
-    if not path.is_file():
+    if not checked(path).is_file():
         raise PzcapError(f"{folder}: no {MANIFEST}; not a reconstruction, or one that was never finished")
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -205,7 +209,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
 
 def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(checked(path), allow_pickle=False) as file:
             return {key: file[key] for key in file.files}
     except FileNotFoundError as error:
         raise PzcapError(f"{path} is missing; save the reconstruction again") from error

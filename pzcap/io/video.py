@@ -22,6 +22,7 @@ from av.video.reformatter import Interpolation
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
+from pzcap.io.files import checked
 from pzcap.types import Image, PzcapError
 
 _TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d):(\d\d)")
@@ -161,7 +162,7 @@ class VideoReader:
 
     def _open(self) -> av.container.InputContainer:
         try:
-            return av.open(str(self.path))
+            return av.open(str(checked(self.path)))
         except FFmpegError as error:
             if not self.path.is_file():
                 raise PzcapError(f"{self.path}: no such video; copy it from the camera") from error

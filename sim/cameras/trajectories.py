@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from pzcap.io.files import checked
 from pzcap.types import Array, PzcapError
 from sim.cameras.operator import Hands
 from sim.cameras.optics import Rig
@@ -68,7 +69,7 @@ def _read(path: Path, rigs: Mapping[str, Rig], frame_rate: float) -> tuple[dict[
     """The rows of each camera, and whether the table has the tilt."""
     rows: dict[str, list[_Row]] = {name: [] for name in rigs}
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with checked(path).open(encoding="utf-8-sig", newline="") as file:
             table = csv.reader(file)
             columns = _columns(path, next(table, []))
             for cells in table:

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from pzcap.io.files import checked
 from pzcap.types import Array, PzcapError
 
 _POSITIONS: Final = ("xposition", "yposition", "zposition")
@@ -46,7 +47,7 @@ class _Joint:
 def read_bvh(path: Path) -> Bvh:
     """Read a BVH file. Raises PzcapError, with the line, where it does not say what it should."""
     try:
-        lines = _Lines(path, path.read_text(encoding="utf-8-sig").splitlines())
+        lines = _Lines(path, checked(path).read_text(encoding="utf-8-sig").splitlines())
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise PzcapError(f"{path}: cannot read the motion: {reason}") from error

@@ -27,6 +27,7 @@ from pzcap.types import (
     PzcapError,
     Subject,
 )
+from tests.scenes import specials
 
 RATE = Fraction(30)
 WIDTH, HEIGHT = 64, 48
@@ -341,3 +342,61 @@ def test_keypoints_come_with_their_pictures(folder: Path) -> None:
 
 def test_without_keypoints_a_frame_set_has_none(folder: Path) -> None:
     assert all(frames.keypoints == () for frames in frame_sets(read_capture(folder)))
+
+
+# --------------------------------------------------------------------------------------------------------------
+# What it opens
+
+
+@pytest.mark.parametrize("kind", ["motion", "sweep", "reference", "keypoints", "object", "subject", "keyframes"])
+@pytest.mark.parametrize("name", ["../outside", "camera1/../../outside", "/dev/null", "{folder}/capture.json"])
+def test_a_name_that_leads_out_of_the_folder_gets_one_line(folder: Path, kind: str, name: str) -> None:
+    (folder.parent / "outside").write_text("{}")
+    name = name.format(folder=folder)
+
+    def lead_out(manifest: Any) -> None:
+        where = manifest if kind in ("object", "subject", "keyframes") else manifest["cameras"][1]
+        where[kind] = name
+
+    edit(folder / "capture.json", lead_out)
+    with pytest.raises(PzcapError) as caught:
+        read_capture(folder)
+    assert str(folder / "capture.json") in str(caught.value)
+    assert f"{kind}: {name} leads out of the folder; put the file, or a link to it, inside" in str(caught.value)
+
+
+def test_links_are_followed(folder: Path, tmp_path: Path) -> None:
+    video = folder / "camera1" / "motion.mp4"
+    video.rename(tmp_path / "card.mp4")
+    video.symlink_to(tmp_path / "card.mp4")
+    (tmp_path / "link").symlink_to(folder, target_is_directory=True)
+    assert len(frame_sets(read_capture(tmp_path / "link"))) == 10
+
+
+PLACES = (
+    "capture.json", "object.json", "subject.json", "keyframes.json", "camera1/reference.png", "camera2/sweep.mp4",
+    "camera2/zoom.mp4", "camera3/motion.mp4", "camera1/keypoints.json", "camera2/keypoints/1.json",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("kind", ["a pipe", "a folder", "a socket", "a device"])
+def test_what_is_no_file_is_refused_before_it_is_opened(folder: Path, place: str, kind: str) -> None:
+    (folder / "camera2" / "keypoints").mkdir()
+    for name in ("camera1/keypoints.json", "camera2/keypoints/1.json"):
+        (folder / name).write_text("[]" if name.startswith("camera1") else '{"people": []}')
+
+    def name_keypoints(manifest: Any) -> None:
+        manifest["cameras"][0]["keypoints"], manifest["cameras"][1]["keypoints"] = (
+            "camera1/keypoints.json", "camera2/keypoints"
+        )  # fmt: skip
+
+    edit(folder / "capture.json", name_keypoints)
+    frame_sets(read_capture(folder))
+    (folder / place).unlink()
+    specials.make(folder / place, kind)
+    if kind == "a folder" and place == "camera1/keypoints.json":
+        kind = "holds no .json file"  # it may be a folder
+    with pytest.raises(PzcapError, match=kind) as caught:
+        frame_sets(read_capture(folder))
+    assert str(folder / place) in str(caught.value)

@@ -32,6 +32,8 @@ from experiments.errors import guard, reported
 from experiments.metrics import run_info, write_metrics
 from experiments.progress import Bars
 from experiments.run import CONF
+from experiments.studies.jobs import alone
+from experiments.terminal import terminal
 from pzcap.io.capture import MANIFEST, read_capture
 from pzcap.types import PzcapError
 
@@ -86,12 +88,13 @@ ConfigStore.instance().store(name="peers_base", node=default_tree(PeersConfig))
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="peers")
 def _job(composed: DictConfig) -> None:
-    out, err = Console(), Console(stderr=True)
+    out, err = terminal(), terminal(stderr=True)
     with reported():
         tree = plain(composed)
         config = structured(tree, PeersConfig, "configuration")
         folder = Path(HydraConfig.get().runtime.output_dir)
-        results = run(config, tree, folder, err)
+        with alone(folder):
+            results = run(config, tree, folder, err)
     what = config.capture or f"{HydraConfig.get().runtime.choices['experiment']}, seed {config.seed}"
     show.print_table(out, f"{what}, every {config.every}. frame", results)
     shown = os.path.relpath(folder) if folder.is_relative_to(Path.cwd()) else folder

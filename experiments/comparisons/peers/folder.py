@@ -22,6 +22,7 @@ from pzcap.calibration.sweep import chain, link_further
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View, wrapped
 from pzcap.io.capture import read_image
+from pzcap.io.files import checked
 from pzcap.types import FAR_AWAY, Array, Image, Lens, Mask, Panorama, PanZoomCamera, PzcapError
 
 CAMERA: Final = "camera.json"
@@ -121,7 +122,7 @@ def _mask(path: Path, lens: Lens) -> Mask | None:
 
 def _read(path: Path, kind: type[T]) -> T:
     try:
-        tree: Any = json.loads(path.read_text(encoding="utf-8"))
+        tree: Any = json.loads(checked(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise PzcapError(f"{path}: cannot be read ({error.strerror}); write it ({DOCS})") from error
     except ValueError as error:
@@ -134,7 +135,7 @@ def _read(path: Path, kind: type[T]) -> T:
 def _panorama(folder: Path) -> Panorama:
     path = folder / "panorama.png"
     file = _read(folder / "panorama.json", PanoramaFile)
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    image = cv2.imread(str(checked(path)), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint8 or image.ndim != 3:
         raise PzcapError(f"{path}: is no PNG of 8 bits in colour; write it again ({DOCS})")
     valid = image[:, :, 3] > 0 if image.shape[2] == 4 else np.ones(image.shape[:2], bool)
@@ -155,7 +156,7 @@ def _truth(path: Path, frames: Sequence[Path]) -> dict[str, Estimate]:
         return {}
     names = {frame.stem for frame in frames}
     truth = {}
-    with path.open(encoding="utf-8", newline="") as file:
+    with checked(path).open(encoding="utf-8", newline="") as file:
         rows = csv.DictReader(file)
         if tuple(rows.fieldnames or ()) != COLUMNS:
             raise PzcapError(f"{path}: its first line must be {','.join(COLUMNS)} ({DOCS})")

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from experiments.comparisons.peers import bench
 from experiments.comparisons.peers.bench import METHODS, Result
@@ -40,7 +41,7 @@ def print_table(console: Console, title: str, results: Sequence[Result]) -> None
     for result in results:
         label, key = METHODS[result.name].label, f"peers.{result.name}."
         if result.missing is not None:
-            table.add_row(label, f"[dim]{result.missing}[/]", *[""] * 7)
+            table.add_row(label, Text(result.missing, "dim"), *[""] * 7)
             continue
         row = [figures[f"{key}{what}{quantity}.{name}"] for quantity in ("pan", "focal") for name in bench.STATISTICS]
         lost = figures[f"{key}failures"]

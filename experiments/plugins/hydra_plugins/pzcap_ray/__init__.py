@@ -5,8 +5,9 @@ Hydra's own plugin of that name wants Amazon's client and a cloudpickle that job
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
@@ -15,6 +16,11 @@ from hydra.core.utils import JobReturn, run_job, setup_globals
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf, open_dict
+
+HERE: Final = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
+"""Ray's switch for machines that are to be no part of a cluster, read when it is imported and inherited by all that it
+starts: it then uses the loopback address. Everywhere else it listens on all interfaces and lets anyone run code, and
+does so even if told that the address of the node is 127.0.0.1, for which it substitutes an address of the network."""
 
 
 class RayLauncher(Launcher):
@@ -30,11 +36,15 @@ class RayLauncher(Launcher):
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
         """Run the jobs, as many at once as the cluster has room for; their returns in the order given."""
+        start = self._init
+        if not (os.environ.get("RAY_ADDRESS") or start.get("address")):
+            os.environ.update(HERE)
+            start = start | {"address": "local"}
         import ray  # an optional extra, wanted by nothing before this
 
         setup_globals()
         if not ray.is_initialized():
-            ray.init(**self._init)
+            ray.init(**start)
         job = ray.remote(**self._remote)(_job)
         shared = ray.put((self._context, self._config, self._task, Singleton.get_state()))
         running = [job.remote(shared, number, given) for number, given in enumerate(job_overrides, initial_job_idx)]

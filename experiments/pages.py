@@ -1,0 +1,27 @@
+"""The pages: templates that are filled in, and appear on disk whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+
+def write(path: Path, template: str, context: Mapping[str, Any]) -> None:
+    """Write a page of experiments/templates/, which needs no network.
+
+    All text is escaped, whoever wrote it; only `markupsafe.Markup`, such as the drawings of `experiments.plots`, is
+    taken as it is. (Jinja's own choice by the file's ending takes ``.html.j2`` for no page.)
+    """
+    environment = Environment(
+        loader=PackageLoader("experiments"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_text(environment.get_template(template).render(context), encoding="utf-8")
+    partial.replace(path)

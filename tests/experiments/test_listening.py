@@ -1,0 +1,66 @@
+"""No command listens where another machine could reach it."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from experiments import catalog, review
+from pzcap.types import PzcapError
+from tests.experiments.test_catalog import record
+from tests.experiments.test_sweep import ENVIRONMENT, ROOT, command
+from tests.scenes import listening
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("launcher", "package", "listens"),
+    [
+        ("basic", "hydra", False),
+        ("joblib", "hydra_plugins.hydra_joblib_launcher", False),
+        ("submitit_local", "hydra_plugins.hydra_submitit_launcher", False),
+        ("ray", "ray", True),
+    ],
+)
+def test_a_sweep_is_reached_by_nobody_else(launcher: str, package: str, listens: bool, tmp_path: Path) -> None:
+    if importlib.util.find_spec(package) is None:
+        pytest.skip(f"{package} is not installed: pip install pzcap[launchers]")
+    without = {name: value for name, value in ENVIRONMENT.items() if name != "RAY_ADDRESS"}
+    line = command(tmp_path, "value=1,2", "pause_s=0.2", launcher=launcher)
+    process, found = subprocess.Popen(line, cwd=ROOT, env=without, stderr=subprocess.DEVNULL), set()
+    while process.poll() is None:
+        found |= listening.addresses(psutil.Process(process.pid))
+        time.sleep(0.05)
+    assert process.returncode == 0
+    assert len(list(tmp_path.glob("*/job.json"))) == 2
+    assert bool(found) == listens
+    assert not listening.exposed(found)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("datafusion") is None, reason="needs rerun-sdk[catalog]")
+def test_a_catalog_is_reached_by_nobody_else(tmp_path: Path) -> None:
+    record(tmp_path / "run" / "recording.rrd", 1.0, 0)
+    with catalog.served([tmp_path / "run" / "recording.rrd"]):
+        found = listening.addresses(psutil.Process())
+    assert found
+    assert not listening.exposed(found)
+
+
+def test_the_viewer_is_reached_by_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    found: set[str] = set()
+
+    def watch(process: subprocess.Popen[bytes], _port: int) -> None:
+        until = time.monotonic() + review.START_S
+        while not found and process.poll() is None and time.monotonic() < until:
+            found.update(listening.addresses(psutil.Process(process.pid)))
+        raise ConnectionError
+
+    monkeypatch.setattr(review, "_connected", watch)
+    with pytest.raises(PzcapError):
+        review.show([], headless=True)
+    assert found == {"127.0.0.1"}

@@ -1,0 +1,110 @@
+"""Files that others made, and locks."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from experiments import footage
+from pzcap import store
+from pzcap.io.capture import read_image
+from pzcap.io.files import checked, locked
+from pzcap.io.video import VideoReader
+from pzcap.types import PzcapError
+from sim.motion._bvh import read_bvh
+from tests.scenes import fabricated, specials
+
+KINDS = ("a pipe", "a folder", "a socket", "a device")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_no_file_is_refused_by_every_reader(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "footage"
+    specials.make(path, kind)
+    for read in (checked, read_image, VideoReader, read_bvh):
+        with pytest.raises(PzcapError, match=f"footage: is {kind}, not a file; put the file itself in its place"):
+            read(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", [store.MANIFEST, store.ARRAYS, "panorama1.png"])
+def test_what_is_no_file_is_refused_in_a_reconstruction(kind: str, name: str, tmp_path: Path) -> None:
+    store.save(fabricated.reconstruction(), tmp_path)
+    (tmp_path / name).unlink()
+    specials.make(tmp_path / name, kind)
+    with pytest.raises(PzcapError, match=f"{name}: is {kind}"):
+        store.load(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["truth.json", "truth.npz", "masks.npz"])
+def test_what_is_no_file_is_refused_in_a_truth(name: str, small_capture: Path, tmp_path: Path) -> None:
+    (tmp_path / "truth").mkdir()
+    for file in (small_capture / "truth").iterdir():
+        (tmp_path / "truth" / file.name).symlink_to(file)
+    assert footage.truth_beside(tmp_path / "capture") is not None
+    (tmp_path / "truth" / name).unlink()
+    specials.make(tmp_path / "truth" / name, "a pipe")
+    with pytest.raises(PzcapError, match=f"{name}: is a pipe"):
+        footage.truth_beside(tmp_path / "capture")
+
+
+@pytest.mark.parametrize("name", ["../panorama1.png", "/dev/zero"])
+def test_a_reconstruction_opens_nothing_outside_itself(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "reconstruction"
+    store.save(fabricated.reconstruction(), folder)
+    (folder / "panorama1.png").rename(tmp_path / "panorama1.png")
+    manifest = json.loads((folder / store.MANIFEST).read_text())
+    manifest["cameras"][0]["panorama"] = name
+    (folder / store.MANIFEST).write_text(json.dumps(manifest))
+    with pytest.raises(PzcapError, match=f"{name} leads out of the folder"):
+        store.load(folder)
+
+
+HOLDING = """
+import sys, time
+from pathlib import Path
+from pzcap.io.files import locked
+with locked(Path(sys.argv[1]), "busy"):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_lock_says_who_holds_it_and_falls_with_him(tmp_path: Path) -> None:
+    lock = tmp_path / "lock"
+    with subprocess.Popen([sys.executable, "-c", HOLDING, str(lock)], stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(PzcapError, match=rf"busy \(it is process {holder.pid} on "), locked(lock, "busy"):
+            pass
+        holder.kill()
+        holder.wait()
+        assert lock.exists()
+        with locked(lock, "busy"):
+            assert str(os.getpid()) in lock.read_text()
+    assert not lock.exists()
+
+
+def test_a_lock_is_waited_for(tmp_path: Path) -> None:
+    lock = tmp_path / "lock"
+    with subprocess.Popen([sys.executable, "-c", HOLDING, str(lock)], stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        killer = subprocess.Popen(["sh", "-c", f"sleep 0.5; kill -9 {holder.pid}"])
+        start = time.monotonic()
+        with locked(lock, "busy", patience_s=20.0):
+            assert 0.3 < time.monotonic() - start < 10.0
+        killer.wait()
+
+
+def test_nobody_waits_for_himself(tmp_path: Path) -> None:
+    start = time.monotonic()
+    with locked(tmp_path / "lock", "busy"), pytest.raises(PzcapError), locked(tmp_path / "lock", "busy", 60.0):
+        pass
+    assert time.monotonic() - start < 5.0
