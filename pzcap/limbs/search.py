@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from pzcap.body import kinematics
 from pzcap.body.skeleton import DOF_SEGMENT, Body, difference, forward
-from pzcap.tracking.visibility import Float32
-from pzcap.types import HINGE_AXES, PARENTS, SEGMENTS, Array, Camera, Image, Pose
+from pzcap.types import HINGE_AXES, PARENTS, SEGMENTS, Array, Camera, Float32, Image, Pose
 
 LIMBS: Final[tuple[tuple[int, ...], ...]] = ((4, 5, 6), (7, 8, 9), (10, 11, 12), (13, 14, 15))
 """Segments of the arms and the legs: a ball joint, a hinge and a ball joint each."""

@@ -15,9 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.types import Array, Camera, Image, Mask
+from pzcap.types import Array, Camera, Float32, Image, Mask
 
-Float32 = NDArray[np.float32]
 Pixels = TypeVar("Pixels", Image, Float32)
 
 LARGEST: Final = 8.0

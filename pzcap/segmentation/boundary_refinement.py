@@ -18,9 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.segmentation.background_model import halve
-from pzcap.types import Image
-
-Float32 = NDArray[np.float32]
+from pzcap.types import Float32, Image
 
 BAND: Final = np.ones((5, 5), np.uint8)
 """What is within two pixels of the first guess's outline is undecided."""

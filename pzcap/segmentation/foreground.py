@@ -22,11 +22,10 @@ from pzcap.localisation.panorama_sampler import Window, warp_background
 from pzcap.segmentation import boundary_refinement
 from pzcap.segmentation.background_model import Compared, ForegroundConfig, compare, double, shrink
 from pzcap.solver.robust import line
-from pzcap.types import Array, Camera, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
+from pzcap.types import Array, Camera, Float32, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
 __all__ = ["Expected", "ForegroundConfig", "match_gain", "separate", "subtract"]
 
-Float32 = NDArray[np.float32]
 
 EVEN: Final = 127
 """Probability (of 255) where nothing is known."""

@@ -21,8 +21,7 @@ from pzcap.limbs.search import BELIEF_SCALE, GROUP, LIMBS, RELUCTANCE_M2, LimbSe
 from pzcap.tracking import visibility
 from pzcap.tracking.observation import DEPTH_TOLERANCE_M, Z_SCALE, PlacedView
 from pzcap.tracking.pose_objective import LEARNING, Appearance, PoseObjective, px_per_m, view_level
-from pzcap.tracking.visibility import Float32
-from pzcap.types import PARENTS, Array, Camera, Image, Pose
+from pzcap.types import PARENTS, Array, Camera, Float32, Image, Pose
 
 _WORTH: Final = 6.0  # square metres of silhouette that one of likeness is worth
 _UNLIKE: Final = 15.0  # grey levels by which a point half looks otherwise

@@ -21,8 +21,7 @@ from pzcap.segmentation.foreground import Expected
 from pzcap.tracking import keypoint_residuals, visibility
 from pzcap.tracking.camera_refinement import CameraPrior, corrected
 from pzcap.tracking.keypoint_residuals import in_world
-from pzcap.tracking.visibility import Float32
-from pzcap.types import Array, Camera, Image, Pose, Silhouette
+from pzcap.types import Array, Camera, Float32, Image, Pose, Silhouette
 
 LEVELS = 4
 """Pyramid levels: each halves the one below it."""

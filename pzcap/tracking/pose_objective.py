@@ -23,8 +23,7 @@ from pzcap.limbs.skin_colour_model import LOWER_ARM
 from pzcap.tracking import keypoint_residuals, residuals, visibility
 from pzcap.tracking.camera_refinement import MarginalisedCamera, eliminate
 from pzcap.tracking.observation import LEVELS, Z_SCALE, Cut, Observation, PlacedView, Skin, place_view, project
-from pzcap.tracking.visibility import Float32
-from pzcap.types import SEGMENTS, Array, Camera, Image, Pose
+from pzcap.types import SEGMENTS, Array, Camera, Float32, Image, Pose
 
 SEGMENT_WIDTH_M = np.array(
     [{"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07, "hand": 0.05,

@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from pzcap.limbs.search import ARMS
 from pzcap.tracking.visibility import bilinear, pixel_gradient, ray, sloped, stand
-from pzcap.types import Array, Image
-
-Float32 = NDArray[np.float32]
+from pzcap.types import Array, Float32, Image
 
 NUISANCES: Final = 4
 """Per segment and view: a gain and a shading gradient along the three axes of the world."""

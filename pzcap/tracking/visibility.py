@@ -8,9 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.types import Array, Image
-
-Float32 = NDArray[np.float32]
+from pzcap.types import Array, Float32, Image
 
 Stand = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 Face = tuple[float, float, float, float, float, float, float, float, float, float]
