@@ -24,8 +24,8 @@ from pzcap.types import Camera, InverseDepthMap, Panorama
 from sim.cameras.operator import sweep, through
 from sim.hall import gym
 from sim.session import assemble
-from tests.geometry.test_cylinder import camera_of, whole_turn
 from tests.scenes import synthetic
+from tests.scenes.cylinders import camera_of, whole_turn
 
 OPTICS = synthetic.Optics()
 FOCAL = OPTICS.reference_focal_px

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from experiments.footage import SMALL
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image, Mask, PzcapError
@@ -24,7 +25,6 @@ from sim.people.crew import CrewConfig
 from sim.session import ShootConfig
 from sim.shoot import Progress, shoot
 from sim.truth import Truth, load
-from tests.conftest import SMALL
 
 PLAIN = replace(
     SMALL, motion="floor_exercise", motion_frames=3, sweep_deg=10.0, zoom_frames=2,

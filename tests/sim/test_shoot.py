@@ -34,11 +34,8 @@ from sim.people.detector import DetectorConfig
 from sim.session import ShootConfig, assemble
 from sim.shoot import Progress, shoot
 from sim.truth import Truth, load
+from tests.scenes.captures import TINY
 
-TINY = replace(
-    SMALL, motion_frames=2, width=160, height=120, sweep_deg=8.0, zoom_frames=2,
-    gym=replace(SMALL.gym, texture_px_per_m=50.0),
-)  # fmt: skip
 NOISELESS = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0)
 
 
