@@ -19,12 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import rerun as rr
-from rich.table import Table
 
 from experiments.config import nearest
 from experiments.errors import guard
 from experiments.review import RECORDING, runs_in
-from experiments.terminal import terminal
+from experiments.terminal import table, terminal
 from pzcap.types import PzcapError
 
 
@@ -73,14 +72,14 @@ def _command() -> None:
         opened = _clocks()
         found = ask(dataset, given.setting, given.metric)
         answered = _clocks()
-    table = Table(title=f"{given.metric} by {given.setting}", title_justify="left", header_style="bold")
-    for name in (given.setting, *found.columns):
-        table.add_column(name, justify="right")
-    for value, row in found.iterrows():
-        name = f"{value:g}" if isinstance(value, float) else str(value)
-        table.add_row(name, *("–" if number != number else f"{number:.4g}" for number in row))  # no spread of one run
+    rows = [
+        # one run has no spread
+        (f"{value:g}" if isinstance(value, float) else str(value), *("–" if n != n else f"{n:.4g}" for n in row))
+        for value, row in found.iterrows()
+    ]
     out = terminal()
-    out.print(table)
+    columns = [f">{name}" for name in (given.setting, *found.columns)]
+    out.print(table(f"{given.metric} by {given.setting}", columns, rows))
     took = f"opened in {_between(begun, opened)}, asked in {_between(opened, answered)}"
     out.print(f"{len(recordings)} recordings, {took}", highlight=False, soft_wrap=True)
 

@@ -31,11 +31,10 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.console import Console
-from rich.table import Table
 
 from experiments.errors import AlreadyReported, guard
 from experiments.studies.study import TABLE
-from experiments.terminal import terminal
+from experiments.terminal import table, terminal
 from pzcap.types import PzcapError
 
 FOLDER: Final = Path("outputs/efficiency")
@@ -113,16 +112,16 @@ def measure(overrides: Sequence[str], jobs: int, cores: int, out: Console) -> No
         (study(FOLDER / f"by_hand{k}", (), overrides, numbers[k::cores]), [core]) for k, core in enumerate(chosen)
     ])  # fmt: skip
     launched = run([(study(FOLDER / "parallel", joblib, overrides, numbers), chosen)])
-    table = Table(title=f"{jobs} jobs", title_justify="left", header_style="bold")
-    for name in ("", "wall s", "CPU s", "efficiency"):
-        table.add_column(name, justify="right" if name else "left")
-    for name, spent, used in (
+    measured = (
         ("one after the other, on one core", alone, 1),
         (f"on {cores} cores, started by hand", by_hand, cores),
         (f"on {cores} cores, launched by joblib", launched, cores),
-    ):
-        table.add_row(name, f"{spent.wall_s:.1f}", f"{spent.cpu_s:.1f}", f"{spent.efficiency(alone, used):.2f}")
-    out.print(table)
+    )
+    rows = [
+        (name, f"{spent.wall_s:.1f}", f"{spent.cpu_s:.1f}", f"{spent.efficiency(alone, used):.2f}")
+        for name, spent, used in measured
+    ]
+    out.print(table(f"{jobs} jobs", ("", ">wall s", ">CPU s", ">efficiency"), rows))
     tables = [pq.read_table(_only(FOLDER / name)) for name in ("serial", "parallel")]
     unequal = differing(*tables)
     if unequal:

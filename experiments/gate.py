@@ -22,7 +22,6 @@ from typing import Any, Final, Literal
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
-from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -31,7 +30,7 @@ from experiments.config import build, plain, structured
 from experiments.errors import AlreadyReported, guard
 from experiments.metrics import Direction, Metric, format_value, run_info
 from experiments.run import CONF, run
-from experiments.terminal import terminal
+from experiments.terminal import table, terminal
 from pzcap.types import PzcapError
 
 GATE: Final = CONF / "gate.yaml"
@@ -186,15 +185,9 @@ def measure(config: GateConfig, case: str, extra: Sequence[str], console: Consol
     return run(app, tree, FOLDER / case, console), app.estimator is not None
 
 
-def table(found: Sequence[Move]) -> Table:
+def moves_table(found: Sequence[Move]) -> Table:
     """Then and now."""
-    shown = Table(title="What moved", title_justify="left", header_style="bold", box=box.SIMPLE)
-    for name in ("case", "metric"):
-        shown.add_column(name)
-    for name in ("baseline", "now", "change", "allowed"):
-        shown.add_column(name, justify="right")
-    shown.add_column("unit")
-    shown.add_column("")
+    rows = []
     colours = {"worse": "red", "gone": "red", "better": "green", "new": "yellow", "same": "dim"}
     for move in found:
         then, now = move.then, move.now
@@ -207,15 +200,16 @@ def table(found: Sequence[Move]) -> Table:
         sign = "" if then is None else "+" if then.direction == "lower" else "−"
         allowed = "–" if then is None else f"{sign}{then.tolerance:.3g}"
         verdict = Text(move.verdict, colours[move.verdict])
-        shown.add_row(move.case, move.key, before, after, change, allowed, unit, verdict)
-    return shown
+        rows.append((move.case, move.key, before, after, change, allowed, unit, verdict))
+    columns = ("case", "metric", ">baseline", ">now", ">change", ">allowed", "unit", "")
+    return table("What moved", columns, rows, plain=True)
 
 
 def judge(found: Sequence[Move], console: Console) -> None:
     """Print what moved, and raise AlreadyReported if anything is worse."""
     moved = [move for move in found if move.verdict != "same"]
     if moved:
-        console.print(table(sorted(moved, key=lambda move: not move.fails)))
+        console.print(moves_table(sorted(moved, key=lambda move: not move.fails)))
     failed = sum(move.fails for move in found)
     better = sum(move.verdict == "better" for move in found)
     if failed:

@@ -11,16 +11,9 @@ that list in it, RUN/review.rrd or RUN/comparison.rrd, which `rerun` opens anywh
 from __future__ import annotations
 
 import argparse
-import os
-import signal
-import socket
-import subprocess
 import sys
-import sysconfig
-import time
 import uuid
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -28,20 +21,19 @@ from typing import Final
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
-from rerun.experimental import ViewerClient
 
 from experiments.errors import guard
-from experiments.report import bookmarks, layouts
+from experiments.report import bookmarks
 from experiments.report.bookmarks import Bookmark
 from pzcap.io import results
 from pzcap.types import PzcapError
+from pzcap.viewer import layouts
 from pzcap.viewer.columns import TIMELINE, plain
 from pzcap.viewer.recording import APPLICATION
+from pzcap.viewer.window import show
 
 RECORDING: Final = "recording.rrd"
 AT_ONCE: Final = 3  # runs of a study
-START_S: Final = 30.0
-NO_VIEWER: Final = "the viewer does not start here, for want of a screen or a graphics driver; open the file elsewhere"
 LEFT_OUT: Final = ["/__properties/**", "/truth/**", "/phase/**"]
 """Of the second of two runs: what it shares with the first, or what stands in the first one's views by name."""
 
@@ -53,6 +45,11 @@ class Review:
     path: Path
     title: str
     marks: tuple[Bookmark, ...]  # the gravest first
+
+    @property
+    def place(self) -> tuple[Path, int | None]:
+        """The file, and the frame to see first."""
+        return self.path, self.marks[0].frame if self.marks else None
 
 
 def runs_in(folder: Path) -> list[Path]:
@@ -141,53 +138,6 @@ def _page(marks: Sequence[Bookmark], note: str) -> str:
     return "\n".join([note, "", "| frame | what |", "|---:|---|", *rows])
 
 
-def show(reviews: Sequence[Review], *, headless: bool = False) -> tuple[subprocess.Popen[bytes], ViewerClient]:
-    """A viewer of its own with all ``reviews``, the first one before, its clock on the worst frame."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    binary = Path(sysconfig.get_path("scripts")) / "rerun"
-    line = [str(binary), "--port", str(port), "--bind", "127.0.0.1", "--hide-welcome-screen"]
-    quiet = subprocess.DEVNULL
-    process = subprocess.Popen(
-        [*line, "--headless"] if headless else line, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
-    )
-    try:
-        client = _connected(process, port)
-        for one in reversed(reviews):
-            client.open(str(one.path.resolve()))
-            if one.marks:
-                client.set_time(TIMELINE, sequence=one.marks[0].frame, play_state="paused")
-    except ConnectionError:  # it had answered, and ended for want of a screen or a driver
-        close(process)
-        raise PzcapError(NO_VIEWER) from None
-    except BaseException:
-        close(process)
-        raise
-    return process, client
-
-
-def close(viewer: subprocess.Popen[bytes]) -> None:
-    """End a viewer of `show`: `rerun` is a script, and the viewer its child."""
-    with suppress(ProcessLookupError):
-        os.killpg(viewer.pid, signal.SIGTERM)
-    viewer.wait()
-
-
-def _connected(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
-    start = time.monotonic()
-    while True:
-        try:
-            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
-            client.get_state()  # its server answers before it does
-        except (ConnectionError, RuntimeError):
-            if process.poll() is not None or time.monotonic() - start > START_S:
-                raise PzcapError(NO_VIEWER) from None
-            time.sleep(0.2)
-        else:
-            return client
-
-
 def reviews(folders: Sequence[Path]) -> list[Review]:
     """What to open for one folder, of a run or a study, or for two runs; the worst first."""
     if len(folders) == 2:
@@ -211,7 +161,7 @@ def _open(folders: Sequence[Path]) -> None:
         for mark in one.marks:
             print(f"  frame {mark.frame}: {mark.text}")
     sys.stdout.flush()
-    show(found)
+    show([one.place for one in found])
 
 
 def main() -> int:

@@ -27,7 +27,6 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from experiments import estimators, footage, memory
@@ -40,7 +39,7 @@ from experiments.report.page import Material, write_report
 from experiments.score import Score, score
 from experiments.silhouette_score import ForegroundScorer
 from experiments.studies import jobs
-from experiments.terminal import terminal
+from experiments.terminal import table, terminal
 from experiments.totals import metrics
 from pzcap import events
 from pzcap.extras import reconstruct
@@ -219,17 +218,13 @@ def _speed(done: Reconstructed, frames: int, log_share: float | None) -> list[Me
 
 def print_table(console: Console, title: str, found: list[Metric]) -> None:
     """The metrics, and which of them miss their target."""
-    table = Table(title=title, title_justify="left", header_style="bold")
-    table.add_column("metric")
-    table.add_column("value", justify="right")
-    table.add_column("unit")
-    table.add_column("target")
-    for metric in found:
-        if metric.value is None:
-            continue
-        verdict = {True: Text("reached", "green"), False: Text("missed", "red"), None: Text()}[meets_target(metric)]
-        table.add_row(metric.key, format_value(metric), metric.unit, verdict)
-    console.print(table)
+    verdicts = {True: Text("reached", "green"), False: Text("missed", "red"), None: Text()}
+    rows = [
+        (metric.key, format_value(metric), metric.unit, verdicts[meets_target(metric)])
+        for metric in found
+        if metric.value is not None
+    ]
+    console.print(table(title, ("metric", ">value", "unit", "target"), rows))
 
 
 ConfigStore.instance().store(name="base", node=default_tree())

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+from rich import box
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 
 def terminal(**how: Any) -> Console:
@@ -13,3 +17,18 @@ def terminal(**how: Any) -> Console:
     What is to be coloured is given as `rich.text.Text`. ``how``: as for `rich.console.Console`.
     """
     return Console(markup=False, emoji=False, **how)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]], *, plain: bool = False) -> Table:
+    """A table of ``rows``. A column whose name begins with ``>`` is of numbers: it stands to the right.
+
+    ``plain``: without a frame, which a log file has no room for.
+    """
+    shown = Table(
+        title=Text(title), title_justify="left", header_style="bold", box=box.SIMPLE if plain else box.HEAVY_HEAD
+    )
+    for name in columns:
+        shown.add_column(Text(name.removeprefix(">")), justify="right" if name.startswith(">") else "left")
+    for row in rows:
+        shown.add_row(*row)
+    return shown

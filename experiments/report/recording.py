@@ -11,11 +11,10 @@ import rerun as rr
 
 from experiments.config import CONVERTER, build, leaves
 from experiments.metrics import Metric, format_value, meets_target
-from experiments.report import layouts
 from experiments.score import Score
 from experiments.silhouette_score import Series
 from pzcap.types import JOINTS, Reconstruction
-from pzcap.viewer import columns, drawing
+from pzcap.viewer import columns, drawing, layouts
 from pzcap.viewer.columns import path_part, plain, view_path
 from pzcap.viewer.drawing import CAMERA_COLOURS, TRUTH_COLOUR
 from pzcap.viewer.recording import Recorder

@@ -10,8 +10,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from experiments import catalog, review
+from experiments import catalog
 from pzcap.types import PzcapError
+from pzcap.viewer import window
 from tests.scenes import listening
 from tests.scenes.studies import record
 from tests.scenes.sweeps import ENVIRONMENT, ROOT, command
@@ -55,12 +56,12 @@ def test_the_viewer_is_reached_by_nobody_else(monkeypatch: pytest.MonkeyPatch) -
     found: set[str] = set()
 
     def watch(process: subprocess.Popen[bytes], _port: int) -> None:
-        until = time.monotonic() + review.START_S
+        until = time.monotonic() + window.START_S
         while not found and process.poll() is None and time.monotonic() < until:
             found.update(listening.addresses(psutil.Process(process.pid)))
         raise ConnectionError
 
-    monkeypatch.setattr(review, "_connected", watch)
+    monkeypatch.setattr(window, "_connected", watch)
     with pytest.raises(PzcapError):
-        review.show([], headless=True)
+        window.show([], headless=True)
     assert found == {"127.0.0.1"}

@@ -18,7 +18,7 @@ from experiments.report import bookmarks, recording
 from pzcap.events import FrameLocalised
 from pzcap.io import results
 from pzcap.types import Array, CameraFiles, Capture, FrameSet, Localisation, PzcapError
-from pzcap.viewer import columns
+from pzcap.viewer import columns, window
 from pzcap.viewer.recording import Recorder
 from tests.scenes import fabricated
 from tests.scenes.viewer import needs_vulkan, screenshot
@@ -154,9 +154,9 @@ def test_a_viewer_that_ends_at_once_gets_one_line(run: Path, monkeypatch: pytest
         def open(self, _: str) -> None:
             raise ConnectionError("transport error")
 
-    monkeypatch.setattr(review, "_connected", lambda *_: Gone())
+    monkeypatch.setattr(window, "_connected", lambda *_: Gone())
     with pytest.raises(PzcapError, match="the viewer does not start here"):
-        review.show([review.review(run)], headless=True)
+        window.show([review.review(run).place], headless=True)
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ import pytest
 
 from experiments import review
 from pzcap.types import Image
+from pzcap.viewer import window
 
 
 def _vulkan() -> bool:
@@ -28,14 +29,14 @@ needs_vulkan = pytest.mark.skipif(
 
 def screenshot(found: review.Review) -> tuple[Image, Any]:
     """What the viewer shows of a review once it has come to rest, blue, green, red; and its state."""
-    process, client = review.show([found], headless=True)
+    process, client = window.show([found.place], headless=True)
     try:
         shots = [client.take_screenshot()]
         while len(shots) < 2 or (shots[-1] != shots[-2] and len(shots) < 20):
             shots.append(client.take_screenshot())
         state = client.get_state()
     finally:
-        review.close(process)
+        window.close(process)
     pixels = cv2.imdecode(np.frombuffer(shots[-1], np.uint8), cv2.IMREAD_COLOR)
     assert pixels is not None
     return np.asarray(pixels, np.uint8), state
