@@ -1,4 +1,7 @@
-"""What the simulator knows, on disk. Needs nothing but numpy to be read."""
+"""The truth about a capture: its record, its files, and true cameras, lenses and poses from it.
+
+Reading it needs numpy alone, no simulator. `sim.collect_truth` makes the record.
+"""
 
 from __future__ import annotations
 
