@@ -226,9 +226,8 @@ def _reprojection(
     diagonal = float(np.hypot(width, height))
     rms, valid, distances = np.zeros(len(frames)), np.zeros(len(frames), bool), []
     for frame in np.flatnonzero(track.valid):
-        here = true, frames[frame]
-        numbers = truth.world_T_cam[here], truth.focal_px[here], truth.principal_px[here], truth.k1[here]
-        seen, inside = project_true(*numbers, points_m)
+        there = truth.camera(true, int(frames[frame]))
+        seen, inside = project_true(there.world_T_cam, there.focal_px, there.principal_px, there.k1, points_m)
         inside &= np.all((seen >= 0) & (seen <= [width - 1, height - 1]), axis=1)
         if not inside.any():
             continue

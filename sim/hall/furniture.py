@@ -1,4 +1,4 @@
-"""What stands off the walls: wall bars, benches, vaulting boxes, mats, a curtain, hoops, tables, beams and lamps."""
+"""Furniture off the walls: wall bars, benches, vaulting boxes, mats, a curtain, hoops, tables, beams and lamps."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ REARRANGED: Final[dict[str, tuple[float, float, float]]] = {
     "vault_north": (-2.4, -12.1, 0.0),
     "mats_west": (6.7, 0.4, 0.0),
 }
-"""What is carried to the edge of the carpet where things are not left as they were: beginning of its geoms' names, and
-by how much (m) it moves."""
+"""Furniture that `GymConfig.rearranged` carries to the carpet's edge: beginning of its geoms' names -> shift, m."""
 
 
 def furnish(scenery: Scenery, px_per_m: float, rng: np.random.Generator) -> None:

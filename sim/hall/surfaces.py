@@ -1,4 +1,4 @@
-"""What walls, floor, carpet and ceiling of the hall look like: paintings in metres, one a surface."""
+"""Textures of walls, floor, carpet and ceiling of the hall: paintings in metres, one a surface."""
 
 from __future__ import annotations
 

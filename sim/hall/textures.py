@@ -167,7 +167,7 @@ def scuff(canvas: Canvas, rng: np.random.Generator, per_m2: float, depth: int = 
 
 
 def wear(canvas: Canvas, rng: np.random.Generator) -> None:
-    """What years leave on everything within reach: specks of 5 mm to 3 cm, smudges, streaks."""
+    """Marks of wear on everything within reach: specks of 5 mm to 3 cm, smudges, streaks."""
     for size_m, share, change in ((0.006, 0.02, -26), (0.008, 0.015, 22), (0.014, 0.02, -18), (0.03, 0.02, 12)):
         tint(canvas.image, flecks(canvas.image.shape, rng, size_m * canvas.px_per_m, share), (change, change, change))
     weather(canvas.image, grain(canvas.image.shape, rng, 3, octaves=7))

@@ -79,7 +79,7 @@ def floor_points(measurements: dict[str, float]) -> tuple[FloorPoint, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """What stays the same from one iteration to the next."""
+    """The parts of the problem that stay the same from one iteration to the next."""
 
     authored: Frames
     points: tuple[FloorPoint, ...]

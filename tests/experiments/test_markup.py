@@ -30,8 +30,8 @@ from experiments.studies import jobs
 from experiments.studies import page as study_page
 from pzcap.tracking.tracker import TrackingConfig
 from pzcap.types import CameraFiles, Capture
-from tests.experiments.test_study import NOISE, grid
 from tests.scenes import fabricated
+from tests.scenes.studies import NOISE, grid
 
 ROOT = Path(__file__).parents[2]
 NAMES = (

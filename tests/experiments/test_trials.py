@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from experiments.footage import SMALL
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image, Mask, PzcapError
@@ -24,7 +25,6 @@ from sim.people.crew import CrewConfig
 from sim.session import ShootConfig
 from sim.shoot import Progress, shoot
 from sim.truth import Truth, load
-from tests.conftest import SMALL
 
 PLAIN = replace(
     SMALL, motion="floor_exercise", motion_frames=3, sweep_deg=10.0, zoom_frames=2,
@@ -175,8 +175,8 @@ def test_the_crew_walks_through_the_sweep_alone(shots: Shots, plain: Path) -> No
 def test_a_fast_pan_reaches_its_speed_and_smears_the_picture(shots: Shots, plain: Path) -> None:
     swing = OperatorConfig(swing_deg_s=60.0, swing_hz=2.0)
     still = through(np.linspace(0, 4, 961), np.zeros(961), np.full(961, 880.0))
-    hands = swinging(still, swing, np.random.default_rng(0))
-    fine = np.array([hands.at(t).pan_rad for t in np.arange(0, 4, 0.001)])
+    trajectory = swinging(still, swing, np.random.default_rng(0))
+    fine = np.array([trajectory.at(t).pan_rad for t in np.arange(0, 4, 0.001)])
     assert np.rad2deg(np.abs(np.diff(fine)).max() / 0.001) == pytest.approx(60.0, rel=0.01)
     assert np.rad2deg(np.abs(fine).max()) == pytest.approx(60 / (2 * np.pi * 2), rel=0.01)
     open_shutter = replace(PLAIN, operator=swing, sensor=replace(PLAIN.sensor, sub_exposures=6), motion_frames=6)

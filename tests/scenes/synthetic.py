@@ -108,6 +108,20 @@ def render(
     return np.clip(np.round(frame), 0, 255).astype(np.uint8)
 
 
+def frames(optics: Optics, pans_rad: Array) -> list[tuple[int, Image]]:
+    """Numbered frames of a sweep at the reference focal length, each with noise of its own."""
+    focal = optics.reference_focal_px
+    return [(i, render(optics, pan, focal, noise_seed=i)) for i, pan in enumerate(pans_rad)]
+
+
+def hall_at(azimuth: Array, slope: Array) -> Array:
+    """Grey level of the synthetic hall."""
+    texture = hall(0)
+    px_per_rad = texture.shape[1] / (2 * np.pi)
+    column = np.round((np.pi - azimuth) * px_per_rad - 0.5).astype(int) % texture.shape[1]
+    return texture[np.round((SLOPES - slope) * px_per_rad - 0.5).astype(int), column].astype(float)
+
+
 OBJECT_CENTRE = np.array([8.0, 0.0, -0.6])  # head frame, metres
 BOARD = 400  # pixels to the metre of a drawn board
 

@@ -25,7 +25,7 @@ from pzcap.types import HINGE_AXES, JOINTS, MEASUREMENTS, SEGMENTS, Array, Pose,
 from sim import capture_cache
 from sim import shoot as shooting
 from sim.cameras import film
-from sim.cameras.operator import CameraPrior
+from sim.cameras.operator import PanTiltZoom
 from sim.cameras.optics import OpticsConfig
 from sim.cameras.sensor import SensorConfig
 from sim.capture_cache import shoot_cached
@@ -34,11 +34,8 @@ from sim.people.detector import DetectorConfig
 from sim.session import ShootConfig, assemble
 from sim.shoot import Progress, shoot
 from sim.truth import Truth, load
+from tests.scenes.captures import TINY
 
-TINY = replace(
-    SMALL, motion_frames=2, width=160, height=120, sweep_deg=8.0, zoom_frames=2,
-    gym=replace(SMALL.gym, texture_px_per_m=50.0),
-)  # fmt: skip
 NOISELESS = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0)
 
 
@@ -114,9 +111,9 @@ def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show(tmp_path: 
     pictures = []
     for supersampling in (2.0, 4.0, 8.0):
         sensor = replace(NOISELESS, supersampling_still=supersampling)
-        crew = assemble(replace(TINY, sensor=sensor), tmp_path / str(supersampling))
-        pictures.append(crew.cameras[0].still(np.random.default_rng(0), CameraPrior(0.2, 200.0)).astype(float))
-        crew.stage.close()
+        session = assemble(replace(TINY, sensor=sensor), tmp_path / str(supersampling))
+        pictures.append(session.cameras[0].still(np.random.default_rng(0), PanTiltZoom(0.2, 200.0)).astype(float))
+        session.stage.close()
     coarse, fine = (float(np.sqrt(np.mean((one - pictures[-1]) ** 2))) for one in pictures[:2])
     assert coarse < 15.0  # grey levels: it is the same picture
     assert fine < 0.7 * coarse
@@ -125,9 +122,9 @@ def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show(tmp_path: 
 def test_a_turned_grid_shows_the_same_picture_more_exactly(tmp_path: Path) -> None:
     def taken(supersampling: float, turn_deg: float) -> Array:
         sensor = replace(NOISELESS, supersampling_still=supersampling, grid_turn_deg=turn_deg)
-        crew = assemble(replace(TINY, sensor=sensor), tmp_path / f"{supersampling} {turn_deg}")
-        picture = crew.cameras[0].still(np.random.default_rng(0), CameraPrior(0.2, 200.0)).astype(np.float64)
-        crew.stage.close()
+        session = assemble(replace(TINY, sensor=sensor), tmp_path / f"{supersampling} {turn_deg}")
+        picture = session.cameras[0].still(np.random.default_rng(0), PanTiltZoom(0.2, 200.0)).astype(np.float64)
+        session.stage.close()
         return picture
 
     exact = taken(8.0, -13.0)
@@ -140,9 +137,9 @@ def test_without_mipmaps_a_floor_seen_at_a_flat_angle_keeps_its_sharpness(tmp_pa
     def sharpness(mipmaps: bool) -> tuple[float, float]:
         """Of floor and walls: the mean difference of neighbours in a row."""
         sensor = replace(NOISELESS, supersampling_still=8.0, mipmaps=mipmaps)
-        crew = assemble(replace(TINY, sensor=sensor), tmp_path / str(mipmaps))
-        picture = crew.cameras[0].still(np.random.default_rng(0), CameraPrior(0.9, 200.0)).astype(np.float64)
-        crew.stage.close()
+        session = assemble(replace(TINY, sensor=sensor), tmp_path / str(mipmaps))
+        picture = session.cameras[0].still(np.random.default_rng(0), PanTiltZoom(0.9, 200.0)).astype(np.float64)
+        session.stage.close()
         steps = np.abs(np.diff(picture.mean(axis=2), axis=1)).mean(axis=1)
         return float(steps[int(0.55 * len(steps)) :].mean()), float(steps[: len(steps) // 3].mean())
 

@@ -23,7 +23,7 @@ from pzcap.tracking.observation import LEVELS, Cut
 from pzcap.tracking.pose_objective import Appearance, PoseObjective
 from pzcap.tracking.reacquisition import LEAP_M, LEAP_M2, WORST_LEAP, Again, Passes, best_way, reacquire
 from pzcap.types import Array, Keyframe, Mask, Pose
-from tests.tracking.test_tracker import clip, cuts, lost, observed, true_body
+from tests.scenes.tracked import clip, cuts, lost, observed, true_body
 
 FRAMES = range(2, 9)
 SURE = np.zeros((len(FRAMES), 16), bool)

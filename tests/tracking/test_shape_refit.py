@@ -12,7 +12,7 @@ from pzcap.tracking.interval_solver import IntervalSolver
 from pzcap.tracking.shape_refit import refit_poses
 from pzcap.tracking.tracker import Tracker
 from pzcap.types import SEGMENTS, Keyframe, Pose
-from tests.body.test_skeleton import BODY
+from tests.scenes.bodies import BODY
 
 RNG = np.random.default_rng(5)
 POSE = retract(

@@ -28,7 +28,6 @@ from pzcap.segmentation import foreground
 from pzcap.tracking.camera_refinement import camera_prior
 from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, View
 from pzcap.types import (
-    Camera,
     Capture,
     FrameSet,
     Keyframe,
@@ -163,16 +162,9 @@ def _view(
         silhouette = foreground.separate(image, panorama, head, located, config.foreground, expected)
     people = frames.keypoints[number] if frames.keypoints else NOBODY
     if "cameras" in variant.known:
-        return View(image, true_camera(truth, *here), silhouette, people)
+        return View(image, truth.camera(*here), silhouette, people)
     known = camera_prior(config.panzoom, head, located) if variant.corrected else None
     return View(image, camera.at(head, *aim), silhouette, people, known)
-
-
-def true_camera(truth: Truth, number: int, frame: int) -> Camera:
-    return Camera(
-        truth.width, truth.height, truth.world_T_cam[number, frame], float(truth.focal_px[number, frame]),
-        truth.principal_px[number, frame], float(truth.k1[number, frame]),
-    )  # fmt: skip
 
 
 def true_silhouette(mask: Mask) -> Silhouette:

@@ -10,7 +10,7 @@ import pytest
 from experiments.comparisons import keypoints
 from experiments.footage import SMALL
 from sim.people.detector import DetectorConfig
-from tests.conftest import shot
+from tests.scenes.captures import shot
 
 pytestmark = pytest.mark.xdist_group("experiments")
 

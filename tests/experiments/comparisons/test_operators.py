@@ -14,7 +14,7 @@ from experiments import footage
 from experiments.comparisons import operators
 from experiments.config import AppConfig
 from experiments.metrics import read_metrics
-from tests.conftest import CAPTURES
+from tests.scenes.captures import CAPTURES
 
 pytestmark = pytest.mark.xdist_group("experiments")
 
