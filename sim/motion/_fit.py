@@ -153,10 +153,7 @@ class _Problem:
                 parts[0] += b @ jacobian[:-2]
                 parts[1] -= (a + c) @ jacobian[1:-1]
                 parts[2] += b @ jacobian[2:]
-        for where, sigma in (
-            (self.flight[1:-1], _SPIN_M2_S2 / hardness),
-            (~self.flight[1:-1], _SUPPORTED_SPIN_M2_S2),
-        ):
+        for where, sigma in ((self.flight[1:-1], _SPIN_M2_S2 / hardness), (~self.flight[1:-1], _SUPPORTED_SPIN_M2_S2)):
             first = np.flatnonzero(where)
             normal.add(first, [part[first] for part in parts], change[first], sigma / KNOT_RATE)
 
