@@ -39,6 +39,7 @@ from experiments.silhouette_score import Series
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
+from pzcap.geometry.lens import of as lens_of
 from pzcap.types import Array, Lens, Mask, Panorama, PanZoomCamera, Reconstruction
 from sim.truth import Truth
 
@@ -137,7 +138,7 @@ def _bound(
         true = truth.camera(camera, int(frame))
         view = View(
             float(truth.pan_rad[camera, frame]), float(truth.tilt_rad[camera, frame]), float(truth.roll_rad[camera]),
-            true.focal_px, true.principal_px, true.k1,
+            true.focal_px, true.principal_px, lens_of(true),
         )  # fmt: skip
         if scene is None or scene.shrinking != shrinking[at]:
             scene = build_scene(panorama, sensor, shrinking[at], lens.width)
