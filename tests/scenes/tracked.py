@@ -26,17 +26,20 @@ TERMS = Terms(0, 5.0, 1.0, 12.0, 1.0, 1.0, 0.15)
 
 @cache
 def clip() -> Clip:
+    """Thirteen frames of `body_scene.swing`, rendered once."""
     return shoot(FRAMES)
 
 
 @cache
 def taped() -> Body:
+    """The body as a tape measures it: each measurement off by 4 mm."""
     rng = np.random.default_rng(7)
     return bodies.build(Subject({k: v + rng.normal(0, 0.004) for k, v in clip().measurements_m.items()}, 0.004))
 
 
 @cache
 def inputs() -> tuple[TrackInput, ...]:
+    """The views of every frame with silhouettes that are subtracted from the true empty views."""
     settings = foreground.ForegroundConfig()
     rows = []
     for frame, row in enumerate(clip().shots):
@@ -50,21 +53,24 @@ def inputs() -> tuple[TrackInput, ...]:
 
 
 def by_hand(frame: int, seed: int = 0) -> Keyframe:
+    """The true pose with a hand's error: 10 mm along each axis, 3 degrees of each degree of freedom."""
     rng = np.random.default_rng(100 * seed + frame)
     error = np.concatenate([rng.normal(0, 0.010, 3), rng.normal(0, np.deg2rad(3.0), bodies.DOF - 3)])
     return Keyframe(frame, bodies.retract(clip().poses[frame], error))
 
 
 def errors_m(results: list[Tracked]) -> Array:
+    """Distance (N, 16) of the joints from the truth."""
     return np.array([np.linalg.norm(r.joints_m - clip().joints_m[r.frame], axis=1) for r in results])
 
 
 def run(keyframes: list[Keyframe], items: tuple[TrackInput, ...] | list[TrackInput]) -> list[Tracked]:
+    """Track ``items`` with the taped body from ``keyframes``."""
     return list(track(taped(), keyframes, items, RATE, CONFIG))
 
 
 def cuts(frame: int) -> list[Cut | None]:
-    """The views whole, with their true masks."""
+    """The whole views of a frame, with their true masks."""
     rows: list[Cut | None] = []
     for shot in clip().shots[frame]:
         mask = (255 * shot.mask).astype(np.uint8)
@@ -77,29 +83,33 @@ def cuts(frame: int) -> list[Cut | None]:
 
 
 def unknown(silhouette: Image) -> Image:
-    """What is known of arms where their colours are not."""
+    """Likelihood of arms where their colours are not known."""
     return np.full(silhouette.shape, UNKNOWN)
 
 
 def observed(frame: int, body: Body) -> PoseObjective:
+    """The pose objective of a frame's true masks."""
     return PoseObjective(body, cuts(frame))
 
 
 def true_body() -> Body:
+    """The body of the true measurements."""
     return bodies.build(Subject(clip().measurements_m, 0.001))
 
 
 def lost(pose: Pose, dof: int, by: float) -> Pose:
+    """``pose`` with one degree of freedom changed."""
     delta = np.zeros(bodies.DOF)
     delta[dof] = by
     return bodies.retract(pose, delta)
 
 
 def step(pose: Pose) -> Step:
+    """A step of a pass that found ``pose`` and knows nothing else."""
     nothing = np.zeros(bodies.DOF)
     return Step(pose, nothing, np.diag(nothing), UNSEEN, np.ones(16), True)
 
 
 def worthless(_frame: int, _pose: Pose) -> Array:
-    """The images tell no limb from another."""
+    """Worth of a pose where the images tell no limb from another."""
     return np.zeros(4)
