@@ -26,7 +26,7 @@ from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.io.detections import NOBODY
 from pzcap.segmentation import foreground
 from pzcap.tracking.camera_refinement import camera_prior
-from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, View
+from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
 from pzcap.types import (
     Camera,
     Capture,
@@ -142,7 +142,7 @@ def _view(
     variant: Variant,
     config: pipeline.Config,
     tracker: Tracker,
-) -> View | None:
+) -> ViewInput | None:
     """What the tracker is given of one camera, as `pzcap.pipeline` has it but for what the ``variant`` knows."""
     found, truth = material.found, material.truth
     head, panorama, track = found.cameras[number], found.panoramas[number], found.tracks[number]
@@ -163,9 +163,9 @@ def _view(
         silhouette = foreground.separate(image, panorama, head, located, config.foreground, expected)
     people = frames.keypoints[number] if frames.keypoints else NOBODY
     if "cameras" in variant.known:
-        return View(image, true_camera(truth, *here), silhouette, people)
+        return ViewInput(image, true_camera(truth, *here), silhouette, people)
     known = camera_prior(config.panzoom, head, located) if variant.corrected else None
-    return View(image, camera.at(head, *aim), silhouette, people, known)
+    return ViewInput(image, camera.at(head, *aim), silhouette, people, known)
 
 
 def true_camera(truth: Truth, number: int, frame: int) -> Camera:
