@@ -39,6 +39,7 @@ from experiments.silhouette_score import Series
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
+from pzcap.geometry.lens import Distortion
 from pzcap.types import Array, Lens, Mask, Panorama, PanZoomCamera, Reconstruction
 from sim.truth import Truth
 
@@ -136,7 +137,8 @@ def _bound(
         frame = frames[at]
         view = View(
             float(truth.pan_rad[camera, frame]), float(truth.tilt_rad[camera, frame]), float(truth.roll_rad[camera]),
-            float(truth.focal_px[camera, frame]), truth.principal_px[camera, frame], float(truth.k1[camera, frame]),
+            float(truth.focal_px[camera, frame]), truth.principal_px[camera, frame],
+            Distortion(float(truth.k1[camera, frame])),
         )  # fmt: skip
         if scene is None or scene.shrinking != shrinking[at]:
             scene = build_scene(panorama, sensor, shrinking[at], lens.width)

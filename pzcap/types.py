@@ -15,7 +15,7 @@ Angles
     the *camera* clockwise seen from behind it (the image content turns counter-clockwise).
 Lens
     A point at normalised image coordinates ``(x, y) = (X/Z, Y/Z)`` is seen at
-    ``principal_px + focal_px * (1 + k1 * (x^2 + y^2)) * (x, y)`` (square pixels).
+    ``principal_px + focal_px * (1 + k1 * (x^2 + y^2)) * (x, y)`` (square pixels); `pzcap.geometry.lens` has the rest.
 Quaternions
     ``wxyz``, unit length.
 Missing values
@@ -190,6 +190,9 @@ class Camera:
     focal_px: float
     principal_px: Array  # (2,)
     k1: float
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,7 +203,10 @@ class Lens:
     height: int
     reference_focal_px: float
     principal_px: Array  # (P, 2) coefficients, constant first
-    k1: Array  # (Q,) coefficients, constant first
+    k1: Array  # (Q,) coefficients, constant first; of the others as well, by default none
+    k2: Array = field(default_factory=lambda: np.zeros(1))
+    p1: Array = field(default_factory=lambda: np.zeros(1))
+    p2: Array = field(default_factory=lambda: np.zeros(1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

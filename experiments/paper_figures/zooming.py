@@ -29,7 +29,7 @@ from experiments.paper_figures.canvas import (
 from experiments.paper_figures.material import Located, Run
 from experiments.report.plots import literal, triangle
 from pzcap.geometry import camera as camera_model
-from pzcap.geometry.camera import lens_at
+from pzcap.geometry.lens import at as lens_at
 from pzcap.localisation.panorama_sampler import warp_background
 from pzcap.types import Camera, Image, PanZoomCamera, PzcapError
 
@@ -196,8 +196,8 @@ def at_fixed_focus(image: Image, one: Located, pan_rad: float, tilt_rad: float, 
 def _zoomed(head: PanZoomCamera | None, true: Camera, focal_px: float) -> Camera:
     """The true camera at another focal length."""
     assert head is not None
-    principal, k1 = lens_at(head.lens, focal_px)
-    return Camera(true.width, true.height, true.world_T_cam, focal_px, principal, k1)
+    principal, distortion = lens_at(head.lens, focal_px)
+    return Camera(true.width, true.height, true.world_T_cam, focal_px, principal, *distortion)
 
 
 def _body(plot: Axes, run: Run, camera: Camera, true: Camera | None, frame: int) -> None:

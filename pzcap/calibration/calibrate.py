@@ -92,7 +92,7 @@ def calibrate(
     model = fitted.model
 
     taken = model.view(count)
-    known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.k1)
+    known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.distortion.k1)
     refined = reference_camera.resolve(first, known, reference_image, calibration_object, config.reference)
     scale = len(model.pan_rad)  # where the sweep's focal length stands among the unknowns
     camera, surroundings = _measured(model, taken.pan_rad, refined.camera)

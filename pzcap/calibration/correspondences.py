@@ -20,6 +20,7 @@ from pzcap.calibration.sweep import Chain, Frames, chain, grey, link_further, li
 from pzcap.calibration.zoom_run import link_zoom
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
+from pzcap.geometry.lens import NONE
 from pzcap.types import FAR_AWAY, Array, Camera, Image, InverseDepthMap, PzcapError
 
 MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor
@@ -54,7 +55,7 @@ def match(
     Raises PzcapError where the sweep does not hold together, or shows nothing of what the reference image does.
     """
     height, width = reference_image.shape[:2]
-    view = View(0.0, 0.0, 0.0, camera.focal_px, camera.principal_px, 0.0)
+    view = View(0.0, 0.0, 0.0, camera.focal_px, camera.principal_px, NONE)
     chained = chain(sweep, view, full_turn, config.sweep, lambda done: report("match sweep", done, 0))
     count = len(chained.pan_rad)
     sigmas = sigmas_of(camera, config.beliefs, full_turn, zoom=False)
@@ -94,7 +95,7 @@ def _start(view: View, pan_rad: Array) -> Model:
     count = len(pan_rad)
     return Model(
         pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
-        view.principal_px[None], np.array([view.k1]),
+        view.principal_px[None], np.array([view.distortion.k1]),
         np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
 

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from pzcap.geometry.camera import distort, undistort
+from pzcap.geometry import lens
 from pzcap.types import Array, CalibrationObject, Camera, Image, Marker
 
 MARGIN: Final = 0.5  # cells of the white around a marker that are looked at
@@ -192,15 +192,14 @@ def _on_print(camera: Camera, axes_m: Array, rays: Array) -> tuple[Array, Array,
 def _project(camera: Camera, points_m: Array) -> Array:
     """Pixels (N, 2) of world points (N, 3) before the camera."""
     seen = (points_m - camera.world_T_cam[:3, 3]) @ camera.world_T_cam[:3, :3]
-    return camera.principal_px + camera.focal_px * distort(seen[:, :2] / seen[:, 2:], camera.k1)
+    return camera.principal_px + camera.focal_px * lens.distort(seen[:, :2] / seen[:, 2:], lens.of(camera))
 
 
 def _rays(camera: Camera, pixels: Array) -> tuple[Array, Array]:
     """Rays (P, 3) of pixels (P, 2), z = 1, and derivatives of their x and y (P, 2, 2) by column and row."""
-    xy = undistort((pixels - camera.principal_px) / camera.focal_px, camera.k1)
-    factor = 1.0 + camera.k1 * np.sum(xy * xy, axis=1)
-    bend = factor[:, None, None] * np.eye(2) + 2.0 * camera.k1 * xy[:, :, None] * xy[:, None, :]
-    return np.column_stack([xy, np.ones(len(xy))]), np.linalg.inv(bend) / camera.focal_px
+    xy = lens.undistort((pixels - camera.principal_px) / camera.focal_px, lens.of(camera))
+    bend = lens.jacobian(xy, lens.of(camera))
+    return np.column_stack([xy, np.ones(len(xy))]), np.asarray(np.linalg.inv(bend) / camera.focal_px, np.float64)
 
 
 REACH: Final = 4.0  # standard deviations beyond which an edge is not felt

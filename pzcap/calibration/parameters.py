@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import PARAMETERS, VIEW, View
+from pzcap.geometry.lens import Distortion
 from pzcap.types import Array, InverseDepthMap, Lens
 
 CENTRE = len(PARAMETERS)  # where the projection centre begins in a view's vector
@@ -44,7 +45,7 @@ class Model:
             self.roll_rad,
             float(np.exp(log_focal)),
             x ** np.arange(len(self.principal_px)) @ self.principal_px,
-            float(x ** np.arange(len(self.k1)) @ self.k1),
+            Distortion(float(x ** np.arange(len(self.k1)) @ self.k1)),
             geometry.centre(self.offset, self.travel * float(x), self.tilt_rad),
         )
 
@@ -132,7 +133,7 @@ def stepped(model: Model, step: Array) -> Model:
 
 
 def vectors(model: Model) -> Array:
-    """(F, VIEW) every frame's view."""
+    """(F, VIEW + 3) every frame's view, as `View.vector`."""
     return np.array([model.view(frame).vector() for frame in range(len(model.pan_of))])
 
 

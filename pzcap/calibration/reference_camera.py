@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.calibration import marker_pose
+from pzcap.geometry import lens
 from pzcap.types import Array, CalibrationObject, Camera, Image, PzcapError, ReferenceCamera
 
 MIN_MARKERS = 3
@@ -241,21 +242,17 @@ def _residuals(camera: Camera, points_m: Array, points_px: Array) -> tuple[Array
     rotation, centre = camera.world_T_cam[:3, :3], camera.world_T_cam[:3, 3]
     seen = (points_m - centre) @ rotation
     x, y, z = (seen / seen[:, 2:]).T[0], (seen / seen[:, 2:]).T[1], seen[:, 2]
-    squared = x * x + y * y
-    factor = 1.0 + camera.k1 * squared
-    bent = np.column_stack([x, y]) * factor[:, None]
-    lens = np.empty((len(seen), 2, 2))
-    lens[:, 0, 0], lens[:, 1, 1] = factor + 2 * camera.k1 * x * x, factor + 2 * camera.k1 * y * y
-    lens[:, 0, 1] = lens[:, 1, 0] = 2 * camera.k1 * x * y
+    xy, distortion = np.column_stack([x, y]), lens.of(camera)
+    bent = lens.distort(xy, distortion)
     divide = np.zeros((len(seen), 2, 3))
     divide[:, 0, 0] = divide[:, 1, 1] = 1 / z
     divide[:, 0, 2], divide[:, 1, 2] = -x / z, -y / z
-    by_point = camera.focal_px * (lens @ divide)
+    by_point = camera.focal_px * (lens.jacobian(xy, distortion) @ divide)
     jacobian = np.empty((len(seen), 2, 8))
     jacobian[:, :, :3] = np.cross(seen[:, None, :], by_point)  # d(w x P) = [w]x P, so row . (w x P) = w . (P x row)
     jacobian[:, :, 3:6] = by_point
     jacobian[:, :, 6] = camera.focal_px * bent
-    jacobian[:, :, 7] = camera.focal_px * squared[:, None] * np.column_stack([x, y])
+    jacobian[:, :, 7] = camera.focal_px * lens.jacobian_by_coefficients(xy)[:, :, 0]
     residual = camera.principal_px + camera.focal_px * bent - points_px
     return residual.ravel(), jacobian.reshape(-1, 8)
 

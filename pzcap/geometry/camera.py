@@ -19,7 +19,9 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from pzcap.types import Array, Camera, Lens, PanZoomCamera
+from pzcap.geometry import lens
+from pzcap.geometry.lens import Distortion, by_coefficients, distort_point, jacobian_at, undistort_point
+from pzcap.types import Array, Camera, PanZoomCamera
 
 HEAD_R_CAM: Final[Array] = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Camera axes in the head frame at pan, tilt and roll 0."""
@@ -36,13 +38,14 @@ class View:
     roll_rad: float
     focal_px: float
     principal_px: Array  # (2,)
-    k1: float
+    distortion: Distortion
     centre_m: Array = field(default_factory=lambda: ON_AXIS)  # (3,) of projection: forward, left, up from the pan axis
 
     def vector(self) -> Array:
-        """(VIEW,) the view as `direction_to_pixel_with_derivatives` takes it."""
+        """(VIEW + 3,) the view as `direction_to_pixel_with_derivatives` takes it; k2, p1 and p2 come last."""
         return np.array([
-            self.pan_rad, self.tilt_rad, self.focal_px, self.roll_rad, *self.principal_px, self.k1, *self.centre_m
+            self.pan_rad, self.tilt_rad, self.focal_px, self.roll_rad, *self.principal_px, self.distortion.k1,
+            *self.centre_m, *self.distortion[1:],
         ])  # fmt: skip
 
 
@@ -51,26 +54,18 @@ PARAMETERS: Final[tuple[str, ...]] = ("pan", "tilt", "log_focal", "roll", "princ
 """Columns of `derivatives`."""
 
 
-def lens_at(lens: Lens, focal_px: float) -> tuple[Array, float]:
-    """Principal point (2,) in pixels and k1 of ``lens`` zoomed to ``focal_px``."""
-    powers = np.log(focal_px / lens.reference_focal_px) ** np.arange(max(len(lens.principal_px), len(lens.k1)))
-    return powers[: len(lens.principal_px)] @ lens.principal_px, float(powers[: len(lens.k1)] @ lens.k1)
-
-
-def lens_slope(lens: Lens, focal_px: float) -> tuple[Array, float]:
-    """Derivative of `lens_at` with respect to log focal: (2,) pixels, and k1."""
-    order = max(len(lens.principal_px), len(lens.k1))
-    powers = np.log(focal_px / lens.reference_focal_px) ** np.arange(order)
-    slopes = np.concatenate([[0.0], np.arange(1, order) * powers[: order - 1]])
-    return slopes[: len(lens.principal_px)] @ lens.principal_px, float(slopes[: len(lens.k1)] @ lens.k1)
-
-
 def view_at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) -> View:
     """The view of ``camera`` panned, tilted and zoomed."""
-    principal_px, k1 = lens_at(camera.lens, focal_px)
+    principal_px, distortion = lens.at(camera.lens, focal_px)
     travel_m = camera.travel_m * np.log(focal_px / camera.lens.reference_focal_px)
     return View(
-        pan_rad, tilt_rad, camera.roll_rad, focal_px, principal_px, k1, centre(camera.offset_m, travel_m, tilt_rad)
+        pan_rad,
+        tilt_rad,
+        camera.roll_rad,
+        focal_px,
+        principal_px,
+        distortion,
+        centre(camera.offset_m, travel_m, tilt_rad),
     )
 
 
@@ -83,7 +78,8 @@ def at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) 
     """The camera of an instant: ``world_T_cam = world_T_head Rz(pan) T(centre) Ry(-tilt) HEAD_R_CAM Rz(roll)``."""
     view = view_at(camera, pan_rad, tilt_rad, focal_px)
     world_T_cam = camera.world_T_head @ head_T_cam(pan_rad, tilt_rad, camera.roll_rad, view.centre_m)
-    return Camera(camera.lens.width, camera.lens.height, world_T_cam, focal_px, view.principal_px, view.k1)
+    size = camera.lens.width, camera.lens.height
+    return Camera(*size, world_T_cam, focal_px, view.principal_px, *view.distortion)
 
 
 def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float, centre_m: Array = ON_AXIS) -> Array:
@@ -108,33 +104,6 @@ def mount(reference: Camera, camera: PanZoomCamera) -> PanZoomCamera:
 
 
 # --------------------------------------------------------------------------------------------------------------
-# Lens
-
-
-def distort(xy: Array, k1: float) -> Array:
-    """Normalised image coordinates (..., 2) as the lens bends them: ``(1 + k1 r^2) (x, y)``.
-
-    Beyond the radius where that would fold back (barrel distortion, far outside any image) the factor stays what it
-    is there, so that nothing out of view comes back into it.
-    """
-    squared = np.sum(xy * xy, axis=-1, keepdims=True)
-    if k1 < 0:
-        squared = np.minimum(squared, -1.0 / (3.0 * k1))
-    return (1.0 + k1 * squared) * xy
-
-
-def undistort(xy: Array, k1: float) -> Array:
-    """The inverse of `distort` by Newton's method on the radius; (..., 2) to (..., 2)."""
-    distorted = np.sqrt(np.sum(xy * xy, axis=-1, keepdims=True))
-    if k1 < 0:
-        distorted = np.minimum(distorted, 2.0 / 3.0 / np.sqrt(-3.0 * k1) * (1 - 1e-9))
-    radius = distorted
-    for _ in range(8):
-        radius = radius - (radius * (1.0 + k1 * radius**2) - distorted) / (1.0 + 3.0 * k1 * radius**2)
-    return xy / (1.0 + k1 * radius**2)
-
-
-# --------------------------------------------------------------------------------------------------------------
 # World points and rays
 
 
@@ -147,12 +116,12 @@ def project(camera: Camera, points_m: Array) -> tuple[Array, Array]:
     seen = (points_m - centre) @ rotation
     depth = seen[:, 2]
     xy = seen[:, :2] / np.where(np.abs(depth) < 1e-9, 1e-9, depth)[:, None]
-    return camera.principal_px + camera.focal_px * distort(xy, camera.k1), depth
+    return camera.principal_px + camera.focal_px * lens.distort(xy, lens.of(camera)), depth
 
 
 def rays(camera: Camera, points_px: Array) -> Array:
     """Pixels (N, 2) to unit directions in the world (N, 3)."""
-    xy = undistort((points_px - camera.principal_px) / camera.focal_px, camera.k1)
+    xy = lens.undistort((points_px - camera.principal_px) / camera.focal_px, lens.of(camera))
     directions = np.column_stack([xy, np.ones(len(xy))]) @ camera.world_T_cam[:3, :3].T
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
@@ -169,12 +138,12 @@ def wrapped(angle_rad: Array | float) -> Array:
 def direction_to_pixel(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
     """Directions (...) of the head frame to pixels (..., 2) and whether they are in front of the camera (...)."""
     xy, front = _normalised(view, azimuth_rad, slope)
-    return view.principal_px + view.focal_px * distort(xy, view.k1), front
+    return view.principal_px + view.focal_px * lens.distort(xy, view.distortion), front
 
 
 def pixel_to_direction(view: View, points_px: Array) -> tuple[Array, Array]:
     """Pixels (..., 2) to directions of the head frame: azimuth (...) in (-pi, pi] around the pan, and slope (...)."""
-    xy = undistort((points_px - view.principal_px) / view.focal_px, view.k1)
+    xy = lens.undistort((points_px - view.principal_px) / view.focal_px, view.distortion)
     cos_r, sin_r = np.cos(view.roll_rad), np.sin(view.roll_rad)
     cos_t, sin_t = np.cos(view.tilt_rad), np.sin(view.tilt_rad)
     x = cos_r * xy[..., 0] - sin_r * xy[..., 1]
@@ -210,16 +179,17 @@ def direction_to_pixel_with_derivatives(view: Array, azimuth: float, slope: floa
     ``view`` is `View.vector`.
     """
     pan, tilt, focal, roll, principal_x, principal_y, k1 = view[:7]
+    distortion = Distortion(k1, view[VIEW], view[VIEW + 1], view[VIEW + 2])
     cos_a, sin_a = np.cos(azimuth - pan), np.sin(azimuth - pan)
     cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
     y, z = sin_t * cos_a - cos_t * slope, cos_t * cos_a + sin_t * slope
     x_n, y_n = (-cos_r * sin_a + sin_r * y) / z, (sin_r * sin_a + cos_r * y) / z
-    squared = x_n * x_n + y_n * y_n
-    factor = 1.0 + k1 * squared
-    lens_xx, lens_yy = focal * (factor + 2.0 * k1 * x_n * x_n), focal * (factor + 2.0 * k1 * y_n * y_n)
-    lens_xy = focal * 2.0 * k1 * x_n * y_n
+    x_d, y_d = distort_point(x_n, y_n, distortion)
+    lens_xx, lens_xy, lens_yy = jacobian_at(x_n, y_n, distortion)
+    lens_xx, lens_xy, lens_yy = focal * lens_xx, focal * lens_xy, focal * lens_yy
+    by_k1 = by_coefficients(x_n, y_n)[:2]
 
-    seen[0, 0], seen[1, 0] = principal_x + focal * factor * x_n, principal_y + focal * factor * y_n
+    seen[0, 0], seen[1, 0] = principal_x + focal * x_d, principal_y + focal * y_d
     # d(x, y, z) before roll by azimuth, slope and tilt, where they go among the columns of ``seen``
     for column, d_x, d_y, d_z in (
         (8, -cos_a, -sin_t * sin_a, -cos_t * sin_a), (9, 0.0, -cos_t, sin_t), (2, 0.0, z, -y)
@@ -228,25 +198,20 @@ def direction_to_pixel_with_derivatives(view: Array, azimuth: float, slope: floa
         d_y_n = (-sin_r * d_x + cos_r * d_y - y_n * d_z) / z
         seen[0, column] = lens_xx * d_x_n + lens_xy * d_y_n
         seen[1, column] = lens_xy * d_x_n + lens_yy * d_y_n
-    for row, along, centred in ((0, lens_xx * y_n - lens_xy * x_n, x_n), (1, lens_xy * y_n - lens_yy * x_n, y_n)):
+    for row, along, bent in ((0, lens_xx * y_n - lens_xy * x_n, x_d), (1, lens_xy * y_n - lens_yy * x_n, y_d)):
         seen[row, 1] = -seen[row, 8]  # pan
-        seen[row, 3] = focal * factor * centred  # log focal
+        seen[row, 3] = focal * bent  # log focal
         seen[row, 4] = along  # roll
         seen[row, 5], seen[row, 6] = 1.0 - row, float(row)  # principal point
-        seen[row, 7] = focal * squared * centred  # k1
+        seen[row, 7] = focal * by_k1[row]  # k1
 
 
 @njit(cache=True, nogil=True)
 def pixel_to_direction_kernel(view: Array, u: float, v: float) -> tuple[float, float]:
     """`pixel_to_direction` for one pixel: azimuth and slope. For other kernels; ``view`` is `View.vector`."""
     pan, tilt, focal, roll, principal_x, principal_y, k1 = view[:7]
-    bent_x, bent_y = (u - principal_x) / focal, (v - principal_y) / focal
-    bent = np.sqrt(bent_x * bent_x + bent_y * bent_y)
-    radius = bent
-    for _ in range(5):
-        radius -= (radius * (1.0 + k1 * radius * radius) - bent) / (1.0 + 3.0 * k1 * radius * radius)
-    factor = 1.0 + k1 * radius * radius
-    x, y = bent_x / factor, bent_y / factor
+    distortion = Distortion(k1, view[VIEW], view[VIEW + 1], view[VIEW + 2])
+    x, y = undistort_point((u - principal_x) / focal, (v - principal_y) / focal, distortion, 5)
     left, down = -(np.cos(roll) * x - np.sin(roll) * y), np.sin(roll) * x + np.cos(roll) * y
     forward, up = np.cos(tilt) + np.sin(tilt) * down, np.sin(tilt) - np.cos(tilt) * down
     return pan + np.arctan2(left, forward), up / np.sqrt(forward * forward + left * left)
@@ -261,10 +226,12 @@ def _see_all(view: Array, azimuth: Array, slope: Array, seen: Array) -> None:
 def pan_zoom_derivatives(camera: PanZoomCamera, view: View, azimuth_rad: Array, slope: Array) -> Array:
     """Derivatives (N, 2, 3) of pixels with respect to (pan, log focal, tilt), the lens changing with the zoom."""
     full, _ = derivatives(view, azimuth_rad, slope)
-    principal, k1 = lens_slope(camera.lens, view.focal_px)
+    principal, by_log_focal = lens.slope(camera.lens, view.focal_px)
+    xy, _ = _normalised(view, azimuth_rad, slope)
     result = np.empty((len(full), 2, 3))
     result[:, :, 0] = full[:, :, 0]
-    result[:, :, 1] = full[:, :, 2] + principal + k1 * full[:, :, 6]
+    bending = view.focal_px * (lens.jacobian_by_coefficients(xy) @ np.array(by_log_focal))
+    result[:, :, 1] = full[:, :, 2] + principal + bending
     result[:, :, 2] = full[:, :, 1]
     return result
 
@@ -289,7 +256,7 @@ def moved(view: View, step: Array) -> View:
         view.roll_rad + float(step[3]),
         view.focal_px * float(np.exp(step[2])),
         view.principal_px + step[4:6],
-        view.k1 + float(step[6]),
+        view.distortion._replace(k1=view.distortion.k1 + float(step[6])),
         view.centre_m,
     )
 

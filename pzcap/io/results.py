@@ -23,6 +23,8 @@ from pzcap.io.files import checked, leads_out
 from pzcap.types import (
     JOINTS,
     SEGMENTS,
+    Camera,
+    Lens,
     Motion,
     Panorama,
     PanZoomCamera,
@@ -45,6 +47,9 @@ PER_CAMERA: Final[dict[str, tuple[str, type]]] = {
     "refined": ("refined", PanZoomTrack),
 }
 """Field of Reconstruction -> (name in the npz, type)."""
+
+HIGHER: Final = ("k2", "p1", "p2")
+"""Coefficients of distortion that are stored where they are not zero."""
 
 T = TypeVar("T")
 
@@ -143,11 +148,17 @@ def _flatten(part: Any, prefix: str) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {}
     for field in dataclasses.fields(part):
         value, key = getattr(part, field.name), f"{prefix}.{field.name}"
+        if isinstance(part, Camera | Lens) and field.name in HIGHER and not np.any(value):
+            continue
         if dataclasses.is_dataclass(value):
             arrays |= _flatten(value, key)
         elif not (isinstance(part, Panorama) and field.name in ("image", "valid")):  # these two stand in the PNG
             arrays[key] = np.asarray(value)
     return arrays
+
+
+def _has_default(field: dataclasses.Field[Any]) -> bool:
+    return field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
 
 
 def _unflatten(
@@ -161,8 +172,8 @@ def _unflatten(
     for field in dataclasses.fields(cast(Any, kind)):  # not all that is annotated is a field
         name = field.name
         key, hint = f"{prefix}.{name}", hints[name]
-        if name in images or (key not in arrays and field.default_factory is not dataclasses.MISSING):
-            continue  # what was not known yet when this was saved
+        if name in images or (key not in arrays and _has_default(field)):
+            continue  # not known when this was saved, or zero
         if dataclasses.is_dataclass(hint):
             values[name] = _unflatten(cast(type[Any], hint), key, arrays, {})
         elif hint in (int, float, bool):

@@ -12,7 +12,9 @@ import numpy as np
 from numba import njit
 
 from pzcap.geometry import camera as geometry
+from pzcap.geometry import lens
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at, smooth_map, to_unwrapped
+from pzcap.geometry.lens import Distortion, distort_point, jacobian_at, undistort_point
 from pzcap.imaging.bspline import Stored, box, cubic
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
@@ -57,11 +59,11 @@ def looking(
     panorama: Panorama, camera: PanZoomCamera, points: Array, pan_rad: float, tilt_rad: float, focal_px: float
 ) -> Array:
     """(N, 6) where ``points`` (N, 2) of a frame look, as `directions` has it."""
-    principal, k1 = geometry.lens_at(camera.lens, focal_px)
-    principal_slope, k1_slope = geometry.lens_slope(camera.lens, focal_px)
-    view = np.array([tilt_rad, camera.roll_rad, focal_px, *principal, k1, *principal_slope, k1_slope])
+    principal, distortion = lens.at(camera.lens, focal_px)
+    principal_slope, by_log_focal = lens.slope(camera.lens, focal_px)
+    view = np.array([tilt_rad, camera.roll_rad, focal_px, *principal, *principal_slope])
     beside = np.array([pan_rad, *geometry.view_at(camera, pan_rad, tilt_rad, focal_px).centre_m])
-    return directions(points, view, beside, kernel_hall(panorama.surroundings))
+    return directions(points, view, distortion, by_log_focal, beside, kernel_hall(panorama.surroundings))
 
 
 def boxes(camera: PanZoomCamera, points: Array, focal_px: float) -> Array:
@@ -69,19 +71,21 @@ def boxes(camera: PanZoomCamera, points: Array, focal_px: float) -> Array:
 
     Roll, tilt and distortion are slight, and left out.
     """
-    secant = np.hypot(1.0, (points[:, 0] - geometry.lens_at(camera.lens, focal_px)[0][0]) / focal_px)
+    secant = np.hypot(1.0, (points[:, 0] - lens.at(camera.lens, focal_px)[0][0]) / focal_px)
     return np.asarray(np.stack([0.5 / secant**2, 0.5 / secant], axis=1) / focal_px)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def directions(points: Array, view: Array, beside: Array, hall: Hall) -> Array:
+def directions(
+    points: Array, view: Array, distortion: Distortion, by_log_focal: Distortion, beside: Array, hall: Hall
+) -> Array:
     """`camera.pixel_to_direction` for points (N, 2), at pan 0, as seen from the pan axis: (N, 6) azimuth and slope, and
     both by log focal, and both by tilt.
 
-    ``view``: tilt, roll, focal length, principal point, k1, and the latter three's derivatives by log focal.
-    ``beside``: pan, the projection centre beside the axis.
+    ``view``: tilt, roll, focal length, principal point, and the latter's derivative by log focal; ``by_log_focal`` is
+    that of the ``distortion``. ``beside``: pan, the projection centre beside the axis.
     """
-    tilt, roll, focal, principal_x, principal_y, k1, slope_x, slope_y, slope_k1 = view
+    tilt, roll, focal, principal_x, principal_y, slope_x, slope_y = view
     cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
     pan, offset_x, offset_y, offset_z = beside
     nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
@@ -89,19 +93,14 @@ def directions(points: Array, view: Array, beside: Array, hall: Hall) -> Array:
     by_focal = 1.0 / focal
     for n in range(len(points)):  # divisions are what takes the time here
         bent_x, bent_y = (points[n, 0] - principal_x) * by_focal, (points[n, 1] - principal_y) * by_focal
-        bent = np.sqrt(bent_x * bent_x + bent_y * bent_y)
-        radius = bent * (1.0 - k1 * bent * bent)  # so near that two steps of Newton's are enough
-        for _ in range(2):
-            squared = k1 * radius * radius
-            radius -= (radius * (1.0 + squared) - bent) / (1.0 + 3.0 * squared)
-        squared = radius * radius
-        by_factor = 1.0 / (1.0 + k1 * squared)
-        x, y = bent_x * by_factor, bent_y * by_factor
-        # the fixed pixel's ray as log focal grows: lens^-1 (d bent - r^2 xy dk1), lens = factor + 2 k1 xy xy^T
-        push_x = -bent_x - slope_x * by_focal - squared * x * slope_k1
-        push_y = -bent_y - slope_y * by_focal - squared * y * slope_k1
-        along = 2.0 * k1 * (x * push_x + y * push_y) / (1.0 + 3.0 * k1 * squared)
-        d_x, d_y = (push_x - along * x) * by_factor, (push_y - along * y) * by_factor
+        x, y = undistort_point(bent_x, bent_y, distortion, 2)
+        # the fixed pixel's ray as log focal grows: the lens's Jacobian^-1 (d bent - d coefficients)
+        drift_x, drift_y = distort_point(x, y, by_log_focal)
+        push_x = -bent_x - slope_x * by_focal - (drift_x - x)
+        push_y = -bent_y - slope_y * by_focal - (drift_y - y)
+        xx, xy, yy = jacobian_at(x, y, distortion)
+        by_determinant = 1.0 / (xx * yy - xy * xy)
+        d_x, d_y = (yy * push_x - xy * push_y) * by_determinant, (xx * push_y - xy * push_x) * by_determinant
 
         left, down = -(cos_r * x - sin_r * y), sin_r * x + cos_r * y
         d_left, d_down = -(cos_r * d_x - sin_r * d_y), sin_r * d_x + cos_r * d_y

@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.calibration.sweep import grey
-from pzcap.geometry import camera as geometry
+from pzcap.geometry.lens import at as lens_at
 from pzcap.imaging.bspline import smoothed, softened
 from pzcap.imaging.pyramid import Layer, Level, halved, super_resolved
 from pzcap.localisation.panorama_sampler import (
@@ -222,7 +222,7 @@ class Aligner:
         whole = max(int(min(shrink, np.sqrt(frame.size / level.pixels))), 1)
         size = (lens.width // whole, lens.height // whole)
         small = cv2.resize(frame[: size[1] * whole, : size[0] * whole], size, interpolation=cv2.INTER_AREA)
-        flat = focal_px / whole, (geometry.lens_at(lens, focal_px)[0][0] + 0.5) / whole - 0.5
+        flat = focal_px / whole, (lens_at(lens, focal_px)[0][0] + 0.5) / whole - 0.5
         soft = softened(np.asarray(small, np.uint8), shrink / whole, flat)
         chosen = _edges(soft, max(1, round(np.sqrt(soft.size / level.pixels))))
         if hidden is not None:
@@ -260,7 +260,7 @@ class Aligner:
     def _shading(self, points: Array, focal_px: float) -> Array:
         """(N, 3) r^0, r^2 and r^4 of points (N, 2): it is the lens that darkens corners."""
         lens = self._camera.lens
-        across, down = (points - geometry.lens_at(lens, focal_px)[0]).T
+        across, down = (points - lens_at(lens, focal_px)[0]).T
         squared = (across * across + down * down) * 4.0 / (lens.width**2 + lens.height**2)
         return np.stack([np.ones_like(squared), squared, squared * squared], axis=1)
 

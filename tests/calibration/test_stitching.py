@@ -13,12 +13,13 @@ from pzcap.calibration.parameters import Model, Sigmas
 from pzcap.calibration.sweep import SweepConfig
 from pzcap.extras.paper import stitching as paper
 from pzcap.geometry.camera import View
+from pzcap.geometry.lens import NONE, Distortion
 from pzcap.types import FAR_AWAY, Array, Image, Panorama, PzcapError
 from tests.scenes import synthetic
 
 OPTICS = synthetic.Optics()
 WIDTH, HEIGHT, FOCAL = OPTICS.width, OPTICS.height, OPTICS.reference_focal_px
-VIEW = View(0.0, OPTICS.tilt_rad, OPTICS.roll_rad, FOCAL, np.array(OPTICS.principal_px), OPTICS.k1)
+VIEW = View(0.0, OPTICS.tilt_rad, OPTICS.roll_rad, FOCAL, np.array(OPTICS.principal_px), Distortion(OPTICS.k1))
 
 
 def silent(done: int) -> None:
@@ -86,7 +87,7 @@ def test_somebody_who_walks_through_the_sweep_leaves_no_ghost() -> None:
 
 def test_a_sweep_panned_slowly_is_thinned_and_comes_to_the_same() -> None:
     pans = np.deg2rad(np.concatenate([np.zeros(5), np.arange(0.0, 30.0, 0.5)]))
-    guess = View(0.0, OPTICS.tilt_rad, OPTICS.roll_rad, FOCAL, np.array(OPTICS.principal_px), OPTICS.k1)
+    guess = View(0.0, OPTICS.tilt_rad, OPTICS.roll_rad, FOCAL, np.array(OPTICS.principal_px), Distortion(OPTICS.k1))
     found = sweep.chain(frames(OPTICS, pans), guess, False, SweepConfig(), silent)
     assert len(found.kept) < 0.5 * len(pans)
     assert len(found.kept) == len(found.pan_rad) == len(found.images) == len(found.features)
@@ -112,7 +113,7 @@ def test_gains_and_vignetting_come_from_the_overlaps() -> None:
 
 def test_a_partial_sweep_is_adjusted_without_closure() -> None:
     pans = np.deg2rad(np.arange(0.0, 60.0, 4.0))
-    guess = View(0.0, 0.0, 0.0, FOCAL * 1.002, np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]), 0.0)
+    guess = View(0.0, 0.0, 0.0, FOCAL * 1.002, np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]), NONE)
     chain = sweep.chain(frames(OPTICS, pans), guess, False, SweepConfig(), silent)
     count = len(pans)
     start = Model(

@@ -21,8 +21,9 @@ from experiments.bound import (
     information,
     least_covariance,
 )
-from pzcap.geometry.camera import View, lens_at, pixel_to_direction
+from pzcap.geometry.camera import View, pixel_to_direction
 from pzcap.geometry.cylinder import to_unwrapped
+from pzcap.geometry.lens import at as lens_at
 from pzcap.types import Array, Lens, Mask, Panorama
 
 FINE = 3  # pixels of the scene to one of the panorama
@@ -36,8 +37,8 @@ GREY = np.array([0.114, 0.587, 0.299])
 
 def view_at(zoom: float) -> View:
     focal = PX_PER_RAD * zoom
-    principal, k1 = lens_at(LENS, focal)
-    return View(0.3, -0.07, 0.01, focal, principal, k1)
+    principal, distortion = lens_at(LENS, focal)
+    return View(0.3, -0.07, 0.01, focal, principal, distortion)
 
 
 def draw_scene(smooth: float, contrast: float = 40.0) -> Array:
@@ -75,8 +76,8 @@ def panorama_of(scene: Array, sweeps: int, noise_seed: int | None = 0) -> Panora
 def render(scene: Array, panorama: Panorama, pan_rad: float, zoom: float, around: View) -> Array:
     """(N, 3) what the pixels of a frame see of ``scene``, each averaged over its area; the lens follows the zoom."""
     samples = 4
-    principal, k1 = lens_at(LENS, PX_PER_RAD * zoom)
-    view = replace(around, pan_rad=pan_rad, focal_px=PX_PER_RAD * zoom, principal_px=principal, k1=k1)
+    principal, distortion = lens_at(LENS, PX_PER_RAD * zoom)
+    view = replace(around, pan_rad=pan_rad, focal_px=PX_PER_RAD * zoom, principal_px=principal, distortion=distortion)
     offsets = (np.arange(samples) + 0.5) / samples - 0.5
     u = (np.arange(LENS.width)[:, None] + offsets).ravel()
     v = (np.arange(LENS.height)[:, None] + offsets).ravel()
@@ -162,8 +163,8 @@ def test_derivatives_by_log_focal_match_finite_differences() -> None:
     places = []
     for sign in (-1, 1):
         focal = view.focal_px * np.exp(sign * step)
-        principal, k1 = lens_at(LENS, focal)
-        moved = replace(view, focal_px=focal, principal_px=principal, k1=k1)
+        principal, distortion = lens_at(LENS, focal)
+        moved = replace(view, focal_px=focal, principal_px=principal, distortion=distortion)
         places.append(to_unwrapped(panorama, *pixel_to_direction(moved, pixels)))
     np.testing.assert_allclose(field[..., :2], (places[0] + places[1]) / 2, atol=0.01)
     np.testing.assert_allclose(field[..., 2:], (places[1] - places[0]) / (2 * step), atol=0.05)

@@ -18,6 +18,7 @@ from experiments.bound import Sensor, blur_level, build_scene, information, leas
 from pzcap.calibration import stitching
 from pzcap.calibration.sweep import grey
 from pzcap.geometry.camera import View, wrapped
+from pzcap.geometry.lens import NONE
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.types import FAR_AWAY, Array, Image, Lens, Panorama, PanZoomCamera
 from tests.scenes import synthetic
@@ -68,7 +69,7 @@ def background() -> Panorama:
     even = stitching.Brightness(np.zeros(len(SWEPT)), np.zeros(2))
     return stitching.stitch(
         list(enumerate(sweep)), np.arange(len(SWEPT)), [grey(image) for image in sweep], SWEPT,
-        View(0.0, 0.0, 0.0, FOCAL, MIDDLE, 0.0), False, even, FAR_AWAY, lambda _: None,
+        View(0.0, 0.0, 0.0, FOCAL, MIDDLE, NONE), False, even, FAR_AWAY, lambda _: None,
     )  # fmt: skip
 
 
@@ -81,7 +82,7 @@ def test_pan_and_focal_length_come_within_twice_their_bounds(background: Panoram
         seed, pan, focal = frame
         found = aligner.align(photograph(pan, focal, seed), pan + 5e-5, 0.0, focal * 1.0002, 1.5)
         scene = build_scene(background, sensor, blur_level(background, focal), WIDTH)
-        view = View(pan, 0.0, 0.0, focal, MIDDLE, 0.0)
+        view = View(pan, 0.0, 0.0, focal, MIDDLE, NONE)
         bound = least_covariance(information(scene, LENS, view, np.zeros((HEIGHT, WIDTH), bool)))
         assert bound is not None
         return np.array([wrapped(found.pan_rad - pan), np.log(found.focal_px / focal)]), np.sqrt(np.diag(bound))

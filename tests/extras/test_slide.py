@@ -19,14 +19,15 @@ from pzcap.extras.slide import Slide, Tracks
 from pzcap.extras.slide.adjustment import from_centre
 from pzcap.geometry import camera
 from pzcap.geometry.camera import View
+from pzcap.geometry.lens import NONE, Distortion
 from pzcap.types import Array, Image, PzcapError
 from sim.cameras.optics import OpticsConfig, build_rig, lens_maps, plate_for, through_lens
 from sim.cameras.render import Stage
 from tests.scenes import synthetic
 
 WIDTH, HEIGHT = 640, 480
-TRUE_VIEW = View(0.0, np.deg2rad(-4.0), np.deg2rad(0.5), 880.0, np.array([322.0, 237.0]), -0.05)
-ROUGH_VIEW = View(0.0, 0.0, 0.0, 768.0, np.array([319.5, 239.5]), 0.0)
+TRUE_VIEW = View(0.0, np.deg2rad(-4.0), np.deg2rad(0.5), 880.0, np.array([322.0, 237.0]), Distortion(-0.05))
+ROUGH_VIEW = View(0.0, 0.0, 0.0, 768.0, np.array([319.5, 239.5]), NONE)
 PANS = np.deg2rad(np.linspace(-14.0, 14.0, 12))
 
 
@@ -42,7 +43,7 @@ def pan_past(offset_m: Array, seed: int, noise: float = 0.3, near_m: float = 1.5
     track, frame, points = [], [], []
     for k, pan in enumerate(PANS):
         head_T_cam = camera.head_T_cam(pan, TRUE_VIEW.tilt_rad, TRUE_VIEW.roll_rad, np.append(offset_m, 0.0))
-        at = camera.Camera(WIDTH, HEIGHT, head_T_cam, 880.0, TRUE_VIEW.principal_px, TRUE_VIEW.k1)
+        at = camera.Camera(WIDTH, HEIGHT, head_T_cam, 880.0, TRUE_VIEW.principal_px, TRUE_VIEW.distortion.k1)
         seen, depth = camera.project(at, world)
         inside = (depth > 0) & (seen >= 0).all(axis=1) & (seen <= (WIDTH - 1, HEIGHT - 1)).all(axis=1)
         inside &= rng.random(len(world)) < 0.7

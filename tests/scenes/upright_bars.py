@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pzcap.calibration import stitching
 from pzcap.geometry.camera import View
+from pzcap.geometry.lens import NONE
 from pzcap.types import FAR_AWAY, Array, Image, Lens, Panorama, PanZoomCamera
 
 WIDTH, HEIGHT, FOCAL = 320, 64, 440.0
@@ -36,7 +37,7 @@ def stitched(pans_rad: Array, full_turn: bool) -> Panorama:
     even = stitching.Brightness(np.zeros(len(pans_rad)), np.zeros(2))
     return stitching.stitch(
         [(k, np.dstack([image] * 3)) for k, image in enumerate(frames)], np.arange(len(pans_rad)), frames, pans_rad,
-        View(0.0, 0.0, 0.0, FOCAL, MIDDLE, 0.0), full_turn, even, FAR_AWAY, lambda _: None,
+        View(0.0, 0.0, 0.0, FOCAL, MIDDLE, NONE), full_turn, even, FAR_AWAY, lambda _: None,
     )  # fmt: skip
 
 

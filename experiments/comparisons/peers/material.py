@@ -15,6 +15,8 @@ from pzcap.camera_set import calibrate_camera, footage_of, taken_over
 from pzcap.extras.paper import method as paper
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
+from pzcap.geometry.lens import at as lens_at
+from pzcap.geometry.lens import distort, undistort
 from pzcap.io import results
 from pzcap.io.capture import frame_sets
 from pzcap.io.video import VideoReader
@@ -63,15 +65,15 @@ class Background:
 
     def straight(self, points_px: Array, focal_px: float) -> Array:
         """Pixels (N, 2) of a frame as a lens without distortion, its axis in the image's middle, would show them."""
-        principal, k1 = geometry.lens_at(self.camera.lens, focal_px)
-        return focal_px * geometry.undistort((points_px - principal) / focal_px, k1) + self.centre
+        principal, distortion = lens_at(self.camera.lens, focal_px)
+        return focal_px * undistort((points_px - principal) / focal_px, distortion) + self.centre
 
     def straightened(self, image: Image, focal_px: float) -> Image:
         """`straight` for a whole image."""
-        principal, k1 = geometry.lens_at(self.camera.lens, focal_px)
+        principal, distortion = lens_at(self.camera.lens, focal_px)
 
         def bent(points_px: Array) -> Array:
-            return principal + focal_px * geometry.distort((points_px - self.centre) / focal_px, k1)
+            return principal + focal_px * distort((points_px - self.centre) / focal_px, distortion)
 
         column, row = cylinder.smooth_map(bent, self.camera.lens.width, self.camera.lens.height)
         return np.asarray(cv2.remap(image, column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)

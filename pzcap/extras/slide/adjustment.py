@@ -36,7 +36,7 @@ class State:
         """(8,) log focal, tilt, roll, principal point, k1, offset."""
         view = self.view
         return np.array([
-            np.log(view.focal_px), view.tilt_rad, view.roll_rad, *view.principal_px, view.k1, *self.offset_m
+            np.log(view.focal_px), view.tilt_rad, view.roll_rad, *view.principal_px, view.distortion.k1, *self.offset_m
         ])  # fmt: skip
 
 

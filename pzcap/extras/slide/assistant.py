@@ -14,6 +14,7 @@ from pzcap.extras.slide.near import boxed, moving, nearer
 from pzcap.extras.slide.tracks import MIN_TRACKS, Tracks, follow
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
+from pzcap.geometry.lens import NONE
 from pzcap.types import Array, Image, Mask, PzcapError
 
 FIELD_WIDTHS = 1.2  # focal length, in image widths, where nobody knows it
@@ -105,7 +106,7 @@ def advise(
     height, width = images[0].shape[:2]
     found = [features.detect(grey(images[i]), config.threshold, config.features) for i in chosen]
     focal = FIELD_WIDTHS * width if focal_px is None else focal_px
-    view = View(0.0, 0.0, 0.0, focal, np.array([(width - 1) / 2, (height - 1) / 2]), 0.0)
+    view = View(0.0, 0.0, 0.0, focal, np.array([(width - 1) / 2, (height - 1) / 2]), NONE)
     tracks, pan_rad = follow(found, view, config.ratio)
     return solve(tracks, pan_rad, view, width, near_m, far_m, near_box_px=near_box_px, config=config)
 

@@ -28,7 +28,8 @@ from experiments.comparisons.self_calibration.baselines.adjustment import transf
 from experiments.comparisons.self_calibration.baselines.rotations import focals_of
 from experiments.metrics import read_metrics
 from pzcap.calibration.features import Features
-from pzcap.geometry.camera import distort, head_T_cam
+from pzcap.geometry.camera import head_T_cam
+from pzcap.geometry.lens import Distortion, distort
 from pzcap.types import Array
 
 METHODS: dict[str, Callable[[Shots, Sequence[Pair]], Frames]] = {
@@ -57,7 +58,7 @@ def view(frames: Frames, frame: int, directions: Array) -> tuple[Array, Array]:
     points = directions @ frames.rotation[frame]
     front = points[:, 2] > 0.2
     xy = points[:, :2] / np.where(front, points[:, 2], 1.0)[:, None]
-    pixels = frames.lens[frame, 1:3] + frames.focal_px[frame] * distort(xy, float(frames.lens[frame, 3]))
+    pixels = frames.lens[frame, 1:3] + frames.focal_px[frame] * distort(xy, Distortion(float(frames.lens[frame, 3])))
     return pixels, front & (pixels >= 0).all(axis=1) & (pixels <= (WIDTH - 1, HEIGHT - 1)).all(axis=1)
 
 

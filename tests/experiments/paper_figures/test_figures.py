@@ -18,6 +18,7 @@ from experiments.paper_figures.field import FEET, Standing, common_height_px, fl
 from experiments.paper_figures.material import Run, load
 from pzcap.body import skeleton as body_model
 from pzcap.geometry import camera as camera_model
+from pzcap.geometry.lens import at as lens_at
 from pzcap.types import Array, Lens, Localisation, PanZoomCamera, Pose, PzcapError, Subject
 from sim.hall.gym import calibration_object
 from sim.people.anthropometry import draw_measurements
@@ -207,7 +208,7 @@ def test_eq_17_moves_points_towards_the_principal_point(run: Run) -> None:
         image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
         image[150:153, 200:203] = 255
         fixed = zooming.at_fixed_focus(image, one, 0.0, one.camera.tilt_rad, focal).astype(float)
-        here, there = (camera_model.lens_at(one.camera.lens, f)[0] for f in (focal, reference))
+        here, there = (lens_at(one.camera.lens, f)[0] for f in (focal, reference))
         expected = there + ratio * (np.array([201.0, 151.0]) - here)
         x, y = expected.round().astype(int)
         patch = fixed[y - 5 : y + 6, x - 5 : x + 6, 0]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from experiments.comparisons.self_calibration.baselines.rotations import Frames, Pair
-from pzcap.geometry.camera import distort, undistort
+from pzcap.geometry.lens import Distortion, distort, jacobian, undistort
 from pzcap.types import Array
 
 LENS: int = 4  # log focal, principal point (x, y), k1
@@ -42,20 +42,20 @@ def transfer(first: Array, second: Array, turn: Array, points_px: Array) -> tupl
     derivatives are with respect to the first frame's rotation (3, about its own axes) and lens (4), then the second's.
     """
     bent = (points_px - first[1:3]) / np.exp(first[0])
-    xy = undistort(bent, first[3])
+    xy = undistort(bent, Distortion(first[3]))
     rays = np.column_stack([xy, np.ones(len(xy))])
     seen = rays @ turn.T
     flat = seen[:, :2] / seen[:, 2:]
     focal = np.exp(second[0])
-    bent_second = distort(flat, second[3])
+    bent_second = distort(flat, Distortion(second[3]))
     result = np.empty((len(xy), 2, 14))
     project = np.zeros((len(xy), 2, 3))
     project[:, 0, 0] = project[:, 1, 1] = 1.0
     project[:, :, 2] = -flat
-    by_seen = focal * _bending(flat, second[3]) @ project / seen[:, 2, None, None]
+    by_seen = focal * jacobian(flat, Distortion(second[3])) @ project / seen[:, 2, None, None]
     by_ray = by_seen @ turn
     result[:, :, :3] = -by_ray @ _cross(rays)
-    straighten = by_ray[:, :, :2] @ np.linalg.inv(_bending(xy, first[3]))
+    straighten = by_ray[:, :, :2] @ np.linalg.inv(jacobian(xy, Distortion(first[3])))
     result[:, :, 3] = -(straighten @ bent[:, :, None])[:, :, 0]
     result[:, :, 4:6] = -straighten / np.exp(first[0])
     squared = np.sum(xy * xy, axis=1, keepdims=True)
@@ -65,12 +65,6 @@ def transfer(first: Array, second: Array, turn: Array, points_px: Array) -> tupl
     result[:, :, 11:13] = np.eye(2)
     result[:, :, 13] = focal * np.sum(flat * flat, axis=1, keepdims=True) * flat
     return second[1:3] + focal * bent_second, result
-
-
-def _bending(xy: Array, k1: float) -> Array:
-    """(N, 2, 2) derivative of the distortion."""
-    squared = np.sum(xy * xy, axis=1)
-    return (1.0 + k1 * squared)[:, None, None] * np.eye(2) + 2.0 * k1 * xy[:, :, None] * xy[:, None, :]
 
 
 def _cross(vectors: Array) -> Array:

@@ -13,7 +13,7 @@ from experiments.comparisons.self_calibration.baselines.rotations import Frames,
 from experiments.comparisons.self_calibration.baselines.shots import Shots
 from pzcap.calibration import features
 from pzcap.calibration.features import Features
-from pzcap.geometry.camera import distort, undistort
+from pzcap.geometry.lens import Distortion, distort, undistort
 from pzcap.types import Array, Mask
 
 LIBRARY = 20000  # features, at most
@@ -63,7 +63,7 @@ class Library:
         points = self._directions @ rotation
         front = points[:, 2] > 0.1
         flat = points[:, :2] / np.where(front, points[:, 2], 1.0)[:, None]
-        pixels = lens[1:3] + np.exp(lens[0]) * distort(flat, lens[3])
+        pixels = lens[1:3] + np.exp(lens[0]) * distort(flat, Distortion(lens[3]))
         width, height = self._size
         return pixels, front & (pixels >= 0).all(axis=1) & (pixels < (width, height)).all(axis=1)
 
@@ -101,7 +101,7 @@ class Library:
         return rotation @ turn_of(replace(pair, first=0, second=1), pose).T, log_focal
 
     def _insert(self, found: Features, rotation: Array, lens: Array) -> None:
-        xy = undistort((found.points_px - lens[1:3]) / np.exp(lens[0]), lens[3])
+        xy = undistort((found.points_px - lens[1:3]) / np.exp(lens[0]), Distortion(lens[3]))
         rays = np.column_stack([xy, np.ones(len(xy))])
         rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ rotation.T
         both = (self._features, found)
