@@ -1,7 +1,7 @@
 """The camera as compiled kernels take it: projection of world points, and its derivative.
 
 A world point ``X`` is ``(x, y, z)`` in camera axes, ``cam_R_world (X - centre)``; its normalised coordinates
-``(x / z, y / z)`` are bent by the lens and scaled by the focal length to a pixel.
+``(x / z, y / z)`` are bent by the lens (`pzcap.geometry.lens`) and scaled by the focal length to a pixel.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from pzcap.geometry.lens import Distortion, distort_point, jacobian_at
 from pzcap.types import Array, Camera
 
 Vector = tuple[float, float, float]
@@ -25,7 +26,7 @@ class Pinhole(NamedTuple):
     """World, metres."""
     focal: float
     principal: tuple[float, float]
-    k1: float
+    distortion: Distortion
 
 
 def pinhole(camera: Camera) -> Pinhole:
@@ -33,7 +34,8 @@ def pinhole(camera: Camera) -> Pinhole:
     (x0, y0, z0, c0), (x1, y1, z1, c1), (x2, y2, z2, c2), _ = camera.world_T_cam.tolist()
     rotation, centre = (x0, x1, x2, y0, y1, y2, z0, z1, z2), (c0, c1, c2)
     u, v = camera.principal_px.tolist()
-    return Pinhole(rotation, centre, float(camera.focal_px), (u, v), float(camera.k1))
+    distortion = Distortion(float(camera.k1), float(camera.k2), float(camera.p1), float(camera.p2))
+    return Pinhole(rotation, centre, float(camera.focal_px), (u, v), distortion)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -49,18 +51,16 @@ def ray(x: float, y: float, z: float, camera: Pinhole) -> Vector:
 @njit(cache=True, nogil=True, inline="always")
 def to_pixel(across: float, down: float, camera: Pinhole) -> tuple[float, float]:
     """Pixel of normalised coordinates."""
-    scale = camera.focal * (1.0 + camera.k1 * (across * across + down * down))
-    return camera.principal[0] + scale * across, camera.principal[1] + scale * down
+    x, y = distort_point(across, down, camera.distortion)
+    return camera.principal[0] + camera.focal * x, camera.principal[1] + camera.focal * y
 
 
 @njit(cache=True, nogil=True, inline="always")
 def pixel_gradient(across: float, down: float, depth: float, camera: Pinhole, du: float, dv: float) -> Vector:
     """Gradient with respect to the world point that `ray` has at ``across, down, depth``, of a function whose gradient
     in the image is ``(du, dv)``."""
-    focal, k1, r = camera.focal, camera.k1, camera.rotation
-    along = focal * (1.0 + k1 * (across * across + down * down))
-    gx = du * (along + 2.0 * focal * k1 * across * across) + dv * (2.0 * focal * k1 * across * down)
-    gy = dv * (along + 2.0 * focal * k1 * down * down) + du * (2.0 * focal * k1 * across * down)
+    r, (xx, xy, yy) = camera.rotation, jacobian_at(across, down, camera.distortion)
+    gx, gy = camera.focal * (du * xx + dv * xy), camera.focal * (du * xy + dv * yy)
     a, b, c = gx / depth, gy / depth, -(gx * across + gy * down) / depth
     return r[0] * a + r[3] * b + r[6] * c, r[1] * a + r[4] * b + r[7] * c, r[2] * a + r[5] * b + r[8] * c
 

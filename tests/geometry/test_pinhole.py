@@ -11,7 +11,7 @@ from pzcap.types import Camera
 WORLD_T_CAM = np.eye(4)
 WORLD_T_CAM[:3, :3] = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
 WORLD_T_CAM[:3, 3] = [0.3, -0.2, 0.5]
-CAMERA = Camera(640, 480, WORLD_T_CAM, 900.0, np.array([320.0, 240.0]), -0.07)
+CAMERA = Camera(640, 480, WORLD_T_CAM, 900.0, np.array([320.0, 240.0]), -0.07, 0.02, 0.003, -0.002)
 
 
 def test_points_are_projected_as_by_the_plain_camera() -> None:
