@@ -100,16 +100,9 @@ class PointResiduals(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def photometric(
-    skin: SkinPoints,
-    pixels: Array,
-    facing: Float32,
-    camera: Pinhole,
-    crop: CropImage,
-    template: Template,
-    terms: BrightnessTerms,
-    sums: SegmentSums,
-    cost: Array,
-) -> None:
+    skin: SkinPoints, pixels: Array, facing: Float32, camera: Pinhole, crop: CropImage, template: Template,
+    terms: BrightnessTerms, sums: SegmentSums, cost: Array,
+) -> None:  # fmt: skip
     """Brightness of each visible point against its template, accumulated into each segment's 6 x 6.
 
     The residual is ``I(project(x)) - T * (1 + g + s . n)``. Light is fixed in the world, so a limb that turns changes
@@ -192,17 +185,9 @@ def _products(rows: Array, weights: Array, count: int, joint: Array) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def contour(
-    skin: SkinPoints,
-    edges: NDArray[np.int64],
-    seen: ProjectedSkin,
-    camera: Pinhole,
-    z_buffer: ZBuffer,
-    silhouette: CropImage,
-    arms: Image,
-    terms: ContourTerms,
-    found: PointResiduals,
-    cost: Array,
-) -> int:
+    skin: SkinPoints, edges: NDArray[np.int64], seen: ProjectedSkin, camera: Pinhole, z_buffer: ZBuffer,
+    silhouette: CropImage, arms: Image, terms: ContourTerms, found: PointResiduals, cost: Array,
+) -> int:  # fmt: skip
     """Occluding contour of the body against silhouette and arms: fills in ``found`` and returns how many there are.
 
     Where the normal turns away from the camera between the two ends of a mesh edge lies a contour point. It counts if
