@@ -11,10 +11,10 @@ from pzcap.body import skeleton as bodies
 from pzcap.body.skeleton import Body
 from pzcap.limbs.skin_colour_model import UNKNOWN
 from pzcap.segmentation import foreground
-from pzcap.tracking.frame_tracker import UNSEEN, Step
-from pzcap.tracking.observation import Cut, observe
+from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate
+from pzcap.tracking.observation import ViewCrop, prepare
 from pzcap.tracking.pose_objective import PoseObjective, Terms
-from pzcap.tracking.tracker import Tracked, TrackingConfig, TrackInput, View, track
+from pzcap.tracking.tracker import Tracked, TrackingConfig, TrackInput, ViewInput, track
 from pzcap.types import Array, Image, Keyframe, Pose, Subject
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot
 
@@ -39,7 +39,6 @@ def taped() -> Body:
 
 @cache
 def inputs() -> tuple[TrackInput, ...]:
-    """The views of every frame with silhouettes that are subtracted from the true empty views."""
     settings = foreground.ForegroundConfig()
     rows = []
     for frame, row in enumerate(clip().shots):
@@ -47,7 +46,7 @@ def inputs() -> tuple[TrackInput, ...]:
         for shot in row:
             known = np.ones(shot.mask.shape, bool)
             silhouette = foreground.subtract(shot.image, shot.empty, known, shot.camera, 0.0, settings)
-            views.append(View(shot.image, shot.camera, silhouette))
+            views.append(ViewInput(shot.image, shot.camera, silhouette))
         rows.append(TrackInput(frame, tuple(views)))
     return tuple(rows)
 
@@ -69,16 +68,15 @@ def run(keyframes: list[Keyframe], items: tuple[TrackInput, ...] | list[TrackInp
     return list(track(taped(), keyframes, items, RATE, CONFIG))
 
 
-def cuts(frame: int) -> list[Cut | None]:
-    """The whole views of a frame, with their true masks."""
-    rows: list[Cut | None] = []
+def crops(frame: int) -> list[ViewCrop | None]:
+    """The views whole, with their true masks."""
+    rows: list[ViewCrop | None] = []
     for shot in clip().shots[frame]:
         mask = (255 * shot.mask).astype(np.uint8)
         belief = cv2.resize(
             2.0 * shot.mask.astype(np.float32) - 1.0, (WIDTH // 4, HEIGHT // 4), interpolation=cv2.INTER_AREA
         )
-        seen = observe(shot.image, mask, unknown(mask), shot.camera, 0, 0)
-        rows.append(Cut(seen, belief))
+        rows.append(prepare(shot.image, mask, unknown(mask), belief, shot.camera, (0, 0)))
     return rows
 
 
@@ -88,8 +86,7 @@ def unknown(silhouette: Image) -> Image:
 
 
 def observed(frame: int, body: Body) -> PoseObjective:
-    """The pose objective of a frame's true masks."""
-    return PoseObjective(body, cuts(frame))
+    return PoseObjective(body, crops(frame))
 
 
 def true_body() -> Body:
@@ -104,12 +101,11 @@ def lost(pose: Pose, dof: int, by: float) -> Pose:
     return bodies.retract(pose, delta)
 
 
-def step(pose: Pose) -> Step:
-    """A step of a pass that found ``pose`` and knows nothing else."""
+def step(pose: Pose) -> FrameEstimate:
     nothing = np.zeros(bodies.DOF)
-    return Step(pose, nothing, np.diag(nothing), UNSEEN, np.ones(16), True)
+    return FrameEstimate(pose, np.diag(nothing), NO_CONTOUR, True, nothing, np.ones(16))
 
 
-def worthless(_frame: int, _pose: Pose) -> Array:
-    """Worth of a pose where the images tell no limb from another."""
+def without_score(_frame: int, _pose: Pose) -> Array:
+    """The images tell no limb from another."""
     return np.zeros(4)
