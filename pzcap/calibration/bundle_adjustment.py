@@ -66,8 +66,8 @@ def adjust(
 ) -> Adjusted:  # fmt: skip
     """Fit the parameters to ``links``; the pan of the first frame stays what it is.
 
-    ``sigmas`` are about ``prior``, or else about ``start``. Weights fall with a residual's length (Geman and McClure), by
-    a scale that starts at ``scale_px`` and follows the residuals down.
+    ``sigmas`` are about ``prior``, or else about ``start``. Weights (Geman and McClure) fall with a residual's length,
+    by a scale that starts at ``scale_px`` and follows the residuals down.
     """
     mean, believed = to_vector(start if prior is None else prior), information(start, sigmas)
     matches = matches_of(links)
