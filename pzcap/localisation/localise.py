@@ -25,7 +25,8 @@ from pzcap.geometry.camera import View, wrapped
 from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.panzoom_solvers import Solution, solve_eq11
-from pzcap.localisation.photometric_alignment import SURE_AGREEMENT, Aligner, Alignment
+from pzcap.localisation.photometric_alignment import Aligner, Alignment
+from pzcap.localisation.tuning import ALIGNMENT
 from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
 
 FEWEST = 2  # matches that agree: a place to look at
@@ -100,7 +101,7 @@ class Localiser:
         """Whether a fit that saw all levels, and could have gone elsewhere, has come to where one from nearby has."""
         moved_px = abs(near.pan_rad - far.pan_rad) * self._panorama.px_per_rad
         edges_px = abs(np.log(near.focal_px / far.focal_px)) * self._camera.lens.width / 2
-        steady = near.settled and far.settled and max(moved_px, edges_px) < SAME_PX
+        steady = near.report.converged and far.report.converged and max(moved_px, edges_px) < SAME_PX
         return bool(steady and far.agreement > self._config.same_agreement)
 
     def _proven(self, image: Image, found: Localisation) -> Localisation | None:
@@ -117,7 +118,7 @@ class Localiser:
         )  # fmt: skip
 
     def _sure(self, aligned: Alignment) -> bool:
-        return aligned.settled and aligned.agreement > self._config.sure_agreement
+        return aligned.report.converged and aligned.agreement > self._config.sure_agreement
 
     def _candidates(self, image: Image, prior: Localisation | None) -> Iterator[Localisation]:
         """Where features say that the frame may be, one zoom after the other: near ``prior``, or anywhere."""
@@ -230,7 +231,7 @@ def count_from_reference(panorama: Panorama, camera: PanZoomCamera, image: Image
     # every pan is counted from this one image, so its own error is all frames': there is time for all of its pixels
     aligner = Aligner(panorama, camera, pixels=image.size)
     reference = aligner.align(image, 0.0, camera.tilt_rad, focal_px, 1.5)
-    if reference.agreement < SURE_AGREEMENT:
+    if reference.agreement < ALIGNMENT.sure_agreement:
         return panorama
     origin_px = panorama.origin_px - np.array([reference.pan_rad * panorama.px_per_rad, 0.0])
     return replace(panorama, origin_px=origin_px, sweep_pan_rad=panorama.sweep_pan_rad - reference.pan_rad)
