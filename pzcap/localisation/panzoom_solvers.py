@@ -12,12 +12,13 @@ import numpy as np
 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
+from pzcap.localisation.tuning import MATCHING
 from pzcap.types import Array, Mask, Panorama, PanZoomCamera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Of eq. 11."""
+    """Solution of eq. 11."""
 
     pan_rad: float
     tilt_rad: float
@@ -41,7 +42,7 @@ def solve_eq11(
 
     Gauss-Newton with falling weights (Geman and McClure); the residuals are pixels of the frame.
     """
-    scale, tilt_rad = 8.0, camera.tilt_rad
+    scale, tilt_rad = MATCHING.first_scale_px, camera.tilt_rad
     free = 3 if free_tilt else 2
     if free_tilt:
         view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
@@ -60,7 +61,7 @@ def solve_eq11(
         pan_rad += float(step[0])
         focal_px *= float(np.exp(np.clip(step[1], -0.3, 0.3)))
         tilt_rad += float(step[2]) if free_tilt else 0.0
-        next_scale = max(3.0 * float(np.median(length)) / 1.1774, 0.3)
+        next_scale = max(3.0 * float(np.median(length)) / 1.1774, MATCHING.least_scale_px)
         if np.abs(step).max() < 1e-8 and abs(next_scale - scale) < 0.01 * scale:
             break
         scale = max(next_scale, scale / 2)
