@@ -41,7 +41,7 @@ from pzcap.io.capture import frame_sets, read_capture
 from pzcap.localisation.localise import Localiser, predicted
 from pzcap.segmentation import foreground
 from pzcap.tracking.camera_refinement import camera_prior
-from pzcap.tracking.tracker import Tracker, TrackInput, View
+from pzcap.tracking.tracker import Tracker, TrackInput, ViewInput
 from pzcap.types import Capture, FrameSet, Image, Localisation, PzcapError, Silhouette
 
 COLD_EVERY: Final = 10  # frame sets
@@ -192,14 +192,14 @@ def _given(
     frames: FrameSet, prepared: Sequence[CalibratedCamera], found: Found, silhouettes: Sequence[Silhouette | None],
     config: pipeline.Config,
 ) -> TrackInput:  # fmt: skip
-    views: list[View | None] = []
+    views: list[ViewInput | None] = []
     for known, image, place, silhouette in zip(prepared, frames.images, found, silhouettes, strict=True):
         if image is None or place is None or silhouette is None or not silhouette.valid:
             views.append(None)
             continue
         camera = at(known.camera, place.pan_rad, place.tilt_rad, place.focal_px)
-        aim = camera_prior(config.panzoom, known.camera, place)
-        views.append(View(image, camera, silhouette, aim=aim))
+        prior = camera_prior(config.panzoom, known.camera, place)
+        views.append(ViewInput(image, camera, silhouette, camera_prior=prior))
     return TrackInput(frames.index, tuple(views))
 
 

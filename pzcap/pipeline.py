@@ -39,7 +39,7 @@ from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
-from pzcap.tracking.tracker import Tracked, Tracker, TrackingConfig, TrackInput, View
+from pzcap.tracking.tracker import Tracked, Tracker, TrackingConfig, TrackInput, ViewInput
 from pzcap.types import (
     Array,
     Camera,
@@ -287,11 +287,11 @@ def _track_input(segmented: FrameSegmented) -> TrackInput:
     frames = segmented.frames
     people = frames.keypoints or (NOBODY,) * len(frames.images)
 
-    def view(index: int) -> View | None:
+    def view(index: int) -> ViewInput | None:
         image, camera, silhouette = frames.images[index], segmented.cameras[index], segmented.silhouettes[index]
         if image is None or camera is None or silhouette is None or not silhouette.valid:
             return None
-        return View(image, camera, silhouette, people[index], segmented.priors[index])
+        return ViewInput(image, camera, silhouette, people[index], segmented.priors[index])
 
     return TrackInput(frames.index, tuple(view(index) for index in range(len(frames.images))))
 

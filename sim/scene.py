@@ -23,14 +23,9 @@ def stream(seed: int, *purpose: str | int) -> np.random.Generator:
 
 
 def build_stage(
-    seed: int,
-    gym_config: GymConfig,
-    athlete_config: AthleteConfig,
-    measurements: dict[str, float],
-    largest: tuple[int, int],
-    *,
-    mipmaps: bool = True,
-) -> Stage:
+    seed: int, gym_config: GymConfig, athlete_config: AthleteConfig, measurements: dict[str, float],
+    largest: tuple[int, int], *, mipmaps: bool = True,
+) -> Stage:  # fmt: skip
     """The compiled scene, for pictures no larger than ``largest`` (width, height); ``mipmaps`` as `Stage` has it."""
     spec = mujoco.MjSpec()
     gym.build_gym(spec, gym_config, stream(seed, "gym"))

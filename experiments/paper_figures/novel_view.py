@@ -20,6 +20,7 @@ from pzcap.body import skeleton as body_model
 from pzcap.body.skeleton import Body
 from pzcap.geometry import camera as camera_model
 from pzcap.geometry import cylinder
+from pzcap.geometry.pinhole import projected
 from pzcap.tracking import visibility
 from pzcap.types import Array, Camera, Image, Mask, Pose
 
@@ -137,14 +138,10 @@ def _seen(image: Image, view: Camera, skin: Skin, surface: Array, normal: Array)
 def _depth(camera: Camera, skin: Skin) -> NDArray[np.float32]:
     """(H, W) along the optical axis, infinite where there is no body."""
     points, _, faces = skin
-    pixels, depth = np.empty((len(points), 2)), np.empty(len(points))
-    visibility.project(points, camera.world_T_cam, camera.focal_px, camera.principal_px, camera.k1, pixels, depth)
-    z_buffer = np.empty((camera.height, camera.width), np.float32)
-    cover = np.empty(z_buffer.shape, np.uint8)
-    visibility.rasterise(
-        pixels, depth, faces, np.zeros(len(points), np.int64), np.zeros(1, np.uint8), 0, 0, 1.0, z_buffer, cover
-    )
-    return z_buffer
+    pixels, depth = projected(points, camera)
+    z_buffer = visibility.empty_z_buffer((0, 0, camera.width - 1, camera.height - 1), 1.0)
+    visibility.rasterise(pixels, depth, faces, np.zeros(len(points), np.uint8), z_buffer)
+    return z_buffer.depth
 
 
 def _rays(camera: Camera) -> Array:

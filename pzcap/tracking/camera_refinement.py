@@ -1,22 +1,22 @@
-"""Cameras and body together: what a view's pan and focal length are off by, found along with the pose.
+"""Refinement of the cameras along with the pose: errors of each view's pan and focal length, marginalised.
 
 A camera that is panned too far by ``p`` sees every point where it would stand if it had gone back by ``p`` about the
-pan axis; one whose log focal length is too great by ``l``, as if all were nearer by ``l`` of its depth. So what is
-wrong with a camera is a motion of the segments, a twist ``M_s (p, l)`` of each, and what the residuals say of it stands
-in the normal equations ``H_s, g_s`` of the segments already. With the information ``L`` that the background gives,
+pan axis; one whose log focal length is too great by ``l``, as if all were nearer by ``l`` of its depth. So a camera's
+error is a motion of the segments, a twist ``M_s (p, l)`` of each, and its normal equations follow from those of the
+segments, ``H_s, g_s``. With the information ``L`` that the background gives,
 
     C = L + sum_s M_s' H_s M_s      c = sum_s M_s' g_s - L o      B = sum_s T_s' H_s M_s
 
 where ``T_s`` takes a step of the pose to the segment's twist and ``o`` is what the camera has been corrected by so far,
 the Schur complement leaves the pose alone: ``H - B C^-1 B'`` and ``g - B C^-1 c``. No motion is inferred from what the
-camera's error may explain, and of a step ``d`` of the pose follows that of the camera, ``C^-1 (c - B' d)``.
+camera's error may explain, and from a step ``d`` of the pose follows that of the camera, ``C^-1 (c - B' d)``.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -26,87 +26,86 @@ from numpy.typing import NDArray
 from pzcap.body.skeleton import DOF, DOF_SEGMENT
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.localisation.covariance import systematic
+from pzcap.tracking.residuals import SegmentSums
+from pzcap.tracking.tuning import CAMERA
 from pzcap.types import PARENTS, Array, Camera, Localisation, PanZoomCamera
 
-AIM: Final = 2
+CAMERA_DOF: Final = 2
 """Pan, and log focal length."""
-_SURE: Final = 1e-7  # radians, and of log focal: nobody knows them better
 _PARENTS: Final[NDArray[np.int64]] = np.array(PARENTS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPrior:
-    """How well the background tells a view's pan and log focal length, and what the body has corrected them by."""
+    """What the background tells of a view's pan and log focal length, and what the body has corrected them by."""
 
     pan_axis: Array  # (3,) unit vector of the world
-    information: Array  # (2, 2) of (pan_rad, log focal), of what this frame alone is wrong by
+    information: Array  # (2, 2) of (pan_rad, log focal), of the error of this frame alone
     correction: Array  # (2,) since then
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MarginalisedCamera:
-    """A view's camera, eliminated from the normal equations of a pose: what follows for it from a step of that."""
+class MarginalisedCamera(NamedTuple):
+    """A view's camera, eliminated from the normal equations of a pose."""
 
-    covariance: Array  # (2, 2) C^-1, of pan and log focal if the pose were known
-    pull: Array  # (2,) C^-1 c
-    give: Array  # (2, 43) C^-1 B'
+    covariance: Array
+    """(2, 2) C^-1, of pan and log focal if the pose were known."""
+    pull: Array
+    """(2,) C^-1 c"""
+    give: Array
+    """(2, 43) C^-1 B'"""
 
     def step(self, pose_step: Array) -> Array:
-        """Of pan and log focal (2,)."""
+        """Step (2,) of pan and log focal that follows from a step (43,) of the pose."""
         return np.asarray(self.pull - self.give @ pose_step)
 
     def covariance_with(self, pose: Array) -> Array:
-        """(2, 2) Of pan and log focal, the ``pose``'s being (43, 43)."""
+        """Covariance (2, 2) of pan and log focal, the ``pose``'s being (43, 43)."""
         return np.asarray(self.covariance + self.give @ pose @ self.give.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """Of a view's pan and log focal, by body and background together."""
+    """Correction of a view's pan and log focal, by body and background together."""
 
     step: Array  # (2,)
     covariance: Array  # (2, 2) of what comes out
 
 
 def camera_prior(config: PanZoomConfig, head: PanZoomCamera, found: Localisation) -> CameraPrior:
-    """What the background says of the camera of a view that it has ``found``.
+    """Prior of the camera of a view that the background has ``found``.
 
-    What all frames share is left out: of one frame the body cannot tell it, and would make a wrong depth of it.
+    Errors that all frames share are left out: of one frame the body cannot tell them, and would make a wrong depth of
+    them.
     """
     shared = systematic(config, head, np.array(found.pan_rad), np.array(found.focal_px))
-    alone = found.covariance - shared + _SURE**2 * np.eye(AIM)
-    return CameraPrior(head.world_T_head[:3, 2], np.asarray(np.linalg.inv(alone), np.float64), np.zeros(AIM))
+    alone = found.covariance - shared + CAMERA.least_sigma**2 * np.eye(CAMERA_DOF)
+    return CameraPrior(head.world_T_head[:3, 2], np.asarray(np.linalg.inv(alone), np.float64), np.zeros(CAMERA_DOF))
 
 
-def corrected(camera: Camera, aim: CameraPrior, step: Array) -> tuple[Camera, CameraPrior]:
+def corrected(camera: Camera, prior: CameraPrior, step: Array) -> tuple[Camera, CameraPrior]:
     """The ``camera`` after a ``step`` (2,) of pan and log focal; its lens stays as it is."""
     world_T_cam = camera.world_T_cam.copy()
-    world_T_cam[:3, :3] = cv2.Rodrigues(step[0] * aim.pan_axis)[0] @ world_T_cam[:3, :3]
+    world_T_cam[:3, :3] = cv2.Rodrigues(step[0] * prior.pan_axis)[0] @ world_T_cam[:3, :3]
     turned = replace(camera, world_T_cam=world_T_cam, focal_px=camera.focal_px * math.exp(step[1]))
-    return turned, replace(aim, correction=aim.correction + step)
+    return turned, replace(prior, correction=prior.correction + step)
 
 
 def eliminate(
-    camera: Camera, aim: CameraPrior, frames: Array, centre: Array, twists: Array, hessians: Array, gradients: Array,
-    hessian: Array, gradient: Array,
-) -> MarginalisedCamera:  # fmt: skip
+    prior: CameraPrior, moves: Array, twists: Array, view: SegmentSums, hessian: Array, gradient: Array
+) -> MarginalisedCamera:
     """Take the camera of one view out of the normal equations of a pose, ``hessian`` (43, 43) and ``gradient`` (43,),
-    in place. ``hessians`` (16, 6, 6) and ``gradients`` (16, 6) are what this view says of each segment in its own twist
-    about the ``centre``, and ``twists`` (43, 6) the pose's screws about it."""
-    moves = motions(camera.world_T_cam, aim.pan_axis, frames, centre)
-    free = MarginalisedCamera(np.empty((AIM, AIM)), np.empty(AIM), np.empty((AIM, DOF)))
-    _eliminate(
-        hessians, gradients, moves, aim.information, aim.correction, twists, DOF_SEGMENT, _PARENTS, hessian, gradient,
-        free.covariance, free.pull, free.give,
-    )  # fmt: skip
-    return free
+    in place. ``view`` is the part of the normal equations that this view has made of each segment; ``moves`` are the
+    segments' twists by the camera (`segment_twists`) and ``twists`` (43, 6) those by the pose."""
+    camera = MarginalisedCamera(np.empty((CAMERA_DOF, CAMERA_DOF)), np.empty(CAMERA_DOF), np.empty((CAMERA_DOF, DOF)))
+    _eliminate(view, moves, prior.information, prior.correction, twists, hessian, gradient, camera)
+    return camera
 
 
 @njit(cache=True, nogil=True)
-def motions(world_T_cam: Array, pan_axis: Array, frames: Array, centre: Array) -> Array:
+def segment_twists(world_T_cam: Array, pan_axis: Array, frames: Array, centre: Array) -> Array:
     """(16, 6, 2) Twists ``(v, w)`` about the ``centre`` that show the segments, posed as ``frames`` (16, 4, 4), where
     the camera would see them with one unit more of pan, and of log focal. Of a segment all is as deep as its joint."""
-    found = np.zeros((len(frames), 6, AIM))
+    found = np.zeros((len(frames), 6, CAMERA_DOF))
     for s in range(len(frames)):
         depth = 0.0
         for i in range(3):
@@ -122,40 +121,41 @@ def motions(world_T_cam: Array, pan_axis: Array, frames: Array, centre: Array) -
 
 @njit(cache=True, nogil=True)
 def _eliminate(
-    hessians: Array, gradients: Array, moves: Array, information: Array, correction: Array, twists: Array,
-    owner: NDArray[np.int64], parents: NDArray[np.int64], hessian: Array, gradient: Array, covariance: Array,
-    pull: Array, give: Array,
+    view: SegmentSums, moves: Array, information: Array, correction: Array, twists: Array, hessian: Array,
+    gradient: Array, camera: MarginalisedCamera,
 ) -> None:  # fmt: skip
-    """See the head of this file: B is added up over what a degree of freedom moves, its segment ``owner`` and all that
-    hang on it."""
+    """Schur complement as at the head of this file: B is added up over what a degree of freedom moves, its own segment
+    and all that hang on it."""
+    hessians, gradients, owner, parents = view.hessians, view.gradients, DOF_SEGMENT, _PARENTS
+    covariance, pull, give = camera
     joint, right = information.copy(), -information @ correction
-    moved = np.zeros((len(hessians), 6, AIM))
+    moved = np.zeros((len(hessians), 6, CAMERA_DOF))
     for s in range(len(hessians) - 1, -1, -1):  # parents come before their children
-        for k in range(AIM):
+        for k in range(CAMERA_DOF):
             for i in range(6):
                 own = 0.0
                 for j in range(6):
                     own += hessians[s, i, j] * moves[s, j, k]
                 moved[s, i, k] += own
                 right[k] += moves[s, i, k] * gradients[s, i]
-                for m in range(AIM):
+                for m in range(CAMERA_DOF):
                     joint[m, k] += moves[s, i, m] * own
                 if parents[s] >= 0:
                     moved[parents[s], i, k] += moved[s, i, k]
     size = joint[0, 0] * joint[1, 1] - joint[0, 1] * joint[1, 0]
     covariance[0, 0], covariance[1, 1] = joint[1, 1] / size, joint[0, 0] / size
     covariance[0, 1] = covariance[1, 0] = -joint[0, 1] / size
-    cross = np.zeros((len(owner), AIM))
-    for k in range(AIM):
+    cross = np.zeros((len(owner), CAMERA_DOF))
+    for k in range(CAMERA_DOF):
         pull[k] = covariance[k, 0] * right[0] + covariance[k, 1] * right[1]
         for d in range(len(owner)):
             for i in range(6):
                 cross[d, k] += twists[d, i] * moved[owner[d], i, k]
-    for k in range(AIM):
+    for k in range(CAMERA_DOF):
         for d in range(len(owner)):
             give[k, d] = covariance[k, 0] * cross[d, 0] + covariance[k, 1] * cross[d, 1]
     for d in range(len(owner)):
-        for k in range(AIM):
+        for k in range(CAMERA_DOF):
             gradient[d] -= cross[d, k] * pull[k]
             for e in range(len(owner)):
                 hessian[d, e] -= cross[d, k] * give[k, e]

@@ -1,38 +1,40 @@
-"""What lies between two keyframes, solved from both ends at once: drift removed (Yamamoto 2005), the body corrected.
+"""The frames between two keyframes, solved from both ends: drift removed (Yamamoto 2005), the body corrected.
 
-The forward pass (`pzcap.tracking.tracker`) has followed the body up to a keyframe. From there it is followed backward;
-the two passes are merged limb by limb (`pzcap.tracking.bidirectional_fusion`), the body is corrected from what came
-out, and all frames are improved together (`pzcap.tracking.batch_refinement`). None of it needs what comes after the
-keyframe but the body, so that the next interval's forward pass goes on meanwhile.
+The forward pass (`pzcap.tracking.tracker`) has tracked the body up to a keyframe. From there it is tracked backward;
+the two passes are fused limb by limb (`pzcap.tracking.bidirectional_fusion`), the body is corrected, and all frames are
+refined together (`pzcap.tracking.batch_refinement`). None of it needs what comes after the keyframe but the body, so
+that the next interval's forward pass goes on meanwhile.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
 from pzcap.body.shape_estimation import Shape, ShapeEstimate
-from pzcap.body.skeleton import DOF, Body, forward, joint_jacobians, joints
+from pzcap.body.skeleton import Body, forward, joint_jacobians
+from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance, shared
-from pzcap.tracking.batch_refinement import RefinedBatch, accumulate_hand, hear, refine_batch
-from pzcap.tracking.bidirectional_fusion import leaping, merge
+from pzcap.tracking.batch_refinement import RefinedBatch, Views, accumulate_frames, accumulate_keyframe, refine_batch
+from pzcap.tracking.bidirectional_fusion import discontinuous, fuse
 from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
-from pzcap.tracking.frame_tracker import UNSEEN, Follower, Step, TrackingConfig, improve
+from pzcap.tracking.frame_tracker import (
+    NO_CONTOUR,
+    FrameEstimate,
+    FrameTracker,
+    PoseEstimate,
+    TrackingConfig,
+    fit_pose,
+)
 from pzcap.tracking.keypoint_residuals import LandmarkEstimate
-from pzcap.tracking.observation import Cut
+from pzcap.tracking.observation import ViewCrop
 from pzcap.tracking.pose_objective import Appearance, PoseObjective, misfit_px2
-from pzcap.tracking.reacquisition import Passes
-from pzcap.tracking.shape_refit import refit_poses
-from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Pose
-
-_ASTRAY_PX: Final = 4.0  # misfit of a joint that is as likely astray as not
-_SUDDEN: Final = 4.0  # by how much a pixel more changes the logarithm of those odds
-_ASTRAY_M: Final = 0.15  # how far off it is then
-_SOME: Final = 4
-"""Of so many frames one corrects the body: its neighbours say the same."""
+from pzcap.tracking.reacquisition import PassResults
+from pzcap.tracking.tuning import INTERVAL
+from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Mask, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,188 +55,200 @@ class Instant:
     """A frame after a keyframe, as the forward pass has it."""
 
     frame: int
-    cuts: list[Cut | None]
-    step: Step
+    views: Views
+    forward: FrameEstimate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Anchor:
-    """A keyframe, and what the images make of it."""
+    """A keyframe, fitted to its images."""
 
     key: Keyframe
-    cuts: list[Cut | None]
-    settled: Step
+    views: Views
+    fit: PoseEstimate
     velocity: Array  # (43,) with which the forward pass arrives at it
 
 
-def astray(contour: Array) -> Array:
-    """The probability (16,) that a joint is not where it was found, from how well the outlines of the two segments that
-    meet there fit the silhouettes: ``contour`` (16, 3) as `pzcap.tracking.pose_objective.Normal` has it. What it was
-    fitted to is said in docs/method.md."""
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyEstimate:
+    """The body as known so far, and what that has been accumulated from."""
+
+    body: Body
+    shape: ShapeEstimate
+    known: Shape  # that results are given with
+    landmarks: LandmarkEstimate
+
+    @staticmethod
+    def of(body: Body) -> BodyEstimate:
+        """Estimate before any image: a tape has measured the body."""
+        shape = ShapeEstimate(body)
+        known = Shape(shape.amounts_m, np.full(len(SEGMENTS), 2 * body.sigma_m**2))
+        return BodyEstimate(body, shape, known, LandmarkEstimate.of(body.landmarks))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntervalProblem:
+    """The frames between two keyframes, for `solved`."""
+
+    estimate: BodyEstimate
+    before: Sequence[Pose]  # of up to two frames before the first of them
+    instants: Sequence[Instant]
+    reference: Sequence[Appearance]  # of the skin beside the keyframe that the interval began with, a view each
+    anchor: Anchor | None  # the keyframe that ends them; None: none does
+    frame_rate: float
+    config: TrackingConfig
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntervalResult:
+    """The solution of an `IntervalProblem`."""
+
+    tracked: list[Tracked]  # the frames, and the keyframe that ends them
+    estimate: BodyEstimate
+    before: Sequence[Pose]  # of the last two frames
+    report: SolveReport
+
+
+def solved(problem: IntervalProblem) -> IntervalResult:
+    """Solve an interval; without any frames, its keyframe by itself, with the body as corrected by then."""
+    anchor, config = problem.anchor, problem.config
+    if anchor is not None:
+        problem = replace(problem, estimate=with_keyframe(problem.estimate, anchor, config))
+    if problem.instants:
+        return _solved(problem)
+    assert anchor is not None, "an interval has a frame or a keyframe"
+    fit, report = fit_keyframe(problem.estimate.body, anchor.key.pose, anchor.views, config)
+    tracked = _keyframe(problem.estimate, config, anchor.key, fit)
+    return IntervalResult([tracked], problem.estimate, [fit.pose], report)
+
+
+def fit_keyframe(body: Body, pose: Pose, views: Views, config: TrackingConfig) -> tuple[PoseEstimate, SolveReport]:
+    """A keyframe's pose, fitted to the images with the hand's error as prior."""
+    hand = np.diag(1.0 / config.hand_sigma**2)
+    if all(view is None for view in views):
+        return PoseEstimate(pose, hand, NO_CONTOUR, False), SolveReport(True, 0, 0.0)
+    fit = fit_pose(PoseObjective(body, views), pose, hand, [None] * len(views), config, config.schedule)
+    return PoseEstimate(fit.posed.pose, fit.normal.hessian + hand, fit.normal.contour, True), fit.report
+
+
+def with_keyframe(estimate: BodyEstimate, anchor: Anchor, config: TrackingConfig) -> BodyEstimate:
+    """The estimate after a keyframe has told of the body, and of where on it the detector's keypoints lie."""
+    if not anchor.fit.seen:
+        return estimate
+    pose, views, shape, landmarks = anchor.fit.pose, anchor.views, copy(estimate.shape), estimate.landmarks
+    if config.shape_weight:
+        shape.keep(accumulate_keyframe(estimate.body, shape, anchor.key, pose, views, config))
+    frames = forward(estimate.body, pose)
+    for view in views:
+        if view is not None and view.person is not None:
+            landmarks = landmarks.accumulate(frames, view.camera, view.person)
+    return replace(estimate, body=replace(estimate.body, landmarks=landmarks.solve()), shape=shape, landmarks=landmarks)
+
+
+def tracked(
+    estimate: BodyEstimate, config: TrackingConfig, frame: int, found: PoseEstimate,
+    disagreement_m: Array | float = 0.0,
+    cameras: Sequence[tuple[ViewCrop | None, MarginalisedCamera | None]] = (),
+) -> Tracked:  # fmt: skip
+    """The body at an instant. ``disagreement_m`` (16,) is the distance of two estimates of a joint that do not agree.
+    ``cameras``, where they were corrected, is each view with the camera as it is now, and the marginalised one."""
+    frames = forward(estimate.body, found.pose)
+    information = found.hessian + np.diag(1.0 / config.prediction_sigma**2)
+    covariance = np.asarray(np.linalg.inv(information), np.float64)
+    jacobians = joint_jacobians(frames)
+    variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
+    disputed, unsure = (0.5 * np.asarray(disagreement_m)) ** 2, misplaced(found.contour) * INTERVAL.misplaced_m**2
+    variance += estimate.known.joint_variance_m2 + disputed + unsure
+    corrections = tuple(
+        None if view is None or view.camera_prior is None or camera is None
+        else Correction(view.camera_prior.correction, camera.covariance_with(covariance))
+        for view, camera in cameras
+    )  # fmt: skip
+    sigma = np.sqrt(variance)
+    return Tracked(frame, found.pose, frames[:, :3, 3], sigma, found.seen, estimate.known, corrections)
+
+
+def misplaced(contour: Array) -> Array:
+    """Probability (16,) that a joint is not where it was found, from how well the contours of the two segments that
+    meet there fit the silhouettes: ``contour`` (16, 3) as `pzcap.tracking.pose_objective.NormalEquations` has it. How
+    it was fitted stands in docs/method.md."""
     misfit_px = np.sqrt(misfit_px2(contour + contour[np.maximum(PARENTS, 0)], 1.0))
-    return np.asarray(1.0 / (1.0 + np.exp(_ASTRAY_PX - misfit_px) ** _SUDDEN))
+    return np.asarray(1.0 / (1.0 + np.exp(INTERVAL.misplaced_px - misfit_px) ** INTERVAL.misplaced_slope))
 
 
-class IntervalSolver:
-    """Solves one interval after the other. The body gets better with each."""
-
-    def __init__(self, body: Body, frame_rate: float, config: TrackingConfig) -> None:
-        self.body, self.frame_rate, self.config = body, frame_rate, config
-        self._shape = ShapeEstimate(body)
-        # of the joints, until the images have told
-        self._known = Shape(self._shape.amounts_m, np.full(len(SEGMENTS), 2 * body.sigma_m**2))
-        self._landmarks = LandmarkEstimate(body.landmarks)
-        self._before: list[Pose]  # the frames up to where the interval begins, two at most
-        self._hand = np.diag(1.0 / config.hand_sigma**2)
-
-    def settle(self, pose: Pose, cuts: list[Cut | None]) -> Step:
-        """A keyframe's pose, improved by the images with the hand's error as prior."""
-        unseen: list[Appearance | None] = [None] * len(cuts)
-        if all(cut is None for cut in cuts):
-            return Step(pose, np.zeros(DOF), self._hand, UNSEEN, np.zeros(len(SEGMENTS)), False)
-        evidence = PoseObjective(self.body, cuts)
-        pose, normal = improve(evidence, pose, self._hand, unseen, self.config, self.config.schedule)
-        hessian, sure = normal.hessian + self._hand, np.zeros(len(SEGMENTS))
-        return Step(pose, np.zeros(DOF), hessian, normal.contour, sure, True)
-
-    def begin(self, anchor: Anchor) -> Tracked:
-        """The first keyframe: nothing lies before it."""
-        self._learn(anchor)
-        return self._arrive(anchor)
-
-    def solve(self, interval: Sequence[Instant], known: Sequence[Appearance], anchor: Anchor | None) -> list[Tracked]:
-        """The frames of an interval, and the keyframe that ends it; ``anchor`` is None where it ends without.
-
-        ``known`` is what the skin looked like in each view beside the keyframe that it began with.
-        """
-        if anchor is not None:
-            self._learn(anchor)
-        if interval:
-            return self._solve(interval, known, anchor)
-        return [] if anchor is None else [self._arrive(anchor)]
-
-    def result(
-        self, frame: int, pose: Pose, hessian: Array, contour: Array, valid: bool, doubt_m: Array | float = 0.0,
-        cameras: Sequence[tuple[Cut | None, MarginalisedCamera | None]] = (),
-    ) -> Tracked:  # fmt: skip
-        """The body at an instant. ``contour`` (16, 3) is as `pzcap.tracking.pose_objective.Normal` has it; ``doubt_m``
-        (16,): how far apart two estimates of a joint are that do not agree. ``cameras``, where they were corrected, is
-        each view with the camera as it is now, and how well that is known."""
-        frames = forward(self.body, pose)
-        sigma = np.full(DOF, self.config.prediction_rotation_sigma_rad)
-        sigma[:3] = self.config.prediction_position_sigma_m
-        covariance = np.asarray(np.linalg.inv(hessian + np.diag(1.0 / sigma**2)), np.float64)
-        jacobians = joint_jacobians(frames)
-        variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
-        variance += self._known.joint_variance_m2 + (0.5 * np.asarray(doubt_m)) ** 2 + astray(contour) * _ASTRAY_M**2
-        corrections = tuple(
-            None if cut is None or cut.aim is None or free is None
-            else Correction(cut.aim.correction, free.covariance_with(covariance))
-            for cut, free in cameras
-        )  # fmt: skip
-        return Tracked(frame, pose, frames[:, :3, 3], np.sqrt(variance), valid, self._known, corrections)
-
-    def refit_shape(self, tracked: Iterable[Tracked]) -> list[Tracked]:
-        """What was ``tracked`` with the body as it was known then, with the body as it is known now."""
-        now, then, body = self._known, self._known, self.body
-        found = []
-        for each in tracked:
-            if each.shape is not then:  # all of an interval share theirs
-                then, body = each.shape, self._shape.body(each.shape.amounts_m)
-            if then is not now:
-                pose = refit_poses(each.pose, body, self.body)
-                variance = each.sigma_m**2 - then.joint_variance_m2 + now.joint_variance_m2
-                each = replace(each, pose=pose, joints_m=joints(self.body, pose), sigma_m=np.sqrt(variance), shape=now)
-            found.append(each)
-        return found
-
-    def _learn(self, anchor: Anchor) -> None:
-        """What a keyframe says of the body, and of where on it the detector's keypoints lie."""
-        if not anchor.settled.seen:
-            return
-        pose, cuts = anchor.settled.pose, anchor.cuts
-        if self.config.shape_weight:
-            self._shape.keep(accumulate_hand(self.body, self._shape, pose, anchor.key, self._hand, cuts, self.config))
-        frames = forward(self.body, pose)
-        for cut in cuts:
-            if cut is not None and cut.person is not None:
-                self._landmarks.add(frames, cut.seen.camera, cut.person)
-        self.body = replace(self.body, landmarks=self._landmarks.solve())
-
-    def _arrive(self, anchor: Anchor) -> Tracked:
-        """A keyframe by itself, as the body corrected by then has it; the next interval begins there."""
-        settled = self.settle(anchor.key.pose, anchor.cuts)
-        self._before = [settled.pose]
-        return self._at(anchor.key, settled.pose, settled.hessian)
-
-    def _at(
-        self,
-        key: Keyframe,
-        pose: Pose,
-        hessian: Array,
-        cameras: Sequence[tuple[Cut | None, MarginalisedCamera | None]] = (),
-    ) -> Tracked:
-        # a hand knows where the limbs are: what the images do not bear out is a contradiction
-        # (`pzcap.extras.keyframe_diagnostics`)
-        return self.result(key.frame, pose, hessian, UNSEEN, True, cameras=cameras)
-
-    def _solve(self, interval: Sequence[Instant], known: Sequence[Appearance], anchor: Anchor | None) -> list[Tracked]:
-        views, steps = [instant.cuts for instant in interval], [instant.step for instant in interval]
-        after = None if anchor is None else anchor.settled.pose
-        if anchor is None or after is None:
-            poses, doubt = [step.pose for step in steps], np.zeros((len(steps), len(SEGMENTS)))
-            passes = Passes([poses], doubt > 0.0, doubt > 0.0, shared(known))
-        else:
-            back = Follower(self.body, self.config, after, -anchor.velocity, anchor.cuts)
-            behind = [back.step(cuts) for cuts in reversed(views)][::-1]
-            known = shared([one.with_other(other) for one, other in zip(known, back.known, strict=True)])
-            likeness = LimbAppearance(self.body)
-
-            def worth(t: int, pose: Pose) -> Array:
-                return likeness.worth(pose, PoseObjective(self.body, views[t]), known)
-
-            poses, doubt = merge(self.body, self._before[-1], steps, behind, after, worth)
-            doubtful = leaping(self.body, self._before[-1], poses, after, doubt)
-            both = [[step.pose for step in one] for one in (steps, behind)]
-            passes = Passes(both, doubt > 0.0, doubtful, known)
-        key = None
-        if anchor is not None:  # a frame like the others, of which the hand has told something besides
-            key, poses, views = anchor.key, [*poses, anchor.settled.pose], [*views, anchor.cuts]
-        polished = self._polish(poses, views, key, passes)
-        self._before = [*self._before, *polished.poses][-2:]
-        cameras = [list(zip(cuts, free, strict=True)) for cuts, free in zip(polished.views, polished.free, strict=True)]
-        found = zip(polished.poses, polished.hessians, polished.contours, cameras, strict=True)
-        done = [
-            self.result(instant.frame, pose, hessian, contour, instant.step.seen, apart, known)
-            for instant, (pose, hessian, contour, known), apart in zip(interval, found, doubt, strict=False)
-        ]
-        return done if key is None else [*done, self._at(key, polished.poses[-1], polished.hessians[-1], cameras[-1])]
-
-    def _polish(
-        self, poses: list[Pose], views: Sequence[Sequence[Cut | None]], key: Keyframe | None, passes: Passes
-    ) -> RefinedBatch:
-        """Improve the poses of an interval, and the body with them. A ``key`` that ends it has told of the body."""
-        if not self.config.shape_weight:
-            return refine_batch(self.body, poses, views, self._before, key, passes, self.frame_rate, self.config)
-        inner = slice(None if key is None else -1)
-        for left in reversed(range(self.config.shape_rounds)):
-            said = hear(self.body, self._shape, poses[inner][::_SOME], views[inner][::_SOME], self.config)
-            self.body = replace(self._shape.solve(said), landmarks=self.body.landmarks)
-            again = None if left else passes  # a second look takes long: in the last round alone
-            polished = refine_batch(self.body, poses, views, self._before, key, again, self.frame_rate, self.config)
-            poses, views = polished.poses, polished.views
-        self._shape.keep(said)
-        self._known = Shape(self._shape.amounts_m, self._shape.joint_variance())
-        return polished
+def _keyframe(
+    estimate: BodyEstimate, config: TrackingConfig, key: Keyframe, found: PoseEstimate,
+    cameras: Sequence[tuple[ViewCrop | None, MarginalisedCamera | None]] = (),
+) -> Tracked:  # fmt: skip
+    """The body at a keyframe. A hand knows where the limbs are: what the images do not bear out is a contradiction
+    (`pzcap.extras.keyframe_diagnostics`), and adds nothing to the sigmas."""
+    return tracked(estimate, config, key.frame, replace(found, contour=NO_CONTOUR, seen=True), cameras=cameras)
 
 
-def solved(
-    solver: IntervalSolver, interval: Sequence[Instant], known: Sequence[Appearance], anchor: Anchor | None
-) -> tuple[IntervalSolver, list[Tracked]]:
-    """The ``solver`` after `IntervalSolver.solve`, and what came of it: a process elsewhere works on a copy of it."""
-    done = solver.solve(interval, known, anchor)
-    return solver, done
+def _solved(problem: IntervalProblem) -> IntervalResult:
+    config, anchor, key = problem.config, problem.anchor, None
+    poses, disagreement, passes = _passes(problem)
+    views = [instant.views for instant in problem.instants]
+    if anchor is not None:  # a frame like the others, of which the hand has told something besides
+        key, poses, views = anchor.key, [*poses, anchor.fit.pose], [*views, anchor.views]
+    batch, estimate = _refined(problem, poses, views, passes)
+    cameras = [
+        list(zip(objective.views, free, strict=True))
+        for objective, free in zip(batch.objectives, batch.cameras, strict=True)
+    ]
+    done = [
+        tracked(estimate, config, instant.frame, found, apart, corrected)
+        for instant, found, apart, corrected in zip(problem.instants, batch.frames, disagreement, cameras, strict=False)
+    ]
+    if key is not None:
+        done.append(_keyframe(estimate, config, key, batch.frames[-1], cameras[-1]))
+    before = [*problem.before, *(found.pose for found in batch.frames)][-2:]
+    return IntervalResult(done, estimate, before, batch.report)
 
 
-def nothing() -> None:
-    """Done elsewhere, this has imported all that `solved` needs, which takes seconds."""
+def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:
+    """The poses of the frames after both passes, how far these are apart (T, 16), and what they leave behind."""
+    anchor, body, before = problem.anchor, problem.estimate.body, problem.before[-1]
+    ahead = [instant.forward for instant in problem.instants]
+    if anchor is None:
+        poses, agreed = [each.pose for each in ahead], np.zeros((len(ahead), len(SEGMENTS)))
+        nowhere: Mask = agreed > 0.0
+        return poses, agreed, PassResults([poses], nowhere, nowhere, shared(problem.reference))
+    tracker = FrameTracker(body, problem.config, anchor.fit.pose, -anchor.velocity, anchor.views)
+    back = [tracker.step(instant.views) for instant in reversed(problem.instants)][::-1]
+    pairs = zip(problem.reference, tracker.reference, strict=True)
+    reference = shared([one.with_other(other) for one, other in pairs])
+    limbs = LimbAppearance(body)
+
+    def score(t: int, pose: Pose) -> Array:
+        return limbs.score(pose, PoseObjective(body, problem.instants[t].views), reference)
+
+    poses, disagreement = fuse(body, before, ahead, back, anchor.fit.pose, score)
+    doubtful = discontinuous(body, before, poses, anchor.fit.pose, disagreement)
+    both = [[each.pose for each in one] for one in (ahead, back)]
+    return poses, disagreement, PassResults(both, disagreement > 0.0, doubtful, reference)
+
+
+def _refined(
+    problem: IntervalProblem, poses: Sequence[Pose], views: Sequence[Views], passes: PassResults
+) -> tuple[RefinedBatch, BodyEstimate]:
+    """Refine the poses of an interval, and the body with them. A keyframe that ends it has told of the body before."""
+    config, estimate, body = problem.config, problem.estimate, problem.estimate.body
+    key = None if problem.anchor is None else problem.anchor.key
+    rate, before, shape = problem.frame_rate, problem.before, copy(estimate.shape)
+    if not config.shape_weight:
+        return refine_batch(body, poses, views, before, key, passes, rate, config), estimate
+    some = slice(None, None if key is None else -1, INTERVAL.shape_stride)
+    for left in reversed(range(config.shape_rounds)):
+        said = accumulate_frames(body, shape, poses[some], views[some], config)
+        body = replace(shape.solve(said), landmarks=body.landmarks)
+        # to reacquire limbs takes long: in the last round alone
+        batch = refine_batch(body, poses, views, before, key, None if left else passes, rate, config)
+        poses, views = [each.pose for each in batch.frames], [each.views for each in batch.objectives]
+    shape.keep(said)
+    known = Shape(shape.amounts_m, shape.joint_variance())
+    return batch, replace(estimate, body=body, shape=shape, known=known)
+
+
+def warm_up() -> None:
+    """Done by the worker process, this has imported all that `solved` needs, which takes seconds."""

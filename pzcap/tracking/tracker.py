@@ -1,45 +1,43 @@
 """Differential articulated tracking between keyframes, the drift removed (section 5; Yamamoto 2005).
 
-From each keyframe the body is followed forward in time to the next one. Each step predicts the pose with the velocity
-so far and improves it on what the images say: the brightness of every visible point of the skin against its slowly
-adapting appearance, and the body's contour against the silhouette (`pzcap.tracking.frame_tracker`). A forward pass
-drifts away from its keyframe, so what lies between two of them is then solved from both
-(`pzcap.tracking.interval_solver`), in a process of its own: the next forward pass goes on meanwhile, with the body as
-the interval before the last has left it.
+From each keyframe the body is tracked forward in time to the next one. Each step predicts the pose with the velocity
+so far and fits it to the images: the brightness of every visible point of the skin against its slowly adapting
+appearance, and the body's contour against the silhouette (`pzcap.tracking.frame_tracker`). A forward pass drifts away
+from its keyframe, so what lies between two of them is then solved from both (`pzcap.tracking.interval_solver`), in a
+process of its own: the next forward pass goes on meanwhile, with the body as the interval before the last has left it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from pzcap import runtime
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, difference
-from pzcap.io.detections import NOBODY
 from pzcap.limbs.skin_colour_model import SkinColourModel
 from pzcap.segmentation.foreground import Expected
-from pzcap.tracking.camera_refinement import CameraPrior
-from pzcap.tracking.frame_tracker import UNSEEN, Follower, TrackingConfig
-from pzcap.tracking.interval_solver import Anchor, Instant, IntervalSolver, Tracked, nothing, solved
-from pzcap.tracking.observation import Cut, PlacedView, cut_out, expect
+from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate, TrackingConfig
+from pzcap.tracking.interval_solver import (
+    Anchor,
+    BodyEstimate,
+    Instant,
+    IntervalProblem,
+    IntervalResult,
+    Tracked,
+    fit_keyframe,
+    solved,
+    tracked,
+    warm_up,
+)
+from pzcap.tracking.observation import PlacedView, ViewCrop, ViewInput, crop_view, expect
 from pzcap.tracking.pose_objective import PoseObjective
-from pzcap.types import SEGMENTS, Array, Camera, Image, Keyframe, Motion, Pose, PzcapError, Silhouette
+from pzcap.tracking.shape_refit import refit_shape
+from pzcap.types import SEGMENTS, Array, Camera, Keyframe, Motion, Pose, PzcapError
 
-__all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "View", "collect", "track"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """One camera's part of an instant."""
-
-    image: Image  # (H, W, 3)
-    camera: Camera
-    silhouette: Silhouette
-    people: Array = field(default_factory=lambda: NOBODY)  # (P, 26, 3) a detector's, as in `pzcap.io.detections`
-    aim: CameraPrior | None = None  # how well the background tells the camera; None: it is not to be corrected
+__all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "ViewInput", "collect", "track"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,42 +45,44 @@ class TrackInput:
     """One instant. A view that was dropped, or whose camera is not known, is None."""
 
     frame: int
-    views: tuple[View | None, ...]  # one a camera
+    views: tuple[ViewInput | None, ...]  # one a camera
 
 
 class Tracker:
     """Tracks while the footage comes in: `push` instants in the order of their frames, then `finish`.
 
     Each interval between keyframes is tracked from both ends, and its frames come when the one after it has been
-    followed; cut-outs of two intervals are all that is kept. Before the first keyframe the body is tracked backward
-    only, after the last one forward only, and so is what lies further before a keyframe than ``longest_stretch``.
-    Raises PzcapError when there is no keyframe.
+    tracked forward; cut-outs of two intervals are all that is kept. Before the first keyframe the body is tracked
+    backward only, after the last one forward only, and so is what lies further before a keyframe than
+    ``longest_stretch``. Raises PzcapError when there is no keyframe.
     """
 
     def __init__(self, body: Body, keyframes: Sequence[Keyframe], frame_rate: float, config: TrackingConfig) -> None:
         if not keyframes:
             raise PzcapError("tracking: no keyframes; pose the body in at least one frame (keyframes.json)")
-        self.body, self.config = body, config
+        self.body, self.config = body, config  # the body that is tracked with
         self._keys = {key.frame: key for key in keyframes}
         self._last_key = max(self._keys)
-        self._solver = IntervalSolver(body, frame_rate, config)
-        self._solving: Future[tuple[IntervalSolver, list[Tracked]]] | None = None
-        self._ahead: Follower | None = None
-        self._complexion = SkinColourModel()
+        self._frame_rate = frame_rate
+        self._estimate = BodyEstimate.of(body)
+        self._before: Sequence[Pose] = ()  # the last frames before those that wait
+        self._solving: Future[IntervalResult] | None = None
+        self._ahead: FrameTracker | None = None
+        self._skin_colours = SkinColourModel()
         self._lead: list[TrackInput] = []  # before the first keyframe
         self._waiting: list[Instant] = []  # since the latest one
 
     def make_ready(self) -> None:
-        """Have the process that solves intervals started by the time that it is needed: that takes it seconds."""
-        runtime.submit(nothing)
+        """Start the process that solves intervals, so that it is there when it is needed: that takes it seconds."""
+        runtime.submit(warm_up)
 
     def expect(self, frame: int, camera: Camera) -> Expected | None:
-        """Where the body is expected in a view of the next ``frame``, for whoever cuts its silhouette. None before the
-        first keyframe, and where the camera does not see it."""
+        """Prior of the silhouette in a view of the next ``frame``. None before the first keyframe, and where the camera
+        does not see the body."""
         if frame in self._keys:
             pose, sigma_m = self._keys[frame].pose, 2.0 * self.config.keyframe_position_sigma_m
         elif self._ahead is not None:
-            pose, sigma_m = self._ahead.predict(), self._ahead.surprise_m
+            pose, sigma_m = self._ahead.predict(), self._ahead.prediction_error_m
         else:
             return None
         return expect(self.body, pose, sigma_m, camera, self.config.cut_out_margin)
@@ -94,11 +94,11 @@ class Tracker:
         if self._ahead is None:
             self._lead.append(item)
             return [] if len(self._lead) <= self.config.longest_lead else [self._unknown(self._lead.pop(0))]
-        cuts = self._cut(item.views, self._ahead.predict())
-        step = self._ahead.step(cuts)
+        views = self._crop(item.views, self._ahead.predict())
+        step = self._ahead.step(views)
         if item.frame > self._last_key:
-            return [*self._solved(), self._solver.result(item.frame, step.pose, step.hessian, step.contour, step.seen)]
-        self._waiting.append(Instant(item.frame, cuts, step))
+            return [*self._solved(), self._tracked(item.frame, step)]
+        self._waiting.append(Instant(item.frame, views, step))
         if len(self._waiting) < self.config.longest_stretch:
             return []
         done = self._solved()
@@ -106,79 +106,86 @@ class Tracker:
         return done
 
     def finish(self) -> list[Tracked]:
-        """The footage has ended: what waited for a keyframe that did not come."""
+        """The frames that waited for a keyframe that did not come: the footage has ended."""
         done = self._solved()
-        done += [
-            self._solver.result(i.frame, i.step.pose, i.step.hessian, i.step.contour, i.step.seen)
-            for i in self._waiting
-        ]
+        done += [self._tracked(instant.frame, instant.forward) for instant in self._waiting]
         done += [self._unknown(item) for item in self._lead]
         self._waiting, self._lead = [], []
         return done
 
-    def motion(self, tracked: Iterable[Tracked]) -> Motion:
-        """All that was ``tracked``, with the body as it is known when that has come to its end."""
-        return collect(self._solver.refit_shape(tracked), list(self._keys.values()))
+    def motion(self, results: Iterable[Tracked]) -> Motion:
+        """Gather all ``results``, with the body as it is known when they have come to their end."""
+        return collect(refit_shape(self._estimate, results), list(self._keys.values()))
+
+    def _tracked(self, frame: int, found: PoseEstimate) -> Tracked:
+        return tracked(self._estimate, self.config, frame, found)
 
     def _reach_keyframe(self, item: TrackInput, key: Keyframe) -> list[Tracked]:
         done = self._solved()
-        cuts = self._cut(item.views, key.pose)
-        settled = self._solver.settle(key.pose, cuts)
-        self._look_at_arms(item.views, PoseObjective(self.body, cuts).visibility(settled.pose))
-        velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, cuts, settled.pose)
-        anchor = Anchor(key, cuts, settled, velocity)
+        views = self._crop(item.views, key.pose)
+        fit, _ = fit_keyframe(self._estimate.body, key.pose, views, self.config)
+        objective = PoseObjective(self.body, views)
+        self._learn_skin_colours(item.views, objective.visibility(objective.posed(fit.pose)))
+        velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, views, fit.pose)
+        anchor = Anchor(key, views, fit, velocity)
         if self._ahead is None:
-            arrived = self._solver.begin(anchor)
-            done += [*self._led(anchor), arrived]
+            first = self._take(solved(self._problem([], anchor)))
+            done += [*self._lead_in(anchor), *first]
         else:
             self._solve(anchor)
-        self._ahead = Follower(self.body, self.config, settled.pose, velocity, cuts)
+        self._ahead = FrameTracker(self.body, self.config, fit.pose, velocity, views)
         return done
 
-    def _look_at_arms(self, views: Sequence[View | None], placed: Sequence[PlacedView | None]) -> None:
-        """Learn their colours where the body was ``placed``."""
+    def _learn_skin_colours(self, views: Sequence[ViewInput | None], placed: Sequence[PlacedView | None]) -> None:
+        """Learn the colours of the lower arms where the body was ``placed``."""
         segment = self.body.surface.segment
         for view, where in zip(views, placed, strict=True):
             if view is not None and where is not None:
-                self._complexion.learn(view.image, segment, where.skin.pixels, where.facing)
+                self._skin_colours.learn(view.image, segment, where.skin.pixels, where.facing)
+
+    def _problem(self, instants: Sequence[Instant], anchor: Anchor | None) -> IntervalProblem:
+        reference = () if self._ahead is None else self._ahead.reference
+        return IntervalProblem(self._estimate, self._before, instants, reference, anchor, self._frame_rate, self.config)
 
     def _solve(self, anchor: Anchor | None) -> None:
         """Start to solve what waits, up to ``anchor``. What was being solved has been taken before."""
-        assert self._ahead is not None
-        interval, self._waiting = self._waiting, []
-        self._solving = runtime.submit(solved, self._solver, interval, self._ahead.known, anchor)
+        instants, self._waiting = self._waiting, []
+        self._solving = runtime.submit(solved, self._problem(instants, anchor))
 
     def _solved(self) -> list[Tracked]:
-        """The interval that is being solved, once it is; from then on its body is followed."""
+        """The interval that is being solved, once it is; from then on its body is tracked with."""
         if self._solving is None:
             return []
-        self._solver, done = runtime.taken(self._solving)
+        done = self._take(runtime.taken(self._solving))
         self._solving = None
-        self.body = self._solver.body
+        self.body = self._estimate.body
         return done
 
-    def _led(self, anchor: Anchor) -> list[Tracked]:
-        """The frames before the first keyframe."""
-        early = Follower(self.body, self.config, anchor.settled.pose, np.zeros(DOF), anchor.cuts)
+    def _take(self, result: IntervalResult) -> list[Tracked]:
+        self._estimate, self._before = result.estimate, result.before
+        return result.tracked
+
+    def _lead_in(self, anchor: Anchor) -> list[Tracked]:
+        """The frames before the first keyframe, tracked backward from it."""
+        back = FrameTracker(self.body, self.config, anchor.fit.pose, np.zeros(DOF), anchor.views)
         done: list[Tracked] = []
         for item in reversed(self._lead):
-            step = early.step(self._cut(item.views, early.predict()))
-            done.insert(0, self._solver.result(item.frame, step.pose, step.hessian, step.contour, step.seen))
+            done.insert(0, self._tracked(item.frame, back.step(self._crop(item.views, back.predict()))))
         self._lead = []
         return done
 
     def _unknown(self, item: TrackInput) -> Tracked:
         """A frame too far from any keyframe."""
-        return self._solver.result(item.frame, self._keys[min(self._keys)].pose, np.zeros((DOF, DOF)), UNSEEN, False)
+        nowhere = PoseEstimate(self._keys[min(self._keys)].pose, np.zeros((DOF, DOF)), NO_CONTOUR, False)
+        return self._tracked(item.frame, nowhere)
 
-    def _cut(self, views: Sequence[View | None], pose: Pose) -> list[Cut | None]:
-        margin = self.config.cut_out_margin
-
-        def cut(view: View) -> Cut | None:
-            image, silhouette, camera = view.image, view.silhouette, view.camera
-            return cut_out(self.body, image, silhouette, camera, pose, margin, self._complexion, view.people, view.aim)
-
-        return [None if view is None or not view.silhouette.valid else cut(view) for view in views]
+    def _crop(self, views: Sequence[ViewInput | None], pose: Pose) -> list[ViewCrop | None]:
+        return [
+            crop_view(self.body, view, pose, self.config.cut_out_margin, self._skin_colours)
+            if view is not None and view.silhouette.valid
+            else None
+            for view in views
+        ]
 
 
 def track(
@@ -191,9 +198,10 @@ def track(
     yield from tracker.finish()
 
 
-def _carried(arriving: Follower, cuts: Sequence[Cut | None], pose: Pose) -> Array:
-    """The velocity with which the forward pass arrives, of those joints that arrive where the keyframe has them."""
-    arrived = arriving.step(cuts)
+def _carried(arriving: FrameTracker, views: Sequence[ViewCrop | None], pose: Pose) -> Array:
+    """The velocity (43,) with which the forward pass arrives, of those joints that arrive where the keyframe has
+    them."""
+    arrived = arriving.step(views)
     off = np.abs(difference(pose, arrived.pose))
     limit = np.full(DOF, 0.5)
     limit[:3] = 0.1
@@ -203,13 +211,13 @@ def _carried(arriving: Follower, cuts: Sequence[Cut | None], pose: Pose) -> Arra
 
 
 def collect(results: Iterable[Tracked], keyframes: Sequence[Keyframe]) -> Motion:
-    """Gather what `track` yields."""
-    tracked = list(results)
+    """Gather the results of `track`."""
+    found = list(results)
     return Motion(
-        root_position_m=np.array([t.pose.root_position_m for t in tracked]).reshape(-1, 3),
-        rotations=np.array([t.pose.rotations for t in tracked]).reshape(-1, len(SEGMENTS), 4),
-        joints_m=np.array([t.joints_m for t in tracked]).reshape(-1, len(SEGMENTS), 3),
-        sigma_m=np.array([t.sigma_m for t in tracked]).reshape(-1, len(SEGMENTS)),
-        keyframes=np.array(sorted({k.frame for k in keyframes} & {t.frame for t in tracked}), np.int64),
-        valid=np.array([t.valid for t in tracked], bool),
+        root_position_m=np.array([t.pose.root_position_m for t in found]).reshape(-1, 3),
+        rotations=np.array([t.pose.rotations for t in found]).reshape(-1, len(SEGMENTS), 4),
+        joints_m=np.array([t.joints_m for t in found]).reshape(-1, len(SEGMENTS), 3),
+        sigma_m=np.array([t.sigma_m for t in found]).reshape(-1, len(SEGMENTS)),
+        keyframes=np.array(sorted({k.frame for k in keyframes} & {t.frame for t in found}), np.int64),
+        valid=np.array([t.valid for t in found], bool),
     )

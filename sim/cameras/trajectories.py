@@ -103,7 +103,7 @@ def _add(
     where: str,
     line: int,
 ) -> None:
-    """Check a row and put it to its camera's."""
+    """Check a row and append it to its camera's."""
     name = cells.pop("camera").strip()
     if name not in rigs:
         raise PzcapError(f"{where}: there is no camera '{name}'; there are {', '.join(rigs)}")

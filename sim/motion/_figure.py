@@ -40,8 +40,8 @@ class Figure:
     turns: Array  # (T, J, 3, 3)
 
 
-def understand(bvh: Bvh) -> Figure:
-    """Tell which joint is which. Raises PzcapError if one is missing or the figure does not stand while at rest."""
+def match_joints(bvh: Bvh) -> Figure:
+    """Match the joints. Raises PzcapError if one is missing or the figure does not stand while at rest."""
     joint = _named(bvh)
     joint |= _spine(bvh, joint)
     axes = _axes(bvh, joint)

@@ -13,7 +13,7 @@ from pzcap.body.skeleton import DOF, forward
 from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.types import SEGMENTS, Array, Subject
-from tests.scenes.tracked import TERMS, clip, cuts, true_body
+from tests.scenes.tracked import TERMS, clip, crops, true_body
 
 
 def test_a_length_corrects_the_skeleton_and_stretches_the_skin() -> None:
@@ -36,8 +36,8 @@ def test_a_length_corrects_the_skeleton_and_stretches_the_skin() -> None:
 def test_jacobians_are_derivatives_of_the_skin() -> None:
     """Moving the body by a correction moves each contour point as its row says."""
     body, pose = true_body(), clip().poses[4]
-    evidence = PoseObjective(body, cuts(4))
-    rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+    evidence = PoseObjective(body, crops(4))
+    rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
     shape = ShapeEstimate(body)
     frames = forward(body, pose)
     by_pose, by_shape = np.hsplit(shape._jacobian(frames, rows), [DOF])
@@ -63,8 +63,8 @@ def test_what_is_learned_narrows_the_joints_sigma() -> None:
     shape = ShapeEstimate(body)
     variances = []
     for frame in (0, 4, 8):
-        evidence, pose = PoseObjective(body, cuts(frame)), clip().poses[frame]
-        rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+        evidence, pose = PoseObjective(body, crops(frame)), clip().poses[frame]
+        rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
         rows.weight[:] *= 0.024
         shape.keep(shape.hear([Sight(forward(body, pose), rows, None, 1e-3 * np.eye(DOF), np.zeros(DOF))]))
         variances.append(shape.joint_variance().mean())
@@ -90,8 +90,8 @@ def amounts_found(measurements_m: dict[str, float]) -> Array:
     body = bodies.build(Subject(measurements_m, 0.01))
     shape = ShapeEstimate(body)
     for frame in range(0, 13, 3):
-        evidence, pose = PoseObjective(body, cuts(frame)), clip().poses[frame]
-        rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+        evidence, pose = PoseObjective(body, crops(frame)), clip().poses[frame]
+        rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
         rows.weight[:] *= 0.1
         shape.keep(shape.hear([Sight(forward(body, pose), rows, None, 1e6 * np.eye(DOF), np.zeros(DOF))]))
     shape.solve()
@@ -117,8 +117,8 @@ def test_shoulders_that_end_too_high_are_brought_down() -> None:
     wrong = replace(body, surface=body.surface.moved(points))
     shape, hand = ShapeEstimate(wrong), np.diag(1.0 / TrackingConfig().hand_sigma ** 2)
     for frame in range(0, 13, 3):
-        evidence, pose = PoseObjective(wrong, cuts(frame)), clip().poses[frame]
-        rows = evidence.contour(pose, evidence.visibility(pose), TERMS)
+        evidence, pose = PoseObjective(wrong, crops(frame)), clip().poses[frame]
+        rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
         rows.weight[:] *= 0.1
         shape.keep(shape.hear([Sight(forward(wrong, pose), rows, None, hand, np.zeros(DOF))]))
     found = shape.solve()

@@ -13,7 +13,7 @@ import pytest
 from experiments.footage import SMALL
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.io.video import VideoReader
-from pzcap.types import Array, Image, Mask, PzcapError
+from pzcap.types import Image, Mask, PzcapError
 from sim import capture_cache
 from sim.cameras.operator import OperatorConfig, follow, swinging, through, zooming
 from sim.cameras.optics import OpticsConfig, build_rig
@@ -25,6 +25,7 @@ from sim.people.crew import CrewConfig
 from sim.session import ShootConfig
 from sim.shoot import Progress, shoot
 from sim.truth import Truth, load
+from tests.scenes.captures import project
 
 PLAIN = replace(
     SMALL, motion="floor_exercise", motion_frames=3, sweep_deg=10.0, zoom_frames=2,
@@ -74,16 +75,6 @@ def frames(folder: Path) -> list[list[Image]]:
     return [[image for image in camera if image is not None] for camera in zip(*sets, strict=True)]
 
 
-def project(truth: Truth, camera: int, frame: int, points_m: Array) -> Array:
-    """(N, 2) pixels, by the formulas of `pzcap.types`."""
-    cam_T_world = np.linalg.inv(truth.world_T_cam[camera, frame])
-    points = points_m @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
-    points[:, 2] = np.where(points[:, 2] > 0.5, points[:, 2], np.nan)  # behind the camera: nowhere
-    xy = points[:, :2] / points[:, 2:]
-    bend = 1 + truth.k1[camera, frame] * np.sum(xy**2, axis=1, keepdims=True)
-    return truth.principal_px[camera, frame] + truth.focal_px[camera, frame] * bend * xy
-
-
 # ------------------------------------------------------------------------------------------ off by default
 
 
@@ -126,7 +117,7 @@ def outlines(truth: Truth, camera: int, frame: int) -> Mask:
             corners = place + signs * (
                 np.array(half) + np.array([0.4, 0.3, 0.0])
             )  # light comes from above, at 16 degrees
-            pixels = project(truth, camera, frame, corners)
+            pixels = project(truth.camera(camera, frame), corners)
             if np.isfinite(pixels).all():
                 cv2.fillConvexPoly(found, cv2.convexHull(np.rint(pixels).astype(np.int32)), 1)
     return np.asarray(cv2.dilate(found, np.ones((9, 9), np.uint8)) > 0)
@@ -226,7 +217,7 @@ def test_operators_tilt_after_the_body(shots: Shots, plain: Path) -> None:
         off.append(np.mean([[abs((r[0] + r[-1]) / 2 - 119.5) for r in row] for row in rows]))
     assert off[0] < 0.6 * off[1]
     for c in range(4):  # the truth's tilt is what the pixels show
-        on = [truth.mask(c, 1)[v, u] for u, v in np.rint(project(truth, c, 1, truth.joints_m[1])).astype(int)]
+        on = [truth.mask(c, 1)[v, u] for u, v in np.rint(project(truth.camera(c, 1), truth.joints_m[1])).astype(int)]
         assert np.mean(on) > 0.9
 
 

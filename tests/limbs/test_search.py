@@ -19,7 +19,7 @@ def swung(limb: int, by: float) -> bodies.Pose:
 def test_the_search_brings_a_limb_back(limb: int) -> None:
     body, pose = true_body(), swung(limb, 0.9)
     evidence, search = observed(3, body), LimbSearch(body)
-    grounds = evidence.grounds(evidence.visibility(pose))
+    grounds = evidence.grounds(evidence.visibility(evidence.posed(pose)))
     found = search.search(limb, pose, grounds)
     end = LIMBS[limb][2]
     before, after = (np.linalg.norm(bodies.joints(body, p)[end] - clip().joints_m[3, end]) for p in (pose, found))
@@ -32,9 +32,9 @@ def test_the_search_brings_a_limb_back(limb: int) -> None:
 def test_a_lost_limb_leaves_foreground_that_nothing_explains() -> None:
     body, pose = true_body(), clip().poses[3]
     evidence, search = observed(3, body), LimbSearch(body)
-    usual = search.loose(pose, evidence.grounds(evidence.visibility(pose)))
+    usual = search.loose(pose, evidence.grounds(evidence.visibility(evidence.posed(pose))))
     away = swung(0, 0.9)
-    loose = search.loose(away, evidence.grounds(evidence.visibility(away)))
+    loose = search.loose(away, evidence.grounds(evidence.visibility(evidence.posed(away))))
     assert loose[0] > usual[0] + 0.01
 
 

@@ -16,7 +16,7 @@ from pzcap.limbs.search import GROUP, LimbSearch
 from pzcap.limbs.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking import visibility
 from pzcap.tracking.frame_tracker import TrackingConfig
-from pzcap.tracking.observation import Cut, observe, place_view, project
+from pzcap.tracking.observation import ViewCrop, place_view, prepare, project
 from pzcap.tracking.pose_objective import PoseObjective, Terms
 from pzcap.types import SEGMENTS, Camera, Image, Mask, Pose, Subject
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot
@@ -44,10 +44,10 @@ def seen(pose: Pose, camera: Camera) -> tuple[Mask, Mask]:
     skin = project(points, normals, camera)
     depths = []
     for part in (np.ones(len(SEGMENTS), bool), LOWER_ARMS):
-        depth, cover = np.empty((HEIGHT, WIDTH), np.float32), np.empty((HEIGHT, WIDTH), np.uint8)
+        z_buffer = visibility.empty_z_buffer((0, 0, WIDTH - 1, HEIGHT - 1), 1.0)
         faces = surface.faces[part[surface.segment[surface.faces[:, 0]]]]
-        visibility.rasterise(skin.pixels, skin.depth, faces, surface.segment, GROUP, 0, 0, 1.0, depth, cover)
-        depths.append(depth)
+        visibility.rasterise(skin.pixels, skin.depth, faces, GROUP[surface.segment], z_buffer)
+        depths.append(z_buffer.depth)
     return np.isfinite(depths[0]), np.isfinite(depths[1]) & (depths[1] <= depths[0] + 1e-4)
 
 
@@ -107,16 +107,16 @@ def near(camera: Camera, pose: Pose) -> Camera:
     return replace(camera, focal_px=focal_px, principal_px=principal_px, k1=0.0)
 
 
-def views(pose: Pose, *, told: bool) -> list[Cut | None]:
+def views(pose: Pose, *, told: bool) -> list[ViewCrop | None]:
     """Silhouettes of the whole body and, if they are ``told``, of its lower arms; nothing else is to be seen."""
-    found: list[Cut | None] = []
+    found: list[ViewCrop | None] = []
     grey, size = np.full((HEIGHT, WIDTH, 3), 128, np.uint8), (WIDTH // 4, HEIGHT // 4)
     for shot in clip().shots[0]:
         camera = near(shot.camera, pose)
         whole, arms = (255 * mask.astype(np.uint8) for mask in seen(pose, camera))
         known: Image = arms if told else np.full(whole.shape, UNKNOWN)
         belief = cv2.resize(whole / np.float32(127.5) - np.float32(1.0), size, interpolation=cv2.INTER_AREA)
-        found.append(Cut(observe(grey, whole, known, camera, 0, 0), np.asarray(belief, np.float32)))
+        found.append(prepare(grey, whole, known, np.asarray(belief, np.float32), camera, (0, 0)))
     return found
 
 
@@ -128,7 +128,7 @@ def test_an_arm_before_the_trunk_is_drawn_to_the_edge_of_its_colours(off_rad: fl
     slopes, information = [], []
     for told in (True, False):
         evidence = PoseObjective(body(), views(pose, told=told))
-        normal = evidence.normal(moved, evidence.visibility(moved), [None] * 4, CONTOUR)
+        normal = evidence.normal(evidence.posed(moved), evidence.visibility(evidence.posed(moved)), [None] * 4, CONTOUR)
         slopes.append(normal.gradient[ELBOW])
         information.append(normal.hessian[ELBOW, ELBOW])
     step = slopes[0] / information[0]
@@ -144,7 +144,7 @@ def test_an_arm_that_was_lost_before_the_trunk_is_missed_and_worth_more_where_it
     search, loose_m2, gain_m2 = LimbSearch(body()), [], []
     for told in (True, False):
         evidence = PoseObjective(body(), views(pose, told=told))
-        grounds = evidence.grounds(evidence.visibility(wrong))
+        grounds = evidence.grounds(evidence.visibility(evidence.posed(wrong)))
         loose_m2.append(search.loose(wrong, grounds)[0])
         here, there = search.support(pose, grounds)[0], search.support(wrong, grounds)[0]
         gain_m2.append((here - there) @ [1.0, -1.0])

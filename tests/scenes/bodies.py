@@ -11,11 +11,13 @@ from sim.people import athlete
 
 
 def subject(seed: int = 0) -> Subject:
+    """A subject drawn from the tables of the simulator."""
     rng = np.random.default_rng(seed)
     return Subject(athlete.draw_measurements(athlete.AthleteConfig(), rng), 0.005)
 
 
 def random_pose(seed: int, size: float = 1.0) -> Pose:
+    """Any pose; rotations of ``size`` rad, hinges bent by up to 2 rad."""
     rng = np.random.default_rng(seed)
     vectors = rng.normal(0, size, (len(SEGMENTS), 3))
     for i, name in enumerate(SEGMENTS):

@@ -1,5 +1,7 @@
-"""A small hall with the athlete in it, four cameras that pan and zoom, true cameras and masks: what the tests of the
-body, the silhouettes and the tracker look at. MuJoCo's own camera projects; of `pzcap` only the types are used."""
+"""A small hall with the athlete, four cameras that pan and zoom, and the truth: for body, segmentation, tracking.
+
+MuJoCo's own camera projects; of `pzcap` only the types are used.
+"""
 
 from __future__ import annotations
 

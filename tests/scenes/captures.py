@@ -1,4 +1,4 @@
-"""Shoots that tests share, filmed once and kept."""
+"""Shoots that tests share, filmed once and kept, and the projection of their true cameras."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import fcntl
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from experiments import footage
 from experiments.config import AppConfig
 from experiments.footage import SMALL
+from pzcap.types import Array, Camera
 from sim.session import ShootConfig
 
 CAPTURES = Path(__file__).parent.parent.parent / AppConfig().output.captures
@@ -24,3 +27,11 @@ def shot(config: ShootConfig) -> Path:
     with (CAPTURES / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         return footage.shot(config, CAPTURES)
+
+
+def project(camera: Camera, points_m: Array) -> Array:
+    """World points (N, 3) to pixels (N, 2) by the formulas of `pzcap.types`; NaN behind the camera."""
+    cam_T_world = np.linalg.inv(camera.world_T_cam)
+    points = points_m @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
+    xy = points[:, :2] / np.where(points[:, 2:] > 0.5, points[:, 2:], np.nan)
+    return camera.principal_px + camera.focal_px * (1 + camera.k1 * np.sum(xy**2, axis=1, keepdims=True)) * xy

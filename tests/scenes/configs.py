@@ -12,6 +12,7 @@ from experiments import run
 
 
 def composed(*overrides: str) -> dict[str, Any]:
+    """The configuration that ``overrides`` give, as a tree."""
     GlobalHydra.instance().clear()
     with initialize_config_dir(str(run.CONF), version_base="1.3"):
         tree = OmegaConf.to_container(compose("config", overrides=list(overrides)), resolve=True)

@@ -21,6 +21,7 @@ def whole_turn(seed: int) -> Panorama:
 
 
 def camera_of(optics: synthetic.Optics) -> PanZoomCamera:
+    """The library's camera of the synthetic hall's ``optics``."""
     lens = Lens(
         optics.width, optics.height, optics.reference_focal_px,
         np.array([optics.principal_px, optics.principal_slope_px]), np.array([optics.k1, optics.k1_slope]),

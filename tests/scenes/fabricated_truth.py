@@ -67,12 +67,14 @@ def truth_of(whole: Reconstruction) -> Truth:
 
 
 def body_mask() -> Mask:
+    """Mask of the athlete in every view."""
     mask = np.zeros((HEIGHT, WIDTH), bool)
     mask[20:240, 100:160] = True
     return mask
 
 
 def shadow_mask() -> Mask:
+    """Mask of the athlete's shadow in every view that knows it."""
     mask = np.zeros((HEIGHT, WIDTH), bool)
     mask[230:255, 160:220] = True
     return mask

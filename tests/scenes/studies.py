@@ -27,6 +27,7 @@ NOISE, ZOOM = "shoot.sensor.read_noise", "shoot.optics.zoom_max"
 
 
 def composed(*overrides: str, hydra: bool = False) -> DictConfig:
+    """Hydra's configuration that ``overrides`` give."""
     GlobalHydra.instance().clear()
     with initialize_config_dir(str(run.CONF), version_base="1.3"):
         return compose("config", overrides=list(overrides), return_hydra_config=hydra)
@@ -54,6 +55,7 @@ def fabricate(folder: Path, overrides: Sequence[str], *, bounded: bool = True, l
 
 
 def grid(folder: Path, values: dict[str, Sequence[Any]], **how: Any) -> list[Path]:
+    """A finished run for every combination of ``values``."""
     jobs_ = itertools.product(*([f"{key}={value}" for value in values[key]] for key in values))
     return [fabricate(folder, overrides, **how) for overrides in jobs_]
 

@@ -17,6 +17,7 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT /
 
 
 def command(folder: Path, *arguments: str, launcher: str = "basic") -> list[str]:
+    """Command line of a sweep into ``folder``."""
     stub = [
         sys.executable,
         "-m",
@@ -29,6 +30,7 @@ def command(folder: Path, *arguments: str, launcher: str = "basic") -> list[str]
 
 
 def sweep(folder: Path, *arguments: str, launcher: str = "basic") -> subprocess.CompletedProcess[str]:
+    """Run a sweep to its end."""
     line = command(folder, *arguments, launcher=launcher)
     return subprocess.run(line, capture_output=True, text=True, cwd=ROOT, env=ENVIRONMENT)
 
@@ -47,13 +49,16 @@ def results(folder: Path) -> dict[str, dict[str, str]]:
 
 
 def began(folder: Path) -> int:
+    """Number of jobs that have begun."""
     return len((folder / "began.txt").read_text().splitlines())
 
 
 def composed(**values: Any) -> DictConfig:
+    """Configuration of a job."""
     return OmegaConf.create({"value": 1, **values})
 
 
 def write(tree: dict[str, Any], folder: Path) -> str:
+    """A job that writes its value."""
     (folder / "result.txt").write_text(str(tree["value"]))
     return "new"

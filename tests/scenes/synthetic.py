@@ -1,7 +1,7 @@
 """A hall seen from one point: a procedural cylinder of texture, and frames of a pan-zoom camera rendered from it.
 
-Test material for the camera rooms alone: no depth, no simulator, all truth known. Rendering goes through rotation
-matrices of its own, so that a mistake in `pzcap.geometry.camera` cannot cancel out.
+Test material for calibration and localisation alone: no depth, no simulator, all truth known. Rendering goes through
+rotation matrices of its own, so that a mistake in `pzcap.geometry.camera` cannot cancel out.
 """
 
 from __future__ import annotations

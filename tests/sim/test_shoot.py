@@ -34,7 +34,7 @@ from sim.people.detector import DetectorConfig
 from sim.session import ShootConfig, assemble
 from sim.shoot import Progress, shoot
 from sim.truth import Truth, load
-from tests.scenes.captures import TINY
+from tests.scenes.captures import TINY, project
 
 NOISELESS = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0)
 
@@ -42,15 +42,6 @@ NOISELESS = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0)
 @pytest.fixture(scope="module")
 def truth(small_capture: Path) -> Truth:
     return load(small_capture / "truth")
-
-
-def project(truth: Truth, camera: int, frame: int, points_m: Array) -> Array:
-    """(N, 2) pixels, by the formulas of `pzcap.types`."""
-    cam_T_world = np.linalg.inv(truth.world_T_cam[camera, frame])
-    points = points_m @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
-    xy = points[:, :2] / points[:, 2:]
-    bend = 1 + truth.k1[camera, frame] * np.sum(xy**2, axis=1, keepdims=True)
-    return truth.principal_px[camera, frame] + truth.focal_px[camera, frame] * bend * xy
 
 
 def test_the_library_can_read_it(small_capture: Path, truth: Truth) -> None:
@@ -93,15 +84,11 @@ def test_the_calibration_object_is_where_the_truth_says(small_capture: Path, tru
         assert ids is not None
         assert len(ids) >= 6
         errors = []
-        cam_T_world = np.linalg.inv(truth.reference_world_T_cam[c])
         numbers = ids.ravel().tolist()
         for number, corners in zip(numbers, found, strict=True):
             if numbers.count(number) > 1:  # something in the hall looks like a marker, too
                 continue
-            points = corners_m[number] @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
-            xy = points[:, :2] / points[:, 2:]
-            bend = 1 + truth.reference_k1[c] * np.sum(xy**2, axis=1, keepdims=True)
-            expected = truth.reference_principal_px[c] + truth.reference_focal_px[c] * bend * xy
+            expected = project(truth.reference_camera(c), corners_m[number])
             errors.append((corners[0] + 0.5) / 2 - 0.5 - expected)
         assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.2
         assert np.sqrt(np.mean(np.square(errors))) < 0.6  # markers of 25 px
@@ -153,7 +140,7 @@ def test_joints_lie_on_the_athlete(truth: Truth) -> None:
     for c in range(4):
         for f in range(len(truth.timecodes)):
             mask = cv2.dilate(truth.mask(c, f).astype(np.uint8), np.ones((3, 3), np.uint8))
-            for u, v in np.rint(project(truth, c, f, truth.joints_m[f])).astype(int):
+            for u, v in np.rint(project(truth.camera(c, f), truth.joints_m[f])).astype(int):
                 if 0 <= u < truth.width and 0 <= v < truth.height:
                     seen += 1
                     on += int(mask[v, u])
@@ -315,7 +302,9 @@ def test_a_detector_finds_the_athlete_and_changes_no_footage(tmp_path: Path) -> 
         for c, people in enumerate(frames.keypoints):
             assert len(people) == truth.recorded[c, f]
             for person in people[:, points]:
-                distance = np.linalg.norm(person[:, :2] - project(truth, c, f, truth.joints_m[f, joints]), axis=1)
+                distance = np.linalg.norm(
+                    person[:, :2] - project(truth.camera(c, f), truth.joints_m[f, joints]), axis=1
+                )
                 off += distance[person[:, 2] > 0].tolist()
     assert len(off) > 100
     assert np.median(off) < 3.0

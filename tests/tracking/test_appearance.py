@@ -19,11 +19,12 @@ from pzcap.tracking.appearance import LimbAppearance, Postures, shared
 from pzcap.tracking.batch_refinement import refine_batch
 from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.frame_tracker import TrackingConfig
-from pzcap.tracking.observation import LEVELS, Cut
+from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop
 from pzcap.tracking.pose_objective import Appearance, PoseObjective
-from pzcap.tracking.reacquisition import LEAP_M, LEAP_M2, WORST_LEAP, Again, Passes, best_way, reacquire
+from pzcap.tracking.reacquisition import PassResults, Reacquired, reacquire, smoothest
+from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Array, Keyframe, Mask, Pose
-from tests.scenes.tracked import clip, cuts, lost, observed, true_body
+from tests.scenes.tracked import clip, crops, lost, observed, true_body
 
 FRAMES = range(2, 9)
 SURE = np.zeros((len(FRAMES), 16), bool)
@@ -36,29 +37,31 @@ def swung(pose: Pose, limb: int, by: float) -> Pose:
 def known(frames: range = range(2, 5)) -> list[Appearance]:
     """What the skin looks like in these frames, the body being where it is."""
     body = true_body()
-    looks = [Appearance.unseen(len(body.surface.points_m)) for _ in cuts(0)]
+    looks = [Appearance.unseen(len(body.surface.points_m)) for _ in crops(0)]
     for frame in frames:
-        evidence = observed(frame, body)
-        evidence.learn(evidence.visibility(clip().poses[frame]), looks, 0.5)
+        objective = observed(frame, body)
+        objective.learn(objective.visibility(objective.posed(clip().poses[frame])), looks, 0.5)
     return looks
 
 
-def alike(pose: Pose, evidence: PoseObjective, looks: list[Appearance]) -> Array:
-    return LimbAppearance(evidence.body).of(pose, evidence, evidence.visibility(pose), looks)
+def alike(pose: Pose, objective: PoseObjective, looks: list[Appearance]) -> Array:
+    return LimbAppearance(objective.body).similarity(
+        pose, objective, objective.visibility(objective.posed(pose)), looks
+    )
 
 
 def without_silhouettes(frame: int, body: Body) -> PoseObjective:
     """Nothing but grey values: every belief is even, as if hall and body had the same colours."""
     return PoseObjective(
-        body, [None if cut is None else replace(cut, belief=np.zeros_like(cut.belief)) for cut in cuts(frame)]
+        body, [None if view is None else replace(view, belief=np.zeros_like(view.belief)) for view in crops(frame)]
     )
 
 
 @pytest.mark.parametrize("limb", range(4))
 def test_a_limb_looks_like_itself_where_it_is_and_nowhere_else(limb: int) -> None:
-    evidence, pose = observed(5, true_body()), clip().poses[5]
-    here = alike(pose, evidence, known())
-    away = alike(swung(pose, limb, 0.9), evidence, known())
+    objective, pose = observed(5, true_body()), clip().poses[5]
+    here = alike(pose, objective, known())
+    away = alike(swung(pose, limb, 0.9), objective, known())
     assert here.min() > 0.0
     assert away[limb] < 0.5 * here[limb]
 
@@ -66,13 +69,13 @@ def test_a_limb_looks_like_itself_where_it_is_and_nowhere_else(limb: int) -> Non
 @pytest.mark.parametrize("limb", range(4))
 def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(limb: int) -> None:
     body, pose = true_body(), swung(clip().poses[5], limb, 0.4)
-    evidence, end = without_silhouettes(5, body), LIMBS[limb][2]
-    likeness, turn = LimbAppearance(body), np.zeros(4)
-    glance = likeness.glance(limb, pose, evidence, known())
+    objective, end = without_silhouettes(5, body), LIMBS[limb][2]
+    limbs, turn = LimbAppearance(body), np.zeros(4)
+    context = limbs.context(limb, pose, objective, known())
     for size in (0.8, 0.4, 0.16, 0.06):
-        postures = likeness.postures(limb, glance, turn + size * POSTURES, afar=size > 0.3)
-        turn = postures.turns[np.argmax(postures.worth_m2)]
-    found = likeness.turned(limb, pose, turn)
+        postures = limbs.postures(limb, context, turn + size * POSTURES, coarse=size > 0.3)
+        turn = postures.turns[np.argmax(postures.score_m2)]
+    found = limbs.turned(limb, pose, turn)
     before, after = (np.linalg.norm(bodies.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
     assert before > 0.1
     assert after < 0.4 * before
@@ -81,34 +84,34 @@ def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(lim
 @settings(max_examples=10, deadline=None)
 @given(st.floats(0.85, 1.15))
 def test_light_does_not_change_what_a_limb_looks_like(gain: float) -> None:
-    evidence, pose = observed(5, true_body()), clip().poses[5]
-    brighter: list[Cut | None] = []
-    for cut in evidence.cuts:
-        assert cut is not None
-        grey = tuple(cv2.convertScaleAbs(level, alpha=gain) for level in cut.seen.grey)
-        brighter.append(replace(cut, seen=replace(cut.seen, grey=grey)))
-    here, there = (alike(pose, each, known()) for each in (evidence, PoseObjective(evidence.body, brighter)))
+    objective, pose = observed(5, true_body()), clip().poses[5]
+    brighter: list[ViewCrop | None] = []
+    for view in objective.views:
+        assert view is not None
+        grey = tuple(cv2.convertScaleAbs(level, alpha=gain) for level in view.pyramid)
+        brighter.append(replace(view, pyramid=grey))
+    here, there = (alike(pose, each, known()) for each in (objective, PoseObjective(objective.body, brighter)))
     np.testing.assert_allclose(there, here, atol=0.12 * here.max())
 
 
 def test_a_limb_does_not_look_like_itself_on_the_hall() -> None:
     """Were the hall as grey as a sleeve, a limb would look like itself there, but for the silhouette."""
-    evidence, pose = observed(5, true_body()), clip().poses[5]
-    here = alike(pose, evidence, known())
-    hall = [cut and replace(cut, belief=np.full_like(cut.belief, -1.0)) for cut in evidence.cuts]
-    there = alike(pose, PoseObjective(evidence.body, hall), known())
+    objective, pose = observed(5, true_body()), clip().poses[5]
+    here = alike(pose, objective, known())
+    hall = [view and replace(view, belief=np.full_like(view.belief, -1.0)) for view in objective.views]
+    there = alike(pose, PoseObjective(objective.body, hall), known())
     assert here.min() > 0.0
     assert there.max() < 0.0
 
 
 def test_skin_that_is_not_known_says_nothing() -> None:
-    evidence, pose = observed(5, true_body()), clip().poses[5]
-    assert not alike(pose, evidence, known(range(0))).any()
+    objective, pose = observed(5, true_body()), clip().poses[5]
+    assert not alike(pose, objective, known(range(0))).any()
 
 
 def test_what_a_view_has_not_seen_it_has_from_the_others() -> None:
     def look(value: float, trust: list[float]) -> Appearance:
-        return Appearance(np.full((LEVELS, 3), value, np.float32), np.array(trust, np.float32))
+        return Appearance(np.full((PYRAMID_LEVELS, 3), value, np.float32), np.array(trust, np.float32))
 
     first, second, third = shared([look(100.0, [1, 0, 0]), look(60.0, [1, 1, 0]), look(80.0, [0, 0.5, 0])])
     np.testing.assert_allclose(first.value[0, :2], [100.0, (60.0 + 0.5 * 80.0) / 1.5])
@@ -120,8 +123,8 @@ def test_what_a_view_has_not_seen_it_has_from_the_others() -> None:
 
 
 def test_two_memories_of_a_view_make_one() -> None:
-    one = Appearance(np.full((LEVELS, 3), 100.0, np.float32), np.array([1.0, 1.0, 0.0], np.float32))
-    other = Appearance(np.full((LEVELS, 3), 40.0, np.float32), np.array([1.0, 0.0, 0.0], np.float32))
+    one = Appearance(np.full((PYRAMID_LEVELS, 3), 100.0, np.float32), np.array([1.0, 1.0, 0.0], np.float32))
+    other = Appearance(np.full((PYRAMID_LEVELS, 3), 40.0, np.float32), np.array([1.0, 0.0, 0.0], np.float32))
     both = one.with_other(other)
     np.testing.assert_allclose(both.value[0, :2], [70.0, 100.0])
     np.testing.assert_allclose(both.trust, [1.0, 1.0, 0.0])
@@ -129,18 +132,18 @@ def test_two_memories_of_a_view_make_one() -> None:
 
 def looked_again(
     limb: int, gone: Sequence[int], looks: list[Appearance], doubtful: Mask, around: tuple[Pose, Pose]
-) -> tuple[Again | None, list[Pose]]:
+) -> tuple[Reacquired | None, list[Pose]]:
     """A second look at frames in some of which a limb is ``gone`` astray, and the poses that it was given."""
     body, true = true_body(), [clip().poses[frame] for frame in FRAMES]
-    evidence = [observed(frame, body) for frame in FRAMES]
+    objectives = [observed(frame, body) for frame in FRAMES]
     poses = [swung(pose, limb, 0.9) if t in gone else pose for t, pose in enumerate(true)]
-    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
-    return reacquire(LimbAppearance(body), poses, evidence, placed, told(poses, looks, doubtful), *around), poses
+    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
+    return reacquire(LimbAppearance(body), poses, objectives, placed, told(poses, looks, doubtful), around), poses
 
 
-def told(poses: list[Pose], looks: list[Appearance], doubtful: Mask) -> Passes:
+def told(poses: list[Pose], looks: list[Appearance], doubtful: Mask) -> PassResults:
     """Two passes that agree, and are no better."""
-    return Passes([poses, poses], SURE, doubtful, looks)
+    return PassResults([poses, poses], SURE, doubtful, looks)
 
 
 def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
@@ -163,14 +166,14 @@ def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
 def test_what_only_one_pass_has_found_is_taken_up() -> None:
     """Far from the way, from where it was lost and from the frames beside: nothing else would lead there."""
     body, limb = true_body(), 1
-    true, evidence = [clip().poses[frame] for frame in FRAMES], [observed(frame, body) for frame in FRAMES]
+    true, objectives = [clip().poses[frame] for frame in FRAMES], [observed(frame, body) for frame in FRAMES]
     far = swung(true[0], limb, 2.4)
     poses = [swung(pose, limb, 2.4) for pose in true]
-    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
     off = []
     for other in (poses, true):
-        passes = Passes([poses, other], SURE, np.ones(SURE.shape, bool), shared(known()))
-        again = reacquire(LimbAppearance(body), poses, evidence, placed, passes, far, far)
+        passes = PassResults([poses, other], SURE, np.ones(SURE.shape, bool), shared(known()))
+        again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (far, far))
         assert again is not None
         moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
         off.append(np.linalg.norm(np.array(moved)[:, LIMBS[limb][2]], axis=1).max())
@@ -182,11 +185,11 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
     body, limb = true_body(), 0
     true = [clip().poses[frame] for frame in FRAMES]
     poses = [swung(pose, limb, 0.9) if 2 <= t < 5 else pose for t, pose in enumerate(true)]
-    views, end = [cuts(frame) for frame in FRAMES], LIMBS[limb][2]
+    views, end = [crops(frame) for frame in FRAMES], LIMBS[limb][2]
     off = []
     for passes in (None, told(poses, shared(known()), SURE)):
         ends = [*poses, true[-1]], [*views, views[-1]], true[:1], Keyframe(FRAMES[-1], true[-1])
-        found = refine_batch(body, *ends, passes, 30.0, TrackingConfig()).poses
+        found = [each.pose for each in refine_batch(body, *ends, passes, 30.0, TrackingConfig()).frames]
         moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(found, true, strict=False)]
         off.append(np.linalg.norm(np.array(moved)[:, end], axis=1).max())
     assert off[1] < 0.04 < 0.2 < off[0]
@@ -195,17 +198,17 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
 def test_what_the_passes_dispute_is_not_learned_from() -> None:
     """Its looks are of frames that nobody objects to."""
     body, limb = true_body(), 0
-    evidence = [observed(frame, body) for frame in FRAMES]
+    objectives = [observed(frame, body) for frame in FRAMES]
     poses = [clip().poses[frame] for frame in FRAMES]
-    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
     other = SURE.copy()
     other[3, LIMBS[1][2]] = True  # something has to be doubtful
     learned, own = [], np.isin(body.surface.segment, LIMBS[limb])
     for disputed in (SURE, np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)):
-        passes = Passes([poses, poses], disputed, other, known(range(0)))
-        again = reacquire(LimbAppearance(body), poses, evidence, placed, passes, None, None)
+        passes = PassResults([poses, poses], disputed, other, known(range(0)))
+        again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (None, None))
         assert again is not None
-        learned.append(max(float(look.trust[own].max()) for look in again.known))
+        learned.append(max(float(look.trust[own].max()) for look in again.reference))
     assert learned[0] > 0.0
     assert learned[1] == 0.0
 
@@ -238,14 +241,17 @@ def test_a_limb_is_turned_from_one_pose_to_another(limb: int, turn: list[float])
 
 def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
     body = true_body()
-    evidence, poses = [observed(frame, body) for frame in FRAMES], [clip().poses[frame] for frame in FRAMES]
-    placed = [each.visibility(pose) for each, pose in zip(evidence, poses, strict=True)]
+    objectives, poses = [observed(frame, body) for frame in FRAMES], [clip().poses[frame] for frame in FRAMES]
+    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
     assert (
-        reacquire(LimbAppearance(body), poses, evidence, placed, told(poses, shared(known()), SURE), None, None) is None
+        reacquire(LimbAppearance(body), poses, objectives, placed, told(poses, shared(known()), SURE), (None, None))
+        is None
     )
     doubtful = SURE.copy()
     doubtful[3, LIMBS[1][2]] = True
-    again = reacquire(LimbAppearance(body), poses, evidence, placed, told(poses, shared(known()), doubtful), None, None)
+    again = reacquire(
+        LimbAppearance(body), poses, objectives, placed, told(poses, shared(known()), doubtful), (None, None)
+    )
     assert again is not None
     assert np.flatnonzero(again.lost.any(axis=0)).tolist() == list(LIMBS[1])
     for found, pose in zip(again.poses, poses, strict=True):  # found where it was
@@ -253,32 +259,37 @@ def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
 
 
 @given(st.integers(1, 4), st.integers(0, 2**32 - 1))
-def test_the_best_way_is_the_best_of_all_ways(frames: int, seed: int) -> None:
+def test_the_smoothest_is_the_best_of_all_ways(frames: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     postures = [
         Postures(np.zeros((3, 4)), rng.normal(0.0, 0.01, 3), rng.normal(0.0, 0.04, (3, 2, 3))) for _ in range(frames)
     ]
 
-    def worth(way: Sequence[int]) -> float:
+    def total(way: Sequence[int]) -> float:
         joints = [each.moved_m[k] for each, k in zip(postures, way, strict=True)]
-        leaps = sum(min(float(np.sum((b - a) ** 2)) / LEAP_M**2, WORST_LEAP) for a, b in pairwise(joints))
-        return sum(float(each.worth_m2[k]) for each, k in zip(postures, way, strict=True)) - LEAP_M2 * leaps
+        leaps = sum(
+            min(float(np.sum((b - a) ** 2)) / REACQUISITION.leap_m**2, REACQUISITION.worst_leap)
+            for a, b in pairwise(joints)
+        )
+        return (
+            sum(float(each.score_m2[k]) for each, k in zip(postures, way, strict=True)) - REACQUISITION.leap_m2 * leaps
+        )
 
-    best = max(worth(way) for way in product(range(3), repeat=frames))
-    assert worth(best_way(postures)) == pytest.approx(best, abs=1e-12)
+    best = max(total(way) for way in product(range(3), repeat=frames))
+    assert total(smoothest(postures)) == pytest.approx(best, abs=1e-12)
 
 
 def test_a_limb_that_is_hidden_is_led_from_the_frame_before_to_the_one_after() -> None:
     """Nothing is known of it and nothing seen: it is where the frames beside it have it, and between them between."""
     body, limb = true_body(), 0
     start, end = clip().poses[5], swung(clip().poses[5], limb, 0.6)
-    blind = [PoseObjective(body, [None] * len(cuts(5))) for _ in range(3)]
+    blind = [PoseObjective(body, [None] * len(crops(5))) for _ in range(3)]
     lost = np.zeros((3, 16), bool)
     lost[:, LIMBS[limb][1]] = True
-    nothing = [Appearance.unseen(len(body.surface.points_m)) for _ in cuts(5)]
-    unseen: list[list[None]] = [[None] * len(cuts(5))] * 3
-    passes = Passes([[end] * 3], np.zeros((3, 16), bool), lost, nothing)
-    again = reacquire(LimbAppearance(body), [end] * 3, blind, unseen, passes, start, end)
+    nothing = [Appearance.unseen(len(body.surface.points_m)) for _ in crops(5)]
+    unseen: list[list[None]] = [[None] * len(crops(5))] * 3
+    passes = PassResults([[end] * 3], np.zeros((3, 16), bool), lost, nothing)
+    again = reacquire(LimbAppearance(body), [end] * 3, blind, unseen, passes, (start, end))
     assert again is not None
     for share, pose in zip((0.25, 0.5, 0.75), again.poses, strict=True):
         between = swung(start, limb, 0.6 * share)

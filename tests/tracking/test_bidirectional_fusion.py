@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from pzcap.body import skeleton as bodies
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, joints
 from pzcap.limbs.search import LIMBS
-from pzcap.tracking.bidirectional_fusion import choose, merge
+from pzcap.tracking.bidirectional_fusion import choose, fuse
 from pzcap.types import JOINTS, SEGMENTS, Array, Mask, Pose
-from tests.scenes.tracked import clip, lost, step, true_body, worthless
+from tests.scenes.tracked import clip, lost, step, true_body, without_score
 
 ARM = 0
 WRIST = JOINTS.index("left_wrist")
@@ -41,7 +41,7 @@ def test_a_trunk_that_is_bent_otherwise_throws_no_arm_away(angle: float, trust: 
     np.testing.assert_allclose(joints(body, upright)[above], joints(body, other)[above], atol=1e-9)
     ahead, back = step(upright), step(other)
     back.variance[:] = trust
-    (merged,), _ = merge(body, upright, [ahead], [back], other, worthless)
+    (merged,), _ = fuse(body, upright, [ahead], [back], other, without_score)
     np.testing.assert_allclose(joints(body, merged)[above], joints(body, upright)[above], atol=1e-6)
 
 

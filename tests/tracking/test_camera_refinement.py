@@ -14,14 +14,15 @@ from pzcap.body.skeleton import DOF, MOVES, forward, lift, screws
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import at, project
 from pzcap.localisation.covariance import systematic
-from pzcap.tracking import camera_refinement as aims
-from pzcap.tracking.camera_refinement import AIM, CameraPrior
-from pzcap.tracking.frame_tracker import TrackingConfig, improve
-from pzcap.tracking.observation import Cut
+from pzcap.tracking import camera_refinement
+from pzcap.tracking.camera_refinement import CAMERA_DOF, CameraPrior
+from pzcap.tracking.frame_tracker import TrackingConfig, fit_pose
+from pzcap.tracking.observation import ViewCrop
 from pzcap.tracking.pose_objective import Appearance, PoseObjective
+from pzcap.tracking.residuals import SegmentSums
 from pzcap.tracking.tracker import TrackInput, track
 from pzcap.types import SEGMENTS, Array, Lens, Localisation, PanZoomCamera
-from tests.scenes.tracked import FRAMES, RATE, by_hand, clip, cuts, errors_m, inputs, taped, true_body
+from tests.scenes.tracked import FRAMES, RATE, by_hand, clip, crops, errors_m, inputs, taped, true_body
 
 CONFIG = TrackingConfig()
 UP = np.array([0.0, 0.0, 1.0])
@@ -30,7 +31,7 @@ SHAKEN = np.array([np.deg2rad(0.15), 0.004])  # of pan and log focal: one or two
 
 def known_to(sigma: Array) -> CameraPrior:
     """A camera of the clip whose pan and log focal length are known to ``sigma`` (2,)."""
-    return CameraPrior(UP, np.diag(1.0 / sigma**2), np.zeros(AIM))
+    return CameraPrior(UP, np.diag(1.0 / sigma**2), np.zeros(CAMERA_DOF))
 
 
 def test_a_corrected_camera_is_the_head_panned_and_zoomed_on() -> None:
@@ -40,8 +41,10 @@ def test_a_corrected_camera_is_the_head_panned_and_zoomed_on() -> None:
     head = PanZoomCamera(lens, tilted, tilt_rad=-0.1, roll_rad=0.02)
     config, alone, none = PanZoomConfig(), np.diag([1e-8, 1e-6]), np.empty((0, 2))
     shared = systematic(config, head, np.array(0.3), np.array(1200.0))
-    known = aims.camera_prior(config, head, Localisation(0.3, -0.1, 1200.0, alone + shared, True, none, none))
-    camera, after = aims.corrected(at(head, 0.3, -0.1, 1200.0), known, SHAKEN)
+    known = camera_refinement.camera_prior(
+        config, head, Localisation(0.3, -0.1, 1200.0, alone + shared, True, none, none)
+    )
+    camera, after = camera_refinement.corrected(at(head, 0.3, -0.1, 1200.0), known, SHAKEN)
     there = at(head, 0.3 + SHAKEN[0], -0.1, 1200.0 * np.exp(SHAKEN[1]))
     np.testing.assert_allclose(camera.world_T_cam, there.world_T_cam, atol=1e-12)
     assert camera.focal_px == pytest.approx(there.focal_px)
@@ -57,13 +60,13 @@ def test_what_is_wrong_with_a_camera_is_a_motion_of_the_segments(frame: int, vie
     frames = forward(true_body(), pose)
     centre = frames[0, :3, 3] + 0.1
     points = frames[:, :3, 3] + 0.1 * np.random.default_rng(seed).uniform(-1.0, 1.0, (len(SEGMENTS), 3))
-    moves = aims.motions(camera.world_T_cam, UP, frames, centre)
+    moves = camera_refinement.segment_twists(camera.world_T_cam, UP, frames, centre)
     before = project(camera, points)[0]
     for k, within in ((0, 1e-4), (1, 0.1)):
-        step = 1e-5 * np.eye(AIM)[k]
+        step = 1e-5 * np.eye(CAMERA_DOF)[k]
         velocity = moves[:, :3, k] + np.cross(moves[:, 3:, k], points - centre)
         by_points = project(camera, points + 1e-5 * velocity)[0] - before
-        by_camera = project(aims.corrected(camera, known, step)[0], points)[0] - before
+        by_camera = project(camera_refinement.corrected(camera, known, step)[0], points)[0] - before
         assert np.abs(by_points - by_camera).max() < within * np.abs(by_camera).max()
 
 
@@ -73,19 +76,20 @@ def test_eliminating_a_camera_is_solving_for_all_at_once() -> None:
     centre = np.ascontiguousarray(frames[0, :3, 3])
     twists = screws(frames, centre)
     known = replace(known_to(SHAKEN), correction=0.3 * SHAKEN)
-    moves = aims.motions(camera.world_T_cam, UP, frames, centre)
+    moves = camera_refinement.segment_twists(camera.world_T_cam, UP, frames, centre)
     rows = rng.normal(size=(len(SEGMENTS), 20, 6))  # of each segment, by its twist
     residuals = rng.normal(size=(len(SEGMENTS), 20))
     hessians, gradients = np.einsum("sni,snj->sij", rows, rows), np.einsum("sni,sn->si", rows, residuals)
     stiff = 3.0 * np.eye(DOF)
 
     hessian, gradient = lift(hessians, gradients, twists)
-    free = aims.eliminate(camera, known, frames, centre, twists, hessians, gradients, hessian, gradient)
+    view = SegmentSums(hessians, gradients, centre)
+    free = camera_refinement.eliminate(known, moves, twists, view, hessian, gradient)
     pose = np.linalg.solve(hessian + stiff, gradient)
 
     by_pose = np.einsum("sni,di,ds->snd", rows, twists, MOVES.astype(np.float64))
-    jacobian = np.concatenate([by_pose, rows @ moves], axis=2).reshape(-1, DOF + AIM)
-    prior = np.zeros((DOF + AIM, DOF + AIM))
+    jacobian = np.concatenate([by_pose, rows @ moves], axis=2).reshape(-1, DOF + CAMERA_DOF)
+    prior = np.zeros((DOF + CAMERA_DOF, DOF + CAMERA_DOF))
     prior[:DOF, :DOF], prior[DOF:, DOF:] = stiff, known.information
     right = jacobian.T @ residuals.ravel()
     right[DOF:] -= known.information @ known.correction
@@ -96,13 +100,13 @@ def test_eliminating_a_camera_is_solving_for_all_at_once() -> None:
     np.testing.assert_allclose(free.covariance_with(np.linalg.inv(hessian + stiff)), covariance, rtol=1e-6)
 
 
-def shaken(frame: int, steps: Sequence[Array], sigma: Array) -> list[Cut | None]:
+def shaken(frame: int, steps: Sequence[Array], sigma: Array) -> list[ViewCrop | None]:
     """The views of a frame, the camera of each wrong by a step (2,) and known to ``sigma`` (2,)."""
-    found: list[Cut | None] = []
-    for cut, step in zip(cuts(frame), steps, strict=True):
-        assert cut is not None
-        camera, _ = aims.corrected(cut.seen.camera, known_to(sigma), step)
-        found.append(replace(cut, seen=replace(cut.seen, camera=camera), aim=known_to(sigma)))
+    found: list[ViewCrop | None] = []
+    for view, step in zip(crops(frame), steps, strict=True):
+        assert view is not None
+        camera, _ = camera_refinement.corrected(view.camera, known_to(sigma), step)
+        found.append(replace(view, camera=camera, camera_prior=known_to(sigma)))
     return found
 
 
@@ -110,13 +114,19 @@ def test_the_body_tells_a_camera_where_it_looks() -> None:
     """One view is wrong by pixels and not sure of itself; the others are. The pose, half known, leads it back."""
     body, pose = true_body(), clip().poses[6]
     appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
-    known = PoseObjective(body, cuts(6))
-    known.learn(known.visibility(pose), appearances, 1.0)
-    views = shaken(6, [SHAKEN, *3 * [np.zeros(AIM)]], SHAKEN)
-    views[1:] = [None if cut is None else replace(cut, aim=known_to(1e-3 * SHAKEN)) for cut in views[1:]]
-    evidence = PoseObjective(body, views)
-    improve(evidence, pose, 30.0 * np.eye(DOF), appearances, CONFIG, CONFIG.schedule[1:])
-    corrections = np.array([cut.aim.correction for cut in evidence.cuts if cut is not None and cut.aim is not None])
+    known = PoseObjective(body, crops(6))
+    known.learn(known.visibility(known.posed(pose)), appearances, 1.0)
+    views = shaken(6, [SHAKEN, *3 * [np.zeros(CAMERA_DOF)]], SHAKEN)
+    views[1:] = [None if view is None else replace(view, camera_prior=known_to(1e-3 * SHAKEN)) for view in views[1:]]
+    objective = PoseObjective(body, views)
+    fit = fit_pose(objective, pose, 30.0 * np.eye(DOF), appearances, CONFIG, CONFIG.schedule[1:])
+    corrections = np.array(
+        [
+            view.camera_prior.correction
+            for view in fit.objective.views
+            if view is not None and view.camera_prior is not None
+        ]
+    )
     assert np.all(np.abs(corrections[0] + SHAKEN) < 0.15 * SHAKEN)
     assert np.all(np.abs(corrections[1:]) < 1e-3 * SHAKEN)
 
@@ -128,13 +138,17 @@ def test_shaken_cameras_cost_the_motion_little_where_they_are_corrected() -> Non
     items, told, truth = [], [], {}
     for item in inputs():
         views = [view for view in item.views if view is not None]
-        steps = sigma * rng.standard_normal((len(views), AIM))
+        steps = sigma * rng.standard_normal((len(views), CAMERA_DOF))
         wrong = [
-            replace(view, camera=aims.corrected(view.camera, known_to(sigma), step)[0], aim=known_to(sigma))
+            replace(
+                view,
+                camera=camera_refinement.corrected(view.camera, known_to(sigma), step)[0],
+                camera_prior=known_to(sigma),
+            )
             for view, step in zip(views, steps, strict=True)
         ]
         told.append(TrackInput(item.frame, tuple(wrong)))
-        items.append(TrackInput(item.frame, tuple(replace(view, aim=None) for view in wrong)))
+        items.append(TrackInput(item.frame, tuple(replace(view, camera_prior=None) for view in wrong)))
         truth[item.frame] = -steps[:, 0]
     keys = [by_hand(0), by_hand(FRAMES - 1)]
     steady, kept, corrected = (list(track(taped(), keys, each, RATE, CONFIG)) for each in (inputs(), items, told))

@@ -16,7 +16,7 @@ from pzcap.body.skeleton import Body
 from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
 from pzcap.tracking import keypoint_residuals
-from pzcap.tracking.residuals import accumulate
+from pzcap.tracking.residuals import SegmentSums, accumulate
 from pzcap.types import SEGMENTS, Array, Camera, Pose, Subject
 from sim.people.anthropometry import draw_measurements
 from tests.scenes.body_scene import POSITIONS, aim, swing
@@ -80,7 +80,7 @@ def linearised(pose: Pose, seen: Array, scale: float) -> tuple[Array, Array]:
     centre = np.ascontiguousarray(frames[0, :3, 3])
     hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
     rows, keypoint = keypoint_residuals.residuals(BODY.landmarks, frames, CAMERA, seen, scale)
-    accumulate(rows, landmarks.SEGMENT[keypoint], len(rows), centre, hessians, gradients)
+    accumulate(rows, landmarks.SEGMENT[keypoint], SegmentSums(hessians, gradients, centre))
     return bodies.lift(hessians, gradients, bodies.screws(frames, centre))
 
 
@@ -163,7 +163,7 @@ def test_what_a_detector_means_is_found_out() -> None:
         BODY.landmarks.points_m + rng.normal(0.0, 0.015, BODY.landmarks.points_m.shape), BODY.landmarks.sigma_m
     )
     cameras = [aim(position, np.array([0.0, 0.2, 0.9])) for position in POSITIONS]
-    estimate = keypoint_residuals.LandmarkEstimate(BODY.landmarks)
+    estimate = keypoint_residuals.LandmarkEstimate.of(BODY.landmarks)
     before = np.linalg.norm(meant.points_m - BODY.landmarks.points_m, axis=1)
     for time_s in np.linspace(0.0, 1.0, 20):
         frames = bodies.forward(BODY, swing(time_s))
@@ -171,7 +171,7 @@ def test_what_a_detector_means_is_found_out() -> None:
             pixels, _ = project(camera, keypoint_residuals.in_world(meant, frames))
             pixels += rng.normal(0.0, 2.0, pixels.shape)
             confidence = np.where(np.arange(len(pixels)) == AT["head_top"], 0.0, 0.8)
-            estimate.add(frames, camera, np.column_stack([pixels, confidence]))
+            estimate = estimate.accumulate(frames, camera, np.column_stack([pixels, confidence]))
     found = estimate.solve()
     off = np.linalg.norm(found.points_m - meant.points_m, axis=1)
     seen = np.arange(len(off)) != AT["head_top"]

@@ -14,12 +14,13 @@ from hypothesis import strategies as st
 from pzcap.body import skeleton as bodies
 from pzcap.body.skeleton import forward, place
 from pzcap.limbs.skin_colour_model import UNKNOWN, SkinColourModel
-from pzcap.tracking.bidirectional_fusion import merge
-from pzcap.tracking.frame_tracker import Follower, Round, improve
-from pzcap.tracking.interval_solver import astray
-from pzcap.tracking.observation import Cut, observe
-from pzcap.tracking.pose_objective import USUAL_PX_PER_M, Appearance, Normal, PoseObjective, Terms, px_per_m
+from pzcap.tracking.bidirectional_fusion import fuse
+from pzcap.tracking.frame_tracker import FrameTracker, Round, fit_pose
+from pzcap.tracking.interval_solver import misplaced
+from pzcap.tracking.observation import ViewCrop, prepare
+from pzcap.tracking.pose_objective import Appearance, NormalEquations, PoseObjective, Terms, px_per_m
 from pzcap.tracking.tracker import Tracker, TrackingConfig, TrackInput, collect, track
+from pzcap.tracking.tuning import VIEW
 from pzcap.types import SEGMENTS, Array, Image, Keyframe, Pose, PzcapError
 from tests.scenes.body_scene import HEIGHT, WIDTH
 from tests.scenes.tracked import (
@@ -29,7 +30,7 @@ from tests.scenes.tracked import (
     TERMS,
     by_hand,
     clip,
-    cuts,
+    crops,
     errors_m,
     inputs,
     lost,
@@ -39,7 +40,7 @@ from tests.scenes.tracked import (
     taped,
     true_body,
     unknown,
-    worthless,
+    without_score,
 )
 
 
@@ -106,7 +107,7 @@ def test_the_colours_of_the_arms_are_known_from_the_first_keyframe_on() -> None:
             return found
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pzcap.tracking.Complexion", Watched)
+        patch.setattr("pzcap.tracking.tracker.SkinColourModel", Watched)
         tracker = Tracker(taped(), [by_hand(0)], RATE, CONFIG)
     views = [tracker.push(item) and len(told) for item in inputs()[:2]]
     assert max(told[: views[0]]) <= UNKNOWN
@@ -127,12 +128,12 @@ def test_joints_that_nothing_shows_come_to_rest_while_the_body_moves_on() -> Non
     body, pose = true_body(), clip().poses[0]
     grey, nobody = np.full((HEIGHT, WIDTH, 3), 128, np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8)
     belief = np.zeros((HEIGHT // 4, WIDTH // 4), np.float32)
-    blank = [Cut(observe(grey, nobody, unknown(nobody), shot.camera, 0, 0), belief) for shot in clip().shots[0]]
+    blank = [prepare(grey, nobody, unknown(nobody), belief, shot.camera, (0, 0)) for shot in clip().shots[0]]
     elbow, velocity = SEGMENTS.index("left_forearm"), np.zeros(bodies.DOF)
     velocity[[0, np.flatnonzero(elbow == bodies.DOF_SEGMENT)[0]]] = 0.02, 0.1
-    follower = Follower(body, CONFIG, pose, velocity, blank)
+    tracker = FrameTracker(body, CONFIG, pose, velocity, blank)
     for _ in range(6):
-        moved = bodies.difference(follower.step(blank).pose, pose)
+        moved = bodies.difference(tracker.step(blank).pose, pose)
     assert moved[0] > 0.08
     assert 0.0 < moved[velocity == 0.1][0] < 0.15
     assert np.abs(moved[velocity == 0.0]).max() < 0.02
@@ -142,18 +143,18 @@ def test_edges_are_sought_far_away_only_where_predictions_were_off(monkeypatch: 
     reaches: list[float] = []
     normal = PoseObjective.normal
 
-    def watched(*arguments: Any) -> Normal:
+    def watched(*arguments: Any) -> NormalEquations:
         reaches.append(arguments[-1].reach_px)
         return normal(*arguments)
 
     monkeypatch.setattr(PoseObjective, "normal", watched)
     widest = {}
-    for surprise_m in (0.005, 0.05):
-        follower = Follower(true_body(), CONFIG, clip().poses[4], np.zeros(bodies.DOF), cuts(4))
-        follower.surprise_m = surprise_m
+    for error_m in (0.005, 0.05):
+        tracker = FrameTracker(true_body(), CONFIG, clip().poses[4], np.zeros(bodies.DOF), crops(4))
+        tracker.prediction_error_m = error_m
         reaches.clear()
-        follower.step(cuts(5))
-        widest[surprise_m] = max(reaches)
+        tracker.step(crops(5))
+        widest[error_m] = max(reaches)
     assert widest[0.005] < widest[0.05] == CONFIG.schedule[0].terms.reach_px
 
 
@@ -164,25 +165,25 @@ def test_a_schedule_that_may_leave_a_step_without_a_round_is_refused(schedule: t
 
 
 def test_while_nobody_sees_the_body_a_prediction_grows_unsure() -> None:
-    follower = Follower(true_body(), CONFIG, clip().poses[4], np.zeros(bodies.DOF), cuts(4))
-    sigmas = [follower.surprise_m]
+    tracker = FrameTracker(true_body(), CONFIG, clip().poses[4], np.zeros(bodies.DOF), crops(4))
+    sigmas = [tracker.prediction_error_m]
     for _ in range(3):
-        assert not follower.step([None] * len(cuts(4))).seen
-        sigmas.append(follower.surprise_m)
+        assert not tracker.step([None] * len(crops(4))).seen
+        sigmas.append(tracker.prediction_error_m)
     assert (np.diff(sigmas) > 0.0).all()
 
 
 def test_contour_gradient_pulls_a_displaced_body_back() -> None:
     """The silhouettes' normal equations undo a shift: their step points home and has its length."""
     body, pose = true_body(), clip().poses[5]
-    evidence = observed(5, body)
+    objective = observed(5, body)
     terms = Terms(0, 6.0, 1.0, 12.0, 1.0, 0.0, 0.15)
     shift = np.zeros(bodies.DOF)
     shift[:3] = [0.012, -0.010, 0.008]
     moved = bodies.retract(pose, shift)
-    normal = evidence.normal(moved, evidence.visibility(moved), [None] * 4, terms)
+    normal = objective.normal(objective.posed(moved), objective.visibility(objective.posed(moved)), [None] * 4, terms)
     step = np.linalg.solve(normal.hessian + 30.0 * np.eye(bodies.DOF), normal.gradient)
-    start = evidence.normal(pose, evidence.visibility(pose), [None] * 4, terms)
+    start = objective.normal(objective.posed(pose), objective.visibility(objective.posed(pose)), [None] * 4, terms)
     rest = np.linalg.solve(start.hessian + 30.0 * np.eye(bodies.DOF), start.gradient)
     np.testing.assert_allclose((step - rest)[:3], -shift[:3], atol=0.006)
 
@@ -190,20 +191,20 @@ def test_contour_gradient_pulls_a_displaced_body_back() -> None:
 def test_brightness_gradient_is_the_derivative_of_its_cost() -> None:
     """For residuals far below the robust scale, the gradient is that of half the sum of squares."""
     body, pose = true_body(), clip().poses[2]
-    evidence = observed(2, body)
+    objective = observed(2, body)
     appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
-    evidence.learn(evidence.visibility(pose), appearances, 1.0)
+    objective.learn(objective.visibility(objective.posed(pose)), appearances, 1.0)
     # free shading would hide part of the cost in the nuisances: forbid it here
     terms = Terms(1, 5.0, 1.0, 1e4, 0.0, 1.0, 1e-9)
-    placed = evidence.visibility(pose)
+    placed = objective.visibility(objective.posed(pose))
     at = bodies.retract(pose, 2e-3 * np.random.default_rng(0).normal(size=bodies.DOF))
 
     def cost(dof: int, step: float) -> float:
         moved = lost(at, dof, step)
-        return float(evidence.normal(moved, placed, appearances, terms).brightness[:, 0].sum()) / 2
+        return float(objective.normal(objective.posed(moved), placed, appearances, terms).brightness[:, 0].sum()) / 2
 
     numeric = np.array([(cost(k, 5e-4) - cost(k, -5e-4)) / 1e-3 for k in range(bodies.DOF)])
-    analytic = -evidence.normal(at, placed, appearances, terms).gradient
+    analytic = -objective.normal(objective.posed(at), placed, appearances, terms).gradient
     similarity = numeric @ analytic / np.linalg.norm(numeric) / np.linalg.norm(analytic)
     assert similarity > 0.97
     # the kernel takes the slope over two pixels, which is a little gentler than between two
@@ -214,43 +215,43 @@ def test_brightness_gradient_is_the_derivative_of_its_cost() -> None:
 def test_brightness_pulls_back_from_as_far_however_large_the_body_is_seen(times: float) -> None:
     """A prediction is off by metres: what is a pixel of the coarse level in one view is four in a longer lens."""
     body, pose = true_body(), clip().poses[5]
-    views: list[Cut | None] = []
+    views: list[ViewCrop | None] = []
     for shot in clip().shots[5]:
-        zoom = USUAL_PX_PER_M * times / px_per_m(shot.camera, pose.root_position_m)
+        zoom = VIEW.usual_px_per_m * times / px_per_m(shot.camera, pose.root_position_m)
         size = int(zoom * WIDTH), int(zoom * HEIGHT)
         camera = replace(
             shot.camera, focal_px=zoom * shot.camera.focal_px, principal_px=zoom * shot.camera.principal_px,
             width=size[0], height=size[1],
         )  # fmt: skip
         larger, nobody = np.asarray(cv2.resize(shot.image, size), np.uint8), np.zeros(size[::-1], np.uint8)
-        seen = observe(larger, nobody, unknown(nobody), camera, 0, 0)
-        views.append(Cut(seen, np.zeros((size[1] // 4, size[0] // 4), np.float32)))
-    evidence = PoseObjective(body, views)
+        belief = np.zeros((size[1] // 4, size[0] // 4), np.float32)
+        views.append(prepare(larger, nobody, unknown(nobody), belief, camera, (0, 0)))
+    objective = PoseObjective(body, views)
     appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in views]
-    evidence.learn(evidence.visibility(pose), appearances, 1.0)
+    objective.learn(objective.visibility(objective.posed(pose)), appearances, 1.0)
     shift = np.zeros(bodies.DOF)
     shift[:3] = 0.04, -0.03, 0.02
     stiff = np.diag(np.r_[np.full(6, 1e-3), np.full(bodies.DOF - 6, 1e6)])
     schedule = [Round(replace(TERMS, level=level, contour_weight=0.0), 4) for level in (2, 1)]
-    found, _ = improve(evidence, bodies.retract(pose, shift), stiff, appearances, CONFIG, schedule)
-    np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, pose), atol=0.005)
+    fit = fit_pose(objective, bodies.retract(pose, shift), stiff, appearances, CONFIG, schedule)
+    np.testing.assert_allclose(bodies.joints(body, fit.posed.pose), bodies.joints(body, pose), atol=0.005)
 
 
 def test_shading_alone_moves_nothing() -> None:
     """A light that changes a limb's gain and gradient must not be taken for motion."""
     body, pose = true_body(), clip().poses[2]
-    evidence = observed(2, body)
+    objective = observed(2, body)
     appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
-    evidence.learn(evidence.visibility(pose), appearances, 1.0)
-    _, normals = place(evidence.body, forward(evidence.body, pose))
+    objective.learn(objective.visibility(objective.posed(pose)), appearances, 1.0)
+    _, normals = place(objective.body, forward(objective.body, pose))
     for appearance in appearances:
         assert appearance is not None
         appearance.value *= (1.0 + 0.08 + 0.1 * normals[:, 0] - 0.05 * normals[:, 2]).astype(np.float32)
-    placed = evidence.visibility(pose)
+    placed = objective.visibility(objective.posed(pose))
     steps = []
     for sigma in (0.3, 1e-6):
         terms = Terms(0, 5.0, 1.0, 60.0, 0.0, 1.0, sigma)
-        normal = evidence.normal(pose, placed, appearances, terms)
+        normal = objective.normal(objective.posed(pose), placed, appearances, terms)
         steps.append(np.linalg.solve(normal.hessian + 1.0 * np.eye(bodies.DOF), normal.gradient))
     free, forbidden = (np.abs(s[3:]).max() for s in steps)
     assert free < 0.35 * forbidden
@@ -262,7 +263,7 @@ def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:
     leg = int(np.flatnonzero(bodies.DOF_SEGMENT == 13)[1])
     ahead = [step(lost(pose, arm, 0.9) if k == 3 else pose) for k, pose in enumerate(poses[1:-1])]
     back = [step(lost(pose, leg, 0.8) if k == 3 else pose) for k, pose in enumerate(poses[1:-1])]
-    merged, doubt = merge(body, poses[0], ahead, back, poses[-1], worthless)
+    merged, doubt = fuse(body, poses[0], ahead, back, poses[-1], without_score)
     for found, true in zip(merged, poses[1:-1], strict=True):
         np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, true), atol=0.001)
     assert doubt[3, [5, 6, 14, 15]].min() > 0.05
@@ -277,25 +278,25 @@ def test_where_neither_pass_leaps_the_one_that_the_images_bear_out_is_taken(righ
     strays = np.sin(np.pi * np.arange(1, len(true) + 1) / (len(true) + 1))
     away = [step(lost(pose, arm, 0.6 * far)) for pose, far in zip(poses[1:-1], strays, strict=True)]
 
-    def worth(frame: int, pose: Pose) -> Array:
+    def score(frame: int, pose: Pose) -> Array:
         return np.full(4, 0.1 if pose is true[frame].pose else 0.0)
 
     passes = (true, away) if right == 0 else (away, true)
-    merged, _ = merge(body, poses[0], *passes, poses[-1], worth)
+    merged, _ = fuse(body, poses[0], *passes, poses[-1], score)
     for found, expected in zip(merged, poses[1:-1], strict=True):
         np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, expected), atol=0.03)
 
 
-def test_a_joint_whose_outlines_miss_the_silhouettes_is_said_to_be_astray() -> None:
+def test_a_joint_whose_outlines_miss_the_silhouettes_is_said_to_be_misplaced() -> None:
     """Both passes may agree on what is wrong: then the images alone can tell, and the claimed sigma has to."""
-    body, evidence = true_body(), observed(6, true_body())
+    body, objective = true_body(), observed(6, true_body())
     terms, arm = CONFIG.schedule[-1].terms, np.flatnonzero(bodies.DOF_SEGMENT == 4)
     true = clip().poses[6]
     wrong = lost(lost(true, int(arm[1]), 0.8), int(arm[0]), 0.8)
     odds = {}
     for name, pose in (("true", true), ("wrong", wrong)):
-        normal = evidence.normal(pose, evidence.visibility(pose), [None] * 4, terms)
-        odds[name] = astray(normal.contour)
+        normal = objective.normal(objective.posed(pose), objective.visibility(objective.posed(pose)), [None] * 4, terms)
+        odds[name] = misplaced(normal.contour)
     off = np.linalg.norm(bodies.joints(body, wrong) - bodies.joints(body, true), axis=1)
     assert off.max() > 0.3
     assert odds["true"].max() < 0.01
@@ -305,10 +306,10 @@ def test_a_joint_whose_outlines_miss_the_silhouettes_is_said_to_be_astray() -> N
 
 @settings(max_examples=50)
 @given(st.floats(0.0, 4.0), st.integers(3, 200), st.floats(0.0, 1.0))
-def test_the_worse_an_outline_fits_the_likelier_it_is_astray(off_px: float, sought: int, missed: float) -> None:
+def test_the_worse_an_outline_fits_the_likelier_it_is_misplaced(off_px: float, sought: int, missed: float) -> None:
     def odds(off_px: float, missed: float) -> float:
         found = sought * (1.0 - missed)
-        return float(astray(np.tile([off_px**2 * found, found, sought], (len(SEGMENTS), 1)))[0])
+        return float(misplaced(np.tile([off_px**2 * found, found, sought], (len(SEGMENTS), 1)))[0])
 
     assert 0.0 < odds(off_px, missed) <= odds(off_px + 0.5, missed) < 1.0
     assert odds(off_px, missed) <= odds(off_px, min(missed + 0.1, 1.0))
@@ -318,7 +319,7 @@ def test_where_passes_agree_confidence_weighs_them() -> None:
     body, pose = true_body(), clip().poses[6]
     ahead, back = step(pose), step(lost(pose, 3, 0.04))
     back.variance[:] = 3.0
-    (merged,), doubt = merge(body, pose, [ahead], [back], pose, worthless)
+    (merged,), doubt = fuse(body, pose, [ahead], [back], pose, without_score)
     assert not doubt.any()
     np.testing.assert_allclose(bodies.difference(merged, pose)[3], 0.01, atol=1e-9)
 

@@ -11,7 +11,7 @@ from pzcap.body import skeleton as bodies
 from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
 from pzcap.tracking import keypoint_residuals
-from pzcap.tracking.tracker import TrackInput, View
+from pzcap.tracking.tracker import TrackInput, ViewInput
 from pzcap.types import JOINTS, SEGMENTS, Array, Keyframe, Silhouette
 from tests.scenes.tracked import FRAMES, by_hand, clip, errors_m, inputs, lost, run, true_body
 
@@ -48,7 +48,7 @@ def with_keypoints(items: tuple[TrackInput, ...], seed: int = 0, swapped: int | 
 def blank(items: tuple[TrackInput, ...]) -> tuple[TrackInput, ...]:
     """Views that show nothing: neither silhouette nor texture."""
 
-    def grey(view: View) -> View:
+    def grey(view: ViewInput) -> ViewInput:
         image = np.full_like(view.image, 128)
         nothing = Silhouette(
             np.zeros(image.shape[:2], np.uint8), image, np.zeros_like(image[::2, ::2, 0], np.float32), True

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pzcap.body.skeleton import DOF, Body, build, forward, joints, retract
-from pzcap.tracking import self_collision
+from pzcap.tracking import body_constraints
 from pzcap.types import JOINTS, SEGMENTS, Pose, Subject
 from sim.people.anthropometry import draw_measurements
 
@@ -31,16 +31,16 @@ def _arms(flexion: float, inward: float, elbow: float) -> Pose:
 
 @pytest.mark.parametrize("pose", [_arms(0, 0, 0), _arms(0, 0, 90), _arms(45, 70, 95), _arms(90, 0, 0)])
 def test_arms_beside_and_before_the_trunk_are_let_alone(body: Body, pose: Pose) -> None:
-    depth = self_collision.residuals(self_collision.shapes(body), forward(body, pose))[1]
+    depth = body_constraints.collision_residuals(body_constraints.collision_shapes(body), forward(body, pose))[1]
     assert depth.max(initial=0.0) < 0.5, "sigmas: a hand may rest on the hip"
 
 
 def test_a_forearm_in_the_chest_comes_out_in_front(body: Body) -> None:
-    solid, pose = self_collision.shapes(body), _arms(2, 75, 95)
+    solid, pose = body_constraints.collision_shapes(body), _arms(2, 75, 95)
     before = joints(body, pose)[_WRISTS, 0]
-    deep = self_collision.residuals(solid, forward(body, pose))[1].max()
+    deep = body_constraints.collision_residuals(solid, forward(body, pose))[1].max()
     for _ in range(10):
-        rows, depth = self_collision.residuals(solid, forward(body, pose))
+        rows, depth = body_constraints.collision_residuals(solid, forward(body, pose))
         pose = retract(pose, -np.linalg.solve(rows.T @ rows + np.eye(DOF), rows.T @ depth))
     assert deep > 2.0
     assert depth.max(initial=0.0) < 0.2
@@ -48,13 +48,14 @@ def test_a_forearm_in_the_chest_comes_out_in_front(body: Body) -> None:
 
 
 def test_the_derivative_agrees_with_finite_differences(body: Body) -> None:
-    solid = self_collision.shapes(body)
+    solid = body_constraints.collision_shapes(body)
     pose = retract(_arms(2, 75, 95), np.random.default_rng(0).normal(0.0, 0.1, DOF))
-    rows, depth = self_collision.residuals(solid, forward(body, pose))
+    rows, depth = body_constraints.collision_residuals(solid, forward(body, pose))
     assert len(depth) > 1
     step = 1e-6
     for d, axis in enumerate(np.eye(DOF)):
         ahead, back = (
-            self_collision.residuals(solid, forward(body, retract(pose, k * step * axis)))[1] for k in (1, -1)
+            body_constraints.collision_residuals(solid, forward(body, retract(pose, k * step * axis)))[1]
+            for k in (1, -1)
         )
         np.testing.assert_allclose(rows[:, d], (ahead - back) / (2 * step), rtol=1e-5, atol=1e-5)

@@ -10,7 +10,7 @@ import numpy as np
 from pzcap.body import skeleton as bodies
 from pzcap.body.skeleton import DOF, Body, forward, retract
 from pzcap.tracking.banded_solver import smooth_step
-from pzcap.tracking.contact import soles, ties
+from pzcap.tracking.temporal_constraints import contacts, soles
 from pzcap.types import SEGMENTS, Array, Pose, Subject
 from sim.people import athlete
 from tests.scenes.body_scene import swing
@@ -54,25 +54,25 @@ def test_feet_and_hands_bear_a_body() -> None:
 
 def test_how_a_tie_changes_is_differentiated() -> None:
     poses = trembling(2)
-    (tie,) = ties(body(), poses)
+    (tie,) = contacts(body(), poses)
     assert len(tie.weight)
     step = 1e-6
     for which, k in itertools.product(range(2), range(DOF)):
         nudged = list(poses)
         nudged[which] = retract(poses[which], step * np.eye(DOF)[k])
-        (other,) = ties(body(), nudged)
+        (other,) = contacts(body(), nudged)
         np.testing.assert_allclose((other.residual_m - tie.residual_m) / step, tie.jacobians[which][:, k], atol=1e-5)
 
 
 def test_what_is_in_the_air_or_walks_is_free() -> None:
     flying = [raised(pose, 0.1) for pose in trembling(3)]
     walking = [replace(pose, root_position_m=pose.root_position_m + 0.04 * t) for t, pose in enumerate(trembling(3))]
-    assert not [*ties(body(), flying), *ties(body(), walking)]
+    assert not [*contacts(body(), flying), *contacts(body(), walking)]
 
 
 def test_a_foot_that_stands_stops_trembling() -> None:
     poses = trembling(12)
     hessians, rest = [0.01 * np.eye(DOF) / TREMBLE**2] * 12, [np.zeros(DOF)] * 12
-    steps = smooth_step(poses, hessians, rest, 1e3 * SIGMA, [], ties(body(), poses))
+    steps = smooth_step(poses, hessians, rest, 1e3 * SIGMA, [], contacts(body(), poses))
     still = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
     assert slide_m(still) < 0.25 * slide_m(poses)

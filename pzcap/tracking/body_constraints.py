@@ -1,0 +1,81 @@
+"""Constraints of the body by itself: limits of the joints, and no arm inside the trunk.
+
+Hidden by contour and texture, a forearm that is held before the chest could as well be inside it. The trunk is taken
+for three ellipsoids and each forearm with its hand for balls along it; how deep a ball is in an ellipsoid is one
+residual.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.body.skeleton import DOF, Body, forward, limit_residuals, point_jacobian
+from pzcap.tracking.tuning import SELF_COLLISION
+from pzcap.types import SEGMENTS, Array, Pose
+
+_TRUNK: Final = tuple(SEGMENTS.index(name) for name in ("pelvis", "lumbar", "thorax"))
+_BALLS: Final = (("forearm", 0.5), ("forearm", 1.0), ("hand", 0.5))
+"""Segments of an arm, and how far along each a ball stands, as a share of its length."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CollisionShapes:
+    """The trunk as ellipsoids (E), both arms as balls (B)."""
+
+    centres_m: Array  # (E, 3) in the frames of the trunk's segments
+    axes_m: Array  # (E, 3) half axes
+    segment: NDArray[np.int64]  # (B,) that each ball is fixed to
+    points_m: Array  # (B, 3) in the frame of that
+    radii_m: Array  # (B,)
+
+
+@lru_cache(maxsize=4)
+def collision_shapes(body: Body) -> CollisionShapes:
+    """Fit ellipsoids and balls to the skin."""
+    skin = body.surface
+    low, high = (np.array([f(skin.points_m[skin.segment == s], axis=0) for s in _TRUNK]) for f in (np.min, np.max))
+    segment, points, radii = [], [], []
+    for side in ("left_", "right_"):
+        for name, share in _BALLS:
+            s = SEGMENTS.index(side + name)
+            own = skin.points_m[skin.segment == s]
+            end = body.offsets_m[s + 1] if name == "forearm" else np.array([0.0, 0.0, own[:, 2].min()])
+            near = own[np.abs(own[:, 2] - share * end[2]) < 0.03]
+            segment.append(s)
+            points.append(share * end)
+            radii.append(np.ptp(near, axis=0)[:2].min() / 2 - SELF_COLLISION.skin_gives_m)
+    return CollisionShapes(0.5 * (low + high), 0.5 * (high - low), np.array(segment), np.array(points), np.array(radii))
+
+
+def collision_residuals(shapes: CollisionShapes, world_T_segment: Array) -> tuple[Array, Array]:
+    """Depth (N,), in sigmas, of each ball that is inside the trunk, and its derivative (N, 43) by the pose."""
+    arms, trunk = world_T_segment[shapes.segment], world_T_segment[list(_TRUNK)]
+    balls = np.einsum("bij,bj->bi", arms[:, :3, :3], shapes.points_m) + arms[:, :3, 3]
+    local = np.einsum("eij,ebi->ebj", trunk[:, :3, :3], balls - trunk[:, None, :3, 3]) - shapes.centres_m[:, None]
+    axes = shapes.axes_m[:, None] + shapes.radii_m[:, None]  # (E, B, 3)
+    level = np.sqrt(np.sum((local / axes) ** 2, axis=-1))  # 0 in the middle .. 1 on the skin
+    inside = np.argwhere(level < 1.0)
+    rows, depth = np.zeros((len(inside), DOF)), np.zeros(len(inside))
+    for n, (e, b) in enumerate(inside):
+        scale = axes[e, b].min() / SELF_COLLISION.sigma_m
+        outward = trunk[e, :3, :3] @ (local[e, b] / axes[e, b] ** 2) / max(level[e, b], 1e-3)
+        arm, under = (point_jacobian(world_T_segment, int(s), balls[b]) for s in (shapes.segment[b], _TRUNK[e]))
+        rows[n], depth[n] = -scale * outward @ (arm - under), scale * (1.0 - level[e, b])
+    return rows, depth
+
+
+def constraints(body: Body, pose: Pose, limit_sigma_rad: float, *, self_collision: bool) -> tuple[Array, Array]:
+    """Normal equations (43, 43) and (43,) of joints beyond their limits and, with ``self_collision``, of arms in the
+    trunk."""
+    excess, violated = limit_residuals(pose)
+    stiffness = violated / limit_sigma_rad**2
+    hessian, gradient = np.diag(stiffness), -stiffness * excess
+    if self_collision:
+        rows, depth = collision_residuals(collision_shapes(body), forward(body, pose))
+        hessian, gradient = hessian + rows.T @ rows, gradient - rows.T @ depth
+    return hessian, gradient
