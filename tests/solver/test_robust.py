@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pzcap.solver.robust import half_sample_mode, line, median, median_absolute
+from pzcap.solver.robust import geman_mcclure, half_sample_mode, line, median, median_absolute, normal_sigma
 
 
 @settings(max_examples=30)
@@ -37,3 +37,22 @@ def test_medians_are_of_what_is_there() -> None:
     values = np.random.default_rng(0).normal(0.0, 2.0, 4001)
     assert median(values) == np.median(values)
     assert median_absolute(values) == pytest.approx(0.6745 * 2.0, rel=0.1)
+
+
+@settings(deadline=None)
+@given(st.floats(-50.0, 50.0), st.floats(0.1, 20.0))
+def test_the_weight_is_the_slope_of_its_loss_over_the_residual(residual: float, scale: float) -> None:
+    assume(abs(residual) > 1e-2)
+
+    def loss(r: float) -> float:
+        return 0.5 * scale**2 * r**2 / (scale**2 + r**2)
+
+    slope = (loss(residual + 1e-5) - loss(residual - 1e-5)) / 2e-5
+    assert geman_mcclure(residual, scale) == pytest.approx(slope / residual, rel=1e-3, abs=1e-6)
+    np.testing.assert_array_equal(geman_mcclure(np.full(3, residual), scale), geman_mcclure(residual, scale))
+
+
+def test_the_sigma_of_normal_residuals_ignores_a_few_outliers() -> None:
+    values = np.random.default_rng(0).normal(0.0, 2.0, 4001)
+    values[:40] = 1e6
+    assert normal_sigma(values) == pytest.approx(2.0, rel=0.06)
