@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numba import njit
 
-from pzcap.types import Array
-
-Values = TypeVar("Values", float, Array)
+from pzcap.types import Array, Float32
 
 
 @njit(cache=True, nogil=True, inline="always")
-def geman_mcclure(residual: Values, scale: float) -> Values:
+def geman_mcclure(residual: Any, scale: float) -> Any:
     """Weight ``1 / (1 + (residual / scale)^2)^2`` of a residual, or of each of an array, in kernels and outside.
 
     It is ``rho'(r) / r`` of ``rho = scale^2 r^2 / (scale^2 + r^2) / 2`` (Geman and McClure, 1987): a quarter where the
@@ -23,7 +21,7 @@ def geman_mcclure(residual: Values, scale: float) -> Values:
     return nearness * nearness
 
 
-def normal_sigma(residuals: Array) -> float:
+def normal_sigma(residuals: Array | Float32) -> float:
     """Standard deviation of normally distributed residuals (N,), from the median of their absolute values."""
     return 1.4826 * float(np.median(np.abs(residuals)))
 
