@@ -33,11 +33,17 @@ Window = tuple[int, int, int, int]
 
 
 class PanTiltZoom(NamedTuple):
-    """What a frame is located by."""
+    """Place of a frame."""
 
     pan_rad: float
     tilt_rad: float
     focal_px: float
+
+    def stepped(self, step: Array, largest_zoom: float) -> PanTiltZoom:
+        """After a step (2 or 3,) of pan, log focal, limited to ``largest_zoom``, and, if it is free, tilt."""
+        zoom = float(np.exp(np.clip(step[1], -largest_zoom, largest_zoom)))
+        tilt_rad = self.tilt_rad + (float(step[2]) if len(step) == 3 else 0.0)
+        return PanTiltZoom(self.pan_rad + float(step[0]), tilt_rad, self.focal_px * zoom)
 
 
 def warp_background(

@@ -24,7 +24,8 @@ from pzcap.localisation.panorama_sampler import BY_PAN, KNOWN, VALUE, PanoramaSa
 from pzcap.localisation.superresolved_alignment import Look, every_pixel
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS, SUPERRESOLVED
 from pzcap.solver import robust
-from pzcap.solver.gauss_newton import SolveReport
+from pzcap.solver.gauss_newton import NormalEquations, Schedule, Solution, SolveReport, minimise
+from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 
@@ -48,18 +49,65 @@ class _Limits(NamedTuple):
     least_noise: float = ALIGNMENT.least_noise
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fit:
-    """Result of a fit, with what its last step was made from."""
-
+class _State(NamedTuple):
     at: PanTiltZoom
-    gains: Array  # (K,) of the shading
-    points: Array  # (N, 2)
-    sampled: Array  # (N, 7)
-    residual: Array  # (N,)
-    weight: Array  # (N,)
-    normal: Array  # (P + K, P + K)
-    report: SolveReport
+    gains: Array | None  # (K,) of the shading; None: not known yet
+
+
+class _NothingToCompare(Exception):
+    """The panorama is unknown, or the frame dark."""
+
+
+class _Cost:
+    """Photometric cost of some pixels, with what its last linearisation was made from: ``sampled`` (N, 7), ``residual``
+    (N,) and ``weight`` (N,)."""
+
+    def __init__(self, aligner: Aligner, look: Look, pixels: FramePixels, start: PanTiltZoom, limits: _Limits) -> None:
+        self._aligner, self._look, self._limits, self.pixels = aligner, look, limits, pixels
+        self._rays = aligner.sampler.rays(pixels.points, start)
+
+    def linearise(self, state: _State, _: float) -> NormalEquations:
+        """The weights' scale follows from the residuals at ``state``, which are that small from the first step on."""
+        pixels, free = self.pixels, self._aligner.free
+        if self._rays.far_from(state.at):
+            self._rays = self._aligner.sampler.rays(pixels.points, state.at)
+        self.sampled = self._look(self._rays, state.at)
+        usable = self.sampled[:, KNOWN] > 0
+        if usable.sum() < ALIGNMENT.least_pixels:
+            raise _NothingToCompare
+        gains = state.gains
+        if gains is None:
+            ratio = pixels.grey[usable] / np.maximum(self.sampled[usable, VALUE], 1.0)
+            gains = _first_gains(ratio, pixels.shading[usable, 1], pixels.shading.shape[1])
+        self._gains = gains
+        brightness = pixels.shading @ gains
+        self.residual = pixels.grey - brightness * self.sampled[:, VALUE]
+        noise = max(1.4826 * robust.median_absolute(self.residual[usable]), self._limits.least_noise)
+        self._scale = ALIGNMENT.scale_sigmas * noise
+        self.weight, normal, gradient, self._curvature = normal_equations(
+            self.sampled, pixels.shading, brightness, self.residual, self._scale, free
+        )
+        regularised = normal + 1e-9 * np.diag(np.diag(normal))  # can be solved, whatever is left open
+        return NormalEquations(regularised, gradient, noise, float(self.weight @ self.residual**2))
+
+    def retract(self, state: _State, step: Array) -> _State:
+        """``state`` after a step, which is lengthened near the end by what Gauss-Newton steps are too short by."""
+        free = self._aligner.free
+        moved_px = max(abs(step[0]) * state.at.focal_px, abs(step[1]) * self._aligner.camera.lens.width / 2)
+        if moved_px < ALIGNMENT.near_px:
+            step = step / max(self._curvature, ALIGNMENT.least_curvature)
+        brightened = np.abs((self.pixels.shading @ step[free:]) * self.sampled[:, VALUE]).max() / self._scale
+        self._settled = bool(moved_px < self._limits.settled_px and brightened < ALIGNMENT.settled_share)
+        return _State(state.at.stepped(step[:free], ALIGNMENT.largest_zoom), self._gains + step[free:])
+
+    def settled(self, _: Array) -> bool:
+        """True if the last step was short enough."""
+        return self._settled
+
+
+class _Fit(NamedTuple):
+    cost: _Cost
+    solution: Solution[_State]
 
 
 class Aligner:
@@ -69,9 +117,9 @@ class Aligner:
     def __init__(
         self, panorama: Panorama, camera: PanZoomCamera, *, pixels: int = 4000, free_tilt: bool = False
     ) -> None:
-        self._free = 3 if free_tilt else 2
-        self._camera = camera
-        self._sampler = PanoramaSampler(panorama, camera, pixels)
+        self.free = 3 if free_tilt else 2
+        self.camera = camera
+        self.sampler = PanoramaSampler(panorama, camera, pixels)
 
     def align(
         self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, off_px: float, hidden: Mask | None = None
@@ -81,114 +129,78 @@ class Aligner:
         The start may be off by ``off_px`` pixels of the panorama, up to 15; the less, the faster. Pixels that are
         ``hidden`` (H, W) are not compared. The agreement is 0 where the panorama is unknown, or the frame dark.
         """
-        frame, at = grey(image), PanTiltZoom(pan_rad, tilt_rad, focal_px)
-        fit = None
-        for index in range(sum(level.reach_px >= off_px for level in LEVELS) - 1, len(LEVELS)):
-            fit = self._fit_level(index, frame, hidden, at)
-            if fit is None:
-                nothing = np.empty((0, 2))
-                return Alignment(*at, np.eye(2), 0.0, SolveReport(False, 0, 0.0), nothing, nothing)
-            at = fit.at
-        assert fit is not None
-        if self._sampler.superresolved is not None and fit.report.converged:
-            pixels, look = every_pixel(self._sampler, self._camera, frame, hidden, at.focal_px)
-            limits = _Limits(SUPERRESOLVED.steps, SUPERRESOLVED.settled_px, SUPERRESOLVED.least_noise)
-            finer = self._fit(look, pixels, at, fit.gains, limits)
-            fit = finer if finer is not None and finer.report.converged else fit
-        return self._alignment(fit)
+        frame, state = grey(image), _State(PanTiltZoom(pan_rad, tilt_rad, focal_px), None)
+        try:
+            for index in range(sum(level.reach_px >= off_px for level in LEVELS) - 1, len(LEVELS)):
+                fit = self._fit_level(index, frame, hidden, state.at)
+                state = fit.solution.state
+            return self._alignment(self._fit_superresolved(fit, frame, hidden))
+        except _NothingToCompare:
+            nothing = np.empty((0, 2))
+            return Alignment(*state.at, np.eye(2), 0.0, SolveReport(False, 0, 0.0), nothing, nothing)
 
-    def _fit_level(self, index: int, frame: Image, hidden: Mask | None, at: PanTiltZoom) -> _Fit | None:
-        """Alignment with one of `LEVELS`."""
-        level, steps = self._sampler.levels[index], LEVELS[index].steps
-        pixels = level_pixels(frame, hidden, self._camera.lens, at.focal_px, self._sampler.px_per_rad, level)
-        look = partial(self._sampler.sample, level.layer)
+    def _fit_level(self, index: int, frame: Image, hidden: Mask | None, at: PanTiltZoom) -> _Fit:
+        """Fit to one of `LEVELS`."""
+        level, steps = self.sampler.levels[index], LEVELS[index].steps
+        pixels = level_pixels(frame, hidden, self.camera.lens, at.focal_px, self.sampler.px_per_rad, level)
+        look, start = partial(self.sampler.sample, level.layer), _State(at, None)
         if level.scale > 1:
-            return self._fit(look, pixels, at, None, _Limits(steps, 0.0))
-        near = self._fit(look, pixels.thinned(ALIGNMENT.sparse), at, None, _Limits(steps, ALIGNMENT.near_px))
-        if near is None:
-            return None
-        return self._fit(look, pixels, near.at, near.gains, _Limits(steps, ALIGNMENT.settled_px))
+            return self._fit(look, pixels, start, _Limits(steps, 0.0))
+        near = self._fit(look, pixels.thinned(ALIGNMENT.sparse), start, _Limits(steps, ALIGNMENT.near_px))
+        return self._fit(look, pixels, near.solution.state, _Limits(steps, ALIGNMENT.settled_px))
 
-    def _fit(
-        self, look: Look, pixels: FramePixels, at: PanTiltZoom, gains: Array | None, limits: _Limits
-    ) -> _Fit | None:
-        """Gauss-Newton steps with Geman-McClure weights until one is shorter than ``limits.settled_px``; None where the
-        panorama is unknown, or the frame dark."""
-        rays = self._sampler.rays(pixels.points, at)
-        converged, step = False, 0
-        while step < limits.steps and not converged:
-            step += 1
-            if rays.far_from(at):
-                rays = self._sampler.rays(pixels.points, at)
-            sampled = look(rays, at)
-            usable = sampled[:, KNOWN] > 0
-            if usable.sum() < ALIGNMENT.least_pixels:
-                return None
-            if gains is None:
-                ratio = pixels.grey[usable] / np.maximum(sampled[usable, VALUE], 1.0)
-                gains = _first_gains(ratio, pixels.shading[usable, 1], pixels.shading.shape[1])
-                if gains is None:
-                    return None
-            brightness = pixels.shading @ gains
-            residual = pixels.grey - brightness * sampled[:, VALUE]
-            noise = max(1.4826 * robust.median_absolute(residual[usable]), limits.least_noise)
-            scale = ALIGNMENT.scale_sigmas * noise
-            weight, normal, right, curvature = normal_equations(
-                sampled, pixels.shading, brightness, residual, scale, self._free
-            )
-            change = np.linalg.solve(_regularised(normal), right)
-            moved_px = max(abs(change[0]) * at.focal_px, abs(change[1]) * self._camera.lens.width / 2)
-            if moved_px < ALIGNMENT.near_px:  # so near, Gauss-Newton steps are too short by this factor
-                change /= max(curvature, ALIGNMENT.least_curvature)
-            zoom = float(np.exp(np.clip(change[1], -ALIGNMENT.largest_zoom, ALIGNMENT.largest_zoom)))
-            tilt_rad = at.tilt_rad + (float(change[2]) if self._free == 3 else 0.0)
-            at = PanTiltZoom(at.pan_rad + float(change[0]), tilt_rad, at.focal_px * zoom)
-            gains = gains + change[self._free :]
-            brightened = np.abs((pixels.shading @ change[self._free :]) * sampled[:, VALUE]).max() / scale
-            converged = bool(moved_px < limits.settled_px and brightened < ALIGNMENT.settled_share)
-        assert gains is not None
-        report = SolveReport(converged, step, float(weight @ residual**2))
-        return _Fit(at, gains, pixels.points, sampled, residual, weight, normal, report)
+    def _fit_superresolved(self, fit: _Fit, frame: Image, hidden: Mask | None) -> _Fit:
+        """``fit`` refined on the super-resolved panorama, where there is one."""
+        if self.sampler.superresolved is None or not fit.solution.report.converged:
+            return fit
+        state = fit.solution.state
+        pixels, look = every_pixel(self.sampler, self.camera, frame, hidden, state.at.focal_px)
+        limits = _Limits(SUPERRESOLVED.steps, SUPERRESOLVED.settled_px, SUPERRESOLVED.least_noise)
+        try:
+            finer = self._fit(look, pixels, state, limits)
+        except _NothingToCompare:
+            return fit
+        return finer if finer.solution.report.converged else fit
+
+    def _fit(self, look: Look, pixels: FramePixels, start: _State, limits: _Limits) -> _Fit:
+        cost = _Cost(self, look, pixels, start.at, limits)
+        return _Fit(cost, minimise(start, cost.linearise, cost.retract, cost.settled, Schedule(limits.steps, 1.0)))
 
     def _alignment(self, fit: _Fit) -> Alignment:
-        sampled, weight = fit.sampled, fit.weight
-        variance = fit.report.cost / float(weight.sum())
-        usable = sampled[:, KNOWN] > 0
-        value = sampled[usable, VALUE]
+        cost, solution = fit
+        variance = solution.report.cost / float(cost.weight.sum())
+        covariance = np.asarray(variance * np.linalg.inv(solution.normal)[:2, :2], np.float64)
+        usable = cost.sampled[:, KNOWN] > 0
+        value = cost.sampled[usable, VALUE]
         contrast = robust.median(np.abs(value - robust.median(value)))
-        difference = robust.median_absolute(fit.residual[usable])
-        strength = np.abs(sampled[:, BY_PAN]) * weight
+        agreement = 1.0 - robust.median_absolute(cost.residual[usable]) / max(contrast, 1.0)
+        strength = np.abs(cost.sampled[:, BY_PAN]) * cost.weight
         strongest = min(5 * ALIGNMENT.shown, len(strength))
         least = np.partition(strength, -strongest)[-strongest]
         shown = np.flatnonzero(strength >= least)[::5]
-        covariance = np.asarray(variance * np.linalg.inv(_regularised(fit.normal))[:2, :2], np.float64)
-        agreement = 1.0 - difference / max(contrast, 1.0)
-        places = self._sampler.panorama_px(sampled[shown])
-        return Alignment(*fit.at, covariance, agreement, fit.report, fit.points[shown], places)
+        places = self.sampler.panorama_px(cost.sampled[shown])
+        points = cost.pixels.points[shown]
+        return Alignment(*solution.state.at, covariance, agreement, solution.report, points, places)
 
 
-def _first_gains(ratio: Array, squared: Array, count: int) -> Array | None:
+def _first_gains(ratio: Array, squared: Array, count: int) -> Array:
     """Gains (K,) from the ratios (N,) of frame to panorama at ``squared`` distances (N,), before anything is fitted;
-    with others everything would be an outlier. Most pixels show the hall. None where most of the frame is black."""
+    with others everything would be an outlier. Most pixels show the hall."""
     usual = robust.half_sample_mode(ratio)
     if usual <= 0.0:
-        return None
-    fall = robust.line(ratio / usual, squared, np.ones_like(ratio), ALIGNMENT.gain_scales, (1.0, 0.0))
+        raise _NothingToCompare
     gains = np.zeros(count)
-    gains[:2] = usual * np.array(fall)
+    gains[:2] = usual * np.array(
+        robust.line(ratio / usual, squared, np.ones_like(ratio), ALIGNMENT.gain_scales, (1.0, 0.0))
+    )
     return gains
-
-
-def _regularised(normal: Array) -> Array:
-    """Normal equations that can be solved, whatever they leave open."""
-    return np.asarray(normal + 1e-9 * np.diag(np.diag(normal)))
 
 
 @njit(cache=True, nogil=True)
 def normal_equations(
     sampled: Array, shading: Array, brightness: Array, residual: Array, scale: float, free: int
 ) -> tuple[Array, Array, Array, float]:
-    """Geman-McClure weights (N,) of residuals (N,) and the normal equations: their matrix (P + K, P + K) and right side
+    """Geman-McClure weights (N,) of residuals (N,) and the normal equations: their matrix (P + K, P + K) and gradient
     (P + K,), for the first ``free`` of pan, log focal and tilt and the K gains of the ``shading`` (N, K).
 
     A pixel's residual is its grey value less ``brightness`` (N,) times the panorama's. At last the cost's mean second
@@ -196,26 +208,25 @@ def normal_equations(
     """
     count = free + shading.shape[1]
     weights, row = np.zeros(len(residual)), np.empty(count)
-    normal, right = np.zeros((count, count)), np.zeros(count)
+    normal, gradient = np.zeros((count, count)), np.zeros(count)
     curved, total = 0.0, 0.0
     for n in range(len(residual)):
         if sampled[n, KNOWN] == 0.0:
             continue
-        nearness = 1.0 / (1.0 + (residual[n] / scale) ** 2)
-        weight = nearness * nearness
+        weight = geman_mcclure(residual[n], scale)
         weights[n] = weight
         total += weight
-        curved += weight * (4.0 * nearness - 3.0)
+        curved += weight * (4.0 * np.sqrt(weight) - 3.0)
         for i in range(free):
             row[i] = brightness[n] * sampled[n, BY_PAN + i]
         for i in range(free, count):
             row[i] = shading[n, i - free] * sampled[n, VALUE]
         for i in range(count):
             weighted = weight * row[i]
-            right[i] += weighted * residual[n]
+            gradient[i] -= weighted * residual[n]
             for j in range(i + 1):
                 normal[i, j] += weighted * row[j]
     for i in range(count):
         for j in range(i):
             normal[j, i] = normal[i, j]
-    return weights, normal, right, curved / total
+    return weights, normal, gradient, curved / total

@@ -146,22 +146,22 @@ def test_a_fit_is_not_at_rest_before_its_vignetting_is(aligner: Aligner, focal: 
 
 
 def weighed(seed: int, unknown: int) -> tuple[Array, Array, Array, Array, Array, float]:
-    """(rows, residual, weights, normal, slope, flatness) of 500 pixels with pan, focal and two gains to be fitted."""
+    """(rows, residual, weights, normal, gradient, flatness) of 500 pixels; pan, focal and two gains are fitted."""
     rng = np.random.default_rng(seed)
     sampled, shading = rng.normal(0.0, 1.0, (500, 7)), rng.normal(0.0, 1.0, (500, 2))
     sampled[:, KNOWN] = np.arange(500) >= unknown
     brightness, residual = rng.uniform(0.5, 1.5, 500), rng.normal(0.0, 1.0, 500)
-    weights, normal, slope, flatness = normal_equations(sampled, shading, brightness, residual, SCALE, 2)
+    weights, normal, gradient, flatness = normal_equations(sampled, shading, brightness, residual, SCALE, 2)
     rows = np.column_stack([brightness[:, None] * sampled[:, BY_PAN : BY_PAN + 2], shading * sampled[:, [VALUE]]])
-    return rows, residual, weights, normal, slope, flatness
+    return rows, residual, weights, normal, gradient, flatness
 
 
 def test_normal_equations_are_those_of_geman_and_mcclure() -> None:
-    rows, residual, weights, normal, slope, _ = weighed(0, unknown=100)
+    rows, residual, weights, normal, gradient, _ = weighed(0, unknown=100)
     assert not weights[:100].any()
     np.testing.assert_allclose(weights[100:], 1.0 / (1.0 + (residual[100:] / SCALE) ** 2) ** 2)
     np.testing.assert_allclose(normal, rows.T @ (weights[:, None] * rows), atol=1e-9)
-    np.testing.assert_allclose(slope, rows.T @ (weights * residual), atol=1e-9)
+    np.testing.assert_allclose(gradient, -rows.T @ (weights * residual), atol=1e-9)
 
 
 def test_steps_are_lengthened_by_what_falling_weights_hide_of_the_curvature() -> None:
