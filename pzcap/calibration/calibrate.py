@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from pzcap.calibration import photometric_bundle_adjustment, reference_camera, stitching
 from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust, thinned
 from pzcap.calibration.correspondences import AZIMUTHS, Matched, height_of, match
-from pzcap.calibration.parameters import Model
+from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames
+from pzcap.calibration.tuning import PHOTOMETRIC
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.imaging.bspline import stored
@@ -84,12 +85,12 @@ def calibrate(
     height, width = reference_image.shape[:2]
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
     chained, count = matched.chained, len(matched.chained.pan_rad)
-    quick = adjust(matched.start, thinned(matched.links, 5), matched.sigmas, scale_px=4.0, iterations=12).model
+    quick = adjust(matched.start, thinned(matched.links, 5), matched.sigmas, scale_px=4.0, iterations=12).parameters
     adjusted = adjust(quick, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
     # features say where frames lie to a quarter of a pixel, grey values say it better
-    brightness = stitching.fit_brightness(matched.sweep_links, count, adjusted.model.view(0), width, height)
-    fitted = _fit_grey_values(matched, adjusted.model, brightness, config, report)
-    model = fitted.model
+    brightness = stitching.fit_brightness(matched.sweep_links, count, adjusted.parameters.view(0), width, height)
+    fitted = _fit_grey_values(matched, adjusted.parameters, brightness, config, report)
+    model = fitted.parameters
 
     taken = model.view(count)
     known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.distortion.k1)
@@ -115,16 +116,16 @@ def calibrate(
 
 def _fit_grey_values(
     matched: Matched,
-    model: Model,
+    model: CalibrationParameters,
     brightness: stitching.Brightness,
     config: PanZoomConfig,
     report: Report,
 ) -> photometric_bundle_adjustment.Fitted:
     """The model fitted to all frames, each made as bright as the others and as bright at its edge as in its middle."""
-    images = [*matched.chained.images, *matched.beside]
+    images = [*matched.chained.images, *matched.other_images]
     height, width = images[0].shape
     flat = stitching.flatness(brightness, model.view(0), width, height)
-    gains = [*np.exp(-brightness.log_gain), *[1.0] * len(matched.beside)]
+    gains = [*np.exp(-brightness.log_gain), *[1.0] * len(matched.other_images)]
     kept = np.empty((len(images), height, width), np.uint16)
     for number, (image, gain) in enumerate(zip(images, gains, strict=True)):
         view = model.view(number)
@@ -134,11 +135,11 @@ def _fit_grey_values(
     return photometric_bundle_adjustment.adjust(
         _refined(model), kept, list(pairs), matched.sigmas, prior=_refined(matched.start),
         pixels=config.sweep.pixels, smoothing=config.sweep.smoothing,
-        report=lambda done: report("adjust grey values", done, photometric_bundle_adjustment.ITERATIONS),
+        report=lambda done: report("adjust grey values", done, PHOTOMETRIC.steps),
     )  # fmt: skip
 
 
-def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, InverseDepthMap]:
+def _measured(model: CalibrationParameters, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, InverseDepthMap]:
     """The model in metres, as it took the reference image, azimuths from its pan on.
 
     The floor is where the calibration object stands, at world height 0. Were it elsewhere, offset and distances would
@@ -163,7 +164,7 @@ def _turned(hall: InverseDepthMap, origin_rad: float, height_m: float) -> Invers
     return InverseDepthMap(height_m, walls / height_m, departures, hall.slopes)
 
 
-def _refined(model: Model) -> Model:
+def _refined(model: CalibrationParameters) -> CalibrationParameters:
     """The model with departures at all NODES, still 0: features are too few to tell them, and the fewer the faster."""
     return replace(model, surroundings=replace(model.surroundings, departures=np.zeros(NODES)))
 

@@ -14,7 +14,7 @@ import numpy as np
 from pzcap.calibration import features
 from pzcap.calibration.bundle_adjustment import Link, adjust
 from pzcap.calibration.features import Features
-from pzcap.calibration.parameters import BeliefConfig, Model, Sigmas
+from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters, Sigmas
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Chain, Frames, chain, grey, link_further, link_views, place, spaced
 from pzcap.calibration.zoom_run import link_zoom
@@ -34,10 +34,10 @@ class Matched:
     """The sweep's frames, the reference image and some frames of the zoom run, in this order."""
 
     chained: Chain
-    beside: list[Image]  # grey: the reference image, then the frames of the zoom run
+    other_images: list[Image]  # grey: the reference image, then the frames of the zoom run
     sweep_links: list[Link]  # between frames of the sweep
     links: list[Link]  # these, and those with and between the others
-    start: Model  # first values
+    start: CalibrationParameters  # first values
     sigmas: Sigmas
 
 
@@ -59,7 +59,7 @@ def match(
     chained = chain(sweep, view, full_turn, config.sweep, lambda done: report("match sweep", done, 0))
     count = len(chained.pan_rad)
     sigmas = sigmas_of(camera, config.beliefs, full_turn, zoom=False)
-    coarse = adjust(_start(view, chained.pan_rad), chained.links, sigmas, iterations=6).model
+    coarse = adjust(_start(view, chained.pan_rad), chained.links, sigmas, iterations=6).parameters
     further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
     sweep_links = [*chained.links, *further]
 
@@ -80,20 +80,20 @@ def match(
         focals += list(run.log_focal)
         pan_of += [count + 1] * len(run.log_focal)
         focal_of += list(range(2, 2 + len(run.log_focal)))
-    start = Model(
+    start = CalibrationParameters(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
         _padded(coarse.principal_px, 2 if zoomed else 1), _padded(coarse.k1[:, None], 3 if zoomed else 1)[:, 0],
         coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
     )  # fmt: skip
-    beside = [grey(image) for image in [reference_image, *zoomed]]
+    others = [grey(image) for image in [reference_image, *zoomed]]
     return Matched(
-        chained, beside, sweep_links, links, start, sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
+        chained, others, sweep_links, links, start, sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
     )
 
 
-def _start(view: View, pan_rad: Array) -> Model:
+def _start(view: View, pan_rad: Array) -> CalibrationParameters:
     count = len(pan_rad)
-    return Model(
+    return CalibrationParameters(
         pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
         view.principal_px[None], np.array([view.distortion.k1]),
         np.zeros(2), 0.0, FAR_AWAY,
@@ -131,7 +131,7 @@ def _detect(image: Image, config: PanZoomConfig) -> Features:
 
 
 def _place_reference(
-    found: Sequence[Features], sweep: Model, width: int, config: PanZoomConfig
+    found: Sequence[Features], sweep: CalibrationParameters, width: int, config: PanZoomConfig
 ) -> tuple[float, list[Link]]:
     """Pan of the last frame of ``found``, the reference image, and its links to the frames of the sweep."""
     view = sweep.view(0)
