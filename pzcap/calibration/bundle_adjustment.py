@@ -243,7 +243,7 @@ def _accumulate(
             residual = seen.pixel - pixels[n, 2:]
             squared = residual[0] * residual[0] + residual[1] * residual[1]
             length[matches.bounds[link] + n] = np.sqrt(squared)
-            weight = geman_mcclure(squared / (scale * scale))
+            weight = geman_mcclure(np.sqrt(squared), scale)
             cost += weight * squared
             for k in range(len(touched) - SIDES):
                 touched[SIDES + k] = SIDES + number[seen.nodes[k]]

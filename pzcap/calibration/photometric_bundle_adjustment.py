@@ -184,7 +184,7 @@ def _accumulate(
             shaded = lit * (_radial(seen.pixel[0], seen.pixel[1], images) - _radial(u, v, images))
             difference = value - gains[0] * lit - gains[1] * shaded
             pixels.residual[n] = difference
-            weight = geman_mcclure((difference / scale) ** 2)
+            weight = geman_mcclure(difference, scale)
             cost += weight * difference * difference
             for k in range(SIDES):
                 row[k] = by_x * seen.by_views[0, k] + by_y * seen.by_views[1, k]

@@ -21,7 +21,7 @@ from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
 from pzcap.imaging import bspline
-from pzcap.solver.robust import geman_mcclure_weights, normal_sigma
+from pzcap.solver.robust import geman_mcclure, normal_sigma
 from pzcap.types import Array, Image, InverseDepthMap, Mask, Panorama
 
 
@@ -52,7 +52,7 @@ def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, h
     solution: Array = np.zeros(frames + 2)
     for _ in range(6):
         residual = observed - radial @ solution[frames:] - (solution[second] - solution[first])
-        weight = geman_mcclure_weights(residual, 2.0 * max(normal_sigma(residual), 1e-3))
+        weight = geman_mcclure(residual, 2.0 * max(normal_sigma(residual), 1e-3))
         normal = np.zeros((frames + 2, frames + 2))
         gradient = np.zeros(frames + 2)
         shared = slice(frames, frames + 2)
@@ -191,4 +191,4 @@ class _Canvas:
 def agreement(difference: NDArray[np.float32]) -> NDArray[np.float32]:
     """Weights (H, W) of pixels, `geman_mcclure` of the mean ``difference`` (H, W) around them in grey levels."""
     around = cv2.boxFilter(np.abs(difference), -1, (9, 9))
-    return np.asarray(geman_mcclure_weights(around, STITCHING.different), np.float32)
+    return np.asarray(geman_mcclure(around, STITCHING.different), np.float32)

@@ -1,4 +1,4 @@
-"""Robust weights and scales: what most of some values are like, however far off the others are."""
+"""Robust weights, scales and fits: what most values are like, however far off the others are."""
 
 from __future__ import annotations
 
@@ -6,22 +6,19 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
 
 from pzcap.types import Array, Float32
 
 
 @njit(cache=True, nogil=True, inline="always")
-def geman_mcclure(squared: float) -> float:
-    """Weight of a residual, ``1 / (1 + squared)^2`` of its square over the squared scale (Geman and McClure, 1987)."""
-    nearness = 1.0 / (1.0 + squared)
+def geman_mcclure(residual: Any, scale: float) -> Any:
+    """Weight ``1 / (1 + (residual / scale)^2)^2`` of a residual, or of each of an array, in kernels and outside.
+
+    It is ``rho'(r) / r`` of ``rho = scale^2 r^2 / (scale^2 + r^2) / 2`` (Geman and McClure, 1987): a quarter where the
+    residual equals the scale, and so little far beyond it that outliers no longer pull.
+    """
+    nearness = 1.0 / (1.0 + (residual / scale) ** 2)
     return nearness * nearness
-
-
-def geman_mcclure_weights(residual: ArrayLike, scale: float) -> Array:
-    """`geman_mcclure` of residuals (...) at a ``scale`` in their unit."""
-    squared: Any = (np.asarray(residual) / scale) ** 2
-    return np.asarray(geman_mcclure.py_func(squared), np.float64)
 
 
 def normal_sigma(residuals: Array | Float32) -> float:
@@ -50,7 +47,7 @@ def line(
     for scale in scales:
         ones, first, second, sums, products = 1e-6, 0.0, 1e-6, 0.0, 0.0
         for n in range(len(values)):
-            robust = weight[n] * geman_mcclure(((values[n] - a - b * at[n]) / scale) ** 2)
+            robust = weight[n] * geman_mcclure(values[n] - a - b * at[n], scale)
             ones += robust
             first += robust * at[n]
             second += robust * at[n] * at[n]
