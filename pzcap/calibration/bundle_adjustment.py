@@ -66,8 +66,8 @@ def adjust(
 ) -> Adjusted:  # fmt: skip
     """Fit the parameters to ``links``; the pan of the first frame stays what it is.
 
-    ``sigmas`` are about ``prior``, or else about ``start``. Weights fall with a residual's length (`geman_mcclure`), by
-    a scale that starts at ``scale_px`` and follows the residuals down.
+    ``sigmas`` are about ``prior``, or else about ``start``. Weights (Geman and McClure) fall with a residual's length,
+    by a scale that starts at ``scale_px`` and follows the residuals down.
     """
     mean, believed = to_vector(start if prior is None else prior), information(start, sigmas)
     matches = matches_of(links)
@@ -239,10 +239,10 @@ def _accumulate(
         for n in range(len(pixels)):
             transfer(first, second, pixels[n, 0], pixels[n, 1], hall, seen)
             residual = seen.pixel - pixels[n, 2:]
-            off = np.sqrt(residual[0] * residual[0] + residual[1] * residual[1])
-            length[matches.bounds[link] + n] = off
-            weight = geman_mcclure(off, scale)
-            cost += weight * off * off
+            squared = residual[0] * residual[0] + residual[1] * residual[1]
+            length[matches.bounds[link] + n] = np.sqrt(squared)
+            weight = geman_mcclure(np.sqrt(squared), scale)
+            cost += weight * squared
             for k in range(len(touched) - SIDES):
                 touched[SIDES + k] = SIDES + number[seen.nodes[k]]
             for side in range(2):

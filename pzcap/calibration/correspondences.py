@@ -17,16 +17,12 @@ from pzcap.calibration.features import Features
 from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters, Sigmas
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Chain, Frames, chain, grey, link_further, link_views, place, spaced
+from pzcap.calibration.tuning import BELIEF, FEATURES, HALL
 from pzcap.calibration.zoom_run import link_zoom
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE
 from pzcap.types import FAR_AWAY, Array, Camera, Image, InverseDepthMap, PzcapError
-
-MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor
-AZIMUTHS = 72  # at which the distance of the walls is estimated
-WALL_NEARNESS = 0.15  # inverse distance of a wall before anything is known, in inverse heights of the camera
-FOCAL_SIGMA = 0.005  # relative, of the reference calibration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,13 +102,13 @@ def _floor_and_walls(view: View, width: int, height: int, rows: int) -> InverseD
     border = np.array([(u, v) for v in (0.0, height - 1.0) for u in edge])
     _, slope = geometry.pixel_to_direction(view, border)
     slopes = np.array([slope.min(), slope.max()])
-    return InverseDepthMap(1.0, np.full(AZIMUTHS, WALL_NEARNESS), np.zeros((rows, AZIMUTHS)), slopes)
+    return InverseDepthMap(1.0, np.full(HALL.azimuths, HALL.wall_nearness), np.zeros((rows, HALL.azimuths)), slopes)
 
 
 def sigmas_of(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool) -> Sigmas:
     """What is believed of a camera and its hall before the footage is seen."""
     # a circle that closes fixes the focal length far better than the calibration object can
-    focal = 10.0 * FOCAL_SIGMA if full_turn else FOCAL_SIGMA
+    focal = 10.0 * BELIEF.focal_sigma if full_turn else BELIEF.focal_sigma
     principal = np.full(2 if zoom else 1, beliefs.principal * camera.width)
     k1 = beliefs.k1 * np.array([1.0, 1.0, 0.5] if zoom else [1.0])
     height_m = height_of(camera)
@@ -127,7 +123,7 @@ def _padded(coefficients: Array, order: int) -> Array:
 
 
 def _detect(image: Image, config: PanZoomConfig) -> Features:
-    return features.detect(grey(image), config.sweep.threshold, config.sweep.features, scales=features.FEW_SCALES)
+    return features.detect(grey(image), config.sweep.threshold, config.sweep.features, scales=FEATURES.few_scales)
 
 
 def _place_reference(
@@ -169,4 +165,4 @@ def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[Image]:
 def height_of(camera: Camera) -> float:
     """Of a camera over its floor, metres."""
     height_m = float(camera.world_T_cam[2, 3])
-    return height_m if height_m > MIN_HEIGHT_M else 1.0
+    return height_m if height_m > HALL.min_height_m else 1.0

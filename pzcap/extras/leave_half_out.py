@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.calibration import stitching
-from pzcap.calibration.calibrate import Report, SweptFrames
+from pzcap.calibration.calibrate import Report
+from pzcap.calibration.stitching import SweptFrames
 from pzcap.calibration.sweep import grey
 from pzcap.extras.superresolution import Levels, super_resolve
 from pzcap.geometry.cylinder import to_unwrapped
