@@ -75,7 +75,7 @@ def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(lim
     for size in (0.8, 0.4, 0.16, 0.06):
         postures = limbs.postures(limb, context, turn + size * POSTURES, coarse=size > 0.3)
         turn = postures.turns[np.argmax(postures.score_m2)]
-    found = limbs.turned(limb, pose, turn)
+    found = limbs.search.turned(limb, pose, turn)
     before, after = (np.linalg.norm(bodies.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
     assert before > 0.1
     assert after < 0.4 * before
