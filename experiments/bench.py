@@ -18,10 +18,10 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final, ParamSpec, TypeVar
 
-import cv2
 import numpy as np
 from rich.table import Table
 from rich.text import Text
@@ -29,27 +29,23 @@ from rich.text import Text
 from experiments.errors import guard
 from experiments.metrics import machine
 from experiments.progress import Bars
-from experiments.terminal import terminal
+from experiments.terminal import table, terminal
 from pzcap import pipeline
-from pzcap.body import skeleton
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, footage_of, taken_over
-from pzcap.geometry.camera import at
+from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.io import results
 from pzcap.io.capture import frame_sets, read_capture
-from pzcap.localisation.localise import Localiser, predicted
-from pzcap.segmentation import foreground
-from pzcap.tracking.camera_refinement import camera_prior
-from pzcap.tracking.tracker import Tracker, TrackInput, ViewInput
-from pzcap.types import Capture, FrameSet, Image, Localisation, PzcapError, Silhouette
+from pzcap.runtime import one_thread_each
+from pzcap.tracking.tracker import Tracker
+from pzcap.types import Capture, FrameSet, PzcapError
 
 COLD_EVERY: Final = 10  # frame sets
 WARM: Final = 3  # frame sets before the clock starts
 
 P = ParamSpec("P")
 T = TypeVar("T")
-Found = list[Localisation | None]
 
 
 @dataclass(slots=True)
@@ -78,7 +74,7 @@ class Stages:
 
     match: Stage = field(default_factory=lambda: Stage("match sweep and zoom run", "camera", "s"))
     adjust: Stage = field(default_factory=lambda: Stage("joint adjustment and panorama", "camera", "s", 30.0))
-    index: Stage = field(default_factory=lambda: Stage("prepare the panorama for localisation", "camera"))
+    index: Stage = field(default_factory=lambda: Stage("prepare the panoramas for localisation", "capture"))
     decode: Stage = field(default_factory=lambda: Stage("decode", "frame set"))
     cold: Stage = field(default_factory=lambda: Stage("localise from nothing", "view", "ms", 250.0))
     follow: Stage = field(default_factory=lambda: Stage("localise from the frame before", "frame set", "ms", 15.0))
@@ -91,20 +87,19 @@ class Stages:
         ]  # fmt: skip
 
 
-def bench(capture: Capture, prepared: Sequence[CalibratedCamera] | None, config: pipeline.Config, bars: Bars) -> Stages:
+def bench(capture: Capture, known: Sequence[CalibratedCamera] | None, config: pipeline.Config, bars: Bars) -> Stages:
     """Run every stage that ``capture`` has the material for, and time it.
 
-    ``prepared`` is what is known of the cameras already, one each; None: calibrate them. Raises PzcapError where a
-    camera is not complete.
+    ``known`` is what is known of the cameras already, one each; None: calibrate them. Raises PzcapError where a camera
+    is not complete.
     """
-    cv2.setNumThreads(1)
     stages = Stages()
-    if prepared is None:
-        prepared = [_calibrate(capture, number, config, stages, bars) for number in range(len(capture.cameras))]
-    localisers = [stages.index.time(Localiser, known.panorama, known.camera, config.panzoom) for known in prepared]
-    _decode(capture, stages, bars)
-    with ThreadPoolExecutor(config.threads) as pool:
-        _follow(capture, prepared, localisers, config, stages, pool, bars)
+    with one_thread_each():
+        if known is None:
+            known = [_calibrate(capture, number, config, stages, bars) for number in range(len(capture.cameras))]
+        _decode(capture, stages, bars)
+        with ThreadPoolExecutor(config.threads) as pool:
+            _follow(capture, known, config, stages, pool, bars)
     return stages
 
 
@@ -136,95 +131,55 @@ def _decode(capture: Capture, stages: Stages, bars: Bars) -> None:
 
 
 def _follow(
-    capture: Capture,
-    prepared: Sequence[CalibratedCamera],
-    localisers: Sequence[Localiser],
-    config: pipeline.Config,
-    stages: Stages,
-    pool: ThreadPoolExecutor,
-    bars: Bars,
-) -> None:
-    """The motion, frame set by frame set, each view found from the frame before and, now and then, from nothing."""
+    capture: Capture, cameras: Sequence[CalibratedCamera], config: pipeline.Config, stages: Stages,
+    pool: ThreadPoolExecutor, bars: Bars,
+) -> None:  # fmt: skip
+    """The motion by the pipeline's own loop, whose events say what each stage took; now and then a view is found from
+    nothing, besides."""
     sets = frame_sets(capture)
-    tracker = None
-    if capture.subject is not None and sets.keyframes:
-        model, rate = skeleton.build(capture.subject), float(capture.frame_rate)
-        tracker = Tracker(model, sets.keyframes, rate, config.tracking)
-    before: Found = [None] * len(prepared)
-    last: Found = [None] * len(prepared)
+    tracker = pipeline.body_tracker(capture, sets, config, [])
+    localise = stages.index.time(pipeline.ViewLocaliser, cameras, config.panzoom, pool)
 
-    def localise(number: int, image: Image | None, prior: Localisation | None) -> Localisation | None:
-        return None if image is None else localisers[number].localise(image, prior)
-
-    def separate(number: int, image: Image | None, found: Localisation | None) -> Silhouette | None:
-        if image is None or found is None or not found.valid:
-            return None
-        known = prepared[number]
-        camera = at(known.camera, found.pan_rad, found.tilt_rad, found.focal_px)
-        expected = None if tracker is None else tracker.expect(frames.index, camera)
-        return foreground.separate(image, known.panorama, known.camera, found, config.foreground, expected)
-
-    def views(work: Callable[[int, Image | None, Localisation | None], T], frames: FrameSet, found: Found) -> list[T]:
-        return list(pool.map(work, range(len(prepared)), frames.images, found))
-
-    for frames in sets:
-        warm = frames.index >= WARM
+    def localise_timed(frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
         if frames.index % COLD_EVERY == WARM:
-            for number, image in enumerate(frames.images):
-                stages.cold.time(localise, number, image, None)
-        prior = [predicted(*pair) for pair in zip(before, last, strict=True)]
-        # a view that was lost is a cold start
-        timed = stages.follow if warm and all(found is not None for found in prior) else Stage("", "")
-        before = last
-        last = [
-            found if found is not None and found.valid else None for found in timed.time(views, localise, frames, prior)
-        ]
-        timed = stages.separate if warm else Stage("", "")
-        silhouettes = timed.time(views, separate, frames, last)
-        if tracker is not None:
-            stages.track.time(tracker.push, _given(frames, prepared, last, silhouettes, config))
-        bars.update("localise, separate, track", frames.index + 1, len(sets))
-    if tracker is not None:
-        stages.track.time(tracker.finish)
+            for localiser, image in zip(localise.localisers, frames.images, strict=True):
+                if localiser is not None and image is not None:
+                    stages.cold.time(localiser.localise, image, None)
+        return localise(frames, tracker)
 
-
-def _given(
-    frames: FrameSet, prepared: Sequence[CalibratedCamera], found: Found, silhouettes: Sequence[Silhouette | None],
-    config: pipeline.Config,
-) -> TrackInput:  # fmt: skip
-    views: list[ViewInput | None] = []
-    for known, image, place, silhouette in zip(prepared, frames.images, found, silhouettes, strict=True):
-        if image is None or place is None or silhouette is None or not silhouette.valid:
-            views.append(None)
-            continue
-        camera = at(known.camera, place.pan_rad, place.tilt_rad, place.focal_px)
-        prior = camera_prior(config.panzoom, known.camera, place)
-        views.append(ViewInput(image, camera, silhouette, camera_prior=prior))
-    return TrackInput(frames.index, tuple(views))
+    segment, followed = partial(pipeline.segment_views, cameras, config, pool), False
+    for event in pipeline.follow(sets, localise_timed, segment, tracker):
+        match event:
+            case FrameLocalised(frames, found):
+                if followed and frames.index >= WARM:
+                    stages.follow.add(event.seconds)
+                followed = all(one is not None and one.valid for one in found)  # a view that was lost is a cold start
+            case FrameSegmented(frames) if frames.index >= WARM:
+                stages.separate.add(event.seconds)
+            case BodyTracked():
+                stages.track.add(event.seconds)
+            case Progress(_, done, total):
+                bars.update("localise, segment, track", done, total)
 
 
 # --------------------------------------------------------------------------------------------------------------
 
 
-def table(stages: Stages, title: str) -> Table:
+def stage_table(stages: Stages, title: str) -> Table:
     """What was measured, a row a stage."""
-    result = Table(title=title, title_justify="left", header_style="bold")
-    for name in ("stage", "each"):
-        result.add_column(name)
-    for name in ("n", "median", "p95", "mean", "limit"):
-        result.add_column(name, justify="right")
-    result.add_column("median within it")
+    rows: list[tuple[str | Text, ...]] = []
     for stage in stages.all():
         if not stage.samples:
             continue
         median = float(np.median(stage.samples))
         figures = median, float(np.percentile(stage.samples, 95)), float(np.mean(stage.samples))
-        verdict = "" if stage.limit is None else Text("yes", "green") if median <= stage.limit else Text("no", "red")
-        limit = "" if stage.limit is None else f"{stage.limit:g} {stage.unit}"
-        result.add_row(
-            stage.name, stage.per, str(len(stage.samples)), *(f"{f:.1f} {stage.unit}" for f in figures), limit, verdict
-        )
-    return result
+        cells = (stage.name, stage.per, str(len(stage.samples)), *(f"{f:.1f} {stage.unit}" for f in figures))
+        if stage.limit is None:
+            rows.append((*cells, "", ""))
+        else:
+            verdict = Text("yes", "green") if median <= stage.limit else Text("no", "red")
+            rows.append((*cells, f"{stage.limit:g} {stage.unit}", verdict))
+    return table(title, ("stage", "each", ">n", ">median", ">p95", ">mean", ">limit", "median within it"), rows)
 
 
 def _ready(capture: Capture, folder: Path, method: str) -> list[CalibratedCamera]:
@@ -249,7 +204,7 @@ def _job() -> None:
     with Bars(terminal(stderr=True)) as bars:
         stages = bench(capture, prepared, config, bars)
     title = f"{capture.name}: {about['cpu']}, {about['cores']} cores, {config.threads} threads, load {load:.1f} before"
-    terminal(width=max(terminal().width, 120)).print(table(stages, title))
+    terminal(width=max(terminal().width, 120)).print(stage_table(stages, title))
 
 
 def main() -> int:

@@ -39,7 +39,7 @@ from experiments.silhouette_score import Series
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
-from pzcap.geometry.lens import Distortion
+from pzcap.geometry.lens import of as lens_of
 from pzcap.types import Array, Lens, Mask, Panorama, PanZoomCamera, Reconstruction
 from sim.truth import Truth
 
@@ -129,16 +129,16 @@ def _bound(
     frames: NDArray[np.int64],
     finished: Callable[[], None],
 ) -> Bound:
-    lens = true_lens(truth, camera)
+    lens = truth.lens(camera)
     scene: Scene | None = None
     sigma, valid = np.zeros((2, len(frames))), np.zeros(len(frames), bool)
     shrinking = [blur_level(panorama, truth.focal_px[camera, frame]) for frame in frames]
     for at in np.argsort(shrinking, kind="stable"):  # so that there is one scene at a time
         frame = frames[at]
+        true = truth.camera(camera, int(frame))
         view = View(
             float(truth.pan_rad[camera, frame]), float(truth.tilt_rad[camera, frame]), float(truth.roll_rad[camera]),
-            float(truth.focal_px[camera, frame]), truth.principal_px[camera, frame],
-            Distortion(float(truth.k1[camera, frame])),
+            true.focal_px, true.principal_px, lens_of(true),
         )  # fmt: skip
         if scene is None or scene.shrinking != shrinking[at]:
             scene = build_scene(panorama, sensor, shrinking[at], lens.width)
@@ -147,17 +147,6 @@ def _bound(
             sigma[:, at], valid[at] = np.sqrt(np.diag(covariance)), True
         finished()
     return Bound(Series(sigma[0], valid), Series(sigma[1], valid))
-
-
-def true_lens(truth: Truth, camera: int) -> Lens:
-    """How the lens changes with the zoom: straight lines in log focal through what the truth knows of it."""
-    reference = float(truth.reference_focal_px[camera])
-    focal = np.concatenate([[reference], truth.focal_px[camera]])
-    principal = np.vstack([truth.reference_principal_px[camera], truth.principal_px[camera]])
-    k1 = np.concatenate([[truth.reference_k1[camera]], truth.k1[camera]])
-    system = np.log(focal / reference)[:, None] ** np.arange(2)
-    lines = np.linalg.lstsq(system, np.column_stack([principal, k1]), rcond=None)[0]
-    return Lens(truth.width, truth.height, reference, lines[:, :2], lines[:, 2])
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
-"""The reconstruction against the truth: errors a frame. `experiments.totals` sums them up to metrics.
+"""Errors of a reconstruction against the truth, frame by frame. `experiments.totals` sums them up to metrics.
 
-Nothing is aligned before it is compared, except where a metric's name says so. True cameras are projected here from the
-truth's own numbers, so that a bug in `pzcap.geometry.camera` shows and does not cancel out.
+Nothing is aligned before it is compared, except where a metric's name says so. `project_true` projects with the true
+cameras and without the library, so that a bug in `pzcap.geometry.camera` shows and does not cancel out.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from sim.truth import Truth
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraErrors:
-    """What is wrong with one camera. None where the stage did not run."""
+    """Errors of one camera. None where the stage did not run."""
 
     pan_rad: Series | None = None  # estimated minus true
-    focal: Series | None = None  # the same, relative to the true focal length
-    pan_sigma_rad: Series | None = None  # what the estimate itself believes
-    focal_sigma: Series | None = None
-    refined_pan_rad: Series | None = None  # corrected by the body
-    refined_focal: Series | None = None
-    pan_bound_rad: Series | None = None  # the least standard deviation possible, from experiments.bound
-    focal_bound: Series | None = None
-    normalised: Array | None = None  # (F, 2) errors of pan and log focal, uncorrelated, in units of their own sigma
-    nees: Series | None = None  # mean square of these two: 1 on average if the covariance is honest
+    focal: Series | None = None  # estimated over true, minus 1
+    pan_sigma_rad: Series | None = None  # standard deviation that the estimate claims
+    focal_sigma: Series | None = None  # the same of the focal length, relative
+    refined_pan_rad: Series | None = None  # estimated minus true, after camera refinement
+    refined_focal: Series | None = None  # estimated over true, minus 1, after camera refinement
+    pan_bound_rad: Series | None = None  # Cramer-Rao bound of the standard deviation, from experiments.bound
+    focal_bound: Series | None = None  # Cramer-Rao bound of the focal length, relative
+    normalised: Array | None = None  # (F, 2) errors of pan and log focal, whitened by their claimed covariance
+    nees: Series | None = None  # normalised estimation error squared over 2: 1 on average if the covariance is honest
     reprojection_px: Series | None = None  # RMS over the static scene points in the image
-    reprojection_points_px: Array | None = None  # (N,) the same distances, of all frames
+    reprojection_points_px: Array | None = None  # (N,) distances of all points in all frames
     sweep_pan_rad: Array | None = None  # (M,) a frame of the sweep, one common offset removed
     position_m: float | None = None  # distance of the reference camera's centre from the true one
     reference_px: float | None = None  # RMS residual of the calibration object
@@ -43,8 +43,10 @@ class CameraErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyErrors:
+    """Errors of the motion."""
+
     joints_m: Array  # (F, 16) distance of each joint from the truth
-    sigma_m: Array  # (F, 16) and what is claimed of it
+    sigma_m: Array  # (F, 16) standard deviation that the estimate claims
     limbs: Array  # (15,) length of each limb, joint to joint, relative to the true one; empty where nothing is valid
     valid: Mask  # (F,) the tracker gave an estimate
     keyframe: Mask  # (F,) a person posed it: not scored
@@ -53,12 +55,13 @@ class BodyErrors:
 
     @property
     def scored(self) -> Mask:
+        """(F,) the frames that count: estimated, and not posed by hand."""
         return self.valid & ~self.keyframe
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Score:
-    """Everything that can be said about a reconstruction with the truth at hand."""
+    """Errors of a reconstruction."""
 
     truth_frames: NDArray[np.int64]  # (F,) index into the truth of each frame set
     cameras: tuple[CameraErrors, ...]
@@ -68,7 +71,7 @@ class Score:
 
 
 def no_report(_done: int, _total: int) -> None:
-    """For whoever does not want to hear how far it is."""
+    """Ignore the progress."""
 
 
 def score(
@@ -79,9 +82,9 @@ def score(
 ) -> Score:
     """Compare ``reconstruction`` with ``truth``, frame by frame through their timecodes.
 
-    Where a recording that bounded the truth's range was not brought, frame sets lie beyond it: those are not scored,
-    and stand at the truth's nearest frame. ``report(done, total)`` hears of every view whose bound is known. Raises
-    PzcapError if the truth is of another capture: it lacks a camera or all timecodes.
+    Frame sets whose timecode the truth does not know are not scored; ``truth_frames`` has the nearest frame there.
+    ``report(done, total)`` is called for every view whose bound is computed. Raises PzcapError if the truth is of
+    another capture: it lacks a camera or all timecodes.
     """
     frames, known = frames_of(truth, reconstruction)
     if not known.all():
@@ -93,14 +96,14 @@ def score(
         errors = _camera_errors(reconstruction, number, truth, true, frames)
         cameras.append(_with_bound(errors, least[number], known))
         found = np.zeros(len(frames), bool) if track is None else track.valid
-        lost += int(np.sum(truth.recorded[true, frames] & known & ~found))  # a frame that was dropped is nobody's loss
+        lost += int(np.sum(truth.recorded[true, frames] & known & ~found))  # dropped frames do not count
     motion = reconstruction.motion
     body = None if motion is None else body_errors(motion, truth, frames)
     return Score(frames, tuple(cameras), foreground, body, lost)
 
 
 def frames_of(truth: Truth, reconstruction: Reconstruction) -> tuple[NDArray[np.int64], Mask]:
-    """Index into the truth of each frame set (F,), the nearest where it knows none, and whether it knows it (F,).
+    """Index into the truth of each frame set (F,), or of the nearest, and which frame sets the truth knows (F,).
 
     Raises PzcapError if the truth is of another capture: it lacks a camera or all timecodes.
     """
@@ -116,7 +119,7 @@ def frames_of(truth: Truth, reconstruction: Reconstruction) -> tuple[NDArray[np.
 
 
 def _within(reconstruction: Reconstruction, known: Mask) -> Reconstruction:
-    """``reconstruction``, its estimates valid in the frame sets ``known`` (F,) alone."""
+    """``reconstruction`` with estimates valid in the frame sets ``known`` (F,) alone."""
     motion = reconstruction.motion
     tracks, refined = (
         tuple(None if t is None else replace(t, valid=t.valid & known) for t in either)
@@ -180,14 +183,14 @@ def _camera_errors(
 
 
 def _pan_and_focal(track: PanZoomTrack, truth: Truth, true: int, frames: NDArray[np.int64]) -> tuple[Series, Series]:
-    """What pan (rad) and focal length (relative) are off by."""
+    """Errors of pan (rad) and focal length (relative)."""
     pan = np.where(track.valid, _wrap(track.pan_rad - truth.pan_rad[true, frames]), 0.0)
     focal = np.where(track.valid, track.focal_px / truth.focal_px[true, frames] - 1.0, 0.0)
     return Series(pan, track.valid), Series(focal, track.valid)
 
 
 def sweep_errors(panorama: Panorama, truth: Truth, true: int) -> Array | None:
-    """(M,) pan of the sweep's frames against the truth, rad, one common offset removed; None of another sweep."""
+    """Errors of pan (M,) of the sweep's frames, rad, one common offset removed; None if the sweep is another."""
     if len(panorama.sweep_pan_rad) != truth.sweep_pan_rad.shape[1]:
         return None
     sweep = _wrap(panorama.sweep_pan_rad - truth.sweep_pan_rad[true])
@@ -199,7 +202,7 @@ def _wrap(angle: Array) -> Array:
 
 
 def _normalised(error: Array, track: PanZoomTrack) -> tuple[Array, Mask]:
-    """Errors (F, 2) in units of their own covariance, uncorrelated; 0 where there is none (F,)."""
+    """Errors (F, 2) whitened by their covariance, and where there is one (F,); 0 elsewhere."""
     usable = track.valid & (np.linalg.det(track.covariance) > 0.0)
     values = np.zeros(error.shape)
     values[usable] = np.linalg.solve(np.linalg.cholesky(track.covariance[usable]), error[usable][..., None])[..., 0]
@@ -207,7 +210,7 @@ def _normalised(error: Array, track: PanZoomTrack) -> tuple[Array, Mask]:
 
 
 def _with_bound(errors: CameraErrors, least: bound.Bound | None, known: Mask) -> CameraErrors:
-    """``errors`` and the bound beside them, in the frame sets ``known`` (F,) to the truth."""
+    """``errors`` with the bound, valid in the frame sets ``known`` (F,)."""
     if least is None:
         return errors
     pan, focal = (Series(one.values.copy(), one.valid & known) for one in (least.pan_rad, least.log_focal))
@@ -217,18 +220,17 @@ def _with_bound(errors: CameraErrors, least: bound.Bound | None, known: Mask) ->
 def _reprojection(
     camera: PanZoomCamera, track: PanZoomTrack, truth: Truth, true: int, frames: NDArray[np.int64]
 ) -> tuple[Series, Array]:
-    """RMS a frame, and all distances (N,), between where the two cameras see the points of the static scene.
+    """Distances in px between the images of the static scene's points in the estimated and the true camera.
 
-    A distance counts no more than the image's diagonal: a camera that looks elsewhere is wrong, not infinitely so.
+    Returns the RMS of each frame, and all distances (N,). A distance is limited to the image's diagonal.
     """
     points_m = truth.scene_points_m[true]
     width, height = camera.lens.width, camera.lens.height
     diagonal = float(np.hypot(width, height))
     rms, valid, distances = np.zeros(len(frames)), np.zeros(len(frames), bool), []
     for frame in np.flatnonzero(track.valid):
-        here = true, frames[frame]
-        numbers = truth.world_T_cam[here], truth.focal_px[here], truth.principal_px[here], truth.k1[here]
-        seen, inside = project_true(*numbers, points_m)
+        there = truth.camera(true, int(frames[frame]))
+        seen, inside = project_true(there.world_T_cam, there.focal_px, there.principal_px, there.k1, points_m)
         inside &= np.all((seen >= 0) & (seen <= [width - 1, height - 1]), axis=1)
         if not inside.any():
             continue
@@ -246,7 +248,7 @@ def _reprojection(
 
 
 def body_errors(motion: Motion, truth: Truth, frames: NDArray[np.int64]) -> BodyErrors:
-    """Compare a motion with the truth, whose frames (F,) are those of `frames_of`."""
+    """Compare a motion with the truth in its ``frames`` (F,), as of `frames_of`."""
     true = truth.joints_m[frames]
     keyframe = np.zeros(len(frames), bool)
     keyframe[motion.keyframes] = True
@@ -263,7 +265,7 @@ def body_errors(motion: Motion, truth: Truth, frames: NDArray[np.int64]) -> Body
 
 
 def _limbs_m(joints_m: Array) -> Array:
-    """Mean length (15,) of each limb: the way from a joint to its parent; empty for no frames (0, 16, 3)."""
+    """Mean length (15,) of each limb, from a joint (F, 16, 3) to its parent; empty if there are no frames."""
     if not len(joints_m):
         return np.zeros(0)
     children = np.arange(1, len(PARENTS))

@@ -1,4 +1,4 @@
-"""Silhouettes against the true masks, scored as they come."""
+"""Errors of silhouettes against the true masks, scored as they come."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from sim.truth import Truth
 MIN_BODY_PX: Final = 200
 """Silhouettes are scored in views where the body is at least this tall."""
 EVEN: Final = 128
-"""A pixel counts as body if its probability (of 255) is more than this: one half is what is known of nothing."""
+"""A pixel counts as body if its probability (of 255) is more than this; at one half nothing is known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """A number a frame set. Where ``valid`` is False the value is 0 and means nothing."""
+    """One number for each frame set; 0 where ``valid`` is False."""
 
     values: Array  # (F,)
     valid: Mask  # (F,)
@@ -30,15 +30,15 @@ class Series:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForegroundErrors:
-    """Silhouettes of one camera. Valid where the body is tall enough to be scored."""
+    """Errors of one camera's silhouettes. Valid where the body is tall enough to be scored."""
 
-    iou: Series
+    iou: Series  # intersection over union
     outline_px: Series  # mean distance between the two outlines
-    shadow: Series  # area wrongly taken for body where the cast shadow is, over the body's area
+    shadow: Series  # area of the cast shadow that is taken for body, over the body's area
 
 
 class ForegroundScorer:
-    """Compares silhouettes as they come, so that none has to be kept."""
+    """Scores silhouettes one by one, so that none has to be kept."""
 
     def __init__(self, truth: Truth, camera_names: tuple[str, ...]) -> None:
         self._truth = truth
@@ -63,7 +63,7 @@ class ForegroundScorer:
         self._rows[index, camera] = (iou(estimate, true), outline_distance(estimate, true), wrong)
 
     def errors(self, frames: int) -> tuple[ForegroundErrors, ...] | None:
-        """A ForegroundErrors a camera; None where no silhouette could be scored."""
+        """Errors of each camera over so many ``frames``; None if no silhouette could be scored."""
         if not self._rows:
             return None
         table = np.zeros((len(self._cameras), 3, frames))
@@ -85,10 +85,7 @@ def iou(one: Mask, two: Mask) -> float:
 
 
 def outline_distance(estimate: Mask, true: Mask) -> float:
-    """Mean distance in pixels from each outline to the other, both ways.
-
-    An empty estimate is as far off as the true body is tall.
-    """
+    """Mean distance in pixels from the pixels of each outline to the other; the body's height if nothing is found."""
     rows = np.flatnonzero(true.any(axis=1))
     if not estimate.any():
         return float(rows[-1] - rows[0] + 1)
@@ -102,7 +99,7 @@ def outline_distance(estimate: Mask, true: Mask) -> float:
 
 
 def _outline(mask: Mask) -> Mask:
-    """The pixels of ``mask`` that touch something else. The image's border is no outline."""
+    """The pixels of ``mask`` (H, W) that touch others; the image's border is no outline."""
     solid = mask.astype(np.uint8)
     inside = cv2.erode(solid, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=1)
     return (solid > 0) & (inside == 0)

@@ -1,4 +1,4 @@
-"""What the errors of a run sum up to: the metrics that need the truth."""
+"""Metrics of a run, summed up from its errors: those that need the truth."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from typing import Final
 
 import numpy as np
 
-from experiments.metrics import Direction, Metric
+from experiments.metrics import Metric
 from experiments.score import BodyErrors, Score
 from experiments.silhouette_score import Series
 from pzcap.types import Array
 
 LOST_M: Final = 0.1
-"""A joint further off than this is lost."""
+"""Error of a joint from which on a frame counts as lost, m."""
 
 
 def metrics(result: Score) -> list[Metric]:
-    """Every number of metrics.md that needs the truth; None where the run had not the material."""
+    """Every metric that needs the truth; its value is None where the run had not the material."""
     cameras = result.cameras
     pan = np.degrees(_joined([c.pan_rad for c in cameras]))
     focal = 100.0 * _joined([c.focal for c in cameras])
@@ -26,31 +26,31 @@ def metrics(result: Score) -> list[Metric]:
     positions = [c.position_m for c in cameras if c.position_m is not None]
     residuals = [c.reference_px for c in cameras if c.reference_px is not None]
     found = [
-        _metric("reference.reprojection.rms", float(np.mean(residuals)) if residuals else None, "px"),
-        _metric("reference.position.max", 1000.0 * max(positions) if positions else None, "mm"),
-        _metric("panorama.pan.rms", _rms(np.degrees(np.concatenate(sweeps))) if sweeps else None, "deg"),
+        Metric("reference.reprojection.rms", float(np.mean(residuals)) if residuals else None, "px"),
+        Metric("reference.position.max", 1000.0 * max(positions) if positions else None, "mm"),
+        Metric("panorama.pan.rms", _rms(np.degrees(np.concatenate(sweeps))) if sweeps else None, "deg"),
         *_spread("panzoom.pan", pan, "deg"),
         *_spread("panzoom.focal", focal, "%"),
-        _metric("panzoom.refined.pan.rms", _rms(np.degrees(_joined([c.refined_pan_rad for c in cameras]))), "deg"),
-        _metric("panzoom.refined.focal.rms", _rms(100.0 * _joined([c.refined_focal for c in cameras])), "%"),
-        _metric("panzoom.reprojection.rms", _rms(points), "px"),
-        _metric("panzoom.reprojection.p95", _percentile(points, 95), "px"),
-        _metric("panzoom.lost", float(result.lost) if any(c.pan_rad for c in cameras) else None, "frames"),
-        _metric("panzoom.bound_ratio.pan", _over([(c.pan_rad, c.pan_bound_rad) for c in cameras]), "1"),
-        _metric("panzoom.bound_ratio.focal", _over([(c.focal, c.focal_bound) for c in cameras]), "1"),
-        _metric("panzoom.nees", _mean(_joined([c.nees for c in cameras])), "1"),
+        Metric("panzoom.refined.pan.rms", _rms(np.degrees(_joined([c.refined_pan_rad for c in cameras]))), "deg"),
+        Metric("panzoom.refined.focal.rms", _rms(100.0 * _joined([c.refined_focal for c in cameras])), "%"),
+        Metric("panzoom.reprojection.rms", _rms(points), "px"),
+        Metric("panzoom.reprojection.p95", _percentile(points, 95), "px"),
+        Metric("panzoom.lost", float(result.lost) if any(c.pan_rad for c in cameras) else None, "frames"),
+        Metric("panzoom.bound_ratio.pan", _over([(c.pan_rad, c.pan_bound_rad) for c in cameras]), "1"),
+        Metric("panzoom.bound_ratio.focal", _over([(c.focal, c.focal_bound) for c in cameras]), "1"),
+        Metric("panzoom.nees", _mean(_joined([c.nees for c in cameras])), "1"),
     ]
     views = result.foreground or ()
     found += [
-        _metric("foreground.iou", _mean(_joined([view.iou for view in views])), "1", "higher"),
-        _metric("foreground.outline", _mean(_joined([view.outline_px for view in views])), "px"),
-        _metric("foreground.shadow", _mean(100.0 * _joined([view.shadow for view in views])), "%"),
+        Metric("foreground.iou", _mean(_joined([view.iou for view in views])), "1", "higher"),
+        Metric("foreground.outline", _mean(_joined([view.outline_px for view in views])), "px"),
+        Metric("foreground.shadow", _mean(100.0 * _joined([view.shadow for view in views])), "%"),
     ]
     return found + body_metrics(result.body)
 
 
 def body_metrics(body: BodyErrors | None) -> list[Metric]:
-    """The metrics of the body; None, all of them, where nobody was tracked."""
+    """The metrics of the body; all values are None if no motion was tracked."""
     if body is None:
         none = np.zeros((0, 16))
         scored = inverted = airborne = covered = none
@@ -66,26 +66,22 @@ def body_metrics(body: BodyErrors | None) -> list[Metric]:
         keyframes = float(np.sum(body.keyframe))
         lost = float(np.sum(~body.valid | np.any(body.joints_m > LOST_M, axis=1)))
     return [
-        _metric("body.mpjpe.mean", _mean(scored), "mm"),
-        _metric("body.mpjpe.p95", _percentile(scored, 95), "mm"),
-        _metric("body.mpjpe.max", float(scored.max()) if scored.size else None, "mm"),
-        _metric("body.mpjpe.inverted", _mean(inverted), "mm"),
-        _metric("body.mpjpe.airborne", _mean(airborne), "mm"),
-        _metric("body.mpjpe.true_cameras", None, "mm"),
-        _metric("body.covered", _mean(covered), "%", "higher"),  # by one sigma: 68 of an honest one
-        _metric("body.limb.rms", _rms(limbs), "%"),
-        _metric("body.limb.max", float(np.abs(limbs).max()) if limbs.size else None, "%"),
-        _metric("body.keyframes", keyframes, "frames"),
-        _metric("body.lost", lost, "frames"),
+        Metric("body.mpjpe.mean", _mean(scored), "mm"),
+        Metric("body.mpjpe.p95", _percentile(scored, 95), "mm"),
+        Metric("body.mpjpe.max", float(scored.max()) if scored.size else None, "mm"),
+        Metric("body.mpjpe.inverted", _mean(inverted), "mm"),
+        Metric("body.mpjpe.airborne", _mean(airborne), "mm"),
+        Metric("body.mpjpe.true_cameras", None, "mm"),
+        Metric("body.covered", _mean(covered), "%", "higher"),  # by one sigma: 68 of an honest one
+        Metric("body.limb.rms", _rms(limbs), "%"),
+        Metric("body.limb.max", float(np.abs(limbs).max()) if limbs.size else None, "%"),
+        Metric("body.keyframes", keyframes, "frames"),
+        Metric("body.lost", lost, "frames"),
     ]
 
 
-def _metric(key: str, value: float | None, unit: str, direction: Direction = "lower") -> Metric:
-    return Metric(key, value, unit, direction)
-
-
 def _joined(series: list[Series | None] | list[Series]) -> Array:
-    """The valid values of all of them, (N,)."""
+    """The valid values of all ``series``, (N,)."""
     parts = [one.values[one.valid] for one in series if one is not None]
     return np.concatenate(parts) if parts else np.zeros(0)
 
@@ -99,12 +95,13 @@ def _over(pairs: list[tuple[Series | None, Series | None]]) -> float | None:
 
 
 def _spread(key: str, errors: Array, unit: str) -> list[Metric]:
+    """RMS, median, 95th percentile and maximum of errors (N,)."""
     size = np.abs(errors)
     return [
-        _metric(f"{key}.rms", _rms(errors), unit),
-        _metric(f"{key}.median", _percentile(size, 50), unit),
-        _metric(f"{key}.p95", _percentile(size, 95), unit),
-        _metric(f"{key}.max", float(size.max()) if size.size else None, unit),
+        Metric(f"{key}.rms", _rms(errors), unit),
+        Metric(f"{key}.median", _percentile(size, 50), unit),
+        Metric(f"{key}.p95", _percentile(size, 95), unit),
+        Metric(f"{key}.max", float(size.max()) if size.size else None, unit),
     ]
 
 

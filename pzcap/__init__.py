@@ -1,0 +1,19 @@
+"""Motion capture with cameras that stand still, pan and zoom: footage in, cameras and motion out.
+
+The spine, in reading order; everything else is a leaf that one may skip:
+
+    types                                              conventions, the skeleton, every record that crosses a stage
+    pipeline                                           the stages, and the one loop over the frames
+    geometry.lens, geometry.camera                     from a direction to a pixel
+    solver.robust, solver.gauss_newton                 how everything here is fitted
+    calibration.parameters, .bundle_adjustment, .photometric_bundle_adjustment, .stitching, .calibrate
+                                                       an empty hall becomes a panorama
+    localisation.photometric_alignment, .localise      a frame finds itself on it
+    segmentation.foreground                            the athlete is cut out
+    body.skeleton, tracking.pose_objective             what images say of a pose
+    tracking.frame_tracker, .interval_solver, .batch_refinement
+                                                       from keyframe to keyframe
+
+`extras` holds what one comparison, one experiment or one tool needs, `viewer` what shows records in Rerun; the core
+imports neither.
+"""

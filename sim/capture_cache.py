@@ -1,4 +1,4 @@
-"""Captures kept on disk, named by what they were shot with: the same configuration is not rendered twice."""
+"""Captures on disk, named by a hash of their configuration: the same one is not filmed twice."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ from sim.session import ShootConfig
 from sim.shoot import Progress, shoot
 
 VERSION: Final = 6
-"""Of the simulator. Raise it with every change to a default or to what comes of one, so that cached captures are shot
-again."""
+"""Version of the simulator. Raise it with every change of a default or of pixels, so that captures are shot again."""
 
 _TEMPORARY: Final = re.compile(r"\..+-\d+-[0-9a-f]{12}-\w{8}(\.lock)?")  # of a shoot at work, and its lock
 _COMPLETE: Final = "complete"  # stands in a cached folder when its shoot has come to the end
@@ -76,7 +75,7 @@ def _lock(temporary: Path) -> Path:
 
 
 def _departures(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
-    """What of ``values`` is not as by default: a new effect that is off by default leaves cached captures valid."""
+    """Settings that differ from their defaults: a new effect that is off by default leaves cached captures valid."""
     return {
         key: _departures(value, defaults[key]) if isinstance(value, dict) else value
         for key, value in values.items()
@@ -85,7 +84,7 @@ def _departures(values: dict[str, Any], defaults: dict[str, Any]) -> dict[str, A
 
 
 def file_hashes(config: ShootConfig) -> list[str]:
-    """Of the user's own files that a capture is made of, names and contents: changed, they make another capture.
+    """Names and hashes of the user's files that a capture is made of: if they change, so does the capture.
 
     Raises PzcapError if one cannot be read.
     """

@@ -1,4 +1,4 @@
-"""Back in the hall of a shoot: pictures that the crew did not bring home."""
+"""Further pictures of a shoot that was filmed before: the same hall, tripods and athlete, set up again."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ from pathlib import Path
 import numpy as np
 
 from pzcap.types import Camera, Image, Pose
-from sim.cameras.operator import CameraPrior
+from sim.cameras.operator import PanTiltZoom
 from sim.people.athlete import set_pose
 from sim.scene import stream
 from sim.session import ShootConfig, assemble
 
 
 class Hall:
-    """The hall, the tripods and the athlete of a shoot, set up once more. Use it as a context manager."""
+    """The hall, the tripods and the athlete of a shoot. Use it as a context manager."""
 
     def __init__(self, config: ShootConfig) -> None:
         self._config = config
         with tempfile.TemporaryDirectory() as folder:  # nothing is recorded
-            self._crew = assemble(config, Path(folder))
+            self._session = assemble(config, Path(folder))
 
     def __enter__(self) -> Hall:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._crew.stage.close()
+        self._session.stage.close()
 
     def photograph_object(self, camera: int, pan_rad: float, focal_px: float) -> Image:
         """The calibration object, put back where it was, as this camera sees it panned and zoomed (section 4.3)."""
         rng = stream(self._config.seed, "object once more", camera)
-        return self._crew.cameras[camera].still(rng, CameraPrior(pan_rad, focal_px))
+        return self._session.cameras[camera].still(rng, PanTiltZoom(pan_rad, focal_px))
 
     def camera(self, camera: int, pan_rad: float, focal_px: float) -> Camera:
-        """What that camera is then, truly."""
-        config, rig = self._config, self._crew.rigs[camera]
+        """The true camera, so panned and zoomed."""
+        config, rig = self._config, self._session.rigs[camera]
         pose = rig.world_T_cam(pan_rad, focal_px)
         return Camera(config.width, config.height, pose, focal_px, rig.principal_px, rig.k1(focal_px))
 
     def portray(self, camera: Camera, pose: Pose) -> Image:
         """The athlete as an ideal ``camera`` would see them, which no tripod carries; its lens does not distort."""
-        stage = self._crew.stage
+        stage = self._session.stage
         set_pose(stage.model, stage.data, pose)
         stage.aim(camera.world_T_cam, float(np.degrees(2 * np.arctan(camera.height / 2 / camera.focal_px))))
         picture = stage.picture((camera.width, camera.height), athlete=True)

@@ -1,4 +1,4 @@
-"""The hall, the athlete and the calibration object in one MuJoCo model, and what can be measured in it."""
+"""The MuJoCo scene of hall, athlete and calibration object; joints and points measured in it; random streams."""
 
 from __future__ import annotations
 
@@ -18,19 +18,14 @@ from sim.people.athlete import AthleteConfig
 
 
 def stream(seed: int, *purpose: str | int) -> np.random.Generator:
-    """Random numbers for one purpose, whatever has been drawn for others."""
+    """Random generator for one purpose, independent of what is drawn for others."""
     return np.random.default_rng([seed, *(zlib.crc32(str(part).encode()) for part in purpose)])
 
 
 def build_stage(
-    seed: int,
-    gym_config: GymConfig,
-    athlete_config: AthleteConfig,
-    measurements: dict[str, float],
-    largest: tuple[int, int],
-    *,
-    mipmaps: bool = True,
-) -> Stage:
+    seed: int, gym_config: GymConfig, athlete_config: AthleteConfig, measurements: dict[str, float],
+    largest: tuple[int, int], *, mipmaps: bool = True,
+) -> Stage:  # fmt: skip
     """The compiled scene, for pictures no larger than ``largest`` (width, height); ``mipmaps`` as `Stage` has it."""
     spec = mujoco.MjSpec()
     gym.build_gym(spec, gym_config, stream(seed, "gym"))

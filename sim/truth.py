@@ -1,4 +1,7 @@
-"""What the simulator knows, on disk. Needs nothing but numpy to be read."""
+"""The truth about a capture: its record, its files, and true cameras, lenses and poses from it.
+
+Reading it needs numpy alone, no simulator. `sim.collect_truth` makes the record.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.io.files import checked
-from pzcap.types import Array, Mask
+from pzcap.types import Array, Camera, Lens, Mask, Pose
 
 _MASKS = ("mask_bits", "shadow_bits")
 
@@ -68,6 +71,36 @@ class Truth:
         """(F,) the head is below the pelvis."""
         return np.asarray(self.joints_m[:, 3, 2] < self.joints_m[:, 0, 2])
 
+    def camera(self, camera: int, frame: int) -> Camera:
+        """The camera at the mid-exposure of a frame."""
+        at = camera, frame
+        return self._camera(self.world_T_cam[at], self.focal_px[at], self.principal_px[at], self.k1[at])
+
+    def reference_camera(self, camera: int) -> Camera:
+        """The camera as it took the image of the calibration object."""
+        return self._camera(
+            self.reference_world_T_cam[camera], self.reference_focal_px[camera],
+            self.reference_principal_px[camera], self.reference_k1[camera],
+        )  # fmt: skip
+
+    def lens(self, camera: int) -> Lens:
+        """The camera's intrinsics as functions of the focal length.
+
+        Principal point and k1 are straight lines in log focal, fitted by least squares to the reference image and all
+        frames. The simulator's lens is such a line (`sim.cameras.optics`): the fit is exact.
+        """
+        reference = float(self.reference_focal_px[camera])
+        focal = np.concatenate([[reference], self.focal_px[camera]])
+        principal = np.vstack([self.reference_principal_px[camera], self.principal_px[camera]])
+        k1 = np.concatenate([[self.reference_k1[camera]], self.k1[camera]])
+        system = np.log(focal / reference)[:, None] ** np.arange(2)
+        lines = np.linalg.lstsq(system, np.column_stack([principal, k1]), rcond=None)[0]
+        return Lens(self.width, self.height, reference, lines[:, :2], lines[:, 2])
+
+    def pose(self, frame: int) -> Pose:
+        """The athlete's pose at the mid-exposure of a frame."""
+        return Pose(self.root_position_m[frame], self.rotations[frame])
+
     def mask(self, camera: int, frame: int) -> Mask:
         """(H, W) the pixels that show the athlete."""
         return self._unpack(self.mask_bits[camera, frame])
@@ -76,6 +109,9 @@ class Truth:
         """(H, W) the pixels darkened by the athlete's shadow, off the athlete; None where it is not known."""
         at = np.flatnonzero(self.shadow_frames == frame)
         return self._unpack(self.shadow_bits[camera, at[0]]) if len(at) else None
+
+    def _camera(self, world_T_cam: Array, focal_px: float, principal_px: Array, k1: float) -> Camera:
+        return Camera(self.width, self.height, world_T_cam, float(focal_px), principal_px, float(k1))
 
     def _unpack(self, bits: NDArray[np.uint8]) -> Mask:
         return np.unpackbits(bits, count=self.height * self.width).reshape(self.height, self.width).astype(bool)

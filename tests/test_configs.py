@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
-from omegaconf import OmegaConf
 
 from experiments import run
 from experiments.config import CONVERTER, AppConfig, build, default_tree, keys, nearest
 from experiments.errors import explain, guard
 from pzcap.types import PzcapError
+from tests.scenes.configs import composed
 
 EXPERIMENTS = sorted(path.stem for path in (run.CONF / "experiment").glob("*.yaml"))
 
@@ -36,14 +35,6 @@ def leaf(tree: dict[str, Any], key: str) -> Any:
     for part in key.split("."):
         value = value[part]
     return value
-
-
-def composed(*overrides: str) -> dict[str, Any]:
-    GlobalHydra.instance().clear()
-    with initialize_config_dir(str(run.CONF), version_base="1.3"):
-        tree = OmegaConf.to_container(compose("config", overrides=list(overrides)), resolve=True)
-    assert isinstance(tree, dict)
-    return {str(key): value for key, value in tree.items()}
 
 
 def test_the_experiments_of_the_readme_are_there() -> None:

@@ -1,80 +1,68 @@
 """What a detector's keypoints are worth: the body without them, with them, and from them alone.
 
-    python -m experiments.comparisons.keypoints CAPTURE      # with keypoints, and the truth beside it
-    python -m experiments.run experiment=floor_exercise shoot.detector.enabled=true    # shoots one
+    python -m experiments.compare keypoints seed=0           # conf/experiment/keypoints.yaml shoots with a detector
+    python -m experiments.compare keypoints capture=CAPTURE  # with keypoints, and the truth beside it
 
-prints how far off the joints are (mm: mean, 95th percentile, largest, mean of an inverted body) and how many frames are
-lost. The cameras are estimated, and are the same for all three.
+How far off the joints are, and how many frames are lost. The cameras are estimated, and are the same for all three.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from rich.table import Table
+from rich.console import Console
 
+from experiments.comparisons.harness import Column, Comparison, Row, scored_capture
 from experiments.comparisons.triangulation import triangulate
-from experiments.errors import guard
-from experiments.footage import capture_in, truth_beside
-from experiments.metrics import Metric, format_value
+from experiments.config import AppConfig
 from experiments.progress import Bars
 from experiments.score import score
-from experiments.terminal import terminal
 from experiments.totals import metrics
-from pzcap.io.capture import read_capture
-from pzcap.pipeline import Config, reconstruct
-from pzcap.types import Capture, PzcapError, Reconstruction
+from pzcap.pipeline import reconstruct
+from pzcap.types import PzcapError, Reconstruction
 from sim.truth import Truth
 
-SHOWN: Final = ("body.mpjpe.mean", "body.mpjpe.p95", "body.mpjpe.max", "body.mpjpe.inverted", "body.lost")
+
+def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[Any]]:
+    """Each way to the body. Raises PzcapError where no camera has keypoints."""
+    del folder
+    with Bars(console) as bars:
+        capture, truth = scored_capture(config, bars.update)
+        if not any(camera.keypoints for camera in capture.cameras):
+            raise PzcapError(f"{capture.folder}: no camera has keypoints; name them in capture.json (docs/capture.md)")
+        plain = replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
+        without = reconstruct(plain, config.reconstruct, bars.update)
+        joined = reconstruct(capture, config.reconstruct, bars.update, without)
+        alone = replace(without, motion=triangulate(capture, without))
+    ways = {
+        "without": ("without keypoints", without),
+        "with": ("with keypoints", joined),
+        "alone": ("keypoints alone", alone),
+    }
+    return [Row(key, label, body(found, truth)) for key, (label, found) in ways.items()]
 
 
-def compare(capture: Capture, truth: Truth, bars: Bars) -> Iterator[tuple[str, dict[str, Metric]]]:
-    """Name and scores of each way to the body."""
-    plain = replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
-    without = reconstruct(plain, Config(), bars.update)
-    yield "without keypoints", body(without, truth)
-    yield "with keypoints", body(reconstruct(capture, Config(), bars.update, without), truth)
-    yield "keypoints alone", body(replace(without, motion=triangulate(capture, without)), truth)
-
-
-def body(reconstruction: Reconstruction, truth: Truth) -> dict[str, Metric]:
+def body(reconstruction: Reconstruction, truth: Truth) -> dict[str, float | None]:
     """The scores of the body alone."""
     bodily = replace(reconstruction, tracks=(None,) * len(reconstruction.tracks))
-    return {metric.key: metric for metric in metrics(score(bodily, truth, None))}
+    return {metric.key: metric.value for metric in metrics(score(bodily, truth, None))}
 
 
-def _command() -> None:
-    parser = argparse.ArgumentParser(
-        prog="experiments.comparisons.keypoints", description=(__doc__ or "").partition("\n")[0]
-    )
-    parser.add_argument("capture", type=Path, help="a capture with keypoints, and the truth beside it")
-    folder = capture_in(parser.parse_args().capture)
-    capture, truth = read_capture(folder), truth_beside(folder)
-    if truth is None:
-        raise PzcapError(f"{folder}: no truth lies beside it to compare with; shoot one (shoot.detector.enabled=true)")
-    if not any(camera.keypoints for camera in capture.cameras):
-        raise PzcapError(f"{folder}: no camera has keypoints; name them in capture.json (docs/capture.md)")
-    title = f"{capture.name}: joint errors in mm, and frames lost"
-    table = Table(title=title, title_justify="left", header_style="bold")
-    table.add_column("the body")
-    for key in SHOWN:
-        table.add_column(key.rpartition(".")[2], justify="right")
-    with Bars(terminal(stderr=True)) as bars:
-        for name, found in compare(capture, truth, bars):
-            table.add_row(name, *(format_value(found[key]) for key in SHOWN))
-    terminal().print(table)
-
-
-def main() -> int:
-    """The command. Exit status 0, or 1 with a line on stderr."""
-    return guard(_command)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+COMPARISON: Final[Comparison[Any]] = Comparison(
+    name="keypoints",
+    about=__doc__ or "",
+    columns=(
+        Column("body.mpjpe.mean", "mean mm", "mm", "{:.1f}"),
+        Column("body.mpjpe.p95", "p95 mm", "mm", "{:.1f}"),
+        Column("body.mpjpe.max", "max mm", "mm", "{:.0f}"),
+        Column("body.mpjpe.inverted", "inverted mm", "mm", "{:.1f}"),
+        Column("body.lost", "lost", "frames", "{:.0f}"),
+    ),
+    compare=compare,
+    plots={},
+    experiment="keypoints",
+    variants="the body",
+)

@@ -23,7 +23,6 @@ from pzcap.types import (
     CalibrationObject,
     Camera,
     Image,
-    Lens,
     Panorama,
     PanZoomCamera,
     PanZoomTrack,
@@ -93,23 +92,14 @@ class Run:
         """The athlete's pose as it was in a frame set."""
         if self.truth is None or self.truth_frames is None:
             return None
-        at = self.truth_frames[frame]
-        return Pose(self.truth.root_position_m[at], self.truth.rotations[at])
+        return self.truth.pose(int(self.truth_frames[frame]))
 
     def true_camera(self, name: str, frame: int | None) -> Camera | None:
         """A camera as it was in a frame set, or at the reference pose."""
         if self.truth is None or self.truth_frames is None:
             return None
         truth, c = self.truth, self.truth.camera_names.index(name)
-        if frame is None:
-            pose, focal = truth.reference_world_T_cam[c], truth.reference_focal_px[c]
-            principal, k1 = truth.reference_principal_px[c], truth.reference_k1[c]
-        else:
-            f = self.truth_frames[frame]
-            pose, focal, principal, k1 = (
-                getattr(truth, field)[c, f] for field in ("world_T_cam", "focal_px", "principal_px", "k1")
-            )
-        return Camera(truth.width, truth.height, pose, float(focal), principal, float(k1))
+        return truth.reference_camera(c) if frame is None else truth.camera(c, int(self.truth_frames[frame]))
 
     def true_track(self, name: str) -> tuple[Array, Array] | None:
         """Pan, rad, and focal length, px, as they were in all frame sets: (F,) each."""
@@ -124,11 +114,8 @@ class Run:
         if reference is None or self.truth is None:
             return None
         c = self.truth.camera_names.index(name)
-        zoom = np.log(self.truth.focal_px[c] / reference.focal_px)
-        k1 = np.polynomial.polynomial.polyfit(np.append(zoom, 0.0), np.append(self.truth.k1[c], reference.k1), 1)
-        lens = Lens(self.truth.width, self.truth.height, reference.focal_px, reference.principal_px[None], k1)
-        tilt = float(np.median(self.truth.tilt_rad[c]))
-        return mount(reference, PanZoomCamera(lens, np.eye(4), tilt, float(self.truth.roll_rad[c])))
+        tilt, roll = float(np.median(self.truth.tilt_rad[c])), float(self.truth.roll_rad[c])
+        return mount(reference, PanZoomCamera(self.truth.lens(c), np.eye(4), tilt, roll))
 
 
 def load(folder: Path, command: str) -> Run:

@@ -13,7 +13,7 @@ from experiments.config import CONVERTER, build, leaves
 from experiments.metrics import Metric, format_value, meets_target
 from experiments.score import Score
 from experiments.silhouette_score import Series
-from pzcap.types import JOINTS, Camera, Reconstruction
+from pzcap.types import JOINTS, Reconstruction
 from pzcap.viewer import columns, drawing, layouts
 from pzcap.viewer.columns import path_part, plain, view_path
 from pzcap.viewer.drawing import CAMERA_COLOURS, TRUTH_COLOUR
@@ -64,17 +64,7 @@ def _send_truth(rec: rr.RecordingStream, reconstruction: Reconstruction, truth: 
     columns.send_figures(rec, "/truth/body/skeleton", figure, everywhere, TRUTH_COLOUR, 0.006)
     for name in reconstruction.camera_names:
         at = truth.camera_names.index(name)
-        cameras = [
-            Camera(
-                truth.width,
-                truth.height,
-                truth.world_T_cam[at, frame],
-                float(truth.focal_px[at, frame]),
-                truth.principal_px[at, frame],
-                float(truth.k1[at, frame]),
-            )
-            for frame in frames
-        ]
+        cameras = [truth.camera(at, frame) for frame in frames.tolist()]
         columns.send_cameras(rec, "/truth", name, cameras, float(truth.reference_focal_px[at]), TRUTH_COLOUR)
         pan, focal = truth.pan_rad[at, frames], truth.focal_px[at, frames]
         columns.send_tracks(rec, "/truth/track", name, pan, focal, everywhere, TRUTH_COLOUR, 0.8)  # within the estimate

@@ -122,13 +122,19 @@ def write_study(folder: Path, places: Sequence[Path]) -> bool:
     return True
 
 
+def _phrase(text: str) -> str:
+    """First sentence of a setting's text, to stand within another."""
+    sentence = text.split(". ")[0].removesuffix(".")
+    return sentence[:1].lower() + sentence[1:]
+
+
 def _context(study: Study) -> dict[str, Any]:
     panels = [panel for panel in PANELS if any(run.value(panel.metric) is not None for run in study.runs)]
     plan, axes, told = Plan.of(study), tuple(dict.fromkeys((*study.axes, SEED))), descriptions()
     return {
         "title": study.folder.name,
         "axes": [_short(axis) for axis in axes],
-        "varied": [(axis, told.get(axis, "")) for axis in study.axes],
+        "varied": [(axis, _phrase(told.get(axis, ""))) for axis in study.axes],
         "panels": [panel.title for panel in panels],
         "figure": plots.svg(WIDTH_IN, ROW_IN * math.ceil(len(panels) / COLUMNS), lambda f: _draw(f, plan, panels)),
         "surface": _surfaces(plan, panels),

@@ -34,6 +34,7 @@ from pzcap.calibration.parameters import (
 )
 from pzcap.geometry.camera import SEEN, VIEW, direction_to_pixel_with_derivatives, pixel_to_direction_kernel
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at
+from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array
 
 SETTLED_RAD = 1e-5  # a step this small ends the adjustment: a hundredth of a pixel
@@ -242,7 +243,7 @@ def _accumulate(
             residual = seen - matches[n, 2:]
             squared = residual[0] * residual[0] + residual[1] * residual[1]
             length[bounds[link] + n] = np.sqrt(squared)
-            weight = (scale * scale / (scale * scale + squared)) ** 2
+            weight = geman_mcclure(squared / (scale * scale))
             for k in range(len(touched) - SIDES):
                 touched[SIDES + k] = SIDES + number[nodes[k]]
             for side in range(2):

@@ -22,6 +22,7 @@ from pzcap.calibration.parameters import Model, Sigmas, chains_of, information, 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall
 from pzcap.imaging.bspline import Stored, at_pixels, cubic, softened_further
+from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array
 
 TILE = 16  # pixels: edges are taken from everywhere, so many across
@@ -182,7 +183,7 @@ def _accumulate(
             shaded = lit * (_radial(seen[0], seen[1], images) - _radial(u, v, images))
             difference = value - gains[link, 0] * lit - gains[link, 1] * shaded
             residual[n] = difference
-            weight = (scale * scale / (scale * scale + difference * difference)) ** 2
+            weight = geman_mcclure((difference / scale) ** 2)
             for k in range(SIDES):
                 row[k] = by_x * jacobian[0, k] + by_y * jacobian[1, k]
             for k in range(len(touched) - SIDES):

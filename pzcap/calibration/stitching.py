@@ -18,6 +18,7 @@ from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
 from pzcap.imaging import bspline
+from pzcap.solver.robust import geman_mcclure_weights
 from pzcap.types import Array, Image, InverseDepthMap, Mask, Panorama
 
 DIFFERENT = 8.0  # grey levels, mean over a few pixels, that noise and resampling do not make
@@ -44,7 +45,7 @@ def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, h
     for _ in range(6):
         residual = observed - radial @ solution[frames:] - (solution[second] - solution[first])
         scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-3)
-        weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
+        weight = geman_mcclure_weights(residual, 2.0 * scale)
         normal = np.zeros((frames + 2, frames + 2))
         gradient = np.zeros(frames + 2)
         shared = slice(frames, frames + 2)

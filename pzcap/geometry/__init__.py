@@ -1,0 +1,5 @@
+"""Where a direction is seen. In reading order:
+
+`lens` (distortion, the only place with its formula), `camera` (pan, tilt and zoom to pixels and rays), `cylinder` (the
+panorama's, and the parallax of a centre beside the axis), `pinhole` (a camera as kernels take it).
+"""

@@ -12,6 +12,7 @@ import numpy as np
 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
+from pzcap.solver.robust import geman_mcclure_weights
 from pzcap.types import Array, Mask, Panorama, PanZoomCamera
 
 
@@ -52,7 +53,7 @@ def solve_eq11(
         seen, _ = geometry.direction_to_pixel(view, *directions)
         residual = seen - points_px
         length = np.hypot(residual[:, 0], residual[:, 1])
-        weight = (scale**2 / (scale**2 + length**2)) ** 2
+        weight = geman_mcclure_weights(length, scale)
         jacobian = geometry.pan_zoom_derivatives(camera, view, *directions)[:, :, :free]
         weighted = (jacobian * weight[:, None, None]).reshape(-1, free)
         normal = weighted.T @ jacobian.reshape(-1, free) + 1e-9 * np.eye(free)

@@ -33,6 +33,7 @@ from pzcap.localisation.panorama_sampler import (
     sample,
 )
 from pzcap.solver import robust
+from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 LEVELS = ((3, 4), (1, 2), (0, 12))  # from coarse to fine: halvings of the size, and Gauss-Newton steps, at most
@@ -323,11 +324,10 @@ def _weigh(
     for n in range(len(residual)):
         if sampled[n, KNOWN] == 0.0:
             continue
-        nearness = 1.0 / (1.0 + (residual[n] / scale) ** 2)
-        weight = nearness * nearness
+        weight = geman_mcclure((residual[n] / scale) ** 2)
         weights[n] = weight
         total += weight
-        curved += weight * (4.0 * nearness - 3.0)
+        curved += weight * (4.0 * np.sqrt(weight) - 3.0)
         for i in range(free):
             row[i] = brightness[n] * sampled[n, BY_PAN + i]
         for i in range(free, count):

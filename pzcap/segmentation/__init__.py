@@ -1,0 +1,2 @@
+"""Silhouettes: `foreground` leads, `background_model` (hall, shadow or body, by colour), `boundary_refinement` (the
+outline)."""

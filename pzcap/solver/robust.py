@@ -1,11 +1,27 @@
-"""What most of some values are like, however far off the others are."""
+"""Robust weights and scales: what most of some values are like, however far off the others are."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 
 from pzcap.types import Array
+
+
+@njit(cache=True, nogil=True, inline="always")
+def geman_mcclure(squared: float) -> float:
+    """Weight of a residual, ``1 / (1 + squared)^2`` of its square over the squared scale (Geman and McClure, 1987)."""
+    nearness = 1.0 / (1.0 + squared)
+    return nearness * nearness
+
+
+def geman_mcclure_weights(residual: ArrayLike, scale: float) -> Array:
+    """`geman_mcclure` of residuals (...) at a ``scale`` in their unit."""
+    squared: Any = (np.asarray(residual) / scale) ** 2
+    return np.asarray(geman_mcclure.py_func(squared), np.float64)
 
 
 def half_sample_mode(values: Array) -> float:
@@ -29,7 +45,7 @@ def line(
     for scale in scales:
         ones, first, second, sums, products = 1e-6, 0.0, 1e-6, 0.0, 0.0
         for n in range(len(values)):
-            robust = weight[n] / (1.0 + ((values[n] - a - b * at[n]) / scale) ** 2) ** 2
+            robust = weight[n] * geman_mcclure(((values[n] - a - b * at[n]) / scale) ** 2)
             ones += robust
             first += robust * at[n]
             second += robust * at[n] * at[n]

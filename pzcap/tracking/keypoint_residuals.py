@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pzcap.body.landmarks import SEGMENT, Landmarks
 from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray
+from pzcap.solver.robust import geman_mcclure
 from pzcap.tracking.residuals import PointResiduals
 from pzcap.tracking.tuning import KEYPOINT
 from pzcap.types import Array, Camera
@@ -57,11 +58,11 @@ def _residuals(
         if confidence[k] <= 0.0:
             continue
         squared = (person[k, 0] - pixels[k, 0]) ** 2 + (person[k, 1] - pixels[k, 1]) ** 2
-        robust = 1.0 / (1.0 + squared / (scale * sigma[k]) ** 2)
+        robust = geman_mcclure(squared / (scale * sigma[k]) ** 2)
         across, down, depth = ray(world[k, 0], world[k, 1], world[k, 2], camera)
         for axis in range(2):
             keypoint[count] = k
-            rows[count, 0] = robust * robust / sigma[k] ** 2
+            rows[count, 0] = robust / sigma[k] ** 2
             rows[count, 1] = person[k, axis] - pixels[k, axis]
             rows[count, 2:5] = pixel_gradient(across, down, depth, camera, 1.0 - axis, float(axis))
             rows[count, 5:] = world[k]

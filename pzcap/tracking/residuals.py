@@ -18,6 +18,7 @@ from pzcap.geometry.pinhole import Pinhole, Vector, pixel_gradient, ray, to_pixe
 from pzcap.imaging.interpolation import bilinear, bilinear_with_gradient
 from pzcap.limbs.search import ARMS, GROUP
 from pzcap.limbs.skin_colour_model import LOWER_ARM
+from pzcap.solver.robust import geman_mcclure
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR
 from pzcap.tracking.visibility import ProjectedSkin, SkinPoints, ZBuffer
 from pzcap.types import SEGMENTS, Array, Float32, Image
@@ -133,8 +134,7 @@ def photometric(
             continue
         value, du, dv = bilinear_with_gradient(image, x, y)
         residual = value - template.value[n]
-        robust = 1.0 / (1.0 + (residual / sigma) ** 2)
-        weight = robust * robust * template.trust[n] * min(1.0, 2.0 * facing[n])
+        weight = geman_mcclure((residual / sigma) ** 2) * template.trust[n] * min(1.0, 2.0 * facing[n])
         weight = weight * terms.segment_weight[s] / (sigma * sigma)
         across, down, depth = ray(points[n, 0], points[n, 1], points[n, 2], camera)
         a0, a1, a2 = pixel_gradient(across, down, depth, camera, du / scale, dv / scale)
@@ -253,8 +253,8 @@ def contour(
         aligned = -(gx * nu + gy * nv) / max(steepness, 1e-9)
         if steepness < CONTOUR.least_slope or aligned < 0.5:
             continue
-        robust = 1.0 / (1.0 + (offset / (CONTOUR.robust_sigmas * terms.sigma)) ** 2)
-        weight = robust * robust * aligned * min(1.0, slope / CONTOUR.clear_fall) * terms.weight
+        robust = geman_mcclure((offset / (CONTOUR.robust_sigmas * terms.sigma)) ** 2)
+        weight = robust * aligned * min(1.0, slope / CONTOUR.clear_fall) * terms.weight
         found.owner[count] = s
         found.rows[count, 0] = weight / (terms.sigma * terms.sigma)
         found.rows[count, 1] = offset

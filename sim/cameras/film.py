@@ -1,4 +1,4 @@
-"""A camera at work: it exposes, develops and records. Rendering, developing and encoding go on side by side."""
+"""A simulated camera: exposes, develops, records. Rendering, developing and encoding run side by side."""
 
 from __future__ import annotations
 
@@ -7,28 +7,40 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
 
 from pzcap.io.video import write_video
 from pzcap.types import Array, Image, Mask, Pose
-from sim.cameras.operator import CameraPrior
+from sim.cameras.operator import PanTiltZoom
 from sim.cameras.optics import Plate, Rig, lens_maps, plate_for, through_lens, vignette
 from sim.cameras.render import Stage
 from sim.cameras.sensor import Exposure, Sensor, SensorConfig
 from sim.people.athlete import set_pose
 
-_AVERAGED: Final = 0.75  # several moments averaged smooth edges by themselves: they need less supersampling
+_AVERAGED: Final = 0.75  # share of the supersampling that pictures averaged over several moments need
 
 _AHEAD = 4  # frames that may wait to be developed
 _SHADOW_LEVELS = 6  # grey levels by which a shadow darkens a pixel, at least
 
-Look = Callable[[float], CameraPrior]
-"""Where the camera looks at a time (s)."""
+Look = Callable[[float], PanTiltZoom]
+"""Pan, zoom and tilt of the camera at a time (s)."""
 Person = Callable[[float], Pose]
-"""The pose of whoever is in the hall, at a time (s)."""
+"""Pose of the person in the hall at a time (s)."""
+
+
+class Recording(NamedTuple):
+    """Format of a video and way to film it."""
+
+    frame_rate: Fraction
+    crf: int
+    supersampling: float  # rendered pixels for each pixel, in a frame of a single moment; of several, less
+    sub_exposures: int = 1  # moments averaged over the open shutter
+    light: float = 1.0  # brightness of the hall, over that by default
+    timecode: str | None = None  # of the first frame
+    indices: Sequence[int] | None = None  # (N,) numbers of the frames, where some are dropped
 
 
 def finest_plate(rig: Rig, config: SensorConfig, zoom: float) -> tuple[int, int]:
@@ -45,41 +57,26 @@ class FilmCamera:
         self._averaged_scale = _AVERAGED * config.supersampling
         self._sensor = Sensor(config, vignette(rig), rng)
 
-    def still(self, rng: np.random.Generator, aim: CameraPrior | None = None) -> Image:
+    def still(self, rng: np.random.Generator, aim: PanTiltZoom | None = None) -> Image:
         """Photograph the calibration object at the reference pose, or with another ``aim``; nobody in the hall."""
         scale = self._config.supersampling_still
-        aim = aim or CameraPrior(0.0, self._rig.reference_focal_px)
+        aim = aim or PanTiltZoom(0.0, self._rig.reference_focal_px)
         focal_px = aim.focal_px
         plate = self._aim(lambda _: aim, 0.0, None)
         light = self._stage.picture(plate.size(scale), athlete=False, calibration_object=True)
         return self._develop(light, focal_px, scale, Exposure(self._config.exposure_drift, rng)(0.0), rng)
 
     def record(
-        self,
-        path: Path,
-        look: Look,
-        times_s: Array,
-        *,
-        person: Person | None,
-        light: float = 1.0,
-        frame_rate: Fraction,
-        crf: int,
-        supersampling: float,
-        sub_exposures: int,
-        rng: np.random.Generator,
-        timecode: str | None = None,
-        indices: Sequence[int] | None = None,
+        self, path: Path, look: Look, times_s: Array, person: Person | None, how: Recording, rng: np.random.Generator
     ) -> Iterator[int]:
         """Record a video; yield each frame's number once it is exposed. The video is complete at the end.
 
-        times_s: (N,) the middle of each exposure, which lasts ``shutter_s`` and averages ``sub_exposures`` moments.
-        person: who is in the hall; None: nobody. light: the hall's brightness, 1 as it is lit by default.
-        supersampling: how much finer than the image a frame of a single moment is rendered; of several, less.
+        times_s: (N,) the middle of each exposure, which lasts ``shutter_s``. person: None if nobody is in the hall.
         """
         exposure = Exposure(self._config.exposure_drift, rng)
-        sub_exposures = sub_exposures if self._config.shutter_s > 0 else 1
-        offsets_s = ((np.arange(sub_exposures) + 0.5) / sub_exposures - 0.5) * self._config.shutter_s
-        scale = supersampling if sub_exposures == 1 else _AVERAGED * supersampling
+        moments = how.sub_exposures if self._config.shutter_s > 0 else 1
+        offsets_s = ((np.arange(moments) + 0.5) / moments - 0.5) * self._config.shutter_s
+        scale = how.supersampling if moments == 1 else _AVERAGED * how.supersampling
         exposed: queue.Queue[tuple[Image, float, float] | None] = queue.Queue(_AHEAD)
 
         def developed() -> Iterator[Image]:
@@ -89,13 +86,13 @@ class FilmCamera:
 
         with ThreadPoolExecutor(1) as pool:
             encoding = pool.submit(
-                write_video, path, developed(), frame_rate, crf=crf, timecode=timecode, indices=indices
+                write_video, path, developed(), how.frame_rate, crf=how.crf, timecode=how.timecode, indices=how.indices
             )
             try:
                 for k, time_s in enumerate(times_s.tolist()):
                     focal_px = look(time_s).focal_px
                     plate = self._expose(look, time_s + offsets_s, focal_px, scale, person)
-                    _put(exposed, (plate, focal_px, light * exposure(time_s)), encoding)
+                    _put(exposed, (plate, focal_px, how.light * exposure(time_s)), encoding)
                     if encoding.done():
                         break
                     yield k
@@ -123,7 +120,7 @@ class FilmCamera:
         return np.asarray(darker & (body == 0))
 
     def _aim(self, look: Look, time_s: float, person: Person | None, focal_px: float | None = None) -> Plate:
-        """Set the scene for one moment; return the plate to render. ``focal_px`` overrules what the hands do."""
+        """Set the scene for one moment; return the plate to render. ``focal_px`` overrules what the trajectory says."""
         aim = look(time_s)
         focal_px = focal_px or aim.focal_px
         if person is not None:

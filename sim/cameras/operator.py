@@ -1,4 +1,4 @@
-"""The people behind the cameras: how they pan and zoom by hand."""
+"""Camera operators: trajectories of pan, zoom and tilt by hand, and the sweep."""
 
 from __future__ import annotations
 
@@ -12,44 +12,48 @@ from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 from pzcap.types import Array, PzcapError
 from sim.cameras.optics import Rig
 
-_RATE_HZ = 240  # at which hands are simulated
+_RATE_HZ = 240  # at which trajectories are simulated
 _SETTLE_S = 3.0  # an operator finds the athlete this long before the recording begins
 _TILT_SMOOTHING_S = 0.3  # nobody follows every jump with the tilt
 
 
 @dataclass(frozen=True, slots=True)
 class OperatorConfig:
-    """How steady the hands are and how the picture is framed."""
+    """Steadiness of the operators, and framing of the picture."""
 
     moves: Literal["pan_zoom", "pan", "none"] = "pan_zoom"
-    """Pan: zoomed once, for all of it; none: locked."""
+    """Movements of the camera. pan: zoomed once, so that the athlete fits all the time; none: locked, with all of the
+    athlete's way in view."""
     reaction_s: float = 0.15
-    """What is seen is acted upon this much later."""
+    """Delay between what an operator sees and does, s: the reaction time of a human who expects a movement."""
     bandwidth_hz: float = 0.9
-    """Of the hand on the pan bar, a mass on a spring."""
+    """Natural frequency of the pan, a mass on a spring, Hz: a fluid head follows a person, and overshoots at leaps."""
     damping: float = 0.55
-    """Of the same; below 1 it overshoots."""
+    """Damping ratio of the pan; below 1 it overshoots."""
     tremor_deg: float = 0.02
-    """Standard deviation."""
+    """Standard deviation of the hand's tremor in pan and tilt, degrees: what a fluid head lets through."""
     tremor_hz: float = 4.0
+    """Frequency about which the tremor lies, Hz: that of an arm that holds a bar."""
     body_height: float = 0.55
-    """Of the body in the picture, image heights."""
+    """Height of the body in the picture, image heights: room for a leap. The zoom range limits it."""
     whole_body: bool = True
-    """False: as close as `body_height` says, if only the chest stays in the picture."""
+    """All of the body stays in the picture. Off: only the chest does, as close as `body_height` says."""
     zoom_smoothing_s: float = 0.45
+    """Time over which the zoom is smoothed, s, standard deviation: it follows the distance and not each movement."""
     sweep_step_deg: float = 2.05
-    """Between the frames of the sweep."""
+    """Step between frames of the sweep, degrees: neighbours overlap by 95 % of the image."""
     sweep_speed_variation: float = 0.05
-    """Standard deviation of a step, share of the step."""
+    """Standard deviation of a step of the sweep, share of the step: it is panned by hand."""
     swing_deg_s: float = 0.0
-    """Peak speed of a swing to and fro about the athlete; 0: none."""
+    """Peak speed of a swing to and fro about the athlete, degrees per second; 0: none."""
     swing_hz: float = 1.9
+    """Frequency of the swing to and fro, Hz."""
     zoom_swing_s: float = 0.0
-    """Time to zoom through the lens's whole range and back, for its own sake; 0: as framed."""
+    """Period of a zoom through the lens's whole range and back, s, whatever the athlete does; 0: none."""
     tilts: bool = False
-    """Follows the body's height by hand, too; else the tilt stays locked."""
+    """The operator follows the body's height by tilting. Off: the tilt stays locked, as the paper asks for."""
     trajectories: str = ""
-    """CSV file of what the cameras do while the motion is recorded, in place of operators."""
+    """CSV file of pan, tilt and focal length that replaces the operators while the motion is recorded."""
 
     def __post_init__(self) -> None:
         if self.trajectories and (self.swing_deg_s or self.zoom_swing_s or self.tilts):
@@ -59,8 +63,8 @@ class OperatorConfig:
             )
 
 
-class CameraPrior(NamedTuple):
-    """Where a camera looks."""
+class PanTiltZoom(NamedTuple):
+    """Pan, zoom and tilt of a camera at one moment."""
 
     pan_rad: float
     focal_px: float
@@ -68,19 +72,19 @@ class CameraPrior(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hands:
-    """Pan, focal length and tilt over time."""
+class Trajectory:
+    """Pan, focal length and tilt of a camera over time."""
 
     pan: PPoly  # s -> rad
     log_focal: PPoly  # s -> log px
     raised: PPoly | None = None  # s -> rad above the locked tilt; None: it stays locked
 
-    def at(self, time_s: float) -> CameraPrior:
+    def at(self, time_s: float) -> PanTiltZoom:
         raised_rad = 0.0 if self.raised is None else float(self.raised(time_s))
-        return CameraPrior(float(self.pan(time_s)), float(np.exp(self.log_focal(time_s))), raised_rad)
+        return PanTiltZoom(float(self.pan(time_s)), float(np.exp(self.log_focal(time_s))), raised_rad)
 
 
-def follow(rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rng: np.random.Generator) -> Hands:
+def follow(rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rng: np.random.Generator) -> Trajectory:
     """Follow a body through its motion.
 
     times_s: (T,) evenly spaced. points_m: (T, N, 3) points that span the body, world.
@@ -96,48 +100,48 @@ def follow(rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rn
         return through(time[[0, -1]], np.full(2, pan_rad), np.full(2, focal_px))
     target_rad = np.interp(time, times_s, target_rad)
     log_focal = np.interp(time, times_s, np.log(wanted_px))
-    # Who films a routine knows it, and opens the lens before it is needed.
+    # An operator who films a routine knows it, and zooms out before it is needed.
     samples = config.zoom_smoothing_s * _RATE_HZ
     log_focal = gaussian_filter1d(minimum_filter1d(log_focal, max(1, round(2 * samples)), mode="nearest"), samples)
     pan = _chase(target_rad, config) + _tremor(len(time), config, rng)
-    return Hands(CubicSpline(time, pan), CubicSpline(time, np.clip(log_focal, *np.log(limits_px))))
+    return Trajectory(CubicSpline(time, pan), CubicSpline(time, np.clip(log_focal, *np.log(limits_px))))
 
 
-def swinging(hands: Hands, config: OperatorConfig, rng: np.random.Generator) -> Hands:
-    """The same hands, which swing to and fro with the peak speed and the frequency of ``config``."""
-    time = hands.pan.x
+def swinging(trajectory: Trajectory, config: OperatorConfig, rng: np.random.Generator) -> Trajectory:
+    """The same, swinging to and fro with the peak speed and the frequency of ``config``."""
+    time = trajectory.pan.x
     rate = 2 * np.pi * config.swing_hz
     swing = np.deg2rad(config.swing_deg_s) / rate * np.sin(rate * time + rng.uniform(0, 2 * np.pi))
-    return replace(hands, pan=CubicSpline(time, hands.pan(time) + swing))
+    return replace(trajectory, pan=CubicSpline(time, trajectory.pan(time) + swing))
 
 
-def zooming(hands: Hands, rig: Rig, config: OperatorConfig, rng: np.random.Generator) -> Hands:
-    """The same hands, which zoom from one end of the lens's range to the other and back, again and again."""
-    time = hands.pan.x
+def zooming(trajectory: Trajectory, rig: Rig, config: OperatorConfig, rng: np.random.Generator) -> Trajectory:
+    """The same, zooming from one end of the lens's range to the other and back, again and again."""
+    time = trajectory.pan.x
     low, high = np.log(rig.reference_focal_px * np.array([rig.config.zoom_min, rig.config.zoom_max]))
     wave = np.sin(2 * np.pi * (time / config.zoom_swing_s + rng.uniform()))
-    return replace(hands, log_focal=CubicSpline(time, (low + high) / 2 + (high - low) / 2 * wave))
+    return replace(trajectory, log_focal=CubicSpline(time, (low + high) / 2 + (high - low) / 2 * wave))
 
 
 def tilting(
-    hands: Hands, rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rng: np.random.Generator
-) -> Hands:
-    """The same hands, which tilt after the body's middle as they pan. Arguments as of `follow`."""
+    trajectory: Trajectory, rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rng: np.random.Generator
+) -> Trajectory:
+    """The same, tilting after the body's middle. Arguments as of `follow`."""
     elevation = _elevation(rig, _in_head(rig, points_m))
     middle = (elevation.max(axis=1) + elevation.min(axis=1)) / 2
-    time = hands.pan.x
+    time = trajectory.pan.x
     target = gaussian_filter1d(np.interp(time, times_s, middle), _TILT_SMOOTHING_S * _RATE_HZ)
     raised = _chase(target, config) + _tremor(len(time), config, rng)
-    return replace(hands, raised=CubicSpline(time, raised))
+    return replace(trajectory, raised=CubicSpline(time, raised))
 
 
-def through(times_s: Array, pan_rad: Array, focal_px: Array) -> Hands:
-    """Hands that pass through given values (N,) at given times (N,)."""
-    return Hands(CubicSpline(times_s, pan_rad), CubicSpline(times_s, np.log(focal_px)))
+def through(times_s: Array, pan_rad: Array, focal_px: Array) -> Trajectory:
+    """Trajectory through given values (N,) at given times (N,)."""
+    return Trajectory(CubicSpline(times_s, pan_rad), CubicSpline(times_s, np.log(focal_px)))
 
 
 def sweep_length(degrees: float, config: OperatorConfig) -> int:
-    """How many frames `sweep` has."""
+    """Number of frames of `sweep`."""
     return 1 + round((degrees + 4 * config.sweep_step_deg * (degrees >= 360.0)) / config.sweep_step_deg)
 
 
@@ -153,7 +157,7 @@ def sweep(degrees: float, config: OperatorConfig, rng: np.random.Generator) -> A
 
 
 def _sight(rig: Rig, points_m: Array, config: OperatorConfig) -> tuple[Array, Array]:
-    """Where an ideal operator would look (T,) rad, and with which focal length (T,) px."""
+    """Pan (T,) rad and focal length (T,) px of an ideal operator."""
     head = _in_head(rig, points_m)
     azimuth = np.unwrap(np.arctan2(head[..., 1], head[..., 0]), axis=0)
     azimuth = azimuth[:, :1] + (azimuth - azimuth[:, :1] + np.pi) % (2 * np.pi) - np.pi
@@ -187,12 +191,12 @@ def _in_head(rig: Rig, points_m: Array) -> Array:
 
 
 def _elevation(rig: Rig, head_m: Array) -> Array:
-    """How far (T, N) rad points in the head's frame stand above the locked optical axis."""
+    """Elevation (T, N) rad of points in the head's frame above the locked optical axis."""
     return np.arctan2(head_m[..., 2], np.hypot(head_m[..., 0], head_m[..., 1])) - rig.tilt_rad
 
 
 def _chase(target_rad: Array, config: OperatorConfig) -> Array:
-    """A mass on a spring, pulled to where the athlete was expected to be when last seen."""
+    """Angle (T,) of a damped mass on a spring, pulled to where the athlete is expected from what was last seen."""
     lag = round(config.reaction_s * _RATE_HZ)
     seen = np.concatenate([np.full(lag, target_rad[0]), target_rad[: len(target_rad) - lag]])
     speed = gaussian_filter1d(np.gradient(seen, 1 / _RATE_HZ), 0.05 * _RATE_HZ)

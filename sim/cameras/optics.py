@@ -1,6 +1,6 @@
-"""The cameras as they really are: where they stand, how their heads turn, and what their lenses do to a picture.
+"""Geometry and lens of the simulated cameras: tripod, head, projection, distortion, vignetting.
 
-Written without a look at `pzcap.geometry.camera`: what the two have in common is the conventions of `pzcap.types`.
+Written independently of `pzcap.geometry.camera`: the two have the conventions of `pzcap.types` in common, no code.
 """
 
 from __future__ import annotations
@@ -26,35 +26,42 @@ Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 @dataclass(frozen=True, slots=True)
 class OpticsConfig:
-    """Mount and lens. An effect whose size is 0 (vignetting: 1) is exactly absent."""
+    """Head, lens and tripod, by default those of a careful crew.
+
+    An effect whose size is 0 (vignetting: 1) is exactly absent.
+    """
 
     reference_focal: float = 1.375
-    """Focal length at the reference pose, image widths (880 px of 640)."""
+    """Focal length at the reference pose, image widths: 880 px of 640. The calibration object is seen whole, its
+    markers 34 px wide from a corner of the hall."""
     zoom_min: float = 0.7
-    """Widest and longest focal length, in reference focal lengths."""
+    """Widest focal length, reference focal lengths."""
     zoom_max: float = 3.0
+    """Longest focal length, reference focal lengths: an athlete 13 m off is seen three quarters of the image tall."""
     k1_wide: float = -0.08
-    """Radial distortion at the widest focal length; linear in log focal."""
+    """Radial distortion k1 at the widest focal length: barrel, as of wide zoom lenses. Linear in log focal."""
     k1_long: float = 0.02
-    """And at the longest."""
+    """Radial distortion k1 at the longest focal length: pincushion."""
     principal_offset: float = 0.00625
-    """Of the principal point from the centre, image widths (4 px of 640)."""
+    """Distance of the principal point from the image's centre, image widths (4 px of 640), in a random direction."""
     vignetting: float = 0.8
-    """Brightness in the corners, falling with the square of the radius."""
+    """Brightness in the corners over that in the centre; it falls with the square of the radius."""
     axis_beside_m: float = 0.003
-    """The rotation axis stands beside the projection centre,."""
+    """Distance of the pan axis from the projection centre to either side, m: what a crew with a slide head leaves."""
     axis_behind_m: float = 0.005
-    """And behind it: what remains after the slide head was set."""
+    """Distance of the pan axis behind the projection centre, m: what a crew with a slide head leaves."""
     centre_travel_m: float = 0.005
-    """Of the projection centre along the optical axis, widest to longest."""
+    """Travel of the projection centre along the optical axis from the widest to the longest focal length, m."""
     tilt_deg: float = -4.0
+    """Tilt of the locked heads, degrees: a little downwards, so that an athlete on the floor is in the middle."""
     tilt_sigma_deg: float = 0.7
+    """Standard deviation of the tilt from camera to camera, degrees."""
     roll_deg: float = 0.5
-    """To either side."""
+    """Roll of the cameras on their heads, degrees, to either side: what a spirit level leaves."""
     axis_lean_deg: float = 0.3
-    """Of the pan axis from the vertical, at most."""
+    """Lean of the pan axis from the vertical, degrees, at most: what a spirit level leaves."""
     position_sigma_m: float = 0.2
-    """Of the tripods about their places in the hall."""
+    """Standard deviation of a tripod's place about its corner of the hall, m, along x and y."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +82,7 @@ class Rig:
         return self.config.reference_focal * self.width
 
     def zoom_share(self, focal_px: float | Array) -> Array:
-        """Where in the zoom range a focal length is, by its logarithm: 0 at the widest, 1 at the longest."""
+        """Place of a focal length in the zoom range, by its logarithm: 0 at the widest, 1 at the longest."""
         c = self.config
         return np.log(np.asarray(focal_px) / (self.reference_focal_px * c.zoom_min)) / np.log(c.zoom_max / c.zoom_min)
 
@@ -97,7 +104,7 @@ class Rig:
         along = _transform(np.eye(3), [0.0, 0.0, float(travel)])
         return self.world_T_head @ axis @ pan @ np.linalg.inv(axis) @ optical @ along
 
-    def see(self, world_T_cam: Array, focal_px: float, points_m: Array) -> tuple[Array, Array]:
+    def project(self, world_T_cam: Array, focal_px: float, points_m: Array) -> tuple[Array, Array]:
         """World points (N, 3) to pixels (N, 2) and depth (N,) in metres, which is above 0 where a point can be seen."""
         x, y, depth = ((points_m - world_T_cam[:3, 3]) @ world_T_cam[:3, :3]).T
         xy = np.column_stack([x, y]) / np.where(depth > 0.1, depth, 0.1)[:, None]

@@ -41,8 +41,8 @@ def check_gl() -> None:
 class Stage:
     """A compiled scene with one camera that can be put anywhere.
 
-    The athlete's geoms are in ``athlete_group``, the calibration object's in
-    ``object_group``, the hall's in group 0. No picture may be larger than ``width`` x ``height``.
+    The athlete's geoms are in ``athlete_group``, the calibration object's in ``object_group``, the hall's in group 0.
+    No picture may be larger than ``width`` x ``height``.
 
     Textures that are seen small are blurred beforehand (``mipmaps``), by as much across as along: a floor that is seen
     at a flat angle is blurred sideways, too, and stands some thousandths of an image pixel elsewhere at another zoom.
@@ -74,7 +74,7 @@ class Stage:
         self._gpu = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
         if not mipmaps:
-            self._look_textures_up_as_they_are()
+            self._disable_mipmaps()
         self._scene = mujoco.MjvScene(self.model, maxgeom=2000)
         self._option = mujoco.MjvOption()
         self._view = mujoco.MjvCamera()
@@ -86,8 +86,7 @@ class Stage:
         self._context.free()
 
     def aim(self, world_T_cam: Array, vertical_view_deg: float) -> None:
-        """Put the camera there. The pose of the athlete is ``data.qpos``, as `sim.people.athlete.set_pose` writes
-        it."""
+        """Put the camera at ``world_T_cam``. The athlete's pose is as `sim.people.athlete.set_pose` wrote it."""
         model = self.model
         model.cam_pos[self._camera_id] = world_T_cam[:3, 3]
         axes = world_T_cam[:3, :3] * np.array([1.0, -1.0, -1.0])
@@ -103,12 +102,12 @@ class Stage:
                 self.model.geom_pos[geom] += by_m
 
     def picture(self, size: tuple[int, int], *, athlete: bool, calibration_object: bool = False) -> Image:
-        """What the camera sees, of ``size`` (width, height): red-green-blue, the *bottom* row first."""
+        """Picture of ``size`` (width, height): red-green-blue, the *bottom* row first."""
         self._update(athlete, calibration_object)
         return self._draw(*size)
 
     def mask(self, size: tuple[int, int]) -> Image:
-        """Where the athlete is seen: 0 or 255, of ``size`` (width, height), the *bottom* row first."""
+        """Mask of the athlete, 0 or 255, of ``size`` (width, height), the *bottom* row first."""
         self._update(athlete=True, calibration_object=False)
         flags = self._scene.flags
         flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
@@ -122,7 +121,7 @@ class Stage:
         return np.asarray(table[code])
 
     def cast_rays(self, origin_m: Array, directions: Array) -> tuple[Array, Mask]:
-        """Where rays (N, 3) first meet the hall: points (N, 3) and whether they meet it at all (N,)."""
+        """First intersections (N, 3) of rays with directions (N, 3) with the hall, and which rays have one (N,)."""
         n = len(directions)
         ids, distances = np.zeros(n, np.int32), np.zeros(n)
         groups = np.array([1, 0, 0, 0, 0, 0], np.uint8)
@@ -133,7 +132,7 @@ class Stage:
         )  # fmt: skip
         return origin_m + directions * distances[:, None], ids >= 0
 
-    def _look_textures_up_as_they_are(self) -> None:
+    def _disable_mipmaps(self) -> None:
         gl = importlib.import_module("OpenGL.GL")  # for the backend that MuJoCo has chosen
         for texture in self._gpu.texture[: self.model.ntex].tolist():
             gl.glBindTexture(gl.GL_TEXTURE_2D, texture)

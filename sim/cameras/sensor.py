@@ -12,34 +12,43 @@ from pzcap.types import Image, Mask
 
 @dataclass(frozen=True, slots=True)
 class SensorConfig:
-    """Exposure, noise, compression, clock. An effect whose size is 0 is exactly absent."""
+    """Exposure, noise, compression and clock, by default those of a good video camera in a lit hall.
+
+    An effect whose size is 0 is exactly absent.
+    """
 
     read_noise: float = 2.0
-    """Standard deviation, grey levels."""
+    """Standard deviation, grey levels. It does not depend on the light; 2 of 255 is what a lit hall leaves."""
     shot_noise: float = 0.02
-    """Variance per grey level."""
+    """Variance per grey level: at white (255) it adds as much as the read noise."""
     exposure_drift: float = 0.03
-    """Largest departure of the brightness from its mean."""
+    """Largest departure of the brightness from its mean, share of it, in waves of 4 to 60 s: lamps and exposure are
+    never quite constant."""
     shutter_s: float = 1 / 250
+    """Time that the shutter is open for a frame, s; 0: an instant. Short, as docs/capture.md asks for."""
     sub_exposures: int = 2
-    """Averaged over the open shutter while the motion is recorded; the sweep is too slow to need it."""
+    """Moments that a frame of the motion averages over the open shutter. More make the blur of a fast pan smooth; the
+    sweep is too slow to need any."""
     supersampling: float = 2.0
-    """Frames of the motion are rendered so much finer than the image: the less, the further."""
+    """Rendered pixels for each pixel of the image, along each axis, in frames of the motion. Rendered edges are
+    displaced a little, the less the finer the picture; 2 keeps a shoot short."""
     supersampling_still: float = 4.0
-    """Edges stand beside themselves and the reference image, the sweep and the zoom run, by which all is measured."""
+    """Rendered pixels for each pixel of the image, along each axis, in the reference image, the sweep and the zoom run:
+    more than in the motion, since all else is measured by these."""
     grid_turn_deg: float = 0.0
-    """Of the grid they are rendered on, about the optical axis: an upright edge then crosses."""
+    """Turn of the rendered grid about the optical axis, degrees. Turned, an upright edge crosses many of the grid's
+    columns and is not displaced alike in all rows. Off, since it takes larger pictures; `experiment=clean` turns it."""
     mipmaps: bool = True
-    """Many of its columns, and does not stand beside itself by as much in all rows textures seen small are blurred
-    beforehand, and move a little with the zoom; without them."""
+    """Textures that are seen small are blurred beforehand, and move by some thousandths of a pixel with the zoom.
+    Without mipmaps, pictures have to be rendered much finer than the image, as in `experiment=clean`."""
     crf_motion: int = 20
-    """Pictures have to be rendered much finer than the image H.264 quality."""
+    """Constant rate factor of the motion's H.264; 0: lossless, larger: smaller files. 20: a good camera's recording."""
     crf_still: int = 12
-    """And of the sweep and the zoom run."""
+    """Constant rate factor of the sweep's and the zoom run's H.264: docs/capture.md asks for 12 or better."""
     largest_roll: int = 5
-    """Frames that a camera starts early or stops late, at most."""
+    """Frames that a camera starts early or stops late, at most: nobody presses four buttons at once."""
     dropped_share: float = 0.0
-    """Of the motion's frames."""
+    """Share of the motion's frames that a camera loses, at random; 0: recorders do not drop frames unless they fail."""
 
 
 class Exposure:
@@ -78,7 +87,7 @@ class Sensor:
 
 
 def rolls(cameras: int, largest: int, rng: np.random.Generator) -> tuple[list[int], list[int]]:
-    """How many frames each camera starts early and stops late; one of them starts, and one stops, just in time."""
+    """Number of frames that each camera starts early and stops late; one starts, and one stops, just in time."""
     early, late = (rng.integers(0, largest + 1, cameras) for _ in range(2))
     early[rng.integers(cameras)] = late[rng.integers(cameras)] = 0
     return early.tolist(), late.tolist()

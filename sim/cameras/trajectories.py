@@ -1,4 +1,4 @@
-"""Hands that do what a table says: pan, tilt and focal length of every camera over time, from a CSV file."""
+"""Trajectories from a CSV file: pan, tilt and focal length of every camera over time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 from pzcap.io.files import checked
 from pzcap.types import Array, PzcapError
-from sim.cameras.operator import Hands
+from sim.cameras.operator import Trajectory
 from sim.cameras.optics import Rig
 
 _CLOCKS: Final = ("time_s", "frame")
@@ -33,31 +33,31 @@ class _Row:
     focal_px: float
 
 
-def read_hands(path: Path, rigs: Mapping[str, Rig], frame_rate: float, end_s: float) -> list[Hands]:
-    """Return the hands at each rig, which are known by their cameras' names, from time 0 to ``end_s``.
+def read_trajectories(path: Path, rigs: Mapping[str, Rig], frame_rate: float, end_s: float) -> list[Trajectory]:
+    """Read the trajectory of each rig, by the camera's name, from time 0 to ``end_s``.
 
-    Between the rows the hands move on without overshoot, before the first and after the last they keep still.
+    It is interpolated without overshoot between the rows, and constant before the first and after the last.
     Raises PzcapError, with the line, where the table does not say what it should.
     """
     rows, tilts = _read(path, rigs, frame_rate)
-    hands = []
+    trajectories = []
     for name, rig in rigs.items():
         own = rows[name]
         if not own or own[0].time_s > 0.5 / frame_rate or own[-1].time_s < end_s - 0.5 / frame_rate:
             covered = f"{own[0].time_s:.3f} to {own[-1].time_s:.3f} s" if own else "nothing"
             raise PzcapError(f"{path}: camera {name} has {covered}; it films from 0 to {end_s:.3f} s")
         values = np.array([(row.time_s, row.pan_deg, row.raised_deg, row.focal_px) for row in own])
-        hands.append(_hands(values, rig, tilts))
-    return hands
+        trajectories.append(_trajectory(values, rig, tilts))
+    return trajectories
 
 
-def _hands(values: Array, rig: Rig, tilts: bool) -> Hands:
-    """Hands that pass through rows (N, 4) of time, pan, tilt and focal length."""
+def _trajectory(values: Array, rig: Rig, tilts: bool) -> Trajectory:
+    """Trajectory through rows (N, 4) of time (s), pan, tilt (degrees) and focal length (px)."""
     still = values[[0, *range(len(values)), -1]]
     still[[0, -1], 0] += (-1.0, 1.0)
     pan, raised = (PchipInterpolator(still[:, 0], np.deg2rad(still[:, k])) for k in (1, 2))
     focal_px = np.clip(still[:, 3], *_lens_px(rig))
-    return Hands(pan, PchipInterpolator(still[:, 0], np.log(focal_px)), raised if tilts else None)
+    return Trajectory(pan, PchipInterpolator(still[:, 0], np.log(focal_px)), raised if tilts else None)
 
 
 def _lens_px(rig: Rig) -> tuple[float, float]:
@@ -103,7 +103,7 @@ def _add(
     where: str,
     line: int,
 ) -> None:
-    """Check a row and put it to its camera's."""
+    """Check a row and append it to its camera's."""
     name = cells.pop("camera").strip()
     if name not in rigs:
         raise PzcapError(f"{where}: there is no camera '{name}'; there are {', '.join(rigs)}")

@@ -1,4 +1,4 @@
-"""What hangs on the walls of a sports hall. Each function paints the whole of the canvas that it is given."""
+"""Paintings of fittings on the walls: posters, doors, windows, banners, signs. Each function fills its canvas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands off the walls: wall bars, benches, vaulting boxes, mats, a curtain, hoops, tables, beams and lamps."""
+"""Furniture off the walls: wall bars, benches, vaulting boxes, mats, a curtain, hoops, tables, beams and lamps."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ REARRANGED: Final[dict[str, tuple[float, float, float]]] = {
     "vault_north": (-2.4, -12.1, 0.0),
     "mats_west": (6.7, 0.4, 0.0),
 }
-"""What is carried to the edge of the carpet where things are not left as they were: beginning of its geoms' names, and
-by how much (m) it moves."""
+"""Furniture that `GymConfig.rearranged` carries to the carpet's edge: beginning of its geoms' names -> shift, m."""
 
 
 def furnish(scenery: Scenery, px_per_m: float, rng: np.random.Generator) -> None:
@@ -36,27 +35,15 @@ def furnish(scenery: Scenery, px_per_m: float, rng: np.random.Generator) -> None
         board = Canvas.blank(width, 1.35, 2 * px_per_m, (128, 128, 128))
         fittings.notice_board(board, rng)
         wear(board, rng)
-        scenery.panel(
-            "notice_board_" + wall.name + f"_{u:.0f}",
-            board.image,
-            wall.at(u + width / 2, 0.03, 1.6),
-            wall.along,
-            UP,
-            (width, 1.35),
-        )
+        name, centre = f"notice_board_{wall.name}_{u:.0f}", wall.at(u + width / 2, 0.03, 1.6)
+        scenery.panel(name, board.image, centre, wall.along, UP, (width, 1.35))
         scenery.box("board_back", "wood_dark", wall.at(u + width / 2, 0.012, 1.6), wall.along, (width, 0.024, 1.35))
     for wall, u in ((south, 6.2), (south, 21.0), (north, 11.2), (north, 16.4), (east, 1.2), (west, 0.5), (west, 17.2)):
         _bench(scenery, wall, u, 0.55 if wall.length > 25 else 0.3)
     for wall, u, off in (
-        (south, 9.9, 0.9),
-        (south, 19.6, 0.7),
-        (north, 9.3, 0.8),
-        (north, 20.4, 0.8),
-        (east, 4.4, 0.8),
-        (west, 6.4, 0.7),
-        (west, 13.6, 0.9),
-        (east, 15.6, 0.8),
-    ):
+        (south, 9.9, 0.9), (south, 19.6, 0.7), (north, 9.3, 0.8), (north, 20.4, 0.8),
+        (east, 4.4, 0.8), (west, 6.4, 0.7), (west, 13.6, 0.9), (east, 15.6, 0.8),
+    ):  # fmt: skip
         _stand(scenery, wall, u, off, px_per_m, rng)
     _vaulting_box(scenery, WALLS["north"], 24.6, 0.9)
     _vaulting_box(scenery, WALLS["west"], 13.0, 1.2)
@@ -81,11 +68,8 @@ def _materials(scenery: Scenery, rng: np.random.Generator) -> None:
         scuff(canvas, rng, 12)
         scenery.material(name, canvas.image)
     for name, colour in (
-        ("leather", (132, 92, 62)),
-        ("mat", (60, 90, 140)),
-        ("mat_green", (66, 116, 92)),
-        ("steel", (148, 150, 152)),
-    ):
+        ("leather", (132, 92, 62)), ("mat", (60, 90, 140)), ("mat_green", (66, 116, 92)), ("steel", (148, 150, 152)),
+    ):  # fmt: skip
         canvas = Canvas.blank(1.5, 0.75, 256, colour)
         weather(canvas.image, grain(canvas.image.shape, rng, 7))
         tint(canvas.image, flecks(canvas.image.shape, rng, 5, 0.06), (18, 18, 18))
@@ -116,9 +100,8 @@ def _wall_bars(scenery: Scenery, wall: Wall, u: float, width: float) -> None:
     for k in range(5):
         scenery.box("bars_upright", "wood_red", wall.at(u + k * width / 4, 0.08, 1.3), wall.along, (0.045, 0.14, 2.6))
     for z in [*np.arange(0.18, 2.2, 0.15), 2.35, 2.52]:
-        scenery.box(
-            "bars_rung", "wood", wall.at(u + width / 2, 0.16 if z > 2.3 else 0.1, z), wall.along, (width, 0.028, 0.038)
-        )
+        centre = wall.at(u + width / 2, 0.16 if z > 2.3 else 0.1, z)
+        scenery.box("bars_rung", "wood", centre, wall.along, (width, 0.028, 0.038))
 
 
 def _bench(scenery: Scenery, wall: Wall, u: float, off: float) -> None:
@@ -141,23 +124,15 @@ def _stand(scenery: Scenery, wall: Wall, u: float, off: float, px_per_m: float, 
 
 def _vaulting_box(scenery: Scenery, wall: Wall, u: float, off: float) -> None:
     for k in range(4):
-        size = (1.5 - 0.1 * k, 0.8 - 0.1 * k, 0.25)
-        scenery.box(
-            f"vault_{wall.name}_layer", ("wood", "wood_red")[k % 2], wall.at(u, off, 0.14 + 0.26 * k), wall.along, size
-        )
+        material, size = ("wood", "wood_red")[k % 2], (1.5 - 0.1 * k, 0.8 - 0.1 * k, 0.25)
+        scenery.box(f"vault_{wall.name}_layer", material, wall.at(u, off, 0.14 + 0.26 * k), wall.along, size)
     scenery.box(f"vault_{wall.name}_top", "leather", wall.at(u, off, 1.13), wall.along, (1.15, 0.48, 0.18))
 
 
 def _mats(scenery: Scenery, wall: Wall, u: float, off: float, count: int) -> None:
     for k in range(count):
-        shift = 0.05 * (-1) ** k
-        scenery.box(
-            f"mats_{wall.name}",
-            ("mat", "mat_green")[k % 2],
-            wall.at(u + shift, off, 0.1 + 0.21 * k),
-            wall.along,
-            (1.9, 0.95, 0.2),
-        )
+        material, centre = ("mat", "mat_green")[k % 2], wall.at(u + 0.05 * (-1) ** k, off, 0.1 + 0.21 * k)
+        scenery.box(f"mats_{wall.name}", material, centre, wall.along, (1.9, 0.95, 0.2))
 
 
 def _beam(scenery: Scenery, wall: Wall, u: float, off: float) -> None:
@@ -176,9 +151,8 @@ def _table(scenery: Scenery, wall: Wall, u: float, off: float, px_per_m: float, 
     name = scenery.material(f"table_{wall.name}", canvas.image)
     scenery.box(name, name, wall.at(u, off, 0.37), wall.along, (2.6, 0.7, 0.74))
     for k in range(3):
-        scenery.box(
-            "chair_back", "wood_red", wall.at(u - 0.8 + 0.8 * k, off - 0.55, 0.75), wall.along, (0.42, 0.03, 0.35)
-        )
+        centre = wall.at(u - 0.8 + 0.8 * k, off - 0.55, 0.75)
+        scenery.box("chair_back", "wood_red", centre, wall.along, (0.42, 0.03, 0.35))
         scenery.box("monitor", "iron", wall.at(u - 0.7 + 0.75 * k, off, 0.88), wall.along, (0.36, 0.04, 0.26))
 
 
@@ -200,13 +174,8 @@ def _curtain(scenery: Scenery, wall: Wall, start: float, stop: float, rng: np.ra
                        for z in np.linspace(height, 0.04, rows)])  # fmt: skip
     texture = np.stack(np.meshgrid(share, np.linspace(0, 1, rows)), axis=-1)
     scenery.sheet("curtain", scenery.material("curtain", canvas.image), points, texture)
-    scenery.box(
-        "valance",
-        "wood_dark",
-        wall.at((start + stop) / 2, 0.28, height + 0.15),
-        wall.along,
-        (stop - start + 0.4, 0.5, 0.4),
-    )
+    centre = wall.at((start + stop) / 2, 0.28, height + 0.15)
+    scenery.box("valance", "wood_dark", centre, wall.along, (stop - start + 0.4, 0.5, 0.4))
     for u in (start - 0.2, stop + 0.2):
         scenery.box("proscenium", "wood_red", wall.at(u, 0.22, 2.0), wall.along, (0.3, 0.44, 4.0))
 

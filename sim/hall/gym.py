@@ -32,18 +32,19 @@ _MARKER_PX_PER_M: Final = 384  # a marker's cell is 32 texels, a marker 192: its
 
 @dataclass(frozen=True)
 class GymConfig:
-    """How the hall is furnished and lit."""
+    """Furniture and light of the hall."""
 
     shadows: bool = True
-    """The main light casts shadows."""
+    """The main light casts shadows: one falls on the floor beside the athlete."""
     texture_px_per_m: float = 200.0
-    """Of the lower walls and the carpet; less where no camera comes near."""
+    """Texels a metre of the lower walls and the carpet, 50 to 500; less where no camera comes near. At 200 a texel 13 m
+    off is as large as a pixel at the longest focal length."""
     lights_on: float = 1.0
-    """Brightness while the motion is recorded, over that of all before."""
+    """Brightness while the motion is recorded, over that of all before; 1: nobody touches the lights."""
     wall_pictures: str = ""
-    """Folder of pictures that cover walls: north, east, south, west, as PNG or JPEG."""
+    """Folder of pictures that cover walls: north, east, south, west, as PNG or JPEG; empty: the painted hall."""
     rearranged: bool = False
-    """Vaulting boxes and mats stand elsewhere while the motion is recorded."""
+    """Vaulting boxes and mats stand elsewhere while the motion is recorded. Off: a crew leaves things in place."""
 
     def __post_init__(self) -> None:
         if not 50.0 <= self.texture_px_per_m <= 500.0:

@@ -1,4 +1,4 @@
-"""What walls, floor, carpet and ceiling of the hall look like: paintings in metres, one a surface."""
+"""Textures of walls, floor, carpet and ceiling of the hall: paintings in metres, one a surface."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from sim.hall import fittings
 from sim.hall.scenery import HALL_M, Wall
-from sim.hall.textures import Canvas, Colour, arc, courses, flecks, grain, scuff, tint, wear, weather
+from sim.hall.textures import Canvas, Colour, arc, courses, flecks, grain, scuff, speckle, tint, wear, weather
 
 LOWER_M: Final = 2.75  # height of the lower part of the walls, which cameras come near to
 CARPET_M: Final = 12.0
@@ -19,6 +19,7 @@ PILASTER_M: Final = 0.5
 
 Fitting = Callable[[Canvas, np.random.Generator], None]
 Place = tuple[Fitting, float, float, float, float]  # what, left, bottom, width, height
+Rectangle = tuple[float, float, float, float]  # left, bottom, width, height, metres
 
 
 def lower_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
@@ -38,8 +39,7 @@ def lower_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
         courses(canvas, rng, colours, unit_m=unit, joint_m=0.012, joint=(112, 88, 64), spread=7)
         weather(canvas.image, grain(canvas.image.shape, rng, 6, stretch=(1, 8)))
         weather(canvas.image, grain(canvas.image.shape, rng, 4))
-    for size, share, change in ((0.008, 0.04, -34), (0.014, 0.05, -26), (0.03, 0.04, 16), (0.09, 0.03, -12)):
-        tint(canvas.image, flecks(canvas.image.shape, rng, size * px_per_m, share), (change, change, change))
+    speckle(canvas, rng, ((0.008, 0.04, -34), (0.014, 0.05, -26), (0.03, 0.04, 16), (0.09, 0.03, -12)))
     taken = _hang(canvas, rng, _LOWER[wall.name]) + _pilasters(wall)
     posters = (
         (fittings.poster, 0.6, 0.85),
@@ -60,20 +60,16 @@ def upper_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
     colours = ((196, 192, 180), (188, 184, 172), (204, 200, 188))
     courses(canvas, rng, colours, unit_m=(0.5, 0.25), joint_m=0.02, joint=(150, 146, 138), spread=7)
     weather(canvas.image, grain(canvas.image.shape, rng, 6))
-    for size, share, change in ((0.02, 0.05, -20), (0.06, 0.04, -10), (0.3, 0.08, -5)):
-        tint(canvas.image, flecks(canvas.image.shape, rng, size * px_per_m, share), (change, change, change))
+    speckle(canvas, rng, ((0.02, 0.05, -20), (0.06, 0.04, -10), (0.3, 0.08, -5)))
     for y in (0.12, 4.85, 4.98):
         canvas.line([(0, y), (wall.length, y)], 0.05, (128, 132, 134))
         for u in np.arange(rng.uniform(0.3, 1), wall.length, 1.5):
             canvas.rectangle(u, y - 0.05, 0.06, 0.1, (92, 94, 96))
     taken = _hang(canvas, rng, _UPPER[wall.name]) + _pilasters(wall)
     boards = (
-        (fittings.advert, 2.4, 0.8),
-        (fittings.advert, 1.6, 0.55),
-        (_pennant, 0.7, 1.5),
-        (fittings.vent, 0.8, 0.5),
+        (fittings.advert, 2.4, 0.8), (fittings.advert, 1.6, 0.55), (_pennant, 0.7, 1.5), (fittings.vent, 0.8, 0.5),
         (fittings.poster, 0.8, 1.1),
-    )
+    )  # fmt: skip
     _fill(canvas, rng, taken, boards, 0.25, 4.7, round(2.5 * wall.length))
     return canvas
 
@@ -84,19 +80,15 @@ def floor(px_per_m: float, rng: np.random.Generator) -> Canvas:
     colours = ((182, 150, 108), (172, 140, 100), (190, 160, 118), (176, 146, 110))
     courses(canvas, rng, colours, unit_m=(1.1, 0.12), joint_m=0.012, joint=(104, 80, 56), spread=7)
     weather(canvas.image, grain(canvas.image.shape, rng, 5, stretch=(1, 6)))
-    for size, share, change in ((0.02, 0.08, -24), (0.02, 0.05, 18), (0.08, 0.04, -12)):
-        tint(canvas.image, flecks(canvas.image.shape, rng, size * px_per_m, share), (change, change, change))
+    speckle(canvas, rng, ((0.02, 0.08, -24), (0.02, 0.05, 18), (0.08, 0.04, -12)))
     x, y = HALL_M[0] / 2, HALL_M[1] / 2
     _court(canvas, x, y, 28.0, 15.0, 0.05, fittings.INK)
     _court(canvas, x, y, 18.0, 9.0, 0.05, (206, 204, 196))
     for side in (-1, 1):
         _court(canvas, x + side * 8.5, y, 6.1, 13.4, 0.04, (52, 112, 78))
         end = x + side * 14
-        canvas.line(
-            [(end, y - 2.45), (end - side * 5.8, y - 2.45), (end - side * 5.8, y + 2.45), (end, y + 2.45)],
-            0.05,
-            fittings.INK,
-        )
+        key = [(end, y - 2.45), (end - side * 5.8, y - 2.45), (end - side * 5.8, y + 2.45), (end, y + 2.45)]
+        canvas.line(key, 0.05, fittings.INK)
         canvas.ring(end - side * 5.8, y, 1.8, 0.05, fittings.INK)
         turn = np.pi if side > 0 else 0.0
         canvas.line(arc(end, y, 6.75, turn - np.pi / 2, turn + np.pi / 2), 0.05, fittings.INK)
@@ -116,12 +108,11 @@ def carpet(px_per_m: float, rng: np.random.Generator) -> Canvas:
     field = canvas.part(1.0, 1.0, size - 2, size - 2)
     courses(field, rng, [(74, 104, 158)], unit_m=(20, 2.0), joint_m=0.012, joint=(56, 80, 126), spread=3, stagger=False)
     weather(canvas.image, grain(canvas.image.shape, rng, 9, persistence=0.95, octaves=7))
-    for px, share, change in ((0.015, 0.10, -26), (0.015, 0.06, 26), (0.05, 0.04, -14), (0.25, 0.10, 7)):
-        tint(canvas.image, flecks(canvas.image.shape, rng, px * px_per_m, share), (change, change, change))
-    chalk = flecks(canvas.image.shape, rng, 0.6 * px_per_m, 0.04) & flecks(
-        canvas.image.shape, rng, 0.03 * px_per_m, 0.4
+    speckle(canvas, rng, ((0.015, 0.10, -26), (0.015, 0.06, 26), (0.05, 0.04, -14), (0.25, 0.10, 7)))
+    patches, dust = (
+        flecks(canvas.image.shape, rng, size * px_per_m, share) for size, share in ((0.6, 0.04), (0.03, 0.4))
     )
-    tint(canvas.image, chalk, (34, 32, 28))
+    tint(canvas.image, patches & dust, (34, 32, 28))
     canvas.border(0.05, (206, 204, 196), inset=0.975)
     canvas.border(0.04, (96, 84, 66), inset=0.04)
     for k, title in enumerate(("CITY CUP FINALS", "NORTH HALL", "FLOOR EXERCISE", "CROWN BREAD")):
@@ -147,29 +138,22 @@ def ceiling(px_per_m: float, rng: np.random.Generator) -> Canvas:
         spread=6, stagger=False,
     )  # fmt: skip
     weather(canvas.image, grain(canvas.image.shape, rng, 6))
-    tint(canvas.image, flecks(canvas.image.shape, rng, 0.08 * px_per_m, 0.12), (-30, -30, -30))
+    speckle(canvas, rng, ((0.08, 0.12, -30),))
     return canvas
 
 
-def _hang(
-    canvas: Canvas, rng: np.random.Generator, places: tuple[Place, ...]
-) -> list[tuple[float, float, float, float]]:
-    """Fittings in their places; which these are (left, bottom, width, height), metres."""
+def _hang(canvas: Canvas, rng: np.random.Generator, places: tuple[Place, ...]) -> list[Rectangle]:
+    """Paint fittings in their places; return these."""
     for fitting, u, y, width, height in places:
         fitting(canvas.part(u, y, width, height), rng)
     return [place[1:] for place in places]
 
 
 def _fill(
-    canvas: Canvas,
-    rng: np.random.Generator,
-    taken: list[tuple[float, float, float, float]],
-    choices: tuple[tuple[Fitting, float, float], ...],
-    bottom: float,
-    top: float,
-    attempts: int,
-) -> None:
-    """Hang one thing after another where there is still room."""
+    canvas: Canvas, rng: np.random.Generator, taken: list[Rectangle], choices: tuple[tuple[Fitting, float, float], ...],
+    bottom: float, top: float, attempts: int,
+) -> None:  # fmt: skip
+    """Paint the choices in turn at random places, where nothing is ``taken`` yet."""
     margin = 0.12
     for k in range(attempts):
         fitting, width, height = choices[k % len(choices)]
@@ -184,7 +168,7 @@ def _fill(
             taken.append((u, y, width, height))
 
 
-def _pilasters(wall: Wall) -> list[tuple[float, float, float, float]]:
+def _pilasters(wall: Wall) -> list[Rectangle]:
     if wall.length < HALL_M[0]:
         return []
     return [(u - PILASTER_M / 2, 0.0, PILASTER_M, HALL_M[2]) for u in PILASTERS_U]

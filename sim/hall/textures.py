@@ -53,11 +53,8 @@ class Canvas:
 
     def border(self, thickness: float, colour: Colour, inset: float = 0.0) -> None:
         """A frame along the canvas's edge, `inset` from it."""
-        a, right, top = (
-            inset + thickness / 2,
-            self.width_m - inset - thickness / 2,
-            self.height_m - inset - thickness / 2,
-        )
+        a = inset + thickness / 2
+        right, top = self.width_m - inset - thickness / 2, self.height_m - inset - thickness / 2
         self.line([(a, a), (right, a), (right, top), (a, top), (a, a)], thickness, colour)
 
     def line(self, points: Points, thickness: float, colour: Colour) -> None:
@@ -106,14 +103,9 @@ def arc(x: float, y: float, radius: float, start: float = 0.0, stop: float = 2 *
 
 
 def grain(
-    shape: tuple[int, ...],
-    rng: np.random.Generator,
-    amplitude: float,
-    *,
-    persistence: float = 0.85,
-    octaves: int = 9,
-    stretch: tuple[int, int] = (1, 1),
-) -> NDArray[np.int16]:
+    shape: tuple[int, ...], rng: np.random.Generator, amplitude: float, *,
+    persistence: float = 0.85, octaves: int = 9, stretch: tuple[int, int] = (1, 1),
+) -> NDArray[np.int16]:  # fmt: skip
     """Noise with structure at every scale, (H, W), zero mean; `amplitude` grey levels in the finest octave.
 
     Each coarser octave is 1 / `persistence` stronger; `stretch` draws the grain out along (rows, columns), as in wood.
@@ -150,6 +142,12 @@ def tint(image: Image, mask: Mask, change: Colour) -> None:
     cv2.add(image, np.array([*change, 0.0]), dst=image, mask=mask.view(np.uint8))
 
 
+def speckle(canvas: Canvas, rng: np.random.Generator, kinds: Sequence[tuple[float, float, float]]) -> None:
+    """Add grey `flecks` of kinds (size in metres, share of the canvas, change in grey levels)."""
+    for size_m, share, change in kinds:
+        tint(canvas.image, flecks(canvas.image.shape, rng, size_m * canvas.px_per_m, share), (change, change, change))
+
+
 def scuff(canvas: Canvas, rng: np.random.Generator, per_m2: float, depth: int = 40) -> None:
     """Marks of use: dark streaks of 2 cm to 0.6 m and a few faint prints of balls, up to `depth` grey levels."""
     marks = np.zeros(canvas.image.shape[:2], np.uint8)
@@ -167,24 +165,16 @@ def scuff(canvas: Canvas, rng: np.random.Generator, per_m2: float, depth: int = 
 
 
 def wear(canvas: Canvas, rng: np.random.Generator) -> None:
-    """What years leave on everything within reach: specks of 5 mm to 3 cm, smudges, streaks."""
-    for size_m, share, change in ((0.006, 0.02, -26), (0.008, 0.015, 22), (0.014, 0.02, -18), (0.03, 0.02, 12)):
-        tint(canvas.image, flecks(canvas.image.shape, rng, size_m * canvas.px_per_m, share), (change, change, change))
+    """Marks of wear on everything within reach: specks of 5 mm to 3 cm, smudges, streaks."""
+    speckle(canvas, rng, ((0.006, 0.02, -26), (0.008, 0.015, 22), (0.014, 0.02, -18), (0.03, 0.02, 12)))
     weather(canvas.image, grain(canvas.image.shape, rng, 3, octaves=7))
     scuff(canvas, rng, 4.0)
 
 
 def courses(
-    canvas: Canvas,
-    rng: np.random.Generator,
-    colours: Sequence[Colour],
-    *,
-    unit_m: tuple[float, float],
-    joint_m: float,
-    joint: Colour,
-    spread: float = 8.0,
-    stagger: bool = True,
-) -> None:
+    canvas: Canvas, rng: np.random.Generator, colours: Sequence[Colour], *,
+    unit_m: tuple[float, float], joint_m: float, joint: Colour, spread: float = 8.0, stagger: bool = True,
+) -> None:  # fmt: skip
     """Cover a canvas with courses of bricks, boards or panels of (width, height) `unit_m`.
 
     Each unit takes one of the `colours`, lighter or darker by `spread` grey levels RMS. With `stagger` each course is

@@ -1,4 +1,4 @@
-"""Key poses in the words of a coach: angles in degrees per joint, joined smoothly over time.
+"""Key poses as anatomical joint angles in degrees, interpolated smoothly over time.
 
 Channels, each a triple or a single number (zero where it is not mentioned):
     trunk (forward, left, twist left), shared by lumbar and thorax; neck (forward, left, twist left);

@@ -179,13 +179,6 @@ def _placed(path: Path, joints: list[_Joint], frame_s: float, values: Array) -> 
             rest[j] = rest[joint.parent] + joint.offset
             places[:, j] = places[:, joint.parent] + np.einsum("tij,tj->ti", turns[:, joint.parent], moved)
             turns[:, j] = turns[:, joint.parent] @ turned
-    return Bvh(
-        path=path,
-        names=tuple(joint.name for joint in joints),
-        parents=tuple(joint.parent for joint in joints),
-        rest=rest,
-        tips={j: rest[j] + joint.tip for j, joint in enumerate(joints) if joint.tip is not None},
-        frame_s=frame_s,
-        places=places,
-        turns=turns,
-    )
+    names, parents = tuple(joint.name for joint in joints), tuple(joint.parent for joint in joints)
+    tips = {j: rest[j] + joint.tip for j, joint in enumerate(joints) if joint.tip is not None}
+    return Bvh(path, names, parents, rest, tips, frame_s, places, turns)

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from pzcap.types import Array, Mask, Pose
 
 END_POINTS: Final[tuple[str, ...]] = ("left_hand", "right_hand", "left_foot", "right_foot")
-"""What can stand on the floor."""
+"""Ends of the body that can stand on the floor."""
 
 FRAME_RATE: Final = 30
 

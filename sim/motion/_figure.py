@@ -1,4 +1,4 @@
-"""Which joint of a BVH file is which of ours, and the file's figure in our axes."""
+"""Joints of a BVH file matched to the skeleton's, and the file's figure in the skeleton's axes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SYNONYMS: Final[dict[str, tuple[str, ...]]] = {
     "shank": ("leg", "lowerleg", "lowleg", "shin", "shank", "calf", "knee"),
     "foot": ("foot", "ankle"),
 }
-"""What CMU, Mixamo, Xsens, Rokoko, Poser, Blender and Unreal call the joint at a segment's near end, less "left" and
+"""Names by CMU, Mixamo, Xsens, Rokoko, Poser, Blender and Unreal of the joint at a segment's near end, less "left" and
 "right". The first that is there is taken. The spine is found by what hangs from it."""
 _NAMESPACE: Final = re.compile(r"^(.*:|mixamorig\d*|bip\d+)")
 _UPRIGHT: Final = np.cos(np.pi / 4)
@@ -40,8 +40,8 @@ class Figure:
     turns: Array  # (T, J, 3, 3)
 
 
-def understand(bvh: Bvh) -> Figure:
-    """Tell which joint is which. Raises PzcapError if one is missing or the figure does not stand while at rest."""
+def match_joints(bvh: Bvh) -> Figure:
+    """Match the joints. Raises PzcapError if one is missing or the figure does not stand while at rest."""
     joint = _named(bvh)
     joint |= _spine(bvh, joint)
     axes = _axes(bvh, joint)

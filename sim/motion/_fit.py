@@ -1,8 +1,8 @@
 """Fit a motion to the floor and to gravity: authored poses go in, a motion that could have happened comes out.
 
 All poses of a clip are solved for at once by Gauss-Newton. The objective asks for the authored poses and for smooth
-rotations, softly, and insists on what an eye or a force plate would notice: what stands on the floor stays where it
-stands, nothing enters the floor, joints keep their limits, and in flight the centre of mass falls with g.
+rotations, softly, and firmly for physics: what stands on the floor stays where it stands, nothing enters the floor,
+joints keep their limits, and in flight the centre of mass falls with g.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class FloorPoint:
 
 
 def floor_points(measurements: dict[str, float]) -> tuple[FloorPoint, ...]:
-    """Return what of a person with these measurements may touch the floor."""
+    """Return the points of a person with these measurements that may touch the floor."""
     m, points = measurements, []
     for side in ("left", "right"):
         foot, hand = SEGMENTS.index(f"{side}_foot"), SEGMENTS.index(f"{side}_hand")
@@ -79,7 +79,7 @@ def floor_points(measurements: dict[str, float]) -> tuple[FloorPoint, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """What stays the same from one iteration to the next."""
+    """The parts of the problem that stay the same from one iteration to the next."""
 
     authored: Frames
     points: tuple[FloorPoint, ...]
@@ -153,10 +153,7 @@ class _Problem:
                 parts[0] += b @ jacobian[:-2]
                 parts[1] -= (a + c) @ jacobian[1:-1]
                 parts[2] += b @ jacobian[2:]
-        for where, sigma in (
-            (self.flight[1:-1], _SPIN_M2_S2 / hardness),
-            (~self.flight[1:-1], _SUPPORTED_SPIN_M2_S2),
-        ):
+        for where, sigma in ((self.flight[1:-1], _SPIN_M2_S2 / hardness), (~self.flight[1:-1], _SUPPORTED_SPIN_M2_S2)):
             first = np.flatnonzero(where)
             normal.add(first, [part[first] for part in parts], change[first], sigma / KNOT_RATE)
 
@@ -229,8 +226,8 @@ def fit(
 ) -> MotionClip:
     """Return the motion nearest to the authored one that stands on the floor and falls with g.
 
-    Authored roots (T, 3) and rotations (T, 16, 3, 3) are at `knots`. Whatever is authored about where the feet stand
-    is only a wish: the contacts say when they stand, and where follows from the poses.
+    Authored roots (T, 3) and rotations (T, 16, 3, 3) are at `knots`. Authored places of the
+    feet are soft: the contacts say when feet stand, and the poses where.
     """
     times, tree, points = knots(frame_count), body_tree(measurements), floor_points(measurements)
     stand = np.zeros((len(points), len(times)), dtype=bool)

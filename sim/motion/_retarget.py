@@ -1,7 +1,7 @@
-"""The motion of a BVH file, done by a person of other proportions.
+"""Retargeting: the motion of a BVH file, done by a person of other proportions.
 
-Limbs point where those of the file's figure point, the trunk, hands and feet turn as theirs do, away from a rest pose
-that may be any upright one; the way through the hall is as long, in leg lengths. Then the whole is put on the floor.
+Limbs have the directions of the figure's; trunk, hands and feet turn as the figure's do, away from a rest pose that may
+be any upright one; the path through the hall is as long, in leg lengths. Then the whole is put on the floor.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from scipy.spatial.transform import Rotation
 from pzcap.types import HINGE_AXES, PARENTS, SEGMENTS, Array, Mask, PzcapError
 from sim.motion._bvh import Bvh
 from sim.motion._clip import END_POINTS, FRAME_RATE, MotionClip
-from sim.motion._figure import Figure, understand
+from sim.motion._figure import Figure, match_joints
 from sim.motion._fit import FloorPoint, floor_points
 from sim.motion._kinematics import Frames, exp, log
 from sim.people.anthropometry import body_tree, joint_limit_rad
 
 _SPACE_M: Final = (18.0, 13.0)  # between the tripods
 _FASTEST_RAD_S: Final = np.radians(2000.0)  # of a limb; a somersault's fastest reaches three quarters of it
-_STRAIGHT: Final = np.sin(np.radians(6.0)) ** 3  # a limb bent much less than this does not tell how it is turned
-_FLOOR_PERCENTILE: Final = 5.0  # of the heights of the lowest point: the floor, below which a few frames may reach
-_LIFT_S: Final = 0.1  # it takes to lift what would enter the floor
-_CONTACT_M: Final = 0.03  # what is lower than this
-_CONTACT_M_S: Final = 0.3  # and slower stands on the floor
+_STRAIGHT: Final = np.sin(np.radians(6.0)) ** 3  # a limb bent much less has no hinge axis of its own to show
+_FLOOR_PERCENTILE: Final = 5.0  # percentile of the lowest point's height that is taken for the floor
+_LIFT_S: Final = 0.1  # time over which a pose that would enter the floor is lifted
+_CONTACT_M: Final = 0.03  # a point stands on the floor if it is lower than this
+_CONTACT_M_S: Final = 0.3  # a point stands on the floor if it is slower than this
 
 
 def retarget(bvh: Bvh, measurements: dict[str, float]) -> MotionClip:
-    """Return the file's motion as a person with these measurements (metres) does it, in the middle of the hall.
+    """Return the file's motion for a person with these measurements (metres), in the middle of the hall.
 
     The figure's forward at rest becomes the world's x. Raises PzcapError if the motion does not fit the hall or the
     file's joints are not those of a person.
     """
-    figure = _without_t_pose(understand(bvh), bvh.frame_s)
+    figure = _without_t_pose(match_joints(bvh), bvh.frame_s)
     duration_s = (len(figure.turns) - 1) * bvh.frame_s
     frame_count = int(duration_s * FRAME_RATE + 0.05) + 1  # frame times are rounded in files
     if frame_count < 2:

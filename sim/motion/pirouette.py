@@ -87,8 +87,7 @@ def _swing(step: int) -> tuple[float, float]:
 
 
 def _feet(times: Array, turned: Array, steps: range) -> tuple[Array, Array]:
-    """How far (T,) a foot has turned, a share of the whole turn as ``turned`` (T,) is for the body, and whether (T,) it
-    is lifted, 0 to 1."""
+    """Turn (T,) of a foot, as a share of the whole turn, and its lift (T,), 0 to 1; ``turned`` (T,) is the body's."""
     yaw, lifted = [(0.0, 0.0)], [(0.0, 0.0)]
     for step in steps:
         up, down = _swing(step)

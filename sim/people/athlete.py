@@ -22,12 +22,12 @@ _Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class AthleteConfig:
-    """How the athlete looks."""
+    """The looks of the athlete."""
 
     clothing: Literal["rich", "plain"] = "rich"
-    """Printed shirt and seams, or plain cloth of weak texture."""
+    """rich: printed shirt and seams, whose texture can be tracked; plain: cloth of weak texture."""
     sleeves: Literal["short", "long"] = "short"
-    """Of the shirt: bare forearms, or such as look like the trunk."""
+    """Sleeves of the shirt. Long ones make the forearms look like the trunk: their colours tell nothing."""
 
 
 @dataclass(frozen=True, slots=True)

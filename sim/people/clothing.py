@@ -1,4 +1,4 @@
-"""What the athlete wears, as textures that go round a limb: cloth, print, seams, skin, hair.
+"""Clothing, skin and hair of the athlete, as textures that go round a limb.
 
 An image shows a garment unrolled: its middle is the front of the body part, its right the body's left, its top the end
 that is up in the zero pose. MuJoCo wraps a primitive from its x axis, so images are rolled by half before use.

@@ -1,4 +1,4 @@
-"""What people do beside filming: measure the athlete with a tape, pose a figure at keyframes, walk about the hall."""
+"""The crew beside the cameras: measure the athlete with a tape, pose keyframes by hand, walk about the hall."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from sim.motion import MotionClip
 
 @dataclass(frozen=True, slots=True)
 class CrewConfig:
-    """How well people measure and pose (standard deviations), and whether they keep out of the picture."""
+    """Errors of the crew's measurements and keyframes, and discipline during the sweep."""
 
     tape_sigma_m: float = 0.005
+    """Standard deviation of a reading of the tape, m: repeated readings of a girth differ by as much."""
     keyframes_per_s: float = 1.0
+    """Keyframes posed by hand for each second of the motion, the first and the last frame included."""
     keyframe_position_m: float = 0.00577
-    """Along each axis; 10 mm in all."""
+    """Standard deviation of a keyframe's root position along each axis, m: 10 mm in all."""
     keyframe_rotation_deg: float = 3.0
-    """Of a joint; about a random axis, or about its own for a hinge."""
+    """Standard deviation of a keyframe's joint rotations, degrees, about a random axis (a hinge: about its own)."""
     walks_in_sweep: bool = False
-    """Somebody walks to and fro in the hall while the cameras sweep it."""
+    """A person walks to and fro in the hall while the cameras sweep it. Off: docs/capture.md asks for an empty hall."""
 
 
 def measure(measurements: dict[str, float], config: CrewConfig, rng: np.random.Generator) -> Subject:
@@ -37,13 +39,13 @@ def measure(measurements: dict[str, float], config: CrewConfig, rng: np.random.G
 
 
 def keyframe_indices(frames: int, frame_rate: float, config: CrewConfig) -> list[int]:
-    """Evenly spaced from the first frame to the last, at the rate asked for but never fewer than two."""
+    """Keyframes evenly spaced from the first frame to the last, at the rate asked for but never fewer than two."""
     count = min(max(2, round((frames - 1) / frame_rate * config.keyframes_per_s)), frames)
     return [int(i) for i in np.rint(np.linspace(0, frames - 1, count))]
 
 
 def pose_by_hand(pose: Pose, config: CrewConfig, rng: np.random.Generator) -> Pose:
-    """A pose as a person fits it: near the true one."""
+    """A pose as a person fits it: the true one with the errors of ``config``."""
     sigma = np.deg2rad(config.keyframe_rotation_deg)
     direction = rng.normal(size=(len(SEGMENTS), 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -57,7 +59,7 @@ def pose_by_hand(pose: Pose, config: CrewConfig, rng: np.random.Generator) -> Po
 
 
 def to_and_fro(clip: MotionClip, rng: np.random.Generator) -> Callable[[float], Pose]:
-    """Somebody who walks the way of ``clip`` again and again, there and back, across the middle of the hall."""
+    """Poses over time of a person who walks the way of ``clip`` there and back across the middle of the hall."""
     ends = np.array([clip.at(t).root_position_m for t in (0.0, clip.duration_s)])
     middle = np.array([*ends[:, :2].mean(axis=0), 0.0])
     spot = np.array([*rng.uniform(-1.5, 1.5, 2), 0.0])

@@ -1,10 +1,9 @@
-"""Somebody runs a detector of keypoints over the motion videos. It is not simulated by looking, but by how it errs.
+"""Keypoints in the motion videos as a 2D detector finds them: true ones with the errors of a detector.
 
-It looks at a picture of one size, however large the athlete is in the video, so its errors are a share of the body.
-What it means by a keypoint is not quite what anybody else means. Its errors last for some frames; they grow where the
-body is small, blurred, upside down or hides a joint. Left and right are taken for one another at times; now and then a
-keypoint is elsewhere on the body, or is not found. Its confidence says how hard a joint was to see, and not how wrong
-it is.
+A detector looks at a picture of one size, however large the athlete is in the video, so its errors are a share of the
+body. A keypoint has a systematic offset on the body. Errors last for some frames; they grow where the body is small,
+blurred, upside down or hides a joint. Left and right are swapped at times; a few keypoints are elsewhere on the body,
+or are not found. The confidence says how hard a joint was to see, not how wrong it is.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import mujoco
 import numpy as np
 
 from pzcap.types import PARENTS, SEGMENTS, Array, Mask, Pose
-from sim.cameras.operator import Hands
+from sim.cameras.operator import Trajectory
 from sim.cameras.optics import Rig
 from sim.cameras.render import Stage
 from sim.people.athlete import GEOM_GROUP, set_pose
@@ -39,35 +38,41 @@ _SWAPS: Final = tuple(
 
 @dataclass(frozen=True, slots=True)
 class DetectorConfig:
-    """How a detector errs. Lengths are standard deviations along each axis, in shares of the athlete's stature."""
+    """Errors of a keypoint detector, of the size of OpenPose's.
+
+    Lengths are standard deviations along each axis, in shares of the athlete's stature: a detector looks at a picture
+    of one size however large the athlete is in the video.
+    """
 
     enabled: bool = False
+    """Write keypoints beside the videos. Off: the method does without."""
     meaning: float = 0.008
-    """What it means by a keypoint lies elsewhere on the body."""
+    """Offset of what it takes for a keypoint from the true place, constant on the body: 14 mm of 1.70 m."""
     noise: float = 0.007
-    """Of a joint that it sees well."""
+    """Error of a joint that it sees well: 12 mm of 1.70 m."""
     noise_px: float = 0.7
-    """And of what a pixel of the video can tell."""
+    """Error due to the video's resolution, px, besides."""
     blur: float = 0.5
-    """Share of a motion blur's length that it errs by besides."""
+    """Error due to motion blur, share of the blur's length, besides."""
     hidden: float = 3.0
-    """Times as much where the body hides the joint."""
+    """Factor of the error where the body hides the joint."""
     inverted: float = 2.0
-    """Times as much, and as often, where the body is upside down."""
+    """Factor of the error, and of how often sides are swapped, where the body is upside down: detectors are trained on
+    upright people."""
     memory: float = 0.7
-    """How alike its errors are from one frame to the next."""
+    """Correlation of the error from one frame to the next: pictures that are alike mislead alike."""
     swapped: float = 0.02
-    """Share of the frames in which arms, or legs, are taken for one another."""
+    """Share of the frames in which left and right arms, or legs, are taken for one another."""
     swap_frames: float = 4.0
-    """How long that lasts."""
+    """Mean duration of such a swap, frames."""
     astray: float = 0.01
-    """Share of the keypoints that lie anywhere on the body."""
+    """Share of the keypoints that are found anywhere on the body."""
     missed: float = 0.01
-    """Share of the keypoints that it does not find, and twice as many hidden ones."""
+    """Share of the keypoints that are not found; twice as many of those that the body hides."""
 
 
 class Detector:
-    """One detector, which means the same by its keypoints in every video."""
+    """A detector, whose keypoints have the same systematic offsets in every video."""
 
     def __init__(
         self, stage: Stage, measurements: dict[str, float], config: DetectorConfig, rng: np.random.Generator
@@ -82,12 +87,12 @@ class Detector:
         self._segment_of = {body: s for s, body in enumerate(bodies)}
 
     def watch(
-        self, rig: Rig, hands: Hands, person: Callable[[float], Pose], times_s: Array, shutter_s: float,
+        self, rig: Rig, trajectory: Trajectory, person: Callable[[float], Pose], times_s: Array, shutter_s: float,
         rng: np.random.Generator,
     ) -> Array:  # fmt: skip
-        """What it finds in the pictures that a camera exposed at these times (T,): (T, 25, 3), 0 where nothing."""
+        """Keypoints (T, 25, 3) of pictures exposed at ``times_s`` (T,): x, y, confidence; 0 where not found."""
         config, pictures = self._config, len(times_s)
-        seen = np.array([self._look(rig, hands, person, t, shutter_s) for t in times_s.tolist()])
+        seen = np.array([self._look(rig, trajectory, person, t, shutter_s) for t in times_s.tolist()])
         pixels, size_px, blur_px, hidden, upside = (
             seen[..., :2], seen[..., 2], seen[..., 3], seen[..., 4] > 0, seen[..., 5] > 0
         )  # fmt: skip
@@ -116,7 +121,7 @@ class Detector:
         return np.where(there[..., None], np.dstack([found, np.clip(confidence, 0.05, 1.0)]), 0.0)
 
     def _swapped(self, upside: Mask, rng: np.random.Generator) -> Mask:
-        """(T,) the frames in which left and right are taken for one another."""
+        """(T,) the frames in which left and right are swapped: a Markov chain of two states."""
         config = self._config
         draws, swapped, now = rng.uniform(size=len(upside)), np.zeros(len(upside), bool), False
         for t, draw in enumerate(draws.tolist()):
@@ -126,16 +131,15 @@ class Detector:
         return swapped
 
     def _look(
-        self, rig: Rig, hands: Hands, person: Callable[[float], Pose], time_s: float, shutter_s: float
+        self, rig: Rig, trajectory: Trajectory, person: Callable[[float], Pose], time_s: float, shutter_s: float
     ) -> Array:  # fmt: skip
-        """Of every keypoint (25, 6): where it is, how tall the body is there, the blur's length (all in pixels),
-        whether the body hides it, and whether it is upside down."""
+        """True keypoints (25, 6): pixel, the body's height and the blur's length (px), hidden, upside down."""
         ends = []
         for at_s in (time_s - shutter_s / 2, time_s + shutter_s / 2, time_s):
-            aim = hands.at(at_s)
+            aim = trajectory.at(at_s)
             pose = rig.world_T_cam(aim.pan_rad, aim.focal_px, aim.raised_rad)
             points = self._place(person(at_s))
-            ends.append(rig.see(pose, aim.focal_px, points))
+            ends.append(rig.project(pose, aim.focal_px, points))
         (start, _), (end, _), (pixels, depth) = ends
         size = np.where(depth > 0.1, self._stature_m * aim.focal_px / np.maximum(depth, 0.1), 0.0)
         hidden = [self._hidden(pose[:3, 3], k, point) for k, point in enumerate(points)]
@@ -153,7 +157,7 @@ class Detector:
         return np.asarray(stage.data.xpos[bodies] + np.einsum("kij,kj->ki", turns, self._points_m))
 
     def _hidden(self, eye_m: Array, keypoint: int, point_m: Array) -> bool:
-        """Whether a part of the body that the keypoint's own does not hang on, nor hangs on it, is in front of it."""
+        """True if a part of the body that is no neighbour of the keypoint's own stands in front of it."""
         groups = np.array([group == GEOM_GROUP for group in range(6)], np.uint8)
         geom = np.zeros(1, np.int32)
         way = point_m - eye_m
@@ -174,7 +178,7 @@ def write_openpose(folder: Path, name: str, people: Array) -> None:
 
 
 def _places(m: dict[str, float]) -> dict[str, tuple[str, tuple[float, float, float]]]:
-    """What people click on: the segment of each keypoint, and where in its frame."""
+    """Segment of each keypoint, and its place in the segment's frame, m: what annotators click on."""
     depth, breadth = 0.175 * m["girth_head"], 0.14 * m["girth_head"]  # half axes of a head
     drop = m["trunk"] * 0.45 - m["shoulder_drop"]
     table = {

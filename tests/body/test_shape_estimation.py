@@ -13,7 +13,7 @@ from pzcap.body.skeleton import DOF, forward
 from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.types import SEGMENTS, Array, Subject
-from tests.tracking.test_tracker import TERMS, clip, crops, true_body
+from tests.scenes.tracked import TERMS, clip, crops, true_body
 
 
 def test_a_length_corrects_the_skeleton_and_stretches_the_skin() -> None:

@@ -7,29 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from pzcap.body import skeleton as bodies
 from pzcap.body.mesh import ellipse_half_axes
-from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError, Subject
+from pzcap.types import MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError, Subject
 from sim.people import athlete
-
-
-def subject(seed: int = 0) -> Subject:
-    rng = np.random.default_rng(seed)
-    return Subject(athlete.draw_measurements(athlete.AthleteConfig(), rng), 0.005)
-
-
-def random_pose(seed: int, size: float = 1.0) -> Pose:
-    rng = np.random.default_rng(seed)
-    vectors = rng.normal(0, size, (len(SEGMENTS), 3))
-    for i, name in enumerate(SEGMENTS):
-        if name in HINGE_AXES:
-            vectors[i] = rng.uniform(0, 2) * np.array(HINGE_AXES[name])
-    return Pose(rng.normal(0, 2, 3), Rotation.from_rotvec(vectors).as_quat(scalar_first=True))
-
-
-BODY = bodies.build(subject())
+from tests.scenes.bodies import BODY, random_pose, subject
 
 
 @pytest.mark.parametrize("seed", [0, 1])

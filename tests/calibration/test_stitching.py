@@ -26,32 +26,20 @@ def silent(done: int) -> None:
     del done
 
 
-def frames(optics: synthetic.Optics, pans: Array) -> list[tuple[int, Image]]:
-    return [(i, synthetic.render(optics, pan, FOCAL, noise_seed=i)) for i, pan in enumerate(pans)]
-
-
 def stitched(taken: list[tuple[int, Image]], pans: Array, full_turn: bool, bright: stitching.Brightness) -> Panorama:
     greys = [sweep.grey(image) for _, image in taken]
     return stitching.stitch(taken, np.arange(len(pans)), greys, pans, VIEW, full_turn, bright, FAR_AWAY, silent)
 
 
-def hall_at(azimuth: Array, slope: Array) -> Array:
-    """Grey level of the synthetic hall."""
-    texture = synthetic.hall(0)
-    px_per_rad = texture.shape[1] / (2 * np.pi)
-    column = np.round((np.pi - azimuth) * px_per_rad - 0.5).astype(int) % texture.shape[1]
-    return texture[np.round((synthetic.SLOPES - slope) * px_per_rad - 0.5).astype(int), column].astype(float)
-
-
 def test_a_partial_sweep_is_pasted_where_it_belongs() -> None:
     pans = np.deg2rad(np.arange(0.0, 40.0, 5.0))
     bright = stitching.Brightness(np.zeros(len(pans)), np.array([-0.2, -0.02]))  # log(1 - 0.2 r^2)
-    found = stitched(frames(OPTICS, pans), pans, False, bright)
+    found = stitched(synthetic.frames(OPTICS, pans), pans, False, bright)
     row, column = np.nonzero(found.valid)
     azimuth = (found.origin_px[0] - column) / found.px_per_rad
     slope = (found.origin_px[1] - row) / found.px_per_rad
-    here = np.abs(found.image[row, column] - hall_at(azimuth, slope)).mean()
-    beside = np.abs(found.image[row, column] - hall_at(azimuth + 1 / found.px_per_rad, slope)).mean()
+    here = np.abs(found.image[row, column] - synthetic.hall_at(azimuth, slope)).mean()
+    beside = np.abs(found.image[row, column] - synthetic.hall_at(azimuth + 1 / found.px_per_rad, slope)).mean()
     assert here < 0.7 * beside
     assert azimuth.max() == pytest.approx(pans[-1] + np.arctan(WIDTH / 2 / FOCAL), abs=0.02)
     assert azimuth.min() == pytest.approx(-np.arctan(WIDTH / 2 / FOCAL), abs=0.02)
@@ -61,12 +49,12 @@ def test_a_partial_sweep_is_pasted_where_it_belongs() -> None:
 def test_a_full_turn_wraps_and_shows_no_seam() -> None:
     pans = np.deg2rad(np.arange(0.0, 360.0, 12.0))
     bright = stitching.Brightness(np.zeros(len(pans)), np.array([-0.2, -0.02]))
-    found = stitched(frames(OPTICS, pans), pans, True, bright)
+    found = stitched(synthetic.frames(OPTICS, pans), pans, True, bright)
     assert found.image.shape[1] == pytest.approx(2 * np.pi * found.px_per_rad)
     assert found.valid[40:-40].all()
     row, column = np.nonzero(found.valid)
     azimuth, slope = ((o - p) / found.px_per_rad for o, p in zip(found.origin_px, (column, row), strict=True))
-    difference = np.abs(found.image[row, column] - hall_at(azimuth, slope)).mean(axis=1)
+    difference = np.abs(found.image[row, column] - synthetic.hall_at(azimuth, slope)).mean(axis=1)
     at_the_seam = (column < 5) | (column >= found.image.shape[1] - 5)
     assert difference[at_the_seam].mean() < 1.3 * difference.mean()
 
@@ -74,7 +62,7 @@ def test_a_full_turn_wraps_and_shows_no_seam() -> None:
 def test_somebody_who_walks_through_the_sweep_leaves_no_ghost() -> None:
     pans = np.deg2rad(np.arange(0.0, 40.0, 2.5))
     quiet = stitching.Brightness(np.zeros(len(pans)), np.array([-0.2, -0.02]))
-    alone = frames(OPTICS, pans)
+    alone = synthetic.frames(OPTICS, pans)
     walked = [(i, image.copy()) for i, image in alone]
     for (_, image), left in zip(walked[5:9], (200, 170, 140, 110), strict=True):
         image[60:200, left : left + 40] = (30, 40, 200)
@@ -88,7 +76,7 @@ def test_somebody_who_walks_through_the_sweep_leaves_no_ghost() -> None:
 def test_a_sweep_panned_slowly_is_thinned_and_comes_to_the_same() -> None:
     pans = np.deg2rad(np.concatenate([np.zeros(5), np.arange(0.0, 30.0, 0.5)]))
     guess = View(0.0, OPTICS.tilt_rad, OPTICS.roll_rad, FOCAL, np.array(OPTICS.principal_px), Distortion(OPTICS.k1))
-    found = sweep.chain(frames(OPTICS, pans), guess, False, SweepConfig(), silent)
+    found = sweep.chain(synthetic.frames(OPTICS, pans), guess, False, SweepConfig(), silent)
     assert len(found.kept) < 0.5 * len(pans)
     assert len(found.kept) == len(found.pan_rad) == len(found.images) == len(found.features)
     np.testing.assert_allclose(np.rad2deg(found.pan_rad - pans[found.kept]), 0.0, atol=0.1)
@@ -114,7 +102,7 @@ def test_gains_and_vignetting_come_from_the_overlaps() -> None:
 def test_a_partial_sweep_is_adjusted_without_closure() -> None:
     pans = np.deg2rad(np.arange(0.0, 60.0, 4.0))
     guess = View(0.0, 0.0, 0.0, FOCAL * 1.002, np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]), NONE)
-    chain = sweep.chain(frames(OPTICS, pans), guess, False, SweepConfig(), silent)
+    chain = sweep.chain(synthetic.frames(OPTICS, pans), guess, False, SweepConfig(), silent)
     count = len(pans)
     start = Model(
         chain.pan_rad, np.array([np.log(guess.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
@@ -130,11 +118,11 @@ def test_a_partial_sweep_is_adjusted_without_closure() -> None:
 
 def test_gaps_and_open_circles_are_said_in_one_line() -> None:
     guess = replace(VIEW, tilt_rad=0.0, roll_rad=0.0)
-    jump = frames(OPTICS, np.deg2rad([0.0, 4.0, 90.0]))
+    jump = synthetic.frames(OPTICS, np.deg2rad([0.0, 4.0, 90.0]))
     with pytest.raises(PzcapError, match="frames 1 and 2 show nothing in common"):
         sweep.chain(jump, guess, False, SweepConfig(), silent)
-    half = frames(OPTICS, np.deg2rad(np.arange(0.0, 60.0, 6.0)))
+    half = synthetic.frames(OPTICS, np.deg2rad(np.arange(0.0, 60.0, 6.0)))
     with pytest.raises(PzcapError, match="circle cannot close"):
         sweep.chain(half, guess, True, SweepConfig(), silent)
     with pytest.raises(PzcapError, match="too few"):
-        paper.stitch(frames(OPTICS, np.zeros(1)), FOCAL, SweepConfig(), silent)
+        paper.stitch(synthetic.frames(OPTICS, np.zeros(1)), FOCAL, SweepConfig(), silent)

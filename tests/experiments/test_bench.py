@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from experiments.bench import Stage, Stages, table
+from experiments.bench import Stage, Stages, stage_table
 
 pytestmark = pytest.mark.xdist_group("experiments")
 
@@ -36,7 +36,7 @@ def test_a_median_is_held_against_its_limit() -> None:
     stages = Stages()
     stages.cold.samples, stages.follow.samples = [100.0, 200.0, 900.0], [16.0, 16.0, 1.0]
     console = Console(width=200, file=io.StringIO(), record=True)
-    console.print(table(stages, "test"))
+    console.print(stage_table(stages, "test"))
     cold, follow = (line for line in console.export_text().splitlines() if "localise" in line)
     assert "200.0 ms" in cold
     assert cold.rstrip(" │").endswith("yes")

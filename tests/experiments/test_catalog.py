@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -12,29 +11,13 @@ import numpy as np
 import pytest
 
 from experiments import catalog
-from experiments.config import default_tree
-from experiments.metrics import Metric, run_info
-from experiments.report import recording
-from pzcap.types import Capture
-from pzcap.viewer.recording import Recorder
-from tests.scenes import fabricated
+from tests.scenes.studies import record
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("datafusion") is None, reason="needs rerun-sdk[catalog]: pip install pzcap[catalog]"
 )
 DOCUMENT = Path(__file__).parents[2] / "docs" / "recording.md"
 EXAMPLE = next(block for block in re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S) if "Server" in block)
-
-
-def record(path: Path, noise: float, seed: int) -> None:
-    """A run without footage, of some pan error."""
-    path.parent.mkdir(parents=True)
-    capture = Capture(path.parent, "fabricated", Fraction(30), (), None, None, {}, full_turn=True)
-    tree = default_tree()
-    tree["shoot"]["sensor"]["read_noise"], tree["seed"] = noise, seed
-    found = [Metric("panzoom.pan.rms", 0.001 * (noise + seed), "deg"), Metric("body.mpjpe.mean", None, "mm")]
-    with Recorder(path, capture, name=f"noise {noise}") as recorder:
-        recording.summarise(recorder, fabricated.reconstruction(), found, run_info(tree, seed))
 
 
 @pytest.fixture(scope="module")

@@ -21,10 +21,10 @@ from experiments.metrics import Metric
 from experiments.score import score
 from experiments.totals import metrics
 from pzcap.types import PzcapError, Reconstruction
-from tests.experiments.test_score import truth_of
 from tests.scenes import fabricated
 from tests.scenes.biased import lengthened
-from tests.test_configs import composed
+from tests.scenes.configs import composed
+from tests.scenes.fabricated_truth import truth_of
 
 CONFIG = GateConfig(
     common=("a=1",),

@@ -20,11 +20,11 @@ from experiments.footage import SMALL
 from experiments.run import main
 from experiments.studies import jobs
 from pzcap.io.files import locked
-from sim import captures
+from sim import capture_cache
 from sim.capture_cache import shoot_cached
 from sim.session import ShootConfig
 from sim.shoot import Progress
-from tests.experiments.test_sweep import ENVIRONMENT, ROOT, began, command, composed, results, sweep, write
+from tests.scenes.sweeps import ENVIRONMENT, ROOT, began, command, composed, results, sweep, write
 
 HOLD = """
 import sys, time
@@ -146,7 +146,7 @@ def test_a_shoot_that_was_killed_is_swept_and_one_at_work_is_not(
         (folder / "capture").mkdir()
         yield Progress("sweep", 1, 2)
 
-    monkeypatch.setattr(captures, "shoot", pretend)
+    monkeypatch.setattr(capture_cache, "shoot", pretend)
     working = shoot_cached(SMALL, tmp_path)
     next(working)
     (own,) = (path for path in tmp_path.glob(".*") if path.is_dir())

@@ -13,9 +13,9 @@ import pytest
 from experiments import catalog
 from pzcap.types import PzcapError
 from pzcap.viewer import window
-from tests.experiments.test_catalog import record
-from tests.experiments.test_sweep import ENVIRONMENT, ROOT, command
 from tests.scenes import listening
+from tests.scenes.studies import record
+from tests.scenes.sweeps import ENVIRONMENT, ROOT, command
 
 
 @pytest.mark.slow

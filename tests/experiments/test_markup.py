@@ -16,7 +16,8 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from experiments import terminal
-from experiments.comparisons.peers import bench, show
+from experiments.comparisons.harness import Row, print_rows
+from experiments.comparisons.peers import COMPARISON
 from experiments.config import default_tree
 from experiments.metrics import Metric, run_info
 from experiments.paper_figures import page
@@ -30,8 +31,8 @@ from experiments.studies import jobs
 from experiments.studies import page as study_page
 from pzcap.tracking.tracker import TrackingConfig
 from pzcap.types import CameraFiles, Capture
-from tests.experiments.test_study import NOISE, grid
 from tests.scenes import fabricated
+from tests.scenes.studies import NOISE, grid
 
 ROOT = Path(__file__).parents[2]
 NAMES = (
@@ -150,7 +151,7 @@ def test_the_terminal(name: str) -> None:
 def test_the_tables(name: str) -> None:
     out = terminal.terminal(file=io.StringIO(), width=300, record=True)
     print_table(out, name, [Metric("body.mpjpe.mean", 1.0, "mm")])
-    show.print_table(out, name, [bench.Result("hugin", (), name)])
+    print_rows(out, COMPARISON, name, [Row("hugin", "Hugin", {}, missing=name)])
     text = out.export_text()
     assert " ".join(text.split()).count(name) == 3
     assert "reached" in text

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -24,73 +23,9 @@ from pzcap.geometry import camera as camera_model
 from pzcap.types import Camera, PzcapError, Reconstruction
 from sim.truth import Truth
 from tests.scenes import fabricated
+from tests.scenes.fabricated_truth import HEIGHT, WIDTH, body_mask, shadow_mask, truth_of
 
 F = 12
-HEIGHT, WIDTH = 260, 320
-
-
-def truth_of(whole: Reconstruction) -> Truth:
-    """The truth that makes ``whole`` perfect."""
-    cameras = [c for c in whole.cameras if c is not None]
-    tracks = [t for t in whole.tracks if t is not None]
-    instants = [
-        [camera_model.at(c, t.pan_rad[f], t.tilt_rad[f], t.focal_px[f]) for f in range(F)]
-        for c, t in zip(cameras, tracks, strict=True)
-    ]
-    references = [r.camera for r in whole.references if r is not None]
-    panoramas = [p for p in whole.panoramas if p is not None]
-    assert whole.motion is not None
-    rng = np.random.default_rng(5)
-    solid = np.zeros((F, HEIGHT * WIDTH // 8), np.uint8)
-    shadow = np.zeros((2, HEIGHT * WIDTH // 8), np.uint8)
-    solid[:] = np.packbits(body_mask())
-    shadow[:] = np.packbits(shadow_mask())
-    return Truth(
-        config='{"sensor": {"read_noise": 2.0, "shot_noise": 0.02}, "optics": {"vignetting": 0.8}}',
-        frame_rate=Fraction(30),
-        camera_names=whole.camera_names,
-        timecodes=whole.timecodes,
-        width=WIDTH,
-        height=HEIGHT,
-        pan_rad=np.array([t.pan_rad for t in tracks]),
-        tilt_rad=np.array([t.tilt_rad for t in tracks]),
-        roll_rad=np.array([c.roll_rad for c in cameras]),
-        focal_px=np.array([t.focal_px for t in tracks]),
-        principal_px=np.array([[c.principal_px for c in row] for row in instants]),
-        k1=np.array([[c.k1 for c in row] for row in instants]),
-        world_T_cam=np.array([[c.world_T_cam for c in row] for row in instants]),
-        recorded=np.ones((4, F), bool),
-        reference_focal_px=np.array([c.focal_px for c in references]),
-        reference_principal_px=np.array([c.principal_px for c in references]),
-        reference_k1=np.array([c.k1 for c in references]),
-        reference_world_T_cam=np.array([c.world_T_cam for c in references]),
-        sweep_pan_rad=np.array([p.sweep_pan_rad for p in panoramas]),
-        sweep_world_T_cam=np.zeros((4, 30, 4, 4)),
-        zoom_focal_px=np.zeros((4, 3)),
-        zoom_pan_rad=np.zeros(4),
-        scene_points_m=rng.uniform([-15, -10, 0], [15, 10, 8], (4, 400, 3)),
-        measurements_m={},
-        root_position_m=whole.motion.root_position_m,
-        rotations=whole.motion.rotations,
-        joints_m=whole.motion.joints_m,
-        contact=np.ones((F, 4), bool),
-        airborne=np.arange(F) == 5,
-        mask_bits=np.tile(solid, (4, 1, 1)),
-        shadow_frames=np.array([0, 10]),
-        shadow_bits=np.tile(shadow, (4, 1, 1)),
-    )
-
-
-def body_mask() -> np.ndarray:
-    mask = np.zeros((HEIGHT, WIDTH), bool)
-    mask[20:240, 100:160] = True
-    return mask
-
-
-def shadow_mask() -> np.ndarray:
-    mask = np.zeros((HEIGHT, WIDTH), bool)
-    mask[230:255, 160:220] = True
-    return mask
 
 
 @pytest.fixture(scope="module")

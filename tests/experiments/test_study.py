@@ -3,65 +3,26 @@
 from __future__ import annotations
 
 import itertools
-import json
 import re
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from hydra import compose, initialize_config_dir
-from hydra.core.global_hydra import GlobalHydra
-from omegaconf import DictConfig
 
 from experiments import run
 from experiments.config import build, plain
-from experiments.metrics import Metric, run_info, write_metrics
 from experiments.studies import jobs, study
 from experiments.studies import page as study_page
+from tests.scenes.studies import NOISE, ZOOM, composed, grid
 
 STUDIES = sorted(path.stem for path in (run.CONF / "study").glob("[!_]*.yaml"))
-NOISE, ZOOM = "shoot.sensor.read_noise", "shoot.optics.zoom_max"
-
-
-def composed(*overrides: str, hydra: bool = False) -> DictConfig:
-    GlobalHydra.instance().clear()
-    with initialize_config_dir(str(run.CONF), version_base="1.3"):
-        return compose("config", overrides=list(overrides), return_hydra_config=hydra)
 
 
 def axes(name: str) -> dict[str, list[str]]:
     params = composed(f"study={name}", hydra=True).hydra.sweeper.params
     return {str(key): str(value).split(",") for key, value in params.items()}
-
-
-def fabricate(folder: Path, overrides: Sequence[str], *, bounded: bool = True, lost: float = 0.0) -> Path:
-    """A finished run whose errors are three times their bound."""
-    config = plain(composed(*overrides))
-    noise, zoom = config["shoot"]["sensor"]["read_noise"], config["shoot"]["optics"]["zoom_max"]
-    error = (1.0 + noise + 0.1 * config["seed"]) / zoom / 1000
-    found = [
-        Metric("panzoom.pan.rms", error, "deg"),
-        Metric("panzoom.focal.rms", 10 * error, "%"),
-        Metric("panzoom.bound_ratio.pan", 3.0 if bounded else None, "1"),
-        Metric("panzoom.bound_ratio.focal", 3.0 if bounded else None, "1"),
-        Metric("panzoom.lost", lost, "frames"),
-        Metric("body.mpjpe.mean", None, "mm"),
-    ]
-    place = folder / re.sub(r"[^\w.,=]", "_", ",".join(overrides))
-    place.mkdir(parents=True)
-    write_metrics(place / "metrics.json", found, run_info(config, config["seed"]))
-    (place / jobs.MARK).write_text(json.dumps({"key": "", "overrides": list(overrides), "seconds": 1.5}))
-    (place / "report.html").write_text("a report")
-    return place
-
-
-def grid(folder: Path, values: dict[str, Sequence[Any]], **how: Any) -> list[Path]:
-    jobs_ = itertools.product(*([f"{key}={value}" for value in values[key]] for key in values))
-    return [fabricate(folder, overrides, **how) for overrides in jobs_]
 
 
 def test_the_studies_of_the_issue_are_there() -> None:

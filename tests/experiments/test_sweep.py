@@ -9,7 +9,6 @@ import random
 import re
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -18,46 +17,14 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.plugins import Plugins
-from omegaconf import DictConfig, OmegaConf
 
 from experiments import run
 from experiments.errors import AlreadyReported
 from experiments.studies import jobs
 from pzcap.types import PzcapError
+from tests.scenes.sweeps import ENVIRONMENT, ROOT, began, command, composed, results, sweep, write
 
-ROOT = Path(__file__).parents[2]
-ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests" / "plugins")])}
 GRID = ("value=1,2,3,4,5,6,7,8", "noise=0,1,2")  # 24 jobs
-
-
-def command(folder: Path, *arguments: str, launcher: str = "basic") -> list[str]:
-    stub = [
-        sys.executable,
-        "-m",
-        "tests.scenes.stub_sweep",
-        "-m",
-        f"hydra.sweep.dir={folder}",
-        f"hydra/launcher={launcher}",
-    ]
-    return [*stub, *arguments]
-
-
-def sweep(folder: Path, *arguments: str, launcher: str = "basic") -> subprocess.CompletedProcess[str]:
-    line = command(folder, *arguments, launcher=launcher)
-    return subprocess.run(line, capture_output=True, text=True, cwd=ROOT, env=ENVIRONMENT)
-
-
-def results(folder: Path) -> dict[str, dict[str, str]]:
-    """Folder of each result -> its files. Asserts that nothing in sight is half a result."""
-    found = {}
-    for job in sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith(".")):
-        files = {path.name: path.read_text() for path in job.glob("*.txt")}
-        if (job / jobs.MARK).exists():
-            assert [text.count("\n") for text in files.values()] == [5, 5, 5]
-            found[job.name] = files
-        else:
-            assert not files
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -74,10 +41,6 @@ def undisturbed(shared: Path) -> dict[str, dict[str, str]]:
     found = results(shared)
     assert len(found) == 24
     return found
-
-
-def began(folder: Path) -> int:
-    return len((folder / "began.txt").read_text().splitlines())
 
 
 @pytest.mark.slow
@@ -205,15 +168,6 @@ def test_axes_of_a_study_give_way_to_those_of_the_command(tmp_path: Path) -> Non
 
 # --------------------------------------------------------------------------------------------------------------
 # One job
-
-
-def composed(**values: Any) -> DictConfig:
-    return OmegaConf.create({"value": 1, **values})
-
-
-def write(tree: dict[str, Any], folder: Path) -> str:
-    (folder / "result.txt").write_text(str(tree["value"]))
-    return "new"
 
 
 def test_a_job_is_done_once(tmp_path: Path) -> None:

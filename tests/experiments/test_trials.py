@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
+from experiments.footage import SMALL
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.io.video import VideoReader
-from pzcap.types import Array, Image, Mask, PzcapError
+from pzcap.types import Image, Mask, PzcapError
 from sim import capture_cache
 from sim.cameras.operator import OperatorConfig, follow, swinging, through, zooming
 from sim.cameras.optics import OpticsConfig, build_rig
@@ -24,7 +25,7 @@ from sim.people.crew import CrewConfig
 from sim.session import ShootConfig
 from sim.shoot import Progress, shoot
 from sim.truth import Truth, load
-from tests.conftest import SMALL
+from tests.scenes.captures import project
 
 PLAIN = replace(
     SMALL, motion="floor_exercise", motion_frames=3, sweep_deg=10.0, zoom_frames=2,
@@ -74,16 +75,6 @@ def frames(folder: Path) -> list[list[Image]]:
     return [[image for image in camera if image is not None] for camera in zip(*sets, strict=True)]
 
 
-def project(truth: Truth, camera: int, frame: int, points_m: Array) -> Array:
-    """(N, 2) pixels, by the formulas of `pzcap.types`."""
-    cam_T_world = np.linalg.inv(truth.world_T_cam[camera, frame])
-    points = points_m @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
-    points[:, 2] = np.where(points[:, 2] > 0.5, points[:, 2], np.nan)  # behind the camera: nowhere
-    xy = points[:, :2] / points[:, 2:]
-    bend = 1 + truth.k1[camera, frame] * np.sum(xy**2, axis=1, keepdims=True)
-    return truth.principal_px[camera, frame] + truth.focal_px[camera, frame] * bend * xy
-
-
 # ------------------------------------------------------------------------------------------ off by default
 
 
@@ -126,7 +117,7 @@ def outlines(truth: Truth, camera: int, frame: int) -> Mask:
             corners = place + signs * (
                 np.array(half) + np.array([0.4, 0.3, 0.0])
             )  # light comes from above, at 16 degrees
-            pixels = project(truth, camera, frame, corners)
+            pixels = project(truth.camera(camera, frame), corners)
             if np.isfinite(pixels).all():
                 cv2.fillConvexPoly(found, cv2.convexHull(np.rint(pixels).astype(np.int32)), 1)
     return np.asarray(cv2.dilate(found, np.ones((9, 9), np.uint8)) > 0)
@@ -175,8 +166,8 @@ def test_the_crew_walks_through_the_sweep_alone(shots: Shots, plain: Path) -> No
 def test_a_fast_pan_reaches_its_speed_and_smears_the_picture(shots: Shots, plain: Path) -> None:
     swing = OperatorConfig(swing_deg_s=60.0, swing_hz=2.0)
     still = through(np.linspace(0, 4, 961), np.zeros(961), np.full(961, 880.0))
-    hands = swinging(still, swing, np.random.default_rng(0))
-    fine = np.array([hands.at(t).pan_rad for t in np.arange(0, 4, 0.001)])
+    trajectory = swinging(still, swing, np.random.default_rng(0))
+    fine = np.array([trajectory.at(t).pan_rad for t in np.arange(0, 4, 0.001)])
     assert np.rad2deg(np.abs(np.diff(fine)).max() / 0.001) == pytest.approx(60.0, rel=0.01)
     assert np.rad2deg(np.abs(fine).max()) == pytest.approx(60 / (2 * np.pi * 2), rel=0.01)
     open_shutter = replace(PLAIN, operator=swing, sensor=replace(PLAIN.sensor, sub_exposures=6), motion_frames=6)
@@ -226,7 +217,7 @@ def test_operators_tilt_after_the_body(shots: Shots, plain: Path) -> None:
         off.append(np.mean([[abs((r[0] + r[-1]) / 2 - 119.5) for r in row] for row in rows]))
     assert off[0] < 0.6 * off[1]
     for c in range(4):  # the truth's tilt is what the pixels show
-        on = [truth.mask(c, 1)[v, u] for u, v in np.rint(project(truth, c, 1, truth.joints_m[1])).astype(int)]
+        on = [truth.mask(c, 1)[v, u] for u, v in np.rint(project(truth.camera(c, 1), truth.joints_m[1])).astype(int)]
         assert np.mean(on) > 0.9
 
 

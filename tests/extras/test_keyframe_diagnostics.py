@@ -13,9 +13,9 @@ from pzcap.extras import keyframe_diagnostics
 from pzcap.tracking import tracker
 from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.types import SEGMENTS, Array, Keyframe, Motion, Pose
-from tests.body.test_skeleton import BODY
+from tests.scenes import tracked as rendered
+from tests.scenes.bodies import BODY
 from tests.scenes.body_scene import swing
-from tests.tracking import test_tracker as rendered
 
 FRAMES, RATE = 31, 30.0
 KEYS = (0, 10, 20, 30)

@@ -17,9 +17,10 @@ from pzcap.extras.paper.similarity import ransac_eq15, solve_eq15
 from pzcap.extras.paper.unfolding import points_from_cylinder, points_to_cylinder, to_cylinder
 from pzcap.geometry.camera import head_T_cam, pixel_to_direction, view_at
 from pzcap.types import Lens, PanZoomCamera
-from tests.calibration.test_stitching import frames, hall_at, silent
-from tests.localisation.test_localise import FOCAL, OPTICS
 from tests.scenes import synthetic
+
+OPTICS = synthetic.Optics()
+FOCAL = OPTICS.reference_focal_px
 
 
 @given(st.floats(0, 639), st.floats(0, 479), st.floats(400, 2000))
@@ -53,12 +54,12 @@ def test_unfolded_images_hold_what_equation_6_says() -> None:
 def test_the_papers_chain_on_a_camera_as_the_paper_assumes_it() -> None:
     optics = synthetic.clean(OPTICS)
     pans = np.deg2rad(np.arange(0.0, 40.0, 4.0))
-    found = stitching.stitch(frames(optics, pans), FOCAL, SweepConfig(), silent)
+    found = stitching.stitch(synthetic.frames(optics, pans), FOCAL, SweepConfig(), lambda _done: None)
     np.testing.assert_allclose(np.rad2deg(found.sweep_pan_rad), np.rad2deg(pans), atol=0.03)
     azimuth = (found.origin_px[0] - np.arange(found.image.shape[1])) / found.px_per_rad
     middle = round(found.origin_px[1])
-    here = np.abs(found.image[middle] - hall_at(azimuth, 0 * azimuth)).mean()
-    assert here < 0.7 * np.abs(found.image[middle] - hall_at(azimuth + 2 / FOCAL, 0 * azimuth)).mean()
+    here = np.abs(found.image[middle] - synthetic.hall_at(azimuth, 0 * azimuth)).mean()
+    assert here < 0.7 * np.abs(found.image[middle] - synthetic.hall_at(azimuth + 2 / FOCAL, 0 * azimuth)).mean()
 
 
 def test_equation_15_is_exact_for_a_similarity() -> None:

@@ -15,8 +15,8 @@ from pzcap.extras.reconstruct import Config, smoothed
 from pzcap.extras.rts_smoother import SmoothConfig, jerk, smooth
 from pzcap.localisation.covariance import systematic
 from pzcap.types import Array, PanZoomTrack, PzcapError
-from tests.geometry.test_cylinder import camera_of
 from tests.scenes import synthetic
+from tests.scenes.cylinders import camera_of
 
 RATE = Fraction(30)
 NONE = np.zeros((2, 2))

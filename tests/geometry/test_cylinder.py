@@ -11,28 +11,9 @@ from hypothesis import strategies as st
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import direction_to_pixel, head_T_cam, pixel_to_direction, view_at
 from pzcap.localisation.panorama_sampler import looking, warp_background
-from pzcap.types import InverseDepthMap, Lens, Panorama, PanZoomCamera
+from pzcap.types import InverseDepthMap
 from tests.scenes import synthetic
-
-
-def whole_turn(seed: int) -> Panorama:
-    """The synthetic hall itself as a panorama."""
-    image = synthetic.hall(seed)
-    height, width = image.shape[:2]
-    px_per_rad = width / (2 * np.pi)
-    origin = np.array([width / 2 - 0.5, synthetic.SLOPES * px_per_rad - 0.5])
-    empty = np.zeros(0)
-    return Panorama(
-        image, np.ones((height, width), bool), px_per_rad, origin, True, empty, empty.astype(np.int64), 0.0, 0.0
-    )
-
-
-def camera_of(optics: synthetic.Optics) -> PanZoomCamera:
-    lens = Lens(
-        optics.width, optics.height, optics.reference_focal_px,
-        np.array([optics.principal_px, optics.principal_slope_px]), np.array([optics.k1, optics.k1_slope]),
-    )  # fmt: skip
-    return PanZoomCamera(lens, np.eye(4), optics.tilt_rad, optics.roll_rad)
+from tests.scenes.cylinders import camera_of, whole_turn
 
 
 @settings(deadline=None)  # the first call draws the hall

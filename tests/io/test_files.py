@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from experiments import footage
-from pzcap import store
+from pzcap.io import results
 from pzcap.io.capture import read_image
 from pzcap.io.files import checked, locked
 from pzcap.io.video import VideoReader
@@ -33,13 +33,13 @@ def test_what_is_no_file_is_refused_by_every_reader(kind: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", [store.MANIFEST, store.ARRAYS, "panorama1.png"])
+@pytest.mark.parametrize("name", [results.MANIFEST, results.ARRAYS, "panorama1.png"])
 def test_what_is_no_file_is_refused_in_a_reconstruction(kind: str, name: str, tmp_path: Path) -> None:
-    store.save(fabricated.reconstruction(), tmp_path)
+    results.save(fabricated.reconstruction(), tmp_path)
     (tmp_path / name).unlink()
     specials.make(tmp_path / name, kind)
     with pytest.raises(PzcapError, match=f"{name}: is {kind}"):
-        store.load(tmp_path)
+        results.load(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["truth.json", "truth.npz", "masks.npz"])
@@ -57,13 +57,13 @@ def test_what_is_no_file_is_refused_in_a_truth(name: str, small_capture: Path, t
 @pytest.mark.parametrize("name", ["../panorama1.png", "/dev/zero"])
 def test_a_reconstruction_opens_nothing_outside_itself(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "reconstruction"
-    store.save(fabricated.reconstruction(), folder)
+    results.save(fabricated.reconstruction(), folder)
     (folder / "panorama1.png").rename(tmp_path / "panorama1.png")
-    manifest = json.loads((folder / store.MANIFEST).read_text())
+    manifest = json.loads((folder / results.MANIFEST).read_text())
     manifest["cameras"][0]["panorama"] = name
-    (folder / store.MANIFEST).write_text(json.dumps(manifest))
+    (folder / results.MANIFEST).write_text(json.dumps(manifest))
     with pytest.raises(PzcapError, match=f"{name} leads out of the folder"):
-        store.load(folder)
+        results.load(folder)
 
 
 HOLDING = """

@@ -22,7 +22,7 @@ from sim.session import ShootConfig
 from sim.shoot import Progress, shoot
 from sim.truth import Truth, load
 from tests.scenes.bvh_files import Style, t_pose, write_bvh
-from tests.sim.test_shoot import TINY
+from tests.scenes.captures import TINY
 
 PlaceOf = Callable[[ShootConfig], str]
 

@@ -7,7 +7,7 @@ import pytest
 
 from pzcap.body import skeleton as bodies
 from pzcap.limbs.search import LIMBS, LimbSearch
-from tests.tracking.test_tracker import clip, lost, observed, true_body
+from tests.scenes.tracked import clip, lost, observed, true_body
 
 
 def swung(limb: int, by: float) -> bodies.Pose:

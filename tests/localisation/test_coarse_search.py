@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from pzcap.geometry.camera import wrapped
 from pzcap.localisation.coarse_search import ZOOM_STEP, Correlator
 from pzcap.types import Array
-from tests.geometry.test_cylinder import camera_of, whole_turn
 from tests.scenes import synthetic
+from tests.scenes.cylinders import camera_of, whole_turn
 
 OPTICS = synthetic.Optics()
 FOCAL = OPTICS.reference_focal_px

@@ -20,8 +20,8 @@ from pzcap.localisation.covariance import systematic
 from pzcap.localisation.localise import Localiser
 from pzcap.localisation.panzoom_solvers import solve_eq11
 from pzcap.types import Array, Image, PzcapError
-from tests.geometry.test_cylinder import camera_of, whole_turn
 from tests.scenes import synthetic
+from tests.scenes.cylinders import camera_of, whole_turn
 
 OPTICS = synthetic.Optics()
 FOCAL = OPTICS.reference_focal_px

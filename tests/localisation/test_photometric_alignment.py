@@ -14,8 +14,8 @@ from pzcap.geometry.cylinder import from_centre, from_panorama
 from pzcap.localisation.panorama_sampler import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, KNOWN, VALUE
 from pzcap.localisation.photometric_alignment import LINEAR, Aligner, _weigh
 from pzcap.types import Array, InverseDepthMap
-from tests.geometry.test_cylinder import camera_of, whole_turn
 from tests.scenes import synthetic
+from tests.scenes.cylinders import camera_of, whole_turn
 
 OPTICS = synthetic.Optics()
 FOCAL, TILT = OPTICS.reference_focal_px, OPTICS.tilt_rad

@@ -1,5 +1,7 @@
-"""A small hall with the athlete in it, four cameras that pan and zoom, true cameras and masks: what the tests of the
-body, the silhouettes and the tracker look at. MuJoCo's own camera projects; of `pzcap` only the types are used."""
+"""A small hall with the athlete, four cameras that pan and zoom, and the truth: for body, segmentation, tracking.
+
+MuJoCo's own camera projects; of `pzcap` only the types are used.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from sim.cameras.render import Stage
 from sim.people import athlete
 
 WIDTH, HEIGHT = 480, 360
-_POSITIONS = np.array([[-6.0, -5.0, 1.7], [6.0, -5.0, 1.8], [6.0, 5.0, 1.6], [-6.0, 5.0, 1.75]])
+POSITIONS = np.array([[-6.0, -5.0, 1.7], [6.0, -5.0, 1.8], [6.0, 5.0, 1.6], [-6.0, 5.0, 1.75]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +100,8 @@ def shoot(frames: int, seed: int = 0, frame_rate: float = 30.0, noise: float = 2
         centres = np.array([stage.data.body(name).xpos.copy() for name in SEGMENTS])
         joints.append(centres)
         row = []
-        for position in _POSITIONS:
-            camera = _aim(position, centres.mean(axis=0))
+        for position in POSITIONS:
+            camera = aim(position, centres.mean(axis=0))
             stage.aim(camera.world_T_cam, float(np.rad2deg(2 * np.arctan(HEIGHT / 2 / camera.focal_px))))
             pictures = []
             for present in (True, False):
@@ -114,7 +116,7 @@ def shoot(frames: int, seed: int = 0, frame_rate: float = 30.0, noise: float = 2
     return Clip(measurements, shots, poses, np.array(joints))
 
 
-def _aim(position: Array, target: Array) -> Camera:
+def aim(position: Array, target: Array) -> Camera:
     """Look at the target, zoomed so that a person is 230 pixels tall."""
     ahead = target - position
     pan, distance = np.arctan2(ahead[1], ahead[0]), np.hypot(ahead[0], ahead[1])

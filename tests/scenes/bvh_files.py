@@ -51,7 +51,7 @@ def astride() -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class Style:
-    """How a program writes a figure."""
+    """Conventions by which a program writes a figure."""
 
     names: Mapping[str, str] = field(default_factory=lambda: MIXAMO)
     rest: Mapping[str, Array] = field(default_factory=dict)  # world from segment, where it is not the identity

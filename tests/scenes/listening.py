@@ -1,4 +1,4 @@
-"""Who on the network could reach a process."""
+"""Network addresses on which processes listen."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import psutil
 
 
 def addresses(process: psutil.Process) -> set[str]:
-    """Where a process and all that it started listen for connections."""
+    """Addresses on which a process and all that it started listen."""
     found = set()
     with suppress(psutil.NoSuchProcess):
         for one in [process, *process.children(recursive=True)]:

@@ -1,4 +1,4 @@
-"""What stands in a file's place and is none."""
+"""Paths that are no regular files: pipes, folders, sockets, links to devices."""
 
 from __future__ import annotations
 

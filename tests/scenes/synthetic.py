@@ -1,7 +1,7 @@
 """A hall seen from one point: a procedural cylinder of texture, and frames of a pan-zoom camera rendered from it.
 
-Test material for the camera rooms alone: no depth, no simulator, all truth known. Rendering goes through rotation
-matrices of its own, so that a mistake in `pzcap.geometry.camera` cannot cancel out.
+Test material for calibration and localisation alone: no depth, no simulator, all truth known. Rendering goes through
+rotation matrices of its own, so that a mistake in `pzcap.geometry.camera` cannot cancel out.
 """
 
 from __future__ import annotations
@@ -106,6 +106,20 @@ def render(
     frame *= (gain * (1 - optics.vignetting * radius**2))[..., None].astype(np.float32)
     frame += np.random.default_rng(noise_seed).normal(0, optics.noise, frame.shape).astype(np.float32)
     return np.clip(np.round(frame), 0, 255).astype(np.uint8)
+
+
+def frames(optics: Optics, pans_rad: Array) -> list[tuple[int, Image]]:
+    """Numbered frames of a sweep at the reference focal length, each with noise of its own."""
+    focal = optics.reference_focal_px
+    return [(i, render(optics, pan, focal, noise_seed=i)) for i, pan in enumerate(pans_rad)]
+
+
+def hall_at(azimuth: Array, slope: Array) -> Array:
+    """Grey level of the synthetic hall."""
+    texture = hall(0)
+    px_per_rad = texture.shape[1] / (2 * np.pi)
+    column = np.round((np.pi - azimuth) * px_per_rad - 0.5).astype(int) % texture.shape[1]
+    return texture[np.round((SLOPES - slope) * px_per_rad - 0.5).astype(int), column].astype(float)
 
 
 OBJECT_CENTRE = np.array([8.0, 0.0, -0.6])  # head frame, metres

@@ -1,5 +1,7 @@
-"""A hall of upright bars with sharp edges, and pictures of it that are exact: what pixels are too coarse for is all
-that is wrong. Bars stand upright in the picture as well, so that it is wrong in all rows alike."""
+"""A hall of upright bars with sharp edges, and exact pictures of it: aliasing is their only error.
+
+Bars stand upright in the picture as well, so that the error is the same in all rows.
+"""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from pzcap.viewer import window
 
 
 def _vulkan() -> bool:
-    """Whether there is a driver that the viewer can draw with."""
+    """True if there is a driver that the viewer can draw with."""
     named = os.environ.get("VK_DRIVER_FILES") or os.environ.get("VK_ICD_FILENAMES")
     return bool(named) or any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
 
@@ -28,7 +28,7 @@ needs_vulkan = pytest.mark.skipif(
 
 
 def screenshot(found: review.Review) -> tuple[Image, Any]:
-    """What the viewer shows of a review once it has come to rest, blue, green, red; and its state."""
+    """Screenshot of a review in the viewer once it has come to rest (blue, green, red), and the viewer's state."""
     process, client = window.show([found.place], headless=True)
     try:
         shots = [client.take_screenshot()]

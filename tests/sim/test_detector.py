@@ -15,7 +15,7 @@ from pzcap.body import skeleton as bodies
 from pzcap.io.detections import BODY_25, KEYPOINTS, read_keypoints
 from pzcap.tracking import keypoint_residuals
 from pzcap.types import Array, Subject
-from sim.cameras.operator import Hands, through
+from sim.cameras.operator import Trajectory, through
 from sim.cameras.optics import OpticsConfig, Rig, build_rig
 from sim.cameras.render import Stage
 from sim.people import athlete, detector
@@ -29,7 +29,7 @@ ROWS = [KEYPOINTS.index(name) for name in BODY_25]
 
 
 @cache
-def scene() -> tuple[Stage, dict[str, float], Rig, Hands]:
+def scene() -> tuple[Stage, dict[str, float], Rig, Trajectory]:
     rng = np.random.default_rng(0)
     config = athlete.AthleteConfig()
     measurements = athlete.draw_measurements(config, rng)
@@ -43,9 +43,9 @@ def scene() -> tuple[Stage, dict[str, float], Rig, Hands]:
 
 
 def watch(config: DetectorConfig, seed: int = 0, camera: int = 0) -> Array:
-    stage, measurements, rig, hands = scene()
+    stage, measurements, rig, trajectory = scene()
     found = Detector(stage, measurements, config, np.random.default_rng(seed))
-    return found.watch(rig, hands, swing, TIMES_S, 0.004, np.random.default_rng([seed, camera]))
+    return found.watch(rig, trajectory, swing, TIMES_S, 0.004, np.random.default_rng([seed, camera]))
 
 
 def ideal() -> Array:
@@ -54,13 +54,13 @@ def ideal() -> Array:
 
 def test_its_keypoints_lie_where_ours_are_expected() -> None:
     """Projected with the simulator's numbers, our places on the body and the detector's agree within our sigmas."""
-    _, measurements, rig, hands = scene()
+    _, measurements, rig, trajectory = scene()
     body = bodies.build(Subject(measurements, 0.005))
-    aim = hands.at(0.0)
+    aim = trajectory.at(0.0)
     pose = rig.world_T_cam(aim.pan_rad, aim.focal_px, aim.raised_rad)
     for frame in range(0, FRAMES, 7):
         ours = keypoint_residuals.in_world(body.landmarks, bodies.forward(body, swing(TIMES_S[frame])))
-        pixels, depth = rig.see(pose, aim.focal_px, ours)
+        pixels, depth = rig.project(pose, aim.focal_px, ours)
         off_m = np.linalg.norm(pixels[ROWS] - ideal()[frame], axis=1) * depth[ROWS] / aim.focal_px
         assert np.all(off_m < 1.7 * landmarks.SIGMA_M[ROWS])
 

@@ -1,4 +1,4 @@
-"""The operators: do they keep the athlete in the picture, and do their hands move like hands?"""
+"""The operators: do they keep the athlete in the picture, and do their trajectories look hand-made?"""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pzcap.types import Array
-from sim.cameras.operator import Hands, OperatorConfig, follow, sweep, sweep_length, through
+from sim.cameras.operator import OperatorConfig, Trajectory, follow, sweep, sweep_length, through
 from sim.cameras.optics import OpticsConfig, Rig, build_rig
 
 CONFIG = OperatorConfig()
@@ -30,11 +30,11 @@ def run(speed_m_s: float) -> Array:
     return along[:, None] * np.array([[np.sqrt(0.5), -np.sqrt(0.5)]])
 
 
-def pixels(rig: Rig, hands: Hands, points_m: Array) -> Array:
+def pixels(rig: Rig, trajectory: Trajectory, points_m: Array) -> Array:
     """(T, N, 2) without distortion."""
     result = []
     for time_s, points in zip(TIMES_S.tolist(), points_m, strict=True):
-        aim = hands.at(time_s)
+        aim = trajectory.at(time_s)
         cam_T_world = np.linalg.inv(rig.world_T_cam(*aim))
         seen = points @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
         result.append(rig.principal_px + aim.focal_px * seen[:, :2] / seen[:, 2:])
@@ -58,11 +58,11 @@ def test_who_does_not_zoom_or_stays_away_frames_all_of_the_way(camera: int) -> N
     points_m, height_px = body(run(4.0)), []
     moves: tuple[Literal["pan_zoom", "pan", "none"], ...] = ("pan_zoom", "pan", "none")
     for each in moves:
-        hands = follow(rig, TIMES_S, points_m, replace(CONFIG, moves=each), np.random.default_rng(0))
-        aims = np.array([hands.at(t)[:2] for t in TIMES_S.tolist()])
+        trajectory = follow(rig, TIMES_S, points_m, replace(CONFIG, moves=each), np.random.default_rng(0))
+        aims = np.array([trajectory.at(t)[:2] for t in TIMES_S.tolist()])
         assert (np.ptp(aims[:, 0]) < 1e-9) == (each == "none")
         assert (np.ptp(aims[:, 1]) < 1e-6) == (each != "pan_zoom")
-        seen = pixels(rig, hands, points_m)
+        seen = pixels(rig, trajectory, points_m)
         assert ((seen > 0) & (seen < [640, 480])).all(axis=2).mean() > 0.995
         height_px.append(float(np.median(np.ptp(seen[..., 1], axis=1))))
     assert height_px[0] > 0.99 * height_px[1] > 0.98 * height_px[2]
@@ -71,8 +71,8 @@ def test_who_does_not_zoom_or_stays_away_frames_all_of_the_way(camera: int) -> N
 
 def test_a_standing_body_has_the_height_asked_for() -> None:
     points_m = body(np.zeros((180, 2)))
-    hands = follow(RIG, TIMES_S, points_m, STILL, np.random.default_rng(0))
-    height_px = np.ptp(pixels(RIG, hands, points_m)[..., 1], axis=1)
+    trajectory = follow(RIG, TIMES_S, points_m, STILL, np.random.default_rng(0))
+    height_px = np.ptp(pixels(RIG, trajectory, points_m)[..., 1], axis=1)
     assert 240 < height_px.mean() < 300
     assert np.ptp(height_px) < 1
 
@@ -81,14 +81,14 @@ def test_zoom_stays_in_its_range() -> None:
     near = np.tile(RIG.world_T_head[:2, 3] + 2.0 * RIG.world_T_head[:2, 0], (180, 1))
     far = np.tile(RIG.world_T_head[:2, 3] + 24.0 * RIG.world_T_head[:2, 0], (180, 1))
     for place, zoom in ((near, 0.7), (far, 3.0)):
-        hands = follow(RIG, TIMES_S, body(place), CONFIG, np.random.default_rng(0))
-        assert hands.at(2.0)[1] == pytest.approx(880 * zoom, rel=1e-9)
+        trajectory = follow(RIG, TIMES_S, body(place), CONFIG, np.random.default_rng(0))
+        assert trajectory.at(2.0)[1] == pytest.approx(880 * zoom, rel=1e-9)
 
 
 def test_hands_lag_and_overshoot() -> None:
     points_m = body(run(4.0))
-    hands = follow(RIG, TIMES_S, points_m, STILL, np.random.default_rng(0))
-    pan_rad = np.array([hands.at(t)[0] for t in TIMES_S])
+    trajectory = follow(RIG, TIMES_S, points_m, STILL, np.random.default_rng(0))
+    pan_rad = np.array([trajectory.at(t)[0] for t in TIMES_S])
     direction = np.sign(pan_rad[-1] - pan_rad[0])
     start = 30  # the athlete sets off
     assert abs(pan_rad[start + 3] - pan_rad[start]) < np.deg2rad(0.3)  # nobody has reacted yet
@@ -106,7 +106,7 @@ def test_tremor_has_its_size() -> None:
     assert np.ptp([still.at(t)[0] for t in times_s]) < 1e-6
 
 
-def test_the_same_seed_gives_the_same_hands() -> None:
+def test_the_same_seed_gives_the_same_trajectory() -> None:
     points_m = body(run(4.0))
     first, second = (follow(RIG, TIMES_S, points_m, CONFIG, np.random.default_rng(4)) for _ in range(2))
     assert first.at(3.21) == second.at(3.21)
@@ -134,5 +134,5 @@ def test_a_partial_sweep_is_centred_on_the_reference() -> None:
 
 def test_hands_pass_through_what_they_are_given() -> None:
     times_s, pan_rad = np.arange(5) / 5, np.array([0.0, 0.1, 0.25, 0.3, 0.31])
-    hands = through(times_s, pan_rad, np.geomspace(600, 2600, 5))
-    assert hands.at(0.4) == pytest.approx((0.25, np.sqrt(600 * 2600), 0.0))
+    trajectory = through(times_s, pan_rad, np.geomspace(600, 2600, 5))
+    assert trajectory.at(0.4) == pytest.approx((0.25, np.sqrt(600 * 2600), 0.0))

@@ -25,7 +25,7 @@ from pzcap.types import HINGE_AXES, JOINTS, MEASUREMENTS, SEGMENTS, Array, Pose,
 from sim import capture_cache
 from sim import shoot as shooting
 from sim.cameras import film
-from sim.cameras.operator import CameraPrior
+from sim.cameras.operator import PanTiltZoom
 from sim.cameras.optics import OpticsConfig
 from sim.cameras.sensor import SensorConfig
 from sim.capture_cache import shoot_cached
@@ -34,26 +34,14 @@ from sim.people.detector import DetectorConfig
 from sim.session import ShootConfig, assemble
 from sim.shoot import Progress, shoot
 from sim.truth import Truth, load
+from tests.scenes.captures import TINY, project
 
-TINY = replace(
-    SMALL, motion_frames=2, width=160, height=120, sweep_deg=8.0, zoom_frames=2,
-    gym=replace(SMALL.gym, texture_px_per_m=50.0),
-)  # fmt: skip
 NOISELESS = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0)
 
 
 @pytest.fixture(scope="module")
 def truth(small_capture: Path) -> Truth:
     return load(small_capture / "truth")
-
-
-def project(truth: Truth, camera: int, frame: int, points_m: Array) -> Array:
-    """(N, 2) pixels, by the formulas of `pzcap.types`."""
-    cam_T_world = np.linalg.inv(truth.world_T_cam[camera, frame])
-    points = points_m @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
-    xy = points[:, :2] / points[:, 2:]
-    bend = 1 + truth.k1[camera, frame] * np.sum(xy**2, axis=1, keepdims=True)
-    return truth.principal_px[camera, frame] + truth.focal_px[camera, frame] * bend * xy
 
 
 def test_the_library_can_read_it(small_capture: Path, truth: Truth) -> None:
@@ -96,15 +84,11 @@ def test_the_calibration_object_is_where_the_truth_says(small_capture: Path, tru
         assert ids is not None
         assert len(ids) >= 6
         errors = []
-        cam_T_world = np.linalg.inv(truth.reference_world_T_cam[c])
         numbers = ids.ravel().tolist()
         for number, corners in zip(numbers, found, strict=True):
             if numbers.count(number) > 1:  # something in the hall looks like a marker, too
                 continue
-            points = corners_m[number] @ cam_T_world[:3, :3].T + cam_T_world[:3, 3]
-            xy = points[:, :2] / points[:, 2:]
-            bend = 1 + truth.reference_k1[c] * np.sum(xy**2, axis=1, keepdims=True)
-            expected = truth.reference_principal_px[c] + truth.reference_focal_px[c] * bend * xy
+            expected = project(truth.reference_camera(c), corners_m[number])
             errors.append((corners[0] + 0.5) / 2 - 0.5 - expected)
         assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.2
         assert np.sqrt(np.mean(np.square(errors))) < 0.6  # markers of 25 px
@@ -114,9 +98,9 @@ def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show(tmp_path: 
     pictures = []
     for supersampling in (2.0, 4.0, 8.0):
         sensor = replace(NOISELESS, supersampling_still=supersampling)
-        crew = assemble(replace(TINY, sensor=sensor), tmp_path / str(supersampling))
-        pictures.append(crew.cameras[0].still(np.random.default_rng(0), CameraPrior(0.2, 200.0)).astype(float))
-        crew.stage.close()
+        session = assemble(replace(TINY, sensor=sensor), tmp_path / str(supersampling))
+        pictures.append(session.cameras[0].still(np.random.default_rng(0), PanTiltZoom(0.2, 200.0)).astype(float))
+        session.stage.close()
     coarse, fine = (float(np.sqrt(np.mean((one - pictures[-1]) ** 2))) for one in pictures[:2])
     assert coarse < 15.0  # grey levels: it is the same picture
     assert fine < 0.7 * coarse
@@ -125,9 +109,9 @@ def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show(tmp_path: 
 def test_a_turned_grid_shows_the_same_picture_more_exactly(tmp_path: Path) -> None:
     def taken(supersampling: float, turn_deg: float) -> Array:
         sensor = replace(NOISELESS, supersampling_still=supersampling, grid_turn_deg=turn_deg)
-        crew = assemble(replace(TINY, sensor=sensor), tmp_path / f"{supersampling} {turn_deg}")
-        picture = crew.cameras[0].still(np.random.default_rng(0), CameraPrior(0.2, 200.0)).astype(np.float64)
-        crew.stage.close()
+        session = assemble(replace(TINY, sensor=sensor), tmp_path / f"{supersampling} {turn_deg}")
+        picture = session.cameras[0].still(np.random.default_rng(0), PanTiltZoom(0.2, 200.0)).astype(np.float64)
+        session.stage.close()
         return picture
 
     exact = taken(8.0, -13.0)
@@ -140,9 +124,9 @@ def test_without_mipmaps_a_floor_seen_at_a_flat_angle_keeps_its_sharpness(tmp_pa
     def sharpness(mipmaps: bool) -> tuple[float, float]:
         """Of floor and walls: the mean difference of neighbours in a row."""
         sensor = replace(NOISELESS, supersampling_still=8.0, mipmaps=mipmaps)
-        crew = assemble(replace(TINY, sensor=sensor), tmp_path / str(mipmaps))
-        picture = crew.cameras[0].still(np.random.default_rng(0), CameraPrior(0.9, 200.0)).astype(np.float64)
-        crew.stage.close()
+        session = assemble(replace(TINY, sensor=sensor), tmp_path / str(mipmaps))
+        picture = session.cameras[0].still(np.random.default_rng(0), PanTiltZoom(0.9, 200.0)).astype(np.float64)
+        session.stage.close()
         steps = np.abs(np.diff(picture.mean(axis=2), axis=1)).mean(axis=1)
         return float(steps[int(0.55 * len(steps)) :].mean()), float(steps[: len(steps) // 3].mean())
 
@@ -156,7 +140,7 @@ def test_joints_lie_on_the_athlete(truth: Truth) -> None:
     for c in range(4):
         for f in range(len(truth.timecodes)):
             mask = cv2.dilate(truth.mask(c, f).astype(np.uint8), np.ones((3, 3), np.uint8))
-            for u, v in np.rint(project(truth, c, f, truth.joints_m[f])).astype(int):
+            for u, v in np.rint(project(truth.camera(c, f), truth.joints_m[f])).astype(int):
                 if 0 <= u < truth.width and 0 <= v < truth.height:
                     seen += 1
                     on += int(mask[v, u])
@@ -318,7 +302,9 @@ def test_a_detector_finds_the_athlete_and_changes_no_footage(tmp_path: Path) -> 
         for c, people in enumerate(frames.keypoints):
             assert len(people) == truth.recorded[c, f]
             for person in people[:, points]:
-                distance = np.linalg.norm(person[:, :2] - project(truth, c, f, truth.joints_m[f, joints]), axis=1)
+                distance = np.linalg.norm(
+                    person[:, :2] - project(truth.camera(c, f), truth.joints_m[f, joints]), axis=1
+                )
                 off += distance[person[:, 2] > 0].tolist()
     assert len(off) > 100
     assert np.median(off) < 3.0

@@ -1,4 +1,4 @@
-"""Hands from a table: do they do what it says, and is what is wrong in it named?"""
+"""Trajectories from a table: do they do what it says, and is what is wrong in it named?"""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pzcap.types import PzcapError
-from sim.cameras.operator import Hands, OperatorConfig
+from sim.cameras.operator import OperatorConfig, Trajectory
 from sim.cameras.optics import OpticsConfig, build_rig
-from sim.cameras.trajectories import read_hands
+from sim.cameras.trajectories import read_trajectories
 
 RIGS = {name: build_rig(c, 640, 480, OpticsConfig(), np.random.default_rng(c)) for c, name in enumerate(("1", "2"))}
 TABLE = """camera,frame,pan_deg,focal_px
@@ -24,9 +24,9 @@ TABLE = """camera,frame,pan_deg,focal_px
 """
 
 
-def read(path: Path, table: str, end_s: float = 5 / 30) -> list[Hands]:
+def read(path: Path, table: str, end_s: float = 5 / 30) -> list[Trajectory]:
     path.write_text(table)
-    return read_hands(path, RIGS, 30, end_s)
+    return read_trajectories(path, RIGS, 30, end_s)
 
 
 def test_the_hands_do_what_the_table_says(tmp_path: Path) -> None:
@@ -37,11 +37,11 @@ def test_the_hands_do_what_the_table_says(tmp_path: Path) -> None:
 
 
 def test_between_the_rows_nothing_overshoots_and_beyond_them_it_keeps_still(tmp_path: Path) -> None:
-    (hands, _) = read(tmp_path / "hands.csv", TABLE)
-    aims = np.array([hands.at(t) for t in np.linspace(0, 5 / 30, 100)])
+    (trajectory, _) = read(tmp_path / "hands.csv", TABLE)
+    aims = np.array([trajectory.at(t) for t in np.linspace(0, 5 / 30, 100)])
     assert (np.diff(aims[:, :2], axis=0) > -1e-9).all()
     for before, end in ((-0.3, 0.0), (-100.0, 0.0), (9.0, 5 / 30)):
-        assert hands.at(before) == pytest.approx(hands.at(end))
+        assert trajectory.at(before) == pytest.approx(trajectory.at(end))
 
 
 def test_seconds_tilt_and_any_order_of_columns(tmp_path: Path) -> None:
@@ -80,10 +80,10 @@ def test_what_is_wrong_is_named_with_its_line(old: str, new: str, message: str, 
 
 def test_what_is_no_table_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PzcapError, match="cannot read the trajectories: No such file"):
-        read_hands(tmp_path / "none.csv", RIGS, 30, 1.0)
+        read_trajectories(tmp_path / "none.csv", RIGS, 30, 1.0)
     (tmp_path / "video.csv").write_bytes(b"\xff\x00\x81")
     with pytest.raises(PzcapError, match="it is not a table of text"):
-        read_hands(tmp_path / "video.csv", RIGS, 30, 1.0)
+        read_trajectories(tmp_path / "video.csv", RIGS, 30, 1.0)
 
 
 def test_what_would_be_without_effect_is_refused() -> None:

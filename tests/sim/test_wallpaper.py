@@ -13,7 +13,7 @@ from pzcap.types import Image, PzcapError
 from sim.hall.gym import GymConfig, build_gym
 from sim.hall.textures import Canvas
 from sim.hall.wallpaper import cover, wall_pictures
-from tests.sim.test_gym import Hall
+from tests.scenes.hall import Hall
 
 RED, GREEN, BLUE, YELLOW = (200, 30, 30), (30, 200, 30), (30, 30, 200), (200, 200, 30)
 

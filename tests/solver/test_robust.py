@@ -7,7 +7,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pzcap.solver.robust import half_sample_mode, line, median, median_absolute
+from pzcap.solver.robust import geman_mcclure, geman_mcclure_weights, half_sample_mode, line, median, median_absolute
+from pzcap.types import Array
 
 
 @settings(max_examples=30)
@@ -37,3 +38,16 @@ def test_medians_are_of_what_is_there() -> None:
     values = np.random.default_rng(0).normal(0.0, 2.0, 4001)
     assert median(values) == np.median(values)
     assert median_absolute(values) == pytest.approx(0.6745 * 2.0, rel=0.1)
+
+
+def test_the_weight_is_that_of_the_cost_of_geman_and_mcclure() -> None:
+    """The cost is ``s^2 r^2 / (2 (s^2 + r^2))``; its weight is its slope over the residual."""
+    residual, scale, step = np.linspace(0.1, 20.0, 50), 3.0, 1e-6
+
+    def cost(r: Array) -> Array:
+        return np.asarray(scale**2 * r**2 / (2.0 * (scale**2 + r**2)))
+
+    slope = (cost(residual + step) - cost(residual - step)) / (2.0 * step)
+    np.testing.assert_allclose(geman_mcclure_weights(residual, scale), slope / residual, rtol=1e-6)
+    for r in residual[:3]:
+        assert geman_mcclure((r / scale) ** 2) == pytest.approx(geman_mcclure_weights(np.array(r), scale))

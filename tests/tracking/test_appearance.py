@@ -24,7 +24,7 @@ from pzcap.tracking.pose_objective import Appearance, PoseObjective
 from pzcap.tracking.reacquisition import PassResults, Reacquired, reacquire, smoothest
 from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Array, Keyframe, Mask, Pose
-from tests.tracking.test_tracker import clip, crops, lost, observed, true_body
+from tests.scenes.tracked import clip, crops, lost, observed, true_body
 
 FRAMES = range(2, 9)
 SURE = np.zeros((len(FRAMES), 16), bool)

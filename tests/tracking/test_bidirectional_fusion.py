@@ -12,7 +12,7 @@ from pzcap.body.skeleton import DOF, DOF_SEGMENT, joints
 from pzcap.limbs.search import LIMBS
 from pzcap.tracking.bidirectional_fusion import choose, fuse
 from pzcap.types import JOINTS, SEGMENTS, Array, Mask, Pose
-from tests.tracking.test_tracker import clip, lost, step, true_body, without_score
+from tests.scenes.tracked import clip, lost, step, true_body, without_score
 
 ARM = 0
 WRIST = JOINTS.index("left_wrist")

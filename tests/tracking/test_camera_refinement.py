@@ -22,7 +22,7 @@ from pzcap.tracking.pose_objective import Appearance, PoseObjective
 from pzcap.tracking.residuals import SegmentSums
 from pzcap.tracking.tracker import TrackInput, track
 from pzcap.types import SEGMENTS, Array, Lens, Localisation, PanZoomCamera
-from tests.tracking.test_tracker import FRAMES, RATE, by_hand, clip, crops, errors_m, inputs, taped, true_body
+from tests.scenes.tracked import FRAMES, RATE, by_hand, clip, crops, errors_m, inputs, taped, true_body
 
 CONFIG = TrackingConfig()
 UP = np.array([0.0, 0.0, 1.0])

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.tracking import keyframes
 from pzcap.types import SEGMENTS, Keyframe, Pose, PzcapError
-from tests.body.test_skeleton import BODY
+from tests.scenes.bodies import BODY
 
 
 def standing(x: float = 0.0) -> Pose:

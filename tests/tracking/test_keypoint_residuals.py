@@ -19,7 +19,7 @@ from pzcap.tracking import keypoint_residuals
 from pzcap.tracking.residuals import SegmentSums, accumulate
 from pzcap.types import SEGMENTS, Array, Camera, Pose, Subject
 from sim.people.anthropometry import draw_measurements
-from tests.scenes.body_scene import _POSITIONS, _aim, swing
+from tests.scenes.body_scene import POSITIONS, aim, swing
 
 
 def person() -> Body:
@@ -28,7 +28,7 @@ def person() -> Body:
 
 PAGE = (Path(__file__).parents[2] / "docs" / "capture.md").read_text(encoding="utf-8")
 BODY = person()
-CAMERA = _aim(np.array([-6.0, -5.0, 1.7]), np.array([0.0, 0.2, 0.9]))
+CAMERA = aim(np.array([-6.0, -5.0, 1.7]), np.array([0.0, 0.2, 0.9]))
 AT = {name: KEYPOINTS.index(name) for name in KEYPOINTS}
 
 
@@ -162,7 +162,7 @@ def test_what_a_detector_means_is_found_out() -> None:
     meant = landmarks.Landmarks(
         BODY.landmarks.points_m + rng.normal(0.0, 0.015, BODY.landmarks.points_m.shape), BODY.landmarks.sigma_m
     )
-    cameras = [_aim(position, np.array([0.0, 0.2, 0.9])) for position in _POSITIONS]
+    cameras = [aim(position, np.array([0.0, 0.2, 0.9])) for position in POSITIONS]
     estimate = keypoint_residuals.LandmarkEstimate.of(BODY.landmarks)
     before = np.linalg.norm(meant.points_m - BODY.landmarks.points_m, axis=1)
     for time_s in np.linspace(0.0, 1.0, 20):

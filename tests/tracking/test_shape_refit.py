@@ -14,7 +14,7 @@ from pzcap.tracking.interval_solver import BodyEstimate, tracked
 from pzcap.tracking.shape_refit import refit_pose, refit_shape
 from pzcap.tracking.tracker import Tracker
 from pzcap.types import SEGMENTS, Keyframe, Pose
-from tests.body.test_skeleton import BODY
+from tests.scenes.bodies import BODY
 
 RNG = np.random.default_rng(5)
 POSE = retract(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import cv2
@@ -13,61 +12,36 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pzcap.body import skeleton as bodies
-from pzcap.body.skeleton import Body, forward, place
+from pzcap.body.skeleton import forward, place
 from pzcap.limbs.skin_colour_model import UNKNOWN, SkinColourModel
-from pzcap.segmentation import foreground
 from pzcap.tracking.bidirectional_fusion import fuse
-from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, Round, fit_pose
+from pzcap.tracking.frame_tracker import FrameTracker, Round, fit_pose
 from pzcap.tracking.interval_solver import misplaced
 from pzcap.tracking.observation import ViewCrop, prepare
 from pzcap.tracking.pose_objective import Appearance, NormalEquations, PoseObjective, Terms, px_per_m
-from pzcap.tracking.tracker import Tracked, Tracker, TrackingConfig, TrackInput, ViewInput, collect, track
+from pzcap.tracking.tracker import Tracker, TrackingConfig, TrackInput, collect, track
 from pzcap.tracking.tuning import VIEW
-from pzcap.types import SEGMENTS, Array, Image, Keyframe, Pose, PzcapError, Subject
-from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot
-
-FRAMES = 13
-CONFIG = TrackingConfig()
-RATE = 30.0  # frames a second
-
-
-@cache
-def clip() -> Clip:
-    return shoot(FRAMES)
-
-
-@cache
-def taped() -> Body:
-    rng = np.random.default_rng(7)
-    return bodies.build(Subject({k: v + rng.normal(0, 0.004) for k, v in clip().measurements_m.items()}, 0.004))
-
-
-@cache
-def inputs() -> tuple[TrackInput, ...]:
-    settings = foreground.ForegroundConfig()
-    rows = []
-    for frame, row in enumerate(clip().shots):
-        views = []
-        for shot in row:
-            known = np.ones(shot.mask.shape, bool)
-            silhouette = foreground.subtract(shot.image, shot.empty, known, shot.camera, 0.0, settings)
-            views.append(ViewInput(shot.image, shot.camera, silhouette))
-        rows.append(TrackInput(frame, tuple(views)))
-    return tuple(rows)
-
-
-def by_hand(frame: int, seed: int = 0) -> Keyframe:
-    rng = np.random.default_rng(100 * seed + frame)
-    error = np.concatenate([rng.normal(0, 0.010, 3), rng.normal(0, np.deg2rad(3.0), bodies.DOF - 3)])
-    return Keyframe(frame, bodies.retract(clip().poses[frame], error))
-
-
-def errors_m(results: list[Tracked]) -> Array:
-    return np.array([np.linalg.norm(r.joints_m - clip().joints_m[r.frame], axis=1) for r in results])
-
-
-def run(keyframes: list[Keyframe], items: tuple[TrackInput, ...] | list[TrackInput]) -> list[Tracked]:
-    return list(track(taped(), keyframes, items, RATE, CONFIG))
+from pzcap.types import SEGMENTS, Array, Image, Keyframe, Pose, PzcapError
+from tests.scenes.body_scene import HEIGHT, WIDTH
+from tests.scenes.tracked import (
+    CONFIG,
+    FRAMES,
+    RATE,
+    TERMS,
+    by_hand,
+    clip,
+    crops,
+    errors_m,
+    inputs,
+    lost,
+    observed,
+    run,
+    step,
+    taped,
+    true_body,
+    unknown,
+    without_score,
+)
 
 
 def test_between_two_keyframes() -> None:
@@ -147,34 +121,6 @@ def test_no_keyframe_is_a_clear_error() -> None:
 
 # --------------------------------------------------------------------------------------------------------------
 # The parts
-
-
-def crops(frame: int) -> list[ViewCrop | None]:
-    """The views whole, with their true masks."""
-    rows: list[ViewCrop | None] = []
-    for shot in clip().shots[frame]:
-        mask = (255 * shot.mask).astype(np.uint8)
-        belief = cv2.resize(
-            2.0 * shot.mask.astype(np.float32) - 1.0, (WIDTH // 4, HEIGHT // 4), interpolation=cv2.INTER_AREA
-        )
-        rows.append(prepare(shot.image, mask, unknown(mask), belief, shot.camera, (0, 0)))
-    return rows
-
-
-def unknown(silhouette: Image) -> Image:
-    """What is known of arms where their colours are not."""
-    return np.full(silhouette.shape, UNKNOWN)
-
-
-def observed(frame: int, body: Body) -> PoseObjective:
-    return PoseObjective(body, crops(frame))
-
-
-def true_body() -> Body:
-    return bodies.build(Subject(clip().measurements_m, 0.001))
-
-
-TERMS = Terms(0, 5.0, 1.0, 12.0, 1.0, 1.0, 0.15)
 
 
 def test_joints_that_nothing_shows_come_to_rest_while_the_body_moves_on() -> None:
@@ -309,22 +255,6 @@ def test_shading_alone_moves_nothing() -> None:
         steps.append(np.linalg.solve(normal.hessian + 1.0 * np.eye(bodies.DOF), normal.gradient))
     free, forbidden = (np.abs(s[3:]).max() for s in steps)
     assert free < 0.35 * forbidden
-
-
-def lost(pose: Pose, dof: int, by: float) -> Pose:
-    delta = np.zeros(bodies.DOF)
-    delta[dof] = by
-    return bodies.retract(pose, delta)
-
-
-def step(pose: Pose) -> FrameEstimate:
-    nothing = np.zeros(bodies.DOF)
-    return FrameEstimate(pose, np.diag(nothing), NO_CONTOUR, True, nothing, np.ones(16))
-
-
-def without_score(_frame: int, _pose: Pose) -> Array:
-    """The images tell no limb from another."""
-    return np.zeros(4)
 
 
 def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:

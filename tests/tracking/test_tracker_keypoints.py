@@ -13,7 +13,7 @@ from pzcap.io.detections import KEYPOINTS
 from pzcap.tracking import keypoint_residuals
 from pzcap.tracking.tracker import TrackInput, ViewInput
 from pzcap.types import JOINTS, SEGMENTS, Array, Keyframe, Silhouette
-from tests.tracking.test_tracker import FRAMES, by_hand, clip, errors_m, inputs, lost, run, true_body
+from tests.scenes.tracked import FRAMES, by_hand, clip, errors_m, inputs, lost, run, true_body
 
 LEFT = [k for k, name in enumerate(KEYPOINTS) if name.startswith("left_") and k > 4]
 RIGHT = [KEYPOINTS.index(KEYPOINTS[k].replace("left_", "right_")) for k in LEFT]

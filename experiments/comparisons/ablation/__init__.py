@@ -1,1 +1,132 @@
-"""What each piece of evidence is worth, and each error costs: see `experiments.comparisons.ablation.__main__`."""
+"""An error budget of the body in millimetres: what each piece of evidence is worth, and what each error costs.
+
+    python -m experiments.compare ablation seed=0 hydra.run.dir=DIR       # conf/experiment/ablation.yaml
+    python -m experiments.compare ablation experiment=pedestrian          # of another motion
+    python -m experiments.compare ablation capture=FOLDER                 # with truth/ beside it
+
+prints a table and leaves DIR/{metrics.json, ablation.csv, ablation.png, keyframes.png}. The cameras are calibrated and
+localised once; then the body is tracked under one variant after the other
+(`experiments.comparisons.ablation.variants`):
+
+switched off  one piece of evidence, or one mechanism, is left out.
+keyframes     fewer of those that the capture has, or more, posed with the error of a hand as those are. The second plot
+              is the joint error against keyframes a second.
+cameras       the body may not correct them (`pzcap.tracking.camera_refinement`); or each pan is made wrong, and the
+              tracker told by how much it may be.
+known         the experiment puts the truth in place of an estimate: cameras, masks (before a hall that shows them, so
+              that colours agree), the athlete's lengths and girths, the keyframes' poses. The tracker is the same, and
+              does not know.
+
+Joints are scored as in a run, in frames that are keyframes neither by default nor in the variant. CPU time is that of
+the tracker and its worker process, a frame set, one variant after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
+from rich.console import Console
+
+from experiments.comparisons.ablation.trial import attempt, prepare
+from experiments.comparisons.ablation.variants import VARIANTS
+from experiments.comparisons.harness import Column, Comparison, Row, scored_capture
+from experiments.config import AppConfig
+from experiments.progress import Bars
+from experiments.report.plots import COLOURS, INK, MUTED
+
+GROUPS: Final = dict(zip(("default", "evidence", "keyframes", "cameras", "truth"), (MUTED, *COLOURS), strict=False))
+CUT_OFF: Final = 3.0
+"""Times the default's error, where a bar ends."""
+
+
+def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[Any]]:
+    """Every variant on one capture, the default first."""
+    del folder
+    with Bars(console) as bars:
+        capture, truth = scored_capture(config, bars.update)
+        material = prepare(capture, truth, config.reconstruct, bars.update)
+    with Bars(console) as bars:
+        outcomes = [attempt(material, variant, config.reconstruct, bars.update) for variant in VARIANTS]
+    usual = outcomes[0].figures["mpjpe.mean"]
+    rows: list[Row[Any]] = []
+    for outcome in outcomes:
+        mean = outcome.figures["mpjpe.mean"]
+        more = None if mean is None or usual is None else mean - usual
+        figures = outcome.figures | {"more": more, "cpu": outcome.cpu_ms, "keyframes": outcome.keyframes_per_s}
+        rows.append(Row(outcome.variant.key, outcome.variant.label, figures, outcome.variant.group))
+    return rows
+
+
+def draw_budget(figure: Figure, rows: Sequence[Row[Any]]) -> None:
+    """A bar a variant, cut off where it is far longer than the default's, with its figures beside it."""
+    shown = [(row, mean) for row in rows if (mean := row.figures["mpjpe.mean"]) is not None]
+    steps = (1.0 + 0.6 * (one.group != other.group) for (one, _), (other, _) in pairwise(shown))
+    at, means = np.cumsum([0.0, *steps]), np.array([mean for _, mean in shown])
+    longest = CUT_OFF * means[0]
+    axes = figure.subplots()
+    axes.barh(at, np.minimum(means, longest), 0.72, color=[GROUPS[row.group] for row, _ in shown])
+    axes.axvline(means[0], color=INK, lw=0.8, ls="--")
+    plain = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # the dashed line stays legible beside figures
+    for y, (row, mean) in zip(at.tolist(), shown, strict=True):
+        lost = row.figures["lost"]
+        said = f"{mean:.1f}" + (f", {lost:.0f} frames lost" if lost else "")
+        place = (min(mean, longest), y)
+        axes.annotate(said, place, (4, 0), textcoords="offset points", va="center", color=INK, bbox=plain)
+    axes.set_xlim(0.0, 1.25 * min(float(means.max()), longest))
+    axes.set_yticks(at, [row.label for row, _ in shown])
+    axes.invert_yaxis()
+    axes.margins(y=0.02)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("mean joint error [mm]" + (", bars cut off" if means.max() > longest else ""))
+
+
+def draw_keyframes(figure: Figure, rows: Sequence[Row[Any]]) -> None:
+    """Joint error against keyframes a second."""
+    posed = [row for row in rows if row.group in ("default", "keyframes")]
+    posed.sort(key=lambda row: row.figures["keyframes"] or 0.0)
+    rate = [row.figures["keyframes"] or 0.0 for row in posed]
+    axes = figure.subplots()
+    for name, colour, dash, label in (("mpjpe.mean", COLOURS[0], "-", "mean"), ("mpjpe.p95", MUTED, "--", "p95")):
+        values = [row.figures[name] or np.nan for row in posed]
+        axes.plot(rate, values, dash, marker="o", color=colour, label=label)
+    for row, x in zip(posed, rate, strict=True):
+        if lost := row.figures["lost"]:
+            place = (x, row.figures["mpjpe.mean"] or 0.0)
+            axes.annotate(f"{lost:.0f} frames lost", place, (6, 3), textcoords="offset points", color=INK, fontsize=8)
+    axes.set(xscale="log", yscale="log", xlabel="keyframes a second", ylabel="joint error [mm]")
+    axes.set_xticks(rate, [f"{value:.2g}" for value in rate])
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.legend()
+
+
+COMPARISON: Final[Comparison[Any]] = Comparison(
+    name="ablation",
+    about=__doc__ or "",
+    columns=(
+        Column("mpjpe.mean", "mean", "mm", "{:.1f}"),
+        Column("mpjpe.p95", "p95", "mm", "{:.1f}"),
+        Column("mpjpe.inverted", "inverted", "mm", "{:.1f}"),
+        Column("mpjpe.airborne", "airborne", "mm", "{:.1f}"),
+        Column("lost", "lost", "frames", "{:.0f}"),
+        Column("more", "± mean", "mm", "{:+.1f}"),
+        Column("cpu", "CPU ms", "ms/frame", "{:.0f}"),
+        Column("keyframes", None, "1/s"),
+    ),
+    compare=compare,
+    plots={
+        "ablation.png": ((8.0, 0.25 * 1.15 * len(VARIANTS) + 1.0), draw_budget),
+        "keyframes.png": ((6.4, 3.6), draw_keyframes),
+    },
+    experiment="ablation",
+    variants="joint errors in mm",
+    also={"body.mpjpe.true_cameras": "true_cameras.mpjpe.mean"},
+)

@@ -1,4 +1,4 @@
-"""A tracker under one variant, on cameras that were prepared once.
+"""A tracker under one variant, on cameras that were localised once.
 
 The tracker takes what `pzcap.pipeline` would give it. Where a variant says so the experiment puts the truth in place of
 an estimate; the tracker does not know.
@@ -7,8 +7,8 @@ an estimate; the tracker does not know.
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -21,14 +21,12 @@ from experiments.score import body_errors, frames_of
 from experiments.totals import body_metrics
 from pzcap import pipeline
 from pzcap.body import skeleton
-from pzcap.geometry import camera
+from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.io.capture import FrameSets, frame_sets
-from pzcap.io.detections import NOBODY
-from pzcap.segmentation import foreground
-from pzcap.tracking.camera_refinement import camera_prior
-from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
+from pzcap.runtime import cpu_clock
+from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import (
-    Camera,
     Capture,
     FrameSet,
     Keyframe,
@@ -104,21 +102,25 @@ def attempt(
 def follow(
     material: Material, variant: Variant, config: pipeline.Config, report: Callable[[str, int, int], None]
 ) -> tuple[Motion, float]:
-    """The motion under ``variant``, and the CPU seconds that it took from the videos on, cameras aside."""
-    keys = keyframes(material, variant)
-    subject = material.subject
-    if "body" in variant.known:
-        subject = Subject(material.truth.measurements_m, SURE_SIGMA_M)
-    rate = float(material.capture.frame_rate)
-    tracker = Tracker(skeleton.build(subject), keys, rate, variant.change(config.tracking))
+    """The motion under ``variant``, and the CPU seconds that it took from the videos on, localisation aside.
+
+    It is the pipeline's own loop, whose stages are given what the variant knows.
+    """
+    subject = Subject(material.truth.measurements_m, SURE_SIGMA_M) if "body" in variant.known else material.subject
+    rate, body = float(material.capture.frame_rate), skeleton.build(subject)
+    tracker = Tracker(body, keyframes(material, variant), rate, variant.change(config.tracking))
     tracked: list[Tracked] = []
-    started = time.process_time()  # the tracker has a thread of its own
-    for frames in material.sets:
-        views = tuple(_view(material, frames, number, variant, config, tracker) for number in range(len(frames.images)))
-        tracked += tracker.push(TrackInput(frames.index, views))
-        report(variant.label, frames.index + 1, len(material.sets))
-    tracked += tracker.finish()
-    return tracker.motion(tracked), time.process_time() - started
+    with ThreadPoolExecutor(config.threads) as pool:
+        stages = _Stages(material, variant, config, pool)
+        started = cpu_clock()
+        for event in pipeline.follow(material.sets, stages.localise, stages.segment, tracker):
+            match event:
+                case BodyTracked(poses):
+                    tracked += poses
+                case Progress(_, done, total):
+                    report(variant.label, done, total)
+        spent = started.seconds()
+    return tracker.motion(tracked), spent
 
 
 def keyframes(material: Material, variant: Variant) -> list[Keyframe]:
@@ -135,44 +137,50 @@ def keyframes(material: Material, variant: Variant) -> list[Keyframe]:
     return [Keyframe(frame, poses[frame]) for frame in sorted(poses)]
 
 
-def _view(
-    material: Material,
-    frames: FrameSet,
-    number: int,
-    variant: Variant,
-    config: pipeline.Config,
-    tracker: Tracker,
-) -> ViewInput | None:
-    """What the tracker is given of one camera, as `pzcap.pipeline` has it but for what the ``variant`` knows."""
-    found, truth = material.found, material.truth
-    head, panorama, track = found.cameras[number], found.panoramas[number], found.tracks[number]
-    image, frame = frames.images[number], frames.index
-    if head is None or panorama is None or track is None or image is None or not track.valid[frame]:
-        return None
-    here = truth.camera_names.index(found.camera_names[number]), int(material.true_frames[frame])
-    shaken_rad, covariance = np.deg2rad(variant.shaken_deg), track.covariance[frame]
-    pan_rad = float(track.pan_rad[frame]) + shaken_rad * stream(SEED, "shaken", number, frame).standard_normal()
-    covariance = covariance + np.diag([shaken_rad**2, 0.0])
-    aim = pan_rad, float(track.tilt_rad[frame]), float(track.focal_px[frame])
-    none = np.empty((0, 2))
-    located = Localisation(*aim, covariance, True, none, none)
-    if "masks" in variant.known:
-        silhouette = true_silhouette(truth.mask(*here))
-    else:
-        expected = tracker.expect(frame, camera.at(head, *aim)) if variant.expected else None
-        silhouette = foreground.separate(image, panorama, head, located, config.foreground, expected)
-    people = frames.keypoints[number] if frames.keypoints else NOBODY
-    if "cameras" in variant.known:
-        return ViewInput(image, true_camera(truth, *here), silhouette, people)
-    known = camera_prior(config.panzoom, head, located) if variant.corrected else None
-    return ViewInput(image, camera.at(head, *aim), silhouette, people, known)
+class _Stages:
+    """Stages 4 and 5 under a variant: cameras and silhouettes as the pipeline has them, but for what it knows."""
 
+    def __init__(self, material: Material, variant: Variant, config: pipeline.Config, pool: ThreadPoolExecutor) -> None:
+        self._material, self._variant, self._config, self._pool = material, variant, config, pool
+        found = material.found
+        parts = zip(found.references, found.panoramas, found.cameras, strict=True)
+        self._cameras = [
+            None if reference is None or panorama is None or head is None
+            else CalibratedCamera(reference, panorama, head)
+            for reference, panorama, head in parts
+        ]  # fmt: skip
 
-def true_camera(truth: Truth, number: int, frame: int) -> Camera:
-    return Camera(
-        truth.width, truth.height, truth.world_T_cam[number, frame], float(truth.focal_px[number, frame]),
-        truth.principal_px[number, frame], float(truth.k1[number, frame]),
-    )  # fmt: skip
+    def localise(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
+        """The views where they were found, shaken where the variant says so."""
+        del tracker
+        return FrameLocalised(frames, tuple(self._located(c, frames.index) for c in range(len(frames.images))))
+
+    def _located(self, camera: int, frame: int) -> Localisation | None:
+        track, shaken_rad = self._material.found.tracks[camera], np.deg2rad(self._variant.shaken_deg)
+        if track is None or not track.valid[frame]:
+            return None
+        pan_rad = float(track.pan_rad[frame]) + shaken_rad * stream(SEED, "shaken", camera, frame).standard_normal()
+        covariance, none = track.covariance[frame] + np.diag([shaken_rad**2, 0.0]), np.empty((0, 2))
+        place = pan_rad, float(track.tilt_rad[frame]), float(track.focal_px[frame])
+        return Localisation(*place, covariance, True, none, none)
+
+    def segment(self, seen: FrameLocalised, tracker: Tracker | None) -> FrameSegmented:
+        """The silhouettes; masks and cameras true where the variant knows them."""
+        variant, truth = self._variant, self._material.truth
+        expecting = tracker if variant.expected else None
+        cut = pipeline.segment_views(self._cameras, self._config, self._pool, seen, expecting)
+        if not variant.corrected:
+            cut = replace(cut, priors=(None,) * len(cut.cameras))
+        at = int(self._material.true_frames[seen.frames.index])
+        names = self._material.found.camera_names
+        here = [None if one is None else truth.camera_names.index(name) for one, name in zip(cut.cameras, names)]  # noqa: B905
+        if "masks" in variant.known:
+            masks = (None if c is None else true_silhouette(truth.mask(c, at)) for c in here)
+            cut = replace(cut, silhouettes=tuple(masks))
+        if "cameras" in variant.known:
+            true = tuple(None if c is None else truth.camera(c, at) for c in here)
+            cut = replace(cut, cameras=true, priors=(None,) * len(here))
+        return cut
 
 
 def true_silhouette(mask: Mask) -> Silhouette:

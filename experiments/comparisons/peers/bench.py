@@ -15,7 +15,6 @@ from experiments.comparisons.peers.adjustment import RayAdjustment
 from experiments.comparisons.peers.alignment import Ecc
 from experiments.comparisons.peers.matching import Features
 from experiments.comparisons.peers.material import Background, Estimate, Material, Shot
-from experiments.metrics import Metric
 from pzcap.extras.paper.method import PaperLocaliser
 from pzcap.geometry.camera import wrapped
 from pzcap.localisation.localise import Localiser
@@ -134,6 +133,7 @@ class Summary:
     focal: Array  # (N,) relative
     failures: int | None  # no answer, or one that is far off; without a truth no answer
     ms: float  # median a view
+    views: int  # that were judged
 
 
 def difference(estimate: Estimate | None, other: Estimate) -> tuple[float, float] | None:
@@ -252,7 +252,8 @@ def _summary(result: Result, consensus: dict[tuple[int, int], Estimate] | None) 
         apart = [difference(answer.estimate, consensus[answer.camera, answer.frame]) for answer in found]
         good = [e for e in apart if e is not None]
     pan, focal = np.array(good, np.float64).reshape(-1, 2).T
-    return Summary(pan, focal, len(judged) - len(good), 1000.0 * float(np.median([a.seconds for a in result.answers])))
+    ms = 1000.0 * float(np.median([answer.seconds for answer in result.answers]))
+    return Summary(pan, focal, len(judged) - len(good), ms, len(judged))
 
 
 def _consensus(results: Sequence[Result]) -> dict[tuple[int, int], Estimate]:
@@ -270,19 +271,16 @@ def _consensus(results: Sequence[Result]) -> dict[tuple[int, int], Estimate]:
     return medians
 
 
-def metrics(results: Sequence[Result]) -> list[Metric]:
-    """Every figure of the bench by name. Without a truth ``agreement`` stands in the place of errors."""
-    found: list[Metric] = []
-    what = "" if scored(results) else "agreement."
-    for name, summary in summarise(results).items():
-        key = f"peers.{name}."
-        for quantity, unit, factor in (("pan", "deg", 180.0 / np.pi), ("focal", "%", 100.0)):
-            values = np.empty(0) if summary is None else factor * np.abs(getattr(summary, _FIELD[quantity]))
-            for statistic, of in STATISTICS.items():
-                found.append(Metric(f"{key}{what}{quantity}.{statistic}", of(values) if len(values) else None, unit))
-        found.append(Metric(f"{key}failures", None if summary is None else summary.failures, "views"))
-        found.append(Metric(f"{key}time", None if summary is None else summary.ms, "ms/view"))
-    return found
+def figures(summary: Summary | None, what: str) -> dict[str, float | None]:
+    """The figures of one method. Without a truth ``what`` is "agreement.", which stands in the place of errors."""
+    found: dict[str, float | None] = {}
+    for quantity, factor in (("pan", 180.0 / np.pi), ("focal", 100.0)):
+        values = np.empty(0) if summary is None else factor * np.abs(getattr(summary, _FIELD[quantity]))
+        for statistic, of in STATISTICS.items():
+            found[f"{what}{quantity}.{statistic}"] = of(values) if len(values) else None
+    found["failures"] = None if summary is None else summary.failures
+    found["views"] = None if summary is None else summary.views
+    return found | {"time": None if summary is None else summary.ms}
 
 
 _FIELD: Final = {"pan": "pan_rad", "focal": "focal"}

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
-from experiments import footage
-from experiments.comparisons.ablation import __main__ as ablation
-from experiments.comparisons.ablation import show, trial
+from experiments import compare, footage
+from experiments.comparisons.ablation import COMPARISON, trial
 from experiments.comparisons.ablation.trial import Material
 from experiments.comparisons.ablation.variants import VARIANTS
 from experiments.metrics import read_metrics
@@ -57,10 +56,10 @@ def test_the_command_leaves_a_table_metrics_and_plots(
     small_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     GlobalHydra.instance().clear()
-    arguments = ["ablation", f"capture={small_capture / 'capture'}", f"hydra.run.dir={tmp_path}"]
+    arguments = ["compare", "ablation", f"capture={small_capture / 'capture'}", f"hydra.run.dir={tmp_path}"]
     monkeypatch.setattr("sys.argv", arguments)
-    assert ablation.main() == 0
-    assert all((tmp_path / name).stat().st_size > 500 for name in show.RESULTS)
+    assert compare.main() == 0
+    assert all((tmp_path / name).stat().st_size > 500 for name in COMPARISON.results)
     out = capsys.readouterr().out
     assert all(variant.label in out for variant in VARIANTS)
     found = {metric.key: metric.value for metric in read_metrics(tmp_path / "metrics.json")[0]}
@@ -76,7 +75,7 @@ def test_the_command_leaves_a_table_metrics_and_plots(
     assert same <= {"default", "no_limb_search", "no_limits", "no_fall"} | more
     with (tmp_path / "ablation.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [row["variant"] for row in rows] == [variant.label for variant in VARIANTS]
+    assert [row["label"] for row in rows] == [variant.label for variant in VARIANTS]
 
 
 def test_keyframes_are_left_out_and_posed_besides(material: Material) -> None:
@@ -113,8 +112,10 @@ def test_footage_without_a_truth_gets_one_line(
 ) -> None:
     GlobalHydra.instance().clear()
     shutil.copytree(small_capture / "capture", tmp_path / "footage")
-    monkeypatch.setattr("sys.argv", ["ablation", f"capture={tmp_path / 'footage'}", f"hydra.run.dir={tmp_path}"])
-    assert ablation.main() == 1
+    monkeypatch.setattr(
+        "sys.argv", ["compare", "ablation", f"capture={tmp_path / 'footage'}", f"hydra.run.dir={tmp_path}"]
+    )
+    assert compare.main() == 1
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert "needs the truth" in err

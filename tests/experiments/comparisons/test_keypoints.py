@@ -6,20 +6,24 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hydra.core.global_hydra import GlobalHydra
 
-from experiments.comparisons import keypoints
+from experiments import compare
 from experiments.footage import SMALL
+from experiments.metrics import read_metrics
 from sim.people.detector import DetectorConfig
-from tests.conftest import shot
+from tests.scenes.captures import shot
 
 pytestmark = pytest.mark.xdist_group("experiments")
 
 
 def test_a_capture_without_keypoints_gets_one_line(
-    small_capture: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    small_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("sys.argv", ["experiments.comparisons.keypoints", str(small_capture)])
-    assert keypoints.main() == 1
+    GlobalHydra.instance().clear()
+    arguments = ["compare", "keypoints", f"capture={small_capture}", f"hydra.run.dir={tmp_path}"]
+    monkeypatch.setattr("sys.argv", arguments)
+    assert compare.main() == 1
     out, err = capfd.readouterr()
     assert out == ""
     assert err.startswith("error: ")
@@ -28,13 +32,16 @@ def test_a_capture_without_keypoints_gets_one_line(
 
 
 @pytest.mark.slow
-def test_the_table_has_a_row_for_each_way(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_table_has_a_row_for_each_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    GlobalHydra.instance().clear()
     folder = shot(replace(SMALL, detector=DetectorConfig(enabled=True)))
-    monkeypatch.setattr("sys.argv", ["experiments.comparisons.keypoints", str(folder)])
-    monkeypatch.setenv("COLUMNS", "200")
-    assert keypoints.main() == 0
-    rows = {line.split("│")[1].strip(): line for line in capfd.readouterr().out.splitlines() if line.startswith("│")}
-    means = {name: float(line.split("│")[2].split()[0]) for name, line in rows.items()}
-    assert list(means) == ["without keypoints", "with keypoints", "keypoints alone"]
-    assert means["with keypoints"] < 1.2 * means["without keypoints"]
-    assert means["with keypoints"] < means["keypoints alone"] < 150.0
+    monkeypatch.setattr("sys.argv", ["compare", "keypoints", f"capture={folder}", f"hydra.run.dir={tmp_path}"])
+    assert compare.main() == 0
+    out = capfd.readouterr().out
+    assert all(label in out for label in ("without keypoints", "with keypoints", "keypoints alone"))
+    found = {metric.key: metric.value or 0.0 for metric in read_metrics(tmp_path / "metrics.json")[0]}
+    without, joined, alone = (found[f"keypoints.{way}.body.mpjpe.mean"] for way in ("without", "with", "alone"))
+    assert joined < 1.2 * without
+    assert joined < alone < 150.0

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
-from experiments import footage
+from experiments import compare, footage
 from experiments.comparisons import operators
 from experiments.config import AppConfig
 from experiments.metrics import read_metrics
-from tests.conftest import CAPTURES
+from tests.scenes.captures import CAPTURES
 
 pytestmark = pytest.mark.xdist_group("experiments")
 
@@ -37,10 +37,10 @@ def test_the_command_films_each_way_and_compares_them(
     monkeypatch.setattr(operators, "NAMES", {"pan_zoom": "pan and zoom", "none": "locked"})
     small = [o for o in overrides(asdict(footage.SMALL), "shoot") if not o.startswith("shoot.operator.moves=")]
     outputs = [f"hydra.run.dir={tmp_path}", f"output.captures={CAPTURES}", "output.recording=false"]
-    monkeypatch.setattr("sys.argv", ["operators", *small, *outputs])
-    assert operators.main() == 0
+    monkeypatch.setattr("sys.argv", ["compare", "operators", *small, *outputs])
+    assert compare.main() == 0
     found = {metric.key: metric.value for metric in read_metrics(tmp_path / "metrics.json")[0]}
-    assert len(found) == 2 * (2 + len(operators.SCORED))
+    assert len(found) == 2 * len(operators.COLUMNS)
     assert all(value is not None for value in found.values())
     heights = [found[f"operators.{moves}.body.height"] or 0.0 for moves in operators.NAMES]
     assert heights[0] >= 0.97 * heights[1] > 0.0
@@ -73,8 +73,8 @@ def test_other_footage_is_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     GlobalHydra.instance().clear()
-    monkeypatch.setattr("sys.argv", ["operators", "capture=somewhere", f"hydra.run.dir={tmp_path}"])
-    assert operators.main() == 1
+    monkeypatch.setattr("sys.argv", ["compare", "operators", "capture=somewhere", f"hydra.run.dir={tmp_path}"])
+    assert compare.main() == 1
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert "shoots its own footage" in err

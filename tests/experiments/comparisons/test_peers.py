@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments import footage
-from experiments.comparisons.peers import bench, folder, show
-from experiments.comparisons.peers.__main__ import main
+from experiments.compare import main
+from experiments.comparisons.peers import COMPARISON, bench, folder
 from experiments.comparisons.peers.matching import decompose, fit
 from experiments.comparisons.peers.material import Background, Estimate, Material, from_capture
 from experiments.metrics import read_metrics
@@ -95,10 +95,10 @@ def test_without_a_truth_the_median_of_all_is_what_is_compared_with() -> None:
     results = [
         bench.Result(name, (bench.Answer(0, 0, Estimate(pan, 800.0), None, 0.01),), None) for name, pan in pans.items()
     ]
-    found = {metric.key: metric.value for metric in bench.metrics(results)}
-    assert found["peers.akaze.agreement.pan.median"] == pytest.approx(0.0, abs=1e-9)
-    assert found["peers.sift.agreement.pan.median"] == pytest.approx(np.rad2deg(0.01))
-    assert "peers.sift.pan.median" not in found
+    found = {name: bench.figures(summary, "agreement.") for name, summary in bench.summarise(results).items()}
+    assert found["akaze"]["agreement.pan.median"] == pytest.approx(0.0, abs=1e-9)
+    assert found["sift"]["agreement.pan.median"] == pytest.approx(np.rad2deg(0.01))
+    assert not bench.scored(results)
 
 
 @settings(deadline=None, max_examples=30)
@@ -204,7 +204,7 @@ def test_the_command_leaves_a_table_a_plot_and_every_answer(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr("sys.argv", [
-        "experiments.comparisons.peers", f"capture={frames_folder}", "methods=[ours,sift,rays]", "every=2",
+        "compare", "peers", f"capture={frames_folder}", "methods=[ours,sift,rays]", "every=2",
         f"hydra.run.dir={tmp_path}",
     ])  # fmt: skip
     assert main() == 0
@@ -304,7 +304,7 @@ def test_a_reconstruction_of_another_capture_is_refused(small_capture: Path, tmp
 
 def refused(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *arguments: str) -> str:
     """Start the command, which must fail with one line; return it."""
-    monkeypatch.setattr("sys.argv", ["experiments.comparisons.peers", *arguments])
+    monkeypatch.setattr("sys.argv", ["compare", "peers", *arguments])
     assert main() == 1
     out, err = capfd.readouterr()
     assert out == ""
@@ -317,7 +317,7 @@ def refused(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], 
 def test_results_of_an_earlier_bench_do_not_outlive_a_failure(
     frames_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    for name in show.RESULTS:
+    for name in COMPARISON.results:
         (tmp_path / name).write_text("old")
     refused(monkeypatch, capfd, f"capture={frames_folder}", "every=0", f"hydra.run.dir={tmp_path}")
-    assert not any((tmp_path / name).exists() for name in show.RESULTS)
+    assert not any((tmp_path / name).exists() for name in COMPARISON.results)

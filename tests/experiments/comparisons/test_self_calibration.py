@@ -12,8 +12,8 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 from scipy.spatial.transform import Rotation
 
-from experiments.comparisons.self_calibration import show, trial
-from experiments.comparisons.self_calibration.__main__ import main
+from experiments.compare import main
+from experiments.comparisons.self_calibration import NAMES, trial
 from experiments.comparisons.self_calibration.baselines import (
     Frames,
     Library,
@@ -188,7 +188,8 @@ def test_the_small_capture_by_the_command(
         (tmp_path / "capture" / path.name).symlink_to(path)
     (tmp_path / "truth").symlink_to(small_capture / "truth")
     monkeypatch.setattr(
-        "sys.argv", ["self_calibration", f"capture={tmp_path / 'capture'}", f"hydra.run.dir={tmp_path / 'out'}"]
+        "sys.argv",
+        ["compare", "self_calibration", f"capture={tmp_path / 'capture'}", f"hydra.run.dir={tmp_path / 'out'}"],
     )
     assert main() == 0
     found, _ = read_metrics(tmp_path / "out" / "metrics.json")
@@ -201,9 +202,9 @@ def test_the_small_capture_by_the_command(
         assert failures is not None
         assert failures <= 1
     assert all(value[f"selfcal.{method}.empty.seconds"] for method in trial.METHODS)
-    assert (tmp_path / "out" / show.PLOT).stat().st_size > 10000
+    assert (tmp_path / "out" / "self_calibration.png").stat().st_size > 10000
     out = capsys.readouterr().out
-    assert all(out.count(name) >= 3 for name in show.NAMES.values())
+    assert all(out.count(name) >= 3 for name in NAMES.values())
 
 
 def test_errors_are_what_was_put_in() -> None:

@@ -13,7 +13,7 @@ from experiments.comparisons.triangulation import cameras_at, meet, smooth, tria
 from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
 from pzcap.types import JOINTS, Array, Camera, Capture, Keyframe, Pose, PzcapError, Subject
-from tests.scenes.body_scene import _POSITIONS, _aim
+from tests.scenes.body_scene import POSITIONS, aim
 from tests.scenes.fabricated import reconstruction
 
 RNG = np.random.default_rng(4)
@@ -23,8 +23,8 @@ LEFT, RIGHT = KEYPOINTS.index("left_knee"), KEYPOINTS.index("right_knee")
 
 def views(k1: float = -0.05) -> list[tuple[Camera, Array]]:
     found = []
-    for position in _POSITIONS:
-        level = _aim(position, np.array([0.0, 0.2, 0.9]))
+    for position in POSITIONS:
+        level = aim(position, np.array([0.0, 0.2, 0.9]))
         camera = Camera(level.width, level.height, level.world_T_cam, level.focal_px, level.principal_px, k1)
         found.append((camera, np.column_stack([project(camera, POINTS)[0], np.full(len(POINTS), 0.8)])))
     return found

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from experiments.footage import SMALL
 from experiments.paper_figures import __main__ as command
 from experiments.paper_figures import calibration, common_field, field, novel_view, page, panoramas, skeletons, zooming
 from experiments.paper_figures.canvas import STYLE, Drawn
@@ -23,9 +24,8 @@ from pzcap.types import Array, Lens, Localisation, PanZoomCamera, Pose, PzcapErr
 from sim.hall.gym import calibration_object
 from sim.people.anthropometry import draw_measurements
 from sim.restage import Hall
-from tests.conftest import SMALL
-from tests.experiments.test_score import truth_of
 from tests.scenes import fabricated
+from tests.scenes.fabricated_truth import truth_of
 
 SIDE_M, EYE_M, WIDTH, HEIGHT, FOCAL_PX = 20.0, 1.0, 320, 240, 440.0
 LINE = Standing(1.75, 0.0)

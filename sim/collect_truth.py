@@ -1,4 +1,4 @@
-"""What only the simulator knows about a capture, for `sim.truth` to keep."""
+"""Collects the truth about a capture from the session that filmed it, as a `sim.truth.Truth`."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.types import Array, Mask
-from sim.cameras.operator import Hands, sweep_length
+from sim.cameras.operator import Trajectory, sweep_length
 from sim.cameras.optics import Rig
 from sim.motion import END_POINTS
 from sim.scene import scene_points, stream
-from sim.session import CAMERAS, Crew
+from sim.session import CAMERAS, Session
 from sim.truth import Truth
 
 _SCENE_POINTS: Final = 600  # rays cast for each camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Filmed:
-    """What is known about the motion once it is filmed. As in `sim.truth.Truth`."""
+class FilmedMotion:
+    """The filmed motion; fields as in `sim.truth.Truth`."""
 
     times_s: Array
     timecodes: tuple[str, ...]
     joints_m: Array
-    hands: list[Hands]
+    trajectories: list[Trajectory]
     recorded: Mask
     mask_bits: NDArray[np.uint8]
     shadow_frames: NDArray[np.int64]
     shadow_bits: NDArray[np.uint8]
 
 
-def truth_of(crew: Crew, hall: dict[str, list[Hands]], filmed: Filmed) -> Truth:
-    """How it truly was. ``hall`` holds the hands of each camera's "sweep" and, if there was one, "zoom" run."""
-    config, rigs = crew.config, crew.rigs
-    pan_rad, focal_px, raised_rad = _sampled(filmed.hands, filmed.times_s)
+def collect_truth(session: Session, hall: dict[str, list[Trajectory]], filmed: FilmedMotion) -> Truth:
+    """Return the truth. ``hall`` holds the trajectories of the cameras' "sweep" and, if there was one, "zoom" runs."""
+    config, rigs = session.config, session.rigs
+    pan_rad, focal_px, raised_rad = _sampled(filmed.trajectories, filmed.times_s)
     frames = len(filmed.times_s)
     sweep_times_s = np.arange(sweep_length(config.sweep_deg, config.operator)) / config.sweep_frame_rate
     zoom_times_s = np.arange(config.zoom_frames) / config.sweep_frame_rate
@@ -48,16 +48,16 @@ def truth_of(crew: Crew, hall: dict[str, list[Hands]], filmed: Filmed) -> Truth:
         zoom_pan_rad, zoom_focal_px, _ = _sampled(hall["zoom"], zoom_times_s)
     reference_px = rigs[0].reference_focal_px
     points = [
-        scene_points(crew.stage, rig, sweep_pan_rad[c], _SCENE_POINTS, stream(config.seed, "points", c))
+        scene_points(session.stage, rig, sweep_pan_rad[c], _SCENE_POINTS, stream(config.seed, "points", c))
         for c, rig in enumerate(rigs)
     ]
     fewest = min(len(group) for group in points)
-    poses = [crew.clip.at(t) for t in filmed.times_s.tolist()]
-    contact = [[crew.clip.contacts(t)[end] for end in END_POINTS] for t in filmed.times_s.tolist()]
+    poses = [session.clip.at(t) for t in filmed.times_s.tolist()]
+    contact = [[session.clip.contacts(t)[end] for end in END_POINTS] for t in filmed.times_s.tolist()]
     return Truth(
         config=json.dumps(asdict(config)),
         frame_rate=Fraction(config.frame_rate),
-        camera_names=tuple(files.name for files in crew.files),
+        camera_names=tuple(files.name for files in session.files),
         timecodes=filmed.timecodes,
         width=config.width,
         height=config.height,
@@ -80,7 +80,7 @@ def truth_of(crew: Crew, hall: dict[str, list[Hands]], filmed: Filmed) -> Truth:
         zoom_focal_px=zoom_focal_px,
         zoom_pan_rad=zoom_pan_rad[:, 0],
         scene_points_m=np.stack([group[:fewest] for group in points]),
-        measurements_m=crew.measurements,
+        measurements_m=session.measurements,
         root_position_m=np.stack([pose.root_position_m for pose in poses]),
         rotations=np.stack([pose.rotations for pose in poses]),
         joints_m=filmed.joints_m,
@@ -92,9 +92,9 @@ def truth_of(crew: Crew, hall: dict[str, list[Hands]], filmed: Filmed) -> Truth:
     )
 
 
-def _sampled(hands: list[Hands], times_s: Array) -> tuple[Array, Array, Array]:
+def _sampled(trajectories: list[Trajectory], times_s: Array) -> tuple[Array, Array, Array]:
     """Pan, focal length and tilt above the locked one, (C, N) each, at these times."""
-    values = np.array([[hand.at(t) for t in times_s.tolist()] for hand in hands])
+    values = np.array([[one.at(t) for t in times_s.tolist()] for one in trajectories])
     return values[..., 0], values[..., 1], values[..., 2]
 
 

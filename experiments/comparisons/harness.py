@@ -1,0 +1,149 @@
+"""The harness of all comparisons: variants on material in, rows out; metrics, table, csv and plots are made here.
+
+A comparison declares its columns and plots, and a function that runs its variants; `python -m experiments.compare NAME`
+does the rest. The metric of a row's figure is named ``PREFIX.ROW.COLUMN``.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.text import Text
+
+from experiments import footage
+from experiments.config import AppConfig
+from experiments.metrics import Direction, Metric, run_info, write_metrics
+from experiments.report.plots import STYLE
+from experiments.terminal import table
+from pzcap.io.capture import read_capture
+from pzcap.types import Capture, PzcapError
+from sim.truth import Truth
+
+T = TypeVar("T")
+WIDTH = 130
+"""Columns of text that a table may take: a wide one beats one whose figures are cut off."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One figure of every row."""
+
+    key: str  # in metrics
+    head: str | None  # over the table's column; None: in metrics and csv alone
+    unit: str
+    form: str = "{:.3g}"
+    direction: Direction = "lower"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row(Generic[T]):
+    """What came of one variant."""
+
+    key: str  # in metrics
+    label: str
+    figures: Mapping[str, float | None]  # Column.key -> value; a column may be missing
+    group: str = ""  # rows of one group stand together
+    missing: str | None = None  # why the variant did not run
+    detail: T | None = None  # what plots are drawn from, besides
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison(Generic[T]):
+    """One comparison."""
+
+    name: str  # on the command line, and of the csv file
+    about: str  # the module's docstring
+    columns: tuple[Column, ...]
+    compare: Callable[[Any, Path, Console], Sequence[Row[T]]]  # of the configuration, the folder, for progress
+    plots: Mapping[str, tuple[tuple[float, float], Callable[[Figure, Sequence[Row[T]]], None]]]
+    """File -> its size in inches, and what draws it."""
+    experiment: str  # of conf/experiment, where none is named
+    prefix: str = ""  # of its metrics; empty: its name
+    variants: str = "variant"  # what the table calls a row
+    note: str = ""  # below the table
+    also: Mapping[str, str] = field(default_factory=dict)  # a metric's further name -> "ROW.COLUMN"
+    config: type[AppConfig] = AppConfig
+    config_name: str = "config"
+    others: tuple[str, ...] = field(default=())  # files that ``compare`` itself leaves
+
+    @property
+    def results(self) -> tuple[str, ...]:
+        """The files that it leaves."""
+        return ("metrics.json", f"{self.name}.csv", *self.plots, *self.others)
+
+
+def execute(
+    comparison: Comparison[T], config: AppConfig, tree: dict[str, Any], folder: Path, console: Console
+) -> Sequence[Row[T]]:
+    """Run ``comparison`` and leave its results in ``folder``. Raises PzcapError for what the user can mend."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in comparison.results:
+        (folder / name).unlink(missing_ok=True)
+    rows = comparison.compare(config, folder, console)
+    for name, ((width, height), draw) in comparison.plots.items():
+        with mpl.rc_context(STYLE):
+            figure = Figure(figsize=(width, height), dpi=130)
+            draw(figure, rows)
+            figure.savefig(folder / name, metadata={"Software": None})
+    _write_csv(folder / f"{comparison.name}.csv", comparison, rows)
+    write_metrics(folder / "metrics.json", metrics_of(comparison, rows), run_info(tree, config.seed))
+    return rows
+
+
+def metrics_of(comparison: Comparison[T], rows: Sequence[Row[T]]) -> list[Metric]:
+    """Every figure of every row."""
+    prefix = comparison.prefix or comparison.name
+    found = {
+        f"{row.key}.{column.key}": Metric(
+            f"{prefix}.{row.key}.{column.key}", row.figures[column.key], column.unit, column.direction
+        )
+        for row in rows
+        for column in comparison.columns
+        if column.key in row.figures
+    }
+    return [*found.values(), *(replace(found[place], key=key) for key, place in comparison.also.items())]
+
+
+def print_rows(console: Console, comparison: Comparison[T], title: str, rows: Sequence[Row[T]]) -> None:
+    """The table: a line a row, a rule between groups."""
+    known = {key for row in rows for key in row.figures}
+    columns = [column for column in comparison.columns if column.head is not None and column.key in known]
+    cells: list[Sequence[str | Text]] = []
+    for row in rows:
+        if row.missing is not None:
+            cells.append((row.label, Text(row.missing, "dim")))
+            continue
+        values = [(column.form, row.figures.get(column.key)) for column in columns]
+        cells.append((row.label, *("–" if value is None else form.format(value) for form, value in values)))
+    shown = table(title, (comparison.variants, *(f">{column.head}" for column in columns)), cells, plain=True)
+    for line, row, following in zip(shown.rows, rows, rows[1:], strict=False):
+        line.end_section = row.group != following.group
+    console.width = max(console.width, WIDTH)
+    console.print(shown)
+    if comparison.note:
+        console.print(comparison.note, highlight=False)
+
+
+def _write_csv(path: Path, comparison: Comparison[T], rows: Sequence[Row[T]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["group", "key", "label", *(f"{column.key} [{column.unit}]" for column in comparison.columns)])
+        for row in rows:
+            values = (row.figures.get(column.key) for column in comparison.columns)
+            writer.writerow([row.group, row.key, row.label, *("" if value is None else value for value in values)])
+
+
+def scored_capture(config: AppConfig, report: Callable[[str, int, int], None]) -> tuple[Capture, Truth]:
+    """The capture that is named, or else shot, and the truth beside it. Raises PzcapError where there is none."""
+    shot = footage.capture_of(config, report)
+    truth = footage.truth_beside(shot)
+    if truth is None:
+        raise PzcapError(f"{shot}: a comparison needs the truth; give a capture with truth/ beside it, or none")
+    return read_capture(shot), truth
