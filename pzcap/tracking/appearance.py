@@ -75,10 +75,11 @@ class Postures:
 
 
 class LimbAppearance:
-    """Scores the limbs of one body."""
+    """Scores the limbs of one body; without ``similarity`` by silhouettes alone."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: Body, similarity: bool = True) -> None:
         self.body = body
+        self._weight = APPEARANCE.weight if similarity else 0.0
         self.search = LimbSearch(body)
         surface, stride = body.surface, APPEARANCE.stride
         self._rows = [np.flatnonzero(np.isin(surface.segment, limb))[::stride] for limb in LIMBS]
@@ -97,6 +98,8 @@ class LimbAppearance:
     ) -> Array:
         """(4,) of each limb, square metres: what looks like its ``reference`` in each view, less what does not, the
         body being where it was ``placed``."""
+        if not self._weight:
+            return np.zeros(len(LIMBS))
         frames = forward(self.body, pose)
         return np.array([
             self._similarity(limb, frames, self._views(limb, pose, objective, placed, reference, APPEARANCE.fine_level))
@@ -116,7 +119,7 @@ class LimbAppearance:
             views = self._views(limb, pose, objective, behind, reference, APPEARANCE.fine_level)
             similarity[limb] = self._similarity(limb, frames, views)
         body, hall = self.search.support(pose, objective.grounds(placed)).T
-        return np.asarray(body - hall + APPEARANCE.weight * similarity)
+        return np.asarray(body - hall + self._weight * similarity)
 
     def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> LimbContext:
         """Make a frame ready to score postures of one limb near that of ``pose``."""
@@ -136,7 +139,7 @@ class LimbAppearance:
         posed = self.search.posed(limb, context.pose, context.frames, turns)
         body, hall = self.search.judge(limb, context.pose, context.frames, turns, context.patches).T
         similarity = _compared(self._skins[limb], posed, context.coarse if coarse else context.fine)
-        score = body - hall + APPEARANCE.weight * similarity - RELUCTANCE_M2 * np.sum(turns**2, axis=1)
+        score = body - hall + self._weight * similarity - RELUCTANCE_M2 * np.sum(turns**2, axis=1)
         first, *others = LIMBS[limb]
         moved = posed[:, 1:, :3, 3] - context.frames[others, :3, 3]
         return Postures(turns, score, moved @ context.frames[PARENTS[first], :3, :3])

@@ -90,10 +90,10 @@ def refine_batch(
     objectives = [PoseObjective(body, each) for each in views]
     posed, placed = _placed(objectives, poses)
     found = batch.sweep(objectives, posed, placed, _mean_appearances(objectives, placed))
-    if passes is None:
+    if passes is None or not config.reacquisition:
         return found
     inner, after = (len(poses), None) if key is None else (len(poses) - 1, poses[-1])
-    limbs = LimbAppearance(body)
+    limbs = LimbAppearance(body, config.appearance_score)
     again = reacquire(limbs, poses[:inner], found.objectives[:inner], placed[:inner], passes, (before[-1], after))
     if again is None:
         return found
@@ -143,7 +143,9 @@ class _Batch:
             gradients, cost = [], 0.0
             for t, (objective, here, where) in enumerate(zip(objectives, posed, placed, strict=True)):
                 normal = objective.normal(here, where, appearances, config.schedule[-1].terms)
-                stiffness, pull = constraints(self.body, here.pose, config.limit_sigma_rad, self_collision=True)
+                stiffness, pull = constraints(
+                    self.body, here.pose, config.limit_sigma_rad, self_collision=config.self_collision
+                )
                 hessians[t] = normal.hessian + stiffness
                 gradients.append(normal.gradient + pull)
                 contours[t], cameras[t], cost = normal.contour, normal.cameras, cost + normal.cost
@@ -152,9 +154,9 @@ class _Batch:
                 hessians[-1] += np.diag(hand)
                 gradients[-1] += hand * difference(self.key.pose, poses[-1])
             chain = [*self.before, *poses]
-            ties = [
-                *contacts(self.body, chain), *ballistic(self.body, chain, self.frame_rate, config.fall_sigma_m_s2)
-            ]  # fmt: skip
+            ties = ballistic(self.body, chain, self.frame_rate, config.fall_sigma_m_s2)
+            if config.contacts:
+                ties = [*contacts(self.body, chain), *ties]
             steps = smooth_step(poses, hessians, gradients, config.acceleration_sigma, self.before, ties)
             steps = steps.clip(-0.5, 0.5)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]

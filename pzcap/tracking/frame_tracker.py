@@ -108,6 +108,20 @@ class TrackingConfig:
     """Frames that wait for a keyframe to be tracked backward."""
     longest_lead: int = 120
     """Frames before the first keyframe that are kept to be tracked backward."""
+    camera_refinement: bool = True
+    """Correct pan and focal length of each view along with the pose, where the background leaves them open."""
+    self_collision: bool = True
+    """Keep the arms out of the trunk: a hidden forearm could as well be inside it."""
+    skin_colours: bool = True
+    """Learn the colours of the lower arms at the keyframes, to see an arm before the trunk."""
+    contacts: bool = True
+    """Tie points at rest on the floor to where they are: a standing foot trembles otherwise."""
+    appearance_score: bool = True
+    """Judge limbs also by what they look like, where the passes disagree or a limb is lost."""
+    reacquisition: bool = True
+    """Search between two keyframes for limbs that both passes have lost."""
+    shape_refit: bool = True
+    """Refit early frames to the body as it is known in the end."""
 
     def __post_init__(self) -> None:
         if not self.schedule or self.schedule[-1].surprise_m > 0.0:
@@ -277,7 +291,9 @@ def fit_pose(
         information = prior * stiff[:, None] * stiff
         for _ in range(each.iterations):
             normal = objective.normal(posed, placed, appearances, each.terms)
-            stiffness, pull = constraints(objective.body, posed.pose, config.limit_sigma_rad, self_collision=each.solid)
+            stiffness, pull = constraints(
+                objective.body, posed.pose, config.limit_sigma_rad, self_collision=each.solid and config.self_collision
+            )
             hessian = normal.hessian + information + stiffness
             gradient = normal.gradient + information @ difference(expected, posed.pose) + pull
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)

@@ -218,7 +218,7 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:
     back = [tracker.step(instant.views) for instant in reversed(problem.instants)][::-1]
     pairs = zip(problem.reference, tracker.reference, strict=True)
     reference = shared([one.with_other(other) for one, other in pairs])
-    limbs = LimbAppearance(body)
+    limbs = LimbAppearance(body, problem.config.appearance_score)
 
     def score(t: int, pose: Pose) -> Array:
         return limbs.score(pose, PoseObjective(body, problem.instants[t].views), reference)

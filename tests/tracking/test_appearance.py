@@ -104,6 +104,15 @@ def test_a_limb_does_not_look_like_itself_on_the_hall() -> None:
     assert there.max() < 0.0
 
 
+def test_without_similarity_a_limb_is_scored_by_silhouettes_alone() -> None:
+    objective, pose = observed(5, true_body()), clip().poses[5]
+    placed = objective.visibility(objective.posed(pose))
+    limbs, reference = LimbAppearance(objective.body, similarity=False), known()
+    body, hall = limbs.search.support(pose, objective.grounds(placed)).T
+    np.testing.assert_array_equal(limbs.score(pose, objective, reference), body - hall)
+    assert not limbs.similarity(pose, objective, placed, reference).any()
+
+
 def test_skin_that_is_not_known_says_nothing() -> None:
     objective, pose = observed(5, true_body()), clip().poses[5]
     assert not alike(pose, objective, known(range(0))).any()
