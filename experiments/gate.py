@@ -31,6 +31,7 @@ from experiments.errors import AlreadyReported, guard
 from experiments.metrics import Direction, Metric, format_value, run_info
 from experiments.run import CONF, run
 from experiments.terminal import table, terminal
+from pzcap.io.files import written_whole
 from pzcap.types import PzcapError
 
 GATE: Final = CONF / "gate.yaml"
@@ -171,9 +172,8 @@ def write_baseline(path: Path, cases: Mapping[str, Case], info: Mapping[str, Any
             for name, case in cases.items()
         },
     }
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    partial.replace(path)
+    with written_whole(path) as partial:
+        partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def measure(config: GateConfig, case: str, extra: Sequence[str], console: Console) -> tuple[list[Metric], bool]:

@@ -11,6 +11,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from pzcap.io.files import written_whole
+
 Direction = Literal["lower", "higher"]
 
 
@@ -87,9 +89,8 @@ def write_metrics(path: Path, metrics: Iterable[Metric], run: Mapping[str, Any])
         metric.key: {"value": metric.value, "unit": metric.unit, "direction": metric.direction} for metric in metrics
     }
     content["_run"] = dict(run)
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-    partial.replace(path)
+    with written_whole(path) as partial:
+        partial.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def read_metrics(path: Path) -> tuple[tuple[Metric, ...], dict[str, Any]]:

@@ -8,6 +8,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from pzcap.io.files import written_whole
+
 
 def write(path: Path, template: str, context: Mapping[str, Any]) -> None:
     """Write a page of experiments/templates/, which needs no network.
@@ -22,6 +24,5 @@ def write(path: Path, template: str, context: Mapping[str, Any]) -> None:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(environment.get_template(template).render(context), encoding="utf-8")
-    partial.replace(path)
+    with written_whole(path) as partial:
+        partial.write_text(environment.get_template(template).render(context), encoding="utf-8")

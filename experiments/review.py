@@ -26,6 +26,7 @@ from experiments.errors import guard
 from experiments.report import bookmarks
 from experiments.report.bookmarks import Bookmark
 from pzcap.io import results
+from pzcap.io.files import written_whole
 from pzcap.types import PzcapError
 from pzcap.viewer import layouts
 from pzcap.viewer.columns import TIMELINE, plain
@@ -114,21 +115,20 @@ def _beside(content: rrb.Container) -> rrb.Container:
 def _write(
     path: Path, chunks: LazyChunkStream, title: str, marks: Sequence[Bookmark], page: str, blueprint: rrb.Blueprint
 ) -> None:
-    partial = path.with_name(f".{path.name}.partial")
-    # a new id: under one id the viewer would take it for a part of the recording that it was made of
-    rec = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
-    rec.set_log_time_enabled(False)
-    rec.set_log_tick_enabled(False)
-    rec.save(partial, default_blueprint=blueprint)
-    rec.send_chunks(chunks)
-    rec.send_recording_name(plain(f"Review of {title}"))
-    for mark in sorted(marks, key=lambda mark: mark.frame):
-        rec.set_time(TIMELINE, sequence=mark.frame)
-        level = rr.TextLogLevel.WARN if mark.severity > 1.0 else rr.TextLogLevel.INFO
-        rec.log("/review/worst", rr.TextLog(plain(mark.text), level=level))
-    rec.log("/review/page", rr.TextDocument(plain(page), media_type="text/markdown"), static=True)
-    rec.disconnect()
-    partial.replace(path)
+    with written_whole(path) as partial:
+        # a new id: under one id the viewer would take it for a part of the recording that it was made of
+        rec = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
+        rec.set_log_time_enabled(False)
+        rec.set_log_tick_enabled(False)
+        rec.save(partial, default_blueprint=blueprint)
+        rec.send_chunks(chunks)
+        rec.send_recording_name(plain(f"Review of {title}"))
+        for mark in sorted(marks, key=lambda mark: mark.frame):
+            rec.set_time(TIMELINE, sequence=mark.frame)
+            level = rr.TextLogLevel.WARN if mark.severity > 1.0 else rr.TextLogLevel.INFO
+            rec.log("/review/worst", rr.TextLog(plain(mark.text), level=level))
+        rec.log("/review/page", rr.TextDocument(plain(page), media_type="text/markdown"), static=True)
+        rec.disconnect()
 
 
 def _page(marks: Sequence[Bookmark], note: str) -> str:

@@ -11,8 +11,9 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from pzcap.calibration import reference_camera
-from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, SweptFrames, calibrate, no_report
+from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
 from pzcap.calibration.settings import PanZoomConfig
+from pzcap.calibration.stitching import SweptFrames
 from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader

@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 from experiments import pages
 from experiments.paper_figures.canvas import Drawn
 from experiments.paper_figures.material import Run
+from pzcap.io.files import written_whole
 from pzcap.viewer import columns
 from pzcap.viewer.columns import plain, view_path
 
@@ -35,25 +36,24 @@ def write_page(folder: Path, figures: Sequence[Drawn], runs: Sequence[Run], comm
 
 def write_recording(folder: Path, figures: Sequence[Drawn], walk: Run) -> None:
     """Each figure and its caption as a tab, and the pedestrian in the hall with time running (Figs. 11 and 12)."""
-    partial = folder / f"{RECORDING}.partial"
-    rec = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
-    rec.save(partial)
-    rec.send_recording_name("figures")
-    rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    columns.send_reconstruction(rec, walk.reconstruction, walk.subject)
-    tabs: list[Any] = []
-    for one in figures:
-        path = f"/figures/{one.stem}"
-        rec.log(f"{path}/image", rr.EncodedImage(path=folder / f"{one.stem}.png"), static=True)
-        caption = f"**{one.number}. {one.title}**\n\n{one.caption}"
-        rec.log(f"{path}/caption", rr.TextDocument(plain(caption), media_type="text/markdown"), static=True)
-        image = rrb.Spatial2DView(origin=f"{path}/image")
-        text = rrb.TextDocumentView(origin=f"{path}/caption")
-        tabs.append(rrb.Vertical(image, text, name=f"Figure {one.number}", row_shares=[4, 1]))
-    views = [view_path("/world", one.name) for one in walk.located()]
-    hall = rrb.Spatial3DView(name="Hall", origin="/world", contents=["/world/body/**", *views])
-    focal = rrb.TimeSeriesView(name="Focal length [px]", contents=["/track/focal/**"])
-    tabs.append(rrb.Vertical(hall, focal, name="Figures 11, 12 in time", row_shares=[2, 1]))
-    rec.send_blueprint(rrb.Blueprint(rrb.Tabs(*tabs), collapse_panels=True))
-    rec.disconnect()
-    partial.replace(folder / RECORDING)
+    with written_whole(folder / RECORDING) as partial:
+        rec = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
+        rec.save(partial)
+        rec.send_recording_name("figures")
+        rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        columns.send_reconstruction(rec, walk.reconstruction, walk.subject)
+        tabs: list[Any] = []
+        for one in figures:
+            path = f"/figures/{one.stem}"
+            rec.log(f"{path}/image", rr.EncodedImage(path=folder / f"{one.stem}.png"), static=True)
+            caption = f"**{one.number}. {one.title}**\n\n{one.caption}"
+            rec.log(f"{path}/caption", rr.TextDocument(plain(caption), media_type="text/markdown"), static=True)
+            image = rrb.Spatial2DView(origin=f"{path}/image")
+            text = rrb.TextDocumentView(origin=f"{path}/caption")
+            tabs.append(rrb.Vertical(image, text, name=f"Figure {one.number}", row_shares=[4, 1]))
+        views = [view_path("/world", one.name) for one in walk.located()]
+        hall = rrb.Spatial3DView(name="Hall", origin="/world", contents=["/world/body/**", *views])
+        focal = rrb.TimeSeriesView(name="Focal length [px]", contents=["/track/focal/**"])
+        tabs.append(rrb.Vertical(hall, focal, name="Figures 11, 12 in time", row_shares=[2, 1]))
+        rec.send_blueprint(rrb.Blueprint(rrb.Tabs(*tabs), collapse_panels=True))
+        rec.disconnect()

@@ -25,7 +25,7 @@ from omegaconf import DictConfig, OmegaConf
 from experiments import estimators, footage, workers
 from experiments.config import plain, structured
 from experiments.errors import explain
-from pzcap.io.files import locked
+from pzcap.io.files import locked, written_whole
 from pzcap.types import PzcapError
 from sim.capture_cache import file_hashes
 from sim.session import ShootConfig
@@ -235,6 +235,5 @@ def _remove(path: Path) -> None:
 
 def _write(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
+    with written_whole(path) as partial:
+        partial.write_text(text, encoding="utf-8")

@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 from experiments.config import leaves
 from experiments.metrics import Metric, read_metrics
 from experiments.studies import jobs
+from pzcap.io.files import written_whole
 
 TABLE: Final = "runs.parquet"
 METRICS: Final = "metrics.json"
@@ -121,6 +122,5 @@ def _column(values: list[Any], *, number: bool) -> pa.Array:
 
 def write_table(study: Study) -> None:
     """FOLDER/runs.parquet, whole or not at all."""
-    partial = study.folder / f".{TABLE}.partial"
-    pq.write_table(table(study), partial)
-    partial.replace(study.folder / TABLE)
+    with written_whole(study.folder / TABLE) as partial:
+        pq.write_table(table(study), partial)

@@ -1,4 +1,4 @@
-"""Robust least squares over matches between frames of one camera on its head: pans, zooms, tilt, roll and lens at once.
+"""Bundle adjustment of one camera on its head: pans, zooms, tilt, roll and lens from matches between its frames.
 
 Every frame has a pan and a focal length, which it may share with others: the frames of the sweep share the focal
 length, those of the zoom run the pan. All share tilt, roll and the lens, polynomials in log focal. A match says that
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,22 +24,21 @@ from numpy.typing import NDArray
 
 from pzcap.calibration.parameters import (
     CENTRE,
-    Model,
+    CalibrationParameters,
     Sigmas,
-    chains_of,
+    ViewJacobians,
+    hall_size,
     information,
-    nearness_size,
-    stepped,
-    vector,
-    vectors,
+    retract,
+    to_vector,
+    view_jacobians,
 )
+from pzcap.calibration.tuning import BUNDLE
 from pzcap.geometry.camera import SEEN, VIEW, direction_to_pixel_with_derivatives, pixel_to_direction_kernel
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at
+from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array
-
-SETTLED_RAD = 1e-5  # a step this small ends the adjustment: a hundredth of a pixel
-LEAST_SPREAD_PX = 0.01  # no match is better than this, however well all agree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,50 +54,35 @@ class Link:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adjusted:
-    model: Model
+    parameters: CalibrationParameters
     residual_px: float  # RMS of the inliers
     inliers: NDArray[np.int64]  # a link
+    report: SolveReport
 
 
 def adjust(
-    start: Model,
-    links: Sequence[Link],
-    sigmas: Sigmas,
-    *,
-    prior: Model | None = None,
-    scale_px: float = 8.0,
-    iterations: int = 20,
-) -> Adjusted:
-    """Fit the model to ``links``; the pan of the first frame stays what it is.
+    start: CalibrationParameters, links: Sequence[Link], sigmas: Sigmas, *, prior: CalibrationParameters | None = None,
+    scale_px: float = 8.0, iterations: int = 20,
+) -> Adjusted:  # fmt: skip
+    """Fit the parameters to ``links``; the pan of the first frame stays what it is.
 
-    ``sigmas`` are about ``prior``, or else about ``start``. Weights fall with a residual's length (Geman and McClure,
-    1987), by a scale that starts at ``scale_px`` and follows the residuals down.
+    ``sigmas`` are about ``prior``, or else about ``start``. Weights (Geman and McClure) fall with a residual's length,
+    by a scale that starts at ``scale_px`` and follows the residuals down.
     """
-    mean = vector(start if prior is None else prior)
-    model, scale = start, scale_px
-    believed = information(start, sigmas)
-    ends = np.array([[link.first, link.second] for link in links])
-    bounds = np.cumsum([0, *(len(link.first_px) for link in links)])
-    pixels = np.vstack([np.hstack([link.first_px, link.second_px]) for link in links])
-    length = np.empty(len(pixels))
-    for _ in range(iterations):
-        normal, gradient = _normal_equations(model, ends, bounds, pixels, scale, length)
-        spread = max(float(np.median(length)) / 1.1774, LEAST_SPREAD_PX)  # of one coordinate
-        normal += believed * spread**2
-        gradient += spread**2 * believed @ (vector(model) - mean)
-        normal[model.pan_of[0]] = 0.0
-        normal[model.pan_of[0], model.pan_of[0]] = 1.0
-        gradient[model.pan_of[0]] = 0.0
-        step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
-        model = stepped(model, step)
-        next_scale = max(3.0 * spread, 0.1)
-        if np.abs(step[: len(model.pan_rad)]).max() < SETTLED_RAD and abs(next_scale - scale) < 0.05 * scale:
-            break
-        scale = max(next_scale, scale / 3.0)
-    good = length < 2.0 * scale
+    mean, believed = to_vector(start if prior is None else prior), information(start, sigmas)
+    matches = matches_of(links)
+    length = np.empty(len(matches.pixels))
+    solution = minimise(
+        start, lambda state, scale: normal_equations(state, matches, scale, length), retract,
+        lambda step: np.abs(step[: len(start.pan_rad)]).max() < BUNDLE.settled_rad,
+        Schedule(iterations, scale_px, least_scale=0.1, steady=0.05),
+        prior=Prior(believed, lambda state: to_vector(state) - mean), held=int(start.pan_of[0]),
+    )  # fmt: skip
+    good = length < 2.0 * solution.scale
     return Adjusted(
-        model, float(np.sqrt(np.mean(length[good] ** 2))), np.add.reduceat(good.astype(np.int64), bounds[:-1])
-    )
+        solution.state, float(np.sqrt(np.mean(length[good] ** 2))),
+        np.add.reduceat(good.astype(np.int64), matches.bounds[:-1]), solution.report,
+    )  # fmt: skip
 
 
 def thinned(links: Sequence[Link], every: int) -> list[Link]:
@@ -112,48 +97,54 @@ def thinned(links: Sequence[Link], every: int) -> list[Link]:
 # A match: where the second frame sees what the first frame shows at a pixel
 
 
-def residuals(model: Model, link: Link) -> tuple[Array, Array]:
-    """Residuals (N, 2) of a link's matches, and their derivatives (N, 2, U) with respect to the vector of unknowns."""
-    views = vectors(model)
-    chains, columns = chains_of(model)
-    unknowns = len(vector(model))
-    nearness = unknowns - nearness_size(model)
-    around = kernel_hall(model.surroundings)
-    residual, jacobian = np.empty((len(link.first_px), 2)), np.zeros((len(link.first_px), 2, unknowns))
-    local, by_near, nodes, shares = np.empty((2, SIDES)), np.empty(2), np.zeros(NODES, np.int64), np.zeros(NODES)
+SIDES = 2 * VIEW
+"""Number of values, beside the inverse distance, on which a match depends: both views' PARAMETERS and centres."""
+
+
+class Transfer(NamedTuple):
+    """A pixel of the first frame as the second sees it; `transfer` fills it in."""
+
+    pixel: Array  # (2,)
+    by_views: Array  # (2, SIDES) derivatives by both views
+    by_near: Array  # (2,) and by the inverse distance there
+    nodes: NDArray[np.int64]  # (NODES,) of which that is made (`cylinder.near_at`)
+    shares: Array  # (NODES,)
+
+
+def residuals(state: CalibrationParameters, link: Link) -> tuple[Array, Array]:
+    """Residuals (N, 2) of a link's matches, and their derivatives (N, 2, U) by the vector of parameters."""
+    views, chains, columns = view_jacobians(state)
+    count, hall = len(to_vector(state)), kernel_hall(state.surroundings)
+    residual, jacobian = np.empty((len(link.first_px), 2)), np.zeros((len(link.first_px), 2, count))
     for n, (first_px, second_px) in enumerate(zip(link.first_px, link.second_px, strict=True)):
-        seen = residual[n]
-        transfer(
-            views[link.first], views[link.second], first_px[0], first_px[1], around, seen, local, by_near, nodes, shares
-        )  # fmt: skip
-        seen -= second_px
+        seen = new_transfer()
+        transfer(views[link.first], views[link.second], first_px[0], first_px[1], hall, seen)
+        residual[n] = seen.pixel - second_px
         for side, frame in enumerate((link.first, link.second)):
-            part = local[:, side * VIEW : (side + 1) * VIEW] @ chains[frame]
+            part = seen.by_views[:, side * VIEW : (side + 1) * VIEW] @ chains[frame]
             np.add.at(jacobian[n].T, columns[frame], part.T)
-        if nearness < unknowns:
-            np.add.at(jacobian[n].T, nearness + nodes, np.outer(shares, by_near))
+        if hall_size(state):
+            np.add.at(jacobian[n].T, count - hall_size(state) + seen.nodes, np.outer(seen.shares, seen.by_near))
     return residual, jacobian
 
 
-SIDES = 2 * VIEW
-"""What a match depends on, beside the nearness: both views' PARAMETERS and projection centres."""
+@njit(cache=True, nogil=True)
+def new_transfer() -> Transfer:
+    return Transfer(np.empty(2), np.empty((2, SIDES)), np.empty(2), np.zeros(NODES, np.int64), np.zeros(NODES))
 
 
 @njit(cache=True, nogil=True)
-def transfer(
-    first: Array, second: Array, u: float, v: float, hall: Hall, seen: Array, jacobian: Array, by_near: Array,
-    nodes: NDArray[np.int64], shares: Array,
-) -> None:  # fmt: skip
-    """Where the second frame sees (2,) what the first shows at (u, v); its derivatives with respect to both views
-    (2, SIDES) and to the nearness there (2,); and ``nodes`` and ``shares`` of that (`cylinder.near_at`).
+def transfer(first: Array, second: Array, u: float, v: float, hall: Hall, out: Transfer) -> None:
+    """Project what the ``first`` view shows at (u, v) into the ``second``, with derivatives.
 
     How the parallax itself turns with the view is left out of the derivatives: some thousandths.
     """
+    pixel, by_views, by_near, nodes, shares = out
     azimuth, slope = pixel_to_direction_kernel(first, u, v)
     here, there = np.empty((2, SEEN)), np.empty((2, SEEN))
     direction_to_pixel_with_derivatives(first, azimuth, slope, here)
-    by_centre = np.zeros((2, 2, 3))  # of (azimuth, slope) on the way, by nearness times centre: of first and second
-    towards = np.zeros(2)
+    # parallax of (azimuth, slope) by inverse distance times centre: back from the first, on to the second
+    by_centre, parallax = np.zeros((2, 2, 3)), np.zeros(2)
     near = 0.0
     if len(hall[1]):
         near = near_at(hall, azimuth, slope, nodes, shares)
@@ -164,30 +155,57 @@ def transfer(
             by_centre[side, 1, 2] = -sign
             for k in range(2):
                 for axis in range(3):
-                    towards[k] += by_centre[side, k, axis] * view[CENTRE + axis]
-    direction_to_pixel_with_derivatives(second, azimuth + near * towards[0], slope + near * towards[1], there)
+                    parallax[k] += by_centre[side, k, axis] * view[CENTRE + axis]
+    direction_to_pixel_with_derivatives(second, azimuth + near * parallax[0], slope + near * parallax[1], there)
     # the pixel in the first frame stays: its direction moves against what the parameters do to it
     determinant = here[0, 8] * here[1, 9] - here[0, 9] * here[1, 8]
     for row in range(2):
-        seen[row] = there[row, 0]
+        pixel[row] = there[row, 0]
         back_u = (there[row, 8] * here[1, 9] - there[row, 9] * here[1, 8]) / determinant
         back_v = (there[row, 9] * here[0, 8] - there[row, 8] * here[0, 9]) / determinant
         for k in range(CENTRE):
-            jacobian[row, k] = -(back_u * here[0, 1 + k] + back_v * here[1, 1 + k])
-            jacobian[row, VIEW + k] = there[row, 1 + k]
+            by_views[row, k] = -(back_u * here[0, 1 + k] + back_v * here[1, 1 + k])
+            by_views[row, VIEW + k] = there[row, 1 + k]
         for side in range(2):
             for axis in range(3):
                 along = there[row, 8] * by_centre[side, 0, axis] + there[row, 9] * by_centre[side, 1, axis]
-                jacobian[row, side * VIEW + CENTRE + axis] = near * along
-        by_near[row] = there[row, 8] * towards[0] + there[row, 9] * towards[1]
+                by_views[row, side * VIEW + CENTRE + axis] = near * along
+        by_near[row] = there[row, 8] * parallax[0] + there[row, 9] * parallax[1]
+
+
+class Matches(NamedTuple):
+    """All links' matches, for kernels."""
+
+    ends: NDArray[np.int64]  # (L, 2) frames of each link
+    bounds: NDArray[np.int64]  # (L + 1,) where each link's matches begin
+    pixels: Array  # (N, 4) in the first frame, in the second
+
+
+def matches_of(links: Sequence[Link]) -> Matches:
+    """The matches of ``links`` one after the other."""
+    bounds = np.cumsum([0, *(len(link.first_px) for link in links)])
+    pixels = np.vstack([np.hstack([link.first_px, link.second_px]) for link in links])
+    return Matches(np.array([[link.first, link.second] for link in links]), bounds, pixels)
+
+
+def normal_equations(state: CalibrationParameters, matches: Matches, scale: float, length: Array) -> NormalEquations:
+    """All matches linearised; ``length`` (N,) takes the lengths of their residuals."""
+    count = len(to_vector(state))
+    normal, gradient = np.zeros((count, count)), np.zeros(count)
+    hall = kernel_hall(state.surroundings)
+    cost = _accumulate(matches, view_jacobians(state), hall, scale, length, normal, gradient)
+    # the median length of a pair of normal coordinates is 1.1774 standard deviations of one
+    return NormalEquations(normal, gradient, max(float(np.median(length)) / 1.1774, BUNDLE.least_sigma_px), cost)
 
 
 @njit(cache=True, nogil=True)
-def numbered(
+def hall_nodes(
     first: Array, points: Array | NDArray[np.int16], hall: Hall, number: NDArray[np.int64], used: NDArray[np.int64]
 ) -> int:
-    """Number the nodes of the nearness that the points (N, 2) of a frame touch: how many they are, ``used`` (A + R A,)
-    their indices, and ``number`` (A + R A,) the inverse of that."""
+    """Number the nodes of the inverse distance that the points (N, 2) of a frame touch, and count them.
+
+    ``used`` (A + R A,) takes their indices, ``number`` (A + R A,) the inverse of that: a node's number, or -1.
+    """
     count = 0
     number[:] = -1
     nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
@@ -202,77 +220,59 @@ def numbered(
     return count
 
 
-def _normal_equations(
-    model: Model, ends: NDArray[np.int64], bounds: NDArray[np.int64], pixels: Array, scale: float, length: Array
-) -> tuple[Array, Array]:
-    """Normal matrix (U, U) and gradient (U,) of all matches; ``length`` (N,) takes the lengths of their residuals."""
-    unknowns = len(vector(model))
-    normal, gradient = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-    _accumulate(
-        ends,
-        bounds,
-        pixels,
-        vectors(model),
-        *chains_of(model),
-        kernel_hall(model.surroundings),
-        scale,
-        length,
-        normal,
-        gradient,
-    )
-    return normal, gradient
-
-
 @njit(cache=True, nogil=True)
 def _accumulate(
-    ends: NDArray[np.int64], bounds: NDArray[np.int64], pixels: Array, views: Array, chains: Array,
-    columns: NDArray[np.int64], hall: Hall, scale: float, length: Array, normal: Array, gradient: Array,
-) -> None:  # fmt: skip
-    """Sum up a link's matches by what they depend on, then carry the sums over to the unknowns by the chain rule."""
-    seen, jacobian, by_near = np.empty(2), np.empty((2, SIDES)), np.empty(2)
-    nodes, shares = np.zeros(NODES, np.int64), np.zeros(NODES)
+    matches: Matches, jacobians: ViewJacobians, hall: Hall, scale: float, length: Array, normal: Array, gradient: Array
+) -> float:
+    """Add up normal matrix (U, U), gradient (U,) and cost of all matches, and note their residuals' ``length`` (N,).
+
+    A link's matches are summed by the views and nodes that they depend on, and then carried over to the parameters.
+    """
+    seen, cost = new_transfer(), 0.0
     number, used = np.empty((2, hall[1].size + hall[2].size), np.int64)
     touched = np.arange(SIDES + NODES if len(hall[1]) else SIDES)
-    for link in range(len(ends)):
-        first, second = views[ends[link, 0]], views[ends[link, 1]]
-        matches = pixels[bounds[link] : bounds[link + 1]]
-        count = numbered(first, matches, hall, number, used)
+    for link in range(len(matches.ends)):
+        first, second = jacobians.views[matches.ends[link, 0]], jacobians.views[matches.ends[link, 1]]
+        pixels = matches.pixels[matches.bounds[link] : matches.bounds[link + 1]]
+        count = hall_nodes(first, pixels, hall, number, used)
         summed, along, row = np.zeros((SIDES + count, SIDES + count)), np.zeros(SIDES + count), np.zeros(SIDES + count)
-        for n in range(len(matches)):
-            transfer(first, second, matches[n, 0], matches[n, 1], hall, seen, jacobian, by_near, nodes, shares)
-            residual = seen - matches[n, 2:]
+        for n in range(len(pixels)):
+            transfer(first, second, pixels[n, 0], pixels[n, 1], hall, seen)
+            residual = seen.pixel - pixels[n, 2:]
             squared = residual[0] * residual[0] + residual[1] * residual[1]
-            length[bounds[link] + n] = np.sqrt(squared)
-            weight = geman_mcclure(squared / (scale * scale))
+            length[matches.bounds[link] + n] = np.sqrt(squared)
+            weight = geman_mcclure(np.sqrt(squared), scale)
+            cost += weight * squared
             for k in range(len(touched) - SIDES):
-                touched[SIDES + k] = SIDES + number[nodes[k]]
+                touched[SIDES + k] = SIDES + number[seen.nodes[k]]
             for side in range(2):
-                row[:SIDES] = jacobian[side]
+                row[:SIDES] = seen.by_views[side]
                 for k in range(len(touched) - SIDES):
-                    row[touched[SIDES + k]] = shares[k] * by_near[side]
+                    row[touched[SIDES + k]] = seen.shares[k] * seen.by_near[side]
                 for i in touched:
                     weighted = weight * row[i]
                     along[i] += weighted * residual[side]
                     for j in touched:
                         summed[i, j] += weighted * row[j]
-        carry(summed, along, chains, columns, ends[link], used[:count], normal, gradient)
+        add_link(summed, along, jacobians, matches.ends[link], used[:count], normal, gradient)
+    return cost
 
 
 @njit(cache=True, nogil=True)
-def carry(
-    summed: Array, along: Array, chains: Array, columns: NDArray[np.int64], ends: NDArray[np.int64],
-    used: NDArray[np.int64], normal: Array, gradient: Array,
+def add_link(
+    summed: Array, along: Array, jacobians: ViewJacobians, ends: NDArray[np.int64], used: NDArray[np.int64],
+    normal: Array, gradient: Array,
 ) -> None:  # fmt: skip
-    """Add a link's normal matrix and gradient, with respect to both views and the nodes ``used``, to those of the
-    unknowns, by the chain rule."""
+    """Add a link's normal matrix and gradient, by both views and the nodes ``used``, to those of the parameters by the
+    chain rule."""
+    columns = jacobians.columns
     width = columns.shape[1]
     chain, into = np.zeros((len(along), 2 * width + len(used))), np.empty(2 * width + len(used), np.int64)
     for side in range(2):
-        chain[side * VIEW : (side + 1) * VIEW, side * width : (side + 1) * width] = chains[ends[side]]
+        chain[side * VIEW : (side + 1) * VIEW, side * width : (side + 1) * width] = jacobians.by_parameters[ends[side]]
         into[side * width : (side + 1) * width] = columns[ends[side]]
     chain[SIDES:, 2 * width :] = np.eye(len(used))
-    # the nearness comes after all that a view depends on
-    into[2 * width :] = columns.max() + 1 + used
+    into[2 * width :] = columns.max() + 1 + used  # the hall comes after all that a view depends on
     whole, part = chain.T @ (summed @ chain), chain.T @ along
     for i in range(len(into)):
         gradient[into[i]] += part[i]

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from pzcap.calibration import photometric_bundle_adjustment, reference_camera, stitching
 from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust, thinned
-from pzcap.calibration.correspondences import AZIMUTHS, Matched, height_of, match
-from pzcap.calibration.parameters import Model
+from pzcap.calibration.correspondences import Matched, height_of, match
+from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames
+from pzcap.calibration.tuning import BELIEF, HALL, PHOTOMETRIC
 from pzcap.geometry import camera as geometry
-from pzcap.geometry.camera import View
 from pzcap.imaging.bspline import stored
 from pzcap.types import (
     CalibrationObject,
@@ -36,9 +36,6 @@ from pzcap.types import (
 Report: TypeAlias = Callable[[str, int, int], None]
 """Hears of the progress: a stage, how much of it is done, of how much (0: not known)."""
 
-PARTIAL_SCALE_SIGMA = 1e-3  # relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole
-NODES = (10, AZIMUTHS)  # slopes and azimuths at which the hall's distance is estimated from grey values
-
 
 class Footage(NamedTuple):
     """The footage of one camera in the empty hall, and what it shows."""
@@ -48,14 +45,6 @@ class Footage(NamedTuple):
     sweep: Frames  # iterated more than once, as the zoom run is
     zoom: Frames | None
     full_turn: bool  # the sweep's circle closes
-
-
-class SweptFrames(NamedTuple):
-    """The sweep's grey frames as the panorama was stitched from them."""
-
-    images: Sequence[Image]  # (H, W) each
-    brightness: stitching.Brightness
-    view: View  # of the sweep, at pan 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +62,7 @@ def no_report(stage: str, done: int, total: int) -> None:
 
 def calibrate(
     footage: Footage, config: PanZoomConfig, report: Report = no_report
-) -> tuple[CalibratedCamera, SweptFrames]:
+) -> tuple[CalibratedCamera, stitching.SweptFrames]:
     """Calibrate one camera at its reference pose, and stitch its panorama.
 
     ``report(stage, done, total)`` hears of the progress; a total of 0 is not known yet. Raises PzcapError when the
@@ -84,24 +73,25 @@ def calibrate(
     height, width = reference_image.shape[:2]
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
     chained, count = matched.chained, len(matched.chained.pan_rad)
-    quick = adjust(matched.start, thinned(matched.links, 5), matched.sigmas, scale_px=4.0, iterations=12).model
+    quick = adjust(matched.start, thinned(matched.links, 5), matched.sigmas, scale_px=4.0, iterations=12).parameters
     adjusted = adjust(quick, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
     # features say where frames lie to a quarter of a pixel, grey values say it better
-    brightness = stitching.fit_brightness(matched.sweep_links, count, adjusted.model.view(0), width, height)
-    fitted = _fit_grey_values(matched, adjusted.model, brightness, config, report)
-    model = fitted.model
+    brightness = stitching.fit_brightness(matched.sweep_links, count, adjusted.parameters.view(0), width, height)
+    fitted = _fit_grey_values(matched, adjusted.parameters, brightness, config, report)
+    model = fitted.parameters
 
     taken = model.view(count)
     known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.distortion.k1)
     refined = reference_camera.resolve(first, known, reference_image, calibration_object, config.reference)
     scale = len(model.pan_rad)  # where the sweep's focal length stands among the unknowns
     camera, surroundings = _measured(model, taken.pan_rad, refined.camera)
-    doubt = 0.0 if full_turn else PARTIAL_SCALE_SIGMA
+    doubt = 0.0 if full_turn else BELIEF.partial_scale_sigma
     camera = replace(camera, focal_sigma=float(np.sqrt(fitted.covariance[scale, scale] + doubt**2)))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
-    swept = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
+    view = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
+    swept = stitching.SweptFrames(chained.images, brightness, view)
     pasted = stitching.stitch(
-        sweep, chained.kept, chained.images, sweep_pan_rad, swept, full_turn, brightness, surroundings,
+        sweep, chained.kept, swept, sweep_pan_rad, full_turn, surroundings,
         lambda done: report("paste sweep", done, 2 * count),
     )  # fmt: skip
     background = replace(
@@ -110,21 +100,21 @@ def calibrate(
         closure_rad=chained.closure_rad,
         residual_px=adjusted.residual_px,
     )
-    return CalibratedCamera(refined, background, camera), SweptFrames(chained.images, brightness, swept)
+    return CalibratedCamera(refined, background, camera), swept
 
 
 def _fit_grey_values(
     matched: Matched,
-    model: Model,
+    model: CalibrationParameters,
     brightness: stitching.Brightness,
     config: PanZoomConfig,
     report: Report,
 ) -> photometric_bundle_adjustment.Fitted:
     """The model fitted to all frames, each made as bright as the others and as bright at its edge as in its middle."""
-    images = [*matched.chained.images, *matched.beside]
+    images = [*matched.chained.images, *matched.other_images]
     height, width = images[0].shape
     flat = stitching.flatness(brightness, model.view(0), width, height)
-    gains = [*np.exp(-brightness.log_gain), *[1.0] * len(matched.beside)]
+    gains = [*np.exp(-brightness.log_gain), *[1.0] * len(matched.other_images)]
     kept = np.empty((len(images), height, width), np.uint16)
     for number, (image, gain) in enumerate(zip(images, gains, strict=True)):
         view = model.view(number)
@@ -134,11 +124,11 @@ def _fit_grey_values(
     return photometric_bundle_adjustment.adjust(
         _refined(model), kept, list(pairs), matched.sigmas, prior=_refined(matched.start),
         pixels=config.sweep.pixels, smoothing=config.sweep.smoothing,
-        report=lambda done: report("adjust grey values", done, photometric_bundle_adjustment.ITERATIONS),
+        report=lambda done: report("adjust grey values", done, PHOTOMETRIC.steps),
     )  # fmt: skip
 
 
-def _measured(model: Model, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, InverseDepthMap]:
+def _measured(model: CalibrationParameters, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, InverseDepthMap]:
     """The model in metres, as it took the reference image, azimuths from its pan on.
 
     The floor is where the calibration object stands, at world height 0. Were it elsewhere, offset and distances would
@@ -163,9 +153,9 @@ def _turned(hall: InverseDepthMap, origin_rad: float, height_m: float) -> Invers
     return InverseDepthMap(height_m, walls / height_m, departures, hall.slopes)
 
 
-def _refined(model: Model) -> Model:
-    """The model with departures at all NODES, still 0: features are too few to tell them, and the fewer the faster."""
-    return replace(model, surroundings=replace(model.surroundings, departures=np.zeros(NODES)))
+def _refined(model: CalibrationParameters) -> CalibrationParameters:
+    """The model with departures at all nodes of the hall, still 0. Features alone are too few to tell them."""
+    return replace(model, surroundings=replace(model.surroundings, departures=np.zeros((HALL.slopes, HALL.azimuths))))
 
 
 def _sweep_inliers(adjusted: Adjusted, links: Sequence[Link], count: int) -> NDArray[np.int64]:

@@ -14,19 +14,15 @@ import numpy as np
 from pzcap.calibration import features
 from pzcap.calibration.bundle_adjustment import Link, adjust
 from pzcap.calibration.features import Features
-from pzcap.calibration.parameters import BeliefConfig, Model, Sigmas
+from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters, Sigmas
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Chain, Frames, chain, grey, link_further, link_views, place, spaced
+from pzcap.calibration.tuning import BELIEF, FEATURES, HALL
 from pzcap.calibration.zoom_run import link_zoom
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE
 from pzcap.types import FAR_AWAY, Array, Camera, Image, InverseDepthMap, PzcapError
-
-MIN_HEIGHT_M = 0.2  # a camera lower than this over the world's origin does not stand on its floor
-AZIMUTHS = 72  # at which the distance of the walls is estimated
-WALL_NEARNESS = 0.15  # inverse distance of a wall before anything is known, in inverse heights of the camera
-FOCAL_SIGMA = 0.005  # relative, of the reference calibration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,10 +30,10 @@ class Matched:
     """The sweep's frames, the reference image and some frames of the zoom run, in this order."""
 
     chained: Chain
-    beside: list[Image]  # grey: the reference image, then the frames of the zoom run
+    other_images: list[Image]  # grey: the reference image, then the frames of the zoom run
     sweep_links: list[Link]  # between frames of the sweep
     links: list[Link]  # these, and those with and between the others
-    start: Model  # first values
+    start: CalibrationParameters  # first values
     sigmas: Sigmas
 
 
@@ -59,7 +55,7 @@ def match(
     chained = chain(sweep, view, full_turn, config.sweep, lambda done: report("match sweep", done, 0))
     count = len(chained.pan_rad)
     sigmas = sigmas_of(camera, config.beliefs, full_turn, zoom=False)
-    coarse = adjust(_start(view, chained.pan_rad), chained.links, sigmas, iterations=6).model
+    coarse = adjust(_start(view, chained.pan_rad), chained.links, sigmas, iterations=6).parameters
     further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
     sweep_links = [*chained.links, *further]
 
@@ -80,20 +76,20 @@ def match(
         focals += list(run.log_focal)
         pan_of += [count + 1] * len(run.log_focal)
         focal_of += list(range(2, 2 + len(run.log_focal)))
-    start = Model(
+    start = CalibrationParameters(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
         _padded(coarse.principal_px, 2 if zoomed else 1), _padded(coarse.k1[:, None], 3 if zoomed else 1)[:, 0],
         coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
     )  # fmt: skip
-    beside = [grey(image) for image in [reference_image, *zoomed]]
+    others = [grey(image) for image in [reference_image, *zoomed]]
     return Matched(
-        chained, beside, sweep_links, links, start, sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
+        chained, others, sweep_links, links, start, sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
     )
 
 
-def _start(view: View, pan_rad: Array) -> Model:
+def _start(view: View, pan_rad: Array) -> CalibrationParameters:
     count = len(pan_rad)
-    return Model(
+    return CalibrationParameters(
         pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
         view.principal_px[None], np.array([view.distortion.k1]),
         np.zeros(2), 0.0, FAR_AWAY,
@@ -106,13 +102,13 @@ def _floor_and_walls(view: View, width: int, height: int, rows: int) -> InverseD
     border = np.array([(u, v) for v in (0.0, height - 1.0) for u in edge])
     _, slope = geometry.pixel_to_direction(view, border)
     slopes = np.array([slope.min(), slope.max()])
-    return InverseDepthMap(1.0, np.full(AZIMUTHS, WALL_NEARNESS), np.zeros((rows, AZIMUTHS)), slopes)
+    return InverseDepthMap(1.0, np.full(HALL.azimuths, HALL.wall_nearness), np.zeros((rows, HALL.azimuths)), slopes)
 
 
 def sigmas_of(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool) -> Sigmas:
     """What is believed of a camera and its hall before the footage is seen."""
     # a circle that closes fixes the focal length far better than the calibration object can
-    focal = 10.0 * FOCAL_SIGMA if full_turn else FOCAL_SIGMA
+    focal = 10.0 * BELIEF.focal_sigma if full_turn else BELIEF.focal_sigma
     principal = np.full(2 if zoom else 1, beliefs.principal * camera.width)
     k1 = beliefs.k1 * np.array([1.0, 1.0, 0.5] if zoom else [1.0])
     height_m = height_of(camera)
@@ -127,11 +123,11 @@ def _padded(coefficients: Array, order: int) -> Array:
 
 
 def _detect(image: Image, config: PanZoomConfig) -> Features:
-    return features.detect(grey(image), config.sweep.threshold, config.sweep.features, scales=features.FEW_SCALES)
+    return features.detect(grey(image), config.sweep.threshold, config.sweep.features, scales=FEATURES.few_scales)
 
 
 def _place_reference(
-    found: Sequence[Features], sweep: Model, width: int, config: PanZoomConfig
+    found: Sequence[Features], sweep: CalibrationParameters, width: int, config: PanZoomConfig
 ) -> tuple[float, list[Link]]:
     """Pan of the last frame of ``found``, the reference image, and its links to the frames of the sweep."""
     view = sweep.view(0)
@@ -169,4 +165,4 @@ def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[Image]:
 def height_of(camera: Camera) -> float:
     """Of a camera over its floor, metres."""
     height_m = float(camera.world_T_cam[2, 3])
-    return height_m if height_m > MIN_HEIGHT_M else 1.0
+    return height_m if height_m > HALL.min_height_m else 1.0

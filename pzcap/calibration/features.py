@@ -9,13 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pzcap.calibration.tuning import FEATURES
 from pzcap.types import Array, Image, Mask
-
-MAX_DISTANCE = 130
-"""Of 486 bits: descriptors further apart are not of the same thing, however much further all others are."""
-
-ALL_SCALES = (4, 4)  # octaves of AKAZE, and levels in each, as its authors have it
-FEW_SCALES = (2, 2)  # where images are about equally fine: as many matches, in less than half the time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +27,7 @@ class Features:
 
 
 def detect(
-    image: Image, threshold: float, limit: int, mask: Image | None = None, scales: tuple[int, int] = ALL_SCALES
+    image: Image, threshold: float, limit: int, mask: Image | None = None, scales: tuple[int, int] = FEATURES.all_scales
 ) -> Features:
     """The ``limit`` strongest AKAZE features of ``image`` (H, W), grey, whose response exceeds ``threshold``.
 
@@ -75,11 +70,11 @@ def match(
         best = np.array([pair[0].distance for pair in forward])
         other = np.array([pair[1].distance for pair in forward])
         # the way back is asked of those alone that may be matched
-        asked = np.unique(index[(best < ratio * other) & (best <= MAX_DISTANCE)])
+        asked = np.unique(index[(best < ratio * other) & (best <= FEATURES.max_distance)])
         back = np.full(len(second), -1)
         if len(asked):
             back[asked] = [pair.trainIdx for pair in matcher.match(second.descriptors[asked], first.descriptors)]
-    good = (index >= 0) & (best < ratio * other) & (best <= MAX_DISTANCE)
+    good = (index >= 0) & (best < ratio * other) & (best <= FEATURES.max_distance)
     good &= back[index] == np.arange(len(first))
     return np.column_stack([np.flatnonzero(good), index[good]])
 
@@ -97,13 +92,13 @@ def _nearest_near(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Nearest of the second set for each of the first, its distance, the second distance; nearest of the first.
 
-    -1 and MAX_DISTANCE + 1 where there is none within the radius.
+    -1 and FEATURES.max_distance + 1 where there is none within the radius.
     """
     index = np.full(len(first), -1)
-    best = np.full(len(first), MAX_DISTANCE + 1)
-    other = np.full(len(first), MAX_DISTANCE + 1)
+    best = np.full(len(first), FEATURES.max_distance + 1)
+    other = np.full(len(first), FEATURES.max_distance + 1)
     back = np.full(len(second), -1)
-    back_best = np.full(len(second), MAX_DISTANCE + 1)
+    back_best = np.full(len(second), FEATURES.max_distance + 1)
     m1, m2, m4 = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333), np.uint64(0x0F0F0F0F0F0F0F0F)
     one, two, four, top = np.uint64(1), np.uint64(2), np.uint64(4), np.uint64(56)
     h01 = np.uint64(0x0101010101010101)

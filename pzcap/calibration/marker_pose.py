@@ -20,19 +20,10 @@ import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
 
+from pzcap.calibration.tuning import MARKERS
 from pzcap.geometry import lens
+from pzcap.solver.robust import normal_sigma
 from pzcap.types import Array, CalibrationObject, Camera, Image, Marker
-
-MARGIN: Final = 0.5  # cells of the white around a marker that are looked at
-LEAST_BLUR_PX2, BLUR_PX2, MOST_BLUR_PX2 = 0.015, 0.2, 9.0  # variance beside the pixel's own square
-BLUR_SIGMA_PX2: Final = 1.0  # of the blur about BLUR_PX2
-ROUNDS: Final = 24
-LOOSE: Final = 4  # rounds in which outliers pull a little (Huber), so that none wins by being there first
-SETTLED: Final = 12  # rounds after which the weights are left alone, lest they and the pose chase each other
-HUBER, TUKEY = 1.345, 8.0  # in standard deviations; wide, for the tails of what the model misses are long
-LEAST_NOISE: Final = 0.3  # grey levels: what rounding leaves
-DONE: Final = 0.02  # a step of so few standard deviations is the last
-SHADING: Final = 6  # of paper and ink, three coefficients each
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,19 +61,19 @@ def fit_pose(camera: Camera, image: Image, calibration_object: CalibrationObject
     The start has to be right to half a cell or so. None where the steps do not die out.
     """
     patches = cut(camera, image, calibration_object, ids)
-    blur = np.full((len(patches), 2), BLUR_PX2)
+    blur = np.full((len(patches), 2), MARKERS.blur_px2)
     weights = [np.ones(len(patch.grey)) for patch in patches]
-    for number in range(ROUNDS):
+    for number in range(MARKERS.steps):
         parts = [linearise(camera, *part) for part in zip(patches, blur, weights, strict=True)]
         sigmas = _sigmas([part[0] for part in parts], [part[2] for part in parts])
         kept, normal, gradient = [], np.zeros((6, 6)), np.zeros(6)
         for k, (residual, jacobian, _) in enumerate(parts):
-            if number < SETTLED:
-                weights[k] = _weigh(residual / sigmas[k], tight=number >= LOOSE) / np.square(sigmas[k])
+            if number < MARKERS.weighed_steps:
+                weights[k] = _weigh(residual / sigmas[k], tight=number >= MARKERS.loose_steps) / np.square(sigmas[k])
             whole = jacobian.T @ (weights[k][:, None] * jacobian)
             right = jacobian.T @ (weights[k] * residual)
-            whole[[6, 7], [6, 7]] += BLUR_SIGMA_PX2**-2
-            right[6:8] += BLUR_SIGMA_PX2**-2 * (blur[k] - BLUR_PX2)
+            whole[[6, 7], [6, 7]] += MARKERS.blur_sigma_px2**-2
+            right[6:8] += MARKERS.blur_sigma_px2**-2 * (blur[k] - MARKERS.blur_px2)
             share = np.linalg.solve(whole[6:, 6:], whole[6:, :6])
             normal += whole[:6, :6] - whole[:6, 6:] @ share
             gradient += right[:6] - share.T @ right[6:]
@@ -90,9 +81,9 @@ def fit_pose(camera: Camera, image: Image, calibration_object: CalibrationObject
         step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
         for k, (whole, right) in enumerate(kept):
             change = -np.linalg.solve(whole[6:, 6:], right[6:] + whole[6:, :6] @ step)[:2]
-            blur[k] = np.clip(blur[k] + change, LEAST_BLUR_PX2, MOST_BLUR_PX2)
+            blur[k] = np.clip(blur[k] + change, MARKERS.least_blur_px2, MARKERS.most_blur_px2)
         camera = moved(camera, step)
-        if number > LOOSE and step @ normal @ step < DONE**2:
+        if number > MARKERS.loose_steps and step @ normal @ step < MARKERS.settled**2:
             return PoseFit(camera, np.asarray(np.linalg.inv(normal), np.float64))
     return None
 
@@ -104,8 +95,8 @@ def _sigmas(residuals: list[Array], slopes: list[Array]) -> list[Array]:
     """
     residual, slope = np.abs(np.concatenate(residuals)), np.concatenate(slopes)
     steep = slope > 0.25 * slope.max()
-    noise = max(1.4826 * float(np.median(residual[~steep])), LEAST_NOISE)
-    excess = (1.4826 * float(np.median(residual[steep]))) ** 2 - noise**2
+    noise = max(normal_sigma(residual[~steep]), MARKERS.least_noise)
+    excess = normal_sigma(residual[steep]) ** 2 - noise**2
     off_px = math.sqrt(max(excess, 0.0) / float(np.median(np.square(slope[steep]))))
     return [np.hypot(noise, off_px * each) for each in slopes]
 
@@ -119,7 +110,8 @@ def cut(camera: Camera, image: Image, calibration_object: CalibrationObject, ids
         if marker.id not in ids:
             continue
         axes_m = _axes(marker, cells)
-        corners = np.array([(a, b, 1.0) for a in (-MARGIN, cells + MARGIN) for b in (-MARGIN, cells + MARGIN)])
+        edges = -MARKERS.margin_cells, cells + MARKERS.margin_cells
+        corners = np.array([(a, b, 1.0) for a in edges for b in edges])
         around = _project(camera, corners @ axes_m.T)
         low = np.maximum(np.floor(around.min(axis=0)), 0).astype(int)
         high = np.minimum(np.ceil(around.max(axis=0)) + 1, [camera.width, camera.height]).astype(int)
@@ -129,7 +121,7 @@ def cut(camera: Camera, image: Image, calibration_object: CalibrationObject, ids
         places, _, _ = _on_print(camera, axes_m, rays)
         seen = image[v, u].reshape(len(pixels), -1)
         # beyond white nothing is known of the light
-        used = np.all((places > -MARGIN) & (places < cells + MARGIN), axis=1) & (seen.max(axis=1) < 255)
+        used = np.all((places > edges[0]) & (places < edges[1]), axis=1) & (seen.max(axis=1) < 255)
         ink = (cv2.aruco.generateImageMarker(dictionary, marker.id, cells) == 0).astype(np.float64)
         place = np.column_stack([np.ones(len(pixels)), (pixels - around.mean(axis=0)) / np.ptp(around, axis=0)])
         # the mean of the colours: they are equal on print, and their noises are not the same
@@ -151,7 +143,7 @@ def linearise(camera: Camera, patch: Patch, blur_px2: Array, weight: Array) -> t
     root = np.sqrt(weight)
     shading = np.linalg.lstsq(shares * root[:, None], patch.grey * root, rcond=None)[0]
     contrast = patch.place @ (shading[3:] - shading[:3])
-    jacobian = np.empty((len(places), 8 + SHADING))
+    jacobian = np.empty((len(places), 14))
     jacobian[:, :6] = contrast[:, None] * np.einsum("pi,pij->pj", ink[:, 1:3], by_pose)
     jacobian[:, 6:8] = contrast[:, None] * ink[:, 3:]
     jacobian[:, 8:] = shares
@@ -161,8 +153,8 @@ def linearise(camera: Camera, patch: Patch, blur_px2: Array, weight: Array) -> t
 
 def _weigh(scaled: Array, *, tight: bool) -> Array:
     if tight:
-        return np.square(np.clip(1.0 - np.square(scaled / TUKEY), 0.0, None))
-    return np.minimum(1.0, HUBER / np.maximum(np.abs(scaled), 1e-9))
+        return np.square(np.clip(1.0 - np.square(scaled / MARKERS.tukey), 0.0, None))
+    return np.minimum(1.0, MARKERS.huber / np.maximum(np.abs(scaled), 1e-9))
 
 
 def _axes(marker: Marker, cells: int) -> Array:
@@ -202,7 +194,6 @@ def _rays(camera: Camera, pixels: Array) -> tuple[Array, Array]:
     return np.column_stack([xy, np.ones(len(xy))]), np.asarray(np.linalg.inv(bend) / camera.focal_px, np.float64)
 
 
-REACH: Final = 4.0  # standard deviations beyond which an edge is not felt
 HALF_ROOT: Final = math.sqrt(0.5)
 DENSITY: Final = 1.0 / math.sqrt(2.0 * math.pi)
 NODES, SHARES = (values / 2 for values in np.polynomial.legendre.leggauss(3))
@@ -247,7 +238,7 @@ def _profile(place: float, by_px: Array, blur_px2: float, out: Array) -> tuple[i
         wide, narrow = narrow, wide
     squared = wide * wide + narrow * narrow
     sigma = math.sqrt(blur_px2 * squared)
-    reach = 0.5 * (wide + narrow) + REACH * sigma
+    reach = 0.5 * (wide + narrow) + MARKERS.reach * sigma
     first = min(max(int(math.floor(place - reach)), 0), len(out) - 1)  # noqa: RUF046
     last = min(max(int(math.ceil(place + reach)), 0), len(out) - 1)  # noqa: RUF046
     for i in range(first, last + 1):

@@ -1,9 +1,8 @@
-"""The adjustment of `pzcap.calibration.bundle_adjustment` on grey values: frames of one camera against each other,
-pixel by pixel.
+"""Photometric bundle adjustment: the parameters of `pzcap.calibration.bundle_adjustment` fitted to grey values.
 
 Features are found to a quarter of a pixel; the grey values of a few thousand pixels with an edge in them say better
 where two frames lie on each other. The residual of a pixel is what the second frame shows where it should see it, minus
-the first frame's grey value, made as bright by a gain and a shading that belong to the link. So the same unknowns are
+the first frame's grey value, made as bright by a gain and a shading that belong to the link. So the same parameters are
 fitted as there, with the same transfer from frame to frame, weighted by the gradient.
 """
 
@@ -11,25 +10,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.calibration.bundle_adjustment import SIDES, carry, numbered, transfer
-from pzcap.calibration.parameters import Model, Sigmas, chains_of, information, stepped, vector, vectors
+from pzcap.calibration.bundle_adjustment import SIDES, add_link, hall_nodes, new_transfer, transfer
+from pzcap.calibration.parameters import (
+    CalibrationParameters,
+    Sigmas,
+    ViewJacobians,
+    information,
+    retract,
+    to_vector,
+    view_jacobians,
+)
+from pzcap.calibration.tuning import PHOTOMETRIC
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall
 from pzcap.imaging.bspline import Stored, at_pixels, cubic, softened_further
-from pzcap.solver.robust import geman_mcclure
+from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
+from pzcap.solver.robust import geman_mcclure, normal_sigma
 from pzcap.types import Array
-
-TILE = 16  # pixels: edges are taken from everywhere, so many across
-BORDER = 6.0  # times the smoothing: pixels at the edge left out, since it reaches beyond
-ITERATIONS = 4
-DOUBT = 10.0  # what is left over is no noise but the same everywhere: so many pixels are worth one
-SETTLED_RAD = 2e-7  # a step this small ends the adjustment: a five thousandth of a pixel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,29 +48,26 @@ class Overlap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    model: Model
-    covariance: Array  # (U, U) of `unknowns.vector`, from the residuals alone
+    parameters: CalibrationParameters
+    covariance: Array  # (U, U) of their vector, from the residuals alone
+    report: SolveReport
 
 
 def _overlap(
-    frames: Stored,
-    edges: Sequence[NDArray[np.int16]],
-    model: Model,
-    first: int,
-    second: int,
-    most: int,
+    frames: Stored, edges: Sequence[NDArray[np.int16]], state: CalibrationParameters, pair: tuple[int, int], most: int,
     smoothing: float,
-) -> Overlap | None:
+) -> Overlap | None:  # fmt: skip
     """``most`` pixels of two frames to be compared; the finer of the two is smoothed to the other's resolution.
 
     ``edges`` are those of the frames as they are. None if the frames share too little.
     """
-    views = model.view(first), model.view(second)
+    first, second = pair
+    views = state.view(first), state.view(second)
     shrink = views[0].focal_px / views[1].focal_px
     if shrink < 0.999:
         first, second, views, shrink = second, first, (views[1], views[0]), 1.0 / shrink
     height, width = frames[first].shape
-    border = _border(smoothing)
+    border = _border_px(smoothing)
     fine, chosen = None, edges[first]
     if shrink > 1.001:
         fine = softened_further(frames[first], shrink, (views[0].focal_px, views[0].principal_px[0]), smoothing)
@@ -84,111 +85,110 @@ def _overlap(
     return Overlap(first, second, points, np.asarray(grey, np.float32))
 
 
-def _border(smoothing: float) -> int:
-    return round(BORDER * smoothing)
+def _border_px(smoothing: float) -> int:
+    return round(PHOTOMETRIC.border * smoothing)
 
 
 def _edges(image: Stored | NDArray[np.float32], most: int, border: int) -> NDArray[np.int16]:
     """(N, 2) the pixels of the strongest edges, the same number in every tile, and some times ``most`` in all."""
     inner = image[border : image.shape[0] - border, border : image.shape[1] - border].astype(np.float32)
     strength = np.hypot(cv2.Sobel(inner, cv2.CV_32F, 1, 0), cv2.Sobel(inner, cv2.CV_32F, 0, 1))
-    rows, columns = (side // TILE for side in strength.shape)
-    tiles = strength[: rows * TILE, : columns * TILE].reshape(rows, TILE, columns, TILE).swapaxes(1, 2)
-    strongest = min(max(round(20 * most / (rows * columns)), 1), TILE**2 - 1)
-    best = np.sort(np.argpartition(-tiles.reshape(rows, columns, TILE**2), strongest, axis=2)[:, :, :strongest], axis=2)
-    row = np.arange(rows)[:, None, None] * TILE + best // TILE
-    column = np.arange(columns)[None, :, None] * TILE + best % TILE
+    tile = PHOTOMETRIC.tile_px
+    rows, columns = (side // tile for side in strength.shape)
+    tiles = strength[: rows * tile, : columns * tile].reshape(rows, tile, columns, tile).swapaxes(1, 2)
+    strongest = min(max(round(20 * most / (rows * columns)), 1), tile**2 - 1)
+    best = np.sort(np.argpartition(-tiles.reshape(rows, columns, tile**2), strongest, axis=2)[:, :, :strongest], axis=2)
+    row = np.arange(rows)[:, None, None] * tile + best // tile
+    column = np.arange(columns)[None, :, None] * tile + best % tile
     return (np.stack([column.ravel(), row.ravel()], axis=1) + border).astype(np.int16)
 
 
 def adjust(
-    start: Model,
-    frames: Stored,
-    pairs: Sequence[tuple[int, int]],
-    sigmas: Sigmas,
-    *,
-    prior: Model,
-    pixels: int,
-    smoothing: float,
-    report: Callable[[int], None],
-) -> Fitted:
-    """Fit the model to the grey values of ``pairs`` of ``frames`` (F, H, W), of ``pixels`` of each pair at most; as
-    `bundle.adjust`. The frames are smoothed by ``smoothing`` square pixels.
+    start: CalibrationParameters, frames: Stored, pairs: Sequence[tuple[int, int]], sigmas: Sigmas, *,
+    prior: CalibrationParameters, pixels: int, smoothing: float, report: Callable[[int], None],
+) -> Fitted:  # fmt: skip
+    """Fit the parameters to the grey values of ``pairs`` of ``frames`` (F, H, W), of ``pixels`` of each pair at most;
+    otherwise as `bundle_adjustment.adjust`. The frames are smoothed by ``smoothing`` square pixels.
 
     ``start`` must be right to about a pixel.
     """
-    # the images know how near things are times how far the centre is beside the axis: walls that were held back to
-    # what is believed of them would push the centre out
+    # the images know inverse distance times offset: walls held to their prior would push the projection centre away
     loose = replace(sigmas, walls=3.0, unevenness=1.0, departures=0.1, roughness=0.05)
-    believed, mean = information(start, loose), vector(prior)
-    edges = [_edges(frame, pixels, _border(smoothing)) for frame in frames]
-    overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, *pair, pixels, smoothing)) is not None]
+    believed, mean = information(start, loose), to_vector(prior)
+    edges = [_edges(frame, pixels, _border_px(smoothing)) for frame in frames]
+    overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, pair, pixels, smoothing)) is not None]
     ends = np.array([[one.first, one.second] for one in overlaps])
     bounds = np.cumsum([0, *(len(one.grey) for one in overlaps)])
-    points = np.vstack([one.points_px for one in overlaps])
-    grey = np.concatenate([one.grey for one in overlaps])
-    gains = np.tile([1.0, 0.0], (len(overlaps), 1))
-    residual = np.zeros_like(grey)
-    model, scale = start, 30.0
-    for iteration in range(ITERATIONS):
-        normal, gradient = np.zeros((len(mean), len(mean))), np.zeros(len(mean))
-        _accumulate(
-            ends, bounds, points, grey, frames, vectors(model), *chains_of(model),
-            kernel_hall(model.surroundings), scale, gains, residual, normal, gradient,
-        )  # fmt: skip
-        seen = np.isfinite(residual)
-        spread = 1.4826 * float(np.median(np.abs(residual[seen])))
-        normal += believed * (DOUBT * spread**2)
-        gradient += (DOUBT * spread**2) * believed @ (vector(model) - mean)
-        fixed = model.pan_of[0]
-        normal[fixed], normal[:, fixed], normal[fixed, fixed], gradient[fixed] = 0.0, 0.0, 1.0, 0.0
-        inverse = np.linalg.inv(normal)
-        step = np.asarray(-inverse @ gradient, np.float64)
-        model = stepped(model, step)
-        report(iteration + 1)
-        if iteration > 1 and np.abs(step[: len(model.pan_rad)]).max() < SETTLED_RAD:
-            break
-        scale = max(3.0 * spread, scale / 3.0)
-    inverse[fixed, fixed] = 0.0
-    return Fitted(model, np.asarray(inverse * (DOUBT * spread**2), np.float64))
+    points, grey = np.vstack([one.points_px for one in overlaps]), np.concatenate([one.grey for one in overlaps])
+    compared = _Pixels(ends, bounds, points, grey, np.tile([1.0, 0.0], (len(overlaps), 1)), np.zeros_like(grey))
+    done = 0
+
+    def linearise(state: CalibrationParameters, scale: float) -> NormalEquations:
+        nonlocal done
+        normal, gradient = np.zeros_like(believed), np.zeros_like(mean)
+        cost = _accumulate(
+            compared, frames, view_jacobians(state), kernel_hall(state.surroundings), scale, normal, gradient
+        )
+        done += 1
+        report(done)
+        return NormalEquations(normal, gradient, normal_sigma(compared.residual[np.isfinite(compared.residual)]), cost)
+
+    doubt, held = PHOTOMETRIC.doubt, int(start.pan_of[0])
+    state, normal, sigma, _, ended = minimise(
+        start, linearise, retract, lambda step: np.abs(step[: len(start.pan_rad)]).max() < PHOTOMETRIC.settled_rad,
+        Schedule(PHOTOMETRIC.steps, 30.0, least_steps=3),
+        prior=Prior(believed, lambda state: to_vector(state) - mean, doubt), held=held,
+    )  # fmt: skip
+    covariance = np.linalg.inv(normal) * (doubt * sigma**2)
+    covariance[held, held] = 0.0
+    return Fitted(state, np.asarray(covariance, np.float64), ended)
+
+
+class _Pixels(NamedTuple):
+    """The pixels of all overlaps, for kernels."""
+
+    ends: NDArray[np.int64]  # (L, 2) frames of each overlap
+    bounds: NDArray[np.int64]  # (L + 1,) where each overlap's pixels begin
+    points: NDArray[np.int16]  # (N, 2) in the first frame
+    grey: NDArray[np.float32]  # (N,) there
+    gains: Array  # (L, 2) of each overlap: gain and shading, brought up to date
+    residual: NDArray[np.float32]  # (N,) written; inf where the second frame does not show the pixel
 
 
 @njit(cache=True, nogil=True)
 def _accumulate(
-    ends: NDArray[np.int64], bounds: NDArray[np.int64], points: NDArray[np.int16], grey: NDArray[np.float32],
-    images: Stored, views: Array, chains: Array, columns: NDArray[np.int64], hall: Hall, scale: float, gains: Array,
-    residual: NDArray[np.float32], normal: Array, gradient: Array,
-) -> None:  # fmt: skip
-    """Normal equations of all pixels, each link's gain and shading eliminated. ``gains`` (L, 2) is brought up to date;
-    ``residual`` (N,) is inf where the second frame does not show the pixel."""
-    seen, jacobian, by_near = np.empty(2), np.empty((2, SIDES)), np.empty(2)
-    nodes, shares = np.zeros(NODES, np.int64), np.zeros(NODES)
+    pixels: _Pixels, images: Stored, jacobians: ViewJacobians, hall: Hall, scale: float, normal: Array, gradient: Array
+) -> float:
+    """Add up normal matrix (U, U), gradient (U,) and cost of all pixels, each overlap's gain and shading eliminated by
+    the Schur complement."""
+    seen, cost = new_transfer(), 0.0
     number, used = np.empty((2, hall[1].size + hall[2].size), np.int64)
     touched = np.arange(SIDES + NODES if len(hall[1]) else SIDES)
-    for link in range(len(ends)):
-        first, second = views[ends[link, 0]], views[ends[link, 1]]
-        image = images[ends[link, 1]]
-        count = numbered(first, points[bounds[link] : bounds[link + 1]], hall, number, used)
+    for link in range(len(pixels.ends)):
+        first, second = jacobians.views[pixels.ends[link, 0]], jacobians.views[pixels.ends[link, 1]]
+        image, gains = images[pixels.ends[link, 1]], pixels.gains[link]
+        count = hall_nodes(first, pixels.points[pixels.bounds[link] : pixels.bounds[link + 1]], hall, number, used)
         size = SIDES + count
         summed, along, row = np.zeros((size, size)), np.zeros(size), np.zeros(size)
         shade, shade_by, shade_along = np.zeros((2, 2)), np.zeros((2, size)), np.zeros(2)
-        for n in range(bounds[link], bounds[link + 1]):
-            u, v = float(points[n, 0]), float(points[n, 1])
-            transfer(first, second, u, v, hall, seen, jacobian, by_near, nodes, shares)
-            inside, value, by_x, by_y = cubic(image, seen[0], seen[1])
+        for n in range(pixels.bounds[link], pixels.bounds[link + 1]):
+            u, v = float(pixels.points[n, 0]), float(pixels.points[n, 1])
+            transfer(first, second, u, v, hall, seen)
+            inside, value, by_x, by_y = cubic(image, seen.pixel[0], seen.pixel[1])
             if not inside:
-                residual[n] = np.inf
+                pixels.residual[n] = np.inf
                 continue
-            lit = grey[n]
-            shaded = lit * (_radial(seen[0], seen[1], images) - _radial(u, v, images))
-            difference = value - gains[link, 0] * lit - gains[link, 1] * shaded
-            residual[n] = difference
-            weight = geman_mcclure((difference / scale) ** 2)
+            lit = pixels.grey[n]
+            shaded = lit * (_radial(seen.pixel[0], seen.pixel[1], images) - _radial(u, v, images))
+            difference = value - gains[0] * lit - gains[1] * shaded
+            pixels.residual[n] = difference
+            weight = geman_mcclure(difference, scale)
+            cost += weight * difference * difference
             for k in range(SIDES):
-                row[k] = by_x * jacobian[0, k] + by_y * jacobian[1, k]
+                row[k] = by_x * seen.by_views[0, k] + by_y * seen.by_views[1, k]
             for k in range(len(touched) - SIDES):
-                touched[SIDES + k] = SIDES + number[nodes[k]]
-                row[touched[SIDES + k]] = shares[k] * (by_x * by_near[0] + by_y * by_near[1])
+                touched[SIDES + k] = SIDES + number[seen.nodes[k]]
+                row[touched[SIDES + k]] = seen.shares[k] * (by_x * seen.by_near[0] + by_y * seen.by_near[1])
             for k in range(len(touched)):
                 i = touched[k]
                 weighted = weight * row[i]
@@ -206,12 +206,13 @@ def _accumulate(
         shade[1, 0] = shade[0, 1]
         shade[0, 0] += 1e-9
         shade[1, 1] += 1e-9 + 1e-3 * shade[0, 0]  # frames are flattened before: little shading is left
-        shade_along[1] += 1e-3 * shade[0, 0] * gains[link, 1]
+        shade_along[1] += 1e-3 * shade[0, 0] * gains[1]
         solved = np.linalg.inv(shade)
-        gains[link] -= solved @ shade_along
+        gains -= solved @ shade_along
         summed -= shade_by.T @ (solved @ shade_by)
         along -= shade_by.T @ (solved @ shade_along)
-        carry(summed, along, chains, columns, ends[link], used[:count], normal, gradient)
+        add_link(summed, along, jacobians, pixels.ends[link], used[:count], normal, gradient)
+    return cost
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -17,14 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.calibration import marker_pose
+from pzcap.calibration.tuning import REFERENCE
 from pzcap.geometry import lens
 from pzcap.types import Array, CalibrationObject, Camera, Image, PzcapError, ReferenceCamera
-
-MIN_MARKERS = 3
-AGREE = 5.0  # standard deviations between the pose of the corners and that of the grey values
-LEAST_CORNER_ERROR_PX = 0.02
-TOLERANCE = 0.25  # of a marker's side, by which the linear stages may miss its corners
-TRIPLES = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +42,7 @@ class Detection:
 def detect(image: Image, calibration_object: CalibrationObject) -> Detection:
     """Find the markers of ``calibration_object`` in ``image`` (H, W[, 3]), their corners to a fraction of a pixel.
 
-    Raises PzcapError when fewer than MIN_MARKERS are found, or only markers of one plane.
+    Raises PzcapError when fewer than three are found, or only markers of one plane.
     """
     identifier = getattr(cv2.aruco, calibration_object.dictionary, None)
     if not isinstance(identifier, int):
@@ -65,9 +60,9 @@ def detect(image: Image, calibration_object: CalibrationObject) -> Detection:
     quads = [(int(i), quad[0]) for quad, i in zip(corners, [] if found is None else found.ravel(), strict=True)]
     seen = _consistent([(i, quad) for i, quad in quads if i in known], known, *grey.shape[::-1])
     ids = tuple(sorted(seen))
-    if len(ids) < MIN_MARKERS:
+    if len(ids) < REFERENCE.min_markers:
         raise PzcapError(
-            f"{len(ids)} of the calibration object's {len(known)} markers found, {MIN_MARKERS} are needed; "
+            f"{len(ids)} of the calibration object's {len(known)} markers found, {REFERENCE.min_markers} are needed; "
             "let it fill more of the picture, in focus and evenly lit"
         )
     points_m = np.concatenate([known[i] for i in ids]).astype(np.float64)
@@ -96,16 +91,16 @@ def _consistent(
         except (PzcapError, np.linalg.LinAlgError):
             return {}
         off = _residuals(camera, points_m.reshape(-1, 3), points_px.reshape(-1, 2))[0].reshape(-1, 8)
-        agree = np.abs(off).max(axis=1) < TOLERANCE * sides
+        agree = np.abs(off).max(axis=1) < REFERENCE.corner_tolerance * sides
         return {i: quad for (i, quad), good in zip(quads, agree, strict=True) if good}
 
     everything = dict(quads)
-    if len(quads) < MIN_MARKERS or len(best := agreeing(np.arange(len(quads)))) == len(quads):
+    if len(quads) < REFERENCE.min_markers or len(best := agreeing(np.arange(len(quads)))) == len(quads):
         return everything
     rng = np.random.default_rng(0)
-    for _ in range(TRIPLES):
+    for _ in range(REFERENCE.triples):
         best = max(best, agreeing(rng.choice(len(quads), 3, replace=False)), key=len)
-    return best if len(best) >= MIN_MARKERS else everything
+    return best if len(best) >= REFERENCE.min_markers else everything
 
 
 def refine_corners(grey: Image, corners_px: Array) -> Array:
@@ -205,8 +200,8 @@ def fit(
         normal = jacobian[:, :free].T @ (weight[:, None] * jacobian[:, :free])
         gradient = jacobian[:, :free].T @ (weight * residual)
         if free_lens:
-            normal[7, 7] += config.k1_sigma**-2 * PIXEL_SIGMA**2
-            gradient[7] += camera.k1 * config.k1_sigma**-2 * PIXEL_SIGMA**2
+            normal[7, 7] += config.k1_sigma**-2 * REFERENCE.corner_sigma_px**2
+            gradient[7] += camera.k1 * config.k1_sigma**-2 * REFERENCE.corner_sigma_px**2
         step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
         candidate = _stepped(camera, np.concatenate([step, np.zeros(8 - free)]))
         candidate_residual, candidate_jacobian = _residuals(candidate, points_m, points_px)
@@ -224,14 +219,11 @@ def fit(
     return ReferenceCamera(camera, points_m, points_px, -residual.reshape(-1, 2))
 
 
-PIXEL_SIGMA = 0.1  # of a corner, to weigh the prior on k1 against
-
-
 def _cost(residual: Array, camera: Camera, config: ReferenceConfig) -> float:
     norms = np.hypot(*residual.reshape(-1, 2).T)
     bound = config.outlier_px
     huber = np.where(norms < bound, 0.5 * norms**2, bound * (norms - 0.5 * bound))
-    return float(huber.sum() + 0.5 * (camera.k1 / config.k1_sigma * PIXEL_SIGMA) ** 2)
+    return float(huber.sum() + 0.5 * (camera.k1 / config.k1_sigma * REFERENCE.corner_sigma_px) ** 2)
 
 
 def _residuals(camera: Camera, points_m: Array, points_px: Array) -> tuple[Array, Array]:
@@ -284,7 +276,7 @@ def resolve(
     residuals_px = -_residuals(found.camera, points_m, points_px)[0].reshape(-1, 2)
     shift = np.square(residuals_px - by_corners.residuals_px).sum(axis=1)
     # six parameters fitted to N corners move them by sqrt(3 / N) of the corners' own error
-    error_px = max(1.2 * float(np.median(np.hypot(*by_corners.residuals_px.T))), LEAST_CORNER_ERROR_PX)
-    if np.sqrt(shift.mean()) > AGREE * np.sqrt(3.0 / len(shift)) * error_px:
+    error_px = max(1.2 * float(np.median(np.hypot(*by_corners.residuals_px.T))), REFERENCE.least_corner_error_px)
+    if np.sqrt(shift.mean()) > REFERENCE.pose_agreement * np.sqrt(3.0 / len(shift)) * error_px:
         return by_corners
     return ReferenceCamera(found.camera, points_m, points_px, residuals_px)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -14,15 +15,13 @@ from numpy.typing import NDArray
 
 from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.sweep import Frames
+from pzcap.calibration.tuning import STITCHING
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
 from pzcap.imaging import bspline
-from pzcap.solver.robust import geman_mcclure_weights
+from pzcap.solver.robust import geman_mcclure, normal_sigma
 from pzcap.types import Array, Image, InverseDepthMap, Mask, Panorama
-
-DIFFERENT = 8.0  # grey levels, mean over a few pixels, that noise and resampling do not make
-FEATHER_ROWS = 12.0  # pixels over which a frame fades in from its upper and lower edge
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +30,14 @@ class Brightness:
 
     log_gain: Array  # (M,) of each frame of the sweep
     vignetting: Array  # (2,) of r^2 and r^4 in the log of the brightness, r = 1 in the image's corner
+
+
+class SweptFrames(NamedTuple):
+    """The sweep's grey frames as the panorama is stitched from them."""
+
+    images: Sequence[Image]  # (H, W) each
+    brightness: Brightness
+    view: View  # of the sweep, at pan 0
 
 
 def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, height: int) -> Brightness:
@@ -44,8 +51,7 @@ def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, h
     solution: Array = np.zeros(frames + 2)
     for _ in range(6):
         residual = observed - radial @ solution[frames:] - (solution[second] - solution[first])
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-3)
-        weight = geman_mcclure_weights(residual, 2.0 * scale)
+        weight = geman_mcclure(residual, 2.0 * max(normal_sigma(residual), 1e-3))
         normal = np.zeros((frames + 2, frames + 2))
         gradient = np.zeros(frames + 2)
         shared = slice(frames, frames + 2)
@@ -79,35 +85,28 @@ def _radial(points_px: Array, view: View, width: int, height: int) -> Array:
 
 
 def stitch(
-    frames: Frames,
-    kept: NDArray[np.int64],
-    greys: Sequence[Image],
-    pan_rad: Array,
-    view: View,
-    full_turn: bool,
-    brightness: Brightness,
-    surroundings: InverseDepthMap,
-    report: Callable[[int], None],
-) -> Panorama:
-    """Paste the frames ``kept`` (M,) of a sweep, taken at ``pan_rad`` (M,) with ``view``, on the cylinder about the pan
-    axis.
+    frames: Frames, kept: NDArray[np.int64], swept: SweptFrames, pan_rad: Array, full_turn: bool,
+    surroundings: InverseDepthMap, report: Callable[[int], None],
+) -> Panorama:  # fmt: skip
+    """Paste the frames ``kept`` (M,) of a sweep, taken at ``pan_rad`` (M,), on the cylinder about the pan axis.
 
-    Twice: what differs from the first result, made of ``greys`` (M of them), is somebody who walked through the sweep,
-    and counts little in the second. The panorama has as many pixels to the radian as the sweep has in the middle of its
-    frames. Its azimuth 0 is pan 0. ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
+    Twice: what differs from the first result, made of the M grey frames of ``swept``, is somebody who walked through
+    the sweep, and counts little in the second. The panorama has as many pixels to the radian as the sweep has in the
+    middle of its frames. Its azimuth 0 is pan 0. ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
     """
     numbers = {int(index): number for number, index in enumerate(kept)}
-    canvas = _Canvas(view, pan_rad, full_turn, greys[0].shape[::-1], 1, brightness, surroundings)
-    for number, image in enumerate(greys):
-        canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]), None)
+    log_gain = swept.brightness.log_gain
+    canvas = _Canvas(swept, pan_rad, full_turn, 1, surroundings)
+    for number, image in enumerate(swept.images):
+        canvas.paste(image, float(pan_rad[number]), float(log_gain[number]), None)
         report(number + 1)
     before = canvas.finish()[0][..., 0]
-    canvas = _Canvas(view, pan_rad, full_turn, greys[0].shape[::-1], 3, brightness, surroundings)
+    canvas = _Canvas(swept, pan_rad, full_turn, 3, surroundings)
     for index, image in frames:
         if index in numbers:
             number = numbers[index]
-            canvas.paste(image, float(pan_rad[number]), float(brightness.log_gain[number]), before)
-            report(len(greys) + number + 1)
+            canvas.paste(image, float(pan_rad[number]), float(log_gain[number]), before)
+            report(len(swept.images) + number + 1)
     image, valid = canvas.finish()
     return Panorama(
         image, valid, canvas.px_per_rad, canvas.origin, full_turn, pan_rad, np.zeros(len(pan_rad), np.int64), 0.0, 0.0,
@@ -119,19 +118,11 @@ class _Canvas:
     """A panorama that is being pasted together: the sums of weighted colours, and of weights."""
 
     def __init__(
-        self,
-        view: View,
-        pan_rad: Array,
-        full_turn: bool,
-        size: tuple[int, ...],
-        channels: int,
-        brightness: Brightness,
-        surroundings: InverseDepthMap,
+        self, swept: SweptFrames, pan_rad: Array, full_turn: bool, channels: int, surroundings: InverseDepthMap
     ) -> None:
-        width, height = size
-        self.surroundings = surroundings
-        self.view = view
-        self.full_turn = full_turn
+        height, width = swept.images[0].shape
+        self.view, self.full_turn, self.surroundings = swept.view, full_turn, surroundings
+        view = swept.view
         border = np.concatenate([
             np.stack(np.broadcast_arrays(np.linspace(0, width - 1, 64), edge), axis=-1) for edge in (0, height - 1)
         ] + [
@@ -151,9 +142,9 @@ class _Canvas:
         self.colour = np.zeros((rows, columns, channels), np.float32)
         self.weight = np.zeros((rows, columns), np.float32)
         u, v = np.meshgrid(np.arange(width), np.arange(height))
-        self.flat = flatness(brightness, view, width, height)
+        self.flat = flatness(swept.brightness, view, width, height)
         across = 1.0 - np.abs(2.0 * u / (width - 1) - 1.0)
-        edge = np.minimum(v, height - 1 - v) / FEATHER_ROWS
+        edge = np.minimum(v, height - 1 - v) / STITCHING.feather_px
         # the outermost rings weigh nothing: what interpolation takes from beyond the edge does not count
         inside = (np.minimum(u, width - 1 - u) > 1) & (np.minimum(v, height - 1 - v) > 1)
         self.trust = (inside * (across + 0.02) * np.minimum(edge + 0.02, 1.0)).astype(np.float32)
@@ -197,10 +188,6 @@ class _Canvas:
 
 
 def agreement(difference: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(H, W) weights (Geman and McClure) of pixels, by the difference (H, W) around them in grey levels; never 0."""
+    """(H, W) weights of pixels, `geman_mcclure` of the mean ``difference`` (H, W) around them in grey levels."""
     around = cv2.boxFilter(np.abs(difference), -1, (9, 9))
-    return np.asarray((DIFFERENT**2 / (DIFFERENT**2 + around**2)) ** 2, np.float32)
-
-
-# --------------------------------------------------------------------------------------------------------------
-# The paper's panorama
+    return np.asarray(geman_mcclure(around, STITCHING.different), np.float32)

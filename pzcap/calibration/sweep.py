@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pzcap.calibration import features
 from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.features import Features
+from pzcap.calibration.tuning import FEATURES
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.types import Array, Image, Mask, PzcapError
@@ -83,7 +84,7 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
                 continue
         kept.append(index)
         images.append(grey(image))
-        found.append(features.detect(images[-1], config.threshold, config.features, scales=features.FEW_SCALES))
+        found.append(features.detect(images[-1], config.threshold, config.features, scales=FEATURES.few_scales))
         if len(kept) > 1:
             last = len(kept) - 1
             link = link_pan(found, last - 1, last, view, expected, config) if last > 1 else None

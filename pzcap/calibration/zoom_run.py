@@ -16,12 +16,9 @@ from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.features import Features
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import link_views, place, spaced
+from pzcap.calibration.tuning import ZOOM
 from pzcap.geometry.camera import View, wrapped
 from pzcap.types import Array, PzcapError
-
-STEPS = (1, 2, 4, 8)  # zoom frames matched with those so many further on
-SPREAD = (-0.3, 0.0, 0.3)  # and with the frames of the sweep so far off, in fields of view
-SURE = 80  # matches that agree: the place is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +46,7 @@ def link_zoom(
     best, anchor, pan, focal = 0, 0, 0.0, view.focal_px
     nearby = spaced(sweep_pan_rad, 0.4 * field)
     for k in dict.fromkeys((len(zoomed) // 4, len(zoomed) // 2, 0, 3 * len(zoomed) // 4, len(zoomed) - 1)):
-        if best >= SURE:
+        if best >= ZOOM.sure_matches:
             break
         for index in nearby:
             taken = replace(view, pan_rad=float(sweep_pan_rad[index]))
@@ -78,10 +75,10 @@ def link_zoom(
     for k in range(len(zoomed)):
         links += [
             link_views(found, offset + k, offset + k + step, (views[k], views[k + step]), 12.0, config.sweep)
-            for step in STEPS
+            for step in ZOOM.steps
             if k + step < len(zoomed)
         ]
-        for share in SPREAD:
+        for share in ZOOM.spread:
             index = int(np.argmin(np.abs(wrapped(sweep_pan_rad - pan - share * field))))
             taken = replace(view, pan_rad=float(sweep_pan_rad[index]))
             links.append(link_views(found, index, offset + k, (taken, views[k]), 12.0, config.sweep))

@@ -26,13 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.calibration import stitching
-from pzcap.calibration.calibrate import Report, SweptFrames
+from pzcap.calibration.calibrate import Report
+from pzcap.calibration.stitching import SweptFrames
 from pzcap.calibration.sweep import grey
 from pzcap.extras.superresolution import Levels, super_resolve
 from pzcap.geometry.cylinder import to_unwrapped
 from pzcap.imaging.bspline import smoothed
-from pzcap.localisation.panorama_sampler import looking
-from pzcap.localisation.photometric_alignment import BORDER, FINE_SMOOTHING, SURE_AGREEMENT, Aligner
+from pzcap.localisation.panorama_sampler import axis_directions
+from pzcap.localisation.photometric_alignment import Aligner
+from pzcap.localisation.tuning import ALIGNMENT, PIXELS, SUPERRESOLVED
 from pzcap.types import Array, Image, Panorama, PanZoomCamera
 
 ROWS = 4  # of a frame one row in so many is looked at for what its pixels tell
@@ -59,7 +61,7 @@ def pans(
         for k in np.flatnonzero(half == which).tolist():
             pan_rad = float(panorama.sweep_pan_rad[k])
             one = aligner.align(images[k], pan_rad, camera.tilt_rad, focal_px, 1.5)
-            if one.settled and one.agreement > SURE_AGREEMENT:
+            if one.report.converged and one.agreement > ALIGNMENT.sure_agreement:
                 found[k], trust[k] = (one.pan_rad - pan_rad, np.log(one.focal_px / focal_px)), 1.0
             report("align sweep", k // 2 + 1, (count + 1 - which) // 2)
     beside = _beside(_told(panorama, camera), half, found, trust, panorama.full_turn)
@@ -93,16 +95,17 @@ class _Told:
 
 def _told(panorama: Panorama, camera: PanZoomCamera) -> list[_Told]:
     """Of each frame of the sweep."""
-    image = smoothed(grey(panorama.image), FINE_SMOOTHING)
+    image = smoothed(grey(panorama.image), SUPERRESOLVED.smoothing_px2)
     known = cv2.erode(panorama.valid.astype(np.uint8), np.ones((9, 9), np.uint8), borderType=cv2.BORDER_REPLICATE)
     down, across = np.gradient(image) * known
     height, width = image.shape
     lens = camera.lens
-    u, v = np.meshgrid(np.arange(BORDER, lens.width - BORDER), np.arange(BORDER, lens.height - BORDER, ROWS))
+    edge = PIXELS.border_px
+    u, v = np.meshgrid(np.arange(edge, lens.width - edge), np.arange(edge, lens.height - edge, ROWS))
     points = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
     told = []
     for pan_rad in panorama.sweep_pan_rad.tolist():
-        looks = looking(panorama, camera, points, pan_rad, camera.tilt_rad, lens.reference_focal_px)
+        looks = axis_directions(panorama, camera, points, pan_rad, camera.tilt_rad, lens.reference_focal_px)
         places = np.rint(to_unwrapped(panorama, pan_rad + looks[:, 0], looks[:, 1])).astype(np.int64)
         column = np.mod(places[:, 0], width) if panorama.full_turn else np.clip(places[:, 0], 0, width - 1)
         row = np.clip(places[:, 1], 0, height - 1)

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from pzcap.calibration.stitching import agreement
 from pzcap.geometry.cylinder import smooth_map, to_unwrapped
 from pzcap.imaging.bspline import STEPS, Stored, smoothed
-from pzcap.localisation.panorama_sampler import boxes, looking
-from pzcap.localisation.photometric_alignment import BORDER
+from pzcap.localisation.panorama_sampler import axis_directions, half_extents
+from pzcap.localisation.tuning import PIXELS
 from pzcap.types import Array, Mask, Panorama, PanZoomCamera
 
 ACROSS, DOWN = 7, 5  # cells to a pixel: uprights stand between pixels alike in all rows, and need more of them
@@ -73,7 +73,7 @@ class _Block:
         self._panorama, self._camera, self._left = panorama, camera, left
         lens = camera.lens
         u, v = np.meshgrid(np.arange(lens.width), np.arange(lens.height))
-        half = boxes(camera, np.stack([u.ravel(), v.ravel()], axis=1), lens.reference_focal_px)
+        half = half_extents(camera, np.stack([u.ravel(), v.ravel()], axis=1), lens.reference_focal_px)
         self._half = (half * panorama.px_per_rad * np.array([ACROSS, DOWN])).astype(np.float32)
         part = np.asarray(_columns(panorama, panorama.image, left, right), np.uint8)
         self._grey = cv2.cvtColor(part, cv2.COLOR_BGR2GRAY).astype(np.float32)
@@ -141,7 +141,7 @@ class _Block:
         lens, tilt_rad = self._camera.lens, self._camera.tilt_rad
 
         def to_block(points_px: Array) -> Array:
-            looks = looking(
+            looks = axis_directions(
                 self._panorama, self._camera, points_px.reshape(-1, 2), pan_rad, tilt_rad, lens.reference_focal_px
             )
             places = to_unwrapped(self._panorama, pan_rad + looks[:, 0], looks[:, 1]).reshape(points_px.shape)
@@ -159,7 +159,8 @@ class _Block:
         # what is finer than pixels differs from frame to frame, and is no somebody
         trust = agreement(smoothed(level - there, COARSE))
         inside = np.zeros_like(trust)
-        inside[BORDER:-BORDER, BORDER:-BORDER] = 1.0
+        edge = PIXELS.border_px
+        inside[edge:-edge, edge:-edge] = 1.0
         return np.asarray(trust * inside, np.float32).ravel()
 
 

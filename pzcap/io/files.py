@@ -1,4 +1,4 @@
-"""Files that others name or made: checked before they are opened, and locked while one process works with them."""
+"""Files: checked before they are opened, written whole or not at all, locked while one process works with them."""
 
 from __future__ import annotations
 
@@ -39,6 +39,22 @@ def checked(path: Path) -> Path:
         kind = next((name for matches, name in kinds if matches(mode)), "a device")
         raise PzcapError(f"{path}: is {kind}, not a file; put the file itself in its place")
     return path
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """Give a path beside ``path`` to write to, and move what stands there to ``path`` in the end, once the disk has it.
+
+    Nobody ever sees half a file: where the writer fails or is killed, ``path`` stays as it was.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        yield partial
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast, get_type_hints
@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.io.files import checked, leads_out
+from pzcap.io.files import checked, leads_out, written_whole
 from pzcap.types import (
     JOINTS,
     SEGMENTS,
@@ -74,7 +74,8 @@ def save(reconstruction: Reconstruction, folder: Path) -> None:
         panorama = reconstruction.panoramas[number - 1]
         pictures.append(None if panorama is None else f"panorama{number}.png")
         if panorama is not None:
-            _write(folder / f"panorama{number}.png", _encode_panorama(panorama))
+            with written_whole(folder / f"panorama{number}.png") as partial:
+                partial.write_bytes(_encode_panorama(panorama))
     if reconstruction.motion is not None:
         arrays |= _flatten(reconstruction.motion, "motion")
 
@@ -94,12 +95,10 @@ def save(reconstruction: Reconstruction, folder: Path) -> None:
         "timecodes": list(reconstruction.timecodes),
     }
 
-    def write_arrays(path: Path) -> None:
-        with path.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-
-    _atomically(folder / ARRAYS, write_arrays)
-    _write(folder / MANIFEST, (json.dumps(manifest, indent=1, ensure_ascii=False) + "\n").encode())
+    with written_whole(folder / ARRAYS) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+    with written_whole(folder / MANIFEST) as partial:
+        partial.write_bytes((json.dumps(manifest, indent=1, ensure_ascii=False) + "\n").encode())
 
 
 def load(folder: Path) -> Reconstruction:
@@ -226,17 +225,3 @@ def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
         raise PzcapError(f"{path} is missing; save the reconstruction again") from error
     except (ValueError, EOFError, zipfile.BadZipFile) as error:
         raise PzcapError(f"{path}: truncated or no npz ({error}); save the reconstruction again") from error
-
-
-def _write(path: Path, content: bytes) -> None:
-    _atomically(path, lambda partial: partial.write_bytes(content))
-
-
-def _atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` fill a file beside ``path``, then move it there: nobody ever sees half a file."""
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        write(partial)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

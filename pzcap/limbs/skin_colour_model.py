@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.segmentation.background_model import LEVELS, count_colours, log_shares
+from pzcap.segmentation.background_model import COLOUR_LEVELS, count_colours, log_shares
 from pzcap.types import SEGMENTS, Array, Image
 
 UNKNOWN: Final = np.uint8(127)  # of 255
@@ -30,8 +30,8 @@ class SkinColourModel:
     """Which colours the lower arms of one athlete have, and which everything else of her."""
 
     def __init__(self) -> None:
-        self._counts = np.zeros((2, LEVELS, LEVELS, LEVELS), np.int64)  # of the rest, of lower arms
-        self._table = np.full((LEVELS, LEVELS, LEVELS), UNKNOWN)
+        self._counts = np.zeros((2, *(COLOUR_LEVELS,) * 3), np.int64)  # of the rest, of lower arms
+        self._table = np.full((COLOUR_LEVELS,) * 3, UNKNOWN)
 
     def learn(self, image: Image, segment: NDArray[np.int64], pixels: Array, facing: NDArray[np.float32]) -> None:
         """Hear one view (H, W, 3): points of the skin, each on a ``segment`` (V,), are seen at ``pixels`` (V, 2) with a
@@ -64,9 +64,9 @@ def _luma_and_chroma(image: Image) -> Image:
 
 @njit(cache=True, nogil=True)
 def _look_up(colours: Image, silhouette: Image, table: Image, found: Image) -> None:
-    """The ``table`` (LEVELS, LEVELS, LEVELS) at each pixel's ``colours``, times the ``silhouette``."""
+    """The ``table`` of colours, a palette, at each pixel's ``colours``, times the ``silhouette``."""
     height, width = silhouette.shape
-    cell = 256 // LEVELS
+    cell = 256 // COLOUR_LEVELS
     for i in range(height):
         for j in range(width):
             here = table[colours[i, j, 0] // (_LUMA * cell), colours[i, j, 1] // cell, colours[i, j, 2] // cell]

@@ -1,29 +1,49 @@
-"""Where the pixels of a frame look, and what the panorama shows there.
+"""Sampling of the panorama at the pixels of a frame.
 
-For `pzcap.localisation.photometric_alignment` with derivatives: a ray is computed once a focal length and tilt, and
-then carried on linearly, while pans move it along the panorama as it is. For silhouettes the whole empty hall
-(`warp_background`).
+`pzcap.localisation.photometric_alignment` needs grey values with their derivatives (`PanoramaSampler`): a pixel's
+direction is computed once a focal length and tilt, and then extrapolated linearly, while a pan shifts it along the
+panorama exactly. `pzcap.segmentation` needs the whole empty hall (`warp_background`).
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numba import njit
 
+from pzcap.calibration.sweep import grey
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import lens
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at, smooth_map, to_unwrapped
 from pzcap.geometry.lens import Distortion, distort_point, jacobian_at, undistort_point
 from pzcap.imaging.bspline import Stored, box, cubic
+from pzcap.imaging.pyramid import Layer, Level, halved, super_resolved
+from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT, KNOWN, COLUMN = range(6)
-"""Columns of what is sampled: the panorama's grey, how it changes with pan, log focal and tilt at a fixed pixel of the
-frame, 1 where the panorama is known, and the panorama's column and (6) row there."""
+"""Columns of samples (N, 7): the panorama's grey value, its derivatives by pan, log focal and tilt at a fixed pixel of
+the frame, 1 where the panorama is known, and the panorama's column and (6) row there."""
 
 Window = tuple[int, int, int, int]
 """Part of a view: left, top, right, bottom; the last two lie outside."""
+
+
+class PanTiltZoom(NamedTuple):
+    """Place of a frame."""
+
+    pan_rad: float
+    tilt_rad: float
+    focal_px: float
+
+    def stepped(self, step: Array, largest_zoom: float) -> PanTiltZoom:
+        """After a step (2 or 3,) of pan, log focal, limited to ``largest_zoom``, and, if it is free, tilt."""
+        zoom = float(np.exp(np.clip(step[1], -largest_zoom, largest_zoom)))
+        tilt_rad = self.tilt_rad + (float(step[2]) if len(step) == 3 else 0.0)
+        return PanTiltZoom(self.pan_rad + float(step[0]), tilt_rad, self.focal_px * zoom)
 
 
 def warp_background(
@@ -34,15 +54,13 @@ def warp_background(
     focal_px: float,
     window: Window | None = None,
 ) -> tuple[Image, Mask]:
-    """The empty hall as ``camera`` sees it, (H, W, 3), and where the panorama knows it, (H, W).
-
-    Where it does not, the image is black. With a ``window``, that part of the view alone.
-    """
+    """The empty hall as ``camera`` sees it (H, W, 3), black where the panorama does not know it, and a mask (H, W) of
+    where it does. With a ``window``, of that part of the view alone."""
     left, top, right, bottom = window or (0, 0, camera.lens.width, camera.lens.height)
 
     def to_panorama(points_px: Array) -> Array:
         pixels = points_px.reshape(-1, 2) + np.array([left, top])
-        azimuth, slope = looking(panorama, camera, pixels, pan_rad, tilt_rad, focal_px)[:, :2].T
+        azimuth, slope = axis_directions(panorama, camera, pixels, pan_rad, tilt_rad, focal_px)[:, :2].T
         return to_unwrapped(panorama, pan_rad + azimuth, slope).reshape(points_px.shape)
 
     column, row = smooth_map(to_panorama, right - left, bottom - top)
@@ -55,19 +73,74 @@ def warp_background(
     return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known.view(np.bool_)
 
 
-def looking(
+@dataclass(frozen=True, slots=True, eq=False)
+class Rays:
+    """Directions of some pixels of a frame, with derivatives, at one pan, tilt and focal length."""
+
+    at: PanTiltZoom
+    directions: Array  # (N, 6) as in `axis_directions`
+
+    def far_from(self, at: PanTiltZoom) -> bool:
+        """True if the directions are not linear as far as ``at``."""
+        return bool(max(np.abs(self.change_to(at))) > ALIGNMENT.linear)
+
+    def change_to(self, at: PanTiltZoom) -> tuple[float, float]:
+        """Change of log focal and of tilt."""
+        return float(np.log(at.focal_px / self.at.focal_px)), at.tilt_rad - self.at.tilt_rad
+
+
+class PanoramaSampler:
+    """Panorama of one camera in several resolutions: that of each of `LEVELS` (``levels``, about ``pixels`` of a frame
+    to be compared on the finest), and the super-resolved one, if there is one (``superresolved``)."""
+
+    def __init__(self, panorama: Panorama, camera: PanZoomCamera, pixels: int) -> None:
+        self._panorama = panorama
+        self._camera = camera
+        # a full turn goes on beyond its ends, so that no frame lies across a seam
+        self._margin = panorama.image.shape[1] // 4 // 8 * 8 if panorama.full_turn else 0
+        border = (0, 0, self._margin, self._margin, cv2.BORDER_WRAP)
+        image = cv2.copyMakeBorder(grey(panorama.image), *border).astype(np.float32)
+        known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), *border).astype(np.float32)
+        self.px_per_rad = panorama.px_per_rad
+        self.levels: list[Level] = [halved(image, known, level.halvings, level.pixels or pixels) for level in LEVELS]
+        self.superresolved = super_resolved(panorama, known, self._margin) if panorama.fine.size else None
+
+    def rays(self, points: Array, at: PanTiltZoom) -> Rays:
+        """Directions of ``points`` (N, 2) of a frame."""
+        return Rays(at, axis_directions(self._panorama, self._camera, points, *at))
+
+    def sample(self, layer: Layer, rays: Rays, at: PanTiltZoom) -> Array:
+        """Samples (N, 7) of a ``layer`` along ``rays`` (N), which are extrapolated to ``at``."""
+        panorama = self._panorama
+        column = panorama.origin_px[0] - at.pan_rad * panorama.px_per_rad
+        if panorama.full_turn:
+            column = np.mod(column, panorama.image.shape[1])
+        grid = Grid(float(column) + self._margin, float(panorama.origin_px[1]), panorama.px_per_rad, *layer.scale)
+        return _sample(layer.image, layer.known, rays.directions, rays.change_to(at), grid, layer.half)
+
+    def panorama_px(self, samples: Array) -> Array:
+        """Panorama pixels (N, 2) where ``samples`` (N, 7) were taken."""
+        places = samples[:, COLUMN:] - np.array([self._margin, 0.0])
+        if self._panorama.full_turn:
+            places[:, 0] = np.mod(places[:, 0], self._panorama.image.shape[1])
+        return np.asarray(places)
+
+
+def axis_directions(
     panorama: Panorama, camera: PanZoomCamera, points: Array, pan_rad: float, tilt_rad: float, focal_px: float
 ) -> Array:
-    """(N, 6) where ``points`` (N, 2) of a frame look, as `directions` has it."""
+    """Directions (N, 6) of ``points`` (N, 2) of a frame, relative to its pan, as they are seen from the pan axis:
+    azimuth and slope, both by log focal, and both by tilt."""
+    at = PanTiltZoom(pan_rad, tilt_rad, focal_px)
     principal, distortion = lens.at(camera.lens, focal_px)
-    principal_slope, by_log_focal = lens.slope(camera.lens, focal_px)
-    view = np.array([tilt_rad, camera.roll_rad, focal_px, *principal, *principal_slope])
-    beside = np.array([pan_rad, *geometry.view_at(camera, pan_rad, tilt_rad, focal_px).centre_m])
-    return directions(points, view, distortion, by_log_focal, beside, kernel_hall(panorama.surroundings))
+    slope, distortion_slope = lens.slope(camera.lens, focal_px)
+    centre = geometry.view_at(camera, *at).centre_m
+    view = LensView(at, camera.roll_rad, principal, slope, distortion, distortion_slope, centre)
+    return _axis_directions(points, view, kernel_hall(panorama.surroundings))
 
 
-def boxes(camera: PanZoomCamera, points: Array, focal_px: float) -> Array:
-    """(N, 2) half of the azimuths and of the slopes that the pixels at ``points`` (N, 2) of a frame cover.
+def half_extents(camera: PanZoomCamera, points: Array, focal_px: float) -> Array:
+    """Half of the azimuths and of the slopes (N, 2) that the pixels at ``points`` (N, 2) of a frame cover.
 
     Roll, tilt and distortion are slight, and left out.
     """
@@ -75,19 +148,40 @@ def boxes(camera: PanZoomCamera, points: Array, focal_px: float) -> Array:
     return np.asarray(np.stack([0.5 / secant**2, 0.5 / secant], axis=1) / focal_px)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def directions(
-    points: Array, view: Array, distortion: Distortion, by_log_focal: Distortion, beside: Array, hall: Hall
-) -> Array:
-    """`camera.pixel_to_direction` for points (N, 2), at pan 0, as seen from the pan axis: (N, 6) azimuth and slope, and
-    both by log focal, and both by tilt.
+class LensView(NamedTuple):
+    """A view for kernels, with the derivatives of its lens by log focal (slopes)."""
 
-    ``view``: tilt, roll, focal length, principal point, and the latter's derivative by log focal; ``by_log_focal`` is
-    that of the ``distortion``. ``beside``: pan, the projection centre beside the axis.
-    """
-    tilt, roll, focal, principal_x, principal_y, slope_x, slope_y = view
+    at: PanTiltZoom
+    roll_rad: float
+    principal_px: Array  # (2,)
+    principal_slope: Array  # (2,)
+    distortion: Distortion
+    distortion_slope: Distortion
+    centre_m: Array  # (3,) of projection: forward, left and up from the pan axis
+
+
+class Grid(NamedTuple):
+    """Pixels of a layer of the panorama."""
+
+    column: float
+    """Panorama column of the pan; it may lie beyond the end."""
+    row: float
+    """Panorama row of slope 0."""
+    px_per_rad: float
+    scale_x: float
+    """Panorama pixels to one of the layer's, across."""
+    scale_y: float
+    """The same, down."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _axis_directions(points: Array, view: LensView, hall: Hall) -> Array:
+    """`axis_directions`: `pzcap.geometry.camera.pixel_to_direction` at pan 0 with its derivatives, and the parallax."""
+    (pan, tilt, focal), roll, distortion = view.at, view.roll_rad, view.distortion
+    principal_x, principal_y = view.principal_px
+    slope_x, slope_y = view.principal_slope
+    offset_x, offset_y, offset_z = view.centre_m
     cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
-    pan, offset_x, offset_y, offset_z = beside
     nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
     out = np.empty((len(points), 6))
     by_focal = 1.0 / focal
@@ -95,7 +189,7 @@ def directions(
         bent_x, bent_y = (points[n, 0] - principal_x) * by_focal, (points[n, 1] - principal_y) * by_focal
         x, y = undistort_point(bent_x, bent_y, distortion, 2)
         # the fixed pixel's ray as log focal grows: the lens's Jacobian^-1 (d bent - d coefficients)
-        drift_x, drift_y = distort_point(x, y, by_log_focal)
+        drift_x, drift_y = distort_point(x, y, view.distortion_slope)
         push_x = -bent_x - slope_x * by_focal - (drift_x - x)
         push_y = -bent_y - slope_y * by_focal - (drift_y - y)
         xx, xy, yy = jacobian_at(x, y, distortion)
@@ -123,15 +217,16 @@ def directions(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sample(image: Stored, known: Mask, directions: Array, change: Array, place: Array, half: Array) -> Array:
-    """Samples of the image and their derivatives along directions (N, 6), `directions`, which have changed by
-    ``change`` in log focal and tilt.
+def _sample(
+    image: Stored, known: Mask, directions: Array, change: tuple[float, float], grid: Grid, half: Array
+) -> Array:
+    """Samples (N, 7) of a layer along ``directions`` (N, 6), `axis_directions`, after a ``change`` of log focal and
+    tilt.
 
-    ``place``: panorama column of the pan, row of slope 0, pixels to the radian, and how many of them make one of the
-    image's across and down. ``half`` (N, 2): half of what a pixel covers of the image, across and down, if that is made
-    of cells; empty: it is a spline. The columns of the result are VALUE and so on.
+    ``half`` (N, 2) is half of what a pixel covers of the layer, across and down, if that is made of cells; empty: it is
+    a spline.
     """
-    column_0, row_0, per_rad, scale_x, scale_y = place
+    column_0, row_0, per_rad, scale_x, scale_y = grid
     out = np.zeros((len(directions), 7))
     for n in range(len(directions)):
         azimuth, slope, azimuth_by_focal, slope_by_focal, azimuth_by_tilt, slope_by_tilt = directions[n]

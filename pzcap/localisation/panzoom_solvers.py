@@ -1,7 +1,6 @@
-"""The solutions of section 4: pan and zoom from matches between a frame and the panorama.
+"""Solution of eq. 11 (section 4): pan and zoom from matches between a frame and the panorama.
 
-Eq. 15, the paper's final one, is linear; eq. 11 is solved for the calibrated camera, with all of tilt, roll, principal
-point and distortion in place.
+It is solved for the calibrated camera, with all of tilt, roll, principal point and distortion in place.
 """
 
 from __future__ import annotations
@@ -12,14 +11,15 @@ import numpy as np
 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
-from pzcap.solver.robust import geman_mcclure_weights
+from pzcap.localisation.panorama_sampler import PanTiltZoom
+from pzcap.localisation.tuning import MATCHING
+from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
+from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Mask, Panorama, PanZoomCamera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Of eq. 11."""
-
     pan_rad: float
     tilt_rad: float
     focal_px: float
@@ -28,44 +28,37 @@ class Solution:
 
 
 def solve_eq11(
-    panorama: Panorama,
-    camera: PanZoomCamera,
-    pan_rad: float,
-    focal_px: float,
-    points_px: Array,
-    azimuth_rad: Array,
-    slope: Array,
-    *,
-    free_tilt: bool = False,
-) -> Solution:
-    """Eq. 11 for matches (N,): pan, log focal, and tilt if that is free, from a start at the camera's tilt.
+    panorama: Panorama, camera: PanZoomCamera, pan_rad: float, focal_px: float, points_px: Array, azimuth_rad: Array,
+    slope: Array, *, free_tilt: bool = False,
+) -> Solution:  # fmt: skip
+    """Pan, log focal, and tilt if that is free, of a frame whose ``points_px`` (N, 2) show directions of the panorama
+    (N,), from a start at the camera's tilt.
 
-    Gauss-Newton with falling weights (Geman and McClure); the residuals are pixels of the frame.
+    Minimises the Geman-McClure cost of the distances between points and directions, in pixels of the frame.
     """
-    scale, tilt_rad = 8.0, camera.tilt_rad
-    free = 3 if free_tilt else 2
+    at, free = PanTiltZoom(pan_rad, camera.tilt_rad, focal_px), 3 if free_tilt else 2
     if free_tilt:
-        view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
-        tilt_rad += float(np.median(slope - geometry.pixel_to_direction(view, points_px)[1]))
-    for _ in range(30):
-        view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
+        seen = geometry.pixel_to_direction(geometry.view_at(camera, *at), points_px)[1]
+        at = at._replace(tilt_rad=at.tilt_rad + float(np.median(slope - seen)))
+    length, weight = np.empty(len(points_px)), np.empty(len(points_px))
+
+    def linearise(at: PanTiltZoom, scale: float) -> NormalEquations:
+        view = geometry.view_at(camera, *at)
         directions = cylinder.from_centre(panorama, view, azimuth_rad, slope)
-        seen, _ = geometry.direction_to_pixel(view, *directions)
-        residual = seen - points_px
-        length = np.hypot(residual[:, 0], residual[:, 1])
-        weight = geman_mcclure_weights(length, scale)
+        residual = geometry.direction_to_pixel(view, *directions)[0] - points_px
+        length[:] = np.hypot(*residual.T)
+        weight[:] = geman_mcclure(length, scale)
         jacobian = geometry.pan_zoom_derivatives(camera, view, *directions)[:, :, :free]
         weighted = (jacobian * weight[:, None, None]).reshape(-1, free)
         normal = weighted.T @ jacobian.reshape(-1, free) + 1e-9 * np.eye(free)
-        step = -np.linalg.solve(normal, weighted.T @ residual.ravel())
-        pan_rad += float(step[0])
-        focal_px *= float(np.exp(np.clip(step[1], -0.3, 0.3)))
-        tilt_rad += float(step[2]) if free_tilt else 0.0
-        next_scale = max(3.0 * float(np.median(length)) / 1.1774, 0.3)
-        if np.abs(step).max() < 1e-8 and abs(next_scale - scale) < 0.01 * scale:
-            break
-        scale = max(next_scale, scale / 2)
-    inliers = length < 2.0 * scale
-    variance = float(np.sum(weight * length**2) / (2 * weight.sum()))
-    covariance = np.asarray(variance * np.linalg.inv(normal)[:2, :2], np.float64)
-    return Solution(pan_rad, tilt_rad, focal_px, covariance, inliers)
+        # the median length of a normally distributed pair is 1.1774 of one coordinate's sigma
+        sigma = float(np.median(length)) / 1.1774
+        return NormalEquations(normal, weighted.T @ residual.ravel(), sigma, float(np.sum(weight * length**2)))
+
+    schedule = Schedule(30, MATCHING.first_scale_px, least_scale=MATCHING.least_scale_px, fall=2.0, steady=0.01)
+    solution = minimise(
+        at, linearise, lambda at, step: at.stepped(step, 0.3), lambda step: np.abs(step).max() < 1e-8, schedule
+    )
+    variance = solution.report.cost / float(2 * weight.sum())
+    covariance = np.asarray(variance * np.linalg.inv(solution.normal)[:2, :2], np.float64)
+    return Solution(*solution.state, covariance, length < 2.0 * solution.scale)

@@ -1,33 +1,28 @@
-"""What the colours of a frame say about body or hall, at half its resolution.
+"""Likelihoods of a frame's colours under body and hall, at half its resolution.
 
-Per pixel three explanations compete, each with its likelihood: the hall (the frame made as soft as it is, with noise
-that grows where the picture is steep, and heavy tails); the hall in shadow (on the floor alone: darker by one factor
-over a small window); and the body (the colours of what is surely body in this frame, or any colour).
+Three explanations of a pixel compete: the hall (blurred like the frame, with noise that grows where the picture is
+steep, and heavy tails); the hall in shadow (on the floor alone: darker by one factor over a small window); and the body
+(the colours of what is certainly body in this frame, or any colour).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, TypeVar, cast
+from typing import Final, NamedTuple, TypeVar, cast
 
 import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pzcap.segmentation.tuning import BACKGROUND
 from pzcap.types import Array, Camera, Float32, Image, Mask
 
 Pixels = TypeVar("Pixels", Image, Float32)
 
-LARGEST: Final = 8.0
-"""No pixel alone says more, for or against, than these log-odds."""
-FREEDOM: Final = 4.0  # of the t-distribution of what the hall differs by: compression and edges err far at times
-PEAK: Final = -2.6  # its log-density at 0, of three colours of variance 1
-TYPICAL: Final = 2.78  # median of the squared difference over the variance of a colour, if that is right
-LEVELS: Final = 32  # of each colour in a palette
-ANY_COLOUR: Final = 0.2  # share of colours that the body may have besides those seen
-EVENLY: Final = np.float32(3.0 * np.log(256))  # less the log-density of a colour that may be any
-SHADOW_WINDOW: Final = (3, 3)  # half pixels over which a shadow is even
+COLOUR_LEVELS: Final = 32
+"""Of each colour in a palette (COLOUR_LEVELS, COLOUR_LEVELS, COLOUR_LEVELS)."""
+_LOG_COLOURS: Final = np.float32(3.0 * np.log(256))
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,25 +30,25 @@ class ForegroundConfig:
     """Defaults suit 8-bit video; the noise is scaled to the footage automatically."""
 
     noise: float = 1.8
-    """Grey levels by which the frame and an even hall differ."""
+    """Grey levels, standard deviation of a colour between frame and hall where the picture is even."""
     camera_error_px: float = 0.22
-    """With parallax that the panorama does not have."""
+    """Pixels by which the hall's edges are off: the camera's error, and parallax that the panorama does not have."""
     prior_log_odds: float = -1.0
-    """Of body anywhere, nothing predicted."""
+    """Log-odds of body anywhere while nothing is predicted: it covers less than the hall does."""
     floor_range_m: float = 25.0
-    """Where shadows are expected."""
+    """Metres from the camera within which shadows on the floor are expected: larger than a hall."""
     shadow_log_odds: float = -2.5
-    """Of shadow against none, there."""
+    """Log-odds of shadow against none on the floor: most of it is lit."""
     shadow_light: float = 0.65
-    """That a shadow leaves."""
+    """Share of the light that a shadow usually leaves, as lamps under a ceiling cast it."""
     shadow_spread: float = 0.3
-    """Of its logarithm."""
+    """Standard deviation of that share's logarithm: from half to nearly all of the light."""
     prediction_sigma_px: float = 1.0
-    """Of a predicted outline where the pose is right."""
+    """Pixels, error of a predicted outline where the pose is right: that of the body's shape."""
     prediction_for: float = 3.5
-    """Log-odds that a prediction speaks with at most, for the body."""
+    """Log-odds that a prediction counts with at most, for the body."""
     prediction_against: float = 1.5
-    """And against it."""
+    """The same against it: less, so that a limb that is elsewhere is found."""
 
 
 def shrink(values: Pixels, by: int) -> Pixels:
@@ -76,58 +71,62 @@ def double(values: Float32) -> Float32:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """A frame at half its resolution and as soft as the hall, and how likely the hall makes its colours."""
+    """A frame at half its resolution and as blurred as the hall, with the likelihood of its colours under the hall."""
 
     frame: Image  # (h, w, 3)
-    likelihood: Float32  # (h, w) log-density of what is seen, if it is the hall, lit or in shadow
+    likelihood: Float32  # (h, w) log-density of the frame under the hall, lit or in shadow
     known: Image  # (h, w) 1 where the hall is known
 
-    def judge(self, where: Image | None = None) -> Float32:
-        """Log-odds of body (h, w) within +-LARGEST. ``where`` (h, w) is not 0 in what is surely body: that is what
-        colours the body has. Without it, it may have any colour."""
-        palette = np.zeros((LEVELS,) * 3, np.float32)
-        if where is not None:
+    def log_odds(self, body: Image | None = None) -> Float32:
+        """Log-odds of body (h, w). ``body`` (h, w) is not 0 in what is certainly body, which shows the colours that it
+        has. Without it, it may have any colour."""
+        palette = np.zeros((COLOUR_LEVELS,) * 3, np.float32)
+        if body is not None:
             counts = np.zeros(palette.shape, np.int64)
-            count_colours(self.frame, where, counts)
+            count_colours(self.frame, body, counts)
             palette = log_shares(counts)
         log_odds = np.empty(self.likelihood.shape, np.float32)
-        _judge(self.frame, self.likelihood, self.known, palette, log_odds)
+        _body_log_odds(self.frame, self.likelihood, self.known, palette, log_odds)
         return log_odds
 
 
-def compare(
-    image: Image,
-    background: Image,
-    known: Mask,
-    camera: Camera,
-    corner: tuple[int, int],
-    blur_px: float,
-    config: ForegroundConfig,
-) -> Compared:
-    """How well the empty hall explains a view, or a part of it whose top-left pixel stands at ``corner`` (x, y).
+class _Shadow(NamedTuple):
+    """Belief about shadows, for the kernel."""
 
-    ``background`` (H, W, 3) counts where it is ``known`` (H, W). ``blur_px`` is how soft (sigma) it is.
+    floor: Array  # (3,) as `floor_plane` has it, of half pixels
+    log_odds: float
+    log_light: float
+    spread: float
+
+
+def compare(
+    image: Image, background: Image, known: Mask, camera: Camera, corner: tuple[int, int], blur_px: float,
+    config: ForegroundConfig,
+) -> Compared:  # fmt: skip
+    """Likelihood under the empty hall of a view, or of a part of it whose top-left pixel stands at ``corner`` (x, y).
+
+    ``background`` (H, W, 3) counts where it is ``known`` (H, W). ``blur_px`` is its blur (sigma).
     """
     frame, hall, sure = _blurred(halve(image), blur_px / 2), halve(background), halve(known.astype(np.uint8))
     steep_x, steep_y = (np.asarray(g, np.int16) for g in cv2.spatialGradient(cv2.cvtColor(hall, cv2.COLOR_BGR2GRAY)))
     variance, squares = np.empty(sure.shape, np.float32), np.empty((*sure.shape, 3), np.float32)
-    _differences(frame, hall, steep_x, steep_y, config.noise, config.camera_error_px / 2, variance, squares)
+    _colour_differences(frame, hall, steep_x, steep_y, config.noise, config.camera_error_px / 2, variance, squares)
     # heavy compression or a camera that is further off makes everything noisier alike
     sampled = (squares[::2, ::2, 2] / variance[::2, ::2])[sure[::2, ::2] > 0]
     if sampled.size:
-        variance *= np.float32(max(float(np.median(sampled)) / TYPICAL, 1.0))
-    windowed = np.asarray(cv2.blur(squares, SHADOW_WINDOW), np.float32)
-    shadow = np.array([config.shadow_log_odds, np.log(config.shadow_light), config.shadow_spread])
+        variance *= np.float32(max(float(np.median(sampled)) / BACKGROUND.median, 1.0))
+    windowed = np.asarray(cv2.blur(squares, (BACKGROUND.shadow_window,) * 2), np.float32)
     floor = floor_plane(camera, config.floor_range_m) @ np.array(
         [[2.0, 0.0, corner[0] + 0.5], [0.0, 2.0, corner[1] + 0.5], [0.0, 0.0, 1.0]]
     )
+    shadow = _Shadow(floor, config.shadow_log_odds, float(np.log(config.shadow_light)), config.shadow_spread)
     likelihood = np.empty(sure.shape, np.float32)
-    _explain(frame, hall, variance, squares, windowed, floor, shadow, likelihood)
+    _hall_likelihood(frame, hall, variance, squares, windowed, shadow, likelihood)
     return Compared(frame, likelihood, sure)
 
 
 def floor_plane(camera: Camera, reach_m: float) -> Array:
-    """Coefficients (3,) of column, row and 1: negative where a pixel's ray meets the floor within reach."""
+    """Coefficients (3,) of column, row and 1 whose sum is negative where a pixel's ray meets the floor within reach."""
     turn = camera.world_T_cam[2, :3]
     slope = turn[:2] / camera.focal_px
     return np.array([*slope, turn[2] - slope @ camera.principal_px + camera.world_T_cam[2, 3] / reach_m])
@@ -138,11 +137,12 @@ def _blurred(image: Image, sigma: float) -> Image:
 
 
 @njit(cache=True, nogil=True)
-def _differences(
+def _colour_differences(
     frame: Image, hall: Image, steep_x: NDArray[np.int16], steep_y: NDArray[np.int16], noise: float, error: float,
     variance: Float32, squares: Float32,
 ) -> None:  # fmt: skip
-    """A colour's variance; the products that a shadow's ratio needs, and the squared difference."""
+    """Fill in a colour's ``variance`` (h, w) and ``squares`` (h, w, 3): the products of frame and hall and of the hall
+    with itself, whose ratio is a shadow's light, and the squared difference."""
     height, width = variance.shape
     for i in range(height):
         for j in range(width):
@@ -158,34 +158,35 @@ def _differences(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _explain(
-    frame: Image, hall: Image, variance: Float32, squares: Float32, windowed: Float32, floor: Array, shadow: Array,
+def _hall_likelihood(
+    frame: Image, hall: Image, variance: Float32, squares: Float32, windowed: Float32, shadow: _Shadow,
     likelihood: Float32,
 ) -> None:  # fmt: skip
-    """Log-density of what is seen, by the better of the two: the hall as it is, or darkened as by a shadow."""
+    """Fill in the log-density of the frame under the better of the two: the hall as it is, or in shadow."""
+    floor, freedom = shadow.floor, BACKGROUND.freedom
     height, width = likelihood.shape
-    exponent = -0.5 * (FREEDOM + 3.0)
+    exponent = -0.5 * (freedom + 3.0)
     for i in range(height):
         for j in range(width):
             spread = variance[i, j]
-            best = exponent * np.log(1.0 + squares[i, j, 2] / (FREEDOM * spread))
+            best = exponent * np.log(1.0 + squares[i, j, 2] / (freedom * spread))
             cross, own = windowed[i, j, 0], windowed[i, j, 1]
-            if best < shadow[0] and 0.2 * own < cross < own and floor[0] * j + floor[1] * i + floor[2] < 0.0:
+            if best < shadow.log_odds and 0.2 * own < cross < own and floor[0] * j + floor[1] * i + floor[2] < 0.0:
                 light = cross / own
                 apart = 0.0
                 for c in range(3):
                     apart += (float(frame[i, j, c]) - light * float(hall[i, j, c])) ** 2
-                usual = (np.log(light) - shadow[1]) / shadow[2]
-                dark = exponent * np.log(1.0 + apart / (FREEDOM * spread)) + shadow[0] - 0.5 * usual * usual
+                usual = (np.log(light) - shadow.log_light) / shadow.spread
+                dark = exponent * np.log(1.0 + apart / (freedom * spread)) + shadow.log_odds - 0.5 * usual * usual
                 best = max(best, dark)
-            likelihood[i, j] = best + PEAK - 1.5 * np.log(spread)
+            likelihood[i, j] = best + BACKGROUND.peak - 1.5 * np.log(spread)
 
 
 @njit(cache=True, nogil=True)
 def count_colours(frame: Image, where: Image, counts: NDArray[np.int64]) -> None:
-    """Add to ``counts`` (LEVELS, LEVELS, LEVELS) each colour of ``frame`` (h, w, 3) ``where`` (h, w) is not 0."""
+    """Add to ``counts`` each colour of ``frame`` (h, w, 3) ``where`` (h, w) is not 0."""
     height, width = where.shape
-    cell = 256 // LEVELS
+    cell = 256 // COLOUR_LEVELS
     for i in range(height):
         for j in range(width):
             if where[i, j] > 0:
@@ -194,14 +195,14 @@ def count_colours(frame: Image, where: Image, counts: NDArray[np.int64]) -> None
 
 @njit(cache=True, nogil=True)
 def log_shares(counts: NDArray[np.int64]) -> Float32:
-    """The share of each colour among those counted, over that of an even distribution: the logarithm. A colour counts
-    for the cells around its own as well: half as much on either side."""
+    """Logarithm of each colour's share among those counted, over that of an even distribution. A colour counts for the
+    cells around its own as well: half as much on either side."""
     total = counts.sum()
-    shares = np.zeros((LEVELS, LEVELS, LEVELS))
-    last = LEVELS - 1
-    for a in range(LEVELS):
-        for b in range(LEVELS):
-            for c in range(LEVELS):
+    shares = np.zeros(counts.shape)
+    last = COLOUR_LEVELS - 1
+    for a in range(COLOUR_LEVELS):
+        for b in range(COLOUR_LEVELS):
+            for c in range(COLOUR_LEVELS):
                 if counts[a, b, c] == 0:
                     continue
                 for da in range(-1, 2):
@@ -210,25 +211,19 @@ def log_shares(counts: NDArray[np.int64]) -> Float32:
                             near = 1.0 / (8 << (abs(da) + abs(db) + abs(dc)))
                             at = min(max(a + da, 0), last), min(max(b + db, 0), last), min(max(c + dc, 0), last)
                             shares[at] += near * counts[a, b, c]
-    palette = np.full((LEVELS, LEVELS, LEVELS), np.float32(np.log(ANY_COLOUR)))
-    for a in range(LEVELS):
-        for b in range(LEVELS):
-            for c in range(LEVELS):
-                if shares[a, b, c] > 0.0:
-                    seen = (1.0 - ANY_COLOUR) * shares[a, b, c] / total * LEVELS**3
-                    palette[a, b, c] = np.log(ANY_COLOUR + seen)
-    return palette
+    odds = (1.0 - BACKGROUND.any_colour) * shares / total * COLOUR_LEVELS**3
+    return np.log(BACKGROUND.any_colour + odds).astype(np.float32)
 
 
 @njit(cache=True, nogil=True)
-def _judge(frame: Image, likelihood: Float32, known: Image, palette: Float32, log_odds: Float32) -> None:
-    """Log-odds of body, given the ``palette`` of its colours: none where the hall is unknown."""
+def _body_log_odds(frame: Image, likelihood: Float32, known: Image, palette: Float32, log_odds: Float32) -> None:
+    """Fill in the log-odds of body, given the ``palette`` of its colours: 0 where the hall is unknown."""
     height, width = likelihood.shape
-    cell = 256 // LEVELS
+    cell, largest = 256 // COLOUR_LEVELS, BACKGROUND.largest_log_odds
     for i in range(height):
         for j in range(width):
             if known[i, j] == 0:
                 log_odds[i, j] = 0.0
                 continue
             body = palette[frame[i, j, 0] // cell, frame[i, j, 1] // cell, frame[i, j, 2] // cell]
-            log_odds[i, j] = min(max(body - EVENLY - likelihood[i, j], -LARGEST), LARGEST)
+            log_odds[i, j] = min(max(body - _LOG_COLOURS - likelihood[i, j], -largest), largest)

@@ -1,16 +1,16 @@
-"""Where exactly the body ends: its outline, drawn on the sharp frame.
+"""Boundary of the body on the sharp frame.
 
-The evidence of `pzcap.segmentation.background_model` is as soft as the panorama, which leaves a band round the body
-undecided. There a pixel is compared with the colours nearby that are surely body and with what the hall shows nearby,
-and with mixtures of the two, since the pixels that the outline passes through show both: it is body if it is so by half
-or more. Then it asks its neighbours, the more so the less the frame changes between them: a random walk with a prior
-(Grady 2005), which settles where the frame has an edge. It works on luma and chroma, which are nearly independent;
-footage has chroma at half the resolution, so luma counts for more.
+The evidence of `pzcap.segmentation.background_model` is as blurred as the panorama, which leaves a band about the body
+undecided. There a pixel is compared with the colours nearby that are certainly body, with what the hall shows nearby,
+and with mixtures of the two, since the pixels on the boundary show both: it is body if it is so by half or more. Then
+each pixel takes the mean of itself and its neighbours, weighted more the less the frame changes between them: a random
+walk with a prior (Grady 2005), which settles where the frame has an edge. It works on luma and chroma, which are nearly
+independent; footage has chroma at half the resolution, so luma counts for more.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,49 +18,37 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.segmentation.background_model import halve
+from pzcap.segmentation.tuning import BOUNDARY
 from pzcap.types import Float32, Image
 
-BAND: Final = np.ones((5, 5), np.uint8)
-"""What is within two pixels of the first guess's outline is undecided."""
-UNSURE: Final = 1.5
-"""So is the inside where the evidence says less than these log-odds."""
-DOUBT: Final = 1.0
-"""And so is what looks like the hall on the sharp frame by these: a gap too narrow for the soft evidence."""
-NEARBY: Final = (7, 7)  # window of the colours nearby, in pixels of half the resolution
-FEW: Final = 0.01  # share of that window which is body: with less, nothing is known of its colours
-PARTS: Final = (0.0, 0.25, 0.75, 1.0)
-"""Of a pixel that may be body: more than half makes it so."""
-COLOUR_VARIANCE: Final = 50.0  # of luma and chroma, added to what is measured nearby
-LEAST: Final = 1e-6  # of a likelihood: a colour that is neither's says nothing
-SURENESS: Final = 0.7  # of a neighbourhood's colours: neighbours err together
-SAY: Final = 3.0  # log-odds that they speak with at most
-EDGE_WEIGHT: Final = np.array([2.5, 1.0, 1.0])  # how much a step of luma and chroma separates neighbours
-EDGE_SCALE: Final = 1000.0
-TIE: Final = 1.0  # between neighbours of equal colour, against each pixel's own say
-SWEEPS: Final = 4
-OVERSHOOT: Final = 1.1  # of a sweep's steps: gets there sooner
+
+class _NearbyColours(NamedTuple):
+    """Statistics of the colours near a pixel, half as fine."""
+
+    mean: Float32  # (h/2, w/2, 3) of the body's colours
+    variance: Float32  # (h/2, w/2, 3)
+    share: Float32  # (h/2, w/2) of the window that is body
+    hall_variance: Float32  # (h/2, w/2, 3) mean square of frame minus hall, where that is seen
 
 
-def draw(image: Image, background: Image, log_odds: Float32, hint: Float32, solid: Image) -> Float32:
-    """Probability of body (h, w), both even, given what the colours say softly.
+def refine(image: Image, background: Image, log_odds: Float32, hint: Float32, solid: Image) -> Float32:
+    """Probability of body (h, w), both even.
 
-    ``image`` and ``background`` are (h, w, 3), ``log_odds`` (h, w) those of body, ``hint`` (h, w) what of them and of
-    anything else counts where the sharp colours speak, ``solid`` (h, w) 1 where it is at first guess, else 0. Black
-    background counts as unknown.
+    ``image`` and ``background`` are (h, w, 3), black where it is unknown; ``log_odds`` (h, w) are those of body by the
+    blurred colours, ``hint`` (h, w) the part of them, and of anything else, that counts beside the sharp colours;
+    ``solid`` (h, w) is 1 where the body is at first guess, else 0.
     """
-    inner, outer = np.asarray(cv2.erode(solid, BAND), np.uint8), np.asarray(cv2.dilate(solid, BAND), np.uint8)
+    band = np.ones((BOUNDARY.band, BOUNDARY.band), np.uint8)
+    inner, outer = np.asarray(cv2.erode(solid, band), np.uint8), np.asarray(cv2.dilate(solid, band), np.uint8)
     frame, hall = (np.asarray(cv2.cvtColor(one, cv2.COLOR_BGR2YCrCb), np.uint8) for one in (image, background))
-    colours = _nearby(frame, hall, inner, outer)
-    probability = np.empty(solid.shape, np.float32)
+    colours = _nearby_colours(frame, hall, inner, outer)
     undecided = np.empty((solid.size, 2), np.int32)
-    count = _start(frame, hall, log_odds, hint, inner, outer, *colours, probability, undecided)
-    _walk(frame, probability, undecided[:count])
+    probability, count = _initial(frame, hall, log_odds, hint, inner, outer, colours, undecided)
+    _random_walk(frame, probability, undecided[:count])
     return probability
 
 
-def _nearby(frame: Image, hall: Image, inner: Image, outer: Image) -> tuple[Float32, Float32, Float32, Float32]:
-    """Half as fine: mean and variance (h/2, w/2, 3) of the body's colours nearby, how much of it there is (h/2, w/2),
-    and the mean square (h/2, w/2, 3) of what the hall differs by from the frame nearby."""
+def _nearby_colours(frame: Image, hall: Image, inner: Image, outer: Image) -> _NearbyColours:
     half, empty = halve(frame).astype(np.float32), halve(hall).astype(np.float32)
     body = inner[::2, ::2].astype(np.float32)
     clear = ((outer[::2, ::2] == 0) & (hall[::2, ::2, 0] > 0)).astype(np.float32)
@@ -68,54 +56,56 @@ def _nearby(frame: Image, hall: Image, inner: Image, outer: Image) -> tuple[Floa
     mean /= np.maximum(share, 1e-6)[..., None]
     square = np.maximum(square / np.maximum(share, 1e-6)[..., None] - mean * mean, 0.0)
     missed = _box((half - empty) ** 2 * clear[..., None]) / np.maximum(_box(clear), 1e-6)[..., None]
-    return mean, square, share, np.asarray(missed, np.float32)
+    return _NearbyColours(mean, square, share, np.asarray(missed, np.float32))
 
 
 def _box(values: Float32) -> Float32:
-    return np.asarray(cv2.blur(values, NEARBY), np.float32)
+    return np.asarray(cv2.blur(values, (BOUNDARY.nearby,) * 2), np.float32)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _start(
-    frame: Image, hall: Image, log_odds: Float32, hint: Float32, inner: Image, outer: Image, mean: Float32,
-    square: Float32, share: Float32, missed: Float32, probability: Float32, undecided: NDArray[np.int32],
-) -> int:  # fmt: skip
-    """Each pixel's own probability, and which are ``undecided`` (row and column); their number is returned."""
+def _initial(
+    frame: Image, hall: Image, log_odds: Float32, hint: Float32, inner: Image, outer: Image, colours: _NearbyColours,
+    undecided: NDArray[np.int32],
+) -> tuple[Float32, int]:  # fmt: skip
+    """Each pixel's own probability (h, w), and the number of the ``undecided``: filled in, row and column."""
+    probability = np.zeros(log_odds.shape, np.float32)
     height, width = log_odds.shape
-    count = 0
+    count, largest = 0, BOUNDARY.largest_log_odds
     for i in range(height):
         for j in range(width):
             if outer[i, j] == 0:
-                probability[i, j] = 0.0
                 continue
-            say, sure = log_odds[i, j], inner[i, j] > 0 and log_odds[i, j] > UNSURE
+            own, certain = log_odds[i, j], inner[i, j] > 0 and log_odds[i, j] > BOUNDARY.unsure
             n, m = i // 2, j // 2
-            if share[n, m] > FEW and hall[i, j, 0] > 0:
-                colours = SURENESS * _mixed(frame[i, j], hall[i, j], mean[n, m], square[n, m], missed[n, m])
-                sure = sure and colours > DOUBT
-                say = hint[i, j] + min(max(colours, -SAY), SAY)
-            if sure:
+            if colours.share[n, m] > BOUNDARY.least_share and hall[i, j, 0] > 0:
+                mixed = BOUNDARY.independence * _mixture_log_odds(
+                    frame[i, j], hall[i, j], colours.mean[n, m], colours.variance[n, m], colours.hall_variance[n, m]
+                )
+                certain = certain and mixed > BOUNDARY.doubt
+                own = hint[i, j] + min(max(mixed, -largest), largest)
+            if certain:
                 probability[i, j] = 1.0
                 continue
-            probability[i, j] = 1.0 / (1.0 + np.exp(-say))
+            probability[i, j] = 1.0 / (1.0 + np.exp(-own))
             if 0 < i < height - 1 and 0 < j < width - 1:
                 undecided[count, 0], undecided[count, 1] = i, j
                 count += 1
-    return count
+    return probability, count
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _mixed(here: Image, empty: Image, body: Float32, spread: Float32, missed: Float32) -> float:
-    """Log-odds that a pixel (3,) is body by half or more: the hall shows ``empty`` there, with a variance of
-    ``missed``, and the body has about the colour ``body``, with one of ``spread``."""
-    hall, athlete = LEAST, LEAST
-    for part in PARTS:
+def _mixture_log_odds(here: Image, wall: Image, body: Float32, variance: Float32, hall_variance: Float32) -> float:
+    """Log-odds that a pixel (3,) is body by half or more: the hall has the colour ``wall`` there, with
+    ``hall_variance``, and the body about the colour ``body``, with ``variance``."""
+    hall, athlete = BOUNDARY.least_likelihood, BOUNDARY.least_likelihood
+    for part in BOUNDARY.parts:
         squares, volume = 0.0, 1.0
         for c in range(3):
-            wall = float(empty[c])
-            variance = part * part * spread[c] + (1.0 - part) ** 2 * missed[c] + COLOUR_VARIANCE
-            squares += (float(here[c]) - wall - part * (body[c] - wall)) ** 2 / variance
-            volume *= variance
+            empty = float(wall[c])
+            mixed = part * part * variance[c] + (1.0 - part) ** 2 * hall_variance[c] + BOUNDARY.colour_variance
+            squares += (float(here[c]) - empty - part * (body[c] - empty)) ** 2 / mixed
+            volume *= mixed
         likelihood = np.exp(-0.5 * squares) / np.sqrt(volume)
         if part > 0.5:
             athlete += likelihood
@@ -125,21 +115,21 @@ def _mixed(here: Image, empty: Image, body: Float32, spread: Float32, missed: Fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _walk(frame: Image, probability: Float32, undecided: NDArray[np.int32]) -> None:
-    """Settle the ``undecided`` pixels (N, 2): each is the mean of its own say and its neighbours', by their ties."""
+def _random_walk(frame: Image, probability: Float32, undecided: NDArray[np.int32]) -> None:
+    """Settle the ``undecided`` pixels (N, 2): each is the mean of its own probability and its neighbours', by ties."""
     count = len(undecided)
-    own, ties = np.empty(count, np.float32), np.empty((count, 8), np.float32)  # shares: one with all its ties
-    alike = np.empty((3, 256))  # how little a step of each colour separates neighbours
+    own, ties = np.empty(count, np.float32), np.empty((count, 8), np.float32)  # with the weights of the mean
+    alike = np.empty((3, 256))  # factors of a tie, for each step of each colour
     for c in range(3):
         for apart in range(256):
-            alike[c, apart] = np.exp(-((EDGE_WEIGHT[c] * apart) ** 2) / EDGE_SCALE)
+            alike[c, apart] = np.exp(-((BOUNDARY.edge_weight[c] * apart) ** 2) / BOUNDARY.edge_variance)
     steps = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
     for n in range(count):
         i, j = undecided[n]
         whole = 1.0
         for k in range(8):
             y, x = i + steps[k][0], j + steps[k][1]
-            tie = TIE * (0.7 if k in (0, 2, 5, 7) else 1.0)
+            tie = BOUNDARY.diagonal if k in (0, 2, 5, 7) else 1.0
             for c in range(3):
                 tie *= alike[c, abs(np.int64(frame[i, j, c]) - np.int64(frame[y, x, c]))]
             ties[n, k] = tie
@@ -147,12 +137,12 @@ def _walk(frame: Image, probability: Float32, undecided: NDArray[np.int32]) -> N
         own[n] = probability[i, j] / whole
         for k in range(8):
             ties[n, k] /= whole
-    for sweep in range(SWEEPS):
+    for sweep in range(BOUNDARY.sweeps):
         for m in range(count):
             n = m if sweep % 2 == 0 else count - 1 - m
             i, j = undecided[n]
             mean = own[n]
             for k in range(8):
                 mean += ties[n, k] * probability[i + steps[k][0], j + steps[k][1]]
-            moved = probability[i, j] + np.float32(OVERSHOOT) * (mean - probability[i, j])
+            moved = probability[i, j] + np.float32(BOUNDARY.overrelaxation) * (mean - probability[i, j])
             probability[i, j] = min(max(moved, np.float32(0.0)), np.float32(1.0))

@@ -1,11 +1,115 @@
-"""Report of an iterative solver."""
+"""Gauss-Newton with robust weights: the loop by which bundle adjustment and image alignment are fitted."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from pzcap.types import Array
+
+State = TypeVar("State")
 
 
 class SolveReport(NamedTuple):
+    """How an iterative solver ended."""
+
     converged: bool
+    """The last step was as small as the stop rule asks for."""
     steps: int
+    """Steps taken."""
     cost: float
+    """Sum of weighted squared residuals at the last linearisation, in the residual's unit squared."""
+
+
+class NormalEquations(NamedTuple):
+    """A robust cost linearised at a state."""
+
+    normal: Array
+    """(U, U) ``sum w J^T J``, ``J`` the derivatives of the residuals by the step."""
+    gradient: Array
+    """(U,) ``sum w J^T r``."""
+    sigma: float
+    """Robust standard deviation of the residuals ``r``, in their unit."""
+    cost: float
+    """``sum w r^2``."""
+
+
+class Schedule(NamedTuple):
+    """Steps of a fit, and the scale of the robust weights from step to step: it follows the residuals down."""
+
+    steps: int
+    """At most."""
+    scale: float
+    """Of the first step, in the residual's unit."""
+    least_steps: int = 1
+    """A fit that settles sooner goes on, since its scale has not come down yet."""
+    least_scale: float = 0.0
+    """In the residual's unit."""
+    sigmas: float = 3.0
+    """Scale aimed at, in standard deviations of the residuals."""
+    fall: float = 3.0
+    """Largest factor by which the scale falls in a step."""
+    steady: float = np.inf
+    """Relative change of the scale below which the fit may end."""
+
+
+class Prior(NamedTuple, Generic[State]):
+    """A normal belief about the unknowns, weighed against the residuals by their own variance."""
+
+    information: Array
+    """(U, U) inverse covariance."""
+    departure: Callable[[State], Array]
+    """(U,) unknowns of a state minus the mean."""
+    worth: float = 1.0
+    """So many residuals tell as much as one independent one would."""
+
+
+class Solution(NamedTuple, Generic[State]):
+    """Result of `minimise`."""
+
+    state: State
+    normal: Array
+    """(U, U) of the last step, the prior included; a held unknown has a row and column of the identity."""
+    sigma: float
+    """Robust standard deviation of the residuals at the last linearisation."""
+    scale: float
+    """Of the robust weights, for what comes after the last step."""
+    report: SolveReport
+
+
+def minimise(
+    start: State,
+    linearise: Callable[[State, float], NormalEquations],
+    retract: Callable[[State, Array], State],
+    settled: Callable[[Array], bool],
+    schedule: Schedule,
+    *,
+    prior: Prior[State] | None = None,
+    held: int | None = None,
+) -> Solution[State]:
+    """Minimise a robust cost by iteratively reweighted Gauss-Newton steps.
+
+    A step solves ``(N + s^2 P) d = -(g + s^2 P e)``: normal matrix N and gradient g from ``linearise(state, scale)``,
+    the prior's information P and departure e, s^2 the residuals' variance; then ``state = retract(state, d)``. It ends
+    once ``settled(d)`` and the scale is steady. Unknown ``held`` keeps its value.
+    """
+    state, scale = start, schedule.scale
+    for number in range(1, schedule.steps + 1):
+        normal, gradient, sigma, cost = linearise(state, scale)
+        if prior is not None:
+            variance = prior.worth * sigma**2
+            normal = normal + prior.information * variance
+            gradient = gradient + variance * prior.information @ prior.departure(state)
+        if held is not None:
+            normal[held], normal[:, held], normal[held, held], gradient[held] = 0.0, 0.0, 1.0, 0.0
+        step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
+        state = retract(state, step)
+        following = max(schedule.sigmas * sigma, schedule.least_scale)
+        steady = abs(following - scale) < schedule.steady * scale
+        converged = number >= schedule.least_steps and steady and settled(step)
+        if converged:
+            break
+        scale = max(following, scale / schedule.fall)
+    return Solution(state, normal, sigma, scale, SolveReport(converged, number, cost))

@@ -1,4 +1,4 @@
-"""Robust weights and scales: what most of some values are like, however far off the others are."""
+"""Robust weights, scales and fits: what most values are like, however far off the others are."""
 
 from __future__ import annotations
 
@@ -6,27 +6,29 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
 
-from pzcap.types import Array
+from pzcap.types import Array, Float32
 
 
 @njit(cache=True, nogil=True, inline="always")
-def geman_mcclure(squared: float) -> float:
-    """Weight of a residual, ``1 / (1 + squared)^2`` of its square over the squared scale (Geman and McClure, 1987)."""
-    nearness = 1.0 / (1.0 + squared)
+def geman_mcclure(residual: Any, scale: float) -> Any:
+    """Weight ``1 / (1 + (residual / scale)^2)^2`` of a residual, or of each of an array, in kernels and outside.
+
+    It is ``rho'(r) / r`` of ``rho = scale^2 r^2 / (scale^2 + r^2) / 2`` (Geman and McClure, 1987): a quarter where the
+    residual equals the scale, and so little far beyond it that outliers no longer pull.
+    """
+    nearness = 1.0 / (1.0 + (residual / scale) ** 2)
     return nearness * nearness
 
 
-def geman_mcclure_weights(residual: ArrayLike, scale: float) -> Array:
-    """`geman_mcclure` of residuals (...) at a ``scale`` in their unit."""
-    squared: Any = (np.asarray(residual) / scale) ** 2
-    return np.asarray(geman_mcclure.py_func(squared), np.float64)
+def normal_sigma(residuals: Array | Float32) -> float:
+    """Standard deviation of normally distributed residuals (N,), from the median of their absolute values."""
+    return 1.4826 * float(np.median(np.abs(residuals)))
 
 
 def half_sample_mode(values: Array) -> float:
-    """Middle of the narrowest interval that holds a third of the values (N,), of one in four of them: what the others
-    are like does not matter, be they all larger."""
+    """Mode of the values (N,), estimated from one in four of them: the middle of the narrowest interval that holds a
+    third. Unlike the median it stands where most others are larger (Bickel, 2002)."""
     some = np.sort(values[::4])
     third = len(some) // 3
     first = int(np.argmin(some[third:] - some[: len(some) - third]))
@@ -39,13 +41,13 @@ def line(
 ) -> tuple[float, float]:
     """The a and b of the line a + b x on which most of the ``values`` (N,) lie ``at`` x (N,), from a ``start``.
 
-    A step a scale: with the weights of Geman and McClure of that scale, beside the values' own ``weight`` (N,).
+    One reweighted least-squares step a scale (`geman_mcclure`), times the values' own ``weight`` (N,).
     """
     a, b = start
     for scale in scales:
         ones, first, second, sums, products = 1e-6, 0.0, 1e-6, 0.0, 0.0
         for n in range(len(values)):
-            robust = weight[n] * geman_mcclure(((values[n] - a - b * at[n]) / scale) ** 2)
+            robust = weight[n] * geman_mcclure(values[n] - a - b * at[n], scale)
             ones += robust
             first += robust * at[n]
             second += robust * at[n] * at[n]
@@ -57,11 +59,11 @@ def line(
 
 
 def median_absolute(values: Array) -> float:
-    """Median of the absolute values (N,), of one in four of them: as good for a scale, and sorting takes long."""
+    """Median of the absolute values (N,), from one in four of them: good enough for a scale, and four times faster."""
     return median(np.abs(values[::4]))
 
 
 def median(values: Array) -> float:
-    """The upper median of (N,): numpy's checks its input for longer than it takes."""
+    """Upper median of (N,), without numpy's checks, which take longer than the median."""
     middle = len(values) // 2
     return float(np.partition(values, middle)[middle])

@@ -58,7 +58,7 @@ def _residuals(
         if confidence[k] <= 0.0:
             continue
         squared = (person[k, 0] - pixels[k, 0]) ** 2 + (person[k, 1] - pixels[k, 1]) ** 2
-        robust = geman_mcclure(squared / (scale * sigma[k]) ** 2)
+        robust = geman_mcclure(np.sqrt(squared), scale * sigma[k])
         across, down, depth = ray(world[k, 0], world[k, 1], world[k, 2], camera)
         for axis in range(2):
             keypoint[count] = k

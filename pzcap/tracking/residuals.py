@@ -134,7 +134,7 @@ def photometric(
             continue
         value, du, dv = bilinear_with_gradient(image, x, y)
         residual = value - template.value[n]
-        weight = geman_mcclure((residual / sigma) ** 2) * template.trust[n] * min(1.0, 2.0 * facing[n])
+        weight = geman_mcclure(residual, sigma) * template.trust[n] * min(1.0, 2.0 * facing[n])
         weight = weight * terms.segment_weight[s] / (sigma * sigma)
         across, down, depth = ray(points[n, 0], points[n, 1], points[n, 2], camera)
         a0, a1, a2 = pixel_gradient(across, down, depth, camera, du / scale, dv / scale)
@@ -253,7 +253,7 @@ def contour(
         aligned = -(gx * nu + gy * nv) / max(steepness, 1e-9)
         if steepness < CONTOUR.least_slope or aligned < 0.5:
             continue
-        robust = geman_mcclure((offset / (CONTOUR.robust_sigmas * terms.sigma)) ** 2)
+        robust = geman_mcclure(offset, CONTOUR.robust_sigmas * terms.sigma)
         weight = robust * aligned * min(1.0, slope / CONTOUR.clear_fall) * terms.weight
         found.owner[count] = s
         found.rows[count, 0] = weight / (terms.sigma * terms.sigma)

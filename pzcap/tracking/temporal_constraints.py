@@ -19,7 +19,7 @@ import numpy as np
 
 from pzcap.body.mesh import Surface
 from pzcap.body.skeleton import DOF, Body, forward, mean_jacobian, place, point_jacobian
-from pzcap.solver.robust import geman_mcclure_weights
+from pzcap.solver.robust import geman_mcclure
 from pzcap.tracking.banded_solver import Tie
 from pzcap.tracking.tuning import CONTACT, FLIGHT
 from pzcap.types import SEGMENTS, Array, Pose
@@ -83,7 +83,7 @@ def ballistic(body: Body, poses: Sequence[Pose], frame_rate: float, sigma_m_s2: 
         bend = np.array([1.0, -2.0, 1.0]) @ np.array([share @ each for each in points])
         bend[2] += FLIGHT.gravity_m_s2 / frame_rate**2
         off = np.linalg.norm(bend) * frame_rate**2
-        alike = float(geman_mcclure_weights(off, FLIGHT.robust_m_s2))
+        alike = float(geman_mcclure(off, FLIGHT.robust_m_s2))
         if alike > FLIGHT.least_weight:
             jacobians = [mean_jacobian(frames, share, each) for frames, each in zip(three, points, strict=True)]
             weight = np.full(3, alike * (frame_rate**2 / sigma_m_s2) ** 2)

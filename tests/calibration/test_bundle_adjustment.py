@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pzcap.calibration import bundle_adjustment
 from pzcap.calibration.bundle_adjustment import Link
-from pzcap.calibration.parameters import Model, Sigmas, stepped, vector
+from pzcap.calibration.parameters import CalibrationParameters, Sigmas, retract, to_vector
 from pzcap.geometry import camera
 from pzcap.types import FAR_AWAY, Array, InverseDepthMap
 
@@ -21,17 +21,17 @@ NEAR = replace(HALL, walls=np.linspace(0.1, 0.9, 36), departures=np.linspace(0.0
 SIGMAS = Sigmas(0.05, 0.2, np.array([6.4, 6.4]), np.array([0.1, 0.1, 0.05]))
 
 
-def truth() -> Model:
+def truth() -> CalibrationParameters:
     """A full turn of 24 frames and a zoom run of six."""
     pans = np.append(np.arange(24) * 2 * np.pi / 24, 0.03)
     focals = np.log([880.0, 620.0, 880.0, 1200.0, 1600.0, 2100.0, 2600.0])
-    return Model(
+    return CalibrationParameters(
         pans, focals, np.array([*range(24)] + [24] * 6), np.array([0] * 24 + [*range(1, 7)]), -0.07, 0.009,
         np.array([[323.0, 236.5], [1.0, -0.6]]), np.array([-0.04, 0.05, -0.01]), np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
 
 
-def link(model: Model, first: int, second: int, rng: np.random.Generator, noise: float) -> Link | None:
+def link(model: CalibrationParameters, first: int, second: int, rng: np.random.Generator, noise: float) -> Link | None:
     views = model.view(first), model.view(second)
     points = rng.uniform((0, 0), (639, 479), (60, 2))
     seen, front = camera.direction_to_pixel(views[1], *camera.pixel_to_direction(views[0], points))
@@ -42,7 +42,7 @@ def link(model: Model, first: int, second: int, rng: np.random.Generator, noise:
     return Link(first, second, points[inside], seen[inside] + jitter, np.zeros(inside.sum()))
 
 
-def links(model: Model, noise: float = 0.0, wrong: float = 0.0) -> list[Link]:
+def links(model: CalibrationParameters, noise: float = 0.0, wrong: float = 0.0) -> list[Link]:
     rng = np.random.default_rng(0)
     pairs = [(i, (i + 1) % 24) for i in range(24)] + [(i, (i + 2) % 24) for i in range(24)]
     pairs += [(0, k) for k in range(24, 30)] + [(1, k) for k in range(24, 27)] + [(k, k + 1) for k in range(24, 29)]
@@ -53,12 +53,12 @@ def links(model: Model, noise: float = 0.0, wrong: float = 0.0) -> list[Link]:
     return made
 
 
-def start() -> Model:
+def start() -> CalibrationParameters:
     true, rng = truth(), np.random.default_rng(1)
     pans = true.pan_rad + rng.normal(0, 0.003, len(true.pan_rad))
     pans[0] = 0.0
     focals = true.log_focal + rng.normal(0, 0.01, len(true.log_focal))
-    return Model(
+    return CalibrationParameters(
         pans, focals, true.pan_of, true.focal_of, -0.06, 0.0, np.array([[319.5, 239.5], [0, 0]]), np.zeros(3),
         np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
@@ -66,7 +66,7 @@ def start() -> Model:
 
 def test_perfect_matches_give_the_truth() -> None:
     loose = Sigmas(1e3, 1e3, np.full(2, 1e5), np.full(3, 1e3))
-    found = bundle_adjustment.adjust(start(), links(truth()), loose).model
+    found = bundle_adjustment.adjust(start(), links(truth()), loose).parameters
     np.testing.assert_allclose(found.pan_rad, truth().pan_rad, atol=1e-6)
     np.testing.assert_allclose(found.log_focal, truth().log_focal, atol=1e-6)
     np.testing.assert_allclose([found.tilt_rad, found.roll_rad], [-0.07, 0.009], atol=1e-6)
@@ -77,9 +77,9 @@ def test_perfect_matches_give_the_truth() -> None:
 @pytest.mark.parametrize("wrong", [0.0, 0.3])
 def test_wrong_matches_do_not_pull(wrong: float) -> None:
     found = bundle_adjustment.adjust(start(), links(truth(), noise=0.3, wrong=wrong), SIGMAS)
-    assert np.sqrt(np.mean((found.model.pan_rad - truth().pan_rad) ** 2)) < np.deg2rad(0.02)
-    np.testing.assert_allclose(found.model.log_focal, truth().log_focal, atol=1e-3)
-    np.testing.assert_allclose(found.model.principal_px[0], truth().principal_px[0], atol=0.7)
+    assert np.sqrt(np.mean((found.parameters.pan_rad - truth().pan_rad) ** 2)) < np.deg2rad(0.02)
+    np.testing.assert_allclose(found.parameters.log_focal, truth().log_focal, atol=1e-3)
+    np.testing.assert_allclose(found.parameters.principal_px[0], truth().principal_px[0], atol=0.7)
     assert 0.2 < found.residual_px < 1.0
 
 
@@ -99,8 +99,8 @@ def test_derivatives_match_finite_differences(
     for column in range(analytic.shape[2]):
         step = np.zeros(analytic.shape[2])
         step[column] = 1e-6
-        ahead = bundle_adjustment.residuals(stepped(model, step), match)[0]
-        behind = bundle_adjustment.residuals(stepped(model, -step), match)[0]
+        ahead = bundle_adjustment.residuals(retract(model, step), match)[0]
+        behind = bundle_adjustment.residuals(retract(model, -step), match)[0]
         numeric = (ahead - behind) / 2e-6
         # how the parallax itself turns with the view is left out: some thousandths
         atol = 0.005 * np.abs(numeric).max() + 0.02
@@ -111,17 +111,15 @@ def test_normal_equations_are_those_of_the_residuals() -> None:
     """The sums over all links, compiled, against the weighted products of the derivatives of each match."""
     model = replace(start(), offset=np.array([3e-3, -2e-3]), surroundings=NEAR)
     made, scale = links(truth(), noise=0.3), 2.0
-    unknowns = len(vector(model))
+    unknowns = len(to_vector(model))
     normal, gradient = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     for one in made:
         residual, jacobian = bundle_adjustment.residuals(model, one)
         weight = (scale**2 / (scale**2 + np.sum(residual**2, axis=1))) ** 2
         normal += np.einsum("n,nci,ncj->ij", weight, jacobian, jacobian)
         gradient += np.einsum("n,nci,nc->i", weight, jacobian, residual)
-    ends = np.array([[one.first, one.second] for one in made])
-    bounds = np.cumsum([0, *(len(one.first_px) for one in made)])
-    pixels = np.vstack([np.hstack([one.first_px, one.second_px]) for one in made])
-    found = bundle_adjustment._normal_equations(model, ends, bounds, pixels, scale, np.empty(len(pixels)))
+    matches = bundle_adjustment.matches_of(made)
+    found = bundle_adjustment.normal_equations(model, matches, scale, np.empty(len(matches.pixels)))
     np.testing.assert_allclose(found[0], normal, rtol=1e-9, atol=1e-9 * np.abs(normal).max())
     np.testing.assert_allclose(found[1], gradient, rtol=1e-9, atol=1e-9 * np.abs(gradient).max())
 
@@ -152,8 +150,8 @@ def test_a_projection_centre_beside_the_axis_is_found_and_does_not_disturb() -> 
         if len(both) > 10:
             noise = rng.normal(0, 0.1, (len(both), 2))
             made.append(Link(a, b, in_a[both], in_b[both] + noise, np.zeros(len(both))))
-    blind = bundle_adjustment.adjust(start(), made, SIGMAS).model
-    found = bundle_adjustment.adjust(replace(start(), surroundings=HALL), made, SIGMAS).model
+    blind = bundle_adjustment.adjust(start(), made, SIGMAS).parameters
+    found = bundle_adjustment.adjust(replace(start(), surroundings=HALL), made, SIGMAS).parameters
     np.testing.assert_allclose(found.offset, offset, rtol=0.15)
     assert np.abs(found.log_focal[0] - model.log_focal[0]) < 2e-4
     assert np.abs(found.pan_rad - model.pan_rad).max() < np.deg2rad(0.01)

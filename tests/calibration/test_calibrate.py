@@ -14,11 +14,12 @@ from experiments.footage import SMALL
 from pzcap.calibration import calibrate
 from pzcap.calibration.calibrate import Footage
 from pzcap.calibration.correspondences import sigmas_of
-from pzcap.calibration.parameters import BeliefConfig, Model
+from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera
 from pzcap.geometry.camera import at
 from pzcap.io.video import VideoReader
+from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.types import Camera, InverseDepthMap, Panorama
 from sim.cameras.film import Recording
@@ -41,7 +42,7 @@ def taken(height_m: float) -> Camera:
 
 
 def test_what_was_adjusted_is_what_the_camera_has() -> None:
-    model = Model(
+    model = CalibrationParameters(
         np.zeros(1), np.log([FOCAL]), np.zeros(1, int), np.zeros(1, int), -0.07, 0.01, np.array([[160.0, 121.0]]),
         np.array([-0.05, 0.07]), np.array([0.003, -0.002]), 0.0017, HALL,
     )  # fmt: skip
@@ -77,9 +78,7 @@ def shrunk() -> Panorama:
 def test_pan_0_is_where_the_reference_image_lies_on_the_panorama() -> None:
     panorama, camera = shrunk(), camera_of(OPTICS)
     image = synthetic.render(OPTICS, 0.8 / FOCAL, FOCAL)
-    counted = calibrate._counted_from(
-        panorama, Aligner(panorama, camera).align(image, 0.0, OPTICS.tilt_rad, FOCAL, 1.5)
-    )
+    counted = count_from_reference(panorama, camera, image, FOCAL)
     again = Aligner(counted, camera).align(image, 0.0, camera.tilt_rad, FOCAL, 1.5)
     assert again.pan_rad == pytest.approx(0.0, abs=0.01 / FOCAL)
     np.testing.assert_allclose(counted.sweep_pan_rad, panorama.sweep_pan_rad - 0.8 / FOCAL, atol=0.05 / FOCAL)
@@ -88,8 +87,7 @@ def test_pan_0_is_where_the_reference_image_lies_on_the_panorama() -> None:
 def test_a_reference_image_of_something_else_moves_nothing() -> None:
     panorama = shrunk()
     nonsense = np.random.default_rng(0).integers(0, 255, (OPTICS.height, OPTICS.width, 3)).astype(np.uint8)
-    aligned = Aligner(panorama, camera_of(OPTICS)).align(nonsense, 0.0, OPTICS.tilt_rad, FOCAL, 1.5)
-    assert calibrate._counted_from(panorama, aligned) is panorama
+    assert count_from_reference(panorama, camera_of(OPTICS), nonsense, FOCAL) is panorama
 
 
 @pytest.mark.slow

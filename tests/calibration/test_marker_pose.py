@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.calibration import marker_pose, reference_camera
 from pzcap.calibration.reference_camera import ReferenceConfig
+from pzcap.calibration.tuning import MARKERS
 from pzcap.types import Array, Camera, Image, ReferenceCamera
 from tests.scenes import synthetic
 
@@ -174,7 +175,7 @@ def test_the_corners_decide_where_the_grey_values_fail(monkeypatch: pytest.Monke
     expected = reference_camera.fit(truth, shifted.points_m, shifted.points_px, CONFIG, free_lens=False)
     np.testing.assert_allclose(kept.camera.world_T_cam, expected.camera.world_T_cam, atol=1e-6)
 
-    monkeypatch.setattr(marker_pose, "ROUNDS", 3)  # no time to converge
+    monkeypatch.setattr(marker_pose, "MARKERS", MARKERS._replace(steps=3))  # no time to converge
     kept = reference_camera.resolve(start, truth, image, OBJECT, CONFIG)
     np.testing.assert_allclose(kept.camera.world_T_cam, start.camera.world_T_cam, atol=1e-6)
 

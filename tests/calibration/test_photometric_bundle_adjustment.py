@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pzcap.calibration import photometric_bundle_adjustment
-from pzcap.calibration.parameters import Model, Sigmas, stepped, vector
+from pzcap.calibration.parameters import CalibrationParameters, Sigmas, retract, to_vector
 from pzcap.calibration.sweep import grey
 from pzcap.imaging.bspline import STEPS, Stored, stored
 from pzcap.types import FAR_AWAY, Array
@@ -21,9 +21,9 @@ PAIRS = [(i, i + k) for k in (1, 2) for i in range(len(PANS) - k)] + [
 ]
 
 
-def truth() -> Model:
+def truth() -> CalibrationParameters:
     """Eight frames of a sweep, and three of a zoom run at the fourth's pan."""
-    return Model(
+    return CalibrationParameters(
         np.append(PANS, PANS[3]), FOCALS, np.array([*range(8)] + [8] * 3), np.array([0] * 8 + [1, 2, 3]),
         OPTICS.tilt_rad, OPTICS.roll_rad, np.array([OPTICS.principal_px, OPTICS.principal_slope_px]),
         np.array([OPTICS.k1, OPTICS.k1_slope]), np.zeros(2), 0.0, FAR_AWAY,
@@ -38,14 +38,14 @@ def frames() -> Stored:
     return np.stack([stored(grey(image)) for image in images])
 
 
-def off(seed: int) -> Model:
+def off(seed: int) -> CalibrationParameters:
     """The truth, as wrong as features leave it."""
     true, rng = truth(), np.random.default_rng(seed)
-    step = np.zeros(len(vector(true)))
+    step = np.zeros(len(to_vector(true)))
     step[1:9] = rng.normal(0, 3e-4, 8)
     step[9:13] = rng.normal(0, 1e-3, 4)
     step[13:15] = rng.normal(0, 5e-4, 2)
-    return stepped(true, step)
+    return retract(true, step)
 
 
 PIXELS = 700
@@ -55,13 +55,13 @@ def silent(done: int) -> None:
     del done
 
 
-def adjusted(frames: Stored, start: Model) -> photometric_bundle_adjustment.Fitted:
+def adjusted(frames: Stored, start: CalibrationParameters) -> photometric_bundle_adjustment.Fitted:
     return photometric_bundle_adjustment.adjust(
         start, frames, PAIRS, SIGMAS, prior=start, pixels=PIXELS, smoothing=0.64, report=silent
     )
 
 
-def errors(found: Model) -> tuple[Array, Array]:
+def errors(found: CalibrationParameters) -> tuple[Array, Array]:
     """Of the pans (9,) rad, but for their scale, which so short a sweep hardly shows; and of the zoom ratios (3,)."""
     pan = found.pan_rad - truth().pan_rad
     zoom = found.log_focal - found.log_focal[0] - (truth().log_focal - truth().log_focal[0])
@@ -70,7 +70,7 @@ def errors(found: Model) -> tuple[Array, Array]:
 
 
 def test_it_improves_on_features(frames: Stored) -> None:
-    before, after = errors(off(0)), errors(adjusted(frames, off(0)).model)
+    before, after = errors(off(0)), errors(adjusted(frames, off(0)).parameters)
     assert np.rad2deg(np.abs(after[0])).max() < 0.004  # a thirtieth of a pixel
     assert np.abs(after[1]).max() < 3e-4
     for first, then in zip(before, after, strict=True):
@@ -78,7 +78,7 @@ def test_it_improves_on_features(frames: Stored) -> None:
 
 
 def test_where_it_starts_does_not_matter(frames: Stored) -> None:
-    one, other = (adjusted(frames, off(seed)).model for seed in (1, 2))
+    one, other = (adjusted(frames, off(seed)).parameters for seed in (1, 2))
     for first, then in zip(errors(one), errors(other), strict=True):
         np.testing.assert_allclose(first, then, atol=2e-4)  # other pixels are looked at
 
@@ -87,7 +87,7 @@ def test_a_person_and_a_lamp_do_not_pull(frames: Stored) -> None:
     walked = frames.copy()
     walked[2][60:200, 150:210] = 20 * int(STEPS)
     walked[4] = (walked[4] * 1.1).astype(np.uint16)
-    plain, disturbed = (errors(adjusted(taken, off(0)).model) for taken in (frames, walked))
+    plain, disturbed = (errors(adjusted(taken, off(0)).parameters) for taken in (frames, walked))
     for first, then in zip(plain, disturbed, strict=True):
         np.testing.assert_allclose(first, then, atol=5e-5)
 
@@ -95,12 +95,12 @@ def test_a_person_and_a_lamp_do_not_pull(frames: Stored) -> None:
 def test_its_sigmas_are_of_the_size_of_the_errors(frames: Stored) -> None:
     found = adjusted(frames, off(3))
     sigma = np.sqrt(np.diag(found.covariance))
-    normalised = (vector(found.model) - vector(truth()))[1:13] / sigma[1:13]
+    normalised = (to_vector(found.parameters) - to_vector(truth()))[1:13] / sigma[1:13]
     assert 0.05 < np.sqrt(np.mean(normalised**2)) < 3.0
 
 
 def test_frames_without_overlap_are_not_compared(frames: Stored) -> None:
     edges = [photometric_bundle_adjustment._edges(frame, PIXELS, 4) for frame in frames]
-    assert photometric_bundle_adjustment._overlap(frames, edges, truth(), 0, 7, PIXELS, 0.64) is not None
-    far = stepped(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(vector(truth())) - 8)]))
-    assert photometric_bundle_adjustment._overlap(frames, edges, far, 0, 7, PIXELS, 0.64) is None
+    assert photometric_bundle_adjustment._overlap(frames, edges, truth(), (0, 7), PIXELS, 0.64) is not None
+    far = retract(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(to_vector(truth())) - 8)]))
+    assert photometric_bundle_adjustment._overlap(frames, edges, far, (0, 7), PIXELS, 0.64) is None

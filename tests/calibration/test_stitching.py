@@ -9,7 +9,7 @@ import pytest
 
 from pzcap.calibration import bundle_adjustment, stitching, sweep
 from pzcap.calibration.bundle_adjustment import Link
-from pzcap.calibration.parameters import Model, Sigmas
+from pzcap.calibration.parameters import CalibrationParameters, Sigmas
 from pzcap.calibration.sweep import SweepConfig
 from pzcap.extras.paper import stitching as paper
 from pzcap.geometry.camera import View
@@ -28,7 +28,8 @@ def silent(done: int) -> None:
 
 def stitched(taken: list[tuple[int, Image]], pans: Array, full_turn: bool, bright: stitching.Brightness) -> Panorama:
     greys = [sweep.grey(image) for _, image in taken]
-    return stitching.stitch(taken, np.arange(len(pans)), greys, pans, VIEW, full_turn, bright, FAR_AWAY, silent)
+    swept = stitching.SweptFrames(greys, bright, VIEW)
+    return stitching.stitch(taken, np.arange(len(pans)), swept, pans, full_turn, FAR_AWAY, silent)
 
 
 def test_a_partial_sweep_is_pasted_where_it_belongs() -> None:
@@ -104,12 +105,12 @@ def test_a_partial_sweep_is_adjusted_without_closure() -> None:
     guess = View(0.0, 0.0, 0.0, FOCAL * 1.002, np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]), NONE)
     chain = sweep.chain(synthetic.frames(OPTICS, pans), guess, False, SweepConfig(), silent)
     count = len(pans)
-    start = Model(
+    start = CalibrationParameters(
         chain.pan_rad, np.array([np.log(guess.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
         guess.principal_px[None], np.zeros(1), np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
     sigmas = Sigmas(0.002, 0.2, np.array([3.2]), np.array([0.1]))
-    found = bundle_adjustment.adjust(start, chain.links, sigmas).model
+    found = bundle_adjustment.adjust(start, chain.links, sigmas).parameters
     assert np.abs(np.rad2deg(found.pan_rad - pans)).max() < 0.15
     assert np.exp(found.log_focal[0]) == pytest.approx(FOCAL, rel=3e-3)
     assert found.roll_rad == pytest.approx(OPTICS.roll_rad, abs=2e-3)

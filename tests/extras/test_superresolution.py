@@ -33,7 +33,7 @@ def errors(background: Panorama, pans_rad: Array, zoom: float) -> Array:
     """(N, 2) of pan, in pixels of the frame, and of log focal, in pixels at its edges."""
     aligner, focal = Aligner(background, CAMERA, pixels=WIDTH * HEIGHT), FOCAL * zoom
     found = [aligner.align(photograph(pan, focal), pan + 1e-4, 0.0, focal * 1.0003, 1.5) for pan in pans_rad.tolist()]
-    assert all(one.settled for one in found)
+    assert all(one.report.converged for one in found)
     return np.array([
         [(one.pan_rad - pan) * focal, np.log(one.focal_px / focal) * WIDTH / 2]
         for one, pan in zip(found, pans_rad, strict=True)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import direction_to_pixel, head_T_cam, pixel_to_direction, view_at
-from pzcap.localisation.panorama_sampler import looking, warp_background
+from pzcap.localisation.panorama_sampler import axis_directions, warp_background
 from pzcap.types import InverseDepthMap
 from tests.scenes import synthetic
 from tests.scenes.cylinders import camera_of, whole_turn
@@ -44,7 +44,7 @@ def test_parallax_is_what_three_dimensions_give(pan: float, alpha: float, slope:
     off = np.array([np.angle(np.exp(1j * (seen[0][0] - there[0]))), seen[1][0] - there[1]])
     assert np.abs(off).max() < 1e-5  # second order: a hundredth of a pixel
     pixel, _ = direction_to_pixel(view, *seen)
-    back = looking(panorama, camera, pixel, pan, -0.07, 700.0)[0]
+    back = axis_directions(panorama, camera, pixel, pan, -0.07, 700.0)[0]
     np.testing.assert_allclose([pan + back[0], back[1]], [azimuth, slope], atol=1e-5)
 
 

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ import pytest
 from experiments import footage
 from pzcap.io import results
 from pzcap.io.capture import read_image
-from pzcap.io.files import checked, locked
+from pzcap.io.files import checked, locked, written_whole
 from pzcap.io.video import VideoReader
 from pzcap.types import PzcapError
 from sim.motion._bvh import read_bvh
@@ -108,3 +109,15 @@ def test_nobody_waits_for_himself(tmp_path: Path) -> None:
     with locked(tmp_path / "lock", "busy"), pytest.raises(PzcapError), locked(tmp_path / "lock", "busy", 60.0):
         pass
     assert time.monotonic() - start < 5.0
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "file.txt"
+    with written_whole(path) as partial:
+        partial.write_text("old", encoding="utf-8")
+        assert not path.exists()
+    with suppress(ZeroDivisionError), written_whole(path) as partial:
+        partial.write_text("ne", encoding="utf-8")
+        raise ZeroDivisionError
+    assert path.read_text(encoding="utf-8") == "old"
+    assert [one.name for one in tmp_path.iterdir()] == ["file.txt"]

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pzcap.geometry.camera import wrapped
-from pzcap.localisation.coarse_search import ZOOM_STEP, Correlator
+from pzcap.localisation.coarse_search import Correlator
+from pzcap.localisation.tuning import SEARCH
 from pzcap.types import Array
 from tests.scenes import synthetic
 from tests.scenes.cylinders import camera_of, whole_turn
@@ -32,7 +33,7 @@ def test_the_likeliest_place_is_the_right_one(pan: float, log_zoom: float) -> No
     focal = FOCAL * float(np.exp(log_zoom))
     found = CORRELATOR.places(synthetic.render(OPTICS, pan, focal, gain=1.2, noise_seed=3))
     assert off_px(found[0].pan_rad, pan, focal) < OPTICS.width / 40
-    assert abs(np.log(found[0].focal_px / focal)) < 1.5 * ZOOM_STEP
+    assert abs(np.log(found[0].focal_px / focal)) < 1.5 * SEARCH.zoom_step
     assert found[0].tilt_rad == pytest.approx(OPTICS.tilt_rad)
 
 

@@ -14,9 +14,9 @@ from pzcap.calibration.sweep import consensus
 from pzcap.camera_set import calibrate_camera
 from pzcap.extras.paper import method as paper
 from pzcap.geometry.camera import direction_to_pixel, view_at, wrapped
-from pzcap.localisation import localise
 from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
+from pzcap.localisation.feature_search import panorama_features
 from pzcap.localisation.localise import Localiser
 from pzcap.localisation.panzoom_solvers import solve_eq11
 from pzcap.types import Array, Image, PzcapError
@@ -327,7 +327,7 @@ def test_without_a_sweep_of_the_reference_pose_one_line_says_so() -> None:
 
 def test_the_panorama_of_a_full_turn_has_features_on_its_seam() -> None:
     whole = whole_turn(0)
-    found = localise.panorama_features(replace(whole, image=whole.image), 1e-4, 20000)
+    found = panorama_features(replace(whole, image=whole.image), 1e-4, 20000)
     width = whole.image.shape[1]
     assert ((found.points_px[:, 0] >= -0.5) & (found.points_px[:, 0] < width - 0.5)).all()
     near = (found.points_px[:, 0] < 6) | (found.points_px[:, 0] > width - 6)

@@ -11,9 +11,19 @@ import pytest
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import direction_to_pixel, view_at
 from pzcap.geometry.cylinder import from_centre, from_panorama
-from pzcap.localisation.panorama_sampler import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, KNOWN, VALUE
-from pzcap.localisation.photometric_alignment import LINEAR, Aligner, _weigh
-from pzcap.types import Array, InverseDepthMap
+from pzcap.localisation.panorama_sampler import (
+    BY_LOG_FOCAL,
+    BY_PAN,
+    BY_TILT,
+    COLUMN,
+    KNOWN,
+    VALUE,
+    PanoramaSampler,
+    PanTiltZoom,
+)
+from pzcap.localisation.photometric_alignment import Aligner, normal_equations
+from pzcap.localisation.tuning import ALIGNMENT, LEVELS
+from pzcap.types import Array, InverseDepthMap, Panorama
 from tests.scenes import synthetic
 from tests.scenes.cylinders import camera_of, whole_turn
 
@@ -24,49 +34,63 @@ PIXELS = np.stack(np.meshgrid(np.linspace(20, 300, 15), np.linspace(20, 220, 11)
 
 
 @pytest.fixture(scope="module")
-def aligner() -> Aligner:
-    """On the hall at the resolution of a frame, so that the panorama is no sharper than one of a sweep."""
+def panorama() -> Panorama:
+    """The hall at the resolution of a frame, so that the panorama is no sharper than one of a sweep."""
     whole = whole_turn(0)
     width = round(2 * np.pi * FOCAL)
     scale = width / whole.image.shape[1]
     image = cv2.resize(whole.image, (width, round(whole.image.shape[0] * scale)), interpolation=cv2.INTER_AREA)
     origin = (whole.origin_px + 0.5) * scale - 0.5
-    panorama = replace(
+    return replace(
         whole, image=image, valid=np.ones(image.shape[:2], bool), px_per_rad=width / (2 * np.pi), origin_px=origin
     )
+
+
+@pytest.fixture(scope="module")
+def aligner(panorama: Panorama) -> Aligner:
     return Aligner(panorama, camera_of(OPTICS))
+
+
+@pytest.fixture(scope="module")
+def sampler(panorama: Panorama) -> PanoramaSampler:
+    return PanoramaSampler(panorama, camera_of(OPTICS), 4000)
 
 
 HALL = InverseDepthMap(1.7, np.linspace(0.05, 0.6, 12), np.linspace(0, 0.1, 24).reshape(2, 12), np.array([-0.4, 0.3]))
 
 
-def sampled_at(aligner: Aligner, pan_rad: float, tilt_rad: float, focal_px: float) -> Array:
+def finest(sampler: PanoramaSampler, at: PanTiltZoom) -> Array:
     """What the panorama shows at PIXELS."""
-    rays = aligner._rays(PIXELS, pan_rad, tilt_rad, focal_px)
-    return aligner._sample(aligner._levels[0].layer, rays, pan_rad, tilt_rad, focal_px)
+    return sampler.sample(sampler.levels[-1].layer, sampler.rays(PIXELS, at), at)
 
 
-def test_samples_stand_where_the_camera_looks(aligner: Aligner) -> None:
+def test_the_levels_go_from_coarse_to_fine() -> None:
+    assert [level.halvings for level in LEVELS] == sorted({level.halvings for level in LEVELS}, reverse=True)
+    assert [level.reach_px for level in LEVELS] == sorted({level.reach_px for level in LEVELS}, reverse=True)
+
+
+def test_samples_stand_where_the_camera_looks(panorama: Panorama) -> None:
     """The compiled loop against `camera.direction_to_pixel` and `cylinder.from_centre`, parallax and the seam
     included."""
     camera = replace(camera_of(OPTICS), offset_m=np.array([0.005, -0.003]), travel_m=0.004)
-    panorama = replace(aligner._panorama, surroundings=HALL)
-    beside = Aligner(panorama, camera)
+    panorama = replace(panorama, surroundings=HALL)
+    beside = PanoramaSampler(panorama, camera, 4000)
     for pan in (-3.0, 0.2, 3.1):
-        sampled = sampled_at(beside, pan, camera.tilt_rad, 500.0)
+        sampled = finest(beside, PanTiltZoom(pan, camera.tilt_rad, 500.0))
         view = view_at(camera, pan, camera.tilt_rad, 500.0)
-        azimuth, slope = from_panorama(panorama, sampled[:, COLUMN:] - np.array([beside._margin, 0.0]))
+        azimuth, slope = from_panorama(panorama, beside.panorama_px(sampled))
         seen, _ = direction_to_pixel(view, *from_centre(panorama, view, azimuth, slope))
         np.testing.assert_allclose(seen, PIXELS, atol=0.005)  # parallax is a pixel, and known to its second order
 
 
-def test_rays_may_be_taken_as_straight_so_near(aligner: Aligner) -> None:
-    tilt, focal = OPTICS.tilt_rad, 500.0
-    near = aligner._rays(PIXELS, 0.2, tilt, focal)
-    for by_tilt, by_focal in ((LINEAR, 0.0), (0.0, -LINEAR), (LINEAR, LINEAR)):
-        moved = tilt + by_tilt, focal * np.exp(by_focal)
-        straight = aligner._sample(aligner._levels[0].layer, near, 0.2, *moved)
-        exact = sampled_at(aligner, 0.2, *moved)
+def test_rays_may_be_taken_as_straight_so_near(sampler: PanoramaSampler) -> None:
+    there, layer, linear = PanTiltZoom(0.2, OPTICS.tilt_rad, 500.0), sampler.levels[-1].layer, ALIGNMENT.linear
+    rays = sampler.rays(PIXELS, there)
+    assert not rays.far_from(there)
+    for by_tilt, by_focal in ((linear, 0.0), (0.0, -linear), (linear, linear)):
+        moved = PanTiltZoom(0.2, there.tilt_rad + by_tilt, there.focal_px * np.exp(by_focal))
+        assert rays.far_from(PanTiltZoom(0.2, there.tilt_rad + 1.01 * by_tilt, 500.0 * np.exp(1.01 * by_focal)))
+        straight, exact = sampler.sample(layer, rays, moved), finest(sampler, moved)
         np.testing.assert_allclose(straight[:, COLUMN:], exact[:, COLUMN:], atol=1e-3)
 
 
@@ -76,11 +100,11 @@ def test_derivatives_match_finite_differences() -> None:
     row, column = np.mgrid[: whole.image.shape[0], : whole.image.shape[1]]
     waves = 127 + 60 * np.sin(column / 9.0) + 60 * np.cos(row / 7.0 + column / 40.0)
     smooth = replace(whole, image=np.repeat(np.rint(waves).astype(np.uint8)[..., None], 3, axis=2))
-    aligner = Aligner(smooth, camera_of(OPTICS))
+    sampler = PanoramaSampler(smooth, camera_of(OPTICS), 4000)
     there, step = np.array([0.3, OPTICS.tilt_rad, np.log(600.0)]), 2e-3
 
     def at(place: Array) -> Array:
-        return sampled_at(aligner, place[0], place[1], np.exp(place[2]))
+        return finest(sampler, PanTiltZoom(place[0], place[1], np.exp(place[2])))
 
     here = at(there)
     for column, along in ((BY_PAN, 0), (BY_TILT, 1), (BY_LOG_FOCAL, 2)):
@@ -98,7 +122,7 @@ def test_pulls_in_from_the_frame_before(aligner: Aligner, pan: float, zoom: floa
     assert np.rad2deg(found.pan_rad - pan) == pytest.approx(0.0, abs=0.005)
     assert found.focal_px == pytest.approx(focal, rel=5e-4)
     assert found.agreement > 0.7
-    assert found.settled
+    assert found.report.converged
 
 
 def test_where_a_frame_is_does_not_hang_on_where_it_was_expected(aligner: Aligner) -> None:
@@ -106,7 +130,7 @@ def test_where_a_frame_is_does_not_hang_on_where_it_was_expected(aligner: Aligne
     image = synthetic.render(OPTICS, 0.3, 1.3 * FOCAL)
     starts = [(off / FOCAL, 1.3 * FOCAL * zoom) for off in (-1.4, 0.0, 0.9) for zoom in (0.998, 1.001)]
     found = [aligner.align(image, 0.3 + off, TILT, focal, 1.5) for off, focal in starts]
-    assert all(each.settled for each in found)
+    assert all(each.report.converged for each in found)
     assert np.ptp([each.pan_rad for each in found]) * 1.3 * FOCAL < 0.01  # pixels
     assert np.ptp([np.log(each.focal_px) for each in found]) * OPTICS.width / 2 < 0.01
 
@@ -122,22 +146,22 @@ def test_a_fit_is_not_at_rest_before_its_vignetting_is(aligner: Aligner, focal: 
 
 
 def weighed(seed: int, unknown: int) -> tuple[Array, Array, Array, Array, Array, float]:
-    """(rows, residual, weights, normal, slope, flatness) of 500 pixels with pan, focal and two gains to be fitted."""
+    """(rows, residual, weights, normal, gradient, flatness) of 500 pixels; pan, focal and two gains are fitted."""
     rng = np.random.default_rng(seed)
     sampled, shading = rng.normal(0.0, 1.0, (500, 7)), rng.normal(0.0, 1.0, (500, 2))
     sampled[:, KNOWN] = np.arange(500) >= unknown
     brightness, residual = rng.uniform(0.5, 1.5, 500), rng.normal(0.0, 1.0, 500)
-    weights, normal, slope, flatness = _weigh(sampled, shading, brightness, residual, SCALE, 2)
+    weights, normal, gradient, flatness = normal_equations(sampled, shading, brightness, residual, SCALE, 2)
     rows = np.column_stack([brightness[:, None] * sampled[:, BY_PAN : BY_PAN + 2], shading * sampled[:, [VALUE]]])
-    return rows, residual, weights, normal, slope, flatness
+    return rows, residual, weights, normal, gradient, flatness
 
 
 def test_normal_equations_are_those_of_geman_and_mcclure() -> None:
-    rows, residual, weights, normal, slope, _ = weighed(0, unknown=100)
+    rows, residual, weights, normal, gradient, _ = weighed(0, unknown=100)
     assert not weights[:100].any()
     np.testing.assert_allclose(weights[100:], 1.0 / (1.0 + (residual[100:] / SCALE) ** 2) ** 2)
     np.testing.assert_allclose(normal, rows.T @ (weights[:, None] * rows), atol=1e-9)
-    np.testing.assert_allclose(slope, rows.T @ (weights * residual), atol=1e-9)
+    np.testing.assert_allclose(gradient, -rows.T @ (weights * residual), atol=1e-9)
 
 
 def test_steps_are_lengthened_by_what_falling_weights_hide_of_the_curvature() -> None:
@@ -156,7 +180,7 @@ def test_a_fit_that_was_stopped_on_its_way_says_so(aligner: Aligner) -> None:
     smeared = np.asarray(cv2.blur(synthetic.render(OPTICS, 0.3, 2 * FOCAL), (11, 1)), np.uint8)
     found = [aligner.align(smeared, 0.3 + off / FOCAL, TILT, 2 * FOCAL, 4.0) for off in np.linspace(-14.0, 14.0, 15)]
     off_px = np.array([abs(each.pan_rad - 0.3) * FOCAL for each in found])
-    settled = np.array([each.settled for each in found])
+    settled = np.array([each.report.converged for each in found])
     sure = np.array([each.agreement > PanZoomConfig().sure_agreement for each in found])
     assert settled.any()
     assert off_px[settled].max() < 0.1
@@ -164,7 +188,7 @@ def test_a_fit_that_was_stopped_on_its_way_says_so(aligner: Aligner) -> None:
     assert off_px[~settled & sure].max() > 0.4  # by their grey values alone these would count
 
 
-def test_a_person_with_her_shadow_is_left_out(aligner: Aligner) -> None:
+def test_a_person_with_a_shadow_is_left_out(aligner: Aligner) -> None:
     image = synthetic.render(OPTICS, 0.3, FOCAL)
     image[50:220, 130:200] = np.random.default_rng(0).integers(0, 255, (170, 70, 3))
     image[200:230, 100:240] = image[200:230, 100:240] // 2
@@ -185,7 +209,7 @@ def test_what_covers_a_third_of_a_view_does_not_set_its_gain(aligner: Aligner, b
         found = aligner.align(image, 0.3 + 1.0 / FOCAL, TILT, FOCAL, off_px)
         assert np.rad2deg(found.pan_rad - 0.3) == pytest.approx(0.0, abs=0.01)
         assert found.agreement > 0.6
-        assert found.settled
+        assert found.report.converged
 
 
 def test_the_wrong_place_does_not_agree(aligner: Aligner) -> None:
@@ -194,8 +218,7 @@ def test_the_wrong_place_does_not_agree(aligner: Aligner) -> None:
         assert aligner.align(image, pan, TILT, FOCAL, 15.0).agreement < 0.4
 
 
-def test_where_nothing_is_known_nothing_agrees(aligner: Aligner) -> None:
-    panorama = aligner._panorama
+def test_where_nothing_is_known_nothing_agrees(panorama: Panorama) -> None:
     nothing = Aligner(replace(panorama, valid=np.zeros_like(panorama.valid)), camera_of(OPTICS))
     found = nothing.align(synthetic.render(OPTICS, 0.3, FOCAL), 0.3, TILT, FOCAL, 15.0)
     assert found.agreement == 0.0

@@ -9,8 +9,9 @@ from scipy.ndimage import convolve1d
 
 from experiments.silhouette_score import outline_distance
 from pzcap.segmentation import background_model, boundary_refinement, foreground
-from pzcap.segmentation.background_model import ANY_COLOUR, LEVELS, floor_plane
+from pzcap.segmentation.background_model import COLOUR_LEVELS, floor_plane
 from pzcap.segmentation.foreground import ForegroundConfig
+from pzcap.segmentation.tuning import BACKGROUND, BODY
 from pzcap.types import Camera, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, Shot, shoot
 
@@ -171,11 +172,11 @@ def test_a_gap_in_which_the_hall_is_hardly_seen_stays_open_where_one_is_expected
     solid[gap], log_odds[gap] = 0, -1.0
     body, open_there = np.full(solid.shape, 1.5, np.float32), np.full(solid.shape, 1.5, np.float32)
     open_there[gap] = -1.0
-    assert foreground._filled(solid, log_odds, None)[gap].all()
-    assert foreground._filled(solid, log_odds, body)[gap].all()
-    assert not foreground._filled(solid, log_odds, open_there)[gap].any()
+    assert foreground._without_holes(solid, log_odds, None)[gap].all()
+    assert foreground._without_holes(solid, log_odds, body)[gap].all()
+    assert not foreground._without_holes(solid, log_odds, open_there)[gap].any()
     log_odds[gap] = -4.0  # the hall is seen
-    assert not foreground._filled(solid, log_odds, body)[gap].any()
+    assert not foreground._without_holes(solid, log_odds, body)[gap].any()
 
 
 def test_a_part_that_is_apart_and_small_is_kept_where_it_is_expected() -> None:
@@ -185,7 +186,7 @@ def test_a_part_that_is_apart_and_small_is_kept_where_it_is_expected() -> None:
     log_odds[trunk], log_odds[hand] = 5.0, 2.0
     there, elsewhere = np.full_like(log_odds, -1.5), np.full_like(log_odds, -1.5)
     there[trunk] = there[hand] = elsewhere[trunk] = 2.5
-    kept = [foreground._body(log_odds, each) for each in (None, elsewhere, there)]
+    kept = [foreground._main_parts(log_odds, each) for each in (None, elsewhere, there)]
     assert [bool(each[hand].any()) for each in kept] == [False, False, True]
     assert all(each[trunk].all() for each in kept)
 
@@ -201,7 +202,9 @@ def test_where_colours_tell_nothing_the_outline_is_where_it_is_expected() -> Non
     for colour, edge in ((170.0, 40), (90.0, 42)):
         image = np.where(np.arange(80)[:, None] < 40, colour, wall) + rng.normal(0.0, 2.0, wall.shape)
         frame, hall = (np.clip(np.rint(each), 0, 255).astype(np.uint8) for each in (image, wall))
-        drawn = foreground._outlined(frame, hall, (evidence + expected).astype(np.float32), expected.astype(np.float32))
+        drawn = foreground._probability(
+            frame, hall, (evidence + expected).astype(np.float32), expected.astype(np.float32)
+        )
         found = np.sum(drawn[8:-8] > 127, axis=1)
         assert abs(np.mean(found) - edge) < 0.5
 
@@ -270,11 +273,11 @@ def test_a_palette_is_the_colours_seen_blurred() -> None:
     frame = np.random.default_rng(0).normal(90.0, 60.0, (40, 30, 3)).clip(0, 255).astype(np.uint8)
     where = np.zeros((40, 30), np.uint8)
     where[5:25, 8:20] = 1
-    counts = np.histogramdd(frame[where > 0].astype(float), bins=[np.linspace(0, 256, LEVELS + 1)] * 3)[0]
+    counts = np.histogramdd(frame[where > 0].astype(float), bins=[np.linspace(0, 256, COLOUR_LEVELS + 1)] * 3)[0]
     for axis in range(3):
         counts = convolve1d(counts, [0.25, 0.5, 0.25], axis, mode="nearest")
-    expected = np.log(ANY_COLOUR + (1.0 - ANY_COLOUR) * counts / counts.sum() * LEVELS**3)
-    counted = np.zeros((LEVELS,) * 3, np.int64)
+    expected = np.log(BACKGROUND.any_colour + (1.0 - BACKGROUND.any_colour) * counts / counts.sum() * COLOUR_LEVELS**3)
+    counted = np.zeros((COLOUR_LEVELS,) * 3, np.int64)
     background_model.count_colours(frame, where, counted)
     np.testing.assert_allclose(background_model.log_shares(counted), expected, rtol=1e-5, atol=1e-5)
 
@@ -291,7 +294,7 @@ def test_a_pixel_that_is_half_body_is_body_however_rough_the_cloth(angle_deg: fl
     image = covered[..., None] * cloth + (1.0 - covered[..., None]) * wall + rng.normal(0.0, 2.0, (80, 80, 3))
     hint = cv2.GaussianBlur((8.0 * covered - 4.0).astype(np.float32), (0, 0), 1.5)
     frame, hall, solid = np.clip(np.rint(image), 0, 255).astype(np.uint8), wall.astype(np.uint8), covered > 0.5
-    drawn = boundary_refinement.draw(frame, hall, hint, foreground.ALONE * hint, solid.astype(np.uint8))
+    drawn = boundary_refinement.refine(frame, hall, hint, BODY.alone * hint, solid.astype(np.uint8))
     mixed = (covered > 0.15) & (covered < 0.85)
     mixed[:6], mixed[-6:], mixed[:, :6], mixed[:, -6:] = False, False, False, False
     assert abs(np.mean(drawn[mixed] > 0.5) - np.mean(covered[mixed] > 0.5)) < 0.07

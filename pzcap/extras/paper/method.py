@@ -17,7 +17,8 @@ from pzcap.extras.paper.stitching import stitch
 from pzcap.extras.paper.unfolding import points_from_cylinder, to_cylinder
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
-from pzcap.localisation.localise import lost, near_prior, panorama_features
+from pzcap.localisation.feature_search import near_prior, panorama_features
+from pzcap.localisation.localise import lost
 from pzcap.pipeline import Method
 from pzcap.types import Array, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera, PzcapError
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.comparisons.self_calibration.baselines.rotations import Frames, Pair
 from pzcap.geometry.lens import Distortion, distort, jacobian, undistort
-from pzcap.solver.robust import geman_mcclure_weights
+from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array
 
 LENS: int = 4  # log focal, principal point (x, y), k1
@@ -108,7 +108,7 @@ def adjust(
             residual = seen - pair.second_px
             length = np.hypot(*residual.T)
             lengths.append(length)
-            weight = geman_mcclure_weights(length, scale)
+            weight = geman_mcclure(length, scale)
             jacobian = np.zeros((len(length), 2, 6 + size))
             jacobian[:, :, :3], jacobian[:, :, 3:6] = by[:, :, :3], by[:, :, 7:10]
             jacobian[:, :, 6:] = by[:, :, 3:7] @ model.design[i] + by[:, :, 10:] @ model.design[j]

@@ -14,7 +14,7 @@ from experiments.comparisons.self_calibration.baselines.shots import Shots
 from pzcap.calibration import features
 from pzcap.calibration.features import Features
 from pzcap.geometry.lens import Distortion, distort, undistort
-from pzcap.solver.robust import geman_mcclure_weights
+from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Mask
 
 LIBRARY = 20000  # features, at most
@@ -143,7 +143,7 @@ def resect(
         pixels, by = transfer(virtual, lens, np.eye(3), seen[:, :2] / seen[:, 2:])
         residual = pixels - points_px
         length = np.hypot(*residual.T)
-        weight = geman_mcclure_weights(length, scale)
+        weight = geman_mcclure(length, scale)
         jacobian = np.concatenate([by[:, :, 7:10], by[:, :, 10:11] + bend * by[:, :, 13:14]], axis=2).reshape(-1, 4)
         weighted = jacobian * np.repeat(weight, 2)[:, None]
         step = -np.linalg.solve(weighted.T @ jacobian + 1e-9 * np.eye(4), weighted.T @ residual.ravel())

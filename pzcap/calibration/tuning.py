@@ -1,0 +1,141 @@
+"""Constants of the calibration, a table a topic; what a user may want to set stands in the settings instead."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class FeatureTuning(NamedTuple):
+    """`features`."""
+
+    max_distance: int = 130
+    """Bits of 486. Descriptors further apart are not of the same thing, however much further all others are."""
+    all_scales: tuple[int, int] = (4, 4)
+    """Octaves of AKAZE, and levels in each, as its authors have it."""
+    few_scales: tuple[int, int] = (2, 2)
+    """The same where images are about equally fine: as many matches, in less than half the time."""
+
+
+class ReferenceTuning(NamedTuple):
+    """`reference_camera`."""
+
+    min_markers: int = 3
+    """Fewer do not fix a camera whose lens is unknown."""
+    corner_tolerance: float = 0.25
+    """Share of a marker's side by which Tsai's linear stages may miss its corners."""
+    triples: int = 100
+    """Samples of three markers that are tried where not all of them fit one camera."""
+    corner_sigma_px: float = 0.1
+    """Pixels, of a detected corner: what the prior of k1 is weighed against."""
+    pose_agreement: float = 5.0
+    """Standard deviations between the pose of the corners and that of the grey values; beyond, the former stays."""
+    least_corner_error_px: float = 0.02
+    """Pixels. Corners are not taken for better than this."""
+
+
+class MarkerTuning(NamedTuple):
+    """`marker_pose`."""
+
+    margin_cells: float = 0.5
+    """Cells of the white around a marker that are looked at."""
+    blur_px2: float = 0.2
+    """Square pixels: variance of the blur, beside the pixel's own square, before the fit."""
+    blur_sigma_px2: float = 1.0
+    """Standard deviation about that."""
+    least_blur_px2: float = 0.015
+    """Square pixels: its lower bound."""
+    most_blur_px2: float = 9.0
+    """Square pixels: its upper bound."""
+    steps: int = 24
+    """Gauss-Newton steps, at most."""
+    loose_steps: int = 4
+    """First steps, in which outliers pull a little (Huber), so that none wins by being there first."""
+    weighed_steps: int = 12
+    """Steps after which the weights stay, lest they and the pose chase each other."""
+    huber: float = 1.345
+    """Standard deviations."""
+    tukey: float = 8.0
+    """Standard deviations: wide, for the tails of what the model misses are long."""
+    least_noise: float = 0.3
+    """Grey levels: what rounding leaves."""
+    settled: float = 0.02
+    """Standard deviations of the pose: a shorter step is the last."""
+    reach: float = 4.0
+    """Standard deviations of the blur beyond which an edge is not felt."""
+
+
+class BeliefTuning(NamedTuple):
+    """What is believed of the focal length, relative."""
+
+    focal_sigma: float = 0.005
+    """From the reference image. A circle that closes fixes it far better, and then ten times this is believed."""
+    partial_scale_sigma: float = 1e-3
+    """Where no circle closes, 0.02 pixels of compression or lens stretch the whole. Fitted to captures."""
+
+
+class HallTuning(NamedTuple):
+    """The hall's distances."""
+
+    azimuths: int = 72
+    """Number of directions round the turn in which walls are estimated."""
+    slopes: int = 10
+    """Number of slopes at which departures from these are estimated from grey values."""
+    wall_nearness: float = 0.15
+    """Inverse camera heights: inverse distance of a wall before anything is known."""
+    min_height_m: float = 0.2
+    """Metres. A camera lower than this over the world's origin does not stand on its floor."""
+
+
+class ZoomTuning(NamedTuple):
+    """`zoom_run`."""
+
+    steps: tuple[int, ...] = (1, 2, 4, 8)
+    """Zoom frames are matched with those so many frames further on."""
+    spread: tuple[float, ...] = (-0.3, 0.0, 0.3)
+    """And with the frames of the sweep so many fields of view off."""
+    sure_matches: int = 80
+    """So many matches that agree end the search for the run's place."""
+
+
+class StitchingTuning(NamedTuple):
+    """`stitching`."""
+
+    different: float = 8.0
+    """Grey levels, mean over a few pixels, that noise and resampling do not make."""
+    feather_px: float = 12.0
+    """Pixels over which a frame fades in from its upper and lower edge."""
+
+
+class BundleTuning(NamedTuple):
+    """`bundle_adjustment`."""
+
+    settled_rad: float = 1e-5
+    """Largest change of a pan that ends the adjustment: a hundredth of a pixel."""
+    least_sigma_px: float = 0.01
+    """No match is better than this, however well all agree."""
+
+
+class PhotometricTuning(NamedTuple):
+    """`photometric_bundle_adjustment`."""
+
+    tile_px: int = 16
+    """Side of the squares that each give the same number of edges, so that they come from everywhere."""
+    border: float = 6.0
+    """Pixels at the edge left out, times the smoothing, which reaches beyond."""
+    steps: int = 4
+    """Gauss-Newton steps, at most."""
+    doubt: float = 10.0
+    """What is left over is no noise but the same in neighbouring pixels: so many are worth one. Fitted to captures."""
+    settled_rad: float = 2e-7
+    """Largest change of a pan that ends the adjustment: a five thousandth of a pixel."""
+
+
+FEATURES = FeatureTuning()
+REFERENCE = ReferenceTuning()
+MARKERS = MarkerTuning()
+BELIEF = BeliefTuning()
+HALL = HallTuning()
+ZOOM = ZoomTuning()
+STITCHING = StitchingTuning()
+BUNDLE = BundleTuning()
+PHOTOMETRIC = PhotometricTuning()

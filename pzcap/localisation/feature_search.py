@@ -1,0 +1,130 @@
+"""Search for a frame by the features that it shares with the panorama, solved by eq. 11.
+
+Features find a frame of which much is covered, as long as its zoom is not far from the sweep's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.calibration import features
+from pzcap.calibration.features import Features
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.calibration.sweep import consensus, grey
+from pzcap.geometry import camera as geometry
+from pzcap.geometry import cylinder
+from pzcap.geometry.camera import View, wrapped
+from pzcap.localisation.panzoom_solvers import solve_eq11
+from pzcap.localisation.tuning import MATCHING
+from pzcap.types import Array, Image, Localisation, Panorama, PanZoomCamera
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A place where a frame may be."""
+
+    pan_rad: float
+    tilt_rad: float
+    focal_px: float
+    determined: bool  # by the matches alone; else they only say where to look
+    frame_points_px: Array  # (N, 2) matches that agree
+    panorama_points_px: Array  # (N, 2)
+
+
+class FeatureSearch:
+    """Finds frames of one camera by the features that its panorama shows."""
+
+    def __init__(self, panorama: Panorama, camera: PanZoomCamera, config: PanZoomConfig) -> None:
+        self._panorama = panorama
+        self._camera = camera
+        self._config = config
+        self._features = panorama_features(panorama, config.threshold, config.panorama_features)
+        self._azimuth, self._slope = cylinder.from_panorama(panorama, self._features.points_px)
+
+    def candidates(self, image: Image, prior: Localisation | None) -> Iterator[Candidate]:
+        """Places of ``image`` (H, W[, 3]), near ``prior`` or anywhere: each that is determined as soon as it is found,
+        since the next one takes long; then the others, those with the most matches first."""
+        vague = []
+        for zoom in self._zooms(prior):
+            candidate = self._match(image, max(zoom, 1.0), prior)
+            if candidate is not None and candidate.determined:
+                yield candidate
+            elif candidate is not None:
+                vague.append(candidate)
+        yield from sorted(vague, key=lambda candidate: len(candidate.frame_points_px), reverse=True)
+
+    def _zooms(self, prior: Localisation | None) -> list[float]:
+        """Times by which a frame is shrunk to the panorama's resolution; AKAZE bridges steps of 1.6 without loss."""
+        if prior is not None:
+            return [prior.focal_px / self._camera.lens.reference_focal_px]
+        low, high = self._config.zoom_range
+        zooms = 1.6 ** np.arange(0, np.ceil(np.log(high) / np.log(1.6)) + 1)
+        return [float(zoom) for zoom in zooms if zoom <= high and (low <= 1 or zoom >= low)]
+
+    def _match(self, image: Image, zoom: float, prior: Localisation | None) -> Candidate | None:
+        """Place by the features of ``image``, shrunk by ``zoom``; None where their matches do not agree at all."""
+        config, lens = self._config, self._camera.lens
+        low, high = config.zoom_range
+        size = (round(image.shape[1] / zoom), round(image.shape[0] / zoom))
+        small = np.asarray(cv2.resize(grey(image), size, interpolation=cv2.INTER_AREA), np.uint8)
+        found = features.detect(small, config.threshold, config.frame_features)
+        scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
+        points = (found.points_px + 0.5) * scale - 0.5
+        if prior is None:
+            focals = lens.reference_focal_px * np.exp(np.arange(np.log(low), np.log(high), 0.02))
+        else:
+            focals = prior.focal_px * np.exp(np.arange(-0.2, 0.2001, 0.02))
+        window = near_prior(self._azimuth, prior, self._camera, config.search_deg)
+        pairs = features.match(found, self._features.subset(window), config.ratio)
+        if len(pairs) < MATCHING.least_matches:
+            return None
+        points, which = points[pairs[:, 0]], window[pairs[:, 1]]
+        azimuth, slope = self._azimuth[which], self._slope[which]
+        pan, focal, agree = consensus(self._view_at, points, azimuth, slope, focals, free_tilt=config.free_tilt)
+        if agree.sum() < MATCHING.least_matches:
+            return None
+        points, which = points[agree], which[agree]
+        matches = points, azimuth[agree], slope[agree]
+        solution = solve_eq11(self._panorama, self._camera, pan, focal, *matches, free_tilt=config.free_tilt)
+        points, which = points[solution.inliers], which[solution.inliers]
+        determined = (
+            len(points) >= config.min_inliers
+            and np.sqrt(solution.covariance[0, 0]) < np.deg2rad(config.max_pan_sigma_deg)
+            and bool(np.all(np.ptp(points, axis=0) > 0.2 * lens.height))
+            and low < solution.focal_px / lens.reference_focal_px < high
+        )
+        return Candidate(
+            float(wrapped(solution.pan_rad)), solution.tilt_rad, solution.focal_px, bool(determined), points,
+            self._features.points_px[which],
+        )  # fmt: skip
+
+    def _view_at(self, focal_px: float) -> View:
+        return geometry.view_at(self._camera, 0.0, self._camera.tilt_rad, focal_px)
+
+
+def near_prior(
+    azimuth_rad: Array, prior: Localisation | None, camera: PanZoomCamera, search_deg: float
+) -> NDArray[np.int64]:
+    """Indices of those of the panorama's features (azimuths (N,)) that lie within ``search_deg`` of what ``prior``
+    shows; without it all."""
+    if prior is None or not prior.valid:
+        return np.arange(len(azimuth_rad))
+    reach = np.arctan(camera.lens.width / 2 / prior.focal_px) + np.deg2rad(search_deg)
+    return np.flatnonzero(np.abs(wrapped(azimuth_rad - prior.pan_rad)) < reach)
+
+
+def panorama_features(panorama: Panorama, threshold: float, limit: int) -> Features:
+    """AKAZE features of a panorama, away from its ragged edge."""
+    border = MATCHING.seam_px if panorama.full_turn else 0
+    image = cv2.copyMakeBorder(grey(panorama.image), 0, 0, border, border, cv2.BORDER_WRAP)
+    known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), 0, 0, border, border, cv2.BORDER_WRAP)
+    inside = np.asarray(cv2.erode(known, np.ones((9, 9), np.uint8)), np.uint8)
+    found = features.detect(np.asarray(image, np.uint8), threshold, limit, inside)
+    points = found.points_px - np.array([border, 0.0])
+    own = (points[:, 0] >= -0.5) & (points[:, 0] < panorama.image.shape[1] - 0.5)
+    return Features(points[own], found.descriptors[own], found.brightness[own])

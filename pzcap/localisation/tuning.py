@@ -1,0 +1,109 @@
+"""Constants of the localisation that no user sets, a table a topic. Kernels have them compiled in."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+
+class LevelTuning(NamedTuple):
+    """A resolution of the panorama at which a frame is aligned with it."""
+
+    halvings: int
+    """Of the panorama's size."""
+    steps: int
+    """Gauss-Newton steps, at most."""
+    reach_px: float
+    """Error of the start, pixels of the panorama, from which the fit still finds its way."""
+    pixels: int | None = None
+    """Pixels of the frame that are compared, about; None: as many as the settings say."""
+
+
+class AlignmentTuning(NamedTuple):
+    """Fit of a frame's grey values to the panorama's."""
+
+    settled_px: float = 0.025
+    """Pixels of the frame. A smaller step ends the fit, and leaves a tenth of that."""
+    settled_share: float = 0.2
+    """Share of the residuals' scale. Only steps that make no pixel brighter by more end the fit."""
+    near_px: float = 0.2
+    """Pixels of the frame. On the finest level few pixels are compared until a step is smaller, and then all."""
+    sparse: int = 4
+    """One of so many pixels is compared until then."""
+    scale_sigmas: float = 4.0
+    """Scale of the Geman-McClure weight, standard deviations of the residuals; smaller ones are less exact."""
+    least_noise: float = 1.0
+    """Grey levels. Residuals have no smaller standard deviation."""
+    least_curvature: float = 0.6
+    """The cost's second derivative counts as at least this share of what the Gauss-Newton matrix has."""
+    gain_scales: tuple[float, ...] = (0.3, 0.15, 0.08)
+    """Scales of the Geman-McClure weight in the first fit of gain and vignetting, relative to the gain."""
+    least_pixels: int = 50
+    """Compared where the panorama is known; with fewer there is no fit."""
+    linear: float = 1e-3
+    """Change of log focal, or radians of tilt, up to which rays are linear in it, to 0.001 pixels."""
+    largest_zoom: float = 0.1
+    """Change of log focal in a step, at most."""
+    sure_agreement: float = 0.5
+    """Agreement from which on a reference image, or a frame of the sweep, is where it was looked for."""
+    shown: int = 80
+    """Points given back as matches."""
+
+
+class SuperresolvedTuning(NamedTuple):
+    """Fit to the super-resolved panorama, where there is one."""
+
+    steps: int = 12
+    """Gauss-Newton steps, at most."""
+    settled_px: float = 0.0005
+    """Pixels of the frame. A smaller step ends the fit."""
+    least_noise: float = 0.2
+    """Grey levels. Residuals have no smaller standard deviation: pixels are predicted so exactly."""
+    smoothing_px2: float = 1.0
+    """Variance, square pixels of the frame, by which frame and prediction are smoothed."""
+
+
+class PixelTuning(NamedTuple):
+    """Pixels of a frame that are compared."""
+
+    border_px: int = 3
+    """Left out at the frame's edge."""
+
+
+class SearchTuning(NamedTuple):
+    """Coarse search by correlation."""
+
+    width_px: int = 56
+    """Pixels that a frame is wide when it is compared, at most; at least half as many."""
+    zoom_step: float = 0.05
+    """Of log focal: edges of the nearest zoom tried are off by less than one of these pixels."""
+    least_correlation: float = 0.4
+    """What correlates less is no place."""
+    least_contrast: float = 1.0
+    """Grey levels, standard deviation: a frame of less correlates with anything."""
+    places: int = 3
+    """Returned, at most."""
+
+
+class MatchingTuning(NamedTuple):
+    """Localisation by features."""
+
+    least_matches: int = 2
+    """Matches that agree, from which on there is a place to look at."""
+    same_px: float = 0.1
+    """Pixels by which two fits that have come to the same place differ, at most."""
+    features_moved_px: float = 3.0
+    """Pixels of the panorama by which features and grey values may differ about a place."""
+    seam_px: int = 64
+    """Columns of a full turn repeated at its ends, for features on the seam."""
+    first_scale_px: float = 8.0
+    """Scale of the Geman-McClure weight of matches, at first."""
+    least_scale_px: float = 0.3
+    """The least one that it falls to."""
+
+
+LEVELS: Final = (LevelTuning(3, 4, 15.0, 1500), LevelTuning(1, 2, 4.0, 2000), LevelTuning(0, 12, 1.5))
+ALIGNMENT: Final = AlignmentTuning()
+SUPERRESOLVED: Final = SuperresolvedTuning()
+PIXELS: Final = PixelTuning()
+SEARCH: Final = SearchTuning()
+MATCHING: Final = MatchingTuning()
