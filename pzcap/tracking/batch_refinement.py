@@ -84,7 +84,7 @@ def refine_batch(
     is a ``key``, the pose that the hand gave it counts there beside the images.
 
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
-    (`pzcap.tracking.reacquisition`), and taken from there if that is worth more.
+    (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
     """
     batch = _Batch(body, before, key, frame_rate, config)
     objectives = [PoseObjective(body, each) for each in views]
@@ -100,7 +100,7 @@ def refine_batch(
     other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference)
     pairs = [(here.pose, there.pose) for here, there in zip(found.frames, other.frames, strict=True)]
     chosen = _chosen(limbs, before[-1], pairs, other.objectives, again.lost, again.reference)
-    # once more, for where the two meet they leap
+    # where limbs of the two meet, the motion leaps: a third sweep smooths it
     return batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
 
 
@@ -174,7 +174,7 @@ def _chosen(
     lost: Mask, reference: Sequence[Appearance],
 ) -> list[Pose]:  # fmt: skip
     """The first pose of each pair, but limbs that were ``lost`` (t, 16) in the first frames as the second has them,
-    where that is worth clearly more. Both are judged through the same cameras, of the ``objectives``."""
+    where that scores clearly more. Both are judged through the same cameras, of the ``objectives``."""
     gain = np.zeros((len(lost), len(LIMBS)))
     for t in np.flatnonzero(lost.any(axis=1)).tolist():
         here, there = (limbs.score(pose, objectives[t], reference) for pose in pairs[t])

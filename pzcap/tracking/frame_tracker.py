@@ -21,7 +21,7 @@ from pzcap.limbs.search import LIMBS, LimbSearch
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.observation import PlacedView, ViewCrop
-from pzcap.tracking.pose_objective import Appearance, NormalEquations, PosedBody, PoseObjective, Terms, misfit_px2
+from pzcap.tracking.pose_objective import Appearance, PosedBody, PoseEquations, PoseObjective, Terms, misfit_px2
 from pzcap.tracking.tuning import FRAME
 from pzcap.types import SEGMENTS, Array, Pose, PzcapError
 
@@ -153,7 +153,7 @@ class PoseEstimate:
 
     pose: Pose
     hessian: Array  # (43, 43) information
-    contour: Array  # (16, 3) fit to the silhouettes, as `pzcap.tracking.pose_objective.NormalEquations` has it
+    contour: Array  # (16, 3) fit to the silhouettes, as `pzcap.tracking.pose_objective.PoseEquations` has it
     seen: bool  # by any view at all
 
 
@@ -175,7 +175,7 @@ class PoseFit:
 
     posed: PosedBody
     objective: PoseObjective  # its cameras corrected along with the pose
-    normal: NormalEquations  # of the last iteration
+    normal: PoseEquations  # of the last iteration
     report: SolveReport
 
 
@@ -282,7 +282,7 @@ def fit_pose(
     """Gauss-Newton from ``start``, coarse to fine, the cameras of the views corrected along with the pose. Beside the
     images the pose ``expected``, else the start, counts with the information matrix ``prior`` (43, 43)."""
     posed, expected = objective.posed(start), expected or start
-    normal: NormalEquations | None = None
+    normal: PoseEquations | None = None
     steps, converged = 0, False
     for each in schedule:
         placed = objective.visibility(posed)

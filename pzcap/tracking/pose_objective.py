@@ -74,7 +74,7 @@ class Terms:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NormalEquations:
+class PoseEquations:
     """Normal equations of a pose, and how well each segment fits."""
 
     hessian: Array  # (43, 43)
@@ -85,13 +85,13 @@ class NormalEquations:
 
     @property
     def cost(self) -> float:
-        """Half the weighted squares of contour (px2) and brightness."""
-        return 0.5 * float(self.contour[:, 0].sum() + self.brightness[:, 0].sum())
+        """Weighted squares of contour (px2) and brightness (sigmas squared)."""
+        return float(self.contour[:, 0].sum() + self.brightness[:, 0].sum())
 
 
 def misfit_px2(contour: Array, unseen_px2: float) -> Array:
     """Mean squared distance (S,) of each segment's contour from the silhouettes, from the ``contour`` (S, 3) of
-    `NormalEquations`. An edge that is not found counts as far away as it was sought; of a segment without any contour
+    `PoseEquations`. An edge that is not found counts as far away as it was sought; of a segment without any contour
     ``unseen_px2`` is assumed, with the weight of three edges."""
     squares, found, sought = contour.T
     return np.asarray((squares + CONTOUR.missed_px2 * (sought - found) + 3.0 * unseen_px2) / (sought + 3.0))
@@ -155,7 +155,7 @@ class PoseObjective:
 
     def normal(
         self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
-    ) -> NormalEquations:
+    ) -> PoseEquations:
         """Accumulate all residuals of the ``posed`` body, with visibility as ``placed``; the errors of the cameras are
         eliminated (`pzcap.tracking.camera_refinement`)."""
         sums, contour, brightness = self._per_segment(posed, placed, appearances, terms)
@@ -170,7 +170,7 @@ class PoseObjective:
             prior = view.camera_prior
             moves = segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, own.centre)
             cameras.append(eliminate(prior, moves, twists, own, hessian, gradient))
-        return NormalEquations(hessian, gradient, contour, brightness, cameras)
+        return PoseEquations(hessian, gradient, contour, brightness, cameras)
 
     def texture(
         self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
@@ -183,7 +183,7 @@ class PoseObjective:
     def _per_segment(
         self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
     ) -> tuple[list[SegmentSums], Array, Array]:
-        """The normal equations that each view makes of each segment, and how well each fits, as `NormalEquations` has
+        """The normal equations that each view makes of each segment, and how well each fits, as `PoseEquations` has
         it."""
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
         every = [SegmentSums(np.zeros((16, 6, 6)), np.zeros((16, 6)), posed.centre) for _ in self.views]

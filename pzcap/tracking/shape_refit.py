@@ -1,7 +1,7 @@
 """Refit of the poses of early frames to the body as it is known in the end.
 
 The body is known better after every interval between keyframes (`pzcap.body.shape_estimation`), so that what was
-tracked first had the worst of it. The images have told where the skin is, and only the body where in it the joints are.
+tracked first had the worst of it. The images tell where the skin is, and only the body where in it the joints are.
 When all is tracked, each pose is therefore changed until the skin of the body as it is known now lies where that of its
 time lay.
 """
