@@ -155,7 +155,9 @@ def stages(
                 case BodyTracked(tracked):
                     poses += tracked
             yield event
-    yield Finished(_assembled(capture, sets, config, calibrated, known, located, tracker, poses, notes))
+    tracks = _tracks(calibrated, located)
+    notes += _moved(capture, known, tracks)
+    yield Finished(_assembled(capture, sets, config, calibrated, tracks, tracker, poses, notes))
 
 
 def _calibrate(method: Method, config: PanZoomConfig, *footage: Any) -> CalibratedCamera:
@@ -300,26 +302,37 @@ def _track_input(segmented: FrameSegmented) -> TrackInput:
 # The result
 
 
+def _tracks(
+    calibrated: Sequence[CalibratedCamera | None], located: Sequence[tuple[Localisation | None, ...]]
+) -> tuple[PanZoomTrack | None, ...]:
+    """Pan and zoom of each camera over the frames; None where it was not calibrated."""
+    histories = zip(*located, strict=True) if located else ((),) * len(calibrated)
+    return tuple(_panzoom_track(history) if one else None for one, history in zip(calibrated, histories, strict=True))
+
+
+def _moved(
+    capture: Capture, known: Sequence[CalibratedCamera | None], tracks: Sequence[PanZoomTrack | None]
+) -> list[str]:
+    """A note on each camera that was taken over from another take and is found in no frame of this one."""
+    return [
+        f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"
+        for files, taken, track in zip(capture.cameras, known, tracks, strict=False)
+        if taken and files.motion and track and not track.valid.any()
+    ]
+
+
 def _assembled(
     capture: Capture,
     sets: FrameSets,
     config: Config,
     calibrated: Sequence[CalibratedCamera | None],
-    known: Sequence[CalibratedCamera | None],
-    located: Sequence[tuple[Localisation | None, ...]],
+    tracks: tuple[PanZoomTrack | None, ...],
     tracker: Tracker | None,
     poses: Sequence[Tracked],
-    notes: list[str],
+    notes: Sequence[str],
 ) -> Reconstruction:
     """Gather what the stages found."""
     heads = tuple(None if one is None else one.camera for one in calibrated)
-    histories = zip(*located, strict=True) if located else ((),) * len(heads)
-    tracks = tuple(_panzoom_track(history) if one else None for one, history in zip(calibrated, histories, strict=True))
-    notes += [
-        f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"
-        for files, taken, track in zip(capture.cameras, known, tracks, strict=False)
-        if taken and files.motion and track and not track.valid.any()
-    ]
     return Reconstruction(
         capture_name=capture.name,
         method=config.panzoom.method,

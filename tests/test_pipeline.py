@@ -24,10 +24,10 @@ from pzcap.types import Capture, PzcapError, Reconstruction
 RECONSTRUCT = """
 import sys
 from pathlib import Path
-from pzcap import store
+from pzcap.io import results
 from pzcap.io.capture import read_capture
 from pzcap.pipeline import Config, reconstruct
-store.save(reconstruct(read_capture(Path(sys.argv[1])), Config()), Path(sys.argv[2]))
+results.save(reconstruct(read_capture(Path(sys.argv[1])), Config()), Path(sys.argv[2]))
 foreign = {"mujoco", "sim", "experiments", "hydra", "rerun"} & set(sys.modules)
 sys.exit(f"the library imported {foreign}" if foreign else 0)
 """
@@ -62,8 +62,9 @@ def test_reads_the_capture_alone(small_capture: Path, reconstruction: Reconstruc
 
 
 @pytest.mark.xdist_group("pipeline")
-def test_everything_is_found(reconstruction: Reconstruction) -> None:
-    (only,) = reconstruction.notes
+def test_everything_is_found(capture: Capture, reconstruction: Reconstruction) -> None:
+    assert reconstruction.notes == ()
+    (only,) = extras.completed(reconstruction, capture, extras.Config()).notes
     assert only.startswith("the next keyframe would help most at frame ")
     assert all(track is not None and track.valid.all() for track in reconstruction.tracks)
     assert reconstruction.motion is not None

@@ -57,10 +57,11 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
     keyframes."""
     method, taken = method_of(config)
     for event in pipeline.stages(capture, taken, cameras, method):
-        yield Finished(_finished(event.reconstruction, capture, taken)) if isinstance(event, Finished) else event
+        yield Finished(completed(event.reconstruction, capture, taken)) if isinstance(event, Finished) else event
 
 
-def _finished(found: Reconstruction, capture: Capture, config: Config) -> Reconstruction:
+def completed(found: Reconstruction, capture: Capture, config: Config) -> Reconstruction:
+    """The result of the core with its tracks smoothed, where the config says so, and notes on the keyframes."""
     notes = found.notes
     if found.motion is not None and capture.subject is not None:
         keyframes, body = frame_sets(capture).keyframes, skeleton.build(capture.subject)

@@ -156,10 +156,6 @@ def _flatten(part: Any, prefix: str) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _has_default(field: dataclasses.Field[Any]) -> bool:
-    return field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
-
-
 def _unflatten(
     kind: type[T], prefix: str, arrays: Mapping[str, NDArray[Any]], images: Mapping[str, NDArray[Any]]
 ) -> T | None:
@@ -171,7 +167,9 @@ def _unflatten(
     for field in dataclasses.fields(cast(Any, kind)):  # not all that is annotated is a field
         name = field.name
         key, hint = f"{prefix}.{name}", hints[name]
-        if name in images or (key not in arrays and _has_default(field)):
+        missing = key not in arrays and not dataclasses.is_dataclass(hint)
+        has_default = not (field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING)
+        if name in images or (missing and has_default):
             continue  # not known when this was saved, or zero
         if dataclasses.is_dataclass(hint):
             values[name] = _unflatten(cast(type[Any], hint), key, arrays, {})

@@ -104,7 +104,7 @@ def test_a_sweep_over_estimators_goes_on_where_it_was(
     ] * 2
     assert "perfect_motion" in folders[0].name
     page = (folders[0] / "report.html").read_text(encoding="utf-8")
-    assert re.search(r"python -m experiments\.run \S*estimator=tests\.biased\S*perfect_motion\S* ", page)
+    assert re.search(r"python -m experiments\.run \S*estimator=tests\.scenes\.biased\S*perfect_motion\S* ", page)
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,13 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from hydra.core.config_store import ConfigStore
-from hydra.core.hydra_config import HydraConfig
 from hydra.core.singleton import Singleton
-from hydra.core.utils import JobReturn, run_job, setup_globals
+from hydra.core.utils import JobReturn, setup_globals
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, OmegaConf
+
+from experiments.studies.ray_job import run_one
 
 HERE: Final = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
 """Ray's switch for machines that are to be no part of a cluster, read when it is imported and inherited by all that it
@@ -45,30 +46,10 @@ class RayLauncher(Launcher):
         setup_globals()
         if not ray.is_initialized():
             ray.init(**start)
-        job = ray.remote(**self._remote)(_job)
+        job = ray.remote(**self._remote)(run_one)
         shared = ray.put((self._context, self._config, self._task, Singleton.get_state()))
         running = [job.remote(shared, number, given) for number, given in enumerate(job_overrides, initial_job_idx)]
         return list(ray.get(running))
-
-
-def _job(
-    shared: tuple[HydraContext, DictConfig, TaskFunction, dict[Any, Any]], number: int, overrides: Sequence[str]
-) -> JobReturn:
-    """One job, in a process of the cluster's that knows nothing yet."""
-    context, config, task, singletons = shared
-    setup_globals()
-    Singleton.set_state(singletons)
-    composed = context.config_loader.load_sweep_config(config, list(overrides))
-    with open_dict(composed):
-        composed.hydra.job.num, composed.hydra.job.id = number, str(number)
-    HydraConfig.instance().set_config(composed)
-    return run_job(
-        hydra_context=context,
-        task_function=task,
-        config=composed,
-        job_dir_key="hydra.sweep.dir",
-        job_subdir_key="hydra.sweep.subdir",
-    )
 
 
 ConfigStore.instance().store(
