@@ -135,7 +135,7 @@ def calibrate_cameras(
 
 
 def _missing(capture: Capture, files: CameraFiles) -> str | None:
-    """What a camera cannot be calibrated without, and the capture does not hold."""
+    """The first file that a camera cannot be calibrated without and the capture does not hold."""
     if capture.calibration_object is None:
         return "the capture holds no calibration object"
     if files.reference is None:

@@ -12,7 +12,7 @@ from pzcap.types import Camera, FrameSet, Localisation, Reconstruction, Silhouet
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Progress:
-    """How far a stage is."""
+    """Progress of a stage."""
 
     stage: str
     done: int

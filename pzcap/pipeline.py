@@ -61,7 +61,7 @@ TIDY_EVERY: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """How footage is reconstructed."""
+    """Settings of the reconstruction."""
 
     panzoom: PanZoomConfig = field(default_factory=PanZoomConfig)
     """Calibration, and pan and zoom of each frame."""

@@ -35,7 +35,7 @@ _IDLE_S: Final = 20.0  # after so long without work it ends, and gives its memor
 P = ParamSpec("P")
 T = TypeVar("T")
 Job: TypeAlias = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
-"""What to call, and with what."""
+"""A function, and its arguments."""
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -96,7 +96,7 @@ def submit(work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]
 
 
 def taken(future: Future[T]) -> T:
-    """What came out, once it has. Raises PzcapError if the process was killed."""
+    """Wait for the result of a job. Raises PzcapError if the process was killed."""
     try:
         if not wait([future], _SENDING_S).done:
             give_back()  # what was sent, now that it is

@@ -45,7 +45,7 @@ Float32 = NDArray[np.float32]
 
 
 class PzcapError(Exception):
-    """What a user can mend: the message says in one line what is wrong, where, and what to do about it."""
+    """A fault that a user can mend: the message says in one line what is wrong, where, and what to do about it."""
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -90,11 +90,11 @@ MEASUREMENTS: Final[tuple[str, ...]] = (
     "girth_upper_arm", "girth_elbow", "girth_forearm", "girth_wrist",
     "girth_thigh", "girth_knee", "girth_calf", "girth_ankle",
 )  # fmt: skip
-"""What is measured on the subject with a tape, metres. See docs/capture.md for how."""
+"""Measurements of the subject with a tape, metres. See docs/capture.md for how."""
 
 LUMBAR_FRACTION: Final = 0.25
 THORAX_FRACTION: Final = 0.55
-"""Where the lumbar and thorax joints sit between mid-hip (0) and the neck joint (1)."""
+"""Places of the lumbar and thorax joints between mid-hip (0) and the neck joint (1)."""
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -142,7 +142,7 @@ class Keyframe:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraFiles:
-    """What one camera recorded. A file that the crew did not bring is None."""
+    """Recordings of one camera. A file that the crew did not bring is None."""
 
     name: str
     reference: Path | None  # still image of the calibration object at the reference pose
@@ -237,7 +237,7 @@ class ReferenceCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InverseDepthMap:
-    """How near the hall is, as far as it matters to a projection centre that is not quite on the pan axis.
+    """Nearness of the hall, as far as it matters to a projection centre that is not quite on the pan axis.
 
     Inverse horizontal distance, 1 / m: a floor so far below, or the wall before it, and what departs from these.
     """

@@ -1,4 +1,4 @@
-"""Where on the body a detector's keypoints lie, and what their places in a view say about the pose.
+"""Places on the body of a detector's keypoints.
 
 A detector was taught by people who clicked on pictures: its hip is no hip joint, and nobody clicks on the same spot of
 a shoulder twice. So each keypoint has a place on the body and a sigma that admits by how much it may be meant to lie
@@ -59,14 +59,15 @@ _SHOULDERS: Final = [SEGMENTS.index("left_upper_arm"), SEGMENTS.index("right_upp
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Landmarks:
-    """Where on a body a detector's keypoints lie, as far as that is known."""
+    """Places on a body of a detector's keypoints, as far as that is known."""
 
     points_m: Array  # (26, 3) each in the frame of its segment, `SEGMENT`
     sigma_m: Array  # (26,) of each of the three
 
 
 def usual(offsets_m: Array, skin: Surface) -> Landmarks:
-    """What detectors mean on the whole, on a body of these joints (16, 3 in their parents' frames) and this skin."""
+    """Landmarks as detectors mean them on the whole, on a body of these joints (16, 3 in their parents' frames) and
+    this skin."""
     points = np.zeros((len(KEYPOINTS), 3))
     for s in np.unique(SEGMENT[_SHARE.any(axis=1)]):
         own = skin.points_m[skin.segment == s]

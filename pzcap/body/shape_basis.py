@@ -1,4 +1,5 @@
-"""How a body may differ from what the tape says: segment lengths, and the skin's shape at stations along each segment.
+"""Basis of what a body may differ by from the tape: segment lengths, and the skin's shape at stations along each
+segment.
 
 Each correction is a number of metres. A length moves joints and stretches the skin between them. The skin's own
 corrections are affine in a segment's frame (deeper, wider, further ahead, ...), for the whole segment or tapering off
@@ -24,7 +25,7 @@ _STATION_SIGMA_M: Final = 0.012  # and the skin at one station, beside that
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Basis:
-    """How a body changes with each of P corrections, each in metres."""
+    """Change of a body by each of P corrections, each in metres."""
 
     joints: Array  # (P, 16, 3) of a segment's joint in its parent's frame
     skin: Array  # (P, 16, 3, 4) of a point (x, y, z, 1) in its segment's frame, at the station

@@ -46,7 +46,7 @@ class ContourRows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Texture:
-    """What the skin's brightness in one frame says about each segment as a free rigid body: normal equations in its
+    """Evidence of the skin's brightness in one frame on each segment as a free rigid body: normal equations in its
     twist about the pelvis joint, as `pzcap.body.skeleton.lift` takes them."""
 
     hessians: Array  # (16, 6, 6)
@@ -55,7 +55,7 @@ class Texture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """What one frame says about pose and shape."""
+    """Evidence of one frame on pose and shape."""
 
     world_T_segment: Array  # (16, 4, 4)
     rows: ContourRows
@@ -75,7 +75,7 @@ class Said:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """What is known of a body's shape at some time."""
+    """A body's shape as far as it is known at some time."""
 
     amounts_m: Array  # (P,) its corrections
     joint_variance_m2: Array  # (16,) of the joints' distance from where they are, for what is not known of it
@@ -93,7 +93,7 @@ class ShapeEstimate:
         self._joints_moved: Array = np.zeros((0, len(SEGMENTS), 3, len(self.amounts_m)))
 
     def hear(self, sights: Iterable[Sight]) -> Said:
-        """What frames say that share their texture, tracked with the body as corrected last."""
+        """Add the evidence of frames that share their texture, tracked with the body as corrected last."""
         size = len(self.amounts_m) + len(_SLIDE_SIGMA)
         shared, right, joints = np.zeros((size, size)), np.zeros(size), []
         for sight in sights:
@@ -167,7 +167,7 @@ class ShapeEstimate:
         return hessian, gradient
 
     def _add(self, texture: Texture, frames: Array, hessian: Array, gradient: Array) -> None:
-        """What the texture says, added to the normal equations of the contours."""
+        """Add the evidence of the texture to the normal equations of the contours."""
         moved = self._twists(frames)  # (16, 6, size)
         held = _TEXTURE_CURVATURE * texture.hessians @ moved
         hessian += moved.reshape(-1, len(gradient)).T @ held.reshape(-1, len(gradient))

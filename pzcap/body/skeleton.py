@@ -210,7 +210,7 @@ def lift(hessians: Array, gradients: Array, twists: Array) -> tuple[Array, Array
 
 
 def limit_residuals(pose: Pose) -> tuple[Array, Array]:
-    """How far (radians) each component of the joints' rotation vectors is beyond its limit: residual (43,), and the
+    """Excess (radians) of each component of the joints' rotation vectors over its limit: residual (43,), and the
     diagonal of its derivative (43,), 1 where violated. The derivative takes rotation vectors for tangent vectors,
     which is right about the axis of rotation and good enough for a soft wall elsewhere."""
     angles = kinematics.between(_IDENTITY, pose.rotations).ravel() @ _SPREAD

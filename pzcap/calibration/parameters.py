@@ -39,7 +39,7 @@ class CalibrationParameters:
     surroundings: InverseDepthMap  # in camera heights
 
     def view(self, frame: int) -> View:
-        """How ``frame`` was taken; its ``centre_m`` is in camera heights."""
+        """View of ``frame``; its ``centre_m`` is in camera heights."""
         log_focal = self.log_focal[self.focal_of[frame]]
         x = log_focal - self.log_focal[0]
         return View(

@@ -65,12 +65,12 @@ class MarkerTuning(NamedTuple):
 
 
 class BeliefTuning(NamedTuple):
-    """What is believed of the focal length, relative."""
+    """Prior of the focal length, relative."""
 
     focal_sigma: float = 0.005
     """From the reference image. A circle that closes fixes it far better, and then ten times this is believed."""
     partial_scale_sigma: float = 1e-3
-    """Where no circle closes, 0.02 pixels of compression or lens stretch the whole. Fitted to captures."""
+    """Relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole. Fitted to captures."""
 
 
 class HallTuning(NamedTuple):
@@ -125,7 +125,8 @@ class PhotometricTuning(NamedTuple):
     steps: int = 4
     """Gauss-Newton steps, at most."""
     doubt: float = 10.0
-    """What is left over is no noise but the same in neighbouring pixels: so many are worth one. Fitted to captures."""
+    """Pixels that are worth one: what is left over is no noise but the same in neighbouring ones. Fitted to
+    captures."""
     settled_rad: float = 2e-7
     """Largest change of a pan that ends the adjustment: a five thousandth of a pixel."""
 

@@ -1,4 +1,4 @@
-"""What one comparison, one experiment or one tool needs; it imports the core, and nothing in the core imports it.
+"""Parts that one comparison, one experiment or one tool needs; it imports the core, and nothing in the core imports it.
 
 `reconstruct` (the pipeline with all of these), `paper` (the paper's own method), `superresolution` and `leave_half_out`
 (the hall within pixels), `rts_smoother` (finished tracks smoothed), `keyframe_diagnostics` (keyframes judged, the next

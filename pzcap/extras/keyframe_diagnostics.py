@@ -1,4 +1,5 @@
-"""What a finished motion says about its keyframes: which of them the images contradict, where the next would help most.
+"""Diagnostics of keyframes from the finished motion: which of them the images contradict, where the next would help
+most.
 
 The frames beside a keyframe say what the images have the body do in its own: there they have had their way, where in
 the keyframe itself the hand has. A hand errs by so much at each joint (`TrackingConfig.hand_sigma`); a pose that stands
@@ -52,7 +53,7 @@ class Contradiction:
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """Where a keyframe more would help most."""
+    """The frame where one more keyframe would help most."""
 
     frame: int
     part: str  # of PARTS: what is least certain there
@@ -108,7 +109,7 @@ def _contradiction(motion: Motion, key: Keyframe, body: Body, hand_sigma: Array)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Hand:
-    """Where a hand has set the joints, and how well."""
+    """Joints as a hand has set them, with covariance."""
 
     joints_m: Array  # (16, 3)
     covariance: Array  # (16, 3, 16, 3)
@@ -161,8 +162,8 @@ def _pose(motion: Motion, frame: int) -> Pose:
 
 
 def suggestion(motion: Motion) -> Suggestion | None:
-    """Where a keyframe more would take most variance away. None if there is no keyframe to learn that from, or no frame
-    without one.
+    """The frame where one more keyframe takes most variance away. None if there is no keyframe to learn that from, or
+    no frame without one.
 
     Between two keyframes (or before the first, or after the last) the variance of a joint is taken to grow by ``slope``
     with every frame from the nearest one, so that its sum is right. Where in between it is large tells little: two

@@ -86,7 +86,7 @@ def _aligner(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Told:
-    """What a frame's pixels tell of where it is: sums over them of how they change with pan and log focal."""
+    """Information of a frame's pixels on where it is: sums over them of how they change with pan and log focal."""
 
     normal: Array  # (2, 2) of both times both
     by_column: Array  # (2, W) of both times by pan, in each of the panorama's columns

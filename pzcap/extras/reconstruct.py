@@ -29,7 +29,7 @@ SUPER_RESOLVING: Final = pipeline.Method("exact", partial(calibrate_camera, supe
 
 @dataclass(frozen=True, slots=True)
 class Config(pipeline.Config):
-    """How footage is reconstructed, and what is made of the result."""
+    """Settings of the reconstruction, and of what is made of its result."""
 
     smooth: rts_smoother.SmoothConfig = field(default_factory=rts_smoother.SmoothConfig)
     """Smoothing of the finished camera tracks."""

@@ -124,7 +124,7 @@ def jerk(measured: Array, variance: Array, seen: Mask, step_s: float) -> float:
 
 
 def _motion(step_s: float) -> tuple[Array, Array]:
-    """How (value, rate, acceleration) go on by one frame (3, 3), and what a jerk of 1 adds (3,)."""
+    """Transition (3, 3) of (value, rate, acceleration) by one frame, and what a jerk of 1 adds (3,)."""
     transition = np.array([[1.0, step_s, step_s**2 / 2], [0.0, 1.0, step_s], [0.0, 0.0, 1.0]])
     return transition, np.array([step_s**3 / 6, step_s**2 / 2, step_s])
 
@@ -181,7 +181,7 @@ def _apart(covariance: Array, common: Array) -> Array:
 
 
 def _short(missing: Mask, longest: float) -> Mask:
-    """Where (F,) frames are missing, no more than ``longest`` in a row."""
+    """Mask (F,) of missing frames, no more than ``longest`` in a row."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
     result = np.zeros(len(missing), bool)
     for start, stop in edges.reshape(-1, 2):

@@ -1,4 +1,4 @@
-"""Where a direction is seen. In reading order:
+"""Geometry of cameras: from a direction to a pixel and back. In reading order:
 
 `lens` (distortion, the only place with its formula), `camera` (pan, tilt and zoom to pixels and rays), `cylinder` (the
 panorama's, and the parallax of a centre beside the axis), `pinhole` (a camera as kernels take it).

@@ -31,7 +31,7 @@ ON_AXIS: Final[Array] = np.zeros(3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """How a camera stands on its head at one instant, and its lens at one zoom: what takes a direction to a pixel."""
+    """A camera on its head at one instant, and its lens at one zoom: it takes a direction to a pixel."""
 
     pan_rad: float
     tilt_rad: float
@@ -167,8 +167,8 @@ def derivatives(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Ar
 SEEN: Final = 10
 BY_PARAMETERS: Final = slice(1, 8)
 BY_DIRECTION: Final = slice(8, 10)
-"""What `direction_to_pixel_with_derivatives` writes for each coordinate: the pixel, its derivatives with respect to
-PARAMETERS, and to azimuth and slope."""
+"""Columns that `direction_to_pixel_with_derivatives` writes for each coordinate: the pixel, its derivatives with
+respect to PARAMETERS, and to azimuth and slope."""
 
 
 @njit(cache=True, nogil=True)
@@ -237,7 +237,7 @@ def pan_zoom_derivatives(camera: PanZoomCamera, view: View, azimuth_rad: Array, 
 
 
 def parallax(view: View, azimuth_rad: Array, slope: Array, inverse_distance: Array) -> tuple[Array, Array]:
-    """What azimuth and slope (...) change by from a point on the pan axis to the projection centre of ``view``.
+    """Change of azimuth and slope (...) from a point on the pan axis to the projection centre of ``view``.
 
     ``inverse_distance`` (...), 1 / m, is that of what is seen, horizontally. To first order: a few millimetres against
     metres.

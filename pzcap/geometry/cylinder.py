@@ -48,7 +48,7 @@ def kernel_hall(surroundings: InverseDepthMap) -> Hall:
 
 
 def inverse_distance(surroundings: InverseDepthMap, azimuth_rad: Array, slope: Array) -> Array:
-    """How near what is seen in these directions (...) is, 1 / m horizontally."""
+    """Inverse horizontal distance, 1 / m, of what is seen in these directions (...)."""
     azimuth, slope = np.broadcast_arrays(azimuth_rad, slope)
     near = np.zeros(azimuth.size)
     if len(surroundings.walls):

@@ -103,7 +103,7 @@ def smoothed(image: NDArray[np.uint8] | Stored | NDArray[np.float32], variance: 
 
 @njit(cache=True, nogil=True)
 def cubic(image: Stored, x: float, y: float) -> tuple[bool, float, float, float]:
-    """Whether (x, y) lies far enough inside an image; its grey level there, and the derivatives along x and y."""
+    """A flag that (x, y) lies far enough inside an image; its grey level there, and the derivatives along x and y."""
     i, j = int(np.floor(y)), int(np.floor(x))
     if i < 1 or j < 1 or i + 2 >= image.shape[0] or j + 2 >= image.shape[1]:
         return False, 0.0, 0.0, 0.0
@@ -124,8 +124,8 @@ def cubic(image: Stored, x: float, y: float) -> tuple[bool, float, float, float]
 
 @njit(cache=True, nogil=True)
 def box(image: Stored, x: float, y: float, half_x: float, half_y: float) -> tuple[bool, float, float, float]:
-    """Whether a box about (x, y) lies inside an image of cells, of which the first spans 0 to 1; the mean grey level in
-    it, and the derivatives along x and y."""
+    """A flag that a box about (x, y) lies inside an image of cells, of which the first spans 0 to 1; the mean grey
+    level in it, and the derivatives along x and y."""
     left, right, top, bottom = x - half_x, x + half_x, y - half_y, y + half_y
     first, last = int(np.floor(left)), int(np.floor(right))
     upper, lower = int(np.floor(top)), int(np.floor(bottom))
@@ -145,7 +145,7 @@ def box(image: Stored, x: float, y: float, half_x: float, half_y: float) -> tupl
 
 
 def warped(image: NDArray[np.float32], columns: NDArray[np.float32], rows: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What the spline through an image (H, W, C) has at columns and rows (h, w): (h, w, C). It ends a pixel inside.
+    """Sample the spline through an image (H, W, C) at columns and rows (h, w): (h, w, C). It ends a pixel inside.
 
     OpenCV's own interpolation rounds places to 1/32 pixel, and moves edges by up to a hundredth.
     """

@@ -1,4 +1,4 @@
-"""What frames are aligned with (`pzcap.localisation.photometric_alignment`): the panorama in several resolutions, ready
+"""The panorama that frames are aligned with (`pzcap.localisation.photometric_alignment`), in several resolutions, ready
 to be sampled."""
 
 from __future__ import annotations

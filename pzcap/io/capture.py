@@ -115,7 +115,7 @@ def read_image(path: Path) -> Image:
 
 
 def _is_whole(still: bytes) -> bool:
-    """Whether a PNG's or JPEG's last part is there. Within a JPEG's data, a marker is never met by chance."""
+    """True where a PNG's or JPEG's last part is there. Within a JPEG's data, a marker is never met by chance."""
     if still.startswith(b"\x89PNG"):
         return b"IEND" in still[-64:]
     if still.startswith(b"\xff\xd8"):
@@ -141,7 +141,8 @@ def _read_camera(entry: Json, folder: Path) -> CameraFiles:
 
 
 def _places(camera: CameraFiles) -> tuple[str, ...]:
-    """What is written of a camera: all its footage, with null for what is missing, and keypoints if it has them."""
+    """Entries that are written of a camera: all its footage, with null for what is missing, and keypoints if it has
+    them."""
     return _PLACES if camera.keypoints else _FOOTAGE
 
 
@@ -214,7 +215,7 @@ class FrameSets:
                 yield FrameSet(index, self.timecodes[index], images, self.people(index))
 
     def people(self, index: int) -> tuple[Array, ...]:
-        """What the detector found in each camera's picture of a frame set."""
+        """Detections in each camera's picture of a frame set."""
         if not any(self._keypoints):
             return ()
         clock = self._first + index

@@ -20,7 +20,8 @@ _NO_LOCKS: Final = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # on the file
 
 
 def leads_out(name: str) -> bool:
-    """Whether a path that a file names leaves the folder of that file. Links that were made in there do not count."""
+    """True where a path that a file names leaves the folder of that file. Links that were made in there do not
+    count."""
     path = PurePosixPath(name)
     return path.is_absolute() or ".." in path.parts
 

@@ -1,4 +1,4 @@
-"""Whether the silhouettes bear a limb out, and where else it could be: the way back for an arm or a leg that was lost.
+"""Search for a limb that the silhouettes do not bear out: the way back for an arm or a leg that was lost.
 
 Gauss-Newton follows a slope. A limb that has come to lie over the trunk in all views has none: its contour is hidden,
 and the arm in the silhouette beside it is explained by nothing. So every limb is also judged by area, as three cones.
@@ -36,9 +36,9 @@ ARMS: Final = int(GROUP[LIMBS[0][0]] | GROUP[LIMBS[1][0]])
 _BARE: Final = np.uint8(ARMS | _HEAD)  # what may have the colours of a lower arm
 BELIEF_SCALE: Final = 4
 RELUCTANCE_M2: Final = 0.002
-"""What a turn of one radian must gain."""
+"""Gain that a turn of one radian must bring."""
 _ROUNDS: Final = ((1.0, 0.06), (0.4, 0.03), (0.15, 0.0))
-"""How widely the postures are spread, and by how many metres the silhouettes are blurred so that none slips between."""
+"""Spread of the postures, and by how many metres the silhouettes are blurred so that none slips between."""
 _LENIENCE: Final = np.float32(0.25)
 _HINGE_RANGE_RAD: Final = (0.0, 2.6)
 _NEAR: Final = np.ones((5, 5), np.uint8)  # pixels of a belief: an outline that is off by that is no lost limb
@@ -60,7 +60,7 @@ _STRAIGHT: Final[Array] = np.array([[1.0, 0.0, 0.0, 0.0]])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """What the colours of one view say, and what of it the body covers. Pixel ``(i, j)`` of a map stands at
+    """Evidence of the colours of one view, and what of it the body covers. Pixel ``(i, j)`` of a map stands at
     ``corner + BELIEF_SCALE * (j, i)`` of the view."""
 
     camera: Camera

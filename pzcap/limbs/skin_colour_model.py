@@ -27,7 +27,7 @@ _SOFT_PX: Final = 1.0  # sigma; chroma has half the resolution
 
 
 class SkinColourModel:
-    """Which colours the lower arms of one athlete have, and which everything else of her."""
+    """Colours of the lower arms of one athlete, and of everything else."""
 
     def __init__(self) -> None:
         self._counts = np.zeros((2, *(COLOUR_LEVELS,) * 3), np.int64)  # of the rest, of lower arms

@@ -42,7 +42,7 @@ class Alignment:
 
 
 class _Limits(NamedTuple):
-    """What a fit ends by."""
+    """Stop rule of a fit."""
 
     steps: int
     settled_px: float

@@ -72,7 +72,7 @@ class SearchTuning(NamedTuple):
     zoom_step: float = 0.05
     """Of log focal: edges of the nearest zoom tried are off by less than one of these pixels."""
     least_correlation: float = 0.4
-    """What correlates less is no place."""
+    """Least correlation of a place."""
     least_contrast: float = 1.0
     """Grey levels, standard deviation: a frame of less correlates with anything."""
 

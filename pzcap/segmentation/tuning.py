@@ -34,7 +34,7 @@ class BodyTuning(NamedTuple):
     alone: float = 0.3
     """Weight of the soft evidence beside the sharp frame's colours, where nothing is expected."""
     with_expected: tuple[float, float] = (0.15, 0.3)
-    """Where something is: weights of the evidence, and of what is expected."""
+    """Weights of the evidence, and of what is expected."""
 
 
 class BoundaryTuning(NamedTuple):

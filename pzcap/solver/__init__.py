@@ -1,1 +1,2 @@
-"""How everything here is fitted: `robust` (weights and scales), `gauss_newton`, `viterbi` (dynamic programming)."""
+"""Solvers that everything here is fitted by: `robust` (weights and scales), `gauss_newton`, `viterbi` (dynamic
+programming)."""

@@ -13,7 +13,7 @@ State = TypeVar("State")
 
 
 class SolveReport(NamedTuple):
-    """How an iterative solver ended."""
+    """Report of an iterative solver."""
 
     converged: bool
     """The last step was as small as the stop rule asks for."""

@@ -37,7 +37,7 @@ _PARENTS: Final[NDArray[np.int64]] = np.array(PARENTS)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPrior:
-    """What the background tells of a view's pan and log focal length, and what the body has corrected them by."""
+    """Knowledge from the background of a view's pan and log focal length, and what the body has corrected them by."""
 
     pan_axis: Array  # (3,) unit vector of the world
     information: Array  # (2, 2) of (pan_rad, log focal), of the error of this frame alone

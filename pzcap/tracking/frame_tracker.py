@@ -270,7 +270,8 @@ class FrameTracker:
 
 
 def _explains_more(support: Array, before: Array, by_m2: float) -> bool:
-    """Whether the limbs cover more of the body, not only less of the hall: an arm in front of the trunk does that."""
+    """True where the limbs cover more of the body, not only less of the hall: an arm in front of the trunk does
+    that."""
     more = support.sum(axis=0) - before.sum(axis=0)
     return bool(more[0] > by_m2 and more[0] - more[1] > by_m2)
 

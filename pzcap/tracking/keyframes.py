@@ -18,7 +18,7 @@ _FASTEST_M_PER_FRAME = 0.4
 
 
 def check(keyframes: Sequence[Keyframe], body: Body, frame_count: int | None = None) -> tuple[str, ...]:
-    """What looks wrong with these keyframes, one line each; empty if nothing does.
+    """Check keyframes: what looks wrong with them, one line each; empty if nothing does.
 
     Raises PzcapError where nothing can be tracked from them: none at all, two of one frame, numbers that are no pose,
     none within the ``frame_count`` frame sets.

@@ -30,7 +30,7 @@ from pzcap.types import Array, Camera, Float32, Image, Pose
 
 @dataclass(slots=True, eq=False)
 class Appearance:
-    """What each point of the skin looks like in one view, per pyramid level, and how far that is to be trusted."""
+    """Brightness of each point of the skin in one view, per pyramid level, and how far that is to be trusted."""
 
     value: Float32  # (PYRAMID_LEVELS, V)
     trust: Float32  # (V,) 0 unseen .. 1
@@ -125,7 +125,7 @@ class PoseObjective:
 
     @property
     def detected(self) -> bool:
-        """Whether a detector found the body in any view."""
+        """True where a detector found the body in any view."""
         return any(view is not None and view.person is not None for view in self.views)
 
     def with_cameras(self, cameras: Sequence[MarginalisedCamera | None], step: Array) -> PoseObjective:

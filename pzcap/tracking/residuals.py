@@ -58,7 +58,7 @@ class SegmentSums(NamedTuple):
 
 
 class Template(NamedTuple):
-    """What each point of the skin is expected to look like at a pyramid level."""
+    """Expected brightness of each point of the skin at a pyramid level."""
 
     value: Float32
     """(V,) grey levels."""
@@ -67,7 +67,7 @@ class Template(NamedTuple):
 
 
 class BrightnessTerms(NamedTuple):
-    """How residuals of brightness are weighted."""
+    """Weights of the residuals of brightness."""
 
     sigma: float
     """Grey levels; scale of the Geman-McClure weight."""
@@ -78,7 +78,7 @@ class BrightnessTerms(NamedTuple):
 
 
 class ContourTerms(NamedTuple):
-    """How residuals of the contour are sought and weighted."""
+    """Search range and weights of the residuals of the contour."""
 
     reach: float
     """Pixels to either side."""

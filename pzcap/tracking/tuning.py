@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class ViewTuning(NamedTuple):
-    """What is kept of a view, and how the body is placed in it."""
+    """Crop of a view, and placement of the body in it."""
 
     z_scale: float = 2.0
     """Pixels of a view that one of a z-buffer is wide."""

@@ -40,7 +40,7 @@ class ProjectedSkin(NamedTuple):
 
 
 class ZBuffer(NamedTuple):
-    """What a body covers of a window of a view. Pixel ``(i, j)`` stands at ``(left, top) + (j, i) * scale``."""
+    """Cover of a window of a view by a body. Pixel ``(i, j)`` stands at ``(left, top) + (j, i) * scale``."""
 
     depth: Float32
     """(h, w) of the nearest face, infinite where there is none."""

@@ -42,8 +42,8 @@ TIMELINE: Final = "frame"
 PIXEL_CENTRE: Final = 0.5
 """Rerun puts (0, 0) at the corner of the top-left pixel, pzcap in its centre."""
 REFERENCE_PLANE_M: Final = 2.0
-"""How far before its camera an image stands in 3D at the reference focal length. It moves out in proportion to the
-focal length, so the frustum grows long and narrow as the camera zooms in (as in the paper's Fig. 11)."""
+"""Distance before its camera at which an image stands in 3D at the reference focal length. It moves out in proportion
+to the focal length, so the frustum grows long and narrow as the camera zooms in (as in the paper's Fig. 11)."""
 
 
 def plain(text: str) -> str:
@@ -57,7 +57,7 @@ def path_part(name: str) -> str:
 
 
 def camera_path(root: str, name: str) -> str:
-    """Where a camera stands in 3D, under ``root`` ("/world" or "/truth")."""
+    """Path of a camera in 3D, under ``root`` ("/world" or "/truth")."""
     return f"{root}/camera/{path_part(name)}"
 
 

@@ -1,4 +1,4 @@
-"""What is drawn, whatever draws it: colours, stick figures, and the borders of frames on a panorama."""
+"""Drawing, whatever draws it: colours, stick figures, and the borders of frames on a panorama."""
 
 from __future__ import annotations
 

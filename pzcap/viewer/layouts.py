@@ -1,4 +1,4 @@
-"""What the viewer shows, one layout a purpose: overview, calibration, tracking, and two runs side by side."""
+"""Layouts of the viewer, one a purpose: overview, calibration, tracking, and two runs side by side."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def overview(reconstruction: Reconstruction, *, scored: bool) -> rrb.Container:
 
 
 def calibration(reconstruction: Reconstruction) -> rrb.Container:
-    """Where each frame lies on its panorama and what was matched; pan and zoom over time, and their sigma."""
+    """Each frame on its panorama and what was matched; pan and zoom over time, and their sigma."""
     pictures = rrb.Tabs(_panoramas(reconstruction), _matches(reconstruction), _reference(reconstruction), active_tab=0)
     hidden = rrb.PlotLegend(visible=False)
     plots = rrb.Vertical(
@@ -138,7 +138,7 @@ def _hall(reconstruction: Reconstruction) -> rrb.Spatial3DView:
 
 
 def _panorama(reconstruction: Reconstruction, number: int, hidden: str) -> rrb.Spatial2DView:
-    """What lies before the reference pose; the rest is a scroll away."""
+    """The view of the reference pose; the rest is a scroll away."""
     name, panorama = reconstruction.camera_names[number], reconstruction.panoramas[number]
     bounds = None
     if panorama is not None:

@@ -162,7 +162,7 @@ class Recorder:
 
 
 def has_footer(path: Path) -> bool:
-    """Whether the recording at ``path`` was closed properly: its footer is written last."""
+    """True where the recording at ``path`` was closed properly: its footer is written last."""
     try:
         with warnings.catch_warnings(action="ignore"):
             rr.chunk.RrdReader(path).store()
@@ -249,7 +249,7 @@ def log_matches(rec: rr.RecordingStream, name: str, found: Localisation | None, 
 
 
 def log_keypoints(rec: rr.RecordingStream, name: str, people: Array) -> None:
-    """What a detector found in a view, (P, 26, 3); the surer, the brighter."""
+    """Log what a detector found in a view, (P, 26, 3); the surer, the brighter."""
     path, found = f"{view_path('/world', name)}/keypoints", people[people[..., 2] > 0.0]
     colours = np.outer(0.3 + 0.7 * found[:, 2], KEYPOINT_COLOUR).astype(np.uint8)
     points = rr.Points2D(found[:, :2] + PIXEL_CENTRE, colors=colours, radii=rr.Radius.ui_points(3.0))

@@ -25,7 +25,7 @@ def solve_eq15(relative_px: Array, places_px: Array) -> tuple[Array, Array]:
 
 
 def ransac_eq15(relative_px: Array, places_px: Array, *, draws: int = 1000, tolerance_px: float = 5.0) -> Mask:
-    """Which matches (N,) agree on one zoom ratio and place: random samples of two, always the same ones."""
+    """Mask (N,) of the matches that agree on one zoom ratio and place: random samples of two, always the same ones."""
     best = np.zeros(len(relative_px), bool)
     if len(relative_px) < 2:
         return best

@@ -37,7 +37,7 @@ class SlideConfig:
     distance_sigma: float = 0.03
     """Of the distances that the crew measured, relative."""
     depth: float = 0.05
-    """How deep the near object is; relative standard deviation."""
+    """Depth of the near object; relative standard deviation."""
     far_depth: float = 0.4
     """And what is behind it."""
     focal_sigma: float = 0.3
@@ -46,7 +46,7 @@ class SlideConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slide:
-    """What to do with the slide head."""
+    """Advice on the slide head."""
 
     slide_m: Array  # (2,) how far to slide the camera forward and to the left; the parallax is then gone
     covariance_m2: Array  # (2, 2)
@@ -65,12 +65,12 @@ class Slide:
 
     @property
     def aligned(self) -> bool:
-        """Whether this pan cannot tell the camera's place from the right one."""
+        """True where this pan cannot tell the camera's place from the right one."""
         return bool((np.abs(self.slide_m) < 2.0 * self.sigma_m).all())
 
     @property
     def sentence(self) -> str:
-        """What to do, in words."""
+        """The advice in words."""
         parts = [
             f"{1000 * abs(way):.1f} +- {1000 * sigma:.1f} mm {words[int(way < 0)]}"
             for way, sigma, words in zip(
@@ -90,7 +90,7 @@ def advise(
     focal_px: float | None = None,
     config: SlideConfig | None = None,
 ) -> Slide:
-    """How to slide the camera, from the frames (H, W[, 3]) of a short pan.
+    """Advise on sliding the camera, from the frames (H, W[, 3]) of a short pan.
 
     ``near_m`` and ``far_m`` are horizontal distances from the head. ``near_box_px`` (left, top, right, bottom) is where
     the near object stands in the middle frame; without it the features are told apart by how they move, and those that

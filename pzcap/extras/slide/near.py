@@ -1,4 +1,4 @@
-"""Which of the features stand on the near object: as they move, or as the crew's box says."""
+"""The features that stand on the near object: as they move, or as the crew's box says."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CLEARLY = 3.0  # sigmas by which a feature must contradict the crew
 
 
 def _along(tracks: Tracks, fit: Fit, direction: Array) -> tuple[Array, Array]:
-    """How far (T,) each feature's observations want to go along ``direction`` (N, 2), its azimuth and slope being
+    """Distance (T,) that each feature's observations want to go along ``direction`` (N, 2), its azimuth and slope being
     free, and the standard deviations."""
     residual, _, _, by_point = linearised(tracks, fit.state)
     basis = np.concatenate([by_point[:, :, :2], direction[:, :, None]], axis=2)
