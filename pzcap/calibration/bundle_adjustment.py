@@ -54,6 +54,8 @@ class Link:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adjusted:
+    """Result of `adjust`."""
+
     parameters: CalibrationParameters
     residual_px: float  # RMS of the inliers
     inliers: NDArray[np.int64]  # a link
@@ -86,7 +88,7 @@ def adjust(
 
 
 def thinned(links: Sequence[Link], every: int) -> list[Link]:
-    """One match in ``every``, for a quick first adjustment."""
+    """Keep one match in ``every``, for a quick first adjustment."""
     keep = slice(None, None, every)
     return [
         Link(link.first, link.second, link.first_px[keep], link.second_px[keep], link.log_ratio[keep]) for link in links

@@ -1,8 +1,8 @@
 """The calibration of one camera: reference image, sweep and zoom run in, panorama and pan-zoom camera out.
 
-The matches of all three go into one adjustment (`pzcap.calibration.bundle_adjustment`), which grey values then improve
-(`pzcap.calibration.photometric_bundle_adjustment`): the sweep's closed circle fixes the focal length, the zoom run the
-principal point and how distortion changes, the reference image where pan 0 is.
+The matches of all three go into one bundle adjustment (`pzcap.calibration.bundle_adjustment`), which is then refined on
+grey values (`pzcap.calibration.photometric_bundle_adjustment`): the sweep's closed circle fixes the focal length, the
+zoom run the principal point and how distortion changes with the zoom, the reference image pan 0.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from pzcap.types import (
 )
 
 Report: TypeAlias = Callable[[str, int, int], None]
-"""Hears of the progress: a stage, how much of it is done, of how much (0: not known)."""
+"""Called with a stage, how much of it is done, and of how much (0: not known)."""
 
 
 class Footage(NamedTuple):
-    """The footage of one camera in the empty hall, and what it shows."""
+    """Footage of one camera in the empty hall."""
 
     reference_image: Image  # (H, W, 3) of the calibration object, at the reference pose
     calibration_object: CalibrationObject
@@ -49,7 +49,7 @@ class Footage(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedCamera:
-    """Everything that is known of a camera before the motion."""
+    """Result of the calibration of one camera, before the motion."""
 
     reference: ReferenceCamera
     panorama: Panorama
@@ -65,8 +65,7 @@ def calibrate(
 ) -> tuple[CalibratedCamera, stitching.SweptFrames]:
     """Calibrate one camera at its reference pose, and stitch its panorama.
 
-    ``report(stage, done, total)`` hears of the progress; a total of 0 is not known yet. Raises PzcapError when the
-    calibration object is not found or the sweep does not hold together.
+    Raises PzcapError when the calibration object is not found or the sweep does not hold together.
     """
     reference_image, calibration_object, sweep, zoom, full_turn = footage
     first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
@@ -75,16 +74,17 @@ def calibrate(
     chained, count = matched.chained, len(matched.chained.pan_rad)
     quick = adjust(matched.start, thinned(matched.links, 5), matched.sigmas, scale_px=4.0, iterations=12).parameters
     adjusted = adjust(quick, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
-    # features say where frames lie to a quarter of a pixel, grey values say it better
+    # features place frames to a quarter of a pixel, grey values better
     brightness = stitching.fit_brightness(matched.sweep_links, count, adjusted.parameters.view(0), width, height)
     fitted = _fit_grey_values(matched, adjusted.parameters, brightness, config, report)
     model = fitted.parameters
 
     taken = model.view(count)
-    known = replace(first.camera, focal_px=taken.focal_px, principal_px=taken.principal_px, k1=taken.distortion.k1)
+    intrinsics = {"focal_px": taken.focal_px, "principal_px": taken.principal_px, **taken.distortion._asdict()}
+    known = replace(first.camera, **intrinsics)
     refined = reference_camera.resolve(first, known, reference_image, calibration_object, config.reference)
-    scale = len(model.pan_rad)  # where the sweep's focal length stands among the unknowns
-    camera, surroundings = _measured(model, taken.pan_rad, refined.camera)
+    scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
+    camera, surroundings = _in_metres(model, taken.pan_rad, refined.camera)
     doubt = 0.0 if full_turn else BELIEF.partial_scale_sigma
     camera = replace(camera, focal_sigma=float(np.sqrt(fitted.covariance[scale, scale] + doubt**2)))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
@@ -104,13 +104,10 @@ def calibrate(
 
 
 def _fit_grey_values(
-    matched: Matched,
-    model: CalibrationParameters,
-    brightness: stitching.Brightness,
-    config: PanZoomConfig,
+    matched: Matched, model: CalibrationParameters, brightness: stitching.Brightness, config: PanZoomConfig,
     report: Report,
-) -> photometric_bundle_adjustment.Fitted:
-    """The model fitted to all frames, each made as bright as the others and as bright at its edge as in its middle."""
+) -> photometric_bundle_adjustment.Fitted:  # fmt: skip
+    """Fit the parameters to the grey values of all frames, their gains and vignetting taken out before."""
     images = [*matched.chained.images, *matched.other_images]
     height, width = images[0].shape
     flat = stitching.flatness(brightness, model.view(0), width, height)
@@ -122,28 +119,28 @@ def _fit_grey_values(
         kept[number] = stored(image * (flat * np.float32(gain)), lens, config.sweep.smoothing)
     pairs = dict.fromkeys((link.first, link.second) for link in matched.links)
     return photometric_bundle_adjustment.adjust(
-        _refined(model), kept, list(pairs), matched.sigmas, prior=_refined(matched.start),
+        _with_departures(model), kept, list(pairs), matched.sigmas, prior=_with_departures(matched.start),
         pixels=config.sweep.pixels, smoothing=config.sweep.smoothing,
         report=lambda done: report("adjust grey values", done, PHOTOMETRIC.steps),
     )  # fmt: skip
 
 
-def _measured(model: CalibrationParameters, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, InverseDepthMap]:
-    """The model in metres, as it took the reference image, azimuths from its pan on.
+def _in_metres(model: CalibrationParameters, origin_rad: float, taken: Camera) -> tuple[PanZoomCamera, InverseDepthMap]:
+    """Convert the parameters, in camera heights, to metres; azimuths count from the reference image's pan.
 
-    The floor is where the calibration object stands, at world height 0. Were it elsewhere, offset and distances would
-    be wrong by one factor, and what is made of them, their product, would still be right.
+    The floor is taken to be at world height 0, where the calibration object stands. If it is not, offset and distances
+    are wrong by the same factor, and the parallax, which depends on their ratio alone, is still right.
     """
     height_m = height_of(taken)
     camera = PanZoomCamera(
         model.lens(taken.width, taken.height), np.eye(4), model.tilt_rad, model.roll_rad,
         offset_m=model.offset * height_m, travel_m=model.travel * height_m,
     )  # fmt: skip
-    return geometry.mount(taken, camera), _turned(model.surroundings, origin_rad, height_m)
+    return geometry.mount(taken, camera), _rotated(model.surroundings, origin_rad, height_m)
 
 
-def _turned(hall: InverseDepthMap, origin_rad: float, height_m: float) -> InverseDepthMap:
-    """Surroundings in camera heights, in metres and with azimuths from ``origin_rad`` on."""
+def _rotated(hall: InverseDepthMap, origin_rad: float, height_m: float) -> InverseDepthMap:
+    """Convert a map in camera heights to metres, its azimuths counted from ``origin_rad``."""
     around = len(hall.walls)
     place = np.mod(origin_rad / (2 * np.pi), 1.0) * around + np.arange(around)
     below = np.floor(place).astype(np.int64)
@@ -153,13 +150,13 @@ def _turned(hall: InverseDepthMap, origin_rad: float, height_m: float) -> Invers
     return InverseDepthMap(height_m, walls / height_m, departures, hall.slopes)
 
 
-def _refined(model: CalibrationParameters) -> CalibrationParameters:
-    """The model with departures at all nodes of the hall, still 0. Features alone are too few to tell them."""
+def _with_departures(model: CalibrationParameters) -> CalibrationParameters:
+    """Add departures at all nodes of the hall, 0 as yet: features are too few to estimate them."""
     return replace(model, surroundings=replace(model.surroundings, departures=np.zeros((HALL.slopes, HALL.azimuths))))
 
 
 def _sweep_inliers(adjusted: Adjusted, links: Sequence[Link], count: int) -> NDArray[np.int64]:
-    """(M,) matches of each frame with the next (of the last, with the one before) that agreed."""
+    """(M,) inlier matches of each frame with the next (of the last, with the one before)."""
     inliers = np.zeros(count, np.int64)
     for link, agreed in zip(links, adjusted.inliers, strict=True):
         if link.second == link.first + 1 < count:

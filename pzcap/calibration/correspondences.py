@@ -1,7 +1,7 @@
-"""The frames of one camera in the empty hall, matched with each other; and where each probably looked.
+"""Correspondences between all frames of one camera in the empty hall, and first values of its parameters.
 
-The sweep's frames are chained; the reference image and the zoom run find their places among them. From these first
-values the adjustments begin (`pzcap.calibration.bundle_adjustment`, `pzcap.calibration.photometric_bundle_adjustment`).
+The sweep's frames are chained; the reference image and the zoom run are then placed among them. From these first values
+the bundle adjustments start (`pzcap.calibration.bundle_adjustment`, `pzcap.calibration.photometric_bundle_adjustment`).
 """
 
 from __future__ import annotations
@@ -32,21 +32,16 @@ class Matched:
     chained: Chain
     other_images: list[Image]  # grey: the reference image, then the frames of the zoom run
     sweep_links: list[Link]  # between frames of the sweep
-    links: list[Link]  # these, and those with and between the others
+    links: list[Link]  # these and all others
     start: CalibrationParameters  # first values
     sigmas: Sigmas
 
 
 def match(
-    camera: Camera,
-    reference_image: Image,
-    sweep: Frames,
-    zoom: Frames | None,
-    full_turn: bool,
-    config: PanZoomConfig,
+    camera: Camera, reference_image: Image, sweep: Frames, zoom: Frames | None, full_turn: bool, config: PanZoomConfig,
     report: Callable[[str, int, int], None],
-) -> Matched:
-    """Chain the sweep, and find the places of the reference image (taken by ``camera``) and the zoom run on it.
+) -> Matched:  # fmt: skip
+    """Chain the sweep, and place the reference image (taken by ``camera``) and the zoom run on it.
 
     Raises PzcapError where the sweep does not hold together, or shows nothing of what the reference image does.
     """
@@ -97,7 +92,7 @@ def _start(view: View, pan_rad: Array) -> CalibrationParameters:
 
 
 def _floor_and_walls(view: View, width: int, height: int, rows: int) -> InverseDepthMap:
-    """What is believed of a hall before anything is known, in camera heights; its departures at ``rows`` slopes."""
+    """The prior mean of the hall's inverse distances, in camera heights, with departures at ``rows`` slopes."""
     edge = np.linspace(0, width - 1, 32)
     border = np.array([(u, v) for v in (0.0, height - 1.0) for u in edge])
     _, slope = geometry.pixel_to_direction(view, border)
@@ -106,8 +101,8 @@ def _floor_and_walls(view: View, width: int, height: int, rows: int) -> InverseD
 
 
 def sigmas_of(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool) -> Sigmas:
-    """What is believed of a camera and its hall before the footage is seen."""
-    # a circle that closes fixes the focal length far better than the calibration object can
+    """Prior standard deviations of the parameters of a camera and its hall."""
+    # a closed circle fixes the focal length far better than the calibration object does
     focal = 10.0 * BELIEF.focal_sigma if full_turn else BELIEF.focal_sigma
     principal = np.full(2 if zoom else 1, beliefs.principal * camera.width)
     k1 = beliefs.k1 * np.array([1.0, 1.0, 0.5] if zoom else [1.0])
@@ -129,7 +124,7 @@ def _detect(image: Image, config: PanZoomConfig) -> Features:
 def _place_reference(
     found: Sequence[Features], sweep: CalibrationParameters, width: int, config: PanZoomConfig
 ) -> tuple[float, list[Link]]:
-    """Pan of the last frame of ``found``, the reference image, and its links to the frames of the sweep."""
+    """Find the pan of the reference image, the last of ``found``, and its links to the frames of the sweep."""
     view = sweep.view(0)
     field = 2 * np.arctan(width / 2 / view.focal_px)
     focals = view.focal_px * np.exp(np.arange(-0.1, 0.101, 0.01))
@@ -163,6 +158,6 @@ def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[Image]:
 
 
 def height_of(camera: Camera) -> float:
-    """Of a camera over its floor, metres."""
+    """Height of a camera over the floor, metres; 1 where it stands on no floor."""
     height_m = float(camera.world_T_cam[2, 3])
     return height_m if height_m > HALL.min_height_m else 1.0

@@ -1,4 +1,4 @@
-"""AKAZE features (Alcantarilla, Nuevo and Bartoli, 2013) and their matches."""
+"""AKAZE features (Alcantarilla, Nuevo and Bartoli, 2013) and their matching."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Features:
 def detect(
     image: Image, threshold: float, limit: int, mask: Image | None = None, scales: tuple[int, int] = FEATURES.all_scales
 ) -> Features:
-    """The ``limit`` strongest AKAZE features of ``image`` (H, W), grey, whose response exceeds ``threshold``.
+    """Detect the ``limit`` strongest features of ``image`` (H, W), grey, whose response exceeds ``threshold``.
 
-    Descriptors are upright: heads of tripods do not roll, and a descriptor that need not find its orientation tells
-    features apart better. ``mask`` (H, W) is 0 where no feature may lie. ``scales`` are octaves, and levels in each.
+    Descriptors are upright: tripod heads do not roll, and descriptors without rotation invariance are more distinctive.
+    ``mask`` (H, W) is 0 where no feature may lie. ``scales`` are octaves, and levels in each.
     """
     detector = cv2.AKAZE.create(
         descriptor_type=cv2.AKAZE_DESCRIPTOR_MLDB_UPRIGHT, threshold=threshold, max_points=limit,
@@ -51,11 +51,11 @@ def detect(
 def match(
     first: Features, second: Features, ratio: float, near: tuple[Array, float] | None = None
 ) -> NDArray[np.int64]:
-    """Pairs (N, 2) of indices of features that are each other's nearest.
+    """Match features by mutual nearest neighbours and Lowe's ratio test (2004): pairs (N, 2) of indices.
 
-    The nearest must also be nearer than ``ratio`` times the second nearest of the second set (Lowe, 2004). With
-    ``near``, predicted places (len(first), 2) in the second image and a radius in pixels, only those are compared
-    that lie so near to where they are expected: faster, and with fewer that could be mistaken.
+    The nearest must be nearer than ``ratio`` times the second nearest of the second set. With ``near``, predicted
+    places (len(first), 2) in the second image and a radius in pixels, only features within the radius are compared,
+    which is faster and leaves fewer false matches.
     """
     if len(first) < 2 or len(second) < 2:
         return np.empty((0, 2), np.int64)
@@ -69,7 +69,7 @@ def match(
         index = np.array([pair[0].trainIdx for pair in forward])
         best = np.array([pair[0].distance for pair in forward])
         other = np.array([pair[1].distance for pair in forward])
-        # the way back is asked of those alone that may be matched
+        # the mutual test is needed only for those that pass the others
         asked = np.unique(index[(best < ratio * other) & (best <= FEATURES.max_distance)])
         back = np.full(len(second), -1)
         if len(asked):
@@ -128,7 +128,7 @@ def _nearest_near(
 
 
 def densest(values: Array, width: float) -> Mask:
-    """Which of ``values`` (N,) lie in the interval of length ``width`` that holds the most of them."""
+    """Select those of ``values`` (N,) that lie in the fullest interval of length ``width``."""
     order = np.sort(values)
     counts = np.searchsorted(order, order + width, side="right") - np.arange(len(order))
     start = order[int(np.argmax(counts))]

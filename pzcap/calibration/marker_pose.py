@@ -1,8 +1,8 @@
-"""The camera's pose from the grey values of the printed markers themselves.
+"""The camera's pose from the grey values of the printed markers.
 
-What is printed on the calibration object is known exactly, so the picture of it can be predicted: every pixel of a
-marker, not its four corners alone, says where the camera stands. The six pose parameters are fitted by Gauss-Newton on
-the grey values. Light and sharpness are unknown and of no interest. Each marker has linear shadings of its own for
+The print on the calibration object is known exactly, so that its image can be predicted: every pixel of a marker, and
+not its four corners alone, tells of the pose. Its six parameters are fitted by Gauss-Newton on the grey values. Light
+and sharpness are nuisance parameters. Each marker has linear shadings of its own for
 paper and ink, which are solved for wherever the pose is (variable projection; Golub and Pereyra, 1973), and two widths
 of blur, across its upright and across its level edges, which the Schur complement eliminates. What covers or outshines
 a part of a marker loses its weight (Tukey's biweight).
@@ -28,13 +28,15 @@ from pzcap.types import Array, CalibrationObject, Camera, Image, Marker
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseFit:
+    """Result of `fit_pose`."""
+
     camera: Camera
     covariance: Array  # (6, 6) of the step of `moved`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """The pixels that show one marker, and what is printed on it."""
+    """Pixels that show one marker, and its print."""
 
     ink: Array  # (n, n) 1 where a cell is black, 0 where it is white; row, column
     axes_m: Array  # (3, 3) world, columns: one cell to the right, one cell down, the top left corner
@@ -45,7 +47,7 @@ class Patch:
 
 
 def moved(camera: Camera, step: Array) -> Camera:
-    """``camera`` when the world before it turns by the rotation vector ``step[:3]``, then shifts by ``step[3:]``."""
+    """Move ``camera`` as if the world turned by rotation vector ``step[:3]``, then shifted by ``step[3:]``."""
     turn = Rotation.from_rotvec(step[:3]).as_matrix()
     cam_R_world = turn @ camera.world_T_cam[:3, :3].T
     translation = step[3:] - cam_R_world @ camera.world_T_cam[:3, 3]
@@ -56,9 +58,9 @@ def moved(camera: Camera, step: Array) -> Camera:
 
 
 def fit_pose(camera: Camera, image: Image, calibration_object: CalibrationObject, ids: Sequence[int]) -> PoseFit | None:
-    """The pose that explains what ``image`` (H, W[, 3]) shows of the markers ``ids``; the lens of ``camera`` is held.
+    """Fit the pose of ``camera`` to the markers ``ids`` as ``image`` (H, W[, 3]) shows them; its lens is held.
 
-    The start has to be right to half a cell or so. None where the steps do not die out.
+    The start has to be right to about half a cell. None where the fit does not converge.
     """
     patches = cut(camera, image, calibration_object, ids)
     blur = np.full((len(patches), 2), MARKERS.blur_px2)
@@ -89,9 +91,8 @@ def fit_pose(camera: Camera, image: Image, calibration_object: CalibrationObject
 
 
 def _sigmas(residuals: list[Array], slopes: list[Array]) -> list[Array]:
-    """Standard deviation of each pixel's residual, of the median kind.
-
-    Noise, and what the model misses where the picture is steep: a share of a pixel, as if the edges lay a bit off.
+    """Robust standard deviation of each pixel's residual: noise, and in proportion to the slope what the model misses,
+    as if edges lay a fraction of a pixel off.
     """
     residual, slope = np.abs(np.concatenate(residuals)), np.concatenate(slopes)
     steep = slope > 0.25 * slope.max()
@@ -102,7 +103,7 @@ def _sigmas(residuals: list[Array], slopes: list[Array]) -> list[Array]:
 
 
 def cut(camera: Camera, image: Image, calibration_object: CalibrationObject, ids: Sequence[int]) -> list[Patch]:
-    """A patch for each of the markers ``ids``, where ``camera`` sees it in ``image`` (H, W[, 3])."""
+    """Cut out a patch for each of the markers ``ids``, where ``camera`` sees it in ``image`` (H, W[, 3])."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, calibration_object.dictionary))
     cells = dictionary.markerSize + 2
     patches = []
@@ -120,11 +121,11 @@ def cut(camera: Camera, image: Image, calibration_object: CalibrationObject, ids
         rays, ray_by_px = _rays(camera, pixels)
         places, _, _ = _on_print(camera, axes_m, rays)
         seen = image[v, u].reshape(len(pixels), -1)
-        # beyond white nothing is known of the light
+        # saturated pixels tell nothing of the light
         used = np.all((places > edges[0]) & (places < edges[1]), axis=1) & (seen.max(axis=1) < 255)
         ink = (cv2.aruco.generateImageMarker(dictionary, marker.id, cells) == 0).astype(np.float64)
         place = np.column_stack([np.ones(len(pixels)), (pixels - around.mean(axis=0)) / np.ptp(around, axis=0)])
-        # the mean of the colours: they are equal on print, and their noises are not the same
+        # the mean of the colours: their noises differ, and the print is grey
         patches.append(Patch(ink, axes_m, rays[used], ray_by_px[used], place[used], seen[used].mean(axis=1)))
     return patches
 
@@ -165,9 +166,10 @@ def _axes(marker: Marker, cells: int) -> Array:
 
 
 def _on_print(camera: Camera, axes_m: Array, rays: Array) -> tuple[Array, Array, Array]:
-    """Where rays (P, 3) meet a print, (P, 2) in cells to the right and down, and derivatives.
+    """Intersect rays (P, 3) with a print: places (P, 2) in cells to the right and down, and their derivatives,
+    (P, 2, 2) by a ray's x and y, (P, 2, 6) by the step of `moved`.
 
-    (P, 2, 2) with respect to a ray's x and y, (P, 2, 6) to the step of `moved`: with ``H`` the print's axes in the
+    With ``H`` the print's axes in the
     camera's frame a ray ``d`` meets it at ``H^-1 d``, up to scale; ``dH = w x H + (0, 0, t)``.
     """
     rotation, centre = camera.world_T_cam[:3, :3], camera.world_T_cam[:3, 3]
@@ -201,12 +203,12 @@ NODES, SHARES = (values / 2 for values in np.polynomial.legendre.leggauss(3))
 
 @njit(cache=True, nogil=True)
 def _ink(cells: Array, places: Array, by_px: Array, blur_px2: Array, out: Array) -> None:
-    """The share of ink in each pixel, and derivatives: ``out`` (P, 5).
+    """Write the share of ink in each pixel, its derivatives by the place (to the right, down) and by the two blurs:
+    ``out`` (P, 5).
 
-    Ink, its derivatives with respect to the place (to the right, down), and to the two blurs. A straight edge is seen
-    exactly: blurred by a Gaussian, and averaged over the pixel's square, on which the print is seen under a linear
-    map. Where two edges meet they are taken to blur one after the other, which is exact where they stand upright and
-    level in the image, and else wrong alike on either side.
+    A straight edge is exact: blurred by a Gaussian, and averaged over the pixel's square, on which the print is seen
+    under a linear map. Where two edges meet they are taken to blur one after the other, which is exact where they stand
+    upright and level in the image, and else wrong by the same amount on either side.
     """
     n = len(cells)
     across, down = np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
@@ -228,10 +230,10 @@ def _ink(cells: Array, places: Array, by_px: Array, blur_px2: Array, out: Array)
 
 @njit(cache=True, nogil=True)
 def _profile(place: float, by_px: Array, blur_px2: float, out: Array) -> tuple[int, int]:
-    """How far a pixel at ``place`` is beyond each of the edges 0, 1, ...: ``out`` (n + 1, 3).
+    """Write the share of a pixel at ``place`` beyond each of the edges 0, 1, ..., and its derivatives by the place and
+    by the blur: ``out`` (n + 1, 3).
 
-    The share beyond the edge, its derivatives with respect to the place and to the blur. Only the edges from the first
-    to the second of the numbers returned are felt or written.
+    Only the edges from the first to the second of the numbers returned are in reach, and written.
     """
     wide, narrow = abs(by_px[0]), abs(by_px[1])
     if wide < narrow:

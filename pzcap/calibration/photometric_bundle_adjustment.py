@@ -1,8 +1,8 @@
 """Photometric bundle adjustment: the parameters of `pzcap.calibration.bundle_adjustment` fitted to grey values.
 
-Features are found to a quarter of a pixel; the grey values of a few thousand pixels with an edge in them say better
-where two frames lie on each other. The residual of a pixel is what the second frame shows where it should see it, minus
-the first frame's grey value, made as bright by a gain and a shading that belong to the link. So the same parameters are
+Features are found to a quarter of a pixel; the grey values of some hundred pixels on edges register two frames better.
+The residual of a pixel is the second frame's grey value where it should see the pixel, minus the first frame's, made as
+bright by a gain and a shading of the pair's own. So the same parameters are
 fitted as there, with the same transfer from frame to frame, weighted by the gradient.
 """
 
@@ -48,6 +48,8 @@ class Overlap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
+    """Result of `adjust`."""
+
     parameters: CalibrationParameters
     covariance: Array  # (U, U) of their vector, from the residuals alone
     report: SolveReport
@@ -57,9 +59,9 @@ def _overlap(
     frames: Stored, edges: Sequence[NDArray[np.int16]], state: CalibrationParameters, pair: tuple[int, int], most: int,
     smoothing: float,
 ) -> Overlap | None:  # fmt: skip
-    """``most`` pixels of two frames to be compared; the finer of the two is smoothed to the other's resolution.
+    """Choose ``most`` pixels of a pair of frames to compare, the finer frame smoothed to the other's resolution.
 
-    ``edges`` are those of the frames as they are. None if the frames share too little.
+    ``edges`` are those of the unsmoothed frames. None if the frames overlap too little.
     """
     first, second = pair
     views = state.view(first), state.view(second)
@@ -90,7 +92,7 @@ def _border_px(smoothing: float) -> int:
 
 
 def _edges(image: Stored | NDArray[np.float32], most: int, border: int) -> NDArray[np.int16]:
-    """(N, 2) the pixels of the strongest edges, the same number in every tile, and some times ``most`` in all."""
+    """Pixels (N, 2) of the strongest edges, the same number in every tile, and some times ``most`` in all."""
     inner = image[border : image.shape[0] - border, border : image.shape[1] - border].astype(np.float32)
     strength = np.hypot(cv2.Sobel(inner, cv2.CV_32F, 1, 0), cv2.Sobel(inner, cv2.CV_32F, 0, 1))
     tile = PHOTOMETRIC.tile_px

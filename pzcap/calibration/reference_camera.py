@@ -24,15 +24,17 @@ from pzcap.types import Array, CalibrationObject, Camera, Image, PzcapError, Ref
 
 @dataclass(frozen=True, slots=True)
 class ReferenceConfig:
+    """Settings of the fit to the corners of the calibration object's markers."""
+
     k1_sigma: float = 0.05
-    """What k1 can be before anything is known; the object alone hardly shows it."""
+    """Prior standard deviation of k1 about 0; the calibration object alone hardly determines it."""
     outlier_px: float = 1.0
-    """Residuals beyond this count less and less (Huber)."""
+    """Pixels. Residuals beyond this count less and less (Huber): a corner may be partly hidden."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """The corners of the markers that were found."""
+    """Corners of the markers found in an image."""
 
     ids: tuple[int, ...]
     points_m: Array  # (N, 3) world
@@ -75,12 +77,11 @@ def detect(image: Image, calibration_object: CalibrationObject) -> Detection:
 def _consistent(
     quads: Sequence[tuple[int, Array]], known: Mapping[int, Array], width: int, height: int
 ) -> dict[int, Array]:
-    """The quads (id, (4, 2) pixels) that one camera can see together; of two with one id at most one is true.
+    """Select the quads (id, (4, 2) pixels) that one camera can see together, at most one for an id.
 
-    A pattern of the hall passes for a marker now and then. If not all agree, those that most agree with: the cameras
-    of triples are tried (Fischler and Bolles, 1981).
+    A pattern of the hall passes for a marker now and then. If not all agree, the largest set is taken that agrees with
+    the camera of three of them (RANSAC; Fischler and Bolles, 1981).
     """
-
     points_m = np.array([known[i] for i, _ in quads], np.float64).reshape(-1, 4, 3)
     points_px = np.array([quad for _, quad in quads], np.float64).reshape(-1, 4, 2)
     sides = np.linalg.norm(points_px - np.roll(points_px, 1, axis=1), axis=2).mean(axis=1)
@@ -104,11 +105,11 @@ def _consistent(
 
 
 def refine_corners(grey: Image, corners_px: Array) -> Array:
-    """Corners (4, 2) of a dark square on a bright ground, as the intersections of its four edges.
+    """Refine the corners (4, 2) of a dark square on a bright ground, as the intersections of its four edges.
 
     `cv2.cornerSubPix` takes the whole neighbourhood of a corner, which blur rounds, and so pulls corners towards the
-    square's middle. An edge away from its ends knows of no corner: each side is sampled across at many places, each
-    gives the edge's position as the first moment of the gradient, and a line is fitted through them.
+    square's middle. Edges away from the corners are not affected: each side is sampled across at many places, the first
+    moment of the gradient locates the edge in each, and a line is fitted through them.
     """
     lines = []
     for start, end in zip(corners_px, np.roll(corners_px, -1, axis=0), strict=True):
@@ -138,7 +139,7 @@ def refine_corners(grey: Image, corners_px: Array) -> Array:
 
 
 def calibrate(image: Image, calibration_object: CalibrationObject, config: ReferenceConfig) -> ReferenceCamera:
-    """Pose, focal length and distortion of the camera that took ``image``; the principal point is its centre.
+    """Estimate pose, focal length and k1 of the camera that took ``image``; the principal point is its centre.
 
     Raises PzcapError when the object is not found.
     """
@@ -149,7 +150,8 @@ def calibrate(image: Image, calibration_object: CalibrationObject, config: Refer
 
 
 def tsai(points_m: Array, points_px: Array, width: int, height: int) -> Camera:
-    """Tsai's linear stages: points (N, 3) and their pixels (N, 2), N >= 7 and not in one plane, to a camera, k1 = 0.
+    """Estimate a camera with k1 = 0 by Tsai's linear stages, from N >= 7 points (N, 3) not in one plane, and their
+    pixels (N, 2).
 
     The radial alignment constraint ``x (r2 P + t2) = y (r1 P + t1)`` is solved for the first two rows of ``[R | t]``
     up to scale (unit-norm solution in place of Tsai's division by t2, which fails where t2 = 0).
@@ -163,7 +165,7 @@ def tsai(points_m: Array, points_px: Array, width: int, height: int) -> Camera:
     constraint = np.hstack([xy[:, 1:] * homogeneous, -xy[:, :1] * homogeneous]) / np.abs(xy).max()
     rows = np.linalg.svd(constraint)[2][-1].reshape(2, 4)
     rows = rows / np.linalg.norm(rows[:, :3], axis=1).mean()
-    # the sign: points lie on the same side of the optical axis as their images
+    # points lie on the same side of the optical axis as their images, which fixes the sign
     if np.sum(xy * (homogeneous @ rows.T)) < 0:
         rows = -rows
     left, _, right = np.linalg.svd(np.vstack([rows[:, :3], np.cross(rows[0, :3], rows[1, :3])]))
@@ -227,9 +229,8 @@ def _cost(residual: Array, camera: Camera, config: ReferenceConfig) -> float:
 
 
 def _residuals(camera: Camera, points_m: Array, points_px: Array) -> tuple[Array, Array]:
-    """Projected minus detected (2 N,), and derivatives (2 N, 8).
-
-    The columns: rotation vector and translation of the world in the camera's frame, log focal, k1.
+    """Projected minus detected pixels (2 N,), and derivatives (2 N, 8) by the rotation vector and the translation of
+    the world in the camera's frame, log focal and k1.
     """
     rotation, centre = camera.world_T_cam[:3, :3], camera.world_T_cam[:3, 3]
     seen = (points_m - centre) @ rotation
@@ -255,17 +256,14 @@ def _stepped(camera: Camera, step: Array) -> Camera:
 
 
 def resolve(
-    reference: ReferenceCamera,
-    lens_camera: Camera,
-    image: Image,
-    calibration_object: CalibrationObject,
+    reference: ReferenceCamera, lens_camera: Camera, image: Image, calibration_object: CalibrationObject,
     config: ReferenceConfig,
-) -> ReferenceCamera:
-    """The pose again, for the intrinsics of ``lens_camera``, which the sweep and the zoom run know better.
+) -> ReferenceCamera:  # fmt: skip
+    """Fit the pose again with the intrinsics of ``lens_camera``, which the sweep and the zoom run determine better.
 
-    First from the corners, then from all grey values of the markers in ``image`` (H, W[, 3]), the one that
-    ``reference`` is of. Where that does not converge, or disagrees with the corners by more than their errors allow,
-    the corners' pose stays. The residuals are always those of the corners. Raises PzcapError as `detect` does.
+    It is fitted to the corners, then to all grey values of the markers in ``image`` (H, W[, 3]), which ``reference`` is
+    of. Where that does not converge, or disagrees with the corners by more than their errors allow, the corners' pose
+    stays. The residuals are always those of the corners. Raises PzcapError as `detect` does.
     """
     start = replace(lens_camera, world_T_cam=reference.camera.world_T_cam)
     points_m, points_px = reference.points_m, reference.points_px

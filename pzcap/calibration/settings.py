@@ -14,38 +14,46 @@ METHODS = ("exact", "paper")
 
 @dataclass(frozen=True, slots=True)
 class PanZoomConfig:
+    """Settings of one camera's calibration and localisation."""
+
     method: str = "exact"
     """Or "paper": no distortion, no tilt, stops at eq. 15."""
     free_tilt: bool = False
-    """The heads were tilted while the motion was recorded, too."""
+    """Estimate a tilt in every frame, for heads that were tilted while the motion was recorded; else it is constant."""
     threshold: float = 1e-4
-    """Of AKAZE's response."""
+    """Response of AKAZE from which on a feature counts, in frame and panorama; lower than in the sweep's own frames."""
     frame_features: int = 400
+    """Features of a frame, at most: enough for a place, and matched quickly."""
     panorama_features: int = 12000
+    """Features of the panorama, at most: it shows many times what a frame does."""
     ratio: float = 0.85
-    """Of Lowe's test."""
+    """Distance of the best match over that of the second best, at most (Lowe's test); wrong ones do not agree."""
     zoom_range: tuple[float, float] = (0.5, 5.0)
-    """Searched where nothing is known, relative to the reference."""
+    """Focal lengths searched where nothing is known, relative to the reference: a zoom lens has no others."""
     search_deg: float = 8.0
-    """Beyond the frame's edges, where the frame before is known."""
+    """Degrees beyond the frame's edges within which features are matched where the frame before is known."""
     min_inliers: int = 12
+    """Matches that determine a place; with fewer they only say where to look."""
     sure_agreement: float = 0.85
-    """Of an alignment (see `align.Alignment`) alone, or features are asked."""
+    """Agreement (`Alignment`) of grey values that is enough alone; with less the frame is searched for."""
     same_agreement: float = 0.7
-    """Of one that near and far starts led to alike."""
+    """Agreement that is enough where fits from near and far come to one place: noise and a bare wall lower it."""
     min_agreement: float = 0.5
-    """Of one that features led to."""
+    """Agreement that is enough where features determine the place."""
     max_pan_sigma_deg: float = 0.05
-    """A frame whose matches tell less than this is not valid."""
+    """Degrees, standard deviation of pan: matches that leave more do not determine a place."""
     pixels: int = 4000
-    """Of a frame that are aligned with the panorama: more take longer."""
+    """Pixels of a frame that are compared with the panorama, about; more take longer."""
     floor_px: float = 0.011
-    """Systematic error of pan at the sweep's zoom: the least standard deviation claimed."""
+    """Pixels at the reference zoom: systematic error of pan, the least standard deviation claimed."""
     floor_edge_px: float = 0.025
-    """The same of the focal length, by what it moves the left and right edges."""
+    """Pixels by which the same error of the focal length moves the left and right edges."""
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
+    """Calibration of the reference image."""
     sweep: SweepConfig = field(default_factory=SweepConfig)
+    """Matching and stitching of the sweep and the zoom run."""
     beliefs: BeliefConfig = field(default_factory=BeliefConfig)
+    """Knowledge of a camera before its footage is seen."""
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:

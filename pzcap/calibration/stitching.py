@@ -1,7 +1,8 @@
 """The empty hall on a cylinder, from a pan sweep (section 3.5).
 
-`stitch` pastes the frames of an adjusted sweep about the pan axis, distortion, tilt and roll taken out, brightness made
-equal, all frames that see a place averaged."""
+`stitch` pastes the frames of an adjusted sweep about the pan axis: distortion, tilt and roll taken out, brightness made
+equal, all frames that see a place averaged.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ from pzcap.types import Array, Image, InverseDepthMap, Mask, Panorama
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Brightness:
-    """What makes one place look brighter in one frame than in another."""
+    """Photometric model of a sweep: a gain a frame, and one vignetting."""
 
     log_gain: Array  # (M,) of each frame of the sweep
     vignetting: Array  # (2,) of r^2 and r^4 in the log of the brightness, r = 1 in the image's corner
@@ -41,7 +42,7 @@ class SweptFrames(NamedTuple):
 
 
 def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, height: int) -> Brightness:
-    """Gains of the first ``frames`` frames, and the vignetting they share, from the brightness of matched places."""
+    """Fit the gains of the first ``frames`` frames and their vignetting to the brightness of matched features."""
     links = [link for link in links if max(link.first, link.second) < frames]
     first = np.concatenate([np.full(len(link.first_px), link.first) for link in links])
     second = np.concatenate([np.full(len(link.first_px), link.second) for link in links])
@@ -72,14 +73,14 @@ def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, h
 
 
 def flatness(brightness: Brightness, view: View, width: int, height: int) -> NDArray[np.float32]:
-    """(H, W) what a frame's brightness is multiplied with to take the vignetting out."""
+    """Factors (H, W) by which a frame's brightness is multiplied to take the vignetting out."""
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     pixels = np.stack([u, v], axis=-1).astype(np.float64)
     return np.exp(-_radial(pixels, view, width, height) @ brightness.vignetting).astype(np.float32)
 
 
 def _radial(points_px: Array, view: View, width: int, height: int) -> Array:
-    """(..., 2) r^2 and r^4 of pixels (..., 2)."""
+    """r^2 and r^4 (..., 2) of pixels (..., 2), r = 1 in the image's corner."""
     squared = np.sum((points_px - view.principal_px) ** 2, axis=-1) / (width**2 + height**2) * 4.0
     return np.stack([squared, squared**2], axis=-1)
 
@@ -115,7 +116,7 @@ def stitch(
 
 
 class _Canvas:
-    """A panorama that is being pasted together: the sums of weighted colours, and of weights."""
+    """A panorama in the making: sums of weighted colours, and of weights."""
 
     def __init__(
         self, swept: SweptFrames, pan_rad: Array, full_turn: bool, channels: int, surroundings: InverseDepthMap
@@ -188,6 +189,6 @@ class _Canvas:
 
 
 def agreement(difference: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(H, W) weights of pixels, `geman_mcclure` of the mean ``difference`` (H, W) around them in grey levels."""
+    """Weights (H, W) of pixels, `geman_mcclure` of the mean ``difference`` (H, W) around them in grey levels."""
     around = cv2.boxFilter(np.abs(difference), -1, (9, 9))
     return np.asarray(geman_mcclure(around, STITCHING.different), np.float32)

@@ -1,4 +1,4 @@
-"""Matches between the frames of a pan sweep, a zoom run and the reference image, and first values for `bundle`.
+"""Matching of the frames of a pan sweep, and of single frames with them: first values for bundle adjustment.
 
 The displacements between successive frames of the sweep (AKAZE) give a first chain of pans (section 3.5); in a sweep
 of a full turn its end is matched with its beginning, so that the circle closes and fixes the focal length.
@@ -22,50 +22,52 @@ from pzcap.geometry.camera import View
 from pzcap.types import Array, Image, Mask, PzcapError
 
 Frames = Iterable[tuple[int, Image]]
-"""Index and image (H, W, 3), as `video.VideoReader` yields them; is iterated more than once."""
+"""Index and image (H, W, 3), as `pzcap.io.video.VideoReader` yields them; iterated more than once."""
 
 
 @dataclass(frozen=True, slots=True)
 class SweepConfig:
+    """Settings of the matching of sweep and zoom run, and of the panorama."""
+
     threshold: float = 2e-4
-    """Of AKAZE's response."""
+    """Response of AKAZE from which on a feature counts: lower finds more in halls of little texture."""
     features: int = 1000
-    """A frame, at most."""
+    """Features a frame, at most, the strongest first."""
     ratio: float = 0.85
-    """Of Lowe's test."""
+    """Lowe's ratio test: distance of the nearest descriptor to that of the second nearest, at most."""
     min_step: float = 0.04
-    """Frames less than so many image widths apart are left out,."""
+    """Image widths. Frames less far apart are left out: they add time, and no information."""
     max_skip: int = 8
-    """But never so many in a row."""
+    """Frames in a row that are left out, at most."""
     overlaps: tuple[float, ...] = (0.25, 0.55)
-    """Matched with the frames this far on, in fields of view, too."""
+    """Fields of view. Each frame is also matched with those so far on: the longer the lever, the better the scale."""
     min_matches: int = 12
-    """Between two frames."""
+    """Matches between two frames, at least; fewer do not count as a link."""
     zoom_frames: int = 24
-    """Of the zoom run, at most."""
+    """Frames of the zoom run that are used, at most, evenly spaced."""
     smoothing: float = 0.64
-    """Variance, square pixels, of the frames whose grey values are compared."""
+    """Square pixels: variance by which frames are smoothed before their grey values are compared."""
     super_resolve: bool = False
-    """The panorama that frames are aligned with: takes some minutes a camera."""
+    """Make the panorama that frames are aligned with finer than a pixel: takes some minutes a camera."""
     pixels: int = 700
-    """Of two frames that overlap, whose grey values are compared, at most: more take longer."""
+    """Pixels of two overlapping frames whose grey values are compared, at most: more take longer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chain:
-    """The sweep's frames, matched. Where it was panned slowly some are left out."""
+    """The matched frames of a sweep; where it was panned slowly some are left out."""
 
     kept: NDArray[np.int64]  # (M,) which frames of the video these are
     images: tuple[Image, ...]  # (H, W) grey, a frame
     features: tuple[Features, ...]  # a frame
     pan_rad: Array  # (M,) from the displacements; the first frame's is 0
     links: tuple[Link, ...]
-    closure_rad: float  # what the chain missed the full turn by; 0 for a partial sweep
+    closure_rad: float  # error of the chain over the full turn; 0 for a partial sweep
     full_turn: bool
 
 
 def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, report: Callable[[int], None]) -> Chain:
-    """Match the frames of a sweep with each other; ``view`` is what is known of the camera, at pan 0.
+    """Match each frame of a sweep with the next, and the last with the first; ``view`` is a first guess, at pan 0.
 
     Raises PzcapError where the sweep has a gap, or where a full turn does not close.
     """
@@ -79,7 +81,7 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
         if len(kept) > 1:
             rate = (pans[-1] - pans[-2]) / (kept[-1] - kept[-2])
             expected = rate * (index - kept[-1])
-            # it has hardly moved on: the next will do
+            # hardly any motion since the last frame kept
             if abs(expected) * view.focal_px < config.min_step * image.shape[1] and index - kept[-1] < config.max_skip:
                 continue
         kept.append(index)
@@ -88,7 +90,7 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
         if len(kept) > 1:
             last = len(kept) - 1
             link = link_pan(found, last - 1, last, view, expected, config) if last > 1 else None
-            if link is None:  # the pan stopped, started or turned
+            if link is None:  # the pan may have stopped, started or turned back
                 link = link_pan(found, last - 1, last, view, None, config)
             if link is None:
                 raise PzcapError(
@@ -128,12 +130,12 @@ def link_further(found: Sequence[Features], views: Sequence[View], width: int, c
 def link_pan(
     found: Sequence[Features], first: int, second: int, view: View, expected: float | None, config: SweepConfig
 ) -> Link | None:
-    """Matches of two frames that agree on one pan, near ``expected`` if that is given; None if too few do."""
+    """Match two frames by one pan, near ``expected`` if that is given; None if too few matches agree."""
     near = None
     if expected is not None:
         azimuth, slope = geometry.pixel_to_direction(view, found[first].points_px)
         predicted, _ = geometry.direction_to_pixel(replace(view, pan_rad=view.pan_rad + expected), azimuth, slope)
-        # tilt, roll and distortion are not known yet: points far apart agree only roughly
+        # tilt, roll and distortion are unknown as yet, so that the prediction is rough
         reach = 24.0 + 0.1 * abs(expected) * view.focal_px
         near = (predicted, reach)
     pairs = features.match(found[first], found[second], config.ratio, near)
@@ -156,9 +158,9 @@ def link_pan(
 def _close(
     found: Sequence[Features], pan: Array, view: View, field: float, config: SweepConfig
 ) -> tuple[Array, float, list[Link]]:
-    """Match frames of the end with frames of the beginning.
+    """Close the circle: match the end of a full turn with its beginning.
 
-    Returns the pans with the miss distributed over the chain, the miss, and the links across the seam.
+    Returns the pans, the closure error distributed over them, that error, and the links across the seam.
     """
     turn = float(np.sign(pan[-1])) * 2 * np.pi
     apart = np.abs(pan[None, :] - pan[:, None] - turn)
@@ -184,29 +186,20 @@ def _close(
 
 
 def _turn(link: Link, view: View) -> float:
-    """How far left the second frame is of the first, from the matches' azimuths."""
-    return float(
-        np.median(
-            geometry.pixel_to_direction(view, link.first_px)[0] - geometry.pixel_to_direction(view, link.second_px)[0]
-        )
-    )
+    """Pan of the second frame minus that of the first: the median over the matches."""
+    first, second = (geometry.pixel_to_direction(view, points)[0] for points in (link.first_px, link.second_px))
+    return float(np.median(first - second))
 
 
 def consensus(
-    view_at: Callable[[float], View],
-    points_px: Array,
-    azimuth_rad: Array,
-    slope: Array,
-    focals_px: Array,
-    *,
+    view_at: Callable[[float], View], points_px: Array, azimuth_rad: Array, slope: Array, focals_px: Array, *,
     free_tilt: bool = False,
-) -> tuple[float, float, Mask]:
-    """The pan and the focal length, of those proposed, that most matches agree on, and which matches (N,) do.
+) -> tuple[float, float, Mask]:  # fmt: skip
+    """Find the pan and the focal length, of those proposed, on which most matches agree, and these matches (N,).
 
-    ``view_at`` gives the view, at pan 0, of a focal length. For a focal length one match gives the pan, and says by its
-    slope whether it fits. So every match votes under every focal length, and the densest cluster of pans wins: this is
-    RANSAC (Fischler and Bolles, 1981) with all samples tried and none drawn. With ``free_tilt`` the slopes of the
-    cluster may all be off by the same.
+    ``view_at`` gives the view, at pan 0, of a focal length. Given a focal length, one match determines the pan, and its
+    slope tells whether it fits. So every match votes under every focal length, and the densest cluster of pans wins:
+    exhaustive RANSAC (Fischler and Bolles, 1981). With ``free_tilt`` the slopes of the cluster may share an offset.
     """
     best, winner = np.zeros(len(points_px), bool), (0.0, float(focals_px[0]))
     for focal in focals_px:
@@ -231,7 +224,7 @@ def consensus(
 def place(
     query: Features, known: Features, view: View, view_at: Callable[[float], View], focals_px: Array, ratio: float
 ) -> tuple[float, float, int]:
-    """Pan and focal length of a frame from its matches with one taken with ``view``, and how many agree."""
+    """Estimate pan and focal length of a frame from matches with one taken with ``view``; and the number of inliers."""
     pairs = features.match(known, query, ratio)
     if len(pairs) < 2:
         return 0.0, view.focal_px, 0
@@ -241,14 +234,10 @@ def place(
 
 
 def link_views(
-    found: Sequence[Features],
-    first: int,
-    second: int,
-    views: tuple[View, View],
-    tolerance_px: float,
+    found: Sequence[Features], first: int, second: int, views: tuple[View, View], tolerance_px: float,
     config: SweepConfig,
-) -> Link | None:
-    """Matches of two frames whose views are known roughly; None if too few lie within ``tolerance_px`` of them."""
+) -> Link | None:  # fmt: skip
+    """Match two frames whose views are known roughly; None if too few matches lie within ``tolerance_px`` of them."""
     predicted, _ = geometry.direction_to_pixel(views[1], *geometry.pixel_to_direction(views[0], found[first].points_px))
     pairs = features.match(found[first], found[second], config.ratio, (predicted, tolerance_px))
     link = _link(found, first, second, pairs)
@@ -258,7 +247,7 @@ def link_views(
 
 
 def spaced(pan_rad: Array, step_rad: float) -> list[int]:
-    """Indices of frames about ``step_rad`` apart, from the first on."""
+    """Indices of frames at least ``step_rad`` apart, from the first on."""
     chosen = [0]
     for index, pan in enumerate(pan_rad):
         if abs(pan - pan_rad[chosen[-1]]) >= step_rad:
@@ -267,7 +256,7 @@ def spaced(pan_rad: Array, step_rad: float) -> list[int]:
 
 
 def subset(link: Link, which: Mask) -> Link:
-    """Some of a link's matches."""
+    """Select matches of a link."""
     return Link(link.first, link.second, link.first_px[which], link.second_px[which], link.log_ratio[which])
 
 
@@ -279,5 +268,5 @@ def _link(found: Sequence[Features], first: int, second: int, pairs: NDArray[np.
 
 
 def grey(image: Image) -> Image:
-    """(H, W) of an image (H, W[, 3])."""
+    """Grey image (H, W) of an image (H, W[, 3])."""
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)

@@ -1,8 +1,7 @@
 """The zoom run: the head locked, the focal length going through its range.
 
-What it shows that a sweep cannot: the principal point (towards which everything moves) and how the lens changes with
-the zoom. Here its frames are matched with each other and with the sweep, for `pzcap.calibration.bundle_adjustment` to
-make use of.
+Unlike a sweep it shows the principal point, towards which everything moves, and how the lens changes with the zoom. Its
+frames are matched here with each other and with the sweep; `pzcap.calibration.bundle_adjustment` uses the matches.
 """
 
 from __future__ import annotations
@@ -23,6 +22,8 @@ from pzcap.types import Array, PzcapError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZoomRun:
+    """First values and matches of the zoom run's frames."""
+
     pan_rad: float
     log_focal: Array  # (K,)
     links: tuple[Link, ...]  # the zoom frames' indices follow those of the frames given
@@ -33,7 +34,7 @@ def link_zoom(
 ) -> ZoomRun:
     """Match the zoom frames ``found[offset:]`` with the sweep's frames ``found[:len(sweep_pan_rad)]``.
 
-    ``view`` is how the sweep was taken, at pan 0. Raises PzcapError if the zoom run shows nothing of the sweep.
+    ``view`` is that of the sweep at pan 0. Raises PzcapError if the zoom run shows nothing of the sweep.
     """
     zoomed = found[offset:]
     field = 2 * np.arctan(width / 2 / view.focal_px)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, Solution, minimise
-from pzcap.solver.robust import geman_mcclure_weights, normal_sigma
+from pzcap.solver.robust import geman_mcclure, normal_sigma
 from pzcap.types import Array
 
 AT = np.linspace(-1.0, 1.0, 200)
@@ -22,8 +22,8 @@ def fit(
 ) -> Solution[Array]:
     def linearise(state: Array, scale: float) -> NormalEquations:
         residual = DESIGN @ state - values
-        weighted = DESIGN * geman_mcclure_weights(residual, scale)[:, None]
-        cost = float(np.sum(geman_mcclure_weights(residual, scale) * residual**2))
+        weighted = DESIGN * geman_mcclure(residual, scale)[:, None]
+        cost = float(np.sum(geman_mcclure(residual, scale) * residual**2))
         return NormalEquations(weighted.T @ DESIGN, weighted.T @ residual, normal_sigma(residual), cost)
 
     def add(state: Array, step: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The adjustment: pans, lens, offset and the place of every feature, by robust least squares.
+"""Bundle adjustment of a pan: pans, lens, offset and the place of every feature, by robust least squares.
 
 From the projection centre, ``offset`` (forward, left) beside the axis of a head panned by ``pan``, a feature in the
 direction (azimuth ``a``, slope ``h``) from the axis and of inverse distance ``q`` stands in the direction of
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from pzcap.extras.slide.tracks import Tracks
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
+from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
+from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Mask
 
 START_SCALE_PX = 8.0  # of the robust weights
@@ -135,21 +137,27 @@ class _System:
 
 
 def adjust(tracks: Tracks, state: State, priors: Priors, least_scale_px: float) -> Fit:
-    """Gauss-Newton with the features eliminated; weights of Geman and McClure (1987) as in
-    `pzcap.calibration.bundle_adjustment`."""
+    """Robust least squares with the features eliminated by the Schur complement."""
     frames = len(state.pan_rad)
-    free = np.arange(1, frames + SHARED)  # the first frame's pan is 0
-    scale = START_SCALE_PX
-    for _ in range(ITERATIONS):
+    system: _System
+
+    def linearise(state: State, scale: float) -> NormalEquations:
+        nonlocal system
         system = _system(tracks, state, priors, scale)
-        step = np.zeros(frames + SHARED)
-        step[free] = -np.linalg.solve(system.reduced[np.ix_(free, free)], system.gradient[free])
-        moved = -(system.inverse @ (system.slopes + system.cross @ step)[:, :, None])[:, :, 0]
-        state = _stepped(state, step, moved)
-        if np.abs(step[:frames]).max() < 1e-7 and np.abs(step[-2:]).max() < 1e-6:
-            break
-        scale = max(3.0 * system.spread_px, scale / 3.0, least_scale_px)
-    return Fit(state, system.spread_px, _offset_covariance(tracks, system, priors, free, scale))
+        cost = float(system.weight @ system.length**2)
+        return NormalEquations(system.reduced, system.gradient, system.spread_px, cost)
+
+    def retract(state: State, step: Array) -> State:
+        points = -(system.inverse @ (system.slopes + system.cross @ step)[:, :, None])[:, :, 0]
+        return _stepped(state, step, points)
+
+    def settled(step: Array) -> bool:
+        return bool(np.abs(step[:frames]).max() < 1e-7 and np.abs(step[-2:]).max() < 1e-6)
+
+    schedule = Schedule(ITERATIONS, START_SCALE_PX, least_scale=least_scale_px)
+    solution = minimise(state, linearise, retract, settled, schedule, held=0)  # the first frame's pan is 0
+    free = np.arange(1, frames + SHARED)
+    return Fit(solution.state, system.spread_px, _offset_covariance(tracks, system, priors, free, solution.scale))
 
 
 def _system(tracks: Tracks, state: State, priors: Priors, scale_px: float) -> _System:
@@ -157,7 +165,7 @@ def _system(tracks: Tracks, state: State, priors: Priors, scale_px: float) -> _S
     used = priors.known[tracks.track]
     residual, by_pan, by_shared, by_point = linearised(tracks, state)
     length = np.hypot(*residual.T)
-    weight = (scale_px**2 / (scale_px**2 + length**2)) ** 2 * used
+    weight = geman_mcclure(length, scale_px) * used
     spread = max(float(np.median(length[used])) / 1.1774, 0.01)
     by_unknown = np.zeros((len(residual), 2, frames + SHARED))
     by_unknown[np.arange(len(residual)), :, tracks.frame] = by_pan
