@@ -54,8 +54,8 @@ class Texture:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
-    """Evidence of one frame on pose and shape."""
+class FrameResiduals:
+    """Residuals of one frame by pose and shape, linearised."""
 
     world_T_segment: Array  # (16, 4, 4)
     rows: ContourRows
@@ -65,7 +65,7 @@ class Sight:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Said:
+class ShapeEquations:
     """Normal equations of the corrections themselves (not of a step from where they are now)."""
 
     information: Array  # (P, P)
@@ -92,15 +92,15 @@ class ShapeEstimate:
         self._vector: Array = np.zeros(len(self.amounts_m))
         self._joints_moved: Array = np.zeros((0, len(SEGMENTS), 3, len(self.amounts_m)))
 
-    def hear(self, sights: Iterable[Sight]) -> Said:
-        """Add the evidence of frames that share their texture, tracked with the body as corrected last."""
+    def accumulate(self, residuals: Iterable[FrameResiduals]) -> ShapeEquations:
+        """Normal equations of frames that share their texture, tracked with the body as corrected last."""
         size = len(self.amounts_m) + len(_SLIDE_SIGMA)
         shared, right, joints = np.zeros((size, size)), np.zeros(size), []
-        for sight in sights:
-            hessian, gradient = self._contour(sight)
-            joints.append(self._joints(sight.world_T_segment, hessian))
-            if sight.texture is not None:
-                self._add(sight.texture, sight.world_T_segment, hessian, gradient)
+        for frame in residuals:
+            hessian, gradient = self._contour(frame)
+            joints.append(self._joints(frame.world_T_segment, hessian))
+            if frame.texture is not None:
+                self._add(frame.texture, frame.world_T_segment, hessian, gradient)
             information, vector = _without(hessian, gradient, DOF)
             shared += information
             right += vector
@@ -108,19 +108,19 @@ class ShapeEstimate:
         shared[slides, slides] += np.diag(1.0 / _SLIDE_SIGMA**2)
         order = np.roll(np.arange(size), len(_SLIDE_SIGMA))
         information, vector = _without(shared[np.ix_(order, order)], right[order], len(_SLIDE_SIGMA))
-        return Said(information, vector + information @ self.amounts_m, np.array(joints))
+        return ShapeEquations(information, vector + information @ self.amounts_m, np.array(joints))
 
-    def keep(self, said: Said) -> None:
-        """Believe it from now on."""
-        self._information = self._information + said.information
-        self._vector = self._vector + said.vector
-        self._joints_moved = said.joints
+    def commit(self, equations: ShapeEquations) -> None:
+        """Add the ``equations`` of some frames for good."""
+        self._information = self._information + equations.information
+        self._vector = self._vector + equations.vector
+        self._joints_moved = equations.joints
 
-    def solve(self, said: Said | None = None) -> Body:
-        """The body as all that is kept has it, and what has just been ``said``."""
+    def solve(self, equations: ShapeEquations | None = None) -> Body:
+        """The body from all that was committed, and from further ``equations``."""
         information, vector = self._information, self._vector
-        if said is not None:
-            information, vector = information + said.information, vector + said.vector
+        if equations is not None:
+            information, vector = information + equations.information, vector + equations.vector
         self.amounts_m = np.asarray(np.linalg.solve(information, vector))
         return self.body(self.amounts_m)
 
@@ -148,13 +148,13 @@ class ShapeEstimate:
         carried = self._basis.carried(frames).transpose(1, 2, 0)
         return np.asarray(carried - joint_jacobians(frames) @ follows)
 
-    def _contour(self, sight: Sight) -> tuple[Array, Array]:
+    def _contour(self, frame: FrameResiduals) -> tuple[Array, Array]:
         """Normal equations in a frame's pose (43), the corrections (P) and the slides (96), of its contours and of what
         is known of the pose beside the images."""
         size = DOF + len(self.amounts_m) + len(_SLIDE_SIGMA)
         hessian, gradient = np.zeros((size, size)), np.zeros(size)
-        rows = sight.rows
-        jacobian = self._jacobian(sight.world_T_segment, rows)
+        rows = frame.rows
+        jacobian = self._jacobian(frame.world_T_segment, rows)
         for s in np.unique(rows.segment):  # few of the unknowns move a segment's skin
             here = np.flatnonzero(rows.segment == s)
             own = jacobian[here]
@@ -162,8 +162,8 @@ class ShapeEstimate:
             weighted = own[:, movers].T * rows.weight[here]
             hessian[np.ix_(movers, movers)] += weighted @ own[:, movers]
             gradient[movers] += weighted @ rows.residual_px[here]
-        hessian[:DOF, :DOF] += sight.prior
-        gradient[:DOF] += sight.pull
+        hessian[:DOF, :DOF] += frame.prior
+        gradient[:DOF] += frame.pull
         return hessian, gradient
 
     def _add(self, texture: Texture, frames: Array, hessian: Array, gradient: Array) -> None:

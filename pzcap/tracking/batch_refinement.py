@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pzcap.body.shape_estimation import Said, ShapeEstimate, Sight
+from pzcap.body.shape_estimation import FrameResiduals, ShapeEquations, ShapeEstimate
 from pzcap.body.skeleton import DOF, Body, difference, retract
 from pzcap.limbs.search import LIMBS
 from pzcap.solver.gauss_newton import SolveReport
@@ -45,14 +45,14 @@ class RefinedBatch:
 
 def accumulate_frames(
     body: Body, shape: ShapeEstimate, poses: Sequence[Pose], views: Sequence[Views], config: TrackingConfig
-) -> Said:
+) -> ShapeEquations:
     """Normal equations of the shape from some frames of an interval that were tracked with ``body``."""
     terms = config.schedule[-1].terms
     objectives = [PoseObjective(body, each) for each in views]
     posed, placed = _placed(objectives, poses)
     appearances = _mean_appearances(objectives, placed)
     prior = config.shape_weight / config.start_widening**2 * np.eye(DOF)
-    sights = []
+    residuals = []
     for objective, here, where in zip(objectives, posed, placed, strict=True):
         rows = objective.contour(here, where, terms)
         rows.weight[:] *= config.shape_weight
@@ -60,20 +60,21 @@ def accumulate_frames(
         texture = objective.texture(here, where, appearances, softer)
         texture.hessians[:] *= config.shape_texture_weight
         texture.gradients[:] *= config.shape_texture_weight
-        sights.append(Sight(here.frames, rows, texture, prior, np.zeros(DOF)))
-    return shape.hear(sights)
+        residuals.append(FrameResiduals(here.frames, rows, texture, prior, np.zeros(DOF)))
+    return shape.accumulate(residuals)
 
 
 def accumulate_keyframe(
     body: Body, shape: ShapeEstimate, key: Keyframe, fitted: Pose, views: Views, config: TrackingConfig
-) -> Said:
+) -> ShapeEquations:
     """Normal equations of the shape from a keyframe, whose pose was ``fitted`` to the images: a hand knows where the
     joints are, and not only where the skin is."""
     objective, information = PoseObjective(body, views), np.diag(1.0 / config.hand_sigma**2)
     posed = objective.posed(fitted)
     rows = objective.contour(posed, objective.visibility(posed), config.schedule[-1].terms)
     rows.weight[:] *= config.shape_weight
-    return shape.hear([Sight(posed.frames, rows, None, information, information @ difference(key.pose, fitted))])
+    pull = information @ difference(key.pose, fitted)
+    return shape.accumulate([FrameResiduals(posed.frames, rows, None, information, pull)])
 
 
 def refine_batch(

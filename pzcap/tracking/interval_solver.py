@@ -137,7 +137,7 @@ def with_keyframe(estimate: BodyEstimate, anchor: Anchor, config: TrackingConfig
         return estimate
     pose, views, shape, landmarks = anchor.fit.pose, anchor.views, copy(estimate.shape), estimate.landmarks
     if config.shape_weight:
-        shape.keep(accumulate_keyframe(estimate.body, shape, anchor.key, pose, views, config))
+        shape.commit(accumulate_keyframe(estimate.body, shape, anchor.key, pose, views, config))
     frames = forward(estimate.body, pose)
     for view in views:
         if view is not None and view.person is not None:
@@ -240,12 +240,12 @@ def _refined(
         return refine_batch(body, poses, views, before, key, passes, rate, config), estimate
     some = slice(None, None if key is None else -1, INTERVAL.shape_stride)
     for left in reversed(range(config.shape_rounds)):
-        said = accumulate_frames(body, shape, poses[some], views[some], config)
-        body = replace(shape.solve(said), landmarks=body.landmarks)
+        equations = accumulate_frames(body, shape, poses[some], views[some], config)
+        body = replace(shape.solve(equations), landmarks=body.landmarks)
         # to reacquire limbs takes long: in the last round alone
         batch = refine_batch(body, poses, views, before, key, None if left else passes, rate, config)
         poses, views = [each.pose for each in batch.frames], [each.views for each in batch.objectives]
-    shape.keep(said)
+    shape.commit(equations)
     known = Shape(shape.amounts_m, shape.joint_variance())
     return batch, replace(estimate, body=body, shape=shape, known=known)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pzcap.body import skeleton as bodies
 from pzcap.body.shape_basis import basis, corrected
-from pzcap.body.shape_estimation import ShapeEstimate, Sight
+from pzcap.body.shape_estimation import FrameResiduals, ShapeEstimate
 from pzcap.body.skeleton import DOF, forward
 from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.tracking.pose_objective import PoseObjective
@@ -66,7 +66,8 @@ def test_what_is_learned_narrows_the_joints_sigma() -> None:
         evidence, pose = PoseObjective(body, crops(frame)), clip().poses[frame]
         rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
         rows.weight[:] *= 0.024
-        shape.keep(shape.hear([Sight(forward(body, pose), rows, None, 1e-3 * np.eye(DOF), np.zeros(DOF))]))
+        residuals = FrameResiduals(forward(body, pose), rows, None, 1e-3 * np.eye(DOF), np.zeros(DOF))
+        shape.commit(shape.accumulate([residuals]))
         variances.append(shape.joint_variance().mean())
     assert variances[0] > variances[1] > variances[2]
     assert 0.001 < np.sqrt(variances[2]) < 0.02
@@ -93,7 +94,8 @@ def amounts_found(measurements_m: dict[str, float]) -> Array:
         evidence, pose = PoseObjective(body, crops(frame)), clip().poses[frame]
         rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
         rows.weight[:] *= 0.1
-        shape.keep(shape.hear([Sight(forward(body, pose), rows, None, 1e6 * np.eye(DOF), np.zeros(DOF))]))
+        residuals = FrameResiduals(forward(body, pose), rows, None, 1e6 * np.eye(DOF), np.zeros(DOF))
+        shape.commit(shape.accumulate([residuals]))
     shape.solve()
     return shape.amounts_m
 
@@ -120,7 +122,8 @@ def test_shoulders_that_end_too_high_are_brought_down() -> None:
         evidence, pose = PoseObjective(wrong, crops(frame)), clip().poses[frame]
         rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
         rows.weight[:] *= 0.1
-        shape.keep(shape.hear([Sight(forward(wrong, pose), rows, None, hand, np.zeros(DOF))]))
+        residuals = FrameResiduals(forward(wrong, pose), rows, None, hand, np.zeros(DOF))
+        shape.commit(shape.accumulate([residuals]))
     found = shape.solve()
     assert points[arms, 2].max() - found.surface.points_m[arms, 2].max() > 0.003
     assert abs(found.offsets_m[forearm, 2] - body.offsets_m[forearm, 2]) < 0.001
