@@ -14,46 +14,46 @@ METHODS = ("exact", "paper")
 
 @dataclass(frozen=True, slots=True)
 class PanZoomConfig:
-    """Settings of the calibration and of the localisation."""
+    """Settings of one camera's calibration and localisation."""
 
     method: str = "exact"
-    """Either "exact", or "paper": no distortion, no tilt, stops at eq. 15."""
+    """Or "paper": no distortion, no tilt, stops at eq. 15."""
     free_tilt: bool = False
-    """The heads were tilted while the motion was recorded, too, so that tilt is found in every frame."""
+    """Estimate a tilt in every frame, for heads that were tilted while the motion was recorded; else it is constant."""
     threshold: float = 1e-4
-    """Response of AKAZE from which on a feature counts: lower than in the sweep, for a frame may be blurred."""
+    """Response of AKAZE from which on a feature counts, in frame and panorama; lower than in the sweep's own frames."""
     frame_features: int = 400
-    """Features of a frame, at most, the strongest first: enough to tell the place, and fast."""
+    """Features of a frame, at most: enough for a place, and matched quickly."""
     panorama_features: int = 12000
-    """Features of the panorama, at most, the strongest first: some hundred in each field of view."""
+    """Features of the panorama, at most: it shows many times what a frame does."""
     ratio: float = 0.85
-    """Lowe's ratio test: distance of the nearest descriptor to that of the second nearest, at most."""
+    """Distance of the best match over that of the second best, at most (Lowe's test); wrong ones do not agree."""
     zoom_range: tuple[float, float] = (0.5, 5.0)
-    """Focal lengths, relative to the reference, searched where nothing is known: those of usual zoom lenses."""
+    """Focal lengths searched where nothing is known, relative to the reference: a zoom lens has no others."""
     search_deg: float = 8.0
-    """Degrees beyond the frame's edges that are searched where the frame before is known: a fast pan between frames."""
+    """Degrees beyond the frame's edges within which features are matched where the frame before is known."""
     min_inliers: int = 12
-    """Matches that agree on a place, at least; with fewer the grey values alone have to bear it out."""
+    """Matches that determine a place; with fewer they only say where to look."""
     sure_agreement: float = 0.85
-    """Agreement of an alignment (`photometric_alignment.Alignment`) that is relied on without features."""
+    """Agreement (`Alignment`) of grey values that is enough alone; with less the frame is searched for."""
     same_agreement: float = 0.7
-    """Agreement that is relied on where alignments from near and from far have come to the same place."""
+    """Agreement that is enough where fits from near and far come to one place: noise and a bare wall lower it."""
     min_agreement: float = 0.5
-    """Agreement that is relied on where features have found the place."""
+    """Agreement that is enough where features determine the place."""
     max_pan_sigma_deg: float = 0.05
-    """Degrees. A frame whose matches determine its pan less well than this is not valid."""
+    """Degrees, standard deviation of pan: matches that leave more do not determine a place."""
     pixels: int = 4000
-    """Pixels of a frame that are aligned with the panorama, about: more take longer."""
+    """Pixels of a frame that are compared with the panorama, about; more take longer."""
     floor_px: float = 0.011
-    """Pixels at the sweep's zoom: systematic error of pan, the least standard deviation claimed. Fitted to captures."""
+    """Pixels at the reference zoom: systematic error of pan, the least standard deviation claimed."""
     floor_edge_px: float = 0.025
-    """Pixels by which it moves the left and right edges: the same of the focal length. Fitted to captures."""
+    """Pixels by which the same error of the focal length moves the left and right edges."""
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
-    """Fit to the reference image."""
+    """Calibration of the reference image."""
     sweep: SweepConfig = field(default_factory=SweepConfig)
-    """Matching of sweep and zoom run."""
+    """Matching and stitching of the sweep and the zoom run."""
     beliefs: BeliefConfig = field(default_factory=BeliefConfig)
-    """Prior standard deviations."""
+    """Knowledge of a camera before its footage is seen."""
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:

@@ -34,7 +34,7 @@ from pzcap.geometry.cylinder import to_unwrapped
 from pzcap.imaging.bspline import smoothed
 from pzcap.localisation.panorama_sampler import axis_directions
 from pzcap.localisation.photometric_alignment import Aligner
-from pzcap.localisation.tuning import ALIGNMENT, PIXELS, SUPERRESOLVED
+from pzcap.localisation.tuning import ALIGNMENT, SUPERRESOLVED
 from pzcap.types import Array, Image, Panorama, PanZoomCamera
 
 ROWS = 4  # of a frame one row in so many is looked at for what its pixels tell
@@ -100,7 +100,7 @@ def _told(panorama: Panorama, camera: PanZoomCamera) -> list[_Told]:
     down, across = np.gradient(image) * known
     height, width = image.shape
     lens = camera.lens
-    edge = PIXELS.border_px
+    edge = ALIGNMENT.border_px
     u, v = np.meshgrid(np.arange(edge, lens.width - edge), np.arange(edge, lens.height - edge, ROWS))
     points = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
     told = []

@@ -24,7 +24,7 @@ from pzcap.calibration.stitching import agreement
 from pzcap.geometry.cylinder import smooth_map, to_unwrapped
 from pzcap.imaging.bspline import STEPS, Stored, smoothed
 from pzcap.localisation.panorama_sampler import axis_directions, half_extents
-from pzcap.localisation.tuning import PIXELS
+from pzcap.localisation.tuning import ALIGNMENT
 from pzcap.types import Array, Mask, Panorama, PanZoomCamera
 
 ACROSS, DOWN = 7, 5  # cells to a pixel: uprights stand between pixels alike in all rows, and need more of them
@@ -159,7 +159,7 @@ class _Block:
         # what is finer than pixels differs from frame to frame, and is no somebody
         trust = agreement(smoothed(level - there, COARSE))
         inside = np.zeros_like(trust)
-        edge = PIXELS.border_px
+        edge = ALIGNMENT.border_px
         inside[edge:-edge, edge:-edge] = 1.0
         return np.asarray(trust * inside, np.float32).ravel()
 

@@ -55,7 +55,7 @@ class Correlator:
             near = self._camera.lens.width / 8 / place.focal_px
             if all(abs(wrapped(place.pan_rad - other.pan_rad)) > near for other in apart):
                 apart.append(place)
-        return apart[: SEARCH.places]
+        return apart[:3]
 
     def _best_pan(self, frame: Image, focal_px: float) -> Place | None:
         """The place that correlates most with ``frame`` (H, W), if that was taken with a focal length."""

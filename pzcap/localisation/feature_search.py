@@ -20,7 +20,6 @@ from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View, wrapped
 from pzcap.localisation.panzoom_solvers import solve_eq11
-from pzcap.localisation.tuning import MATCHING
 from pzcap.types import Array, Image, Localisation, Panorama, PanZoomCamera
 
 
@@ -81,12 +80,12 @@ class FeatureSearch:
             focals = prior.focal_px * np.exp(np.arange(-0.2, 0.2001, 0.02))
         window = near_prior(self._azimuth, prior, self._camera, config.search_deg)
         pairs = features.match(found, self._features.subset(window), config.ratio)
-        if len(pairs) < MATCHING.least_matches:
+        if len(pairs) < 2:
             return None
         points, which = points[pairs[:, 0]], window[pairs[:, 1]]
         azimuth, slope = self._azimuth[which], self._slope[which]
         pan, focal, agree = consensus(self._view_at, points, azimuth, slope, focals, free_tilt=config.free_tilt)
-        if agree.sum() < MATCHING.least_matches:
+        if agree.sum() < 2:
             return None
         points, which = points[agree], which[agree]
         matches = points, azimuth[agree], slope[agree]
@@ -120,7 +119,7 @@ def near_prior(
 
 def panorama_features(panorama: Panorama, threshold: float, limit: int) -> Features:
     """AKAZE features of a panorama, away from its ragged edge."""
-    border = MATCHING.seam_px if panorama.full_turn else 0
+    border = 64 if panorama.full_turn else 0  # columns repeated at the ends, for features on the seam
     image = cv2.copyMakeBorder(grey(panorama.image), 0, 0, border, border, cv2.BORDER_WRAP)
     known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), 0, 0, border, border, cv2.BORDER_WRAP)
     inside = np.asarray(cv2.erode(known, np.ones((9, 9), np.uint8)), np.uint8)

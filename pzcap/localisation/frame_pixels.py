@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pzcap.geometry import lens as lenses
 from pzcap.imaging.bspline import softened
 from pzcap.imaging.pyramid import Level
-from pzcap.localisation.tuning import PIXELS
+from pzcap.localisation.tuning import ALIGNMENT
 from pzcap.types import Array, Image, Lens, Mask
 
 
@@ -58,7 +58,7 @@ def shading(points: Array, lens: Lens, focal_px: float) -> Array:
 @njit(cache=True, nogil=True)
 def _steepest(image: NDArray[np.float32], cell: int) -> NDArray[np.int64]:
     """Pixels (N, 2) of the steepest edge in each cell of so many pixels across, among every second row."""
-    border = PIXELS.border_px
+    border = ALIGNMENT.border_px
     rows, columns = (image.shape[0] - 2 * border) // cell, (image.shape[1] - 2 * border) // cell
     chosen = np.empty((rows * columns, 2), np.int64)
     steepness = np.empty(columns * cell, np.float32)

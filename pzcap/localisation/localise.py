@@ -19,7 +19,7 @@ from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.feature_search import Candidate, FeatureSearch
 from pzcap.localisation.photometric_alignment import Aligner, Alignment
-from pzcap.localisation.tuning import ALIGNMENT, MATCHING
+from pzcap.localisation.tuning import ALIGNMENT
 from pzcap.types import Image, Localisation, Mask, Panorama, PanZoomCamera
 
 
@@ -88,7 +88,7 @@ class Localiser:
         moved_px = abs(near.pan_rad - far.pan_rad) * self._panorama.px_per_rad
         edges_px = abs(np.log(near.focal_px / far.focal_px)) * self._camera.lens.width / 2
         converged = near.report.converged and far.report.converged
-        same = max(moved_px, edges_px) < MATCHING.same_px
+        same = max(moved_px, edges_px) < ALIGNMENT.same_px
         return bool(converged and same and far.agreement > self._config.same_agreement)
 
     def _verified(self, image: Image, found: Candidate) -> Localisation | None:
@@ -98,7 +98,7 @@ class Localiser:
         if not found.determined:  # few matches, as at a zoom far from the sweep's: grey values have to do alone
             return self._localisation(aligned) if self._is_reliable(aligned) else None
         moved_px = abs(aligned.pan_rad - found.pan_rad) * self._panorama.px_per_rad
-        if aligned.agreement <= self._config.min_agreement or moved_px >= MATCHING.features_moved_px:
+        if aligned.agreement <= self._config.min_agreement or moved_px >= ALIGNMENT.features_moved_px:
             return None
         return replace(
             self._localisation(aligned),

@@ -47,13 +47,9 @@ class PanTiltZoom(NamedTuple):
 
 
 def warp_background(
-    panorama: Panorama,
-    camera: PanZoomCamera,
-    pan_rad: float,
-    tilt_rad: float,
-    focal_px: float,
+    panorama: Panorama, camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float,
     window: Window | None = None,
-) -> tuple[Image, Mask]:
+) -> tuple[Image, Mask]:  # fmt: skip
     """The empty hall as ``camera`` sees it (H, W, 3), black where the panorama does not know it, and a mask (H, W) of
     where it does. With a ``window``, of that part of the view alone."""
     left, top, right, bottom = window or (0, 0, camera.lens.width, camera.lens.height)
@@ -163,15 +159,11 @@ class LensView(NamedTuple):
 class Grid(NamedTuple):
     """Pixels of a layer of the panorama."""
 
-    column: float
-    """Panorama column of the pan; it may lie beyond the end."""
-    row: float
-    """Panorama row of slope 0."""
+    column: float  # of the pan on the panorama, where it may lie beyond the end
+    row: float  # of slope 0 on the panorama
     px_per_rad: float
-    scale_x: float
-    """Panorama pixels to one of the layer's, across."""
-    scale_y: float
-    """The same, down."""
+    scale_x: float  # panorama pixels to one of the layer's, across
+    scale_y: float  # and down
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -12,7 +12,6 @@ import numpy as np
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.localisation.panorama_sampler import PanTiltZoom
-from pzcap.localisation.tuning import MATCHING
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
 from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Mask, Panorama, PanZoomCamera
@@ -55,10 +54,10 @@ def solve_eq11(
         sigma = float(np.median(length)) / 1.1774
         return NormalEquations(normal, weighted.T @ residual.ravel(), sigma, float(np.sum(weight * length**2)))
 
-    schedule = Schedule(30, MATCHING.first_scale_px, least_scale=MATCHING.least_scale_px, fall=2.0, steady=0.01)
     solution = minimise(
-        at, linearise, lambda at, step: at.stepped(step, 0.3), lambda step: np.abs(step).max() < 1e-8, schedule
-    )
+        at, linearise, lambda at, step: at.stepped(step, 0.3), lambda step: np.abs(step).max() < 1e-8,
+        Schedule(30, 8.0, least_scale=0.3, fall=2.0, steady=0.01),
+    )  # fmt: skip
     variance = solution.report.cost / float(2 * weight.sum())
     covariance = np.asarray(variance * np.linalg.inv(solution.normal)[:2, :2], np.float64)
     return Solution(*solution.state, covariance, length < 2.0 * solution.scale)

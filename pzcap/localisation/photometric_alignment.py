@@ -98,7 +98,7 @@ class _Cost:
             step = step / max(self._curvature, ALIGNMENT.least_curvature)
         brightened = np.abs((self.pixels.shading @ step[free:]) * self.sampled[:, VALUE]).max() / self._scale
         self._settled = bool(moved_px < self._limits.settled_px and brightened < ALIGNMENT.settled_share)
-        return _State(state.at.stepped(step[:free], ALIGNMENT.largest_zoom), self._gains + step[free:])
+        return _State(state.at.stepped(step[:free], 0.1), self._gains + step[free:])
 
     def settled(self, _: Array) -> bool:
         """True if the last step was short enough."""
@@ -175,9 +175,8 @@ class Aligner:
         contrast = robust.median(np.abs(value - robust.median(value)))
         agreement = 1.0 - robust.median_absolute(cost.residual[usable]) / max(contrast, 1.0)
         strength = np.abs(cost.sampled[:, BY_PAN]) * cost.weight
-        strongest = min(5 * ALIGNMENT.shown, len(strength))
-        least = np.partition(strength, -strongest)[-strongest]
-        shown = np.flatnonzero(strength >= least)[::5]
+        strongest = min(400, len(strength))
+        shown = np.flatnonzero(strength >= np.partition(strength, -strongest)[-strongest])[::5]
         places = self.sampler.panorama_px(cost.sampled[shown])
         points = cost.pixels.points[shown]
         return Alignment(*solution.state.at, covariance, agreement, solution.report, points, places)

@@ -10,18 +10,8 @@ import numpy as np
 
 from pzcap.imaging.bspline import smoothed
 from pzcap.localisation.frame_pixels import FramePixels, shading
-from pzcap.localisation.panorama_sampler import (
-    BY_LOG_FOCAL,
-    BY_PAN,
-    BY_TILT,
-    KNOWN,
-    VALUE,
-    PanoramaSampler,
-    PanTiltZoom,
-    Rays,
-    half_extents,
-)
-from pzcap.localisation.tuning import PIXELS, SUPERRESOLVED
+from pzcap.localisation.panorama_sampler import KNOWN, PanoramaSampler, PanTiltZoom, Rays, half_extents
+from pzcap.localisation.tuning import ALIGNMENT, SUPERRESOLVED
 from pzcap.types import Array, Image, Mask, PanZoomCamera
 
 Look = Callable[[Rays, PanTiltZoom], Array]
@@ -38,7 +28,7 @@ def every_pixel(
     pixels are too coarse for as the frame does.
     """
     assert sampler.superresolved is not None
-    border = PIXELS.border_px
+    border = ALIGNMENT.border_px
     inner = slice(border, -border)
     soft = smoothed(frame, SUPERRESOLVED.smoothing_px2)[inner, inner]
     visible = np.ones(soft.shape, np.uint8) if hidden is None else (~hidden[inner, inner]).astype(np.uint8)
@@ -50,7 +40,7 @@ def every_pixel(
 
     def look(rays: Rays, at: PanTiltZoom) -> Array:
         samples = sampler.sample(layer, rays, at)
-        for column in (VALUE, BY_PAN, BY_LOG_FOCAL, BY_TILT):
+        for column in range(KNOWN):  # value and derivatives
             image = samples[:, column].reshape(soft.shape).astype(np.float32)
             samples[:, column] = smoothed(image, SUPERRESOLVED.smoothing_px2).ravel()
         known = (samples[:, KNOWN].reshape(soft.shape) > 0).astype(np.uint8) & visible

@@ -21,6 +21,8 @@ class LevelTuning(NamedTuple):
 class AlignmentTuning(NamedTuple):
     """Fit of a frame's grey values to the panorama's."""
 
+    border_px: int = 3
+    """Pixels at the frame's edge that are not compared."""
     settled_px: float = 0.025
     """Pixels of the frame. A smaller step ends the fit, and leaves a tenth of that."""
     settled_share: float = 0.2
@@ -41,12 +43,12 @@ class AlignmentTuning(NamedTuple):
     """Compared where the panorama is known; with fewer there is no fit."""
     linear: float = 1e-3
     """Change of log focal, or radians of tilt, up to which rays are linear in it, to 0.001 pixels."""
-    largest_zoom: float = 0.1
-    """Change of log focal in a step, at most."""
     sure_agreement: float = 0.5
     """Agreement from which on a reference image, or a frame of the sweep, is where it was looked for."""
-    shown: int = 80
-    """Points given back as matches."""
+    same_px: float = 0.1
+    """Pixels of the panorama by which two fits that have come to the same place differ, at most."""
+    features_moved_px: float = 3.0
+    """Pixels of the panorama by which features and grey values may differ about a place."""
 
 
 class SuperresolvedTuning(NamedTuple):
@@ -62,13 +64,6 @@ class SuperresolvedTuning(NamedTuple):
     """Variance, square pixels of the frame, by which frame and prediction are smoothed."""
 
 
-class PixelTuning(NamedTuple):
-    """Pixels of a frame that are compared."""
-
-    border_px: int = 3
-    """Left out at the frame's edge."""
-
-
 class SearchTuning(NamedTuple):
     """Coarse search by correlation."""
 
@@ -80,30 +75,9 @@ class SearchTuning(NamedTuple):
     """What correlates less is no place."""
     least_contrast: float = 1.0
     """Grey levels, standard deviation: a frame of less correlates with anything."""
-    places: int = 3
-    """Returned, at most."""
-
-
-class MatchingTuning(NamedTuple):
-    """Localisation by features."""
-
-    least_matches: int = 2
-    """Matches that agree, from which on there is a place to look at."""
-    same_px: float = 0.1
-    """Pixels by which two fits that have come to the same place differ, at most."""
-    features_moved_px: float = 3.0
-    """Pixels of the panorama by which features and grey values may differ about a place."""
-    seam_px: int = 64
-    """Columns of a full turn repeated at its ends, for features on the seam."""
-    first_scale_px: float = 8.0
-    """Scale of the Geman-McClure weight of matches, at first."""
-    least_scale_px: float = 0.3
-    """The least one that it falls to."""
 
 
 LEVELS: Final = (LevelTuning(3, 4, 15.0, 1500), LevelTuning(1, 2, 4.0, 2000), LevelTuning(0, 12, 1.5))
 ALIGNMENT: Final = AlignmentTuning()
 SUPERRESOLVED: Final = SuperresolvedTuning()
-PIXELS: Final = PixelTuning()
 SEARCH: Final = SearchTuning()
-MATCHING: Final = MatchingTuning()

@@ -36,13 +36,13 @@ class ForegroundConfig:
     prior_log_odds: float = -1.0
     """Log-odds of body anywhere while nothing is predicted: it covers less than the hall does."""
     floor_range_m: float = 25.0
-    """Metres from the camera within which shadows on the floor are expected: larger than a hall."""
+    """Metres from the camera within which shadows on the floor are expected: those of a hall."""
     shadow_log_odds: float = -2.5
     """Log-odds of shadow against none on the floor: most of it is lit."""
     shadow_light: float = 0.65
-    """Share of the light that a shadow usually leaves, as lamps under a ceiling cast it."""
+    """Share of the light that a shadow usually leaves: a hall has many lamps."""
     shadow_spread: float = 0.3
-    """Standard deviation of that share's logarithm: from half to nearly all of the light."""
+    """Standard deviation of that share's logarithm: shadows differ much."""
     prediction_sigma_px: float = 1.0
     """Pixels, error of a predicted outline where the pose is right: that of the body's shape."""
     prediction_for: float = 3.5
@@ -115,7 +115,7 @@ def compare(
     sampled = (squares[::2, ::2, 2] / variance[::2, ::2])[sure[::2, ::2] > 0]
     if sampled.size:
         variance *= np.float32(max(float(np.median(sampled)) / BACKGROUND.median, 1.0))
-    windowed = np.asarray(cv2.blur(squares, (BACKGROUND.shadow_window,) * 2), np.float32)
+    windowed = np.asarray(cv2.blur(squares, (3, 3)), np.float32)  # a shadow is even over so much
     floor = floor_plane(camera, config.floor_range_m) @ np.array(
         [[2.0, 0.0, corner[0] + 0.5], [0.0, 2.0, corner[1] + 0.5], [0.0, 0.0, 1.0]]
     )

@@ -38,7 +38,7 @@ def refine(image: Image, background: Image, log_odds: Float32, hint: Float32, so
     blurred colours, ``hint`` (h, w) the part of them, and of anything else, that counts beside the sharp colours;
     ``solid`` (h, w) is 1 where the body is at first guess, else 0.
     """
-    band = np.ones((BOUNDARY.band, BOUNDARY.band), np.uint8)
+    band = np.ones((5, 5), np.uint8)  # about the first guess's boundary: undecided
     inner, outer = np.asarray(cv2.erode(solid, band), np.uint8), np.asarray(cv2.dilate(solid, band), np.uint8)
     frame, hall = (np.asarray(cv2.cvtColor(one, cv2.COLOR_BGR2YCrCb), np.uint8) for one in (image, background))
     colours = _nearby_colours(frame, hall, inner, outer)
@@ -60,7 +60,7 @@ def _nearby_colours(frame: Image, hall: Image, inner: Image, outer: Image) -> _N
 
 
 def _box(values: Float32) -> Float32:
-    return np.asarray(cv2.blur(values, (BOUNDARY.nearby,) * 2), np.float32)
+    return np.asarray(cv2.blur(values, (7, 7)), np.float32)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -129,7 +129,7 @@ def _random_walk(frame: Image, probability: Float32, undecided: NDArray[np.int32
         whole = 1.0
         for k in range(8):
             y, x = i + steps[k][0], j + steps[k][1]
-            tie = BOUNDARY.diagonal if k in (0, 2, 5, 7) else 1.0
+            tie = 0.7 if k in (0, 2, 5, 7) else 1.0
             for c in range(3):
                 tie *= alike[c, abs(np.int64(frame[i, j, c]) - np.int64(frame[y, x, c]))]
             ties[n, k] = tie
@@ -137,12 +137,12 @@ def _random_walk(frame: Image, probability: Float32, undecided: NDArray[np.int32
         own[n] = probability[i, j] / whole
         for k in range(8):
             ties[n, k] /= whole
-    for sweep in range(BOUNDARY.sweeps):
+    for sweep in range(4):  # Gauss-Seidel, overrelaxed
         for m in range(count):
             n = m if sweep % 2 == 0 else count - 1 - m
             i, j = undecided[n]
             mean = own[n]
             for k in range(8):
                 mean += ties[n, k] * probability[i + steps[k][0], j + steps[k][1]]
-            moved = probability[i, j] + np.float32(BOUNDARY.overrelaxation) * (mean - probability[i, j])
+            moved = probability[i, j] + np.float32(1.1) * (mean - probability[i, j])
             probability[i, j] = min(max(moved, np.float32(0.0)), np.float32(1.0))

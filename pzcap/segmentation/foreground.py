@@ -20,7 +20,7 @@ from pzcap.geometry.camera import at
 from pzcap.localisation.panorama_sampler import Window, warp_background
 from pzcap.segmentation import boundary_refinement
 from pzcap.segmentation.background_model import Compared, ForegroundConfig, compare, double, shrink
-from pzcap.segmentation.tuning import BODY, GAIN
+from pzcap.segmentation.tuning import BODY
 from pzcap.solver.robust import line
 from pzcap.types import Array, Camera, Float32, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
@@ -69,7 +69,8 @@ def separate(
     part, half = np.s_[top:bottom, left:right], np.s_[top // 2 : bottom // 2, left // 2 : right // 2]
     background, known = warp_background(panorama, camera, pan_rad, tilt_rad, focal_px, (left, top, right, bottom))
     view = at(camera, pan_rad, tilt_rad, focal_px)
-    blur_px = float(np.sqrt(BODY.panorama_variance) * focal_px / panorama.px_per_rad)
+    # the panorama is blurred by the sweep's pixels (variance 1/12), interpolated twice (1/6 each)
+    blur_px = float(np.sqrt(5 / 12) * focal_px / panorama.px_per_rad)
     found = subtract(image[part], background, known, view, blur_px, config, expected)
     whole.probability[part], whole.background[part] = found.probability, found.background
     whole.evidence[half] = found.evidence
@@ -95,7 +96,7 @@ def subtract(
     predicted = None if expected is None else prior
     evidence = _evidence(compare(image, matched, known, camera, corner, blur_px, config), prior, predicted)
     probability = _probability(image, matched, evidence + prior, predicted)
-    np.maximum(probability, BODY.unknown, out=probability, where=~known)
+    np.maximum(probability, 127, out=probability, where=~known)
     return Silhouette(probability, matched, evidence, True)
 
 
@@ -109,9 +110,9 @@ def match_gain(image: Image, background: Image, known: Mask) -> Image:
     """The background as bright as the frame: exposure, and the vignetting that the panorama does not share, from the
     pixels that agree. No offset: blur would corrupt it."""
     height, width = known.shape
-    cover = shrink(np.asarray(known, np.float32), GAIN.shrink)
+    cover = shrink(np.asarray(known, np.float32), 8)
     gain = np.empty((*cover.shape, 3), np.float32)
-    if not _fit_gain(shrink(image, GAIN.shrink), shrink(background, GAIN.shrink), cover, gain):
+    if not _fit_gain(shrink(image, 8), shrink(background, 8), cover, gain):
         return background
     fine = cv2.resize(gain, (width, height), interpolation=cv2.INTER_LINEAR)
     return np.asarray(cv2.multiply(background, fine, dtype=cv2.CV_8U), np.uint8)
@@ -130,14 +131,14 @@ def _fit_gain(image: Image, background: Image, cover: Float32, gain: Float32) ->
             for c in range(3):
                 frame += image[i, j, c]
                 hall += background[i, j, c]
-            if cover[i, j] > 0.99 and GAIN.darkest < hall < GAIN.brightest and frame > GAIN.darkest:
+            if cover[i, j] > 0.99 and 45.0 < hall < 720.0 and frame > 45.0:  # neither black nor saturated
                 squared[count] = _radius(i, j, height, width)
                 ratio[count], weight[count] = np.log(frame / hall), np.sqrt(hall)
                 count += 1
-    if count < GAIN.least_cells:
+    if count < 50:
         return False
     ratio, start = ratio[:count], (float(np.median(ratio[:count])), 0.0)
-    a, b = line(ratio, squared[:count], weight[:count], GAIN.scales, start)
+    a, b = line(ratio, squared[:count], weight[:count], (0.15, 0.08, 0.05, 0.04), start)
     for i in range(height):
         for j in range(width):
             gain[i, j, :] = np.exp(a + b * _radius(i, j, height, width))
@@ -159,11 +160,11 @@ def _evidence(compared: Compared, prior: Float32, expected: Float32 | None) -> F
     """Log-odds of body (h, w) from the colours alone: what is body whatever its colour shows which colours it has."""
     body = _main_parts(_averaged(compared.log_odds() + prior), expected)
     certain = np.asarray(cv2.erode(body, np.ones((3, 3), np.uint8)), np.uint8)
-    return compared.log_odds(certain if certain.sum() >= BODY.least_sample else None)
+    return compared.log_odds(certain if certain.sum() >= 30 else None)
 
 
 def _averaged(log_odds: Float32) -> Float32:
-    return np.asarray(cv2.blur(log_odds, (BODY.window,) * 2), np.float32)
+    return np.asarray(cv2.blur(log_odds, (3, 3)), np.float32)
 
 
 def _main_parts(smooth: Float32, expected: Float32 | None) -> Image:
@@ -200,7 +201,7 @@ def _evidence_of_parts(labels: NDArray[np.int32], log_odds: Float32, count: int)
 def _window_around(body: Image) -> Window:
     """Part of the view that holds the body (h, w), with a margin."""
     left, top, width, height = cv2.boundingRect(body)
-    margin = BODY.margin_px // 2
+    margin = 8  # for the boundary
     right, bottom = min(left + width + margin, body.shape[1]), min(top + height + margin, body.shape[0])
     return max(left - margin, 0), max(top - margin, 0), right, bottom
 
@@ -215,7 +216,7 @@ def _without_holes(solid: Image, log_odds: Float32, expected: Float32 | None) ->
     hardly = mean > BODY.hole_log_odds
     if expected is not None:  # as between an arm and the trunk
         hardly &= np.bincount(labels.ravel(), expected.ravel(), count) > 0.0
-    fill = within & ((area < BODY.small_hole) | hardly)
+    fill = within & ((area < 8) | hardly)
     fill[0] = False  # the body itself
     return solid | fill[labels].astype(np.uint8)
 

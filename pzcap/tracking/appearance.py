@@ -75,11 +75,12 @@ class Postures:
 
 
 class LimbAppearance:
-    """Scores the limbs of one body."""
+    """Scores the limbs of one body; without ``similarity`` by silhouettes alone."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: Body, similarity: bool = True) -> None:
         self.body = body
-        self._limbs = LimbSearch(body)
+        self._weight = APPEARANCE.weight if similarity else 0.0
+        self.search = LimbSearch(body)
         surface, stride = body.surface, APPEARANCE.stride
         self._rows = [np.flatnonzero(np.isin(surface.segment, limb))[::stride] for limb in LIMBS]
         self._skins = [
@@ -97,6 +98,8 @@ class LimbAppearance:
     ) -> Array:
         """(4,) of each limb, square metres: what looks like its ``reference`` in each view, less what does not, the
         body being where it was ``placed``."""
+        if not self._weight:
+            return np.zeros(len(LIMBS))
         frames = forward(self.body, pose)
         return np.array([
             self._similarity(limb, frames, self._views(limb, pose, objective, placed, reference, APPEARANCE.fine_level))
@@ -105,10 +108,6 @@ class LimbAppearance:
 
     def _similarity(self, limb: int, frames: Array, views: Sequence[_LimbView]) -> float:
         return float(_compared(self._skins[limb], frames[None, list(LIMBS[limb])], views)[0])
-
-    def support(self, pose: Pose, objective: PoseObjective, placed: Placed) -> Array:
-        """`LimbSearch.support`, the body being where it was ``placed``."""
-        return self._limbs.support(pose, objective.grounds(placed))
 
     def score(self, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> Array:
         """(4,) of each limb, square metres: the silhouettes that it explains, less the hall that it covers
@@ -119,8 +118,8 @@ class LimbAppearance:
             behind = self._behind(limb, placed)
             views = self._views(limb, pose, objective, behind, reference, APPEARANCE.fine_level)
             similarity[limb] = self._similarity(limb, frames, views)
-        body, hall = self.support(pose, objective, placed).T
-        return np.asarray(body - hall + APPEARANCE.weight * similarity)
+        body, hall = self.search.support(pose, objective.grounds(placed)).T
+        return np.asarray(body - hall + self._weight * similarity)
 
     def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> LimbContext:
         """Make a frame ready to score postures of one limb near that of ``pose``."""
@@ -130,24 +129,20 @@ class LimbAppearance:
             self._views(limb, pose, objective, behind, reference, level)
             for level in (APPEARANCE.coarse_level, APPEARANCE.fine_level)
         )
-        patches = self._limbs.patches(limb, frames, objective.grounds(placed))
+        patches = self.search.patches(limb, frames, objective.grounds(placed))
         return LimbContext(pose, frames, patches, coarse, fine)
 
     def postures(self, limb: int, context: LimbContext, turns: Array, *, coarse: bool) -> Postures:
         """Score a limb turned by ``turns`` (K, 4), in ``coarse`` or in fine images; the rest of the body is where the
         ``context`` has it."""
-        turns = self._limbs.bounded(limb, context.pose, turns)
-        posed = self._limbs.posed(limb, context.pose, context.frames, turns)
-        body, hall = self._limbs.judge(limb, context.pose, context.frames, turns, context.patches).T
+        turns = self.search.bounded(limb, context.pose, turns)
+        posed = self.search.posed(limb, context.pose, context.frames, turns)
+        body, hall = self.search.judge(limb, context.pose, context.frames, turns, context.patches).T
         similarity = _compared(self._skins[limb], posed, context.coarse if coarse else context.fine)
-        score = body - hall + APPEARANCE.weight * similarity - RELUCTANCE_M2 * np.sum(turns**2, axis=1)
+        score = body - hall + self._weight * similarity - RELUCTANCE_M2 * np.sum(turns**2, axis=1)
         first, *others = LIMBS[limb]
         moved = posed[:, 1:, :3, 3] - context.frames[others, :3, 3]
         return Postures(turns, score, moved @ context.frames[PARENTS[first], :3, :3])
-
-    def turned(self, limb: int, pose: Pose, turn: Array) -> Pose:
-        """`LimbSearch.turned`."""
-        return self._limbs.turned(limb, pose, turn)
 
     def _views(
         self, limb: int, pose: Pose, objective: PoseObjective, placed: Placed, reference: Sequence[Appearance],
@@ -158,9 +153,9 @@ class LimbAppearance:
             if view is None or where is None:
                 continue
             level = view_level(usual_level, px_per_m(view.camera, pose.root_position_m))
-            crop = CropImage(view.pyramid[level], float(view.left), float(view.top), 2.0**level)
             template = Template(look.value[level][rows], look.trust[rows])
-            found.append(_LimbView(pinhole(view.camera), crop, view.belief, template, where.z_buffer))
+            image = view.image_at(level)
+            found.append(_LimbView(pinhole(view.camera), image, view.belief, template, where.z_buffer))
         return found
 
     def _behind(self, limb: int, placed: Placed) -> list[PlacedView | None]:

@@ -84,23 +84,23 @@ def refine_batch(
     is a ``key``, the pose that the hand gave it counts there beside the images.
 
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
-    (`pzcap.tracking.reacquisition`), and taken from there if that is worth more.
+    (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
     """
     batch = _Batch(body, before, key, frame_rate, config)
     objectives = [PoseObjective(body, each) for each in views]
     posed, placed = _placed(objectives, poses)
     found = batch.sweep(objectives, posed, placed, _mean_appearances(objectives, placed))
-    if passes is None:
+    if passes is None or not config.reacquisition:
         return found
     inner, after = (len(poses), None) if key is None else (len(poses) - 1, poses[-1])
-    limbs = LimbAppearance(body)
+    limbs = LimbAppearance(body, config.appearance_score)
     again = reacquire(limbs, poses[:inner], found.objectives[:inner], placed[:inner], passes, (before[-1], after))
     if again is None:
         return found
     other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference)
     pairs = [(here.pose, there.pose) for here, there in zip(found.frames, other.frames, strict=True)]
     chosen = _chosen(limbs, before[-1], pairs, other.objectives, again.lost, again.reference)
-    # once more, for where the two meet they leap
+    # where limbs of the two meet, the motion leaps: a third sweep smooths it
     return batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
 
 
@@ -143,7 +143,9 @@ class _Batch:
             gradients, cost = [], 0.0
             for t, (objective, here, where) in enumerate(zip(objectives, posed, placed, strict=True)):
                 normal = objective.normal(here, where, appearances, config.schedule[-1].terms)
-                stiffness, pull = constraints(self.body, here.pose, config.limit_sigma_rad, self_collision=True)
+                stiffness, pull = constraints(
+                    self.body, here.pose, config.limit_sigma_rad, self_collision=config.self_collision
+                )
                 hessians[t] = normal.hessian + stiffness
                 gradients.append(normal.gradient + pull)
                 contours[t], cameras[t], cost = normal.contour, normal.cameras, cost + normal.cost
@@ -152,9 +154,9 @@ class _Batch:
                 hessians[-1] += np.diag(hand)
                 gradients[-1] += hand * difference(self.key.pose, poses[-1])
             chain = [*self.before, *poses]
-            ties = [
-                *contacts(self.body, chain), *ballistic(self.body, chain, self.frame_rate, config.fall_sigma_m_s2)
-            ]  # fmt: skip
+            ties = ballistic(self.body, chain, self.frame_rate, config.fall_sigma_m_s2)
+            if config.contacts:
+                ties = [*contacts(self.body, chain), *ties]
             steps = smooth_step(poses, hessians, gradients, config.acceleration_sigma, self.before, ties)
             steps = steps.clip(-0.5, 0.5)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
@@ -172,7 +174,7 @@ def _chosen(
     lost: Mask, reference: Sequence[Appearance],
 ) -> list[Pose]:  # fmt: skip
     """The first pose of each pair, but limbs that were ``lost`` (t, 16) in the first frames as the second has them,
-    where that is worth clearly more. Both are judged through the same cameras, of the ``objectives``."""
+    where that scores clearly more. Both are judged through the same cameras, of the ``objectives``."""
     gain = np.zeros((len(lost), len(LIMBS)))
     for t in np.flatnonzero(lost.any(axis=1)).tolist():
         here, there = (limbs.score(pose, objectives[t], reference) for pose in pairs[t])

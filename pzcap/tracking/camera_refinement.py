@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import cv2
 import numpy as np
@@ -44,15 +44,13 @@ class CameraPrior:
     correction: Array  # (2,) since then
 
 
-class MarginalisedCamera(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class MarginalisedCamera:
     """A view's camera, eliminated from the normal equations of a pose."""
 
-    covariance: Array
-    """(2, 2) C^-1, of pan and log focal if the pose were known."""
-    pull: Array
-    """(2,) C^-1 c"""
-    give: Array
-    """(2, 43) C^-1 B'"""
+    covariance: Array  # (2, 2) C^-1, of pan and log focal if the pose were known
+    pull: Array  # (2,) C^-1 c
+    give: Array  # (2, 43) C^-1 B'
 
     def step(self, pose_step: Array) -> Array:
         """Step (2,) of pan and log focal that follows from a step (43,) of the pose."""
@@ -96,66 +94,42 @@ def eliminate(
     """Take the camera of one view out of the normal equations of a pose, ``hessian`` (43, 43) and ``gradient`` (43,),
     in place. ``view`` is the part of the normal equations that this view has made of each segment; ``moves`` are the
     segments' twists by the camera (`segment_twists`) and ``twists`` (43, 6) those by the pose."""
-    camera = MarginalisedCamera(np.empty((CAMERA_DOF, CAMERA_DOF)), np.empty(CAMERA_DOF), np.empty((CAMERA_DOF, DOF)))
-    _eliminate(view, moves, prior.information, prior.correction, twists, hessian, gradient, camera)
-    return camera
+    found = _eliminate(view, moves, prior.information, prior.correction, twists, hessian, gradient)
+    return MarginalisedCamera(*found)
 
 
-@njit(cache=True, nogil=True)
 def segment_twists(world_T_cam: Array, pan_axis: Array, frames: Array, centre: Array) -> Array:
     """(16, 6, 2) Twists ``(v, w)`` about the ``centre`` that show the segments, posed as ``frames`` (16, 4, 4), where
-    the camera would see them with one unit more of pan, and of log focal. Of a segment all is as deep as its joint."""
+    the camera would see them with one unit more of pan, and of log focal. All of a segment is as deep as its joint."""
+    eye, axis = world_T_cam[:3, 3], world_T_cam[:3, 2]
     found = np.zeros((len(frames), 6, CAMERA_DOF))
-    for s in range(len(frames)):
-        depth = 0.0
-        for i in range(3):
-            depth += (frames[s, i, 3] - world_T_cam[i, 3]) * world_T_cam[i, 2]
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            arm_j, arm_k = centre[j] - world_T_cam[j, 3], centre[k] - world_T_cam[k, 3]
-            found[s, i, 0] = pan_axis[k] * arm_j - pan_axis[j] * arm_k
-            found[s, 3 + i, 0] = -pan_axis[i]
-            found[s, i, 1] = -depth * world_T_cam[i, 2]
+    (x, y, z), (a, b, c) = centre - eye, pan_axis
+    found[:, :3, 0], found[:, 3:, 0] = (y * c - z * b, z * a - x * c, x * b - y * a), -pan_axis
+    found[:, :3, 1] = -((frames[:, :3, 3] - eye) @ axis)[:, None] * axis
     return found
 
 
 @njit(cache=True, nogil=True)
 def _eliminate(
     view: SegmentSums, moves: Array, information: Array, correction: Array, twists: Array, hessian: Array,
-    gradient: Array, camera: MarginalisedCamera,
-) -> None:  # fmt: skip
-    """Schur complement as at the head of this file: B is added up over what a degree of freedom moves, its own segment
-    and all that hang on it."""
-    hessians, gradients, owner, parents = view.hessians, view.gradients, DOF_SEGMENT, _PARENTS
-    covariance, pull, give = camera
+    gradient: Array,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Schur complement as at the head of this file, in place; returns what `MarginalisedCamera` holds."""
     joint, right = information.copy(), -information @ correction
-    moved = np.zeros((len(hessians), 6, CAMERA_DOF))
-    for s in range(len(hessians) - 1, -1, -1):  # parents come before their children
-        for k in range(CAMERA_DOF):
-            for i in range(6):
-                own = 0.0
-                for j in range(6):
-                    own += hessians[s, i, j] * moves[s, j, k]
-                moved[s, i, k] += own
-                right[k] += moves[s, i, k] * gradients[s, i]
-                for m in range(CAMERA_DOF):
-                    joint[m, k] += moves[s, i, m] * own
-                if parents[s] >= 0:
-                    moved[parents[s], i, k] += moved[s, i, k]
-    size = joint[0, 0] * joint[1, 1] - joint[0, 1] * joint[1, 0]
-    covariance[0, 0], covariance[1, 1] = joint[1, 1] / size, joint[0, 0] / size
-    covariance[0, 1] = covariance[1, 0] = -joint[0, 1] / size
-    cross = np.zeros((len(owner), CAMERA_DOF))
-    for k in range(CAMERA_DOF):
-        pull[k] = covariance[k, 0] * right[0] + covariance[k, 1] * right[1]
-        for d in range(len(owner)):
-            for i in range(6):
-                cross[d, k] += twists[d, i] * moved[owner[d], i, k]
-    for k in range(CAMERA_DOF):
-        for d in range(len(owner)):
-            give[k, d] = covariance[k, 0] * cross[d, 0] + covariance[k, 1] * cross[d, 1]
-    for d in range(len(owner)):
-        for k in range(CAMERA_DOF):
-            gradient[d] -= cross[d, k] * pull[k]
-            for e in range(len(owner)):
-                hessian[d, e] -= cross[d, k] * give[k, e]
+    moved = np.zeros(moves.shape)  # H M, of a segment and all that hang on it
+    for s in range(len(moves) - 1, -1, -1):  # parents come before their children
+        own = view.hessians[s] @ moves[s]
+        joint += moves[s].T @ own
+        right += moves[s].T @ view.gradients[s]
+        moved[s] += own
+        if _PARENTS[s] >= 0:
+            moved[_PARENTS[s]] += moved[s]
+    cross = np.empty((DOF, CAMERA_DOF))  # B
+    for d in range(DOF):
+        cross[d] = twists[d] @ moved[DOF_SEGMENT[d]]
+    covariance = np.empty_like(joint)
+    covariance[:] = np.linalg.inv(joint)
+    pull, give = covariance @ right, covariance @ cross.T
+    gradient -= cross @ pull
+    hessian -= cross @ give
+    return covariance, pull, give

@@ -21,7 +21,7 @@ from pzcap.limbs.search import LIMBS, LimbSearch
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.observation import PlacedView, ViewCrop
-from pzcap.tracking.pose_objective import Appearance, NormalEquations, PosedBody, PoseObjective, Terms, misfit_px2
+from pzcap.tracking.pose_objective import Appearance, PosedBody, PoseEquations, PoseObjective, Terms, misfit_px2
 from pzcap.tracking.tuning import FRAME
 from pzcap.types import SEGMENTS, Array, Pose, PzcapError
 
@@ -108,6 +108,20 @@ class TrackingConfig:
     """Frames that wait for a keyframe to be tracked backward."""
     longest_lead: int = 120
     """Frames before the first keyframe that are kept to be tracked backward."""
+    camera_refinement: bool = True
+    """Correct pan and focal length of each view along with the pose, where the background leaves them open."""
+    self_collision: bool = True
+    """Keep the arms out of the trunk: a hidden forearm could as well be inside it."""
+    skin_colours: bool = True
+    """Learn the colours of the lower arms at the keyframes, to see an arm before the trunk."""
+    contacts: bool = True
+    """Tie points at rest on the floor to where they are: a standing foot trembles otherwise."""
+    appearance_score: bool = True
+    """Judge limbs also by what they look like, where the passes disagree or a limb is lost."""
+    reacquisition: bool = True
+    """Search between two keyframes for limbs that both passes have lost."""
+    shape_refit: bool = True
+    """Refit early frames to the body as it is known in the end."""
 
     def __post_init__(self) -> None:
         if not self.schedule or self.schedule[-1].surprise_m > 0.0:
@@ -139,7 +153,7 @@ class PoseEstimate:
 
     pose: Pose
     hessian: Array  # (43, 43) information
-    contour: Array  # (16, 3) fit to the silhouettes, as `pzcap.tracking.pose_objective.NormalEquations` has it
+    contour: Array  # (16, 3) fit to the silhouettes, as `pzcap.tracking.pose_objective.PoseEquations` has it
     seen: bool  # by any view at all
 
 
@@ -161,7 +175,7 @@ class PoseFit:
 
     posed: PosedBody
     objective: PoseObjective  # its cameras corrected along with the pose
-    normal: NormalEquations  # of the last iteration
+    normal: PoseEquations  # of the last iteration
     report: SolveReport
 
 
@@ -268,7 +282,7 @@ def fit_pose(
     """Gauss-Newton from ``start``, coarse to fine, the cameras of the views corrected along with the pose. Beside the
     images the pose ``expected``, else the start, counts with the information matrix ``prior`` (43, 43)."""
     posed, expected = objective.posed(start), expected or start
-    normal: NormalEquations | None = None
+    normal: PoseEquations | None = None
     steps, converged = 0, False
     for each in schedule:
         placed = objective.visibility(posed)
@@ -277,7 +291,9 @@ def fit_pose(
         information = prior * stiff[:, None] * stiff
         for _ in range(each.iterations):
             normal = objective.normal(posed, placed, appearances, each.terms)
-            stiffness, pull = constraints(objective.body, posed.pose, config.limit_sigma_rad, self_collision=each.solid)
+            stiffness, pull = constraints(
+                objective.body, posed.pose, config.limit_sigma_rad, self_collision=each.solid and config.self_collision
+            )
             hessian = normal.hessian + information + stiffness
             gradient = normal.gradient + information @ difference(expected, posed.pose) + pull
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)

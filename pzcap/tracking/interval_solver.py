@@ -132,7 +132,7 @@ def fit_keyframe(body: Body, pose: Pose, views: Views, config: TrackingConfig) -
 
 
 def with_keyframe(estimate: BodyEstimate, anchor: Anchor, config: TrackingConfig) -> BodyEstimate:
-    """The estimate after a keyframe has told of the body, and of where on it the detector's keypoints lie."""
+    """The estimate after a keyframe: of the body's shape, and of where on it the detector's keypoints lie."""
     if not anchor.fit.seen:
         return estimate
     pose, views, shape, landmarks = anchor.fit.pose, anchor.views, copy(estimate.shape), estimate.landmarks
@@ -170,7 +170,7 @@ def tracked(
 
 def misplaced(contour: Array) -> Array:
     """Probability (16,) that a joint is not where it was found, from how well the contours of the two segments that
-    meet there fit the silhouettes: ``contour`` (16, 3) as `pzcap.tracking.pose_objective.NormalEquations` has it. How
+    meet there fit the silhouettes: ``contour`` (16, 3) as `pzcap.tracking.pose_objective.PoseEquations` has it. How
     it was fitted stands in docs/method.md."""
     misfit_px = np.sqrt(misfit_px2(contour + contour[np.maximum(PARENTS, 0)], 1.0))
     return np.asarray(1.0 / (1.0 + np.exp(INTERVAL.misplaced_px - misfit_px) ** INTERVAL.misplaced_slope))
@@ -189,7 +189,7 @@ def _solved(problem: IntervalProblem) -> IntervalResult:
     config, anchor, key = problem.config, problem.anchor, None
     poses, disagreement, passes = _passes(problem)
     views = [instant.views for instant in problem.instants]
-    if anchor is not None:  # a frame like the others, of which the hand has told something besides
+    if anchor is not None:  # a frame like the others, with the hand's pose as prior
         key, poses, views = anchor.key, [*poses, anchor.fit.pose], [*views, anchor.views]
     batch, estimate = _refined(problem, poses, views, passes)
     cameras = [
@@ -218,7 +218,7 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:
     back = [tracker.step(instant.views) for instant in reversed(problem.instants)][::-1]
     pairs = zip(problem.reference, tracker.reference, strict=True)
     reference = shared([one.with_other(other) for one, other in pairs])
-    limbs = LimbAppearance(body)
+    limbs = LimbAppearance(body, problem.config.appearance_score)
 
     def score(t: int, pose: Pose) -> Array:
         return limbs.score(pose, PoseObjective(body, problem.instants[t].views), reference)
@@ -232,7 +232,7 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:
 def _refined(
     problem: IntervalProblem, poses: Sequence[Pose], views: Sequence[Views], passes: PassResults
 ) -> tuple[RefinedBatch, BodyEstimate]:
-    """Refine the poses of an interval, and the body with them. A keyframe that ends it has told of the body before."""
+    """Refine the poses of an interval, and the body with them. A keyframe that ends it has been accumulated before."""
     config, estimate, body = problem.config, problem.estimate, problem.estimate.body
     key = None if problem.anchor is None else problem.anchor.key
     rate, before, shape = problem.frame_rate, problem.before, copy(estimate.shape)

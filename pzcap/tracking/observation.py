@@ -21,6 +21,7 @@ from pzcap.localisation.panorama_sampler import Window
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking import keypoint_residuals, visibility
 from pzcap.tracking.camera_refinement import CameraPrior, corrected
+from pzcap.tracking.residuals import CropImage
 from pzcap.tracking.tuning import VIEW
 from pzcap.tracking.visibility import ProjectedSkin, ZBuffer, empty_z_buffer
 from pzcap.types import Array, Camera, Float32, Image, Mask, Pose, Silhouette
@@ -53,6 +54,15 @@ class ViewCrop:
     belief: Float32  # (h / 4, w / 4) of `pzcap.limbs.search.Ground`
     person: Array | None = None  # (26, 3) what a detector found of the body, as in `pzcap.io.detections`
     camera_prior: CameraPrior | None = None  # None: the camera is not to be corrected
+
+    def image_at(self, level: int) -> CropImage:
+        """The grey image of a pyramid level."""
+        return CropImage(self.pyramid[level], float(self.left), float(self.top), 2.0**level)
+
+    @property
+    def silhouette(self) -> CropImage:
+        """The probability that it is the athlete."""
+        return CropImage(self.probability, float(self.left), float(self.top), 1.0)
 
     def corrected(self, step: Array) -> ViewCrop:
         """The same, its camera corrected by a ``step`` (2,) of pan and log focal."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numba import njit
@@ -19,21 +18,14 @@ from pzcap.body.shape_estimation import ContourRows, Texture
 from pzcap.body.skeleton import Body, forward, lift, place, screws
 from pzcap.geometry.pinhole import pinhole
 from pzcap.imaging.interpolation import bilinear
-from pzcap.limbs.search import GROUP, Ground
-from pzcap.limbs.skin_colour_model import LOWER_ARM
+from pzcap.limbs.search import Ground
 from pzcap.tracking import keypoint_residuals, residuals
 from pzcap.tracking.camera_refinement import MarginalisedCamera, eliminate, segment_twists
 from pzcap.tracking.observation import PYRAMID_LEVELS, PlacedView, ViewCrop, place_view, project
-from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, CropImage, PointResiduals, SegmentSums, Template
+from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, PointResiduals, SegmentSums, Template
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR, VIEW
 from pzcap.tracking.visibility import ProjectedSkin, SkinPoints
-from pzcap.types import SEGMENTS, Array, Camera, Float32, Image, Pose
-
-_WIDTH_M: Final = {"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07,
-                   "hand": 0.05, "thigh": 0.15, "shank": 0.1, "foot": 0.08}  # fmt: skip
-SEGMENT_WIDTH_M: Final = np.array([_WIDTH_M[n.removeprefix("left_").removeprefix("right_")] for n in SEGMENTS])
-BEFORE_BODY_M: Final = np.where(LOWER_ARM, SEGMENT_WIDTH_M, 0.0)
-"""(16,) Distance within which an edge is sought of what may lie before the body: further off it is the other side's."""
+from pzcap.types import Array, Camera, Float32, Image, Pose
 
 
 @dataclass(slots=True, eq=False)
@@ -82,7 +74,7 @@ class Terms:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NormalEquations:
+class PoseEquations:
     """Normal equations of a pose, and how well each segment fits."""
 
     hessian: Array  # (43, 43)
@@ -93,13 +85,13 @@ class NormalEquations:
 
     @property
     def cost(self) -> float:
-        """Half the weighted squares of contour (px2) and brightness."""
-        return 0.5 * float(self.contour[:, 0].sum() + self.brightness[:, 0].sum())
+        """Weighted squares of contour (px2) and brightness (sigmas squared)."""
+        return float(self.contour[:, 0].sum() + self.brightness[:, 0].sum())
 
 
 def misfit_px2(contour: Array, unseen_px2: float) -> Array:
     """Mean squared distance (S,) of each segment's contour from the silhouettes, from the ``contour`` (S, 3) of
-    `NormalEquations`. An edge that is not found counts as far away as it was sought; of a segment without any contour
+    `PoseEquations`. An edge that is not found counts as far away as it was sought; of a segment without any contour
     ``unseen_px2`` is assumed, with the weight of three edges."""
     squares, found, sought = contour.T
     return np.asarray((squares + CONTOUR.missed_px2 * (sought - found) + 3.0 * unseen_px2) / (sought + 3.0))
@@ -163,7 +155,7 @@ class PoseObjective:
 
     def normal(
         self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
-    ) -> NormalEquations:
+    ) -> PoseEquations:
         """Accumulate all residuals of the ``posed`` body, with visibility as ``placed``; the errors of the cameras are
         eliminated (`pzcap.tracking.camera_refinement`)."""
         sums, contour, brightness = self._per_segment(posed, placed, appearances, terms)
@@ -178,7 +170,7 @@ class PoseObjective:
             prior = view.camera_prior
             moves = segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, own.centre)
             cameras.append(eliminate(prior, moves, twists, own, hessian, gradient))
-        return NormalEquations(hessian, gradient, contour, brightness, cameras)
+        return PoseEquations(hessian, gradient, contour, brightness, cameras)
 
     def texture(
         self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
@@ -191,11 +183,10 @@ class PoseObjective:
     def _per_segment(
         self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
     ) -> tuple[list[SegmentSums], Array, Array]:
-        """The normal equations that each view makes of each segment, and how well each fits, as `NormalEquations` has
+        """The normal equations that each view makes of each segment, and how well each fits, as `PoseEquations` has
         it."""
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
         every = [SegmentSums(np.zeros((16, 6, 6)), np.zeros((16, 6)), posed.centre) for _ in self.views]
-        nuisance = np.full(residuals.NUISANCES, 1.0 / terms.shading_sigma**2)
         for view, where, seen, appearance, sums in zip(
             self.views, placed, posed.projected, appearances, every, strict=True
         ):
@@ -204,14 +195,12 @@ class PoseObjective:
             if appearance is not None and terms.brightness_weight > 0:
                 magnification = px_per_m(view.camera, posed.centre)
                 level = view_level(terms.level, magnification)
-                scale = float(2**level)
-                thick = (SEGMENT_WIDTH_M * magnification > BRIGHTNESS.thinnest_px * scale).astype(np.float64)
+                image, template = view.image_at(level), Template(appearance.value[level], appearance.trust)
+                thick = (residuals.SEGMENT_WIDTH_M * magnification > BRIGHTNESS.thinnest_px * image.scale).astype(float)
+                weights = 1.0 / terms.shading_sigma**2, terms.brightness_weight * thick
                 residuals.photometric(
-                    posed.skin, seen.pixels, where.facing, pinhole(view.camera),
-                    CropImage(view.pyramid[level], float(view.left), float(view.top), scale),
-                    Template(appearance.value[level], appearance.trust),
-                    BrightnessTerms(terms.brightness_sigma, nuisance, terms.brightness_weight * thick),
-                    sums, brightness,
+                    posed.skin, seen.pixels, where.facing, pinhole(view.camera), image, template,
+                    BrightnessTerms(terms.brightness_sigma, *weights), sums, brightness,
                 )  # fmt: skip
             if terms.contour_weight > 0:
                 rows, segment = self._contour(view, where, posed.skin, seen, terms, contour)
@@ -239,14 +228,12 @@ class PoseObjective:
     def _contour(
         self, view: ViewCrop, where: PlacedView, skin: SkinPoints, seen: ProjectedSkin, terms: Terms, cost: Array
     ) -> PointResiduals:
-        edges = self.body.surface.edges
+        edges, camera = self.body.surface.edges, pinhole(view.camera)
         found = PointResiduals.empty(len(edges))
+        sought = ContourTerms(terms.reach_px, terms.contour_sigma_px, terms.contour_weight)
         count = residuals.contour(
-            skin, edges, seen, pinhole(view.camera), where.z_buffer,
-            CropImage(view.probability, float(view.left), float(view.top), 1.0), view.arms,
-            ContourTerms(terms.reach_px, terms.contour_sigma_px, terms.contour_weight, GROUP, BEFORE_BODY_M),
-            found, cost,
-        )  # fmt: skip
+            skin, edges, seen, camera, where.z_buffer, view.silhouette, view.arms, sought, found, cost
+        )
         return PointResiduals(found.rows[:count], found.owner[:count])
 
     def learn(self, placed: Placed, appearances: Sequence[Appearance | None], rate: float) -> None:

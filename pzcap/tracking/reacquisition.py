@@ -64,7 +64,7 @@ def reacquire(
         for segments in (passes.disputed, passes.doubtful)
     )
     frames = list(zip(poses, objectives, placed, strict=True))
-    support = np.array([limbs.support(*frame) for frame in frames])  # (T, 4, 2)
+    support = np.array([limbs.search.support(pose, each.grounds(where)) for pose, each, where in frames])  # (T, 4, 2)
     on_hall = support[..., 1] / np.maximum(support.sum(axis=2), REACQUISITION.least_area_m2)
     doubted |= _filtered(on_hall) > REACQUISITION.largest_hall
 
@@ -158,7 +158,7 @@ def _path(
             turns = np.vstack([around, *(turn_to(limb, context.pose, other) for other in beside)])
             postures.append(limbs.postures(limb, context, turns, coarse=size > REACQUISITION.coarse_rad))
         chosen = zip(contexts, postures, smoothest(postures), strict=True)
-        path = [limbs.turned(limb, context.pose, each.turns[k]) for context, each, k in chosen]
+        path = [limbs.search.turned(limb, context.pose, each.turns[k]) for context, each, k in chosen]
         others = [[path[n] for n in (t - 2, t - 1, t + 1, t + 2) if 0 <= n < len(path)] for t in range(len(path))]
     return path
 

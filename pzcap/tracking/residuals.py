@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from pzcap.geometry.pinhole import Pinhole, Vector, pixel_gradient, ray, to_pixel
 from pzcap.imaging.interpolation import bilinear, bilinear_with_gradient
-from pzcap.limbs.search import ARMS
+from pzcap.limbs.search import ARMS, GROUP
+from pzcap.limbs.skin_colour_model import LOWER_ARM
 from pzcap.solver.robust import geman_mcclure
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR
 from pzcap.tracking.visibility import ProjectedSkin, SkinPoints, ZBuffer
-from pzcap.types import Array, Float32, Image
+from pzcap.types import SEGMENTS, Array, Float32, Image
 
 NUISANCES: Final = 4
 """Per segment and view: a gain and a shading gradient along the three axes of the world."""
@@ -29,6 +30,11 @@ RESIDUAL: Final = 6
 WIDTH: Final = 7 + NUISANCES
 WHOLE_BODY: Final = 255
 """Bits of all parts of a body."""
+_WIDTH_M: Final = {"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07,
+                   "hand": 0.05, "thigh": 0.15, "shank": 0.1, "foot": 0.08}  # fmt: skip
+SEGMENT_WIDTH_M: Final = np.array([_WIDTH_M[n.removeprefix("left_").removeprefix("right_")] for n in SEGMENTS])
+BEFORE_BODY_M: Final = np.where(LOWER_ARM, SEGMENT_WIDTH_M, 0.0)
+"""(16,) Distance within which an edge is sought of what may lie before the body: further off it is the other side's."""
 
 
 class CropImage(NamedTuple):
@@ -65,8 +71,8 @@ class BrightnessTerms(NamedTuple):
 
     sigma: float
     """Grey levels; scale of the Geman-McClure weight."""
-    nuisance_weight: Array
-    """(4,) prior of the light's nuisances."""
+    nuisance_weight: float
+    """Prior of each of the light's nuisances."""
     segment_weight: Array
     """(16,)"""
 
@@ -79,10 +85,6 @@ class ContourTerms(NamedTuple):
     sigma: float
     """Pixels."""
     weight: float
-    group: NDArray[np.uint8]
-    """(16,) bit of each segment's part of the body."""
-    before_body: Array
-    """(16,) metres within which an edge before the body is sought; 0 where none is known by its colours."""
 
 
 class PointResiduals(NamedTuple):
@@ -152,12 +154,12 @@ def photometric(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather(
-    rows: Array, weights: Array, count: int, nuisance_weight: Array, joint: Array, hessian: Array, gradient: Array
+    rows: Array, weights: Array, count: int, nuisance_weight: float, joint: Array, hessian: Array, gradient: Array
 ) -> None:
     """Add the normal equations of the first ``count`` columns of ``rows`` to a segment's, its nuisances eliminated."""
     _products(rows, weights, count, joint)
     for k in range(NUISANCES):
-        joint[7 + k, 7 + k] += nuisance_weight[k]
+        joint[7 + k, 7 + k] += nuisance_weight
     for k in range(WIDTH - 1, RESIDUAL, -1):
         for i in range(k):
             factor = joint[k, i] / joint[k, k]
@@ -201,8 +203,7 @@ def contour(
     silhouettes' edges alone, squared distances, points with an edge found and points sought.
     """
     shape = silhouette.image.shape
-    scale, group = z_buffer.scale, terms.group
-    count = 0
+    scale, count = z_buffer.scale, 0
     stride = 2 if terms.reach > 12.0 else 1  # pixels: a coarse search needs no fine steps
     far = terms.reach + stride
     for e in range(len(edges)):
@@ -225,7 +226,7 @@ def contour(
             continue
         beyond = min(_depth(z_buffer, zu + 2.0 * du, zv + 2.0 * dv), _depth(z_buffer, zu + 4.0 * du, zv + 4.0 * dv))
         before = beyond < np.inf
-        if before and (terms.before_body[s] <= 0.0 or beyond < away + CONTOUR.in_front_m):
+        if before and (BEFORE_BODY_M[s] <= 0.0 or beyond < away + CONTOUR.in_front_m):
             continue
         px, py = u - silhouette.left, v - silhouette.top
         if min(px - far * abs(nu), py - far * abs(nv)) < 1.0:
@@ -233,8 +234,8 @@ def contour(
         if px + far * abs(nu) >= shape[1] - 2.0 or py + far * abs(nv) >= shape[0] - 2.0:
             continue
         if before:
-            shown, explained, within = arms, ARMS, min(terms.reach, terms.before_body[s] * camera.focal / away)
-            if _bits(z_buffer, zu + 2.0 * du, zv + 2.0 * dv) & ARMS & ~group[s]:  # the two arms look alike
+            shown, explained, within = arms, ARMS, min(terms.reach, BEFORE_BODY_M[s] * camera.focal / away)
+            if _bits(z_buffer, zu + 2.0 * du, zv + 2.0 * dv) & ARMS & ~GROUP[s]:  # the two arms look alike
                 continue
         else:
             shown, explained, within = silhouette.image, WHOLE_BODY, terms.reach
@@ -244,7 +245,7 @@ def contour(
             continue
         # the edge of another part of the body, which that part explains: no limb is drawn to it
         there = _bits(z_buffer, zu + (offset - 2.0) * du, zv + (offset - 2.0) * dv) & explained
-        if there != 0 and there & group[s] == 0:
+        if there != 0 and there & GROUP[s] == 0:
             continue
         # a soft or tilted edge (its gradient not along our normal) says little about where we are
         _, gx, gy = bilinear_with_gradient(shown, px + offset * nu, py + offset * nv)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -115,7 +115,8 @@ class Tracker:
 
     def motion(self, results: Iterable[Tracked]) -> Motion:
         """Gather all ``results``, with the body as it is known when they have come to their end."""
-        return collect(refit_shape(self._estimate, results), list(self._keys.values()))
+        found = refit_shape(self._estimate, results) if self.config.shape_refit else results
+        return collect(found, list(self._keys.values()))
 
     def _tracked(self, frame: int, found: PoseEstimate) -> Tracked:
         return tracked(self._estimate, self.config, frame, found)
@@ -124,8 +125,9 @@ class Tracker:
         done = self._solved()
         views = self._crop(item.views, key.pose)
         fit, _ = fit_keyframe(self._estimate.body, key.pose, views, self.config)
-        objective = PoseObjective(self.body, views)
-        self._learn_skin_colours(item.views, objective.visibility(objective.posed(fit.pose)))
+        if self.config.skin_colours:
+            objective = PoseObjective(self.body, views)
+            self._learn_skin_colours(item.views, objective.visibility(objective.posed(fit.pose)))
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, views, fit.pose)
         anchor = Anchor(key, views, fit, velocity)
         if self._ahead is None:
@@ -180,12 +182,12 @@ class Tracker:
         return self._tracked(item.frame, nowhere)
 
     def _crop(self, views: Sequence[ViewInput | None], pose: Pose) -> list[ViewCrop | None]:
-        return [
-            crop_view(self.body, view, pose, self.config.cut_out_margin, self._skin_colours)
-            if view is not None and view.silhouette.valid
-            else None
-            for view in views
-        ]
+        def crop(view: ViewInput) -> ViewCrop | None:
+            if not self.config.camera_refinement:
+                view = replace(view, camera_prior=None)
+            return crop_view(self.body, view, pose, self.config.cut_out_margin, self._skin_colours)
+
+        return [None if view is None or not view.silhouette.valid else crop(view) for view in views]
 
 
 def track(

@@ -75,7 +75,7 @@ def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(lim
     for size in (0.8, 0.4, 0.16, 0.06):
         postures = limbs.postures(limb, context, turn + size * POSTURES, coarse=size > 0.3)
         turn = postures.turns[np.argmax(postures.score_m2)]
-    found = limbs.turned(limb, pose, turn)
+    found = limbs.search.turned(limb, pose, turn)
     before, after = (np.linalg.norm(bodies.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
     assert before > 0.1
     assert after < 0.4 * before
@@ -102,6 +102,15 @@ def test_a_limb_does_not_look_like_itself_on_the_hall() -> None:
     there = alike(pose, PoseObjective(objective.body, hall), known())
     assert here.min() > 0.0
     assert there.max() < 0.0
+
+
+def test_without_similarity_a_limb_is_scored_by_silhouettes_alone() -> None:
+    objective, pose = observed(5, true_body()), clip().poses[5]
+    placed = objective.visibility(objective.posed(pose))
+    limbs, reference = LimbAppearance(objective.body, similarity=False), known()
+    body, hall = limbs.search.support(pose, objective.grounds(placed)).T
+    np.testing.assert_array_equal(limbs.score(pose, objective, reference), body - hall)
+    assert not limbs.similarity(pose, objective, placed, reference).any()
 
 
 def test_skin_that_is_not_known_says_nothing() -> None:

@@ -20,7 +20,7 @@ from pzcap.tracking.frame_tracker import TrackingConfig, fit_pose
 from pzcap.tracking.observation import ViewCrop
 from pzcap.tracking.pose_objective import Appearance, PoseObjective
 from pzcap.tracking.residuals import SegmentSums
-from pzcap.tracking.tracker import TrackInput, track
+from pzcap.tracking.tracker import Tracker, TrackInput, track
 from pzcap.types import SEGMENTS, Array, Lens, Localisation, PanZoomCamera
 from tests.scenes.tracked import FRAMES, RATE, by_hand, clip, crops, errors_m, inputs, taped, true_body
 
@@ -164,3 +164,12 @@ def test_shaken_cameras_cost_the_motion_little_where_they_are_corrected() -> Non
     assert np.sqrt(np.mean(left**2)) < 0.6 * sigma[0]
     assert np.sqrt(np.mean(left**2)) < 1.5 * np.sqrt(np.mean(claimed))
     assert not any(each for result in kept for each in result.corrections)
+
+
+def test_cameras_stay_as_they_are_where_they_are_not_to_be_refined() -> None:
+    views = [replace(view, camera_prior=known_to(SHAKEN)) for view in inputs()[0].views if view is not None]
+    for on in (True, False):
+        tracker = Tracker(taped(), [by_hand(0)], RATE, replace(CONFIG, camera_refinement=on))
+        tracker.push(TrackInput(0, tuple(views)))
+        found = tracker._crop(views, clip().poses[0])
+        assert all(view is not None and (view.camera_prior is not None) == on for view in found)

@@ -18,7 +18,7 @@ from pzcap.tracking.bidirectional_fusion import fuse
 from pzcap.tracking.frame_tracker import FrameTracker, Round, fit_pose
 from pzcap.tracking.interval_solver import misplaced
 from pzcap.tracking.observation import ViewCrop, prepare
-from pzcap.tracking.pose_objective import Appearance, NormalEquations, PoseObjective, Terms, px_per_m
+from pzcap.tracking.pose_objective import Appearance, PoseEquations, PoseObjective, Terms, px_per_m
 from pzcap.tracking.tracker import Tracker, TrackingConfig, TrackInput, collect, track
 from pzcap.tracking.tuning import VIEW
 from pzcap.types import SEGMENTS, Array, Image, Keyframe, Pose, PzcapError
@@ -143,7 +143,7 @@ def test_edges_are_sought_far_away_only_where_predictions_were_off(monkeypatch: 
     reaches: list[float] = []
     normal = PoseObjective.normal
 
-    def watched(*arguments: Any) -> NormalEquations:
+    def watched(*arguments: Any) -> PoseEquations:
         reaches.append(arguments[-1].reach_px)
         return normal(*arguments)
 
