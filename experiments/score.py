@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from experiments import bound
 from experiments.silhouette_score import ForegroundErrors, Series
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.types import PARENTS, Array, Mask, Motion, Panorama, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
 from sim.truth import Truth
 
@@ -234,8 +234,8 @@ def _reprojection(
         inside &= np.all((seen >= 0) & (seen <= [width - 1, height - 1]), axis=1)
         if not inside.any():
             continue
-        estimated = camera_model.at(camera, track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame])
-        pixels, depth = camera_model.project(estimated, points_m[inside])
+        estimated = geometry.at(camera, track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame])
+        pixels, depth = geometry.project(estimated, points_m[inside])
         distance = np.minimum(np.linalg.norm(pixels - seen[inside], axis=1), diagonal)
         distance[depth <= 0.0] = diagonal
         distances.append(distance)

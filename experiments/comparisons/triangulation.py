@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from pzcap.geometry import camera as cameras
+from pzcap.geometry import camera as geometry
 from pzcap.io.capture import frame_sets
 from pzcap.io.detections import KEYPOINTS
 from pzcap.types import (
@@ -74,7 +74,7 @@ def cameras_at(reconstruction: Reconstruction, frame: int) -> list[Camera | None
     return [
         None
         if camera is None or track is None or not track.valid[frame]
-        else cameras.at(camera, track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame])
+        else geometry.at(camera, track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame])
         for camera, track in zip(reconstruction.cameras, reconstruction.tracks, strict=True)
     ]
 
@@ -90,7 +90,7 @@ def meet(views: list[tuple[Camera, Array]]) -> tuple[Array, Array]:
     if len(views) < 2:
         return points, off
     origins = np.array([camera.world_T_cam[:3, 3] for camera, _ in views])  # (V, 3)
-    directions = np.array([cameras.rays(camera, person[:, :2]) for camera, person in views])  # (V, K, 3)
+    directions = np.array([geometry.rays(camera, person[:, :2]) for camera, person in views])  # (V, K, 3)
     confidence = np.array([person[:, 2] for _, person in views])
     confidence[confidence < LEAST_CONFIDENCE] = 0.0
     across = np.eye(3) - directions[..., :, None] * directions[..., None, :]  # (V, K, 3, 3) what is beside a ray

@@ -14,7 +14,7 @@ from experiments.paper_figures.material import Located, Run, shoot_config
 from experiments.paper_figures.panoramas import border_on_panorama, window
 from experiments.report.plots import literal
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.localisation.localise import Localiser
 from pzcap.types import Array, CalibrationObject, Camera, Image, Localisation, PzcapError
 from pzcap.viewer.drawing import project_edges
@@ -63,7 +63,7 @@ def _locate(run: Run, one: Located, image: Image, true: Camera | None, what: str
     found = localiser.localise(image, None)
     if not found.valid:
         raise PzcapError(f"{run.reconstruction.capture_name}: camera {one.name} was not found after pan and zoom")
-    camera = camera_model.at(one.camera, found.pan_rad, found.tilt_rad, found.focal_px)
+    camera = geometry.at(one.camera, found.pan_rad, found.tilt_rad, found.focal_px)
     return Shot(one, image, found, camera, true, what)
 
 
@@ -106,7 +106,7 @@ def _off(camera: Camera, true: Camera | None, points_m: Array) -> float | None:
     """RMS distance of points between the two cameras, px."""
     if true is None:
         return None
-    apart = camera_model.project(camera, points_m)[0] - camera_model.project(true, points_m)[0]
+    apart = geometry.project(camera, points_m)[0] - geometry.project(true, points_m)[0]
     return float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
 
 

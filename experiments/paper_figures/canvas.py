@@ -19,7 +19,7 @@ from matplotlib.patches import ConnectionPatch
 from matplotlib.ticker import MultipleLocator
 
 from experiments.report import plots
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.types import Array, Camera, Image
 from pzcap.viewer.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR
 
@@ -105,7 +105,7 @@ def skeleton(plot: Axes, pixels: Array, *, keyframe: bool = False, width: float 
 
 def seen(camera: Camera, points_m: Array) -> Array | None:
     """World points (N, 3) as ``camera`` sees them (N, 2); None where one is not before it."""
-    pixels, depth = camera_model.project(camera, points_m)
+    pixels, depth = geometry.project(camera, points_m)
     return pixels if np.all(depth > 0.2) else None
 
 

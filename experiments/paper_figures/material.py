@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from experiments import footage
 from experiments.score import frames_of
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import mount
 from pzcap.io import results
 from pzcap.io.capture import frame_sets, read_capture, read_image
@@ -149,4 +149,4 @@ def shoot_config(truth: Truth) -> ShootConfig:
 
 def head_at(camera: PanZoomCamera, pan_rad: float, focal_px: float) -> Camera:
     """``camera`` panned and zoomed, its tilt locked."""
-    return camera_model.at(camera, pan_rad, camera.tilt_rad, focal_px)
+    return geometry.at(camera, pan_rad, camera.tilt_rad, focal_px)

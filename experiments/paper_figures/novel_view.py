@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from experiments.paper_figures.material import Located, Run
 from pzcap.body import skeleton as body_model
 from pzcap.body.skeleton import Body
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.pinhole import projected
 from pzcap.tracking import visibility
@@ -126,7 +126,7 @@ def _paint_body(picture: Array, camera: Camera, skin: Skin, views: Sequence[tupl
 
 def _seen(image: Image, view: Camera, skin: Skin, surface: Array, normal: Array) -> tuple[Array, Array]:
     """Colours (N, 3) of surface points in one image, and how well it sees each (N,), 0 where not at all."""
-    pixels, away = camera_model.project(view, surface)
+    pixels, away = geometry.project(view, surface)
     first, inside = _sample(_depth(view, skin)[..., None], pixels, cv2.INTER_NEAREST)
     toward = view.world_T_cam[:3, 3] - surface
     facing = np.sum(toward * normal, axis=1) / np.linalg.norm(toward, axis=1)
@@ -147,7 +147,7 @@ def _depth(camera: Camera, skin: Skin) -> NDArray[np.float32]:
 def _rays(camera: Camera) -> Array:
     """(H * W, 3) unit directions of all pixels."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    return camera_model.rays(camera, np.column_stack([u.ravel(), v.ravel()]).astype(float))
+    return geometry.rays(camera, np.column_stack([u.ravel(), v.ravel()]).astype(float))
 
 
 def _sample(image: NDArray[np.generic], pixels: Array, how: int = cv2.INTER_LINEAR) -> tuple[Array, Mask]:

@@ -26,7 +26,7 @@ from experiments.paper_figures.canvas import (
 from experiments.paper_figures.material import Located, Run
 from experiments.report.plots import literal
 from experiments.score import sweep_errors
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.types import Array, Camera, Image, Panorama, PanZoomCamera, PzcapError
 from pzcap.viewer.drawing import centred, footprint, image_border
 
@@ -54,11 +54,11 @@ def on_panorama(panorama: Panorama, camera: PanZoomCamera, points_m: Array, near
 
 def border_on_panorama(panorama: Panorama, camera: PanZoomCamera, at: Camera, near_rad: float = 0.0) -> Array:
     """(N, 2) the border of a frame on the panorama, unwrapped."""
-    return _pixels(panorama, camera_model.rays(at, image_border(at)) @ camera.world_T_head[:3, :3], near_rad)
+    return _pixels(panorama, geometry.rays(at, image_border(at)) @ camera.world_T_head[:3, :3], near_rad)
 
 
 def _pixels(panorama: Panorama, head: Array, near_rad: float) -> Array:
-    azimuth = near_rad + camera_model.wrapped(np.arctan2(head[:, 1], head[:, 0]) - near_rad)
+    azimuth = near_rad + geometry.wrapped(np.arctan2(head[:, 1], head[:, 0]) - near_rad)
     slope = head[:, 2] / np.hypot(head[:, 0], head[:, 1])
     return np.asarray(panorama.origin_px - panorama.px_per_rad * np.column_stack([azimuth, slope]))
 
@@ -105,7 +105,7 @@ def _panorama(plot: Axes, run: Run, one: Located) -> None:
         _ticks(plot, column + errors * shown.px_per_rad, height, TRUTH_ON_PAPER, 3.0)
         said.append(f"sweep {np.degrees(np.sqrt(np.mean(errors**2))):.4f}° RMS off the truth")
     _ticks(plot, column, height, COLOURS[one.number % len(COLOURS)], 0.7)
-    at = camera_model.at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
+    at = geometry.at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     cased(plot, footprint(shown, camera, at), REFERENCE)
     plot.set_title(f"Camera {literal(one.name)}", pad=3)
     plot.set_title(", ".join(said), loc="right", fontsize=8.0, fontweight="normal", color=MUTED, pad=3)
@@ -134,7 +134,7 @@ def located_frames(run: Run) -> Drawn:
     reference_image, image = run.references[one.number], run.views(frame)[one.number]
     at = one.at[frame]
     assert at is not None
-    home = camera_model.at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
+    home = geometry.at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     pan = float(one.track.pan_rad[frame])
     borders = [border_on_panorama(panorama, camera, a, near) for a, near in ((home, 0.0), (at, pan))]
     azimuths = (panorama.origin_px[0] - np.concatenate(borders)[:, 0]) / panorama.px_per_rad

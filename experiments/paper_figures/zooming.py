@@ -28,7 +28,7 @@ from experiments.paper_figures.canvas import (
 )
 from experiments.paper_figures.material import Located, Run
 from experiments.report.plots import literal, triangle
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.geometry.lens import at as lens_at
 from pzcap.localisation.panorama_sampler import warp_background
 from pzcap.types import Camera, Image, PanZoomCamera, PzcapError
@@ -173,7 +173,7 @@ def _pair(variable: Axes, fixed: Axes, run: Run, one: Located, frame: int) -> No
     show(fixed, at_fixed_focus(image, one, pan, tilt, focal))
     letter(variable, f"frame {frame}, f = {focal / reference:.2f} f0")
     true = run.true_camera(one.name, frame)
-    held = camera_model.at(one.camera, pan, tilt, reference)
+    held = geometry.at(one.camera, pan, tilt, reference)
     _body(variable, run, at, true, frame)
     _body(fixed, run, held, None if true is None else _zoomed(run.true_head(one.name), true, reference), frame)
 

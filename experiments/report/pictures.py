@@ -9,7 +9,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.types import Array, CalibrationObject, Camera, Image, Panorama, PanZoomCamera, ReferenceCamera
 from pzcap.viewer.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR, OUTLINE_COLOUR, Colour, footprint, project_edges
 
@@ -41,7 +41,7 @@ def draw_dots(image: Image, points: Array, colour: Colour, radius: float) -> Non
 
 def draw_figure(image: Image, camera: Camera, figure: Array, colour: Colour | None = None, width: int = 2) -> None:
     """A figure (21, 3) as ``camera`` sees it, in the colours of its sides or in one."""
-    pixels, depth = camera_model.project(camera, figure)
+    pixels, depth = geometry.project(camera, figure)
     if np.any(depth < 0.2) or np.any(np.abs(pixels) > 1e4):
         return
     for (near, far), own in zip(BONES, BONE_COLOURS, strict=True):
@@ -50,7 +50,7 @@ def draw_figure(image: Image, camera: Camera, figure: Array, colour: Colour | No
 
 def visible(camera: Camera, points_m: Array) -> Array:
     """Where ``camera`` sees world points (N, 3), kept inside the image: (N, 2) px."""
-    pixels, _ = camera_model.project(camera, points_m)
+    pixels, _ = geometry.project(camera, points_m)
     return np.clip(pixels, 0.0, [camera.width - 1.0, camera.height - 1.0])
 
 

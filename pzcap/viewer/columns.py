@@ -10,7 +10,7 @@ import rerun as rr
 from scipy.spatial.transform import Rotation
 
 from pzcap.body import skeleton as body_model
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.types import (
     SEGMENTS,
     Array,
@@ -200,7 +200,7 @@ def send_projected(
     for camera, points in zip(cameras, figure, strict=True):
         bones: list[Array] = []
         if camera is not None:
-            pixels, depth = camera_model.project(camera, points)
+            pixels, depth = geometry.project(camera, points)
             # All or none: every bone has its own colour, and a figure that near the lens is of no use.
             bones = list(pixels[np.array(BONES)] + PIXEL_CENTRE) if np.all(depth > 0.2) else []
         strips.append(bones)

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.types import PARENTS, SEGMENTS, Array, Camera, Panorama, PanZoomCamera, PanZoomTrack
 
 Colour = tuple[int, int, int]
@@ -50,14 +50,14 @@ def figures(joints_m: Array, rotations: Array) -> Array:
 def instants(camera: PanZoomCamera, track: PanZoomTrack) -> list[Camera | None]:
     """The camera of every frame set; None where it was not found."""
     return [
-        camera_model.at(camera, float(pan), float(tilt), float(focal)) if valid else None
+        geometry.at(camera, float(pan), float(tilt), float(focal)) if valid else None
         for pan, tilt, focal, valid in zip(track.pan_rad, track.tilt_rad, track.focal_px, track.valid, strict=True)
     ]
 
 
 def project_edges(camera: Camera, edges_m: Array) -> list[Array]:
     """Edges (E, 2, 3) as the camera sees them: those in front of it, (2, 2) each."""
-    pixels, depth = camera_model.project(camera, edges_m.reshape(-1, 3))
+    pixels, depth = geometry.project(camera, edges_m.reshape(-1, 3))
     ahead = np.all(depth.reshape(-1, 2) > 0.1, axis=1)
     return list(pixels.reshape(-1, 2, 2)[ahead])
 
@@ -86,7 +86,7 @@ def image_border(at: Camera) -> Array:
 
 def footprint(panorama: Panorama, camera: PanZoomCamera, at: Camera) -> list[Array]:
     """The image border of ``at`` on the panorama: strips (N, 2), cut where a full turn wraps."""
-    head = camera_model.rays(at, image_border(at)) @ camera.world_T_head[:3, :3]
+    head = geometry.rays(at, image_border(at)) @ camera.world_T_head[:3, :3]
     azimuth = np.unwrap(np.arctan2(head[:, 1], head[:, 0]))
     column = panorama.origin_px[0] - azimuth * panorama.px_per_rad
     row = panorama.origin_px[1] - head[:, 2] / np.hypot(head[:, 0], head[:, 1]) * panorama.px_per_rad

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pzcap.calibration import bundle_adjustment
 from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.parameters import CalibrationParameters, Sigmas, retract, to_vector
-from pzcap.geometry import camera
+from pzcap.geometry import camera as geometry
 from pzcap.types import FAR_AWAY, Array, InverseDepthMap
 
 HALL = InverseDepthMap(1.0, np.full(36, 0.15), np.zeros((4, 36)), np.array([-0.4, 0.3]))
@@ -34,7 +34,7 @@ def truth() -> CalibrationParameters:
 def link(model: CalibrationParameters, first: int, second: int, rng: np.random.Generator, noise: float) -> Link | None:
     views = model.view(first), model.view(second)
     points = rng.uniform((0, 0), (639, 479), (60, 2))
-    seen, front = camera.direction_to_pixel(views[1], *camera.pixel_to_direction(views[0], points))
+    seen, front = geometry.direction_to_pixel(views[1], *geometry.pixel_to_direction(views[0], points))
     inside = front & (seen >= 0).all(axis=1) & (seen[:, 0] < 640) & (seen[:, 1] < 480)
     if inside.sum() < 8:
         return None
@@ -140,7 +140,9 @@ def test_a_projection_centre_beside_the_axis_is_found_and_does_not_disturb() -> 
         view = model.view(frame)
         c, s = np.cos(view.pan_rad), np.sin(view.pan_rad)
         p = world - np.array([c * offset[0] - s * offset[1], s * offset[0] + c * offset[1], 0.0])
-        px, front = camera.direction_to_pixel(view, np.arctan2(p[:, 1], p[:, 0]), p[:, 2] / np.hypot(p[:, 0], p[:, 1]))
+        px, front = geometry.direction_to_pixel(
+            view, np.arctan2(p[:, 1], p[:, 0]), p[:, 2] / np.hypot(p[:, 0], p[:, 1])
+        )
         return px, front & (px >= 0).all(axis=1) & (px < (640, 480)).all(axis=1)
 
     made = []

@@ -19,7 +19,7 @@ from experiments.report import plots
 from experiments.score import Score, project_true, score
 from experiments.silhouette_score import ForegroundScorer, iou, outline_distance
 from experiments.totals import metrics
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.types import Camera, PzcapError, Reconstruction
 from sim.truth import Truth
 from tests.scenes import fabricated
@@ -289,7 +289,7 @@ def test_the_score_projects_as_the_library_does(seed: int, k1: float) -> None:
     transform[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     points, principal = rng.uniform(-15, 15, (50, 3)), rng.uniform(100, 200, 2)
     pixels, seen = project_true(transform, 500.0, principal, k1, points)
-    other, depth = camera_model.project(Camera(320, 240, transform, 500.0, principal, k1), points)
+    other, depth = geometry.project(Camera(320, 240, transform, 500.0, principal, k1), points)
     assert np.all(depth[seen] > 0.1)
     np.testing.assert_allclose(pixels[seen], other[seen], atol=1e-6)
 

@@ -17,10 +17,10 @@ from experiments.slide import assist
 from pzcap.extras import slide
 from pzcap.extras.slide import Slide, Tracks
 from pzcap.extras.slide.adjustment import from_centre
-from pzcap.geometry import camera
+from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE, Distortion
-from pzcap.types import Array, Image, PzcapError
+from pzcap.types import Array, Camera, Image, PzcapError
 from sim.cameras.optics import OpticsConfig, build_rig, lens_maps, plate_for, through_lens
 from sim.cameras.render import Stage
 from tests.scenes import synthetic
@@ -42,9 +42,9 @@ def pan_past(offset_m: Array, seed: int, noise: float = 0.3, near_m: float = 1.5
     world = np.concatenate([near, far])
     track, frame, points = [], [], []
     for k, pan in enumerate(PANS):
-        head_T_cam = camera.head_T_cam(pan, TRUE_VIEW.tilt_rad, TRUE_VIEW.roll_rad, np.append(offset_m, 0.0))
-        at = camera.Camera(WIDTH, HEIGHT, head_T_cam, 880.0, TRUE_VIEW.principal_px, TRUE_VIEW.distortion.k1)
-        seen, depth = camera.project(at, world)
+        head_T_cam = geometry.head_T_cam(pan, TRUE_VIEW.tilt_rad, TRUE_VIEW.roll_rad, np.append(offset_m, 0.0))
+        at = Camera(WIDTH, HEIGHT, head_T_cam, 880.0, TRUE_VIEW.principal_px, TRUE_VIEW.distortion.k1)
+        seen, depth = geometry.project(at, world)
         inside = (depth > 0) & (seen >= 0).all(axis=1) & (seen <= (WIDTH - 1, HEIGHT - 1)).all(axis=1)
         inside &= rng.random(len(world)) < 0.7
         inside[90:] &= np.abs(np.arctan2(far[:, 1], far[:, 0])) > 0.18  # the post hides what is behind it
@@ -122,7 +122,7 @@ def test_the_direction_from_beside_the_axis_is_the_parallax_of_the_camera_model(
     offset, pan = np.array([0.004, -0.003]), np.array([0.1, 0.1])
     seen, _, _ = from_centre(azimuth, slope, nearness, pan, offset)
     turned = replace(TRUE_VIEW, pan_rad=pan, centre_m=np.append(offset, 0.0))
-    moved = camera.parallax(turned, azimuth, slope, nearness)
+    moved = geometry.parallax(turned, azimuth, slope, nearness)
     np.testing.assert_allclose(seen, np.column_stack([azimuth + moved[0], slope + moved[1]]), atol=1e-5)
 
 

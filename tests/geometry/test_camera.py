@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.geometry import camera
+from pzcap.geometry import camera as geometry
 from pzcap.geometry.lens import Distortion
 from pzcap.types import Camera, Lens, PanZoomCamera
 
 angles = st.floats(-3.2, 3.2)
 views = st.builds(
-    lambda pan, tilt, roll, log_zoom, x, y, *distortion: camera.View(
+    lambda pan, tilt, roll, log_zoom, x, y, *distortion: geometry.View(
         pan, tilt, roll, 880.0 * np.exp(log_zoom), np.array([320.0 + x, 240.0 + y]), Distortion(*distortion)
     ),
     angles, st.floats(-0.3, 0.3), st.floats(-0.1, 0.1), st.floats(-0.4, 1.2), st.floats(-9, 9), st.floats(-9, 9),
@@ -32,47 +32,47 @@ def pan_zoom_camera() -> PanZoomCamera:
 
 
 @given(views)
-def test_looking_and_seeing_are_inverse(view: camera.View) -> None:
-    azimuth, slope = camera.pixel_to_direction(view, PIXELS)
-    seen, front = camera.direction_to_pixel(view, azimuth, slope)
+def test_looking_and_seeing_are_inverse(view: geometry.View) -> None:
+    azimuth, slope = geometry.pixel_to_direction(view, PIXELS)
+    seen, front = geometry.direction_to_pixel(view, azimuth, slope)
     assert front.all()
     np.testing.assert_allclose(seen, PIXELS, atol=1e-6)
 
 
 @settings(deadline=None)  # the first call compiles
 @given(views)
-def test_kernels_look_as_the_arrays_do(view: camera.View) -> None:
-    azimuth, slope = camera.pixel_to_direction(view, PIXELS)
-    seen = np.empty((2, camera.SEEN))
+def test_kernels_look_as_the_arrays_do(view: geometry.View) -> None:
+    azimuth, slope = geometry.pixel_to_direction(view, PIXELS)
+    seen = np.empty((2, geometry.SEEN))
     for n, (u, v) in enumerate(PIXELS):
         np.testing.assert_allclose(
-            camera.pixel_to_direction_kernel(view.vector(), u, v), [azimuth[n], slope[n]], atol=1e-9
+            geometry.pixel_to_direction_kernel(view.vector(), u, v), [azimuth[n], slope[n]], atol=1e-9
         )
-        camera.direction_to_pixel_with_derivatives(view.vector(), azimuth[n], slope[n], seen)
+        geometry.direction_to_pixel_with_derivatives(view.vector(), azimuth[n], slope[n], seen)
         np.testing.assert_allclose(seen[:, 0], [u, v], atol=1e-6)
 
 
 @settings(deadline=None)
 @given(views, st.integers(0, 6))
-def test_derivatives_match_finite_differences(view: camera.View, which: int) -> None:
-    azimuth, slope = camera.pixel_to_direction(view, PIXELS)
-    analytic, _ = camera.derivatives(view, azimuth, slope)
+def test_derivatives_match_finite_differences(view: geometry.View, which: int) -> None:
+    azimuth, slope = geometry.pixel_to_direction(view, PIXELS)
+    analytic, _ = geometry.derivatives(view, azimuth, slope)
     step = np.zeros(7)
     step[which] = 1e-6
-    ahead, behind = camera.moved(view, step), camera.moved(view, -step)
+    ahead, behind = geometry.moved(view, step), geometry.moved(view, -step)
     numeric = (
-        camera.direction_to_pixel(ahead, azimuth, slope)[0] - camera.direction_to_pixel(behind, azimuth, slope)[0]
+        geometry.direction_to_pixel(ahead, azimuth, slope)[0] - geometry.direction_to_pixel(behind, azimuth, slope)[0]
     ) / 2e-6
     np.testing.assert_allclose(analytic[:, :, which], numeric, rtol=1e-5, atol=1e-3)
 
 
 @given(views)
-def test_direction_derivatives_match_finite_differences(view: camera.View) -> None:
-    azimuth, slope = camera.pixel_to_direction(view, PIXELS)
-    _, analytic = camera.derivatives(view, azimuth, slope)
+def test_direction_derivatives_match_finite_differences(view: geometry.View) -> None:
+    azimuth, slope = geometry.pixel_to_direction(view, PIXELS)
+    _, analytic = geometry.derivatives(view, azimuth, slope)
     for column, (da, dh) in enumerate(((1e-6, 0.0), (0.0, 1e-6))):
-        ahead = camera.direction_to_pixel(view, azimuth + da, slope + dh)[0]
-        numeric = (ahead - camera.direction_to_pixel(view, azimuth - da, slope - dh)[0]) / 2e-6
+        ahead = geometry.direction_to_pixel(view, azimuth + da, slope + dh)[0]
+        numeric = (ahead - geometry.direction_to_pixel(view, azimuth - da, slope - dh)[0]) / 2e-6
         np.testing.assert_allclose(analytic[:, :, column], numeric, rtol=1e-5, atol=1e-3)
 
 
@@ -80,24 +80,25 @@ def test_direction_derivatives_match_finite_differences(view: camera.View) -> No
 def test_pan_zoom_derivatives_carry_the_lens_along(log_zoom: float, pan: float) -> None:
     head = pan_zoom_camera()
     focal = 880.0 * np.exp(log_zoom)
-    view = camera.view_at(head, pan, head.tilt_rad, focal)
-    azimuth, slope = camera.pixel_to_direction(view, PIXELS)
-    analytic = camera.pan_zoom_derivatives(head, view, azimuth, slope)
+    view = geometry.view_at(head, pan, head.tilt_rad, focal)
+    azimuth, slope = geometry.pixel_to_direction(view, PIXELS)
+    analytic = geometry.pan_zoom_derivatives(head, view, azimuth, slope)
     step = 1e-6
     for column, (d_pan, d_log, d_tilt) in enumerate(step * np.eye(3)):
-        ahead = camera.view_at(head, pan + d_pan, head.tilt_rad + d_tilt, focal * np.exp(d_log))
-        behind = camera.view_at(head, pan - d_pan, head.tilt_rad - d_tilt, focal * np.exp(-d_log))
+        ahead = geometry.view_at(head, pan + d_pan, head.tilt_rad + d_tilt, focal * np.exp(d_log))
+        behind = geometry.view_at(head, pan - d_pan, head.tilt_rad - d_tilt, focal * np.exp(-d_log))
         numeric = (
-            camera.direction_to_pixel(ahead, azimuth, slope)[0] - camera.direction_to_pixel(behind, azimuth, slope)[0]
+            geometry.direction_to_pixel(ahead, azimuth, slope)[0]
+            - geometry.direction_to_pixel(behind, azimuth, slope)[0]
         ) / (2 * step)
         np.testing.assert_allclose(analytic[:, :, column], numeric, rtol=1e-5, atol=2e-3)
 
 
 def test_positive_pan_turns_left_and_positive_tilt_up_and_positive_roll_clockwise() -> None:
-    level = camera.head_T_cam(0.0, 0.0, 0.0)[:3, :3]
-    assert camera.head_T_cam(0.1, 0.0, 0.0)[1, 2] > 0  # optical axis towards +y, left
-    assert camera.head_T_cam(0.0, 0.1, 0.0)[2, 2] > 0
-    right = camera.head_T_cam(0.0, 0.0, 0.1)[:3, 0]
+    level = geometry.head_T_cam(0.0, 0.0, 0.0)[:3, :3]
+    assert geometry.head_T_cam(0.1, 0.0, 0.0)[1, 2] > 0  # optical axis towards +y, left
+    assert geometry.head_T_cam(0.0, 0.1, 0.0)[2, 2] > 0
+    right = geometry.head_T_cam(0.0, 0.0, 0.1)[:3, 0]
     assert right @ level[:, 1] > 0  # the camera's right edge sinks
 
 
@@ -105,24 +106,24 @@ def test_positive_pan_turns_left_and_positive_tilt_up_and_positive_roll_clockwis
 def test_directions_of_the_head_agree_with_world_points(pan: float, tilt: float, zoom: float) -> None:
     head = pan_zoom_camera()
     turned = PanZoomCamera(
-        head.lens, head.world_T_head @ camera.head_T_cam(0.7, 0.2, 0.1), head.tilt_rad, head.roll_rad
+        head.lens, head.world_T_head @ geometry.head_T_cam(0.7, 0.2, 0.1), head.tilt_rad, head.roll_rad
     )
-    azimuth, slope = camera.pixel_to_direction(camera.view_at(turned, pan, tilt, 880.0 * zoom), PIXELS)
+    azimuth, slope = geometry.pixel_to_direction(geometry.view_at(turned, pan, tilt, 880.0 * zoom), PIXELS)
     in_head = np.column_stack([np.cos(azimuth), np.sin(azimuth), slope]) * 7.0
     points = in_head @ turned.world_T_head[:3, :3].T + turned.world_T_head[:3, 3]
-    instant = camera.at(turned, pan, tilt, 880.0 * zoom)
-    px, depth = camera.project(instant, points)
+    instant = geometry.at(turned, pan, tilt, 880.0 * zoom)
+    px, depth = geometry.project(instant, points)
     assert (depth > 0).all()
     np.testing.assert_allclose(px, PIXELS, atol=1e-6)
-    directions = camera.rays(instant, PIXELS)
+    directions = geometry.rays(instant, PIXELS)
     expected = points - instant.world_T_cam[:3, 3]
     np.testing.assert_allclose(directions, expected / np.linalg.norm(expected, axis=1)[:, None], atol=1e-9)
 
 
 def test_mounting_gives_back_the_reference_pose() -> None:
     head = pan_zoom_camera()
-    reference = camera.at(head, 0.0, head.tilt_rad, 880.0)
-    again = camera.mount(reference, replace(head, world_T_head=np.eye(4)))
+    reference = geometry.at(head, 0.0, head.tilt_rad, 880.0)
+    again = geometry.mount(reference, replace(head, world_T_head=np.eye(4)))
     np.testing.assert_allclose(again.world_T_head, head.world_T_head, atol=1e-12)
 
 
@@ -160,6 +161,6 @@ def test_projection_agrees_with_mujoco() -> None:
     on_near = eye[:, :2] * (near / -eye[:, 2])[:, None]
     column = (on_near[:, 0] - left) / (right - left) * 640 - 0.5
     row = (top - on_near[:, 1]) / (top - bottom) * 480 - 0.5
-    px, depth = camera.project(ours, points)
+    px, depth = geometry.project(ours, points)
     np.testing.assert_allclose(depth, -eye[:, 2], atol=1e-9)
     np.testing.assert_allclose(px, np.column_stack([column, row]), atol=1e-3)

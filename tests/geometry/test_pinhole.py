@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.geometry.pinhole import pinhole, pixel_gradient, projected, ray
 from pzcap.types import Camera
 
@@ -17,7 +17,7 @@ CAMERA = Camera(640, 480, WORLD_T_CAM, 900.0, np.array([320.0, 240.0]), -0.07, 0
 def test_points_are_projected_as_by_the_plain_camera() -> None:
     ahead = np.random.default_rng(1).uniform([-1.0, -0.8, 2.0], [1.0, 0.8, 9.0], (50, 3))
     pixels, depth = projected(ahead @ WORLD_T_CAM[:3, :3].T + WORLD_T_CAM[:3, 3], CAMERA)
-    expected, away = camera_model.project(CAMERA, ahead @ WORLD_T_CAM[:3, :3].T + WORLD_T_CAM[:3, 3])
+    expected, away = geometry.project(CAMERA, ahead @ WORLD_T_CAM[:3, :3].T + WORLD_T_CAM[:3, 3])
     np.testing.assert_allclose(pixels, expected, atol=1e-9)
     np.testing.assert_allclose(depth, away, atol=1e-12)
     assert projected(-ahead @ WORLD_T_CAM[:3, :3].T + WORLD_T_CAM[:3, 3], CAMERA)[1].tolist() == [-1.0] * 50

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.types import Mask, Reconstruction
 from sim.truth import Truth
 
@@ -19,7 +19,7 @@ def truth_of(whole: Reconstruction) -> Truth:
     cameras = [c for c in whole.cameras if c is not None]
     tracks = [t for t in whole.tracks if t is not None]
     instants = [
-        [camera_model.at(c, t.pan_rad[f], t.tilt_rad[f], t.focal_px[f]) for f in range(frames)]
+        [geometry.at(c, t.pan_rad[f], t.tilt_rad[f], t.focal_px[f]) for f in range(frames)]
         for c, t in zip(cameras, tracks, strict=True)
     ]
     references = [r.camera for r in whole.references if r is not None]

@@ -15,7 +15,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from pzcap.events import CameraCalibrated, FrameLocalised, FrameSegmented
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.types import (
     CalibrationObject,
     CameraFiles,
@@ -134,7 +134,7 @@ def test_cameras_pan_and_zoom(recording: tuple[Path, Reconstruction]) -> None:
     camera, track = whole.cameras[0], whole.tracks[0]
     assert camera is not None
     assert track is not None
-    at = camera_model.at(camera, track.pan_rad[7], track.tilt_rad[7], track.focal_px[7])
+    at = geometry.at(camera, track.pan_rad[7], track.tilt_rad[7], track.focal_px[7])
     matrix = np.reshape(rows(path, "/world/camera/1/view", "Pinhole:image_from_camera")[7][1], (3, 3)).T
     np.testing.assert_allclose(matrix[[0, 1], [0, 1]], at.focal_px, rtol=1e-6)
     np.testing.assert_allclose(matrix[:2, 2], at.principal_px + 0.5, rtol=1e-6)
@@ -202,12 +202,12 @@ def test_footprints_surround_what_the_camera_sees() -> None:
     camera, panorama = whole.cameras[0], whole.panoramas[0]
     assert camera is not None
     assert panorama is not None
-    ahead = camera_model.at(camera, 0.0, -0.07, 440.0)
+    ahead = geometry.at(camera, 0.0, -0.07, 440.0)
     (border,) = drawing.footprint(panorama, camera, ahead)
     assert border[:, 0].min() < panorama.origin_px[0] < border[:, 0].max()
     width = 2 * np.arctan(fabricated.WIDTH / 2 / 440.0) * panorama.px_per_rad
     assert np.ptp(border[:, 0]) == pytest.approx(width, rel=0.05)
-    behind = camera_model.at(camera, np.pi, -0.07, 440.0)
+    behind = geometry.at(camera, np.pi, -0.07, 440.0)
     parts = drawing.footprint(panorama, camera, behind)
     assert len(parts) >= 2  # cut where the turn wraps
     for part in parts:

@@ -18,7 +18,7 @@ from experiments.paper_figures.canvas import STYLE, Drawn
 from experiments.paper_figures.field import FEET, Standing, common_height_px, floor_between, height_px, zoom_range
 from experiments.paper_figures.material import Run, load
 from pzcap.body import skeleton as body_model
-from pzcap.geometry import camera as camera_model
+from pzcap.geometry import camera as geometry
 from pzcap.geometry.lens import at as lens_at
 from pzcap.types import Array, Lens, Localisation, PanZoomCamera, Pose, PzcapError, Subject
 from sim.hall.gym import calibration_object
@@ -60,7 +60,7 @@ def run() -> Run:
 @pytest.fixture(scope="module")
 def shot(run: Run) -> calibration.Shot:
     one = run.located()[0]
-    camera = camera_model.at(one.camera, -0.05, one.camera.tilt_rad, 1.5 * FOCAL_PX)
+    camera = geometry.at(one.camera, -0.05, one.camera.tilt_rad, 1.5 * FOCAL_PX)
     points = np.random.default_rng(2).uniform(20.0, 200.0, (30, 2))
     found = Localisation(-0.05, one.camera.tilt_rad, 1.5 * FOCAL_PX, np.eye(2), True, points, points + 500.0)
     image = run.references[0]
@@ -226,7 +226,7 @@ def test_the_novel_view_wears_what_the_cameras_saw(run: Run) -> None:
     assert motion is not None
     view = novel_view.virtual_camera(run, motion.joints_m[4, 0], 120, 132)
     picture = novel_view.render(painted, body_model.build(SUBJECT), 4, view).astype(int)
-    chest = camera_model.project(view, motion.joints_m[4, 1:2])[0][0].round().astype(int)
+    chest = geometry.project(view, motion.joints_m[4, 1:2])[0][0].round().astype(int)
     np.testing.assert_allclose(picture[chest[1], chest[0]], [0, 200, 0], atol=12)
 
 
@@ -238,7 +238,7 @@ def test_the_athlete_is_portrayed_where_they_stand(run: Run) -> None:
         first, second = (hall.portray(view, Pose(motion.root_position_m[f], motion.rotations[f])) for f in (4, 7))
     changed = np.abs(first.astype(int) - second).max(axis=2) > 30
     for frame in (4, 7):
-        x, y = camera_model.project(view, motion.joints_m[frame, :1])[0][0].round().astype(int)
+        x, y = geometry.project(view, motion.joints_m[frame, :1])[0][0].round().astype(int)
         assert changed[y - 3 : y + 4, x - 3 : x + 4].mean() > 0.5
 
 
@@ -252,5 +252,5 @@ def test_the_object_is_photographed_where_the_true_camera_sees_it() -> None:
     assert ids is not None
     known: dict[int, Array] = {marker.id: marker.corners_m for marker in target.markers}
     for number, found in zip(ids.ravel(), corners, strict=True):
-        expected = camera_model.project(camera, known[int(number)])[0]
+        expected = geometry.project(camera, known[int(number)])[0]
         np.testing.assert_allclose((found[0] + 0.5) / 3 - 0.5, expected, atol=1.0)
