@@ -33,11 +33,15 @@ class OutputConfig:
     jpeg_quality: int = 75
     """Of the images in the recording."""
     captures: str = "outputs/captures"
-    """Where shoots are kept for the next run of the same shoot config."""
+    """Folder in which shoots are kept for the next run of the same shoot config."""
+    light_gb: float = 10.0
+    """Light kept there, GB: that of a dozen captures of five seconds, from which other noise is developed in seconds."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.jpeg_quality <= 100:
             raise PzcapError(f"jpeg_quality is {self.jpeg_quality}; give 1 to 100")
+        if not self.light_gb >= 0:
+            raise PzcapError(f"light_gb is {self.light_gb}; give 0 or more")
 
 
 @dataclass(frozen=True, slots=True)

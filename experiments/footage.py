@@ -45,12 +45,14 @@ def capture_of(config: AppConfig, report: Callable[[str, int, int], None]) -> Pa
     """The capture that a run works on: the one it is told, else that of the shoot's config."""
     if config.capture is not None:
         return capture_in(Path(config.capture).resolve())
-    return shot(config.shoot, Path(config.output.captures), report) / "capture"
+    return shot(config.shoot, Path(config.output.captures), report, config.output.light_gb) / "capture"
 
 
-def shot(config: ShootConfig, root: Path, report: Callable[[str, int, int], None] = no_report) -> Path:
+def shot(
+    config: ShootConfig, root: Path, report: Callable[[str, int, int], None] = no_report, light_gb: float = 10.0
+) -> Path:
     """The folder of a shoot in ``root``, ``capture/`` and ``truth/`` in it: shot now, or kept from before."""
-    shooting = shoot_cached(config, root)
+    shooting = shoot_cached(config, root, light_gb)
     while True:
         try:
             step = next(shooting)

@@ -13,13 +13,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, wait
+from concurrent.futures import Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any, Final, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import cv2
-from loky import get_reusable_executor
+from loky import ProcessPoolExecutor, cpu_count, get_reusable_executor
 from threadpoolctl import threadpool_limits
 
 from pzcap.types import PzcapError
@@ -106,6 +106,21 @@ def taken(future: Future[T]) -> T:
             "the process that solves intervals between keyframes was killed, most often because memory ran out; "
             "free some and run again"
         ) from error
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Executor]:
+    """So many processes for work that is of one piece each. They end with the block, however it ends, or with us."""
+    pool = ProcessPoolExecutor(count, initializer=_alone, initargs=(os.getpid(),), env=_ONE_THREAD)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=True, kill_workers=True)
+
+
+def free_cores() -> int:
+    """Cores that this process may use; 1 where it may not start another."""
+    return 1 if multiprocessing.current_process().daemon else cpu_count()
 
 
 class CpuClock(NamedTuple):

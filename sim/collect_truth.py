@@ -1,64 +1,55 @@
-"""Collects the truth about a capture from the session that filmed it, as a `sim.truth.Truth`."""
+"""Collects the truth about a capture, as a `sim.truth.Truth`, from what the filming of each camera leaves."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from fractions import Fraction
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.types import Array, Mask
-from sim.cameras.operator import Trajectory, sweep_length
+from pzcap.io.video import frames_to_timecode
+from pzcap.types import Array
+from sim.cameras.operator import Trajectory
 from sim.cameras.optics import Rig
 from sim.motion import END_POINTS
-from sim.scene import scene_points, stream
-from sim.session import CAMERAS, Session
+from sim.session import CAMERA_NAMES, CAMERAS, Run, Session
 from sim.truth import Truth
-
-_SCENE_POINTS: Final = 600  # rays cast for each camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FilmedMotion:
-    """The filmed motion; fields as in `sim.truth.Truth`."""
+class FilmedCamera:
+    """Way of one camera through the motion, and what it sees; arrays as in `sim.truth.Truth`, of this camera."""
 
-    times_s: Array
-    timecodes: tuple[str, ...]
-    joints_m: Array
-    trajectories: list[Trajectory]
-    recorded: Mask
+    way: Trajectory
+    scene_points_m: Array
     mask_bits: NDArray[np.uint8]
-    shadow_frames: NDArray[np.int64]
     shadow_bits: NDArray[np.uint8]
 
 
-def collect_truth(session: Session, hall: dict[str, list[Trajectory]], filmed: FilmedMotion) -> Truth:
-    """Return the truth. ``hall`` holds the trajectories of the cameras' "sweep" and, if there was one, "zoom" runs."""
-    config, rigs = session.config, session.rigs
-    pan_rad, focal_px, raised_rad = _sampled(filmed.trajectories, filmed.times_s)
-    frames = len(filmed.times_s)
-    sweep_times_s = np.arange(sweep_length(config.sweep_deg, config.operator)) / config.sweep_frame_rate
-    zoom_times_s = np.arange(config.zoom_frames) / config.sweep_frame_rate
-    sweep_pan_rad = _sampled(hall["sweep"], sweep_times_s)[0]
+def collect_truth(
+    session: Session, filmed: Sequence[FilmedCamera], joints_m: Array, shadow_frames: NDArray[np.int64]
+) -> Truth:
+    """The truth about a capture without a dropped frame. joints_m: (F, 16, 3)."""
+    config, rigs, times_s = session.config, session.rigs, session.times_s
+    pan_rad, focal_px, raised_rad = _sampled([one.way for one in filmed], times_s)
+    frames, start = len(times_s), session.clock().start
+    sweeps, zooms = [[run(c) for c in range(CAMERAS)] for run in (session.sweep, session.zoom)]
+    sweep_pan_rad = _sampled(sweeps, sweeps[0].times_s)[0]
     zoom_pan_rad, zoom_focal_px = np.zeros((CAMERAS, 1)), np.zeros((CAMERAS, 0))
     if config.zoom_frames:
-        zoom_pan_rad, zoom_focal_px, _ = _sampled(hall["zoom"], zoom_times_s)
+        zoom_pan_rad, zoom_focal_px, _ = _sampled(zooms, zooms[0].times_s)
     reference_px = rigs[0].reference_focal_px
-    points = [
-        scene_points(session.stage, rig, sweep_pan_rad[c], _SCENE_POINTS, stream(config.seed, "points", c))
-        for c, rig in enumerate(rigs)
-    ]
-    fewest = min(len(group) for group in points)
-    poses = [session.clip.at(t) for t in filmed.times_s.tolist()]
-    contact = [[session.clip.contacts(t)[end] for end in END_POINTS] for t in filmed.times_s.tolist()]
+    fewest = min(len(one.scene_points_m) for one in filmed)
+    poses = [session.clip.at(t) for t in times_s.tolist()]
+    contact = [[session.clip.contacts(t)[end] for end in END_POINTS] for t in times_s.tolist()]
     return Truth(
         config=json.dumps(asdict(config)),
         frame_rate=Fraction(config.frame_rate),
-        camera_names=tuple(files.name for files in session.files),
-        timecodes=filmed.timecodes,
+        camera_names=CAMERA_NAMES,
+        timecodes=tuple(frames_to_timecode(start + f, Fraction(config.frame_rate)) for f in range(frames)),
         width=config.width,
         height=config.height,
         pan_rad=pan_rad,
@@ -68,7 +59,7 @@ def collect_truth(session: Session, hall: dict[str, list[Trajectory]], filmed: F
         principal_px=np.repeat([[rig.principal_px] for rig in rigs], frames, axis=1),
         k1=np.array([[rig.k1(f) for f in row] for rig, row in zip(rigs, focal_px, strict=True)]),
         world_T_cam=_poses(rigs, pan_rad, focal_px, raised_rad),
-        recorded=filmed.recorded,
+        recorded=np.ones((CAMERAS, frames), bool),
         reference_focal_px=np.full(CAMERAS, reference_px),
         reference_principal_px=np.array([rig.principal_px for rig in rigs]),
         reference_k1=np.array([rig.k1(reference_px) for rig in rigs]),
@@ -79,20 +70,20 @@ def collect_truth(session: Session, hall: dict[str, list[Trajectory]], filmed: F
         ),
         zoom_focal_px=zoom_focal_px,
         zoom_pan_rad=zoom_pan_rad[:, 0],
-        scene_points_m=np.stack([group[:fewest] for group in points]),
+        scene_points_m=np.stack([one.scene_points_m[:fewest] for one in filmed]),
         measurements_m=session.measurements,
         root_position_m=np.stack([pose.root_position_m for pose in poses]),
         rotations=np.stack([pose.rotations for pose in poses]),
-        joints_m=filmed.joints_m,
+        joints_m=joints_m,
         contact=np.array(contact),
         airborne=np.array([not any(row) for row in contact]),
-        mask_bits=filmed.mask_bits,
-        shadow_frames=filmed.shadow_frames,
-        shadow_bits=filmed.shadow_bits,
+        mask_bits=np.stack([one.mask_bits for one in filmed]),
+        shadow_frames=shadow_frames,
+        shadow_bits=np.stack([one.shadow_bits for one in filmed]),
     )
 
 
-def _sampled(trajectories: list[Trajectory], times_s: Array) -> tuple[Array, Array, Array]:
+def _sampled(trajectories: Sequence[Trajectory | Run], times_s: Array) -> tuple[Array, Array, Array]:
     """Pan, focal length and tilt above the locked one, (C, N) each, at these times."""
     values = np.array([[one.at(t) for t in times_s.tolist()] for one in trajectories])
     return values[..., 0], values[..., 1], values[..., 2]

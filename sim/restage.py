@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
 from pzcap.types import Camera, Image, Pose
+from sim.cameras.film import FilmCamera
 from sim.cameras.operator import PanTiltZoom
+from sim.cameras.optics import vignette
+from sim.cameras.sensor import Exposure, Sensor
 from sim.people.athlete import set_pose
 from sim.scene import stream
 from sim.session import ShootConfig, assemble
@@ -18,20 +18,22 @@ class Hall:
     """The hall, the tripods and the athlete of a shoot. Use it as a context manager."""
 
     def __init__(self, config: ShootConfig) -> None:
-        self._config = config
-        with tempfile.TemporaryDirectory() as folder:  # nothing is recorded
-            self._session = assemble(config, Path(folder))
+        self._config, self._session = config, assemble(config)
+        self._stage = self._session.stage()
 
     def __enter__(self) -> Hall:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._session.stage.close()
+        self._stage.close()
 
     def photograph_object(self, camera: int, pan_rad: float, focal_px: float) -> Image:
         """The calibration object, put back where it was, as this camera sees it panned and zoomed (section 4.3)."""
         rng = stream(self._config.seed, "object once more", camera)
-        return self._session.cameras[camera].still(rng, PanTiltZoom(pan_rad, focal_px))
+        rig, config = self._session.rigs[camera], self._config.sensor
+        light = FilmCamera(self._stage, rig, config).still(PanTiltZoom(pan_rad, focal_px))
+        sensor = Sensor(config, vignette(rig), stream(self._config.seed, "sensor", camera))
+        return sensor.develop(light, Exposure(config.exposure_drift, rng)(0.0), rng)
 
     def camera(self, camera: int, pan_rad: float, focal_px: float) -> Camera:
         """The true camera, so panned and zoomed."""
@@ -41,7 +43,7 @@ class Hall:
 
     def portray(self, camera: Camera, pose: Pose) -> Image:
         """The athlete as an ideal ``camera`` would see them, which no tripod carries; its lens does not distort."""
-        stage = self._session.stage
+        stage = self._stage
         set_pose(stage.model, stage.data, pose)
         stage.aim(camera.world_T_cam, float(np.degrees(2 * np.arctan(camera.height / 2 / camera.focal_px))))
         picture = stage.picture((camera.width, camera.height), athlete=True)

@@ -22,19 +22,20 @@ def stream(seed: int, *purpose: str | int) -> np.random.Generator:
     return np.random.default_rng([seed, *(zlib.crc32(str(part).encode()) for part in purpose)])
 
 
-def build_stage(
-    seed: int, gym_config: GymConfig, athlete_config: AthleteConfig, measurements: dict[str, float],
-    largest: tuple[int, int], *, mipmaps: bool = True,
-) -> Stage:  # fmt: skip
-    """The compiled scene, for pictures no larger than ``largest`` (width, height); ``mipmaps`` as `Stage` has it."""
+def describe_scene(
+    seed: int, gym_config: GymConfig, athlete_config: AthleteConfig, measurements: dict[str, float]
+) -> mujoco.MjSpec:
+    """Hall, calibration object and athlete, to be compiled."""
     spec = mujoco.MjSpec()
     gym.build_gym(spec, gym_config, stream(seed, "gym"))
     gym.add_calibration_object(spec)
     athlete.add_athlete(spec, measurements, athlete_config, stream(seed, "athlete"))
-    return Stage(spec, *largest, athlete.GEOM_GROUP, gym.OBJECT_GROUP, mipmaps=mipmaps)
+    return spec
 
 
-def skeleton(stage: Stage, clip: MotionClip, times_s: Array, measurements: dict[str, float]) -> tuple[Array, Array]:
+def skeleton(
+    model: mujoco.MjModel, clip: MotionClip, times_s: Array, measurements: dict[str, float]
+) -> tuple[Array, Array]:
     """Joint centres (T, 16, 3), and the same with vertex, finger tips and toes (T, 21, 3), which span the body."""
     tips = {
         "head": (0.0, 0.0, measurements["head"]),
@@ -44,16 +45,17 @@ def skeleton(stage: Stage, clip: MotionClip, times_s: Array, measurements: dict[
             for side in ("left", "right")
         },
     }
-    bodies = [stage.model.body(name).id for name in SEGMENTS]
-    ends = [stage.model.body(name).id for name in tips]
+    data = mujoco.MjData(model)
+    bodies = [model.body(name).id for name in SEGMENTS]
+    ends = [model.body(name).id for name in tips]
     offsets = np.array(list(tips.values()))
     joints_m, outline_m = np.empty((len(times_s), 16, 3)), np.empty((len(times_s), 21, 3))
     for k, time_s in enumerate(times_s.tolist()):
-        athlete.set_pose(stage.model, stage.data, clip.at(time_s))
-        mujoco.mj_kinematics(stage.model, stage.data)
-        joints_m[k] = stage.data.xpos[bodies]
-        turns = stage.data.xmat[ends].reshape(-1, 3, 3)
-        outline_m[k] = np.concatenate([joints_m[k], stage.data.xpos[ends] + np.einsum("nij,nj->ni", turns, offsets)])
+        athlete.set_pose(model, data, clip.at(time_s))
+        mujoco.mj_kinematics(model, data)
+        joints_m[k] = data.xpos[bodies]
+        turns = data.xmat[ends].reshape(-1, 3, 3)
+        outline_m[k] = np.concatenate([joints_m[k], data.xpos[ends] + np.einsum("nij,nj->ni", turns, offsets)])
     return joints_m, outline_m
 
 

@@ -1,29 +1,35 @@
-"""A filming session: hall, athlete, motion and four cameras, set up from one configuration."""
+"""A filming session: hall, athlete, motion and four cameras, drawn from one configuration."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import Final, NamedTuple
 
+import mujoco
 import numpy as np
 
+from pzcap.io.video import frames_per_day
 from pzcap.types import Array, PzcapError
 from sim import motion
-from sim.cameras.film import FilmCamera, finest_plate
-from sim.cameras.operator import OperatorConfig, Trajectory
+from sim.cameras.film import Person, finest_plate
+from sim.cameras.operator import OperatorConfig, PanTiltZoom, Trajectory, sweep, through
 from sim.cameras.optics import OpticsConfig, Rig, build_rig
 from sim.cameras.render import Stage
-from sim.cameras.sensor import SensorConfig
+from sim.cameras.sensor import SensorConfig, rolls
 from sim.cameras.trajectories import read_trajectories
+from sim.hall import gym
 from sim.hall.gym import GymConfig
 from sim.motion import MotionClip
-from sim.people.athlete import AthleteConfig, draw_measurements
-from sim.people.crew import CrewConfig
+from sim.people.athlete import GEOM_GROUP, AthleteConfig, draw_measurements
+from sim.people.crew import CrewConfig, to_and_fro
 from sim.people.detector import DetectorConfig
-from sim.scene import build_stage, stream
+from sim.scene import describe_scene, stream
 
 CAMERAS: Final = 4
+CAMERA_NAMES: Final = tuple(str(c + 1) for c in range(CAMERAS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,23 +79,97 @@ class Files(NamedTuple):
     keypoints: Path | None
 
 
+class Clock(NamedTuple):
+    """When the motion's recordings begin and end."""
+
+    start: int  # frames since midnight of the first frame that all cameras have
+    early: list[int]  # frames that each camera starts before that
+    late: list[int]  # frames that each camera stops after the last
+
+
+class Run(NamedTuple):
+    """Way of a camera through the empty hall, by the times of its frames (N,)."""
+
+    times_s: Array
+    trajectory: Trajectory | None  # None: no frame
+
+    def at(self, time_s: float) -> PanTiltZoom:
+        assert self.trajectory is not None, "a run without a frame has no way"
+        return self.trajectory.at(time_s)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """Four cameras in the hall, and the motion to film."""
+    """Four cameras, an athlete, and the motion to film."""
 
     config: ShootConfig
     measurements: dict[str, float]
     clip: MotionClip
-    stage: Stage
     rigs: list[Rig]
-    cameras: list[FilmCamera]
-    files: list[Files]
     times_s: Array  # (F,) of the frames of the motion
     given_trajectories: list[Trajectory]  # from a file; empty: operators follow the body
 
+    def model_spec(self) -> mujoco.MjSpec:
+        """Hall, athlete and calibration object."""
+        return describe_scene(self.config.seed, self.config.gym, self.config.athlete, self.measurements)
 
-def assemble(config: ShootConfig, folder: Path) -> Session:
-    """Draw from the seed all that chance decides, build the hall, and make a folder in ``folder`` for each camera."""
+    def stage(self) -> Stage:
+        """Set up the hall for filming. It has to be closed in the end."""
+        optics, sensor = self.config.optics, self.config.sensor
+        zooms = [1.0, *np.linspace(optics.zoom_min, optics.zoom_max, 9).tolist()]
+        plates = [finest_plate(rig, sensor, zoom) for rig in self.rigs for zoom in zooms]
+        largest = max(width for width, _ in plates), max(height for _, height in plates)
+        return Stage(self.model_spec(), *largest, GEOM_GROUP, gym.OBJECT_GROUP, mipmaps=sensor.mipmaps)
+
+    def clock(self) -> Clock:
+        rng = stream(self.config.seed, "clock")
+        day = frames_per_day(Fraction(self.config.frame_rate))
+        start = int(rng.integers(day // 3, day // 2))
+        return Clock(start, *rolls(CAMERAS, self.config.sensor.largest_roll, rng))
+
+    def exposed_s(self, c: int) -> Array:
+        """(N,) the middle of each exposure of the motion by camera ``c``; 0 at the first frame that all have."""
+        clock = self.clock()
+        frames = np.arange(clock.early[c] + len(self.times_s) + clock.late[c])
+        return (frames - clock.early[c]) / self.config.frame_rate
+
+    def sweep(self, c: int) -> Run:
+        """Way of camera ``c`` through the sweep."""
+        pan_rad = sweep(self.config.sweep_deg, self.config.operator, stream(self.config.seed, "sweep", c))
+        return self._run(pan_rad, np.full(len(pan_rad), self.rigs[c].reference_focal_px))
+
+    def zoom(self, c: int) -> Run:
+        """Way of camera ``c`` through the zoom run, which may have no frame."""
+        optics, frames = self.config.optics, self.config.zoom_frames
+        low, high = (math.log(self.rigs[c].reference_focal_px * zoom) for zoom in (optics.zoom_min, optics.zoom_max))
+        locked_rad = np.deg2rad(stream(self.config.seed, "zoom run", c).uniform(-5.0, 5.0))
+        return self._run(np.full(frames, locked_rad), np.exp(np.linspace(low, high, frames)))
+
+    def _run(self, pan_rad: Array, focal_px: Array) -> Run:
+        times_s = np.arange(len(pan_rad)) / self.config.sweep_frame_rate
+        return Run(times_s, through(times_s, pan_rad, focal_px) if len(times_s) else None)
+
+    def walker(self) -> Person | None:
+        """The person who walks through the hall during the sweeps, if anyone does."""
+        if not self.config.crew.walks_in_sweep:
+            return None
+        somebody = motion.make("pedestrian", self.measurements, stream(self.config.seed, "walker"))
+        return to_and_fro(somebody, stream(self.config.seed, "walker's way"))
+
+    def files(self, folder: Path) -> list[Files]:
+        """The files of each camera in ``folder``."""
+        files = []
+        for name in CAMERA_NAMES:
+            place = folder / f"camera{name}"
+            zoom = place / "zoom.mp4" if self.config.zoom_frames else None
+            keypoints = place / "keypoints" if self.config.detector.enabled else None
+            found = Files(name, place / "reference.png", place / "sweep.mp4", zoom, place / "motion.mp4", keypoints)
+            files.append(found)
+        return files
+
+
+def assemble(config: ShootConfig) -> Session:
+    """Draw from the seed all that chance decides about athlete, motion and tripods."""
     measurements = draw_measurements(config.athlete, stream(config.seed, "measurements"))
     clip = motion.make(config.motion, measurements, stream(config.seed, "motion"))
     rigs = [
@@ -98,18 +178,6 @@ def assemble(config: ShootConfig, folder: Path) -> Session:
     frames = round(clip.duration_s * config.frame_rate) + 1
     times_s = np.arange(min(frames, config.motion_frames or frames)) / config.frame_rate
     given = config.operator.trajectories
-    named = {str(c + 1): rig for c, rig in enumerate(rigs)}
+    named = dict(zip(CAMERA_NAMES, rigs, strict=True))
     given_trajectories = read_trajectories(Path(given), named, config.frame_rate, float(times_s[-1])) if given else []
-    zooms = [1.0, *np.linspace(config.optics.zoom_min, config.optics.zoom_max, 9).tolist()]
-    plates = [finest_plate(rig, config.sensor, zoom) for rig in rigs for zoom in zooms]
-    largest = max(width for width, _ in plates), max(height for _, height in plates)
-    stage = build_stage(config.seed, config.gym, config.athlete, measurements, largest, mipmaps=config.sensor.mipmaps)
-    cameras, files = [], []
-    for c, (name, rig) in enumerate(named.items()):
-        cameras.append(FilmCamera(stage, rig, config.sensor, stream(config.seed, "sensor", c)))
-        place = folder / f"camera{name}"
-        place.mkdir(parents=True)
-        zoom = place / "zoom.mp4" if config.zoom_frames else None
-        keypoints = place / "keypoints" if config.detector.enabled else None
-        files.append(Files(name, place / "reference.png", place / "sweep.mp4", zoom, place / "motion.mp4", keypoints))
-    return Session(config, measurements, clip, stage, rigs, cameras, files, times_s, given_trajectories)
+    return Session(config, measurements, clip, rigs, times_s, given_trajectories)

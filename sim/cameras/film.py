@@ -1,46 +1,27 @@
-"""A simulated camera: exposes, develops, records. Rendering, developing and encoding run side by side."""
+"""A simulated camera: what its lens lets through, picture by picture."""
 
 from __future__ import annotations
 
-import queue
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from fractions import Fraction
-from pathlib import Path
-from typing import Final, NamedTuple
+from collections.abc import Callable
+from typing import Final
 
 import cv2
 import numpy as np
 
-from pzcap.io.video import write_video
 from pzcap.types import Array, Image, Mask, Pose
 from sim.cameras.operator import PanTiltZoom
-from sim.cameras.optics import Plate, Rig, lens_maps, plate_for, through_lens, vignette
+from sim.cameras.optics import Plate, Rig, lens_maps, plate_for, through_lens
 from sim.cameras.render import Stage
-from sim.cameras.sensor import Exposure, Sensor, SensorConfig
+from sim.cameras.sensor import SensorConfig
 from sim.people.athlete import set_pose
 
 _AVERAGED: Final = 0.75  # share of the supersampling that pictures averaged over several moments need
-
-_AHEAD = 4  # frames that may wait to be developed
-_SHADOW_LEVELS = 6  # grey levels by which a shadow darkens a pixel, at least
+_SHADOW_LEVELS: Final = 6  # grey levels by which a shadow darkens a pixel, at least
 
 Look = Callable[[float], PanTiltZoom]
 """Pan, zoom and tilt of the camera at a time (s)."""
 Person = Callable[[float], Pose]
 """Pose of the person in the hall at a time (s)."""
-
-
-class Recording(NamedTuple):
-    """Format of a video and way to film it."""
-
-    frame_rate: Fraction
-    crf: int
-    supersampling: float  # rendered pixels for each pixel, in a frame of a single moment; of several, less
-    sub_exposures: int = 1  # moments averaged over the open shutter
-    light: float = 1.0  # brightness of the hall, over that by default
-    timecode: str | None = None  # of the first frame
-    indices: Sequence[int] | None = None  # (N,) numbers of the frames, where some are dropped
 
 
 def finest_plate(rig: Rig, config: SensorConfig, zoom: float) -> tuple[int, int]:
@@ -50,55 +31,30 @@ def finest_plate(rig: Rig, config: SensorConfig, zoom: float) -> tuple[int, int]
 
 
 class FilmCamera:
-    """One camera on its tripod in the hall."""
+    """One camera on its tripod in the hall. Pictures are light: (height, width, 3) red-green-blue, without noise."""
 
-    def __init__(self, stage: Stage, rig: Rig, config: SensorConfig, rng: np.random.Generator) -> None:
+    def __init__(self, stage: Stage, rig: Rig, config: SensorConfig) -> None:
         self._stage, self._rig, self._config = stage, rig, config
         self._averaged_scale = _AVERAGED * config.supersampling
-        self._sensor = Sensor(config, vignette(rig), rng)
 
-    def still(self, rng: np.random.Generator, aim: PanTiltZoom | None = None) -> Image:
-        """Photograph the calibration object at the reference pose, or with another ``aim``; nobody in the hall."""
+    def still(self, aim: PanTiltZoom | None = None) -> Image:
+        """The calibration object at the reference pose, or with another ``aim``; nobody is in the hall."""
         scale = self._config.supersampling_still
         aim = aim or PanTiltZoom(0.0, self._rig.reference_focal_px)
-        focal_px = aim.focal_px
         plate = self._aim(lambda _: aim, 0.0, None)
-        light = self._stage.picture(plate.size(scale), athlete=False, calibration_object=True)
-        return self._develop(light, focal_px, scale, Exposure(self._config.exposure_drift, rng)(0.0), rng)
+        picture = self._stage.picture(plate.size(scale), athlete=False, calibration_object=True)
+        return through_lens(picture, lens_maps(self._rig, plate, aim.focal_px, scale), self._rig)
 
-    def record(
-        self, path: Path, look: Look, times_s: Array, person: Person | None, how: Recording, rng: np.random.Generator
-    ) -> Iterator[int]:
-        """Record a video; yield each frame's number once it is exposed. The video is complete at the end.
+    def instant(self, look: Look, time_s: float, person: Person | None) -> Image:
+        """One moment, as frames of the sweep and the zoom run are rendered. person: None if nobody is in the hall."""
+        return self._exposed(look, time_s, np.zeros(1), person, self._config.supersampling_still)
 
-        times_s: (N,) the middle of each exposure, which lasts ``shutter_s``. person: None if nobody is in the hall.
-        """
-        exposure = Exposure(self._config.exposure_drift, rng)
-        moments = how.sub_exposures if self._config.shutter_s > 0 else 1
+    def exposure(self, look: Look, time_s: float, person: Person) -> Image:
+        """The mean over the open shutter, whose middle is ``time_s``: a frame of the motion."""
+        moments = self._config.sub_exposures if self._config.shutter_s > 0 else 1
         offsets_s = ((np.arange(moments) + 0.5) / moments - 0.5) * self._config.shutter_s
-        scale = how.supersampling if moments == 1 else _AVERAGED * how.supersampling
-        exposed: queue.Queue[tuple[Image, float, float] | None] = queue.Queue(_AHEAD)
-
-        def developed() -> Iterator[Image]:
-            while (item := exposed.get()) is not None:
-                plate, focal_px, gain = item
-                yield self._develop(plate, focal_px, scale, gain, rng)
-
-        with ThreadPoolExecutor(1) as pool:
-            encoding = pool.submit(
-                write_video, path, developed(), how.frame_rate, crf=how.crf, timecode=how.timecode, indices=how.indices
-            )
-            try:
-                for k, time_s in enumerate(times_s.tolist()):
-                    focal_px = look(time_s).focal_px
-                    plate = self._expose(look, time_s + offsets_s, focal_px, scale, person)
-                    _put(exposed, (plate, focal_px, how.light * exposure(time_s)), encoding)
-                    if encoding.done():
-                        break
-                    yield k
-            finally:
-                _put(exposed, None, encoding)
-            encoding.result()
+        scale = self._config.supersampling if moments == 1 else self._averaged_scale
+        return self._exposed(look, time_s, offsets_s, person, scale)
 
     def mask(self, look: Look, time_s: float, person: Person) -> Mask:
         """(height, width) the pixels that show the person."""
@@ -125,35 +81,22 @@ class FilmCamera:
         focal_px = focal_px or aim.focal_px
         if person is not None:
             set_pose(self._stage.model, self._stage.data, person(time_s))
-        plate = self._plate(focal_px)
+        plate = plate_for(self._rig, focal_px, np.deg2rad(self._config.grid_turn_deg))
         world_T_cam = self._rig.world_T_cam(aim.pan_rad, focal_px, aim.raised_rad)
         self._stage.aim(plate.turn(world_T_cam), plate.vertical_view_deg(focal_px))
         return plate
 
-    def _plate(self, focal_px: float) -> Plate:
-        return plate_for(self._rig, focal_px, np.deg2rad(self._config.grid_turn_deg))
-
-    def _expose(self, look: Look, times_s: Array, focal_px: float, scale: float, person: Person | None) -> Image:
-        """The mean of the plates at these times, during which the focal length hardly changes."""
-        total = np.zeros(0, np.uint16)
-        for k, time_s in enumerate(times_s.tolist()):
-            plate = self._aim(look, time_s, person, focal_px)
-            picture = self._stage.picture(plate.size(scale), athlete=person is not None)
-            if len(times_s) == 1:
-                return picture
-            total = picture.astype(np.uint16) if k == 0 else np.asarray(cv2.add(total, picture, dtype=cv2.CV_16U))
-        return np.asarray(cv2.convertScaleAbs(total, alpha=1 / len(times_s)), np.uint8)
-
-    def _develop(self, light: Image, focal_px: float, scale: float, gain: float, rng: np.random.Generator) -> Image:
-        maps = lens_maps(self._rig, self._plate(focal_px), focal_px, scale)
-        return self._sensor.develop(through_lens(light, maps, self._rig), gain, rng)
-
-
-def _put(exposed: queue.Queue, item: object, encoding: Future[None]) -> None:
-    """Hand over, unless the encoder has failed, which then shows when its result is asked for."""
-    while not encoding.done():
-        try:
-            exposed.put(item, timeout=0.5)
-        except queue.Full:
-            continue
-        return
+    def _exposed(self, look: Look, time_s: float, offsets_s: Array, person: Person | None, scale: float) -> Image:
+        """The mean of the pictures at these offsets (N,) from ``time_s``, whose focal length they all have."""
+        focal_px = look(time_s).focal_px
+        pictures = []
+        for moment_s in (time_s + offsets_s).tolist():
+            plate = self._aim(look, moment_s, person, focal_px)
+            pictures.append(self._stage.picture(plate.size(scale), athlete=person is not None))
+        light = pictures[0]
+        if len(pictures) > 1:
+            total = light.astype(np.uint16)
+            for picture in pictures[1:]:
+                cv2.add(total, picture, dst=total, dtype=cv2.CV_16U)
+            light = np.asarray(cv2.convertScaleAbs(total, alpha=1 / len(pictures)), np.uint8)
+        return through_lens(light, lens_maps(self._rig, plate, focal_px, scale), self._rig)

@@ -20,7 +20,6 @@ import numpy as np
 from pzcap.types import PARENTS, SEGMENTS, Array, Mask, Pose
 from sim.cameras.operator import Trajectory
 from sim.cameras.optics import Rig
-from sim.cameras.render import Stage
 from sim.people.athlete import GEOM_GROUP, set_pose
 
 BODY_25: Final = (
@@ -75,14 +74,15 @@ class Detector:
     """A detector, whose keypoints have the same systematic offsets in every video."""
 
     def __init__(
-        self, stage: Stage, measurements: dict[str, float], config: DetectorConfig, rng: np.random.Generator
+        self, model: mujoco.MjModel, measurements: dict[str, float], config: DetectorConfig, rng: np.random.Generator
     ) -> None:
-        self._stage, self._config, self._stature_m = stage, config, measurements["stature"]
+        self._model, self._data = model, mujoco.MjData(model)
+        self._config, self._stature_m = config, measurements["stature"]
         places = _places(measurements)
         self._segment = np.array([SEGMENTS.index(places[name][0]) for name in BODY_25])
         points = np.array([places[name][1] for name in BODY_25])
         self._points_m = points + rng.normal(0.0, config.meaning * self._stature_m, points.shape)
-        bodies = [stage.model.body(name).id for name in SEGMENTS]
+        bodies = [model.body(name).id for name in SEGMENTS]
         self._bodies = np.array(bodies)
         self._segment_of = {body: s for s, body in enumerate(bodies)}
 
@@ -143,28 +143,27 @@ class Detector:
         (start, _), (end, _), (pixels, depth) = ends
         size = np.where(depth > 0.1, self._stature_m * aim.focal_px / np.maximum(depth, 0.1), 0.0)
         hidden = [self._hidden(pose[:3, 3], k, point) for k, point in enumerate(points)]
-        data, head = self._stage.data, self._bodies[SEGMENTS.index("head")]
+        data, head = self._data, self._bodies[SEGMENTS.index("head")]
         upside = np.full(len(points), data.xpos[head, 2] < data.xpos[self._bodies[0], 2])
         return np.column_stack([pixels, size, np.linalg.norm(end - start, axis=1), hidden, upside])
 
     def _place(self, pose: Pose) -> Array:
         """The keypoints (25, 3) in the world, of an athlete who stands as ``pose`` has it."""
-        stage = self._stage
-        set_pose(stage.model, stage.data, pose)
-        mujoco.mj_kinematics(stage.model, stage.data)
+        set_pose(self._model, self._data, pose)
+        mujoco.mj_kinematics(self._model, self._data)
         bodies = self._bodies[self._segment]
-        turns = stage.data.xmat[bodies].reshape(-1, 3, 3)
-        return np.asarray(stage.data.xpos[bodies] + np.einsum("kij,kj->ki", turns, self._points_m))
+        turns = self._data.xmat[bodies].reshape(-1, 3, 3)
+        return np.asarray(self._data.xpos[bodies] + np.einsum("kij,kj->ki", turns, self._points_m))
 
     def _hidden(self, eye_m: Array, keypoint: int, point_m: Array) -> bool:
         """True if a part of the body that is no neighbour of the keypoint's own stands in front of it."""
         groups = np.array([group == GEOM_GROUP for group in range(6)], np.uint8)
         geom = np.zeros(1, np.int32)
         way = point_m - eye_m
-        distance = mujoco.mj_ray(self._stage.model, self._stage.data, eye_m, way, groups, 1, -1, geom, None)
+        distance = mujoco.mj_ray(self._model, self._data, eye_m, way, groups, 1, -1, geom, None)
         if not 0.0 <= distance < 1.0:
             return False
-        other, own = self._segment_of[int(self._stage.model.geom_bodyid[geom[0]])], int(self._segment[keypoint])
+        other, own = self._segment_of[int(self._model.geom_bodyid[geom[0]])], int(self._segment[keypoint])
         return other != own and PARENTS[own] != other and PARENTS[other] != own
 
 

@@ -1,0 +1,140 @@
+"""Develops light (`sim.light`) to a capture as a crew brings it home: sensor, recorder, papers; and its truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import asdict, replace
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pzcap.io.capture import write_capture
+from pzcap.io.video import frames_to_timecode, write_video
+from pzcap.types import Array, CameraFiles, Capture, Image, Mask
+from sim import motion
+from sim.cameras.optics import vignette
+from sim.cameras.sensor import Exposure, Sensor, draw_dropped
+from sim.hall import gym
+from sim.light import operate, read_light, reels
+from sim.people.crew import keyframe_indices, measure, pose_by_hand
+from sim.people.detector import Detector, write_openpose
+from sim.scene import skeleton, stream
+from sim.session import CAMERAS, Session, ShootConfig, assemble
+from sim.team import Progress, side_by_side
+from sim.truth import load, save
+
+
+def develop(config: ShootConfig, light: Path, folder: Path) -> Iterator[Progress]:
+    """Write ``folder/capture`` and ``folder/truth`` from what `sim.light.film` wrote to ``light``; yield the progress.
+
+    Raises PzcapError if the disk is full.
+    """
+    session = assemble(config)
+    for files in session.files(folder / "capture"):
+        files.reference.parent.mkdir(parents=True)
+    recorded = [_recorded(session, c) for c in range(CAMERAS)]
+    hall = 1 + len(session.sweep(0).times_s) + config.zoom_frames
+    total = CAMERAS * hall + sum(int(frames.sum()) for frames in recorded)
+    yield from side_by_side("develop", total, develop_cameras, config, light, folder / "capture")
+    if config.detector.enabled:
+        yield from _detect(session, folder / "capture")
+    truth = load(light / "truth")
+    _write_papers(session, folder / "capture", truth.timecodes)
+    clock, frames = session.clock(), len(session.times_s)
+    filmed = np.array([recorded[c][clock.early[c] : clock.early[c] + frames] for c in range(CAMERAS)])
+    save(replace(truth, config=json.dumps(asdict(config)), recorded=filmed), folder / "truth")
+
+
+def develop_cameras(
+    cameras: Sequence[int], config: ShootConfig, light: Path, capture: Path
+) -> Generator[int, None, None]:
+    """Write the picture and the videos of some of the cameras; yield how many pictures are done."""
+    session = assemble(config)
+    done = 0
+    for c in cameras:
+        files, reel, clock = session.files(capture)[c], reels(light)[c], session.clock()
+        sensor = Sensor(config.sensor, vignette(session.rigs[c]), stream(config.seed, "sensor", c))
+        [reference] = _developed(session, sensor, reel.reference, np.zeros(1), stream(config.seed, "reference", c))
+        _write_png(files.reference, reference)
+        done += 1
+        yield done
+        rate = Fraction(config.sweep_frame_rate)
+        for path, film, run, purpose in (
+            (files.sweep, reel.sweep, session.sweep(c), "sweep"),
+            (files.zoom, reel.zoom, session.zoom(c), "zoom"),
+        ):
+            if path is not None:
+                pictures = _developed(session, sensor, film, run.times_s, stream(config.seed, purpose, c))
+                write_video(path, pictures, rate, crf=config.sensor.crf_still)
+                done += len(run.times_s)
+                yield done
+        rate, kept = Fraction(config.frame_rate), _recorded(session, c)
+        rng = stream(config.seed, "motion video", c)
+        pictures = _developed(session, sensor, reel.motion, session.exposed_s(c), rng, kept, config.gym.lights_on)
+        timecode, indices = frames_to_timecode(clock.start - clock.early[c], rate), np.flatnonzero(kept).tolist()
+        write_video(files.motion, pictures, rate, crf=config.sensor.crf_motion, timecode=timecode, indices=indices)
+        done += len(indices)
+        yield done
+
+
+def _developed(
+    session: Session, sensor: Sensor, film: Path, times_s: Array, rng: np.random.Generator,
+    kept: Mask | None = None, brightness: float = 1.0,
+) -> Iterator[Image]:  # fmt: skip
+    """Pictures of ``film``, exposed at ``times_s`` (N,), but for those that are not ``kept`` (N,)."""
+    exposure = Exposure(session.config.sensor.exposure_drift, rng)
+    keeps = np.ones(len(times_s), bool) if kept is None else kept
+    for light, time_s, keep in zip(read_light(film), times_s.tolist(), keeps.tolist(), strict=True):
+        if keep:
+            yield sensor.develop(light, brightness * exposure(time_s), rng)
+
+
+def _recorded(session: Session, c: int) -> Mask:
+    """(N,) frames of the motion that camera ``c`` does not drop."""
+    sensor, seed = session.config.sensor, session.config.seed
+    return ~draw_dropped(len(session.exposed_s(c)), sensor.dropped_share, stream(seed, "dropped", c))
+
+
+def _detect(session: Session, capture: Path) -> Iterator[Progress]:
+    """Write the keypoints that a detector finds in the motion videos."""
+    config, model = session.config, session.model_spec().compile()
+    _, outline_m = skeleton(model, session.clip, session.times_s, session.measurements)
+    detector = Detector(model, session.measurements, config.detector, stream(config.seed, "detector"))
+    for c, files in enumerate(session.files(capture)):
+        assert files.keypoints is not None
+        way, times_s = operate(session, c, outline_m), session.exposed_s(c)[_recorded(session, c)]
+        rng = stream(config.seed, "detector", c)
+        found = detector.watch(session.rigs[c], way, session.clip.at, times_s, config.sensor.shutter_s, rng)
+        write_openpose(files.keypoints, files.motion.stem, found)
+        yield Progress("detect", c + 1, CAMERAS)
+
+
+def _write_papers(session: Session, folder: Path, timecodes: Sequence[str]) -> None:
+    """Write the capture's manifest: the object, the tape's readings, the keyframes."""
+    config, times_s = session.config, session.times_s
+    hand = stream(config.seed, "keyframes")
+    keyframes = {
+        timecodes[f]: pose_by_hand(session.clip.at(times_s[f]), config.crew, hand)
+        for f in keyframe_indices(len(times_s), config.frame_rate, config.crew)
+    }
+    write_capture(
+        Capture(
+            folder=folder,
+            name=f"{motion.title(config.motion)}, seed {config.seed}",
+            frame_rate=Fraction(config.frame_rate),
+            cameras=tuple(CameraFiles(*files) for files in session.files(folder)),
+            calibration_object=gym.calibration_object(),
+            subject=measure(session.measurements, config.crew, stream(config.seed, "tape")),
+            keyframe_poses=keyframes,
+            full_turn=config.sweep_deg >= 360.0,
+        )
+    )
+
+
+def _write_png(path: Path, image: Image) -> None:
+    encoded, data = cv2.imencode(".png", image)
+    assert encoded
+    path.write_bytes(data.tobytes())
