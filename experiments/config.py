@@ -35,7 +35,7 @@ class OutputConfig:
     captures: str = "outputs/captures"
     """Folder in which shoots are kept for the next run of the same shoot config."""
     light_gb: float = 10.0
-    """Light kept there, GB: that of a dozen captures of five seconds, from which other noise is developed in seconds."""
+    """Light kept there, GB: that of a dozen captures of five seconds. Other noise is developed from it in seconds."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.jpeg_quality <= 100:

@@ -18,12 +18,14 @@ from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera
 from pzcap.geometry.camera import at
-from pzcap.io.video import VideoReader
+from pzcap.io.video import VideoReader, write_video
 from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.types import Camera, InverseDepthMap, Panorama
-from sim.cameras.film import Recording
+from sim.cameras.film import FilmCamera
 from sim.cameras.operator import sweep, through
+from sim.cameras.optics import vignette
+from sim.cameras.sensor import Sensor
 from sim.hall import gym
 from sim.session import assemble
 from tests.scenes import synthetic
@@ -96,16 +98,16 @@ def test_what_is_believed_of_walls_does_not_push_the_projection_centre_out(tmp_p
     # times how near things are, and walls that were held back to what is believed of them pushed it out by a sixth
     optics = replace(SMALL.optics, axis_behind_m=0.05, axis_beside_m=0.03)
     config = replace(SMALL, sweep_deg=360.0, optics=optics, operator=replace(SMALL.operator, sweep_step_deg=4.0))
-    session = assemble(config, tmp_path)
-    filming, rig, file, rng = session.cameras[3], session.rigs[3], tmp_path / "sweep.mp4", np.random.default_rng(0)
+    session = assemble(config)
+    stage, rig, file, rng = session.stage(), session.rigs[3], tmp_path / "sweep.mp4", np.random.default_rng(0)
     pan_rad = sweep(config.sweep_deg, config.operator, rng)
     times_s = np.arange(len(pan_rad)) / config.sweep_frame_rate
     trajectory = through(times_s, pan_rad, np.full(len(pan_rad), rig.reference_focal_px))
-    how = Recording(Fraction(config.sweep_frame_rate), config.sensor.crf_still, 4.0)
-    for _ in filming.record(file, trajectory.at, times_s, None, how, rng):
-        pass
-    image = filming.still(rng)
-    session.stage.close()
+    filming, sensor = FilmCamera(stage, rig, config.sensor), Sensor(config.sensor, vignette(rig), rng)
+    pictures = (sensor.develop(filming.instant(trajectory.at, t, None), 1.0, rng) for t in times_s.tolist())
+    write_video(file, pictures, Fraction(config.sweep_frame_rate), crf=config.sensor.crf_still)
+    image = sensor.develop(filming.still(), 1.0, rng)
+    stage.close()
     footage = Footage(image, gym.calibration_object(), VideoReader(file), None, True)
     found = calibrate_camera(footage, PanZoomConfig()).camera
     np.testing.assert_allclose(found.offset_m, [optics.axis_behind_m, -rig.beside_m], rtol=0.09)

@@ -23,7 +23,7 @@ from pzcap.io.files import locked
 from sim import capture_cache
 from sim.capture_cache import shoot_cached
 from sim.session import ShootConfig
-from sim.shoot import Progress
+from sim.team import Progress
 from tests.scenes.sweeps import ENVIRONMENT, ROOT, began, command, composed, results, sweep, write
 
 HOLD = """
@@ -142,11 +142,12 @@ def test_what_a_killed_sweep_left_is_swept_by_the_next_whatever_that_does(tmp_pa
 def test_a_shoot_that_was_killed_is_swept_and_one_at_work_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def pretend(_: ShootConfig, folder: Path) -> Iterator[Progress]:
+    def pretend(_: ShootConfig, __: Path, folder: Path) -> Iterator[Progress]:
         (folder / "capture").mkdir()
         yield Progress("sweep", 1, 2)
 
-    monkeypatch.setattr(capture_cache, "shoot", pretend)
+    monkeypatch.setattr(capture_cache, "film", lambda *_: iter(()))
+    monkeypatch.setattr(capture_cache, "develop", pretend)
     working = shoot_cached(SMALL, tmp_path)
     next(working)
     (own,) = (path for path in tmp_path.glob(".*") if path.is_dir())

@@ -23,7 +23,8 @@ from sim.hall.furniture import REARRANGED
 from sim.hall.scenery import WALLS
 from sim.people.crew import CrewConfig
 from sim.session import ShootConfig
-from sim.shoot import Progress, shoot
+from sim.shoot import shoot
+from sim.team import Progress
 from sim.truth import Truth, load
 from tests.scenes.captures import project
 
@@ -79,11 +80,12 @@ def frames(folder: Path) -> list[list[Image]]:
 
 
 def test_the_names_of_default_captures_have_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def pretend(_: ShootConfig, folder: Path) -> Iterator[Progress]:
+    def pretend(_: ShootConfig, __: Path, folder: Path) -> Iterator[Progress]:
         (folder / "capture").mkdir()
         yield Progress("sweep", 1, 1)
 
-    monkeypatch.setattr(capture_cache, "shoot", pretend)
+    monkeypatch.setattr(capture_cache, "film", lambda *_: iter(()))
+    monkeypatch.setattr(capture_cache, "develop", pretend)
     list(shoot_cached(ShootConfig(), tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["floor_exercise-0-1d2a017099e3"]
 

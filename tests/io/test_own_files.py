@@ -19,7 +19,8 @@ from sim.cameras.operator import OperatorConfig
 from sim.capture_cache import VERSION, shoot_cached
 from sim.people.anthropometry import draw_measurements
 from sim.session import ShootConfig
-from sim.shoot import Progress, shoot
+from sim.shoot import shoot
+from sim.team import Progress
 from sim.truth import Truth, load
 from tests.scenes.bvh_files import Style, t_pose, write_bvh
 from tests.scenes.captures import TINY
@@ -54,7 +55,7 @@ def table(tmp_path: Path) -> Path:
 def place_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PlaceOf:
     """The folder in which a config's capture is kept; nothing is filmed."""
 
-    def pretend(_: ShootConfig, folder: Path) -> Iterator[Progress]:
+    def pretend(_: ShootConfig, __: Path, folder: Path) -> Iterator[Progress]:
         (folder / "capture").mkdir()
         yield Progress("sweep", 1, 1)
 
@@ -66,7 +67,8 @@ def place_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PlaceOf:
             except StopIteration as end:
                 return Path(end.value).name
 
-    monkeypatch.setattr(capture_cache, "shoot", pretend)
+    monkeypatch.setattr(capture_cache, "film", lambda *_: iter(()))
+    monkeypatch.setattr(capture_cache, "develop", pretend)
     return find
 
 

@@ -44,7 +44,7 @@ def scene() -> tuple[Stage, dict[str, float], Rig, Trajectory]:
 
 def watch(config: DetectorConfig, seed: int = 0, camera: int = 0) -> Array:
     stage, measurements, rig, trajectory = scene()
-    found = Detector(stage, measurements, config, np.random.default_rng(seed))
+    found = Detector(stage.model, measurements, config, np.random.default_rng(seed))
     return found.watch(rig, trajectory, swing, TIMES_S, 0.004, np.random.default_rng([seed, camera]))
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -22,17 +24,20 @@ from pzcap.io.capture import frame_sets, read_capture, read_image
 from pzcap.io.detections import KEYPOINTS
 from pzcap.io.video import VideoReader
 from pzcap.types import HINGE_AXES, JOINTS, MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError
-from sim import capture_cache
-from sim import shoot as shooting
-from sim.cameras import film
+from sim import capture_cache, team
+from sim import develop as developing
+from sim import light as lighting
+from sim.cameras.film import FilmCamera
 from sim.cameras.operator import PanTiltZoom
 from sim.cameras.optics import OpticsConfig
 from sim.cameras.sensor import SensorConfig
-from sim.capture_cache import shoot_cached
+from sim.capture_cache import kept, make_room, shoot_cached
+from sim.light import light_of
 from sim.people.crew import CrewConfig, keyframe_indices, measure, pose_by_hand
 from sim.people.detector import DetectorConfig
 from sim.session import ShootConfig, assemble
-from sim.shoot import Progress, shoot
+from sim.shoot import shoot
+from sim.team import Progress
 from sim.truth import Truth, load
 from tests.scenes.captures import TINY, project
 
@@ -94,39 +99,41 @@ def test_the_calibration_object_is_where_the_truth_says(small_capture: Path, tru
         assert np.sqrt(np.mean(np.square(errors))) < 0.6  # markers of 25 px
 
 
-def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show(tmp_path: Path) -> None:
+def taken(sensor: SensorConfig, aim: PanTiltZoom) -> Array:
+    """Light of the first camera's picture of the object."""
+    session = assemble(replace(TINY, sensor=sensor))
+    stage = session.stage()
+    picture = FilmCamera(stage, session.rigs[0], sensor).still(aim)
+    stage.close()
+    return picture.astype(np.float64)
+
+
+def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show() -> None:
     pictures = []
     for supersampling in (2.0, 4.0, 8.0):
         sensor = replace(NOISELESS, supersampling_still=supersampling)
-        session = assemble(replace(TINY, sensor=sensor), tmp_path / str(supersampling))
-        pictures.append(session.cameras[0].still(np.random.default_rng(0), PanTiltZoom(0.2, 200.0)).astype(float))
-        session.stage.close()
+        pictures.append(taken(sensor, PanTiltZoom(0.2, 200.0)))
     coarse, fine = (float(np.sqrt(np.mean((one - pictures[-1]) ** 2))) for one in pictures[:2])
     assert coarse < 15.0  # grey levels: it is the same picture
     assert fine < 0.7 * coarse
 
 
-def test_a_turned_grid_shows_the_same_picture_more_exactly(tmp_path: Path) -> None:
-    def taken(supersampling: float, turn_deg: float) -> Array:
+def test_a_turned_grid_shows_the_same_picture_more_exactly() -> None:
+    def turned_by(supersampling: float, turn_deg: float) -> Array:
         sensor = replace(NOISELESS, supersampling_still=supersampling, grid_turn_deg=turn_deg)
-        session = assemble(replace(TINY, sensor=sensor), tmp_path / f"{supersampling} {turn_deg}")
-        picture = session.cameras[0].still(np.random.default_rng(0), PanTiltZoom(0.2, 200.0)).astype(np.float64)
-        session.stage.close()
-        return picture
+        return taken(sensor, PanTiltZoom(0.2, 200.0))
 
-    exact = taken(8.0, -13.0)
-    upright, turned = (float(np.sqrt(np.mean((taken(4.0, deg) - exact) ** 2))) for deg in (0.0, 9.5))
+    exact = turned_by(8.0, -13.0)
+    upright, turned = (float(np.sqrt(np.mean((turned_by(4.0, deg) - exact) ** 2))) for deg in (0.0, 9.5))
     assert upright < 10.0  # grey levels
     assert turned < 0.9 * upright
 
 
-def test_without_mipmaps_a_floor_seen_at_a_flat_angle_keeps_its_sharpness(tmp_path: Path) -> None:
+def test_without_mipmaps_a_floor_seen_at_a_flat_angle_keeps_its_sharpness() -> None:
     def sharpness(mipmaps: bool) -> tuple[float, float]:
         """Of floor and walls: the mean difference of neighbours in a row."""
         sensor = replace(NOISELESS, supersampling_still=8.0, mipmaps=mipmaps)
-        session = assemble(replace(TINY, sensor=sensor), tmp_path / str(mipmaps))
-        picture = session.cameras[0].still(np.random.default_rng(0), PanTiltZoom(0.9, 200.0)).astype(np.float64)
-        session.stage.close()
+        picture = taken(sensor, PanTiltZoom(0.9, 200.0))
         steps = np.abs(np.diff(picture.mean(axis=2), axis=1)).mean(axis=1)
         return float(steps[int(0.55 * len(steps)) :].mean()), float(steps[: len(steps) // 3].mean())
 
@@ -245,18 +252,19 @@ def test_the_same_config_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_a_shoot_is_reused_and_a_killed_one_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shot = []
 
-    def pretend(config: ShootConfig, folder: Path) -> Iterator[Progress]:
+    def pretend(config: ShootConfig, _: Path, folder: Path) -> Iterator[Progress]:
         (folder / "capture").mkdir()
-        yield Progress("sweep", 1, 2)
+        yield Progress("develop", 1, 2)
         shot.append(config.seed)
-        yield Progress("sweep", 2, 2)
+        yield Progress("develop", 2, 2)
 
-    monkeypatch.setattr(capture_cache, "shoot", pretend)
+    monkeypatch.setattr(capture_cache, "film", lambda *_: iter(()))
+    monkeypatch.setattr(capture_cache, "develop", pretend)
     killed = shoot_cached(TINY, tmp_path)
     next(killed)
     killed.close()
     assert shot == []
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name.startswith("light-") for path in tmp_path.iterdir()] == [True]  # that was filmed by then
     folders = []
     for config in (TINY, TINY, replace(TINY, seed=1)):
         run = shoot_cached(config, tmp_path)
@@ -310,11 +318,75 @@ def test_a_detector_finds_the_athlete_and_changes_no_footage(tmp_path: Path) -> 
     assert np.median(off) < 3.0
 
 
+def test_two_processes_film_the_same_bytes_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drain(shoot(TINY, tmp_path / "one"))
+    monkeypatch.setattr(team, "FEW", 0)
+    monkeypatch.setattr(team, "free_cores", lambda: 2)
+    steps = drain(shoot(TINY, tmp_path / "two"))
+    assert [step.stage for step in steps if step.done == step.total] == ["build", "film", "develop"]
+    assert listing(tmp_path / "one") == listing(tmp_path / "two")
+
+
+def test_what_fails_in_another_process_ends_the_shoot_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(team, "FEW", 0)
+    monkeypatch.setattr(team, "free_cores", lambda: 2)
+    steps = shoot(TINY, tmp_path)
+    assert [next(steps).stage for _ in range(2)] == ["build", "build"]
+    (folder,) = tmp_path.glob(".light-*/camera1")
+    shutil.rmtree(folder)
+    with pytest.raises(PzcapError, match=r"camera1.*cannot write the video: No such file or directory"):
+        drain(steps)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_other_noise_is_developed_from_light_that_was_filmed_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Noise, exposure, compression, vignetting, lost frames, lamps, papers and keypoints; and no byte is other than
+    if all had been filmed for them alone."""
+    drain(shoot_cached(TINY, tmp_path))
+    others = replace(
+        TINY,
+        gym=replace(TINY.gym, lights_on=1.2),
+        optics=replace(TINY.optics, vignetting=0.7),
+        sensor=SensorConfig(
+            read_noise=5.0, shot_noise=0.1, exposure_drift=0.1, crf_motion=30, crf_still=20, dropped_share=0.3
+        ),
+        crew=CrewConfig(keyframes_per_s=5.0),
+        detector=DetectorConfig(enabled=True),
+    )
+    alone = tmp_path / "alone"
+    drain(shoot(others, alone))
+    monkeypatch.setattr(capture_cache, "film", None)
+    drain(shoot_cached(others, tmp_path))
+    made = {one.folder for one in kept(tmp_path) if not one.is_light}
+    (folder,) = (one for one in made if (one / "capture" / "camera1" / "keypoints").is_dir())
+    found = listing(folder)
+    assert found.pop("complete") == b""
+    assert found == listing(alone)
+    assert light_of(replace(TINY, crew=CrewConfig(walks_in_sweep=True))) != light_of(TINY)
+
+
+def test_light_that_was_not_used_for_longest_goes_first(tmp_path: Path) -> None:
+    for age_h, name in enumerate(("light-a-0-000000000000", "light-b-0-000000000000", "c-0-000000000000")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "frames").write_bytes(bytes(1_000_000))
+        (tmp_path / name / "complete").touch()
+        used_s = time.time() - 3600.0 * (age_h + 0.5)
+        os.utime(tmp_path / name / "complete", (used_s, used_s))
+    assert [one.folder.name[:7] for one in kept(tmp_path)] == ["light-a", "light-b", "c-0-000"]
+    assert make_room(tmp_path, 0.003) == []
+    assert [one.folder.name[:7] for one in make_room(tmp_path, 0.0)] == ["light-b"]  # what may be in use stays
+    assert {path.name[:7] for path in tmp_path.iterdir()} == {"light-a", "c-0-000"}
+
+
 def test_a_failing_encoder_ends_the_shoot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object, **__: object) -> None:
         raise PzcapError("the disk is full")
 
-    monkeypatch.setattr(film, "write_video", full)
+    monkeypatch.setattr(developing, "write_video", full)
     with pytest.raises(PzcapError, match="the disk is full"):
         drain(shoot(TINY, tmp_path))
 
@@ -328,7 +400,7 @@ def test_a_full_disk_gets_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(shooting, "assemble", full)
+    monkeypatch.setattr(lighting, "assemble", full)
     with pytest.raises(PzcapError, match="the disk is full"):
         drain(shoot(TINY, tmp_path))
 
