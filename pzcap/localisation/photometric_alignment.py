@@ -67,7 +67,7 @@ class _Cost:
         self._rays = aligner.sampler.rays(pixels.points, start)
 
     def linearise(self, state: _State, _: float) -> NormalEquations:
-        """The weights' scale follows from the residuals at ``state``, which are that small from the first step on."""
+        """Normal equations at ``state``; the scale of the weights follows from the residuals there."""
         pixels, free = self.pixels, self._aligner.free
         if self._rays.far_from(state.at):
             self._rays = self._aligner.sampler.rays(pixels.points, state.at)
@@ -131,7 +131,7 @@ class Aligner:
         """
         frame, state = grey(image), _State(PanTiltZoom(pan_rad, tilt_rad, focal_px), None)
         try:
-            for index in range(sum(level.reach_px >= off_px for level in LEVELS) - 1, len(LEVELS)):
+            for index in range(max(sum(level.reach_px >= off_px for level in LEVELS), 1) - 1, len(LEVELS)):
                 fit = self._fit_level(index, frame, hidden, state.at)
                 state = fit.solution.state
             return self._alignment(self._fit_superresolved(fit, frame, hidden))

@@ -125,7 +125,7 @@ def test_matches_that_the_pixels_do_not_bear_out_do_not_count(exact: CalibratedC
 
 
 def test_someone_in_the_picture_is_left_out(exact: CalibratedCamera) -> None:
-    """A person with a texture of her own, who stands still in the frame while the camera pans."""
+    """A person with a texture of their own, who stands still in the frame while the camera pans."""
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     person = np.random.default_rng(2).integers(0, 255, (160, 70, 3)).astype(np.uint8)
     prior = None
@@ -141,7 +141,7 @@ def test_someone_in_the_picture_is_left_out(exact: CalibratedCamera) -> None:
         assert inside.mean() < 0.05
 
 
-def test_someone_who_covers_most_of_the_picture_is_left_out_where_she_is_expected(
+def test_someone_who_covers_most_of_the_picture_is_left_out_where_they_are_expected(
     exact: CalibratedCamera,
 ) -> None:
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
