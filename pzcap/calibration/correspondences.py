@@ -16,12 +16,13 @@ from pzcap.calibration.bundle_adjustment import Link, adjust
 from pzcap.calibration.features import Features
 from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters, Sigmas
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.calibration.sweep import Chain, Frames, chain, grey, link_further, link_views, place, spaced
+from pzcap.calibration.sweep import Chain, Frames, chain, link_further, link_views, place, spaced
 from pzcap.calibration.tuning import BELIEF, FEATURES, HALL
 from pzcap.calibration.zoom_run import link_zoom
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE
+from pzcap.imaging.colour import grey
 from pzcap.types import FAR_AWAY, Array, Camera, Image, InverseDepthMap, PzcapError
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +18,7 @@ from pzcap.calibration.features import Features
 from pzcap.calibration.tuning import FEATURES
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
+from pzcap.imaging.colour import grey
 from pzcap.types import Array, Image, Mask, PzcapError
 
 Frames = Iterable[tuple[int, Image]]
@@ -265,8 +265,3 @@ def _link(found: Sequence[Features], first: int, second: int, pairs: NDArray[np.
     i, j = pairs[:, 0], pairs[:, 1]
     log_ratio = np.log(np.maximum(b.brightness[j], 1.0) / np.maximum(a.brightness[i], 1.0))
     return Link(first, second, a.points_px[i], b.points_px[j], log_ratio)
-
-
-def grey(image: Image) -> Image:
-    """Grey image (H, W) of an image (H, W[, 3])."""
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)

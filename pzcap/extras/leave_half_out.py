@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 from pzcap.calibration import stitching
 from pzcap.calibration.calibrate import Report
 from pzcap.calibration.stitching import SweptFrames
-from pzcap.calibration.sweep import grey
 from pzcap.extras.superresolution import Levels, super_resolve
 from pzcap.geometry.cylinder import to_unwrapped
 from pzcap.imaging.bspline import smoothed
+from pzcap.imaging.colour import grey
 from pzcap.localisation.panorama_sampler import axis_directions
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.localisation.tuning import ALIGNMENT, SUPERRESOLVED

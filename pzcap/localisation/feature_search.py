@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from pzcap.calibration import features
 from pzcap.calibration.features import Features
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.calibration.sweep import consensus, grey
+from pzcap.calibration.sweep import consensus
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View, wrapped
+from pzcap.imaging.colour import grey
 from pzcap.localisation.panzoom_solvers import solve_eq11
 from pzcap.types import Array, Image, Localisation, Panorama, PanZoomCamera
 

@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 from numba import njit
 
-from pzcap.calibration.sweep import grey
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import lens
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at, smooth_map, to_unwrapped
 from pzcap.geometry.lens import Distortion, distort_point, jacobian_at, undistort_point
 from pzcap.imaging.bspline import Stored, box, cubic
+from pzcap.imaging.colour import grey
 from pzcap.imaging.pyramid import Layer, Level, halved, super_resolved
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pzcap.calibration.sweep import grey
+from pzcap.imaging.colour import grey
 from pzcap.localisation.frame_pixels import FramePixels, level_pixels
 from pzcap.localisation.panorama_sampler import BY_PAN, KNOWN, VALUE, PanoramaSampler, PanTiltZoom
 from pzcap.localisation.superresolved_alignment import Look, every_pixel
