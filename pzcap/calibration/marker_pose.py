@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.calibration.tuning import MARKERS
 from pzcap.geometry import lens
+from pzcap.geometry.camera import project
 from pzcap.solver.robust import normal_sigma
 from pzcap.types import Array, CalibrationObject, Camera, Image, Marker
 
@@ -113,7 +114,7 @@ def cut(camera: Camera, image: Image, calibration_object: CalibrationObject, ids
         axes_m = _axes(marker, cells)
         edges = -MARKERS.margin_cells, cells + MARKERS.margin_cells
         corners = np.array([(a, b, 1.0) for a in edges for b in edges])
-        around = _project(camera, corners @ axes_m.T)
+        around = project(camera, corners @ axes_m.T)[0]
         low = np.maximum(np.floor(around.min(axis=0)), 0).astype(int)
         high = np.minimum(np.ceil(around.max(axis=0)) + 1, [camera.width, camera.height]).astype(int)
         v, u = (g.ravel() for g in np.mgrid[low[1] : high[1], low[0] : high[0]])
@@ -181,12 +182,6 @@ def _on_print(camera: Camera, axes_m: Array, rays: Array) -> tuple[Array, Array,
     by_pose[:, :, :3] = -np.cross(rays[:, None], rows)
     by_pose[:, :, 3:] = -met[:, 2, None, None] * rows
     return places, rows[:, :, :2], by_pose
-
-
-def _project(camera: Camera, points_m: Array) -> Array:
-    """Pixels (N, 2) of world points (N, 3) before the camera."""
-    seen = (points_m - camera.world_T_cam[:3, 3]) @ camera.world_T_cam[:3, :3]
-    return camera.principal_px + camera.focal_px * lens.distort(seen[:, :2] / seen[:, 2:], lens.of(camera))
 
 
 def _rays(camera: Camera, pixels: Array) -> tuple[Array, Array]:
