@@ -152,7 +152,7 @@ def link_pan(
         agree = np.abs(turn - expected) < reach / view.focal_px
     if agree.any():
         agree &= np.abs(slope_a - slope_b) < 0.03 + 0.2 * abs(float(np.median(turn[agree])))
-    return subset(link, agree) if agree.sum() >= config.min_matches else None
+    return link.subset(agree) if agree.sum() >= config.min_matches else None
 
 
 def _close(
@@ -222,14 +222,16 @@ def consensus(
 
 
 def place(
-    query: Features, known: Features, view: View, view_at: Callable[[float], View], focals_px: Array, ratio: float
+    query: Features, known: Features, taken: View, view: View, focals_px: Array, ratio: float
 ) -> tuple[float, float, int]:
-    """Estimate pan and focal length of a frame from matches with one taken with ``view``; and the number of inliers."""
+    """Estimate pan and focal length of a frame from matches with a ``known`` one, ``taken`` with a view; and the number
+    of inliers. But for the focal length ``view`` is the frame's at pan 0."""
     pairs = features.match(known, query, ratio)
     if len(pairs) < 2:
-        return 0.0, view.focal_px, 0
-    azimuth, slope = geometry.pixel_to_direction(view, known.points_px[pairs[:, 0]])
-    pan, focal, agree = consensus(view_at, query.points_px[pairs[:, 1]], azimuth, slope, focals_px)
+        return 0.0, taken.focal_px, 0
+    azimuth, slope = geometry.pixel_to_direction(taken, known.points_px[pairs[:, 0]])
+    points_px = query.points_px[pairs[:, 1]]
+    pan, focal, agree = consensus(lambda f: replace(view, focal_px=f), points_px, azimuth, slope, focals_px)
     return pan, focal, int(agree.sum())
 
 
@@ -238,12 +240,12 @@ def link_views(
     config: SweepConfig,
 ) -> Link | None:  # fmt: skip
     """Match two frames whose views are known roughly; None if too few matches lie within ``tolerance_px`` of them."""
-    predicted, _ = geometry.direction_to_pixel(views[1], *geometry.pixel_to_direction(views[0], found[first].points_px))
+    directions = geometry.pixel_to_direction(views[0], found[first].points_px)
+    predicted, front = geometry.direction_to_pixel(views[1], *directions)
     pairs = features.match(found[first], found[second], config.ratio, (predicted, tolerance_px))
-    link = _link(found, first, second, pairs)
-    seen, front = geometry.direction_to_pixel(views[1], *geometry.pixel_to_direction(views[0], link.first_px))
-    agree = front & (np.hypot(*(seen - link.second_px).T) < tolerance_px)
-    return subset(link, agree) if agree.sum() >= config.min_matches else None
+    link, matched = _link(found, first, second, pairs), pairs[:, 0]
+    agree = front[matched] & (np.hypot(*(predicted[matched] - link.second_px).T) < tolerance_px)
+    return link.subset(agree) if agree.sum() >= config.min_matches else None
 
 
 def spaced(pan_rad: Array, step_rad: float) -> list[int]:
@@ -253,11 +255,6 @@ def spaced(pan_rad: Array, step_rad: float) -> list[int]:
         if abs(pan - pan_rad[chosen[-1]]) >= step_rad:
             chosen.append(index)
     return chosen
-
-
-def subset(link: Link, which: Mask) -> Link:
-    """Select matches of a link."""
-    return Link(link.first, link.second, link.first_px[which], link.second_px[which], link.log_ratio[which])
 
 
 def _link(found: Sequence[Features], first: int, second: int, pairs: NDArray[np.int64]) -> Link:

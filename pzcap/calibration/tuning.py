@@ -87,7 +87,7 @@ class HallTuning(NamedTuple):
 
 
 class ZoomTuning(NamedTuple):
-    """`zoom_run`."""
+    """Zoom run in `correspondences`."""
 
     steps: tuple[int, ...] = (1, 2, 4, 8)
     """Zoom frames are matched with those so many frames further on."""

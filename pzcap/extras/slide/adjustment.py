@@ -227,6 +227,7 @@ def _stepped(state: State, step: Array, moved: Array) -> State:
     view = replace(
         before, tilt_rad=before.tilt_rad + tilt, roll_rad=before.roll_rad + roll,
         focal_px=before.focal_px * float(np.exp(np.clip(log_focal, -0.3, 0.3))),
-        principal_px=before.principal_px + step[frames + 3 : frames + 5], distortion=before.distortion._replace(k1=before.distortion.k1 + k1),
+        principal_px=before.principal_px + step[frames + 3 : frames + 5],
+        distortion=before.distortion._replace(k1=before.distortion.k1 + k1),
     )  # fmt: skip
     return State(state.pan_rad + step[:frames], view, state.offset_m + step[-2:], state.points + moved)
