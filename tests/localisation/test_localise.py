@@ -16,9 +16,8 @@ from pzcap.extras.paper import method as paper
 from pzcap.geometry.camera import direction_to_pixel, view_at, wrapped
 from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
-from pzcap.localisation.feature_search import panorama_features
+from pzcap.localisation.feature_search import panorama_features, solve_eq11
 from pzcap.localisation.localise import Localiser
-from pzcap.localisation.panzoom_solvers import solve_eq11
 from pzcap.types import Array, Image, PzcapError
 from tests.scenes import synthetic
 from tests.scenes.cylinders import camera_of, whole_turn
