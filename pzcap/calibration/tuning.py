@@ -60,8 +60,6 @@ class MarkerTuning(NamedTuple):
     """Grey levels: what rounding leaves."""
     settled: float = 0.02
     """Standard deviations of the pose: a shorter step is the last."""
-    reach: float = 4.0
-    """Standard deviations of the blur beyond which an edge is not felt."""
 
 
 class BeliefTuning(NamedTuple):
