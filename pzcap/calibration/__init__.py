@@ -1,7 +1,7 @@
 """One camera in the empty hall: reference image, sweep and zoom run to a panorama and a pan-zoom camera. In reading
 order:
 
-`settings`; `reference_camera` (Tsai) and `marker_pose`; `features`, `sweep`, `zoom_run` and `correspondences` (which
-pixels of two frames show the same); `parameters` (what is estimated), `bundle_adjustment` (from matches),
+`settings`; `reference_camera` (Tsai) and `marker_pose`; `features`, `sweep` and `correspondences` (which pixels of two
+frames show the same); `parameters` (what is estimated), `bundle_adjustment` (from matches),
 `photometric_bundle_adjustment` (from grey values); `stitching` (the panorama); `calibrate` leads through all.
 """

@@ -27,7 +27,6 @@ from pzcap.calibration.parameters import (
     CalibrationParameters,
     Sigmas,
     ViewJacobians,
-    hall_size,
     information,
     retract,
     to_vector,
@@ -38,7 +37,7 @@ from pzcap.geometry.camera import SEEN, VIEW, direction_to_pixel_with_derivative
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure
-from pzcap.types import Array
+from pzcap.types import Array, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +49,10 @@ class Link:
     first_px: Array  # (N, 2)
     second_px: Array  # (N, 2)
     log_ratio: Array  # (N,) log of the second frame's brightness there over the first's
+
+    def subset(self, which: Mask | slice) -> Link:
+        """Some of the matches."""
+        return Link(self.first, self.second, self.first_px[which], self.second_px[which], self.log_ratio[which])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,14 +90,6 @@ def adjust(
     )  # fmt: skip
 
 
-def thinned(links: Sequence[Link], every: int) -> list[Link]:
-    """Keep one match in ``every``, for a quick first adjustment."""
-    keep = slice(None, None, every)
-    return [
-        Link(link.first, link.second, link.first_px[keep], link.second_px[keep], link.log_ratio[keep]) for link in links
-    ]
-
-
 # --------------------------------------------------------------------------------------------------------------
 # A match: where the second frame sees what the first frame shows at a pixel
 
@@ -111,23 +106,6 @@ class Transfer(NamedTuple):
     by_near: Array  # (2,) and by the inverse distance there
     nodes: NDArray[np.int64]  # (NODES,) of which that is made (`cylinder.near_at`)
     shares: Array  # (NODES,)
-
-
-def residuals(state: CalibrationParameters, link: Link) -> tuple[Array, Array]:
-    """Residuals (N, 2) of a link's matches, and their derivatives (N, 2, U) by the vector of parameters."""
-    views, chains, columns = view_jacobians(state)
-    count, hall = len(to_vector(state)), kernel_hall(state.surroundings)
-    residual, jacobian = np.empty((len(link.first_px), 2)), np.zeros((len(link.first_px), 2, count))
-    for n, (first_px, second_px) in enumerate(zip(link.first_px, link.second_px, strict=True)):
-        seen = new_transfer()
-        transfer(views[link.first], views[link.second], first_px[0], first_px[1], hall, seen)
-        residual[n] = seen.pixel - second_px
-        for side, frame in enumerate((link.first, link.second)):
-            part = seen.by_views[:, side * VIEW : (side + 1) * VIEW] @ chains[frame]
-            np.add.at(jacobian[n].T, columns[frame], part.T)
-        if hall_size(state):
-            np.add.at(jacobian[n].T, count - hall_size(state) + seen.nodes, np.outer(seen.shares, seen.by_near))
-    return residual, jacobian
 
 
 @njit(cache=True, nogil=True)

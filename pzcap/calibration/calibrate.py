@@ -13,9 +13,10 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from pzcap.calibration import photometric_bundle_adjustment, reference_camera, stitching
-from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust, thinned
+from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust
 from pzcap.calibration.correspondences import Matched, height_of, match
 from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.settings import PanZoomConfig
@@ -23,15 +24,7 @@ from pzcap.calibration.sweep import Frames
 from pzcap.calibration.tuning import BELIEF, HALL, PHOTOMETRIC
 from pzcap.geometry import camera as geometry
 from pzcap.imaging.bspline import stored
-from pzcap.types import (
-    CalibrationObject,
-    Camera,
-    Image,
-    InverseDepthMap,
-    Panorama,
-    PanZoomCamera,
-    ReferenceCamera,
-)
+from pzcap.types import CalibrationObject, Camera, Image, InverseDepthMap, Panorama, PanZoomCamera, ReferenceCamera
 
 Report: TypeAlias = Callable[[str, int, int], None]
 """Called with a stage, how much of it is done, and of how much (0: not known)."""
@@ -72,7 +65,8 @@ def calibrate(
     height, width = reference_image.shape[:2]
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
     chained, count = matched.chained, len(matched.chained.pan_rad)
-    quick = adjust(matched.start, thinned(matched.links, 5), matched.sigmas, scale_px=4.0, iterations=12).parameters
+    some = [link.subset(slice(None, None, 5)) for link in matched.links]  # enough for a start
+    quick = adjust(matched.start, some, matched.sigmas, scale_px=4.0, iterations=12).parameters
     adjusted = adjust(quick, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
     # features place frames to a quarter of a pixel, grey values better
     brightness = stitching.fit_brightness(matched.sweep_links, count, adjusted.parameters.view(0), width, height)
@@ -141,12 +135,9 @@ def _in_metres(model: CalibrationParameters, origin_rad: float, taken: Camera) -
 
 def _rotated(hall: InverseDepthMap, origin_rad: float, height_m: float) -> InverseDepthMap:
     """Convert a map in camera heights to metres, its azimuths counted from ``origin_rad``."""
-    around = len(hall.walls)
-    place = np.mod(origin_rad / (2 * np.pi), 1.0) * around + np.arange(around)
-    below = np.floor(place).astype(np.int64)
-    share, below, above = place - below, below % around, (below + 1) % around
-    walls = (1 - share) * hall.walls[below] + share * hall.walls[above]
-    departures = (1 - share) * hall.departures[:, below] + share * hall.departures[:, above]
+    places = np.mod(origin_rad / (2 * np.pi), 1.0) * len(hall.walls)
+    walls = ndimage.shift(hall.walls, -places, order=1, mode="grid-wrap")
+    departures = ndimage.shift(hall.departures, (0.0, -places), order=1, mode="grid-wrap")
     return InverseDepthMap(height_m, walls / height_m, departures, hall.slopes)
 
 

@@ -1,7 +1,9 @@
 """Correspondences between all frames of one camera in the empty hall, and first values of its parameters.
 
-The sweep's frames are chained; the reference image and the zoom run are then placed among them. From these first values
-the bundle adjustments start (`pzcap.calibration.bundle_adjustment`, `pzcap.calibration.photometric_bundle_adjustment`).
+The sweep's frames are chained; the reference image and the zoom run are then placed among them. Unlike a sweep, the
+zoom run, the head locked and the focal length going through its range, shows the principal point, towards which
+everything moves, and how the lens changes with the zoom. From these first values the bundle adjustments start
+(`pzcap.calibration.bundle_adjustment`, `pzcap.calibration.photometric_bundle_adjustment`).
 """
 
 from __future__ import annotations
@@ -16,12 +18,12 @@ from pzcap.calibration.bundle_adjustment import Link, adjust
 from pzcap.calibration.features import Features
 from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters, Sigmas
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.calibration.sweep import Chain, Frames, chain, grey, link_further, link_views, place, spaced
-from pzcap.calibration.tuning import BELIEF, FEATURES, HALL
-from pzcap.calibration.zoom_run import link_zoom
+from pzcap.calibration.sweep import Chain, Frames, chain, link_further, link_views, place, spaced
+from pzcap.calibration.tuning import BELIEF, FEATURES, HALL, ZOOM
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE
+from pzcap.imaging.colour import grey
 from pzcap.types import FAR_AWAY, Array, Camera, Image, InverseDepthMap, PzcapError
 
 
@@ -64,13 +66,13 @@ def match(
         for done, image in enumerate(zoomed):
             report("match zoom run", done, len(zoomed) + 1)
             found.append(_detect(image, config))
-        run = link_zoom(found, coarse.pan_rad, count + 1, coarse.view(0), width, config)
+        pan, focals_px, zoom_links = _place_zoom(found, count + 1, coarse, width, config)
         report("match zoom run", len(zoomed) + 1, len(zoomed) + 1)
-        links += run.links
-        pans.append(run.pan_rad)
-        focals += list(run.log_focal)
-        pan_of += [count + 1] * len(run.log_focal)
-        focal_of += list(range(2, 2 + len(run.log_focal)))
+        links += zoom_links
+        pans.append(pan)
+        focals += list(np.log(focals_px))
+        pan_of += [count + 1] * len(zoomed)
+        focal_of += list(range(2, 2 + len(zoomed)))
     start = CalibrationParameters(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
         _padded(coarse.principal_px, 2 if zoomed else 1), _padded(coarse.k1[:, None], 3 if zoomed else 1)[:, 0],
@@ -86,15 +88,13 @@ def _start(view: View, pan_rad: Array) -> CalibrationParameters:
     count = len(pan_rad)
     return CalibrationParameters(
         pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
-        view.principal_px[None], np.array([view.distortion.k1]),
-        np.zeros(2), 0.0, FAR_AWAY,
+        view.principal_px[None], np.array([view.distortion.k1]), np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
 
 
 def _floor_and_walls(view: View, width: int, height: int, rows: int) -> InverseDepthMap:
     """The prior mean of the hall's inverse distances, in camera heights, with departures at ``rows`` slopes."""
-    edge = np.linspace(0, width - 1, 32)
-    border = np.array([(u, v) for v in (0.0, height - 1.0) for u in edge])
+    border = np.stack(np.meshgrid(np.linspace(0, width - 1, 32), [0.0, height - 1.0]), axis=-1)
     _, slope = geometry.pixel_to_direction(view, border)
     slopes = np.array([slope.min(), slope.max()])
     return InverseDepthMap(1.0, np.full(HALL.azimuths, HALL.wall_nearness), np.zeros((rows, HALL.azimuths)), slopes)
@@ -127,25 +127,83 @@ def _place_reference(
     """Find the pan of the reference image, the last of ``found``, and its links to the frames of the sweep."""
     view = sweep.view(0)
     field = 2 * np.arctan(width / 2 / view.focal_px)
-    focals = view.focal_px * np.exp(np.arange(-0.1, 0.101, 0.01))
-    best, pan, focal = 0, 0.0, view.focal_px
-    for index in spaced(sweep.pan_rad, 0.3 * field):
-        taken = sweep.view(index)
-        candidate = place(
-            found[-1], found[index], taken, lambda f: replace(view, focal_px=f), focals, config.sweep.ratio
-        )
-        if candidate[2] > best:
-            pan, focal, best = candidate
+    pan, focal, agreed = _place_on_sweep(found[-1], found, sweep, 0.3 * field, np.arange(-0.1, 0.101, 0.01), config)
     seen = replace(view, pan_rad=pan, focal_px=focal)
-    links = []
-    for share in np.arange(-0.6, 0.61, 0.1):
-        apart = geometry.wrapped(sweep.pan_rad - pan - share * field)
-        index = int(np.argmin(np.abs(apart)))
-        links.append(link_views(found, index, len(found) - 1, (sweep.view(index), seen), 12.0, config.sweep))
-    kept = [link for link in links if link is not None]
-    if best < config.sweep.min_matches or not kept:
+    links = _link_to_sweep(found, len(found) - 1, sweep, seen, field * np.arange(-0.6, 0.61, 0.1), config)
+    if agreed < config.sweep.min_matches or not links:
         raise PzcapError("reference image: it shows nothing of what the sweep showed; sweep past the reference pose")
-    return pan, kept
+    return pan, links
+
+
+def _place_zoom(
+    found: Sequence[Features], offset: int, sweep: CalibrationParameters, width: int, config: PanZoomConfig
+) -> tuple[float, Array, list[Link]]:
+    """Find the pan of the zoom run, frames ``found[offset:]``, their focal lengths, and their links to each other and
+    to the frames of the sweep.
+
+    Raises PzcapError if the zoom run shows nothing of the sweep.
+    """
+    zoomed, view = found[offset:], sweep.view(0)
+    field = 2 * np.arctan(width / 2 / view.focal_px)
+    low, high = np.log(config.zoom_range)
+    every = np.arange(low, high, 0.02)
+    best, anchor, pan, focal = 0, 0, 0.0, view.focal_px
+    for k in dict.fromkeys((len(zoomed) // 4, len(zoomed) // 2, 0, 3 * len(zoomed) // 4, len(zoomed) - 1)):
+        candidate = _place_on_sweep(zoomed[k], found, sweep, 0.4 * field, every, config)
+        if candidate[2] > best:
+            (pan, focal, best), anchor = candidate, k
+        if best >= ZOOM.sure_matches:
+            break
+    if best < 2 * config.sweep.min_matches:
+        raise PzcapError(
+            "zoom run: it shows nothing of what the sweep showed; record it with the head locked in between"
+        )
+
+    locked, focals = replace(view, pan_rad=pan), np.zeros(len(zoomed))
+    focals[anchor] = focal
+    for direction, order in ((1, range(anchor + 1, len(zoomed))), (-1, range(anchor - 1, -1, -1))):
+        for k in order:
+            before = replace(locked, focal_px=focals[k - direction])
+            near = before.focal_px * np.exp(np.arange(-0.4, 0.401, 0.01))
+            _, focals[k], agreed = place(zoomed[k], zoomed[k - direction], before, view, near, config.sweep.ratio)
+            if agreed < config.sweep.min_matches:
+                raise PzcapError(
+                    f"zoom run: it jumps near {k / len(zoomed):.0%} of its length; zoom slowly, head locked"
+                )
+    views = [replace(locked, focal_px=focal_px) for focal_px in focals]
+    links: list[Link] = []
+    for k, seen in enumerate(views):
+        for further in [k + step for step in ZOOM.steps if k + step < len(zoomed)]:
+            link = link_views(found, offset + k, offset + further, (seen, views[further]), 12.0, config.sweep)
+            links += [] if link is None else [link]
+        links += _link_to_sweep(found, offset + k, sweep, seen, field * np.array(ZOOM.spread), config)
+    return pan, focals, links
+
+
+def _place_on_sweep(
+    query: Features, found: Sequence[Features], sweep: CalibrationParameters, step_rad: float, log_zooms: Array,
+    config: PanZoomConfig,
+) -> tuple[float, float, int]:  # fmt: skip
+    """`place` of a frame by that of the sweep's frames, ``step_rad`` apart, with which most matches agree."""
+    view = sweep.view(0)
+    focals = view.focal_px * np.exp(log_zooms)
+    placed = (
+        place(query, found[index], sweep.view(index), view, focals, config.sweep.ratio)
+        for index in spaced(sweep.pan_rad, step_rad)
+    )
+    return max(placed, key=lambda one: one[2])
+
+
+def _link_to_sweep(
+    found: Sequence[Features], number: int, sweep: CalibrationParameters, seen: View, beside_rad: Array,
+    config: PanZoomConfig,
+) -> list[Link]:  # fmt: skip
+    """Links of a frame, ``seen`` from a view, to the frames of the sweep that stand ``beside_rad`` (N,) of it."""
+    links = []
+    for beside in beside_rad:
+        index = int(np.argmin(np.abs(geometry.wrapped(sweep.pan_rad - seen.pan_rad - beside))))
+        links.append(link_views(found, index, number, (sweep.view(index), seen), 12.0, config.sweep))
+    return [link for link in links if link is not None]
 
 
 def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[Image]:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from pzcap.calibration.tuning import FEATURES
 from pzcap.types import Array, Image, Mask
@@ -59,72 +59,29 @@ def match(
     """
     if len(first) < 2 or len(second) < 2:
         return np.empty((0, 2), np.int64)
-    if near is not None:
-        index, best, other, back = _nearest_near(
-            _words(first.descriptors), _words(second.descriptors), near[0], second.points_px, near[1]
-        )
-    else:
-        matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
-        forward = matcher.knnMatch(first.descriptors, second.descriptors, k=2)
-        index = np.array([pair[0].trainIdx for pair in forward])
-        best = np.array([pair[0].distance for pair in forward])
-        other = np.array([pair[1].distance for pair in forward])
-        # the mutual test is needed only for those that pass the others
-        asked = np.unique(index[(best < ratio * other) & (best <= FEATURES.max_distance)])
-        back = np.full(len(second), -1)
-        if len(asked):
-            back[asked] = [pair.trainIdx for pair in matcher.match(second.descriptors[asked], first.descriptors)]
+    within = None if near is None else (cdist(near[0], second.points_px) <= near[1]).view(np.uint8)
+    both, nearest = _nearest(first.descriptors, second.descriptors, 2, within)
+    (best, other), index = both.T, nearest[:, 0]
+    if near is not None:  # one that stands alone in the radius has to be near
+        other = np.minimum(other, FEATURES.max_distance + 1)
     good = (index >= 0) & (best < ratio * other) & (best <= FEATURES.max_distance)
+    # the mutual test is needed only for those that pass the others
+    asked = np.unique(index[good])
+    back = np.full(len(second), -1)
+    if len(asked):
+        mask = None if within is None else np.ascontiguousarray(within[:, asked].T)
+        back[asked] = _nearest(second.descriptors[asked], first.descriptors, 1, mask)[1][:, 0]
     good &= back[index] == np.arange(len(first))
     return np.column_stack([np.flatnonzero(good), index[good]])
 
 
-def _words(descriptors: NDArray[np.uint8]) -> NDArray[np.uint64]:
-    """Descriptors (N, 61) as (N, 8) words of 64 bits."""
-    padded = np.zeros((len(descriptors), 64), np.uint8)
-    padded[:, : descriptors.shape[1]] = descriptors
-    return padded.view(np.uint64)
-
-
-@njit(cache=True, nogil=True)
-def _nearest_near(
-    first: NDArray[np.uint64], second: NDArray[np.uint64], predicted_px: Array, points_px: Array, radius_px: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Nearest of the second set for each of the first, its distance, the second distance; nearest of the first.
-
-    -1 and FEATURES.max_distance + 1 where there is none within the radius.
-    """
-    index = np.full(len(first), -1)
-    best = np.full(len(first), FEATURES.max_distance + 1)
-    other = np.full(len(first), FEATURES.max_distance + 1)
-    back = np.full(len(second), -1)
-    back_best = np.full(len(second), FEATURES.max_distance + 1)
-    m1, m2, m4 = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333), np.uint64(0x0F0F0F0F0F0F0F0F)
-    one, two, four, top = np.uint64(1), np.uint64(2), np.uint64(4), np.uint64(56)
-    h01 = np.uint64(0x0101010101010101)
-    for i in range(len(first)):
-        for j in range(len(second)):
-            dx = predicted_px[i, 0] - points_px[j, 0]
-            dy = predicted_px[i, 1] - points_px[j, 1]
-            if dx * dx + dy * dy > radius_px * radius_px:
-                continue
-            distance = np.int64(0)
-            for k in range(8):
-                bits = first[i, k] ^ second[j, k]
-                bits = bits - ((bits >> one) & m1)
-                bits = (bits & m2) + ((bits >> two) & m2)
-                bits = (bits + (bits >> four)) & m4
-                distance += np.int64((bits * h01) >> top)
-            if distance < best[i]:
-                other[i] = best[i]
-                best[i] = distance
-                index[i] = j
-            elif distance < other[i]:
-                other[i] = distance
-            if distance < back_best[j]:
-                back_best[j] = distance
-                back[j] = i
-    return index, best, other, back
+def _nearest(
+    first: NDArray[np.uint8], second: NDArray[np.uint8], count: int, mask: NDArray[np.uint8] | None
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Distances (N, count), in bits, of the nearest of the ``second`` descriptors, and these; -1 where the ``mask``
+    (N, M) is 0 for all others."""
+    distance, index = cv2.batchDistance(first, second, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=count, mask=mask)
+    return np.asarray(distance, np.int32), np.asarray(index, np.int32)
 
 
 def densest(values: Array, width: float) -> Mask:

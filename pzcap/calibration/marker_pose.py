@@ -13,15 +13,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import cv2
 import numpy as np
-from numba import njit
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtr
 
 from pzcap.calibration.tuning import MARKERS
 from pzcap.geometry import lens
+from pzcap.geometry.camera import project
 from pzcap.solver.robust import normal_sigma
 from pzcap.types import Array, CalibrationObject, Camera, Image, Marker
 
@@ -113,7 +113,7 @@ def cut(camera: Camera, image: Image, calibration_object: CalibrationObject, ids
         axes_m = _axes(marker, cells)
         edges = -MARKERS.margin_cells, cells + MARKERS.margin_cells
         corners = np.array([(a, b, 1.0) for a in edges for b in edges])
-        around = _project(camera, corners @ axes_m.T)
+        around = project(camera, corners @ axes_m.T)[0]
         low = np.maximum(np.floor(around.min(axis=0)), 0).astype(int)
         high = np.minimum(np.ceil(around.max(axis=0)) + 1, [camera.width, camera.height]).astype(int)
         v, u = (g.ravel() for g in np.mgrid[low[1] : high[1], low[0] : high[0]])
@@ -138,8 +138,7 @@ def linearise(camera: Camera, patch: Patch, blur_px2: Array, weight: Array) -> t
     """
     places, by_ray, by_pose = _on_print(camera, patch.axes_m, patch.rays)
     by_px = by_ray @ patch.ray_by_px
-    ink = np.empty((len(places), 5))
-    _ink(patch.ink, places, by_px, blur_px2, ink)
+    ink = _ink(patch.ink, places, by_px, blur_px2)
     shares = np.column_stack([(1.0 - ink[:, :1]) * patch.place, ink[:, :1] * patch.place])
     root = np.sqrt(weight)
     shading = np.linalg.lstsq(shares * root[:, None], patch.grey * root, rcond=None)[0]
@@ -183,12 +182,6 @@ def _on_print(camera: Camera, axes_m: Array, rays: Array) -> tuple[Array, Array,
     return places, rows[:, :, :2], by_pose
 
 
-def _project(camera: Camera, points_m: Array) -> Array:
-    """Pixels (N, 2) of world points (N, 3) before the camera."""
-    seen = (points_m - camera.world_T_cam[:3, 3]) @ camera.world_T_cam[:3, :3]
-    return camera.principal_px + camera.focal_px * lens.distort(seen[:, :2] / seen[:, 2:], lens.of(camera))
-
-
 def _rays(camera: Camera, pixels: Array) -> tuple[Array, Array]:
     """Rays (P, 3) of pixels (P, 2), z = 1, and derivatives of their x and y (P, 2, 2) by column and row."""
     xy = lens.undistort((pixels - camera.principal_px) / camera.focal_px, lens.of(camera))
@@ -196,63 +189,35 @@ def _rays(camera: Camera, pixels: Array) -> tuple[Array, Array]:
     return np.column_stack([xy, np.ones(len(xy))]), np.asarray(np.linalg.inv(bend) / camera.focal_px, np.float64)
 
 
-HALF_ROOT: Final = math.sqrt(0.5)
-DENSITY: Final = 1.0 / math.sqrt(2.0 * math.pi)
 NODES, SHARES = (values / 2 for values in np.polynomial.legendre.leggauss(3))
 
 
-@njit(cache=True, nogil=True)
-def _ink(cells: Array, places: Array, by_px: Array, blur_px2: Array, out: Array) -> None:
-    """Write the share of ink in each pixel, its derivatives by the place (to the right, down) and by the two blurs:
-    ``out`` (P, 5).
+def _ink(cells: Array, places: Array, by_px: Array, blur_px2: Array) -> Array:
+    """The share of ink in each pixel, its derivatives by the place (to the right, down) and by the two blurs: (P, 5).
 
     A straight edge is exact: blurred by a Gaussian, and averaged over the pixel's square, on which the print is seen
     under a linear map. Where two edges meet they are taken to blur one after the other, which is exact where they stand
     upright and level in the image, and else wrong by the same amount on either side.
     """
-    n = len(cells)
-    across, down = np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
-    for p in range(len(places)):
-        out[p] = 0.0
-        left, right = _profile(places[p, 0], by_px[p, 0], blur_px2[0], across)
-        top, bottom = _profile(places[p, 1], by_px[p, 1], blur_px2[1], down)
-        for j in range(top, bottom):
-            of_row = down[j] - down[j + 1]
-            for i in range(left, right):
-                if cells[j, i] > 0.0:
-                    of_column = across[i] - across[i + 1]
-                    out[p, 0] += cells[j, i] * of_column[0] * of_row[0]
-                    out[p, 1] += cells[j, i] * of_column[1] * of_row[0]
-                    out[p, 2] += cells[j, i] * of_column[0] * of_row[1]
-                    out[p, 3] += cells[j, i] * of_column[2] * of_row[0]
-                    out[p, 4] += cells[j, i] * of_column[0] * of_row[2]
+    across, down = (_profile(places[:, k], by_px[:, k], blur_px2[k], len(cells)) for k in range(2))
+    orders = ((0, 0), (1, 0), (0, 1), (2, 0), (0, 2))
+    return np.stack([np.einsum("pj,ji,pi->p", down[d], cells, across[a], optimize=True) for a, d in orders], axis=1)
 
 
-@njit(cache=True, nogil=True)
-def _profile(place: float, by_px: Array, blur_px2: float, out: Array) -> tuple[int, int]:
-    """Write the share of a pixel at ``place`` beyond each of the edges 0, 1, ..., and its derivatives by the place and
-    by the blur: ``out`` (n + 1, 3).
-
-    Only the edges from the first to the second of the numbers returned are in reach, and written.
-    """
-    wide, narrow = abs(by_px[0]), abs(by_px[1])
-    if wide < narrow:
-        wide, narrow = narrow, wide
+def _profile(place: Array, by_px: Array, blur_px2: float, count: int) -> Array:
+    """The shares of pixels (P,) in each of so many cells in a row, and the derivatives by the place and by the blur:
+    (3, P, count)."""
+    narrow, wide = np.sort(np.abs(by_px), axis=1).T[:, :, None, None]
     squared = wide * wide + narrow * narrow
-    sigma = math.sqrt(blur_px2 * squared)
-    reach = 0.5 * (wide + narrow) + MARKERS.reach * sigma
-    first = min(max(int(math.floor(place - reach)), 0), len(out) - 1)  # noqa: RUF046
-    last = min(max(int(math.ceil(place + reach)), 0), len(out) - 1)  # noqa: RUF046
-    for i in range(first, last + 1):
-        out[i] = 0.0
-        for k in range(len(NODES)):
-            # the square's longer side is integrated over exactly, the shorter one at a few places
-            low = (place - i + NODES[k] * narrow - 0.5 * wide) / sigma
-            high = low + wide / sigma
-            low_share, high_share = 0.5 + 0.5 * math.erf(low * HALF_ROOT), 0.5 + 0.5 * math.erf(high * HALF_ROOT)
-            low_density, high_density = DENSITY * math.exp(-0.5 * low * low), DENSITY * math.exp(-0.5 * high * high)
-            scale = SHARES[k] / wide
-            out[i, 0] += scale * sigma * (high * high_share + high_density - low * low_share - low_density)
-            out[i, 1] += scale * (high_share - low_share)
-            out[i, 2] += scale * (high_density - low_density) * 0.5 * squared / sigma
-    return first, last
+    sigma = np.sqrt(blur_px2 * squared)
+    # the square's longer side is integrated over exactly, the shorter one at a few places
+    low = (place[:, None, None] - np.arange(count + 1)[:, None] + NODES * narrow - 0.5 * wide) / sigma
+    high = low + wide / sigma
+    low_share, high_share = ndtr(low), ndtr(high)
+    low_density, high_density = (np.exp(-0.5 * end * end) / math.sqrt(2.0 * math.pi) for end in (low, high))
+    beyond = np.stack([  # each of the edges 0, 1, ...
+        sigma * (high * high_share + high_density - low * low_share - low_density),
+        high_share - low_share,
+        (high_density - low_density) * 0.5 * squared / sigma,
+    ]) @ SHARES / wide[:, :, 0]  # fmt: skip
+    return np.asarray(beyond[:, :, :-1] - beyond[:, :, 1:])

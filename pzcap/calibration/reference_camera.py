@@ -15,10 +15,12 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from pzcap.calibration import marker_pose
 from pzcap.calibration.tuning import REFERENCE
-from pzcap.geometry import lens
+from pzcap.geometry.camera import project
+from pzcap.imaging.colour import grey
 from pzcap.types import Array, CalibrationObject, Camera, Image, PzcapError, ReferenceCamera
 
 
@@ -56,11 +58,11 @@ def detect(image: Image, calibration_object: CalibrationObject) -> Detection:
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.adaptiveThreshWinSizeMax = 43
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(identifier), parameters)
-    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)
-    corners, found, _ = detector.detectMarkers(grey)
+    shown = grey(image)
+    corners, found, _ = detector.detectMarkers(shown)
     known = {marker.id: marker.corners_m for marker in calibration_object.markers}
     quads = [(int(i), quad[0]) for quad, i in zip(corners, [] if found is None else found.ravel(), strict=True)]
-    seen = _consistent([(i, quad) for i, quad in quads if i in known], known, *grey.shape[::-1])
+    seen = _consistent([(i, quad) for i, quad in quads if i in known], known, *shown.shape[::-1])
     ids = tuple(sorted(seen))
     if len(ids) < REFERENCE.min_markers:
         raise PzcapError(
@@ -70,7 +72,7 @@ def detect(image: Image, calibration_object: CalibrationObject) -> Detection:
     points_m = np.concatenate([known[i] for i in ids]).astype(np.float64)
     if np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)[2] < 1e-2 * np.ptp(points_m):
         raise PzcapError("all markers found lie in one plane; turn the calibration object so that two faces are seen")
-    points_px = np.concatenate([refine_corners(grey, seen[i].astype(np.float64)) for i in ids])
+    points_px = np.concatenate([refine_corners(shown, seen[i].astype(np.float64)) for i in ids])
     return Detection(ids, points_m, points_px)
 
 
@@ -91,8 +93,8 @@ def _consistent(
             camera = tsai(points_m[sample].reshape(-1, 3), points_px[sample].reshape(-1, 2), width, height)
         except (PzcapError, np.linalg.LinAlgError):
             return {}
-        off = _residuals(camera, points_m.reshape(-1, 3), points_px.reshape(-1, 2))[0].reshape(-1, 8)
-        agree = np.abs(off).max(axis=1) < REFERENCE.corner_tolerance * sides
+        off = project(camera, points_m.reshape(-1, 3))[0].reshape(-1, 4, 2) - points_px
+        agree = np.abs(off).max(axis=(1, 2)) < REFERENCE.corner_tolerance * sides
         return {i: quad for (i, quad), good in zip(quads, agree, strict=True) if good}
 
     everything = dict(quads)
@@ -104,7 +106,7 @@ def _consistent(
     return best if len(best) >= REFERENCE.min_markers else everything
 
 
-def refine_corners(grey: Image, corners_px: Array) -> Array:
+def refine_corners(image: Image, corners_px: Array) -> Array:
     """Refine the corners (4, 2) of a dark square on a bright ground, as the intersections of its four edges.
 
     `cv2.cornerSubPix` takes the whole neighbourhood of a corner, which blur rounds, and so pulls corners towards the
@@ -121,7 +123,7 @@ def refine_corners(grey: Image, corners_px: Array) -> Array:
         across = np.arange(-reach, reach + 1e-9, 0.25)
         for _ in range(2):
             at = places[:, None, :] + across[None, :, None] * normal
-            profile = cv2.remap(grey, at[..., 0].astype(np.float32), at[..., 1].astype(np.float32), cv2.INTER_LINEAR)
+            profile = cv2.remap(image, at[..., 0].astype(np.float32), at[..., 1].astype(np.float32), cv2.INTER_LINEAR)
             slope = np.clip(np.diff(profile.astype(np.float64), axis=1), 0.0, None)
             total = slope.sum(axis=1)
             offset = (slope @ ((across[1:] + across[:-1]) / 2)) / np.maximum(total, 1e-9)
@@ -192,67 +194,29 @@ def fit(
 
     With ``free_lens`` the focal length and k1 are refined with the pose, else the pose alone.
     """
-    free = 8 if free_lens else 6
-    damping = 1e-3
-    residual, jacobian = _residuals(camera, points_m, points_px)
-    cost = _cost(residual, camera, config)
-    for _ in range(100):
-        norms = np.hypot(*residual.reshape(-1, 2).T)
-        weight = np.repeat(np.minimum(1.0, config.outlier_px / np.maximum(norms, 1e-12)), 2)
-        normal = jacobian[:, :free].T @ (weight[:, None] * jacobian[:, :free])
-        gradient = jacobian[:, :free].T @ (weight * residual)
-        if free_lens:
-            normal[7, 7] += config.k1_sigma**-2 * REFERENCE.corner_sigma_px**2
-            gradient[7] += camera.k1 * config.k1_sigma**-2 * REFERENCE.corner_sigma_px**2
-        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-        candidate = _stepped(camera, np.concatenate([step, np.zeros(8 - free)]))
-        candidate_residual, candidate_jacobian = _residuals(candidate, points_m, points_px)
-        candidate_cost = _cost(candidate_residual, candidate, config)
-        if candidate_cost > cost:
-            damping *= 10
-            if damping > 1e9:
-                break
-            continue
-        gain = cost - candidate_cost
-        camera, residual, jacobian, cost = candidate, candidate_residual, candidate_jacobian, candidate_cost
-        damping = max(damping / 10, 1e-12)
-        if gain <= 1e-14 * cost:
-            break
-    return ReferenceCamera(camera, points_m, points_px, -residual.reshape(-1, 2))
 
+    def residuals(step: Array) -> Array:
+        """Root of the Huber cost of each point, along its residual, and the prior of k1."""
+        stepped = _stepped(camera, step)
+        off = project(stepped, points_m)[0] - points_px
+        length = np.maximum(np.hypot(*off.T), 1e-12)
+        bound = np.minimum(length, config.outlier_px)
+        scale = np.sqrt(bound * (2.0 * length - bound)) / length
+        return np.append(scale[:, None] * off, stepped.k1 / config.k1_sigma * REFERENCE.corner_sigma_px)
 
-def _cost(residual: Array, camera: Camera, config: ReferenceConfig) -> float:
-    norms = np.hypot(*residual.reshape(-1, 2).T)
-    bound = config.outlier_px
-    huber = np.where(norms < bound, 0.5 * norms**2, bound * (norms - 0.5 * bound))
-    return float(huber.sum() + 0.5 * (camera.k1 / config.k1_sigma * REFERENCE.corner_sigma_px) ** 2)
-
-
-def _residuals(camera: Camera, points_m: Array, points_px: Array) -> tuple[Array, Array]:
-    """Projected minus detected pixels (2 N,), and derivatives (2 N, 8) by the rotation vector and the translation of
-    the world in the camera's frame, log focal and k1.
-    """
-    rotation, centre = camera.world_T_cam[:3, :3], camera.world_T_cam[:3, 3]
-    seen = (points_m - centre) @ rotation
-    x, y, z = (seen / seen[:, 2:]).T[0], (seen / seen[:, 2:]).T[1], seen[:, 2]
-    xy, distortion = np.column_stack([x, y]), lens.of(camera)
-    bent = lens.distort(xy, distortion)
-    divide = np.zeros((len(seen), 2, 3))
-    divide[:, 0, 0] = divide[:, 1, 1] = 1 / z
-    divide[:, 0, 2], divide[:, 1, 2] = -x / z, -y / z
-    by_point = camera.focal_px * (lens.jacobian(xy, distortion) @ divide)
-    jacobian = np.empty((len(seen), 2, 8))
-    jacobian[:, :, :3] = np.cross(seen[:, None, :], by_point)  # d(w x P) = [w]x P, so row . (w x P) = w . (P x row)
-    jacobian[:, :, 3:6] = by_point
-    jacobian[:, :, 6] = camera.focal_px * bent
-    jacobian[:, :, 7] = camera.focal_px * lens.jacobian_by_coefficients(xy)[:, :, 0]
-    residual = camera.principal_px + camera.focal_px * bent - points_px
-    return residual.ravel(), jacobian.reshape(-1, 8)
+    step = least_squares(
+        residuals, np.zeros(8 if free_lens else 6), method="lm", x_scale="jac", ftol=1e-15, xtol=1e-12, gtol=1e-15
+    ).x
+    fitted = _stepped(camera, step)
+    return ReferenceCamera(fitted, points_m, points_px, points_px - project(fitted, points_m)[0])
 
 
 def _stepped(camera: Camera, step: Array) -> Camera:
-    focal_px = camera.focal_px * float(np.exp(np.clip(step[6], -0.5, 0.5)))
-    return replace(marker_pose.moved(camera, step[:6]), focal_px=focal_px, k1=camera.k1 + float(step[7]))
+    """``camera`` after a step: six numbers for `marker_pose.moved`, and, if the lens is free, log focal and k1."""
+    stepped = marker_pose.moved(camera, step[:6])
+    if len(step) == 6:
+        return stepped
+    return replace(stepped, focal_px=camera.focal_px * float(np.exp(step[6])), k1=camera.k1 + float(step[7]))
 
 
 def resolve(
@@ -271,7 +235,7 @@ def resolve(
     found = marker_pose.fit_pose(by_corners.camera, image, calibration_object, detect(image, calibration_object).ids)
     if found is None:
         return by_corners
-    residuals_px = -_residuals(found.camera, points_m, points_px)[0].reshape(-1, 2)
+    residuals_px = points_px - project(found.camera, points_m)[0]
     shift = np.square(residuals_px - by_corners.residuals_px).sum(axis=1)
     # six parameters fitted to N corners move them by sqrt(3 / N) of the corners' own error
     error_px = max(1.2 * float(np.median(np.hypot(*by_corners.residuals_px.T))), REFERENCE.least_corner_error_px)

@@ -13,8 +13,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import block_diag
 
-from pzcap.calibration.bundle_adjustment import Link
+from pzcap.calibration.bundle_adjustment import Link, matches_of
 from pzcap.calibration.sweep import Frames
 from pzcap.calibration.tuning import STITCHING
 from pzcap.geometry import camera as geometry
@@ -44,31 +46,20 @@ class SweptFrames(NamedTuple):
 def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, height: int) -> Brightness:
     """Fit the gains of the first ``frames`` frames and their vignetting to the brightness of matched features."""
     links = [link for link in links if max(link.first, link.second) < frames]
-    first = np.concatenate([np.full(len(link.first_px), link.first) for link in links])
-    second = np.concatenate([np.full(len(link.first_px), link.second) for link in links])
-    radial = _radial(np.concatenate([link.second_px for link in links]), view, width, height)
-    radial = radial - _radial(np.concatenate([link.first_px for link in links]), view, width, height)
+    ends, bounds, pixels = matches_of(links)
+    begin, end = np.repeat(ends, np.diff(bounds), axis=0).T
+    first, second = (_radial(points_px, view, width, height) for points_px in (pixels[:, :2], pixels[:, 2:]))
+    gains = sparse.eye_array(frames, format="csr")
+    design = sparse.hstack([gains[end] - gains[begin], sparse.csr_array(second - first)], format="csr")
     observed = np.concatenate([link.log_ratio for link in links])
+    # only differences of gains are seen: their mean stays 0; and a weak belief that there is no vignetting
+    prior = block_diag(np.full((frames, frames), 1.0 / frames), 1e-6 * len(observed) * np.eye(2))
     solution: Array = np.zeros(frames + 2)
     for _ in range(6):
-        residual = observed - radial @ solution[frames:] - (solution[second] - solution[first])
+        residual = observed - design @ solution
         weight = geman_mcclure(residual, 2.0 * max(normal_sigma(residual), 1e-3))
-        normal = np.zeros((frames + 2, frames + 2))
-        gradient = np.zeros(frames + 2)
-        shared = slice(frames, frames + 2)
-        for a, b, sign in ((first, first, 1.0), (second, second, 1.0), (first, second, -1.0), (second, first, -1.0)):
-            np.add.at(normal, (a, b), sign * weight)
-        for index, sign in ((second, 1.0), (first, -1.0)):
-            np.add.at(normal[:, frames], index, sign * weight * radial[:, 0])
-            np.add.at(normal[:, frames + 1], index, sign * weight * radial[:, 1])
-            np.add.at(gradient, index, sign * weight * observed)
-        normal[shared, :frames] = normal[:frames, shared].T
-        normal[shared, shared] = (weight[:, None] * radial).T @ radial
-        gradient[shared] = radial.T @ (weight * observed)
-        # only differences of gains are seen: their mean stays 0; and a weak belief that there is no vignetting
-        normal[:frames, :frames] += 1.0 / frames
-        normal[shared, shared] += np.eye(2) * 1e-6 * len(observed)
-        solution = np.asarray(np.linalg.solve(normal, gradient), np.float64)
+        weighted = design.T.multiply(weight)
+        solution = np.asarray(np.linalg.solve((weighted @ design).toarray() + prior, weighted @ observed), np.float64)
     return Brightness(solution[:frames], solution[frames:])
 
 
@@ -124,12 +115,8 @@ class _Canvas:
         height, width = swept.images[0].shape
         self.view, self.full_turn, self.surroundings = swept.view, full_turn, surroundings
         view = swept.view
-        border = np.concatenate([
-            np.stack(np.broadcast_arrays(np.linspace(0, width - 1, 64), edge), axis=-1) for edge in (0, height - 1)
-        ] + [
-            np.stack(np.broadcast_arrays(edge, np.linspace(0, height - 1, 64)), axis=-1) for edge in (0, width - 1)
-        ])  # fmt: skip
-        azimuth, slope = geometry.pixel_to_direction(replace(view, pan_rad=0.0), border.astype(np.float64))
+        points = np.stack(np.meshgrid(np.linspace(0, width - 1, 64), np.linspace(0, height - 1, 64)), axis=-1)
+        azimuth, slope = geometry.pixel_to_direction(replace(view, pan_rad=0.0), points)
         self.left, self.right = float(azimuth.max()), float(azimuth.min())
         columns = round(2 * np.pi * view.focal_px)
         self.px_per_rad = columns / (2 * np.pi)

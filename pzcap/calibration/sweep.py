@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +18,7 @@ from pzcap.calibration.features import Features
 from pzcap.calibration.tuning import FEATURES
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
+from pzcap.imaging.colour import grey
 from pzcap.types import Array, Image, Mask, PzcapError
 
 Frames = Iterable[tuple[int, Image]]
@@ -152,7 +152,7 @@ def link_pan(
         agree = np.abs(turn - expected) < reach / view.focal_px
     if agree.any():
         agree &= np.abs(slope_a - slope_b) < 0.03 + 0.2 * abs(float(np.median(turn[agree])))
-    return subset(link, agree) if agree.sum() >= config.min_matches else None
+    return link.subset(agree) if agree.sum() >= config.min_matches else None
 
 
 def _close(
@@ -222,14 +222,16 @@ def consensus(
 
 
 def place(
-    query: Features, known: Features, view: View, view_at: Callable[[float], View], focals_px: Array, ratio: float
+    query: Features, known: Features, taken: View, view: View, focals_px: Array, ratio: float
 ) -> tuple[float, float, int]:
-    """Estimate pan and focal length of a frame from matches with one taken with ``view``; and the number of inliers."""
+    """Estimate pan and focal length of a frame from matches with a ``known`` one, ``taken`` with a view; and the number
+    of inliers. But for the focal length ``view`` is the frame's at pan 0."""
     pairs = features.match(known, query, ratio)
     if len(pairs) < 2:
-        return 0.0, view.focal_px, 0
-    azimuth, slope = geometry.pixel_to_direction(view, known.points_px[pairs[:, 0]])
-    pan, focal, agree = consensus(view_at, query.points_px[pairs[:, 1]], azimuth, slope, focals_px)
+        return 0.0, taken.focal_px, 0
+    azimuth, slope = geometry.pixel_to_direction(taken, known.points_px[pairs[:, 0]])
+    points_px = query.points_px[pairs[:, 1]]
+    pan, focal, agree = consensus(lambda f: replace(view, focal_px=f), points_px, azimuth, slope, focals_px)
     return pan, focal, int(agree.sum())
 
 
@@ -238,12 +240,12 @@ def link_views(
     config: SweepConfig,
 ) -> Link | None:  # fmt: skip
     """Match two frames whose views are known roughly; None if too few matches lie within ``tolerance_px`` of them."""
-    predicted, _ = geometry.direction_to_pixel(views[1], *geometry.pixel_to_direction(views[0], found[first].points_px))
+    directions = geometry.pixel_to_direction(views[0], found[first].points_px)
+    predicted, front = geometry.direction_to_pixel(views[1], *directions)
     pairs = features.match(found[first], found[second], config.ratio, (predicted, tolerance_px))
-    link = _link(found, first, second, pairs)
-    seen, front = geometry.direction_to_pixel(views[1], *geometry.pixel_to_direction(views[0], link.first_px))
-    agree = front & (np.hypot(*(seen - link.second_px).T) < tolerance_px)
-    return subset(link, agree) if agree.sum() >= config.min_matches else None
+    link, matched = _link(found, first, second, pairs), pairs[:, 0]
+    agree = front[matched] & (np.hypot(*(predicted[matched] - link.second_px).T) < tolerance_px)
+    return link.subset(agree) if agree.sum() >= config.min_matches else None
 
 
 def spaced(pan_rad: Array, step_rad: float) -> list[int]:
@@ -255,18 +257,8 @@ def spaced(pan_rad: Array, step_rad: float) -> list[int]:
     return chosen
 
 
-def subset(link: Link, which: Mask) -> Link:
-    """Select matches of a link."""
-    return Link(link.first, link.second, link.first_px[which], link.second_px[which], link.log_ratio[which])
-
-
 def _link(found: Sequence[Features], first: int, second: int, pairs: NDArray[np.int64]) -> Link:
     a, b = found[first], found[second]
     i, j = pairs[:, 0], pairs[:, 1]
     log_ratio = np.log(np.maximum(b.brightness[j], 1.0) / np.maximum(a.brightness[i], 1.0))
     return Link(first, second, a.points_px[i], b.points_px[j], log_ratio)
-
-
-def grey(image: Image) -> Image:
-    """Grey image (H, W) of an image (H, W[, 3])."""
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)

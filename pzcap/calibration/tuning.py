@@ -60,8 +60,6 @@ class MarkerTuning(NamedTuple):
     """Grey levels: what rounding leaves."""
     settled: float = 0.02
     """Standard deviations of the pose: a shorter step is the last."""
-    reach: float = 4.0
-    """Standard deviations of the blur beyond which an edge is not felt."""
 
 
 class BeliefTuning(NamedTuple):
@@ -87,7 +85,7 @@ class HallTuning(NamedTuple):
 
 
 class ZoomTuning(NamedTuple):
-    """`zoom_run`."""
+    """Zoom run in `correspondences`."""
 
     steps: tuple[int, ...] = (1, 2, 4, 8)
     """Zoom frames are matched with those so many frames further on."""

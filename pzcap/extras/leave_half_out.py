@@ -28,13 +28,13 @@ from numpy.typing import NDArray
 from pzcap.calibration import stitching
 from pzcap.calibration.calibrate import Report
 from pzcap.calibration.stitching import SweptFrames
-from pzcap.calibration.sweep import grey
 from pzcap.extras.superresolution import Levels, super_resolve
+from pzcap.extras.superresolved_alignment import SUPERRESOLVED, SuperresolvedAligner
 from pzcap.geometry.cylinder import to_unwrapped
 from pzcap.imaging.bspline import smoothed
+from pzcap.imaging.colour import grey
 from pzcap.localisation.panorama_sampler import axis_directions
-from pzcap.localisation.photometric_alignment import Aligner
-from pzcap.localisation.tuning import ALIGNMENT, SUPERRESOLVED
+from pzcap.localisation.tuning import ALIGNMENT
 from pzcap.types import Array, Image, Panorama, PanZoomCamera
 
 ROWS = 4  # of a frame one row in so many is looked at for what its pixels tell
@@ -75,13 +75,13 @@ def _aligner(
     frames: NDArray[np.int64],
     pixels: int,
     report: Callable[[str, int, int], None],
-) -> Aligner:
+) -> SuperresolvedAligner:
     """Aligns with cells that are made of some ``frames`` of the sweep."""
     some = replace(panorama, sweep_pan_rad=panorama.sweep_pan_rad[frames])
     cells = super_resolve(
         some, camera, lambda k: level(int(frames[k])), lambda done, total: report("super-resolve half", done, total)
     )
-    return Aligner(replace(some, fine=cells), camera, pixels=pixels)
+    return SuperresolvedAligner(replace(some, fine=cells), camera, pixels=pixels)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

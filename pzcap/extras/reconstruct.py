@@ -13,18 +13,29 @@ from typing import Final
 
 from pzcap import pipeline
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import no_report
-from pzcap.camera_set import calibrate_camera
+from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.events import Event, Finished
 from pzcap.extras import keyframe_diagnostics, rts_smoother
 from pzcap.extras.leave_half_out import super_resolved
 from pzcap.extras.paper.method import PAPER, without_floor
+from pzcap.extras.superresolved_alignment import SuperresolvedAligner
 from pzcap.io.capture import frame_sets
 from pzcap.localisation.covariance import systematic
-from pzcap.localisation.localise import Localiser
+from pzcap.localisation.localise import Localiser, count_from_reference
 from pzcap.types import Capture, PanZoomCamera, PanZoomTrack, Reconstruction
 
-SUPER_RESOLVING: Final = pipeline.Method("exact", partial(calibrate_camera, super_resolve=super_resolved), Localiser)
+
+def calibrate_finer(footage: Footage, config: PanZoomConfig, report: Report = no_report) -> CalibratedCamera:
+    """Calibrate one camera as `pzcap.camera_set.calibrate_camera` does, its panorama super-resolved."""
+    found, swept = calibrate(footage, config, report)
+    panorama = super_resolved(found.panorama, found.camera, swept, report)
+    image, focal_px = footage.reference_image, found.reference.camera.focal_px
+    counted = count_from_reference(panorama, found.camera, image, focal_px, SuperresolvedAligner)
+    return replace(found, panorama=counted)
+
+
+SUPER_RESOLVING: Final = pipeline.Method("exact", calibrate_finer, partial(Localiser, aligner=SuperresolvedAligner))
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,9 +21,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.calibration.stitching import agreement
+from pzcap.extras.superresolved_alignment import half_extents
 from pzcap.geometry.cylinder import smooth_map, to_unwrapped
 from pzcap.imaging.bspline import STEPS, Stored, smoothed
-from pzcap.localisation.panorama_sampler import axis_directions, half_extents
+from pzcap.localisation.panorama_sampler import axis_directions
 from pzcap.localisation.tuning import ALIGNMENT
 from pzcap.types import Array, Mask, Panorama, PanZoomCamera
 

@@ -14,10 +14,11 @@ which is ``(Rz(pan) Ry(-tilt) HEAD_R_CAM Rz(roll))^T`` times the vector; the len
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
 from pzcap.geometry import lens
 from pzcap.geometry.lens import Distortion, by_coefficients, distort_point, jacobian_at, undistort_point
@@ -58,15 +59,8 @@ def view_at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: fl
     """The view of ``camera`` panned, tilted and zoomed."""
     principal_px, distortion = lens.at(camera.lens, focal_px)
     travel_m = camera.travel_m * np.log(focal_px / camera.lens.reference_focal_px)
-    return View(
-        pan_rad,
-        tilt_rad,
-        camera.roll_rad,
-        focal_px,
-        principal_px,
-        distortion,
-        centre(camera.offset_m, travel_m, tilt_rad),
-    )
+    centre_m = centre(camera.offset_m, travel_m, tilt_rad)
+    return View(pan_rad, tilt_rad, camera.roll_rad, focal_px, principal_px, distortion, centre_m)
 
 
 def centre(offset: Array, travel: float, tilt_rad: float) -> Array:
@@ -144,13 +138,17 @@ def direction_to_pixel(view: View, azimuth_rad: Array, slope: Array) -> tuple[Ar
 def pixel_to_direction(view: View, points_px: Array) -> tuple[Array, Array]:
     """Pixels (..., 2) to directions of the head frame: azimuth (...) in (-pi, pi] around the pan, and slope (...)."""
     xy = lens.undistort((points_px - view.principal_px) / view.focal_px, view.distortion)
-    cos_r, sin_r = np.cos(view.roll_rad), np.sin(view.roll_rad)
-    cos_t, sin_t = np.cos(view.tilt_rad), np.sin(view.tilt_rad)
-    x = cos_r * xy[..., 0] - sin_r * xy[..., 1]
-    y = sin_r * xy[..., 0] + cos_r * xy[..., 1]
-    forward = cos_t + sin_t * y
-    left, up = -x, sin_t - cos_t * y
-    return view.pan_rad + np.arctan2(left, forward), up / np.hypot(left, forward)
+    azimuth, slope = _direction(xy[..., 0], xy[..., 1], view.tilt_rad, view.roll_rad)
+    return view.pan_rad + azimuth, slope
+
+
+@register_jitable
+def _direction(x: Any, y: Any, tilt_rad: float, roll_rad: float) -> tuple[Any, Any]:
+    """Azimuth from the pan, and slope, of undistorted coordinates; of numbers in kernels and of arrays."""
+    cos_t, sin_t, cos_r, sin_r = np.cos(tilt_rad), np.sin(tilt_rad), np.cos(roll_rad), np.sin(roll_rad)
+    left, down = -(cos_r * x - sin_r * y), sin_r * x + cos_r * y
+    forward, up = cos_t + sin_t * down, sin_t - cos_t * down
+    return np.arctan2(left, forward), up / np.sqrt(forward * forward + left * left)
 
 
 def derivatives(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
@@ -212,9 +210,8 @@ def pixel_to_direction_kernel(view: Array, u: float, v: float) -> tuple[float, f
     pan, tilt, focal, roll, principal_x, principal_y, k1 = view[:7]
     distortion = Distortion(k1, view[VIEW], view[VIEW + 1], view[VIEW + 2])
     x, y = undistort_point((u - principal_x) / focal, (v - principal_y) / focal, distortion, 5)
-    left, down = -(np.cos(roll) * x - np.sin(roll) * y), np.sin(roll) * x + np.cos(roll) * y
-    forward, up = np.cos(tilt) + np.sin(tilt) * down, np.sin(tilt) - np.cos(tilt) * down
-    return pan + np.arctan2(left, forward), up / np.sqrt(forward * forward + left * left)
+    azimuth, slope = _direction(x, y, tilt, roll)
+    return pan + azimuth, slope
 
 
 @njit(cache=True, nogil=True)
@@ -246,19 +243,6 @@ def parallax(view: View, azimuth_rad: Array, slope: Array, inverse_distance: Arr
     sin_a, cos_a = np.sin(azimuth_rad - view.pan_rad), np.cos(azimuth_rad - view.pan_rad)
     d_azimuth = inverse_distance * (forward * sin_a - left * cos_a)
     return d_azimuth, inverse_distance * (slope * (forward * cos_a + left * sin_a) - up)
-
-
-def moved(view: View, step: Array) -> View:
-    """``view`` after adding ``step`` (7,) in the order of ``PARAMETERS``."""
-    return View(
-        view.pan_rad + float(step[0]),
-        view.tilt_rad + float(step[1]),
-        view.roll_rad + float(step[3]),
-        view.focal_px * float(np.exp(step[2])),
-        view.principal_px + step[4:6],
-        view.distortion._replace(k1=view.distortion.k1 + float(step[6])),
-        view.centre_m,
-    )
 
 
 def _normalised(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:

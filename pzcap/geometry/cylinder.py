@@ -25,12 +25,17 @@ GRID = 16  # maps are smooth: they are computed at every sixteenth pixel and int
 Map = NDArray[np.float32]
 
 
+def to_unwrapped(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
+    """Directions of the head frame (...) to panorama pixels (..., 2), which may lie beyond the ends of a full turn."""
+    return np.asarray(panorama.origin_px - np.stack([azimuth_rad, slope], axis=-1) * panorama.px_per_rad)
+
+
 def to_panorama(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
-    """Directions of the head frame (...) to panorama pixels (..., 2); a full turn wraps into [0, width)."""
-    column = panorama.origin_px[0] - azimuth_rad * panorama.px_per_rad
+    """`to_unwrapped`, the columns of a full turn brought into [0, width)."""
+    points_px = to_unwrapped(panorama, azimuth_rad, slope)
     if panorama.full_turn:
-        column = np.mod(column, panorama.image.shape[1])
-    return np.stack([column, panorama.origin_px[1] - slope * panorama.px_per_rad], axis=-1)
+        points_px[..., 0] = np.mod(points_px[..., 0], panorama.image.shape[1])
+    return points_px
 
 
 def from_panorama(panorama: Panorama, points_px: Array) -> tuple[Array, Array]:
@@ -40,7 +45,7 @@ def from_panorama(panorama: Panorama, points_px: Array) -> tuple[Array, Array]:
 
 
 Hall = tuple[float, Array, Array, Array]
-"""The fields of `types.Surroundings`, for kernels."""
+"""The fields of `types.InverseDepthMap`, for kernels."""
 
 
 def kernel_hall(surroundings: InverseDepthMap) -> Hall:
@@ -107,12 +112,6 @@ def from_centre(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array
     near = inverse_distance(panorama.surroundings, azimuth_rad, slope)
     d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
     return azimuth_rad + d_azimuth, slope + d_slope
-
-
-def to_unwrapped(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
-    """`to_panorama` without the wrap, so that neighbours stay neighbours."""
-    offset = np.stack([azimuth_rad, slope], axis=-1) * panorama.px_per_rad
-    return np.asarray(panorama.origin_px - offset)
 
 
 def smooth_map(function: Callable[[Array], Array], width: int, height: int) -> tuple[Map, Map]:

@@ -9,15 +9,17 @@ A point at ``(x, y) = (X/Z, Y/Z)``, ``r^2 = x^2 + y^2``, is seen at ``principal_
 are polynomials in ``log(focal_px / reference_focal_px)`` (`pzcap.types.Lens`). By default k1 alone is estimated, the
 others are 0, and then cost nothing but a few additions.
 
-The kernels come first, compiled for other kernels; then the same for arrays.
+`@register_jitable` makes a formula serve both: numbers in compiled kernels, and arrays outside.
 """
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
+from numpy.polynomial.polynomial import polyder, polyval
 
 from pzcap.types import Array, Camera, Lens
 
@@ -32,31 +34,40 @@ class Distortion(NamedTuple):
 
 
 NONE: Final = Distortion()
-COEFFICIENTS: Final = Distortion._fields
 _NEWTON_STEPS: Final = 8
 
 
 # --------------------------------------------------------------------------------------------------------------
-# For other kernels
+# Formulas, of numbers in kernels and of arrays
 
 
-@njit(cache=True, nogil=True, inline="always")
-def distort_point(x: float, y: float, d: Distortion) -> tuple[float, float]:
-    """A point as the lens bends it; without the limit of `distort` far outside the image."""
+@register_jitable
+def _radial(squared: Any, d: Distortion) -> Any:
+    """Factor at a squared radius."""
+    return 1.0 + (d.k1 + d.k2 * squared) * squared
+
+
+@register_jitable
+def _tangential(x: Any, y: Any, d: Distortion) -> tuple[Any, Any]:
     squared = x * x + y * y
-    factor = 1.0 + (d.k1 + d.k2 * squared) * squared
     return (
-        factor * x + (2.0 * d.p1 * x * y + d.p2 * (squared + 2.0 * x * x)),
-        factor * y + (d.p1 * (squared + 2.0 * y * y) + 2.0 * d.p2 * x * y),
+        2.0 * d.p1 * x * y + d.p2 * (squared + 2.0 * x * x),
+        d.p1 * (squared + 2.0 * y * y) + 2.0 * d.p2 * x * y,
     )
 
 
-@njit(cache=True, nogil=True, inline="always")
-def jacobian_at(x: float, y: float, d: Distortion) -> tuple[float, float, float]:
+@register_jitable
+def distort_point(x: Any, y: Any, d: Distortion) -> tuple[Any, Any]:
+    """A point as the lens bends it; without the limit of `distort` far outside the image."""
+    factor, (across, down) = _radial(x * x + y * y, d), _tangential(x, y, d)
+    return factor * x + across, factor * y + down
+
+
+@register_jitable
+def jacobian_at(x: Any, y: Any, d: Distortion) -> tuple[Any, Any, Any]:
     """Derivatives of `distort_point`: of x_d by x, of x_d by y, which is that of y_d by x, and of y_d by y."""
     squared = x * x + y * y
-    factor = 1.0 + (d.k1 + d.k2 * squared) * squared
-    slope = 2.0 * (d.k1 + 2.0 * d.k2 * squared)
+    factor, slope = _radial(squared, d), 2.0 * (d.k1 + 2.0 * d.k2 * squared)
     return (
         factor + slope * x * x + (2.0 * d.p1 * y + 6.0 * d.p2 * x),
         slope * x * y + (2.0 * d.p1 * x + 2.0 * d.p2 * y),
@@ -64,12 +75,28 @@ def jacobian_at(x: float, y: float, d: Distortion) -> tuple[float, float, float]
     )
 
 
-@njit(cache=True, nogil=True, inline="always")
-def by_coefficients(x: float, y: float) -> tuple[float, float, float, float, float, float]:
+@register_jitable
+def by_coefficients(x: Any, y: Any) -> tuple[Any, Any, Any, Any, Any, Any]:
     """Derivatives of `distort_point` by k1 (x_d, y_d), by k2 (the same times r^2), by p1 (x_d, y_d), and by p2 of x_d;
     that of y_d by p2 equals that of x_d by p1."""
     squared = x * x + y * y
     return squared * x, squared * y, squared, 2.0 * x * y, squared + 2.0 * y * y, squared + 2.0 * x * x
+
+
+@register_jitable
+def _radius_step(radius: Any, bent: Any, d: Distortion) -> Any:
+    """Newton step of the radius that is seen at radius ``bent``, without tangential distortion."""
+    squared = radius * radius
+    rise = 1.0 + (3.0 * d.k1 + 5.0 * d.k2 * squared) * squared
+    return radius - (radius * _radial(squared, d) - bent) / rise
+
+
+@register_jitable
+def _point_step(x: Any, y: Any, x_d: Any, y_d: Any, d: Distortion) -> tuple[Any, Any]:
+    """Newton step of the point that is seen at (``x_d``, ``y_d``)."""
+    (found_x, found_y), (xx, xy, yy) = distort_point(x, y, d), jacobian_at(x, y, d)
+    off_x, off_y, determinant = x_d - found_x, y_d - found_y, xx * yy - xy * xy
+    return x + (yy * off_x - xy * off_y) / determinant, y + (xx * off_y - xy * off_x) / determinant
 
 
 @njit(cache=True, nogil=True)
@@ -79,19 +106,11 @@ def undistort_point(x_d: float, y_d: float, d: Distortion, steps: int) -> tuple[
     bent = np.sqrt(x_d * x_d + y_d * y_d)
     radius = bent * (1.0 - d.k1 * bent * bent)  # so near that two steps are enough within an image
     for _ in range(steps):
-        squared = radius * radius
-        factor = 1.0 + (d.k1 + d.k2 * squared) * squared
-        radius -= (radius * factor - bent) / (1.0 + (3.0 * d.k1 + 5.0 * d.k2 * squared) * squared)
-    squared = radius * radius
-    factor = 1.0 / (1.0 + (d.k1 + d.k2 * squared) * squared)
+        radius = _radius_step(radius, bent, d)
+    factor = 1.0 / _radial(radius * radius, d)
     x, y = x_d * factor, y_d * factor
-    if d.p1 == 0.0 and d.p2 == 0.0:
-        return x, y
-    for _ in range(steps):
-        found_x, found_y = distort_point(x, y, d)
-        xx, xy, yy = jacobian_at(x, y, d)
-        off_x, off_y, determinant = x_d - found_x, y_d - found_y, xx * yy - xy * xy
-        x, y = x + (yy * off_x - xy * off_y) / determinant, y + (xx * off_y - xy * off_x) / determinant
+    for _ in range(0 if d.p1 == 0.0 and d.p2 == 0.0 else steps):
+        x, y = _point_step(x, y, x_d, y_d, d)
     return x, y
 
 
@@ -106,28 +125,18 @@ def of(camera: Camera) -> Distortion:
 
 def at(lens: Lens, focal_px: float) -> tuple[Array, Distortion]:
     """Principal point (2,) in pixels and distortion of ``lens`` zoomed to ``focal_px``."""
-    x = np.log(focal_px / lens.reference_focal_px)
-    coefficients = (getattr(lens, name) for name in COEFFICIENTS)
-    return _powers(x, len(lens.principal_px)) @ lens.principal_px, Distortion(*(
-        float(_powers(x, len(values)) @ values) for values in coefficients
-    ))  # fmt: skip
+    return _derivative(lens, focal_px, 0)
 
 
 def slope(lens: Lens, focal_px: float) -> tuple[Array, Distortion]:
     """Derivative of `at` with respect to log focal: (2,) pixels, and of each coefficient."""
-    x = np.log(focal_px / lens.reference_focal_px)
-    coefficients = (getattr(lens, name) for name in COEFFICIENTS)
-    return _slopes(x, len(lens.principal_px)) @ lens.principal_px, Distortion(*(
-        float(_slopes(x, len(values)) @ values) for values in coefficients
-    ))  # fmt: skip
+    return _derivative(lens, focal_px, 1)
 
 
-def _powers(x: float, order: int) -> Array:
-    return np.asarray(x ** np.arange(order))
-
-
-def _slopes(x: float, order: int) -> Array:
-    return np.concatenate([[0.0], np.arange(1, order) * _powers(x, order - 1)])
+def _derivative(lens: Lens, focal_px: float, order: int) -> tuple[Array, Distortion]:
+    x, polynomials = np.log(focal_px / lens.reference_focal_px), (lens.principal_px, lens.k1, lens.k2, lens.p1, lens.p2)
+    principal, *coefficients = (polyval(x, polyder(polynomial, order)) for polynomial in polynomials)
+    return np.asarray(principal), Distortion(*map(float, coefficients))
 
 
 def distort(xy: Array, d: Distortion) -> Array:
@@ -136,62 +145,39 @@ def distort(xy: Array, d: Distortion) -> Array:
     Beyond the radius where that would fold back (barrel distortion, far outside any image) the factor stays what it is
     there, so that nothing out of view comes back into it.
     """
-    squared = np.minimum(np.sum(xy * xy, axis=-1, keepdims=True), _fold(d))
-    bent = (1.0 + (d.k1 + d.k2 * squared) * squared) * xy
-    if d.p1 or d.p2:
-        bent = bent + _tangential(xy, d)
-    return bent
+    x, y = xy[..., 0], xy[..., 1]
+    factor, (across, down) = _radial(np.minimum(x * x + y * y, _fold(d)), d), _tangential(x, y, d)
+    return np.stack([factor * x + across, factor * y + down], axis=-1)
 
 
 def undistort(xy: Array, d: Distortion) -> Array:
     """The inverse of `distort`; (..., 2) to (..., 2), by Newton's method on the radius and, where there are tangential
     coefficients, on the point."""
-    distorted = np.sqrt(np.sum(xy * xy, axis=-1, keepdims=True))
-    edge = _fold(d)
+    x_d, y_d = xy[..., 0], xy[..., 1]
+    bent, edge = np.sqrt(x_d * x_d + y_d * y_d), _fold(d)
     if np.isfinite(edge):
-        distorted = np.minimum(distorted, np.sqrt(edge) * (1.0 + (d.k1 + d.k2 * edge) * edge) * (1 - 1e-9))
-    radius = distorted
+        bent = np.minimum(bent, np.sqrt(edge) * _radial(edge, d) * (1 - 1e-9))
+    radius = bent
     for _ in range(_NEWTON_STEPS):
-        squared = radius * radius
-        factor = 1.0 + (d.k1 + d.k2 * squared) * squared
-        radius = radius - (radius * factor - distorted) / (1.0 + (3.0 * d.k1 + 5.0 * d.k2 * squared) * squared)
-    squared = radius * radius
-    found = xy / (1.0 + (d.k1 + d.k2 * squared) * squared)
+        radius = _radius_step(radius, bent, d)
+    factor = _radial(radius * radius, d)
+    x, y = x_d / factor, y_d / factor
     for _ in range(_NEWTON_STEPS if d.p1 or d.p2 else 0):
-        found = found + np.linalg.solve(jacobian(found, d), (xy - distort(found, d))[..., None])[..., 0]
-    return np.asarray(found)
+        x, y = _point_step(x, y, x_d, y_d, d)
+    return np.stack([x, y], axis=-1)
 
 
 def jacobian(xy: Array, d: Distortion) -> Array:
     """Derivatives (..., 2, 2) of distorted coordinates by undistorted ones, (..., 2)."""
-    x, y = xy[..., 0], xy[..., 1]
-    squared = x * x + y * y
-    factor = 1.0 + (d.k1 + d.k2 * squared) * squared
-    slope = 2.0 * (d.k1 + 2.0 * d.k2 * squared)
-    result = np.empty((*x.shape, 2, 2))
-    result[..., 0, 0] = factor + slope * x * x + (2.0 * d.p1 * y + 6.0 * d.p2 * x)
-    result[..., 0, 1] = result[..., 1, 0] = slope * x * y + (2.0 * d.p1 * x + 2.0 * d.p2 * y)
-    result[..., 1, 1] = factor + slope * y * y + (6.0 * d.p1 * y + 2.0 * d.p2 * x)
-    return result
+    xx, across, yy = jacobian_at(xy[..., 0], xy[..., 1], d)
+    return np.stack([xx, across, across, yy], axis=-1).reshape(*xy.shape, 2)
 
 
 def jacobian_by_coefficients(xy: Array) -> Array:
-    """Derivatives (..., 2, 4) of distorted coordinates by `COEFFICIENTS`, at undistorted ones (..., 2)."""
-    x, y = xy[..., 0], xy[..., 1]
-    squared = x * x + y * y
-    result = np.empty((*x.shape, 2, 4))
-    result[..., 0, 0], result[..., 1, 0] = squared * x, squared * y
-    result[..., 0, 1], result[..., 1, 1] = squared * squared * x, squared * squared * y
-    result[..., 0, 2] = result[..., 1, 3] = 2.0 * x * y
-    result[..., 1, 2], result[..., 0, 3] = squared + 2.0 * y * y, squared + 2.0 * x * x
-    return result
-
-
-def _tangential(xy: Array, d: Distortion) -> Array:
-    x, y = xy[..., 0], xy[..., 1]
-    squared = x * x + y * y
-    across = 2.0 * d.p1 * x * y + d.p2 * (squared + 2.0 * x * x)
-    return np.stack([across, d.p1 * (squared + 2.0 * y * y) + 2.0 * d.p2 * x * y], axis=-1)
+    """Derivatives (..., 2, 4) of distorted coordinates by the coefficients, at undistorted ones (..., 2)."""
+    k1_x, k1_y, squared, p1_x, p1_y, p2_x = by_coefficients(xy[..., 0], xy[..., 1])
+    rows = [k1_x, squared * k1_x, p1_x, p2_x, k1_y, squared * k1_y, p1_y, p1_x]
+    return np.stack(rows, axis=-1).reshape(*xy.shape, 4)
 
 
 def _fold(d: Distortion) -> float:

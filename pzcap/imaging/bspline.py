@@ -122,28 +122,6 @@ def cubic(image: Stored, x: float, y: float) -> tuple[bool, float, float, float]
     return True, value / STEPS, by_x / STEPS, by_y / STEPS
 
 
-@njit(cache=True, nogil=True)
-def box(image: Stored, x: float, y: float, half_x: float, half_y: float) -> tuple[bool, float, float, float]:
-    """A flag that a box about (x, y) lies inside an image of cells, of which the first spans 0 to 1; the mean grey
-    level in it, and the derivatives along x and y."""
-    left, right, top, bottom = x - half_x, x + half_x, y - half_y, y + half_y
-    first, last = int(np.floor(left)), int(np.floor(right))
-    upper, lower = int(np.floor(top)), int(np.floor(bottom))
-    if first < 0 or upper < 0 or last >= image.shape[1] or lower >= image.shape[0]:
-        return False, 0.0, 0.0, 0.0
-    value, by_x, by_y = 0.0, 0.0, 0.0
-    for i in range(upper, lower + 1):
-        row = 0.0
-        for j in range(first, last + 1):
-            row += (min(right, j + 1.0) - max(left, float(j))) * image[i, j]
-        down = min(bottom, i + 1.0) - max(top, float(i))
-        value += down * row
-        by_x += down * (float(image[i, last]) - float(image[i, first]))
-        by_y += (row if i == lower else 0.0) - (row if i == upper else 0.0)
-    share = 1.0 / (STEPS * (right - left) * (bottom - top))
-    return True, value * share, by_x * share, by_y * share
-
-
 def warped(image: NDArray[np.float32], columns: NDArray[np.float32], rows: NDArray[np.float32]) -> NDArray[np.float32]:
     """Sample the spline through an image (H, W, C) at columns and rows (h, w): (h, w, C). It ends a pixel inside.
 

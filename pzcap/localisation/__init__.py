@@ -1,7 +1,6 @@
 """Pan and zoom of a frame on its panorama. In reading order:
 
 `localise` leads; `photometric_alignment` (the fit of grey values) on `panorama_sampler` (rays and samples) and
-`frame_pixels` (what is compared), `superresolved_alignment` (the same where the panorama is super-resolved);
-`coarse_search` (where nothing is known), `feature_search` on `panzoom_solvers` (from matches, eq. 11); `covariance`
-(what a frame does not show of itself); `tuning` (constants).
+`frame_pixels` (what is compared); `coarse_search` (where nothing is known), `feature_search` (from
+matches, eq. 11); `covariance` (what a frame does not show of itself); `tuning` (constants).
 """

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pzcap.calibration.sweep import grey
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View, wrapped
+from pzcap.imaging.colour import grey
 from pzcap.localisation.tuning import SEARCH
 from pzcap.types import Array, Image, Panorama, PanZoomCamera
 

@@ -26,12 +26,14 @@ from pzcap.types import Image, Localisation, Mask, Panorama, PanZoomCamera
 class Localiser:
     """Finds frames of one camera on its panorama."""
 
-    def __init__(self, panorama: Panorama, camera: PanZoomCamera, config: PanZoomConfig) -> None:
+    def __init__(
+        self, panorama: Panorama, camera: PanZoomCamera, config: PanZoomConfig, aligner: type[Aligner] = Aligner
+    ) -> None:
         self._panorama = panorama
         self._camera = camera
         self._config = config
         low, high = (zoom * camera.lens.reference_focal_px for zoom in config.zoom_range)
-        self._aligner = Aligner(panorama, camera, pixels=config.pixels, free_tilt=config.free_tilt)
+        self._aligner = aligner(panorama, camera, pixels=config.pixels, free_tilt=config.free_tilt)
         self._correlator = Correlator(panorama, camera, (low, high), free_tilt=config.free_tilt)
         self._features = FeatureSearch(panorama, camera, config)
 
@@ -126,15 +128,16 @@ def lost(camera: PanZoomCamera, prior: Localisation | None) -> Localisation:
     )
 
 
-def count_from_reference(panorama: Panorama, camera: PanZoomCamera, image: Image, focal_px: float) -> Panorama:
+def count_from_reference(
+    panorama: Panorama, camera: PanZoomCamera, image: Image, focal_px: float, aligner: type[Aligner] = Aligner
+) -> Panorama:
     """The panorama, its azimuths counted from where the reference ``image``, of ``focal_px``, lies on it.
 
     The bundle adjustment has determined that already; but when it is found in the same way as later each frame's pan,
     an error that all of them share cancels.
     """
     # an error of this one pan is all frames' error, so all pixels are compared
-    aligner = Aligner(panorama, camera, pixels=image.size)
-    reference = aligner.align(image, 0.0, camera.tilt_rad, focal_px, 1.5)
+    reference = aligner(panorama, camera, pixels=image.size).align(image, 0.0, camera.tilt_rad, focal_px, 1.5)
     if reference.agreement < ALIGNMENT.sure_agreement:
         return panorama
     origin_px = panorama.origin_px - np.array([reference.pan_rad * panorama.px_per_rad, 0.0])

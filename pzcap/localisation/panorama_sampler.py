@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 from numba import njit
 
-from pzcap.calibration.sweep import grey
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import lens
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at, smooth_map, to_unwrapped
 from pzcap.geometry.lens import Distortion, distort_point, jacobian_at, undistort_point
-from pzcap.imaging.bspline import Stored, box, cubic
-from pzcap.imaging.pyramid import Layer, Level, halved, super_resolved
+from pzcap.imaging.bspline import Stored, cubic
+from pzcap.imaging.colour import grey
+from pzcap.imaging.pyramid import Level, halved
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
@@ -86,37 +86,36 @@ class Rays:
 
 
 class PanoramaSampler:
-    """Panorama of one camera in several resolutions: that of each of `LEVELS` (``levels``, about ``pixels`` of a frame
-    to be compared on the finest), and the super-resolved one, if there is one (``superresolved``)."""
+    """Panorama of one camera in the resolutions of `LEVELS`; about ``pixels`` of a frame are compared on the finest."""
 
     def __init__(self, panorama: Panorama, camera: PanZoomCamera, pixels: int) -> None:
         self._panorama = panorama
         self._camera = camera
         # a full turn goes on beyond its ends, so that no frame lies across a seam
-        self._margin = panorama.image.shape[1] // 4 // 8 * 8 if panorama.full_turn else 0
-        border = (0, 0, self._margin, self._margin, cv2.BORDER_WRAP)
+        self.margin = panorama.image.shape[1] // 4 // 8 * 8 if panorama.full_turn else 0
+        border = (0, 0, self.margin, self.margin, cv2.BORDER_WRAP)
         image = cv2.copyMakeBorder(grey(panorama.image), *border).astype(np.float32)
         known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), *border).astype(np.float32)
         self.px_per_rad = panorama.px_per_rad
         self.levels: list[Level] = [halved(image, known, level.halvings, level.pixels or pixels) for level in LEVELS]
-        self.superresolved = super_resolved(panorama, known, self._margin) if panorama.fine.size else None
 
     def rays(self, points: Array, at: PanTiltZoom) -> Rays:
         """Directions of ``points`` (N, 2) of a frame."""
         return Rays(at, axis_directions(self._panorama, self._camera, points, *at))
 
-    def sample(self, layer: Layer, rays: Rays, at: PanTiltZoom) -> Array:
-        """Samples (N, 7) of a ``layer`` along ``rays`` (N), which are extrapolated to ``at``."""
+    def sample(self, level: Level, rays: Rays, at: PanTiltZoom) -> Array:
+        """Samples (N, 7) of a ``level`` along ``rays`` (N), which are extrapolated to ``at``."""
         panorama = self._panorama
         column = panorama.origin_px[0] - at.pan_rad * panorama.px_per_rad
         if panorama.full_turn:
             column = np.mod(column, panorama.image.shape[1])
-        grid = Grid(float(column) + self._margin, float(panorama.origin_px[1]), panorama.px_per_rad, *layer.scale)
-        return _sample(layer.image, layer.known, rays.directions, rays.change_to(at), grid, layer.half)
+        origin = float(column) + self.margin, float(panorama.origin_px[1])
+        change = rays.change_to(at)
+        return _sample(level.image, level.known, rays.directions, change, origin, panorama.px_per_rad, level.scale)
 
     def panorama_px(self, samples: Array) -> Array:
         """Panorama pixels (N, 2) where ``samples`` (N, 7) were taken."""
-        places = samples[:, COLUMN:] - np.array([self._margin, 0.0])
+        places = samples[:, COLUMN:] - np.array([self.margin, 0.0])
         if self._panorama.full_turn:
             places[:, 0] = np.mod(places[:, 0], self._panorama.image.shape[1])
         return np.asarray(places)
@@ -135,15 +134,6 @@ def axis_directions(
     return _axis_directions(points, view, kernel_hall(panorama.surroundings))
 
 
-def half_extents(camera: PanZoomCamera, points: Array, focal_px: float) -> Array:
-    """Half of the azimuths and of the slopes (N, 2) that the pixels at ``points`` (N, 2) of a frame cover.
-
-    Roll, tilt and distortion are slight, and left out.
-    """
-    secant = np.hypot(1.0, (points[:, 0] - lens.at(camera.lens, focal_px)[0][0]) / focal_px)
-    return np.asarray(np.stack([0.5 / secant**2, 0.5 / secant], axis=1) / focal_px)
-
-
 class LensView(NamedTuple):
     """A view for kernels, with the derivatives of its lens by log focal (slopes)."""
 
@@ -154,16 +144,6 @@ class LensView(NamedTuple):
     distortion: Distortion
     distortion_slope: Distortion
     centre_m: Array  # (3,) of projection: forward, left and up from the pan axis
-
-
-class Grid(NamedTuple):
-    """Pixels of a layer of the panorama."""
-
-    column: float  # of the pan on the panorama, where it may lie beyond the end
-    row: float  # of slope 0 on the panorama
-    px_per_rad: float
-    scale_x: float  # panorama pixels to one of the layer's, across
-    scale_y: float  # and down
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -210,31 +190,24 @@ def _axis_directions(points: Array, view: LensView, hall: Hall) -> Array:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sample(
-    image: Stored, known: Mask, directions: Array, change: tuple[float, float], grid: Grid, half: Array
-) -> Array:
-    """Samples (N, 7) of a layer along ``directions`` (N, 6), `axis_directions`, after a ``change`` of log focal and
-    tilt.
-
-    ``half`` (N, 2) is half of what a pixel covers of the layer, across and down, if that is made of cells; empty: it is
-    a spline.
-    """
-    column_0, row_0, per_rad, scale_x, scale_y = grid
+    image: Stored, known: Mask, directions: Array, change: tuple[float, float], origin: tuple[float, float],
+    px_per_rad: float, scale: float,
+) -> Array:  # fmt: skip
+    """Samples (N, 7) of a level along ``directions`` (N, 6), `axis_directions`, after a ``change`` of log focal and
+    tilt. ``origin`` is the panorama's column of the pan, which may lie beyond its end, and row of slope 0."""
     out = np.zeros((len(directions), 7))
     for n in range(len(directions)):
         azimuth, slope, azimuth_by_focal, slope_by_focal, azimuth_by_tilt, slope_by_tilt = directions[n]
         azimuth += azimuth_by_focal * change[0] + azimuth_by_tilt * change[1]
         slope += slope_by_focal * change[0] + slope_by_tilt * change[1]
-        column, row = column_0 - azimuth * per_rad, row_0 - slope * per_rad
+        column, row = origin[0] - azimuth * px_per_rad, origin[1] - slope * px_per_rad
         out[n, COLUMN], out[n, COLUMN + 1] = column, row
-        column, row = (column + 0.5) / scale_x, (row + 0.5) / scale_y
-        if len(half):
-            inside, value, by_column, by_row = box(image, column, row, half[n, 0], half[n, 1])
-        else:
-            inside, value, by_column, by_row = cubic(image, column - 0.5, row - 0.5)
+        column, row = (column + 0.5) / scale, (row + 0.5) / scale
+        inside, value, by_column, by_row = cubic(image, column - 0.5, row - 0.5)
         if not inside or not known[int(row), int(column)]:
             continue
-        by_column *= -per_rad / scale_x
-        by_row *= -per_rad / scale_y
+        by_column *= -px_per_rad / scale
+        by_row *= -px_per_rad / scale
         out[n, VALUE] = value
         out[n, BY_PAN] = by_column
         out[n, BY_LOG_FOCAL] = by_column * azimuth_by_focal + by_row * slope_by_focal

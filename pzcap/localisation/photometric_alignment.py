@@ -11,22 +11,24 @@ athlete, a shadow) lose their weight. From coarse to fine, so that the frame bef
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from pzcap.calibration.sweep import grey
+from pzcap.imaging.colour import grey
 from pzcap.localisation.frame_pixels import FramePixels, level_pixels
-from pzcap.localisation.panorama_sampler import BY_PAN, KNOWN, VALUE, PanoramaSampler, PanTiltZoom
-from pzcap.localisation.superresolved_alignment import Look, every_pixel
-from pzcap.localisation.tuning import ALIGNMENT, LEVELS, SUPERRESOLVED
+from pzcap.localisation.panorama_sampler import BY_PAN, KNOWN, VALUE, PanoramaSampler, PanTiltZoom, Rays
+from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.solver import robust
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, Solution, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
+
+Look = Callable[[Rays, PanTiltZoom], Array]
+"""Samples (N, 7) of the panorama along rays (N), extrapolated to a pan, tilt and focal length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +43,7 @@ class Alignment:
     panorama_points_px: Array  # (N, 2) where these lie on the panorama
 
 
-class _Limits(NamedTuple):
+class Limits(NamedTuple):
     """Stop rule of a fit."""
 
     steps: int
@@ -49,12 +51,12 @@ class _Limits(NamedTuple):
     least_noise: float = ALIGNMENT.least_noise
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     at: PanTiltZoom
     gains: Array | None  # (K,) of the shading; None: not known yet
 
 
-class _NothingToCompare(Exception):
+class NothingToCompare(Exception):
     """The panorama is unknown, or the frame dark."""
 
 
@@ -62,19 +64,19 @@ class _Cost:
     """Photometric cost of some pixels, with what its last linearisation was made from: ``sampled`` (N, 7), ``residual``
     (N,) and ``weight`` (N,)."""
 
-    def __init__(self, aligner: Aligner, look: Look, pixels: FramePixels, start: PanTiltZoom, limits: _Limits) -> None:
+    def __init__(self, aligner: Aligner, look: Look, pixels: FramePixels, start: PanTiltZoom, limits: Limits) -> None:
         self._aligner, self._look, self._limits, self.pixels = aligner, look, limits, pixels
         self._rays = aligner.sampler.rays(pixels.points, start)
 
-    def linearise(self, state: _State, _: float) -> NormalEquations:
-        """The weights' scale follows from the residuals at ``state``, which are that small from the first step on."""
+    def linearise(self, state: State, _: float) -> NormalEquations:
+        """Normal equations at ``state``; the scale of the weights follows from the residuals there."""
         pixels, free = self.pixels, self._aligner.free
         if self._rays.far_from(state.at):
             self._rays = self._aligner.sampler.rays(pixels.points, state.at)
         self.sampled = self._look(self._rays, state.at)
         usable = self.sampled[:, KNOWN] > 0
         if usable.sum() < ALIGNMENT.least_pixels:
-            raise _NothingToCompare
+            raise NothingToCompare
         gains = state.gains
         if gains is None:
             ratio = pixels.grey[usable] / np.maximum(self.sampled[usable, VALUE], 1.0)
@@ -90,7 +92,7 @@ class _Cost:
         regularised = normal + 1e-9 * np.diag(np.diag(normal))  # can be solved, whatever is left open
         return NormalEquations(regularised, gradient, noise, float(self.weight @ self.residual**2))
 
-    def retract(self, state: _State, step: Array) -> _State:
+    def retract(self, state: State, step: Array) -> State:
         """``state`` after a step, which is lengthened near the end by what Gauss-Newton steps are too short by."""
         free = self._aligner.free
         moved_px = max(abs(step[0]) * state.at.focal_px, abs(step[1]) * self._aligner.camera.lens.width / 2)
@@ -98,16 +100,16 @@ class _Cost:
             step = step / max(self._curvature, ALIGNMENT.least_curvature)
         brightened = np.abs((self.pixels.shading @ step[free:]) * self.sampled[:, VALUE]).max() / self._scale
         self._settled = bool(moved_px < self._limits.settled_px and brightened < ALIGNMENT.settled_share)
-        return _State(state.at.stepped(step[:free], 0.1), self._gains + step[free:])
+        return State(state.at.stepped(step[:free], 0.1), self._gains + step[free:])
 
     def settled(self, _: Array) -> bool:
         """True if the last step was short enough."""
         return self._settled
 
 
-class _Fit(NamedTuple):
+class Fit(NamedTuple):
     cost: _Cost
-    solution: Solution[_State]
+    solution: Solution[State]
 
 
 class Aligner:
@@ -129,44 +131,35 @@ class Aligner:
         The start may be off by ``off_px`` pixels of the panorama, up to 15; the less, the faster. Pixels that are
         ``hidden`` (H, W) are not compared. The agreement is 0 where the panorama is unknown, or the frame dark.
         """
-        frame, state = grey(image), _State(PanTiltZoom(pan_rad, tilt_rad, focal_px), None)
+        frame, state = grey(image), State(PanTiltZoom(pan_rad, tilt_rad, focal_px), None)
         try:
-            for index in range(sum(level.reach_px >= off_px for level in LEVELS) - 1, len(LEVELS)):
+            for index in range(max(sum(level.reach_px >= off_px for level in LEVELS), 1) - 1, len(LEVELS)):
                 fit = self._fit_level(index, frame, hidden, state.at)
                 state = fit.solution.state
-            return self._alignment(self._fit_superresolved(fit, frame, hidden))
-        except _NothingToCompare:
+            return self._alignment(self.refined(fit, frame, hidden))
+        except NothingToCompare:
             nothing = np.empty((0, 2))
             return Alignment(*state.at, np.eye(2), 0.0, SolveReport(False, 0, 0.0), nothing, nothing)
 
-    def _fit_level(self, index: int, frame: Image, hidden: Mask | None, at: PanTiltZoom) -> _Fit:
+    def _fit_level(self, index: int, frame: Image, hidden: Mask | None, at: PanTiltZoom) -> Fit:
         """Fit to one of `LEVELS`."""
         level, steps = self.sampler.levels[index], LEVELS[index].steps
         pixels = level_pixels(frame, hidden, self.camera.lens, at.focal_px, self.sampler.px_per_rad, level)
-        look, start = partial(self.sampler.sample, level.layer), _State(at, None)
+        look, start = partial(self.sampler.sample, level), State(at, None)
         if level.scale > 1:
-            return self._fit(look, pixels, start, _Limits(steps, 0.0))
-        near = self._fit(look, pixels.thinned(ALIGNMENT.sparse), start, _Limits(steps, ALIGNMENT.near_px))
-        return self._fit(look, pixels, near.solution.state, _Limits(steps, ALIGNMENT.settled_px))
+            return self.fit(look, pixels, start, Limits(steps, 0.0))
+        near = self.fit(look, pixels.thinned(ALIGNMENT.sparse), start, Limits(steps, ALIGNMENT.near_px))
+        return self.fit(look, pixels, near.solution.state, Limits(steps, ALIGNMENT.settled_px))
 
-    def _fit_superresolved(self, fit: _Fit, frame: Image, hidden: Mask | None) -> _Fit:
-        """``fit`` refined on the super-resolved panorama, where there is one."""
-        if self.sampler.superresolved is None or not fit.solution.report.converged:
-            return fit
-        state = fit.solution.state
-        pixels, look = every_pixel(self.sampler, self.camera, frame, hidden, state.at.focal_px)
-        limits = _Limits(SUPERRESOLVED.steps, SUPERRESOLVED.settled_px, SUPERRESOLVED.least_noise)
-        try:
-            finer = self._fit(look, pixels, state, limits)
-        except _NothingToCompare:
-            return fit
-        return finer if finer.solution.report.converged else fit
+    def refined(self, fit: Fit, frame: Image, hidden: Mask | None) -> Fit:  # noqa: ARG002
+        """``fit``, the last one; `pzcap.extras.superresolved_alignment` goes on from there."""
+        return fit
 
-    def _fit(self, look: Look, pixels: FramePixels, start: _State, limits: _Limits) -> _Fit:
+    def fit(self, look: Look, pixels: FramePixels, start: State, limits: Limits) -> Fit:
         cost = _Cost(self, look, pixels, start.at, limits)
-        return _Fit(cost, minimise(start, cost.linearise, cost.retract, cost.settled, Schedule(limits.steps, 1.0)))
+        return Fit(cost, minimise(start, cost.linearise, cost.retract, cost.settled, Schedule(limits.steps, 1.0)))
 
-    def _alignment(self, fit: _Fit) -> Alignment:
+    def _alignment(self, fit: Fit) -> Alignment:
         cost, solution = fit
         variance = solution.report.cost / float(cost.weight.sum())
         covariance = np.asarray(variance * np.linalg.inv(solution.normal)[:2, :2], np.float64)
@@ -187,7 +180,7 @@ def _first_gains(ratio: Array, squared: Array, count: int) -> Array:
     with others everything would be an outlier. Most pixels show the hall."""
     usual = robust.half_sample_mode(ratio)
     if usual <= 0.0:
-        raise _NothingToCompare
+        raise NothingToCompare
     gains = np.zeros(count)
     gains[:2] = usual * np.array(
         robust.line(ratio / usual, squared, np.ones_like(ratio), ALIGNMENT.gain_scales, (1.0, 0.0))
@@ -195,7 +188,6 @@ def _first_gains(ratio: Array, squared: Array, count: int) -> Array:
     return gains
 
 
-@njit(cache=True, nogil=True)
 def normal_equations(
     sampled: Array, shading: Array, brightness: Array, residual: Array, scale: float, free: int
 ) -> tuple[Array, Array, Array, float]:
@@ -205,27 +197,8 @@ def normal_equations(
     A pixel's residual is its grey value less ``brightness`` (N,) times the panorama's. At last the cost's mean second
     derivative as a share of the weight that stands for it in the matrix: weights fall as residuals grow.
     """
-    count = free + shading.shape[1]
-    weights, row = np.zeros(len(residual)), np.empty(count)
-    normal, gradient = np.zeros((count, count)), np.zeros(count)
-    curved, total = 0.0, 0.0
-    for n in range(len(residual)):
-        if sampled[n, KNOWN] == 0.0:
-            continue
-        weight = geman_mcclure(residual[n], scale)
-        weights[n] = weight
-        total += weight
-        curved += weight * (4.0 * np.sqrt(weight) - 3.0)
-        for i in range(free):
-            row[i] = brightness[n] * sampled[n, BY_PAN + i]
-        for i in range(free, count):
-            row[i] = shading[n, i - free] * sampled[n, VALUE]
-        for i in range(count):
-            weighted = weight * row[i]
-            gradient[i] -= weighted * residual[n]
-            for j in range(i + 1):
-                normal[i, j] += weighted * row[j]
-    for i in range(count):
-        for j in range(i):
-            normal[j, i] = normal[i, j]
-    return weights, normal, gradient, curved / total
+    weight = geman_mcclure(residual, scale) * sampled[:, KNOWN]
+    rows = np.hstack([brightness[:, None] * sampled[:, BY_PAN : BY_PAN + free], shading * sampled[:, VALUE, None]])
+    weighted = weight[:, None] * rows
+    curvature = weight @ (4.0 * np.sqrt(weight) - 3.0) / weight.sum()
+    return weight, weighted.T @ rows, -weighted.T @ residual, float(curvature)

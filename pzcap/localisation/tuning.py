@@ -51,19 +51,6 @@ class AlignmentTuning(NamedTuple):
     """Pixels of the panorama by which features and grey values may differ about a place."""
 
 
-class SuperresolvedTuning(NamedTuple):
-    """Fit to the super-resolved panorama, where there is one."""
-
-    steps: int = 12
-    """Gauss-Newton steps, at most."""
-    settled_px: float = 0.0005
-    """Pixels of the frame. A smaller step ends the fit."""
-    least_noise: float = 0.2
-    """Grey levels. Residuals have no smaller standard deviation: pixels are predicted so exactly."""
-    smoothing_px2: float = 1.0
-    """Variance, square pixels of the frame, by which frame and prediction are smoothed."""
-
-
 class SearchTuning(NamedTuple):
     """Coarse search by correlation."""
 
@@ -79,5 +66,4 @@ class SearchTuning(NamedTuple):
 
 LEVELS: Final = (LevelTuning(3, 4, 15.0, 1500), LevelTuning(1, 2, 4.0, 2000), LevelTuning(0, 12, 1.5))
 ALIGNMENT: Final = AlignmentTuning()
-SUPERRESOLVED: Final = SuperresolvedTuning()
 SEARCH: Final = SearchTuning()

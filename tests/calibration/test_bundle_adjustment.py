@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from pzcap.calibration import bundle_adjustment
 from pzcap.calibration.bundle_adjustment import Link
-from pzcap.calibration.parameters import CalibrationParameters, Sigmas, retract, to_vector
+from pzcap.calibration.parameters import CalibrationParameters, Sigmas, hall_size, retract, to_vector, view_jacobians
 from pzcap.geometry import camera as geometry
+from pzcap.geometry.camera import VIEW
+from pzcap.geometry.cylinder import kernel_hall
 from pzcap.types import FAR_AWAY, Array, InverseDepthMap
 
 HALL = InverseDepthMap(1.0, np.full(36, 0.15), np.zeros((4, 36)), np.array([-0.4, 0.3]))
@@ -83,6 +85,23 @@ def test_wrong_matches_do_not_pull(wrong: float) -> None:
     assert 0.2 < found.residual_px < 1.0
 
 
+def residuals(state: CalibrationParameters, link: Link) -> tuple[Array, Array]:
+    """Residuals (N, 2) of a link's matches, and their derivatives (N, 2, U) by the vector of parameters."""
+    views, chains, columns = view_jacobians(state)
+    count, hall = len(to_vector(state)), kernel_hall(state.surroundings)
+    residual, jacobian = np.empty((len(link.first_px), 2)), np.zeros((len(link.first_px), 2, count))
+    for n, (first_px, second_px) in enumerate(zip(link.first_px, link.second_px, strict=True)):
+        seen = bundle_adjustment.new_transfer()
+        bundle_adjustment.transfer(views[link.first], views[link.second], first_px[0], first_px[1], hall, seen)
+        residual[n] = seen.pixel - second_px
+        for side, frame in enumerate((link.first, link.second)):
+            part = seen.by_views[:, side * VIEW : (side + 1) * VIEW] @ chains[frame]
+            np.add.at(jacobian[n].T, columns[frame], part.T)
+        if hall_size(state):
+            np.add.at(jacobian[n].T, count - hall_size(state) + seen.nodes, np.outer(seen.shares, seen.by_near))
+    return residual, jacobian
+
+
 @settings(deadline=None, max_examples=20)
 @given(st.floats(-0.2, 0.2), st.floats(-0.1, 0.1), st.floats(-0.05, 0.05), st.floats(-3e-3, 3e-3), st.booleans())
 def test_derivatives_match_finite_differences(
@@ -95,12 +114,12 @@ def test_derivatives_match_finite_differences(
     )  # fmt: skip
     points = np.stack(np.meshgrid(np.linspace(0, 639, 5), np.linspace(0, 479, 4)), axis=-1).reshape(-1, 2)
     match = Link(1, 25, points, points, np.zeros(len(points)))
-    _, analytic = bundle_adjustment.residuals(model, match)
+    _, analytic = residuals(model, match)
     for column in range(analytic.shape[2]):
         step = np.zeros(analytic.shape[2])
         step[column] = 1e-6
-        ahead = bundle_adjustment.residuals(retract(model, step), match)[0]
-        behind = bundle_adjustment.residuals(retract(model, -step), match)[0]
+        ahead = residuals(retract(model, step), match)[0]
+        behind = residuals(retract(model, -step), match)[0]
         numeric = (ahead - behind) / 2e-6
         # how the parallax itself turns with the view is left out: some thousandths
         atol = 0.005 * np.abs(numeric).max() + 0.02
@@ -114,7 +133,7 @@ def test_normal_equations_are_those_of_the_residuals() -> None:
     unknowns = len(to_vector(model))
     normal, gradient = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     for one in made:
-        residual, jacobian = bundle_adjustment.residuals(model, one)
+        residual, jacobian = residuals(model, one)
         weight = (scale**2 / (scale**2 + np.sum(residual**2, axis=1))) ** 2
         normal += np.einsum("n,nci,ncj->ij", weight, jacobian, jacobian)
         gradient += np.einsum("n,nci,nc->i", weight, jacobian, residual)

@@ -7,8 +7,8 @@ import pytest
 
 from pzcap.calibration import photometric_bundle_adjustment
 from pzcap.calibration.parameters import CalibrationParameters, Sigmas, retract, to_vector
-from pzcap.calibration.sweep import grey
 from pzcap.imaging.bspline import STEPS, Stored, stored
+from pzcap.imaging.colour import grey
 from pzcap.types import FAR_AWAY, Array
 from tests.scenes import synthetic
 

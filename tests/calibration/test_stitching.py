@@ -14,6 +14,7 @@ from pzcap.calibration.sweep import SweepConfig
 from pzcap.extras.paper import stitching as paper
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE, Distortion
+from pzcap.imaging.colour import grey
 from pzcap.types import FAR_AWAY, Array, Image, Panorama, PzcapError
 from tests.scenes import synthetic
 
@@ -27,7 +28,7 @@ def silent(done: int) -> None:
 
 
 def stitched(taken: list[tuple[int, Image]], pans: Array, full_turn: bool, bright: stitching.Brightness) -> Panorama:
-    greys = [sweep.grey(image) for _, image in taken]
+    greys = [grey(image) for _, image in taken]
     swept = stitching.SweptFrames(greys, bright, VIEW)
     return stitching.stitch(taken, np.arange(len(pans)), swept, pans, full_turn, FAR_AWAY, silent)
 

@@ -16,9 +16,9 @@ from numba import njit
 
 from experiments.bound import Sensor, blur_level, build_scene, information, least_covariance
 from pzcap.calibration import stitching
-from pzcap.calibration.sweep import grey
 from pzcap.geometry.camera import View, wrapped
 from pzcap.geometry.lens import NONE
+from pzcap.imaging.colour import grey
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.types import FAR_AWAY, Array, Image, Lens, Panorama, PanZoomCamera
 from tests.scenes import synthetic

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pzcap.extras.superresolution import ACROSS, DOWN, super_resolve
+from pzcap.extras.superresolved_alignment import SuperresolvedAligner, box
 from pzcap.imaging import bspline
-from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.types import Array, Image, Panorama
 from tests.scenes.upright_bars import CAMERA, FOCAL, HEIGHT, MIDDLE, WIDTH, level, photograph, stitched, swept
 
@@ -31,7 +31,7 @@ def some() -> Panorama:
 
 def errors(background: Panorama, pans_rad: Array, zoom: float) -> Array:
     """(N, 2) of pan, in pixels of the frame, and of log focal, in pixels at its edges."""
-    aligner, focal = Aligner(background, CAMERA, pixels=WIDTH * HEIGHT), FOCAL * zoom
+    aligner, focal = SuperresolvedAligner(background, CAMERA, pixels=WIDTH * HEIGHT), FOCAL * zoom
     found = [aligner.align(photograph(pan, focal), pan + 1e-4, 0.0, focal * 1.0003, 1.5) for pan in pans_rad.tolist()]
     assert all(one.report.converged for one in found)
     return np.array([
@@ -62,7 +62,7 @@ def test_a_frame_is_predicted_pixel_by_pixel(some: Panorama) -> None:
     row = some.fine.shape[0] / 2
     halves = 0.5 * ACROSS / (1.0 + ((np.arange(WIDTH) - MIDDLE[0]) / FOCAL) ** 2)
     places = zip(((columns + 0.5) * ACROSS).tolist(), halves.tolist(), strict=True)
-    fine = [bspline.box(some.fine, column, row, half, 0.5 * DOWN)[1] for column, half in places]
+    fine = [box(some.fine, column, row, half, 0.5 * DOWN)[1] for column, half in places]
     coarse = np.interp(columns, np.arange(some.image.shape[1]), some.image[some.image.shape[0] // 2, :, 0])
     frame = level(photograph(pan))[HEIGHT // 2]
     off, before = (float(np.sqrt(np.mean((one - frame)[20:-20] ** 2))) for one in (np.array(fine), coarse))

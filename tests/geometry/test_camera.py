@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.lens import Distortion
-from pzcap.types import Camera, Lens, PanZoomCamera
+from pzcap.types import Array, Camera, Lens, PanZoomCamera
 
 angles = st.floats(-3.2, 3.2)
 views = st.builds(
@@ -52,6 +52,16 @@ def test_kernels_look_as_the_arrays_do(view: geometry.View) -> None:
         np.testing.assert_allclose(seen[:, 0], [u, v], atol=1e-6)
 
 
+def moved(view: geometry.View, step: Array) -> geometry.View:
+    """``view`` after adding ``step`` (7,) in the order of `geometry.PARAMETERS`."""
+    pan, tilt, log_focal, roll, _, _, k1 = step
+    return replace(
+        view, pan_rad=view.pan_rad + pan, tilt_rad=view.tilt_rad + tilt, roll_rad=view.roll_rad + roll,
+        focal_px=view.focal_px * np.exp(log_focal), principal_px=view.principal_px + step[4:6],
+        distortion=view.distortion._replace(k1=view.distortion.k1 + k1),
+    )  # fmt: skip
+
+
 @settings(deadline=None)
 @given(views, st.integers(0, 6))
 def test_derivatives_match_finite_differences(view: geometry.View, which: int) -> None:
@@ -59,7 +69,7 @@ def test_derivatives_match_finite_differences(view: geometry.View, which: int) -
     analytic, _ = geometry.derivatives(view, azimuth, slope)
     step = np.zeros(7)
     step[which] = 1e-6
-    ahead, behind = geometry.moved(view, step), geometry.moved(view, -step)
+    ahead, behind = moved(view, step), moved(view, -step)
     numeric = (
         geometry.direction_to_pixel(ahead, azimuth, slope)[0] - geometry.direction_to_pixel(behind, azimuth, slope)[0]
     ) / 2e-6

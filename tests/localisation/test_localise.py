@@ -16,9 +16,8 @@ from pzcap.extras.paper import method as paper
 from pzcap.geometry.camera import direction_to_pixel, view_at, wrapped
 from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
-from pzcap.localisation.feature_search import panorama_features
+from pzcap.localisation.feature_search import panorama_features, solve_eq11
 from pzcap.localisation.localise import Localiser
-from pzcap.localisation.panzoom_solvers import solve_eq11
 from pzcap.types import Array, Image, PzcapError
 from tests.scenes import synthetic
 from tests.scenes.cylinders import camera_of, whole_turn
@@ -125,7 +124,7 @@ def test_matches_that_the_pixels_do_not_bear_out_do_not_count(exact: CalibratedC
 
 
 def test_someone_in_the_picture_is_left_out(exact: CalibratedCamera) -> None:
-    """A person with a texture of her own, who stands still in the frame while the camera pans."""
+    """A person with a texture of their own, who stands still in the frame while the camera pans."""
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     person = np.random.default_rng(2).integers(0, 255, (160, 70, 3)).astype(np.uint8)
     prior = None
@@ -141,7 +140,7 @@ def test_someone_in_the_picture_is_left_out(exact: CalibratedCamera) -> None:
         assert inside.mean() < 0.05
 
 
-def test_someone_who_covers_most_of_the_picture_is_left_out_where_she_is_expected(
+def test_someone_who_covers_most_of_the_picture_is_left_out_where_they_are_expected(
     exact: CalibratedCamera,
 ) -> None:
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())

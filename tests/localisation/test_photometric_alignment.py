@@ -61,7 +61,7 @@ HALL = InverseDepthMap(1.7, np.linspace(0.05, 0.6, 12), np.linspace(0, 0.1, 24).
 
 def finest(sampler: PanoramaSampler, at: PanTiltZoom) -> Array:
     """What the panorama shows at PIXELS."""
-    return sampler.sample(sampler.levels[-1].layer, sampler.rays(PIXELS, at), at)
+    return sampler.sample(sampler.levels[-1], sampler.rays(PIXELS, at), at)
 
 
 def test_the_levels_go_from_coarse_to_fine() -> None:
@@ -84,7 +84,7 @@ def test_samples_stand_where_the_camera_looks(panorama: Panorama) -> None:
 
 
 def test_rays_may_be_taken_as_straight_so_near(sampler: PanoramaSampler) -> None:
-    there, layer, linear = PanTiltZoom(0.2, OPTICS.tilt_rad, 500.0), sampler.levels[-1].layer, ALIGNMENT.linear
+    there, layer, linear = PanTiltZoom(0.2, OPTICS.tilt_rad, 500.0), sampler.levels[-1], ALIGNMENT.linear
     rays = sampler.rays(PIXELS, there)
     assert not rays.far_from(there)
     for by_tilt, by_focal in ((linear, 0.0), (0.0, -linear), (linear, linear)):

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from experiments.comparisons.peers.material import Background, Estimate, Shot
-from pzcap.calibration.sweep import grey
+from pzcap.imaging.colour import grey
 from pzcap.types import Array, Image
 
 FEATURES: Final = 2000  # a frame

@@ -9,8 +9,8 @@ import numpy as np
 
 from experiments.comparisons.peers import matching
 from experiments.comparisons.peers.material import Background, Estimate, Shot
-from pzcap.calibration.sweep import grey
 from pzcap.geometry import camera as geometry
+from pzcap.imaging.colour import grey
 from pzcap.localisation.panorama_sampler import warp_background
 from pzcap.types import Image, Mask
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from experiments.comparisons.peers.material import Background, Estimate, Shot
-from pzcap.calibration.sweep import grey
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
+from pzcap.imaging.colour import grey
 from pzcap.types import Array, Image, Mask
 
 RATIO: Final = 0.8  # of Lowe's test

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from experiments.comparisons.self_calibration.baselines import Frames, Shots
 from pzcap.calibration import features
-from pzcap.calibration.sweep import grey
+from pzcap.imaging.colour import grey
 from pzcap.io.capture import frame_sets
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask

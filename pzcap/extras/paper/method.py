@@ -11,12 +11,12 @@ import numpy as np
 from pzcap.calibration import features, reference_camera
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, no_report
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.calibration.sweep import grey
 from pzcap.extras.paper.similarity import ransac_eq15, solve_eq15
 from pzcap.extras.paper.stitching import stitch
 from pzcap.extras.paper.unfolding import points_from_cylinder, to_cylinder
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
+from pzcap.imaging.colour import grey
 from pzcap.localisation.feature_search import near_prior, panorama_features
 from pzcap.localisation.localise import lost
 from pzcap.pipeline import Method

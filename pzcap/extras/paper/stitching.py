@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 
 from pzcap.calibration import features
-from pzcap.calibration.sweep import Frames, SweepConfig, grey
+from pzcap.calibration.sweep import Frames, SweepConfig
 from pzcap.extras.paper.unfolding import to_cylinder
+from pzcap.imaging.colour import grey
 from pzcap.types import Panorama, PzcapError
 
 

@@ -222,6 +222,12 @@ def _offset_covariance(
 
 def _stepped(state: State, step: Array, moved: Array) -> State:
     frames = len(state.pan_rad)
-    log_focal, tilt, roll, x, y, k1 = step[frames : frames + 6]
-    view = geometry.moved(state.view, np.array([0.0, tilt, np.clip(log_focal, -0.3, 0.3), roll, x, y, k1]))
+    log_focal, tilt, roll, _, _, k1 = step[frames : frames + 6]
+    before = state.view
+    view = replace(
+        before, tilt_rad=before.tilt_rad + tilt, roll_rad=before.roll_rad + roll,
+        focal_px=before.focal_px * float(np.exp(np.clip(log_focal, -0.3, 0.3))),
+        principal_px=before.principal_px + step[frames + 3 : frames + 5],
+        distortion=before.distortion._replace(k1=before.distortion.k1 + k1),
+    )  # fmt: skip
     return State(state.pan_rad + step[:frames], view, state.offset_m + step[-2:], state.points + moved)

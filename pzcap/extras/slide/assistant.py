@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pzcap.calibration import features
-from pzcap.calibration.sweep import grey
 from pzcap.extras.slide.adjustment import Fit, Priors, State, adjust, from_centre, placed, started
 from pzcap.extras.slide.near import boxed, moving, nearer
 from pzcap.extras.slide.tracks import MIN_TRACKS, Tracks, follow
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE
+from pzcap.imaging.colour import grey
 from pzcap.types import Array, Image, Mask, PzcapError
 
 FIELD_WIDTHS = 1.2  # focal length, in image widths, where nobody knows it
