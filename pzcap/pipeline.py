@@ -282,7 +282,7 @@ def body_tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[
         return None
     model = skeleton.build(capture.subject)
     notes += keyframes.check(sets.keyframes, model, len(sets))
-    return Tracker(model, sets.keyframes, float(capture.frame_rate), config.tracking)
+    return Tracker(model, sets.keyframes, config.tracking)
 
 
 def _track_input(segmented: FrameSegmented) -> TrackInput:

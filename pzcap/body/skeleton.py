@@ -187,14 +187,6 @@ def point_jacobian(world_T_segment: Array, segment: int, point_m: Array) -> Arra
     return np.where(MOVES[:, segment], twists[:, :3].T, 0.0)
 
 
-def mean_jacobian(world_T_segment: Array, share: Array, points_m: Array) -> Array:
-    """Derivative (3, 43) of a mean of world points (16, 3), one fixed to each segment, of which each has a ``share``
-    (16,), with respect to the pose's tangent."""
-    moved = MOVES * share
-    twists = screws(world_T_segment, np.zeros(3))
-    return np.asarray((moved.sum(axis=1)[:, None] * twists[:, :3] + np.cross(twists[:, 3:], moved @ points_m)).T)
-
-
 def joint_jacobians(world_T_segment: Array) -> Array:
     """Derivatives (16, 3, 43) of all joint centres with respect to the pose's tangent."""
     return np.stack([point_jacobian(world_T_segment, i, world_T_segment[i, :3, 3]) for i in range(len(SEGMENTS))])

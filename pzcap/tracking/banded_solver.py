@@ -7,8 +7,7 @@ second difference of the motion as prior: minimise over the steps ``d_t`` of all
     sum_t 1/2 d_t' H_t d_t - g_t' d_t  +  sum_t 1/2 |d_(t-1) - 2 d_t + d_(t+1) + a_t|^2 / sigma^2
 
 with ``a_t`` the acceleration that the poses have now; and neighbours are tied to each other by what rests on the floor
-(`pzcap.tracking.contact`) and by what falls (`pzcap.tracking.flight`). The matrix is banded, so the cost is linear in
-the frames.
+(`pzcap.tracking.temporal_constraints`). The matrix is banded, so the cost is linear in the frames.
 """
 
 from __future__ import annotations
@@ -28,12 +27,12 @@ _REACH = 3  # frames that are tied to each other, at most
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tie:
-    """Something that should be 0 and is made by two or three poses that follow one another."""
+    """Something that should be 0 and is made by two poses that follow one another."""
 
-    first: int  # of the poses
+    first: int  # of the two
     residual_m: Array  # (R,)
     weight: Array  # (R,)
-    jacobians: Array  # (2 or 3, R, 43) derivatives of ``residual_m`` by the tangent of each pose
+    jacobians: Array  # (2, R, 43) derivatives of ``residual_m`` by the tangent of each pose
 
 
 def smooth_step(

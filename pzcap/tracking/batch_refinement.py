@@ -26,7 +26,7 @@ from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate, TrackingConfi
 from pzcap.tracking.observation import ViewCrop
 from pzcap.tracking.pose_objective import Appearance, Placed, PosedBody, PoseObjective
 from pzcap.tracking.reacquisition import PassResults, reacquire
-from pzcap.tracking.temporal_constraints import ballistic, contacts
+from pzcap.tracking.temporal_constraints import contacts
 from pzcap.tracking.tuning import BATCH
 from pzcap.types import Keyframe, Mask, Pose
 
@@ -79,7 +79,7 @@ def accumulate_keyframe(
 
 def refine_batch(
     body: Body, poses: Sequence[Pose], views: Sequence[Views], before: Sequence[Pose], key: Keyframe | None,
-    passes: PassResults | None, frame_rate: float, config: TrackingConfig,
+    passes: PassResults | None, config: TrackingConfig,
 ) -> RefinedBatch:  # fmt: skip
     """Refine the ``poses`` of consecutive frames; in the frames ``before`` them the body is held fast. Where the last
     is a ``key``, the pose that the hand gave it counts there beside the images.
@@ -87,7 +87,7 @@ def refine_batch(
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
     (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
     """
-    batch = _Batch(body, before, key, frame_rate, config)
+    batch = _Batch(body, before, key, config)
     objectives = [PoseObjective(body, each) for each in views]
     posed, placed = _placed(objectives, poses)
     found = batch.sweep(objectives, posed, placed, _mean_appearances(objectives, placed))
@@ -126,7 +126,6 @@ class _Batch:
     body: Body
     before: Sequence[Pose]
     key: Keyframe | None  # of the last of them
-    frame_rate: float
     config: TrackingConfig
 
     def sweep(
@@ -155,9 +154,7 @@ class _Batch:
                 hessians[-1] += np.diag(hand)
                 gradients[-1] += hand * difference(self.key.pose, poses[-1])
             chain = [*self.before, *poses]
-            ties = ballistic(self.body, chain, self.frame_rate, config.fall_sigma_m_s2)
-            if config.contacts:
-                ties = [*contacts(self.body, chain), *ties]
+            ties = contacts(self.body, chain) if config.contacts else []
             steps = smooth_step(poses, hessians, gradients, config.acceleration_sigma, self.before, ties)
             steps = steps.clip(-0.5, 0.5)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]

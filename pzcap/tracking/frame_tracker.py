@@ -100,8 +100,6 @@ class TrackingConfig:
     """Standard deviation of the root's acceleration, a frame squared."""
     acceleration_rotation_sigma_rad: float = 0.05
     """Standard deviation of each joint's acceleration, a frame squared."""
-    fall_sigma_m_s2: float = 2.5
-    """Departure of the centre of mass from a fall in flight: the masses of the segments are not known."""
     polishing_sweeps: int = 2
     """Gauss-Newton steps of all frames of an interval together."""
     longest_stretch: int = 200

@@ -95,7 +95,6 @@ class IntervalProblem:
     instants: Sequence[Instant]
     reference: Sequence[Appearance]  # of the skin beside the keyframe that the interval began with, a view each
     anchor: Anchor | None  # the keyframe that ends them; None: none does
-    frame_rate: float
     config: TrackingConfig
 
 
@@ -235,15 +234,15 @@ def _refined(
     """Refine the poses of an interval, and the body with them. A keyframe that ends it has been accumulated before."""
     config, estimate, body = problem.config, problem.estimate, problem.estimate.body
     key = None if problem.anchor is None else problem.anchor.key
-    rate, before, shape = problem.frame_rate, problem.before, copy(estimate.shape)
+    before, shape = problem.before, copy(estimate.shape)
     if not config.shape_weight:
-        return refine_batch(body, poses, views, before, key, passes, rate, config), estimate
+        return refine_batch(body, poses, views, before, key, passes, config), estimate
     some = slice(None, None if key is None else -1, INTERVAL.shape_stride)
     for left in reversed(range(config.shape_rounds)):
         equations = accumulate_frames(body, shape, poses[some], views[some], config)
         body = replace(shape.solve(equations), landmarks=body.landmarks)
         # to reacquire limbs takes long: in the last round alone
-        batch = refine_batch(body, poses, views, before, key, None if left else passes, rate, config)
+        batch = refine_batch(body, poses, views, before, key, None if left else passes, config)
         poses, views = [each.pose for each in batch.frames], [each.views for each in batch.objectives]
     shape.commit(equations)
     known = Shape(shape.amounts_m, shape.joint_variance())

@@ -57,13 +57,12 @@ class Tracker:
     ``longest_stretch``. Raises PzcapError when there is no keyframe.
     """
 
-    def __init__(self, body: Body, keyframes: Sequence[Keyframe], frame_rate: float, config: TrackingConfig) -> None:
+    def __init__(self, body: Body, keyframes: Sequence[Keyframe], config: TrackingConfig) -> None:
         if not keyframes:
             raise PzcapError("tracking: no keyframes; pose the body in at least one frame (keyframes.json)")
         self.body, self.config = body, config  # the body that is tracked with
         self._keys = {key.frame: key for key in keyframes}
         self._last_key = max(self._keys)
-        self._frame_rate = frame_rate
         self._estimate = BodyEstimate.of(body)
         self._before: Sequence[Pose] = ()  # the last frames before those that wait
         self._solving: Future[IntervalResult] | None = None
@@ -147,7 +146,7 @@ class Tracker:
 
     def _problem(self, instants: Sequence[Instant], anchor: Anchor | None) -> IntervalProblem:
         reference = () if self._ahead is None else self._ahead.reference
-        return IntervalProblem(self._estimate, self._before, instants, reference, anchor, self._frame_rate, self.config)
+        return IntervalProblem(self._estimate, self._before, instants, reference, anchor, self.config)
 
     def _solve(self, anchor: Anchor | None) -> None:
         """Start to solve what waits, up to ``anchor``. What was being solved has been taken before."""
@@ -191,10 +190,10 @@ class Tracker:
 
 
 def track(
-    body: Body, keyframes: Sequence[Keyframe], inputs: Iterable[TrackInput], frame_rate: float, config: TrackingConfig
+    body: Body, keyframes: Sequence[Keyframe], inputs: Iterable[TrackInput], config: TrackingConfig
 ) -> Iterator[Tracked]:
     """Track the body through ``inputs``, in the order of their frames: a result each, in that order. See `Tracker`."""
-    tracker = Tracker(body, keyframes, frame_rate, config)
+    tracker = Tracker(body, keyframes, config)
     for item in inputs:
         yield from tracker.push(item)
     yield from tracker.finish()

@@ -95,18 +95,6 @@ class ContactTuning(NamedTuple):
     """Robust weight below which a point is not in contact."""
 
 
-class FlightTuning(NamedTuple):
-    """Free fall of the centre of mass."""
-
-    gravity_m_s2: float = 9.81
-    clear_m: float = 0.04
-    """Height above which all of the skin is off the floor: the errors of tape and tracker together."""
-    robust_m_s2: float = 4.0
-    """Departure from a fall that is hardly one; scale of the Geman-McClure weight."""
-    least_weight: float = 0.05
-    """Robust weight below which a frame is not in flight."""
-
-
 class FrameTuning(NamedTuple):
     """Frame-to-frame tracking."""
 
@@ -226,7 +214,6 @@ KEYPOINT = KeypointTuning()
 CAMERA = CameraTuning()
 SELF_COLLISION = SelfCollisionTuning()
 CONTACT = ContactTuning()
-FLIGHT = FlightTuning()
 FRAME = FrameTuning()
 FUSION = FusionTuning()
 INTERVAL = IntervalTuning()

@@ -20,7 +20,6 @@ from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot
 
 FRAMES = 13
 CONFIG = TrackingConfig()
-RATE = 30.0  # frames a second
 TERMS = Terms(0, 5.0, 1.0, 12.0, 1.0, 1.0, 0.15)
 
 
@@ -65,7 +64,7 @@ def errors_m(results: list[Tracked]) -> Array:
 
 def run(keyframes: list[Keyframe], items: tuple[TrackInput, ...] | list[TrackInput]) -> list[Tracked]:
     """Track ``items`` with the taped body from ``keyframes``."""
-    return list(track(taped(), keyframes, items, RATE, CONFIG))
+    return list(track(taped(), keyframes, items, CONFIG))
 
 
 def crops(frame: int) -> list[ViewCrop | None]:

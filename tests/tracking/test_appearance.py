@@ -198,7 +198,7 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
     off = []
     for passes in (None, told(poses, shared(known()), SURE)):
         ends = [*poses, true[-1]], [*views, views[-1]], true[:1], Keyframe(FRAMES[-1], true[-1])
-        found = [each.pose for each in refine_batch(body, *ends, passes, 30.0, TrackingConfig()).frames]
+        found = [each.pose for each in refine_batch(body, *ends, passes, TrackingConfig()).frames]
         moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(found, true, strict=False)]
         off.append(np.linalg.norm(np.array(moved)[:, end], axis=1).max())
     assert off[1] < 0.04 < 0.2 < off[0]

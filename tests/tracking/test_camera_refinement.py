@@ -22,7 +22,7 @@ from pzcap.tracking.pose_objective import Appearance, PoseObjective
 from pzcap.tracking.residuals import SegmentSums
 from pzcap.tracking.tracker import Tracker, TrackInput, track
 from pzcap.types import SEGMENTS, Array, Lens, Localisation, PanZoomCamera
-from tests.scenes.tracked import FRAMES, RATE, by_hand, clip, crops, errors_m, inputs, taped, true_body
+from tests.scenes.tracked import FRAMES, by_hand, clip, crops, errors_m, inputs, taped, true_body
 
 CONFIG = TrackingConfig()
 UP = np.array([0.0, 0.0, 1.0])
@@ -151,7 +151,7 @@ def test_shaken_cameras_cost_the_motion_little_where_they_are_corrected() -> Non
         items.append(TrackInput(item.frame, tuple(replace(view, camera_prior=None) for view in wrong)))
         truth[item.frame] = -steps[:, 0]
     keys = [by_hand(0), by_hand(FRAMES - 1)]
-    steady, kept, corrected = (list(track(taped(), keys, each, RATE, CONFIG)) for each in (inputs(), items, told))
+    steady, kept, corrected = (list(track(taped(), keys, each, CONFIG)) for each in (inputs(), items, told))
     usual, as_they_are, mended = (errors_m(each)[1:-1].mean() for each in (steady, kept, corrected))
     assert mended - usual < 0.6 * (as_they_are - usual)
     left = np.array([
@@ -169,7 +169,7 @@ def test_shaken_cameras_cost_the_motion_little_where_they_are_corrected() -> Non
 def test_cameras_stay_as_they_are_where_they_are_not_to_be_refined() -> None:
     views = [replace(view, camera_prior=known_to(SHAKEN)) for view in inputs()[0].views if view is not None]
     for on in (True, False):
-        tracker = Tracker(taped(), [by_hand(0)], RATE, replace(CONFIG, camera_refinement=on))
+        tracker = Tracker(taped(), [by_hand(0)], replace(CONFIG, camera_refinement=on))
         tracker.push(TrackInput(0, tuple(views)))
         found = tracker._crop(views, clip().poses[0])
         assert all(view is not None and (view.camera_prior is not None) == on for view in found)

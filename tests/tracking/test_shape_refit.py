@@ -69,6 +69,6 @@ def test_early_results_get_the_body_and_the_certainty_of_the_last() -> None:
 
 
 def test_a_tracker_gives_back_what_one_body_tracked_as_it_is() -> None:
-    tracker = Tracker(BODY, [Keyframe(0, POSE)], 30.0, TrackingConfig())
+    tracker = Tracker(BODY, [Keyframe(0, POSE)], TrackingConfig())
     only = tracker._tracked(0, PoseEstimate(POSE, 1e4 * np.eye(DOF), NO_CONTOUR, True))
     np.testing.assert_array_equal(tracker.motion([only]).joints_m, [only.joints_m])

@@ -26,7 +26,6 @@ from tests.scenes.body_scene import HEIGHT, WIDTH
 from tests.scenes.tracked import (
     CONFIG,
     FRAMES,
-    RATE,
     TERMS,
     by_hand,
     clip,
@@ -91,7 +90,7 @@ def test_the_same_footage_gives_the_same_motion() -> None:
 
 
 def test_results_come_as_soon_as_they_can() -> None:
-    tracker = Tracker(taped(), [by_hand(0), by_hand(4)], RATE, CONFIG)
+    tracker = Tracker(taped(), [by_hand(0), by_hand(4)], CONFIG)
     counts = [len(tracker.push(item)) for item in inputs()[:6]]
     assert counts == [1, 0, 0, 0, 0, 5]  # an interval is solved while the next one is followed
     assert tracker.finish() == []
@@ -108,7 +107,7 @@ def test_the_colours_of_the_arms_are_known_from_the_first_keyframe_on() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pzcap.tracking.tracker.SkinColourModel", Watched)
-        tracker = Tracker(taped(), [by_hand(0)], RATE, CONFIG)
+        tracker = Tracker(taped(), [by_hand(0)], CONFIG)
     views = [tracker.push(item) and len(told) for item in inputs()[:2]]
     assert max(told[: views[0]]) <= UNKNOWN
     assert min(told[views[0] :]) > 220
@@ -116,7 +115,7 @@ def test_the_colours_of_the_arms_are_known_from_the_first_keyframe_on() -> None:
 
 def test_no_keyframe_is_a_clear_error() -> None:
     with pytest.raises(PzcapError, match="no keyframes"):
-        list(track(taped(), [], inputs(), RATE, CONFIG))
+        list(track(taped(), [], inputs(), CONFIG))
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -325,7 +324,7 @@ def test_where_passes_agree_confidence_weighs_them() -> None:
 
 
 def test_a_stretch_that_no_keyframe_ends_is_given_up_in_time() -> None:
-    tracker = Tracker(taped(), [by_hand(0), Keyframe(100, clip().poses[0])], RATE, replace(CONFIG, longest_stretch=4))
+    tracker = Tracker(taped(), [by_hand(0), Keyframe(100, clip().poses[0])], replace(CONFIG, longest_stretch=4))
     counts = [len(tracker.push(item)) for item in inputs()[:6]]
     assert counts == [1, 0, 0, 0, 0, 0]
     assert [r.frame for r in tracker.finish()] == [1, 2, 3, 4, 5]

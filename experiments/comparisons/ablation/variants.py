@@ -62,7 +62,6 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("no_limb_search", "no limb search", "evidence", _config(doubt_m2=np.inf)),
     Variant("no_limits", "no joint limits", "evidence", _config(limit_sigma_rad=np.inf)),
     Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
-    Variant("no_fall", "no fall in flight", "evidence", _config(fall_sigma_m_s2=np.inf)),
     Variant("no_reacquisition", "no reacquisition", "evidence", _config(reacquisition=False)),
     Variant("no_appearance", "appearance not scored", "evidence", _config(appearance_score=False)),
     Variant("no_self_collision", "no self-collision", "evidence", _config(self_collision=False)),
