@@ -1,12 +1,12 @@
-"""Search for a limb that the silhouettes do not bear out: the way back for an arm or a leg that was lost.
+"""Support of a limb by the silhouettes, and the postures in which it may be searched for.
 
 Gauss-Newton follows a slope. A limb that has come to lie over the trunk in all views has none: its contour is hidden,
 and the arm in the silhouette beside it is explained by nothing. So every limb is also judged by area, as three cones.
 A pixel that shows the athlete and that no other part of the body covers is worth what its colour says for it, one of
 the hall costs as much; so is, to an arm, one that another part covers but that has a lower arm's colour. A limb's
 support is what it covers, in square metres at its own distance summed over the views.
-Where there is foreground in a limb's reach that nothing explains, some hundred postures of its two first joints are
-judged the same way, and the best one is where Gauss-Newton starts again.
+Where both passes have lost a limb, some hundred postures of its two first joints are judged by it
+(`pzcap.tracking.reacquisition`).
 """
 
 from __future__ import annotations
@@ -37,11 +37,7 @@ _BARE: Final = np.uint8(ARMS | _HEAD)  # what may have the colours of a lower ar
 BELIEF_SCALE: Final = 4
 RELUCTANCE_M2: Final = 0.002
 """Gain that a turn of one radian must bring."""
-_ROUNDS: Final = ((1.0, 0.06), (0.4, 0.03), (0.15, 0.0))
-"""Spread of the postures, and by how many metres the silhouettes are blurred so that none slips between."""
-_LENIENCE: Final = np.float32(0.25)
 _HINGE_RANGE_RAD: Final = (0.0, 2.6)
-_NEAR: Final = np.ones((5, 5), np.uint8)  # pixels of a belief: an outline that is off by that is no lost limb
 
 
 def _postures() -> Array:
@@ -67,9 +63,7 @@ class Ground:
     corner: Array  # (2,)
     belief: Float32  # (h, w) -1 hall .. 1 body
     cover: NDArray[np.uint8]  # (h, w) bits of GROUP
-    loose: Float32  # (h, w) belief in the body where no part of it is near
     bare: Float32  # (h, w) belief in a lower arm, 0 .. 1, by its colours
-    bare_loose: Float32  # (h, w) that, or in the body, where no arm is near, nor the head
 
 
 def ground(
@@ -81,9 +75,7 @@ def ground(
     here = np.asarray(cv2.warpAffine(cover, shift, belief.shape[::-1], flags=nearest), np.uint8)
     likely = cv2.resize(arms, belief.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
     bare = np.maximum(likely / np.float32(127.5) - np.float32(1.0), np.float32(0.0))
-    loose = np.where(cv2.dilate(here, _NEAR) == 0, np.maximum(belief, np.float32(0.0)), np.float32(0.0))
-    bare_loose = np.where(cv2.dilate(here & _BARE, _NEAR) == 0, np.maximum(bare, loose), np.float32(0.0))
-    return Ground(camera, corner, belief, here, loose, bare, bare_loose)
+    return Ground(camera, corner, belief, here, bare)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,29 +111,6 @@ class LimbSearch:
             self.judge(limb, pose, frames, _AS_IT_IS, self.patches(limb, frames, grounds))[0]
             for limb in range(len(LIMBS))
         ])  # fmt: skip
-
-    def loose(self, pose: Pose, grounds: Sequence[Ground | None]) -> Array:
-        """Per limb (4,), square metres of foreground in its reach that nothing explains, summed over the views."""
-        frames = forward(self._body, pose)
-        area = np.zeros(len(LIMBS))
-        for limb, segments in enumerate(LIMBS):
-            for ground in grounds:
-                box = None if ground is None else _box(ground, frames[segments[0], :3, 3], self._reach_m[limb])
-                if ground is not None and box is not None:
-                    loose = ground.bare_loose if GROUP[segments[0]] & ARMS else ground.loose
-                    area[limb] += float(loose[box[0]].sum()) * box[1] ** 2
-        return area
-
-    def search(self, limb: int, pose: Pose, grounds: Sequence[Ground | None]) -> Pose:
-        """The best posture of one limb, the rest of the body being where ``pose`` has it."""
-        frames = forward(self._body, pose)
-        patches = self.patches(limb, frames, grounds)
-        at = np.zeros(4)
-        for size, blur_m in _ROUNDS:
-            tries = self.bounded(limb, pose, at + size * POSTURES)
-            both = self.judge(limb, pose, frames, tries, [_blurred(patch, blur_m) for patch in patches])
-            at = tries[int(np.argmax(both[:, 0] - both[:, 1] - RELUCTANCE_M2 * np.sum(tries**2, axis=1)))]
-        return self.turned(limb, pose, at)
 
     def bounded(self, limb: int, pose: Pose, tries: Array) -> Array:
         """The turns ``tries`` (K, 4) of a limb that its hinge can make."""
@@ -219,15 +188,6 @@ def _cones(body: Body, limb: Sequence[int]) -> _Cones:
 
 def _hinge(segment: int) -> Array:
     return np.array(HINGE_AXES[SEGMENTS[segment]])
-
-
-def _blurred(patch: Patch, sigma_m: float) -> Patch:
-    if sigma_m == 0.0:
-        return patch
-    # blurred, a limb is less than the hall on both its sides: what lies on the hall counts for little as yet
-    lenient = np.maximum(patch.free, _LENIENCE * patch.free)
-    free = cv2.GaussianBlur(lenient, (0, 0), sigma_m / patch.m_per_px)
-    return Patch(patch.camera, np.asarray(free, np.float32), patch.corner, patch.m_per_px)
 
 
 def _box(ground: Ground, centre_m: Array, radius_m: float) -> tuple[tuple[slice, slice], float] | None:

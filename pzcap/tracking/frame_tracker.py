@@ -3,8 +3,7 @@
 A step predicts the pose with the velocity so far and fits it, coarse to fine, by Gauss-Newton to the images
 (`pzcap.tracking.pose_objective`). Where they say little, as of a forearm that is held against the trunk, joints are
 expected to come to rest, and no arm to enter the trunk (`pzcap.tracking.body_constraints`): if a joint were expected to
-keep its velocity, a small error of it would grow with every frame until the limb is lost. When the silhouettes show
-more of a limb than usual that nothing explains, the limb is searched for, and taken from there if that explains more.
+keep its velocity, a small error of it would grow with every frame until the limb is lost.
 """
 
 from __future__ import annotations
@@ -17,10 +16,9 @@ from typing import Final
 import numpy as np
 
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, difference, forward, retract
-from pzcap.limbs.search import LIMBS, LimbSearch
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
-from pzcap.tracking.observation import PlacedView, ViewCrop
+from pzcap.tracking.observation import ViewCrop
 from pzcap.tracking.pose_objective import Appearance, PosedBody, PoseEquations, PoseObjective, Terms, misfit_px2
 from pzcap.tracking.tuning import FRAME
 from pzcap.types import SEGMENTS, Array, Pose, PzcapError
@@ -80,9 +78,6 @@ class TrackingConfig:
     """Standard deviation beyond the limits of the joints, which are wide and soft."""
     cut_out_margin: float = 0.1
     """Margin that is kept of a view around the body, in sizes of the body."""
-    doubt_m2: float = 0.004
-    """Foreground that nothing explains, or hall that a limb lies on, square metres summed over the views, from which on
-    the limb is searched for."""
     step_tolerance: float = 3e-3
     """Metres, radians: a smaller step ends a round."""
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
@@ -187,7 +182,6 @@ class FrameTracker:
         self.pose, self.velocity, self.age = pose, velocity, 0
         self.prediction_error_m = config.prediction_position_sigma_m  # of the joints, lately
         self._velocity_known = velocity != 0.0  # of each degree of freedom
-        self._limbs = LimbSearch(body)
         self._persistence = np.where(DOF_SEGMENT > 0, config.joint_persistence, 1.0)  # the body as a whole moves on
         objective = PoseObjective(body, views)
         placed = objective.visibility(objective.posed(pose))
@@ -197,7 +191,6 @@ class FrameTracker:
         # the adaptive appearance drifts with a limb that is lost; the reference is of frames beside the keyframe alone
         self.reference = [Appearance.unseen(points) for _ in views]
         objective.learn(placed, self.reference, 1.0)
-        self._usual_loose = self._limbs.loose(pose, objective.grounds(placed))
 
     def predict(self) -> Pose:
         """The pose of the next frame."""
@@ -219,18 +212,16 @@ class FrameTracker:
             PoseObjective(self.body, views), predicted, np.diag(1.0 / sigma**2), self.appearances, config, schedule,
             expected,
         )  # fmt: skip
-        fit, placed, found = self._recover(fit)
-        pose = fit.posed.pose
+        pose, placed = fit.posed.pose, fit.objective.visibility(fit.posed)
         fit.objective.learn(placed, self.appearances, config.appearance_rate)
         if self.age <= FRAME.beside_keyframe:
             fit.objective.learn(placed, self.reference, 1.0 / (self.age + 1))
         gain = np.where(self._velocity_known, config.velocity_gain, 1.0)
         velocity = self.velocity + gain * (difference(pose, self.pose) - self.velocity)
-        moved_over = np.isin(DOF_SEGMENT, [s for limb in found for s in LIMBS[limb]])
-        if fit.objective.detected:  # keypoints pull from far away: such a step is no motion
-            moved_over |= np.abs(difference(pose, predicted)) > FRAME.leap_sigmas * sigma
-        self._velocity_known = ~moved_over
-        self.velocity = np.where(moved_over, 0.0, velocity)
+        # keypoints pull from far away: such a step is no motion
+        leapt = np.abs(difference(pose, predicted)) > FRAME.leap_sigmas * sigma
+        self._velocity_known = ~(leapt & fit.objective.detected)
+        self.velocity = np.where(self._velocity_known, velocity, 0.0)
         off = fit.posed.frames[:, :3, 3] - forward(self.body, predicted)[:, :3, 3]
         error_m = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
         self.prediction_error_m += FRAME.error_gain * (error_m - self.prediction_error_m)
@@ -238,40 +229,6 @@ class FrameTracker:
         # a segment drifts away from its keyframe with age, and one that misses the silhouette is wrong
         variance = 0.1 * self.age + misfit_px2(fit.normal.contour, 25.0) ** 2
         return FrameEstimate(pose, fit.normal.hessian, fit.normal.contour, True, self.velocity, variance)
-
-    def _recover(self, fit: PoseFit) -> tuple[PoseFit, list[PlacedView | None], list[int]]:
-        """Search for the limbs that the silhouettes contradict: the fit, the body placed, and the limbs found anew."""
-        config = self.config
-        found: list[int] = []
-        placed = fit.objective.visibility(fit.posed)
-        grounds = fit.objective.grounds(placed)
-        loose = self._limbs.loose(fit.posed.pose, grounds)
-        doubtful = np.flatnonzero(loose > 1.3 * self._usual_loose + config.doubt_m2)
-        self._usual_loose += np.where(loose < self._usual_loose, 0.5, 0.1) * (loose - self._usual_loose)
-        if not len(doubtful):
-            return fit, placed, found
-        support = self._limbs.support(fit.posed.pose, grounds)
-        for limb in doubtful.tolist():
-            start = self._limbs.search(limb, fit.posed.pose, grounds)
-            if not _explains_more(self._limbs.support(start, grounds), support, config.doubt_m2):
-                continue
-            widening = np.where(np.isin(DOF_SEGMENT, LIMBS[limb]), config.start_widening, 0.1)
-            prior = np.diag(1.0 / (config.prediction_sigma * widening) ** 2)
-            other = fit_pose(fit.objective, start, prior, self.appearances, config, config.schedule[1:])
-            there = other.objective.visibility(other.posed)
-            grounds_there = other.objective.grounds(there)
-            better = self._limbs.support(other.posed.pose, grounds_there)
-            if _explains_more(better, support, config.doubt_m2):
-                fit, placed, grounds, support = other, there, grounds_there, better
-                found.append(limb)
-        return fit, placed, found
-
-
-def _explains_more(support: Array, before: Array, by_m2: float) -> bool:
-    """True where the limbs cover more of the body, not only less of the hall: an arm in front of the trunk does
-    that."""
-    more = support.sum(axis=0) - before.sum(axis=0)
-    return bool(more[0] > by_m2 and more[0] - more[1] > by_m2)
 
 
 def fit_pose(

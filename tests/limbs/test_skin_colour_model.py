@@ -15,7 +15,6 @@ from pzcap.body.skeleton import Body, forward, place
 from pzcap.limbs.search import GROUP, LimbSearch
 from pzcap.limbs.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking import visibility
-from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.tracking.observation import ViewCrop, place_view, prepare, project
 from pzcap.tracking.pose_objective import PoseObjective, Terms
 from pzcap.types import SEGMENTS, Camera, Image, Mask, Pose, Subject
@@ -23,7 +22,6 @@ from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot
 
 LOWER_ARMS = np.isin(SEGMENTS, ["left_forearm", "right_forearm", "left_hand", "right_hand"])
 ELBOW = np.flatnonzero(SEGMENTS.index("left_forearm") == bodies.DOF_SEGMENT)[0]
-CONFIG = TrackingConfig()
 CONTOUR = Terms(0, 10.0, 3.0, 12.0, 1.0, 0.0, 0.15)
 
 
@@ -137,16 +135,14 @@ def test_an_arm_before_the_trunk_is_drawn_to_the_edge_of_its_colours(off_rad: fl
 
 
 @pytest.mark.parametrize("off_rad", [-0.9, 0.9])
-def test_an_arm_that_was_lost_before_the_trunk_is_missed_and_worth_more_where_it_is(off_rad: float) -> None:
+def test_an_arm_that_was_lost_before_the_trunk_is_worth_more_where_it_is(off_rad: float) -> None:
     pose, turned = before_the_trunk(), np.zeros(bodies.DOF)
     turned[ELBOW] = off_rad
     wrong = bodies.retract(pose, turned)
-    search, loose_m2, gain_m2 = LimbSearch(body()), [], []
+    search, gain_m2 = LimbSearch(body()), []
     for told in (True, False):
         evidence = PoseObjective(body(), views(pose, told=told))
         grounds = evidence.grounds(evidence.visibility(evidence.posed(wrong)))
-        loose_m2.append(search.loose(wrong, grounds)[0])
         here, there = search.support(pose, grounds)[0], search.support(wrong, grounds)[0]
         gain_m2.append((here - there) @ [1.0, -1.0])
-    assert loose_m2[0] > loose_m2[1] + CONFIG.doubt_m2
-    assert gain_m2[0] > gain_m2[1] + CONFIG.doubt_m2
+    assert gain_m2[0] > gain_m2[1] + 0.004

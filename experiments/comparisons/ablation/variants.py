@@ -59,7 +59,6 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("no_shading", "no shading", "evidence", _terms(shading_sigma=1e-6)),
     Variant("no_contour", "no contour", "evidence", _terms(contour_weight=0.0)),
     Variant("no_expectation", "body not expected", "evidence", expected=False),
-    Variant("no_limb_search", "no limb search", "evidence", _config(doubt_m2=np.inf)),
     Variant("no_limits", "no joint limits", "evidence", _config(limit_sigma_rad=np.inf)),
     Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
     Variant("no_reacquisition", "no reacquisition", "evidence", _config(reacquisition=False)),
