@@ -19,8 +19,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.body.kinematics import joint_jacobians, screws
 from pzcap.body.shape_basis import basis, corrected
-from pzcap.body.skeleton import DOF, MOVES, Body, joint_jacobians, screws
+from pzcap.body.skeleton import DOF, MOVES, Body
 from pzcap.types import SEGMENTS, Array
 
 _SLIDE_SIGMA: Final = np.tile([0.01, 0.01, 0.01, 0.05, 0.05, 0.05], len(SEGMENTS))  # metres, radians
@@ -47,7 +48,7 @@ class ContourRows:
 @dataclass(frozen=True, slots=True, eq=False)
 class Texture:
     """Evidence of the skin's brightness in one frame on each segment as a free rigid body: normal equations in its
-    twist about the pelvis joint, as `pzcap.body.skeleton.lift` takes them."""
+    twist about the pelvis joint, as `pzcap.body.kinematics.lift` takes them."""
 
     hessians: Array  # (16, 6, 6)
     gradients: Array  # (16, 6)

@@ -21,7 +21,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.body import kinematics
-from pzcap.body.skeleton import DOF_SEGMENT, Body, difference, forward
+from pzcap.body.kinematics import difference, forward
+from pzcap.body.skeleton import DOF_SEGMENT, Body
 from pzcap.types import HINGE_AXES, PARENTS, SEGMENTS, Array, Camera, Float32, Image, Pose
 
 LIMBS: Final[tuple[tuple[int, ...], ...]] = ((4, 5, 6), (7, 8, 9), (10, 11, 12), (13, 14, 15))

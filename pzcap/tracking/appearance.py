@@ -16,7 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.body.skeleton import Body, forward
+from pzcap.body.kinematics import forward
+from pzcap.body.skeleton import Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.imaging.interpolation import bilinear
 from pzcap.limbs.search import BELIEF_SCALE, GROUP, LIMBS, RELUCTANCE_M2, LimbSearch, Patch

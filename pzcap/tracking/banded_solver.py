@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from pzcap.body.skeleton import DOF, difference
+from pzcap.body.kinematics import difference
+from pzcap.body.skeleton import DOF
 from pzcap.types import Array, Pose
 
 _REACH = 3  # frames that are tied to each other, at most

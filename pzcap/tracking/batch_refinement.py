@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pzcap.body.kinematics import difference, retract
 from pzcap.body.shape_estimation import FrameResiduals, ShapeEquations, ShapeEstimate
-from pzcap.body.skeleton import DOF, Body, difference, retract
+from pzcap.body.skeleton import DOF, Body
 from pzcap.limbs.search import LIMBS
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance

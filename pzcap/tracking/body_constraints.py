@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body.skeleton import DOF, Body, forward, limit_residuals, point_jacobian
+from pzcap.body.kinematics import forward, limit_residuals, point_jacobian
+from pzcap.body.skeleton import DOF, Body
 from pzcap.tracking.tuning import SELF_COLLISION
 from pzcap.types import SEGMENTS, Array, Pose
 

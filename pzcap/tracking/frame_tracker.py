@@ -15,7 +15,8 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, difference, forward, retract
+from pzcap.body.kinematics import difference, forward, retract
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.observation import ViewCrop

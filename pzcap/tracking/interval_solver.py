@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pzcap.body.kinematics import forward, joint_jacobians
 from pzcap.body.shape_estimation import Shape, ShapeEstimate
-from pzcap.body.skeleton import Body, forward, joint_jacobians
+from pzcap.body.skeleton import Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance, shared
 from pzcap.tracking.batch_refinement import RefinedBatch, Views, accumulate_frames, accumulate_keyframe, refine_batch

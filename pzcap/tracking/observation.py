@@ -12,7 +12,8 @@ from typing import Final
 import cv2
 import numpy as np
 
-from pzcap.body.skeleton import Body, forward, place
+from pzcap.body.kinematics import forward, place
+from pzcap.body.skeleton import Body
 from pzcap.geometry.pinhole import pinhole, projected
 from pzcap.io.detections import NOBODY
 from pzcap.limbs.search import BELIEF_SCALE, GROUP, Ground, ground
@@ -157,7 +158,7 @@ class PlacedView:
 
 
 def project(points: Array, normals: Array, camera: Camera) -> ProjectedSkin:
-    """Placed skin (V, 3), as `pzcap.body.skeleton.place` has it, in a view."""
+    """Placed skin (V, 3), as `pzcap.body.kinematics.place` has it, in a view."""
     skin = ProjectedSkin(*projected(points, camera), np.empty(len(points)))
     visibility.camera_above(points, normals, pinhole(camera).centre, skin.above)
     return skin

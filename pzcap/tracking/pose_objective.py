@@ -14,8 +14,9 @@ import numpy as np
 from numba import njit
 
 from pzcap.body import landmarks
+from pzcap.body.kinematics import forward, lift, place, screws
 from pzcap.body.shape_estimation import ContourRows, Texture
-from pzcap.body.skeleton import Body, forward, lift, place, screws
+from pzcap.body.skeleton import Body
 from pzcap.geometry.pinhole import pinhole
 from pzcap.imaging.interpolation import bilinear
 from pzcap.limbs.search import Ground

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body.skeleton import difference, retract
+from pzcap.body.kinematics import difference, retract
 from pzcap.limbs.search import LIMBS, POSTURES, turn_to
 from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures

@@ -3,7 +3,7 @@
 Every residual of a point ``x`` on a segment is linearised in the segment's own twist ``(v, w)`` about a centre ``c``
 near the body, ``dx = v + w x (x - c)``, so that a row of the Jacobian is ``[a, (x - c) x a]`` with ``a`` the
 gradient of the residual with respect to the point. The 6 x 6 of a segment is accumulated here and lifted to the pose by
-`pzcap.body.skeleton.lift`: 16 small matrices in place of thousands of rows of 43.
+`pzcap.body.kinematics.lift`: 16 small matrices in place of thousands of rows of 43.
 """
 
 from __future__ import annotations

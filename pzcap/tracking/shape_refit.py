@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pzcap.body.skeleton import Body, forward, joints, lift, place, retract, screws
+from pzcap.body.kinematics import forward, joints, lift, place, retract, screws
+from pzcap.body.skeleton import Body
 from pzcap.tracking.interval_solver import BodyEstimate, Tracked
 from pzcap.tracking.residuals import SegmentSums, accumulate
 from pzcap.tracking.tuning import REFIT

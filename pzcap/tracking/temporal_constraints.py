@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pzcap.body.skeleton import DOF, Body, forward, point_jacobian
+from pzcap.body.kinematics import forward, point_jacobian
+from pzcap.body.skeleton import DOF, Body
 from pzcap.solver.robust import geman_mcclure
 from pzcap.tracking.banded_solver import Tie
 from pzcap.tracking.tuning import CONTACT

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pzcap import runtime
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, difference
+from pzcap.body.kinematics import difference
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.limbs.skin_colour_model import SkinColourModel
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate, TrackingConfig

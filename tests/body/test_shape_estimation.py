@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from pzcap.body import skeleton as bodies
+from pzcap.body.kinematics import forward
 from pzcap.body.shape_basis import basis, corrected
 from pzcap.body.shape_estimation import FrameResiduals, ShapeEstimate
-from pzcap.body.skeleton import DOF, forward
+from pzcap.body.skeleton import DOF
 from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.types import SEGMENTS, Array, Subject

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
-from pzcap.body.skeleton import Body, forward, place
+from pzcap.body.kinematics import forward, place
+from pzcap.body.skeleton import Body
 from pzcap.limbs.search import GROUP, LimbSearch
 from pzcap.limbs.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking import visibility
@@ -122,7 +124,7 @@ def views(pose: Pose, *, told: bool) -> list[ViewCrop | None]:
 def test_an_arm_before_the_trunk_is_drawn_to_the_edge_of_its_colours(off_rad: float) -> None:
     pose, turned = before_the_trunk(), np.zeros(bodies.DOF)
     turned[ELBOW] = off_rad
-    moved = bodies.retract(pose, turned)
+    moved = kinematics.retract(pose, turned)
     slopes, information = [], []
     for told in (True, False):
         evidence = PoseObjective(body(), views(pose, told=told))
@@ -138,7 +140,7 @@ def test_an_arm_before_the_trunk_is_drawn_to_the_edge_of_its_colours(off_rad: fl
 def test_an_arm_that_was_lost_before_the_trunk_is_worth_more_where_it_is(off_rad: float) -> None:
     pose, turned = before_the_trunk(), np.zeros(bodies.DOF)
     turned[ELBOW] = off_rad
-    wrong = bodies.retract(pose, turned)
+    wrong = kinematics.retract(pose, turned)
     search, gain_m2 = LimbSearch(body()), []
     for told in (True, False):
         evidence = PoseObjective(body(), views(pose, told=told))

@@ -7,6 +7,7 @@ from functools import cache
 import cv2
 import numpy as np
 
+from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.skeleton import Body
 from pzcap.limbs.skin_colour_model import UNKNOWN
@@ -54,7 +55,7 @@ def by_hand(frame: int, seed: int = 0) -> Keyframe:
     """The true pose with a hand's error: 10 mm along each axis, 3 degrees of each degree of freedom."""
     rng = np.random.default_rng(100 * seed + frame)
     error = np.concatenate([rng.normal(0, 0.010, 3), rng.normal(0, np.deg2rad(3.0), bodies.DOF - 3)])
-    return Keyframe(frame, bodies.retract(clip().poses[frame], error))
+    return Keyframe(frame, kinematics.retract(clip().poses[frame], error))
 
 
 def errors_m(results: list[Tracked]) -> Array:
@@ -97,7 +98,7 @@ def lost(pose: Pose, dof: int, by: float) -> Pose:
     """``pose`` with one degree of freedom changed."""
     delta = np.zeros(bodies.DOF)
     delta[dof] = by
-    return bodies.retract(pose, delta)
+    return kinematics.retract(pose, delta)
 
 
 def step(pose: Pose) -> FrameEstimate:

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.skeleton import Body
 from pzcap.limbs.search import LIMBS, POSTURES, LimbSearch, turn_to
@@ -76,7 +77,7 @@ def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(lim
         postures = limbs.postures(limb, context, turn + size * POSTURES, coarse=size > 0.3)
         turn = postures.turns[np.argmax(postures.score_m2)]
     found = limbs.search.turned(limb, pose, turn)
-    before, after = (np.linalg.norm(bodies.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
+    before, after = (np.linalg.norm(kinematics.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
     assert before > 0.1
     assert after < 0.4 * before
 
@@ -165,7 +166,7 @@ def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
     end = LIMBS[limb][2]
     for t in gone:
         off = [
-            np.linalg.norm(bodies.joints(body, p[t])[end] - bodies.joints(body, true[t])[end])
+            np.linalg.norm(kinematics.joints(body, p[t])[end] - kinematics.joints(body, true[t])[end])
             for p in (poses, again.poses)
         ]
         assert off[0] > 0.2
@@ -184,7 +185,9 @@ def test_what_only_one_pass_has_found_is_taken_up() -> None:
         passes = PassResults([poses, other], SURE, np.ones(SURE.shape, bool), shared(known()))
         again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (far, far))
         assert again is not None
-        moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
+        moved = [
+            kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(again.poses, true, strict=True)
+        ]
         off.append(np.linalg.norm(np.array(moved)[:, LIMBS[limb][2]], axis=1).max())
     assert off[1] < 0.05 < off[0]
 
@@ -199,7 +202,7 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
     for passes in (None, told(poses, shared(known()), SURE)):
         ends = [*poses, true[-1]], [*views, views[-1]], true[:1], Keyframe(FRAMES[-1], true[-1])
         found = [each.pose for each in refine_batch(body, *ends, passes, TrackingConfig()).frames]
-        moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(found, true, strict=False)]
+        moved = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, true, strict=False)]
         off.append(np.linalg.norm(np.array(moved)[:, end], axis=1).max())
     assert off[1] < 0.04 < 0.2 < off[0]
 
@@ -237,7 +240,7 @@ def test_a_limb_is_found_again_where_only_frames_beside_show_the_way() -> None:
     doubtful = np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)
     again, _ = looked_again(limb, [3], shared(known()), doubtful, (wide, wide))
     assert again is not None
-    off = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
+    off = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
     assert np.linalg.norm(np.array(off)[:, LIMBS[limb][2]], axis=1).max() < 0.08
 
 
@@ -264,7 +267,7 @@ def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
     assert again is not None
     assert np.flatnonzero(again.lost.any(axis=0)).tolist() == list(LIMBS[1])
     for found, pose in zip(again.poses, poses, strict=True):  # found where it was
-        np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, pose), atol=0.08)
+        np.testing.assert_allclose(kinematics.joints(body, found), kinematics.joints(body, pose), atol=0.08)
 
 
 @given(st.integers(1, 4), st.integers(0, 2**32 - 1))
@@ -302,7 +305,7 @@ def test_a_limb_that_is_hidden_is_led_from_the_frame_before_to_the_one_after() -
     assert again is not None
     for share, pose in zip((0.25, 0.5, 0.75), again.poses, strict=True):
         between = swung(start, limb, 0.6 * share)
-        np.testing.assert_allclose(bodies.joints(body, pose), bodies.joints(body, between), atol=1e-3)
+        np.testing.assert_allclose(kinematics.joints(body, pose), kinematics.joints(body, between), atol=1e-3)
 
 
 @given(st.lists(st.booleans(), max_size=12))

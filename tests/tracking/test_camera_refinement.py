@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.body.skeleton import DOF, MOVES, forward, lift, screws
+from pzcap.body.kinematics import forward, lift, screws
+from pzcap.body.skeleton import DOF, MOVES
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import at, project
 from pzcap.localisation.covariance import systematic

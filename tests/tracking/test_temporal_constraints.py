@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from pzcap.body import skeleton as bodies
-from pzcap.body.skeleton import DOF, Body, forward, retract
+from pzcap.body.kinematics import forward, retract
+from pzcap.body.skeleton import DOF, Body
 from pzcap.tracking.banded_solver import smooth_step
 from pzcap.tracking.temporal_constraints import contacts, soles
 from pzcap.types import SEGMENTS, Array, Pose, Subject

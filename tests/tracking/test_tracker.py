@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
-from pzcap.body.skeleton import forward, place
+from pzcap.body.kinematics import forward, place
 from pzcap.limbs.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking.bidirectional_fusion import fuse
 from pzcap.tracking.frame_tracker import FrameTracker, Round, fit_pose
@@ -132,7 +133,7 @@ def test_joints_that_nothing_shows_come_to_rest_while_the_body_moves_on() -> Non
     velocity[[0, np.flatnonzero(elbow == bodies.DOF_SEGMENT)[0]]] = 0.02, 0.1
     tracker = FrameTracker(body, CONFIG, pose, velocity, blank)
     for _ in range(6):
-        moved = bodies.difference(tracker.step(blank).pose, pose)
+        moved = kinematics.difference(tracker.step(blank).pose, pose)
     assert moved[0] > 0.08
     assert 0.0 < moved[velocity == 0.1][0] < 0.15
     assert np.abs(moved[velocity == 0.0]).max() < 0.02
@@ -179,7 +180,7 @@ def test_contour_gradient_pulls_a_displaced_body_back() -> None:
     terms = Terms(0, 6.0, 1.0, 12.0, 1.0, 0.0, 0.15)
     shift = np.zeros(bodies.DOF)
     shift[:3] = [0.012, -0.010, 0.008]
-    moved = bodies.retract(pose, shift)
+    moved = kinematics.retract(pose, shift)
     normal = objective.normal(objective.posed(moved), objective.visibility(objective.posed(moved)), [None] * 4, terms)
     step = np.linalg.solve(normal.hessian + 30.0 * np.eye(bodies.DOF), normal.gradient)
     start = objective.normal(objective.posed(pose), objective.visibility(objective.posed(pose)), [None] * 4, terms)
@@ -196,7 +197,7 @@ def test_brightness_gradient_is_the_derivative_of_its_cost() -> None:
     # free shading would hide part of the cost in the nuisances: forbid it here
     terms = Terms(1, 5.0, 1.0, 1e4, 0.0, 1.0, 1e-9)
     placed = objective.visibility(objective.posed(pose))
-    at = bodies.retract(pose, 2e-3 * np.random.default_rng(0).normal(size=bodies.DOF))
+    at = kinematics.retract(pose, 2e-3 * np.random.default_rng(0).normal(size=bodies.DOF))
 
     def cost(dof: int, step: float) -> float:
         moved = lost(at, dof, step)
@@ -232,8 +233,8 @@ def test_brightness_pulls_back_from_as_far_however_large_the_body_is_seen(times:
     shift[:3] = 0.04, -0.03, 0.02
     stiff = np.diag(np.r_[np.full(6, 1e-3), np.full(bodies.DOF - 6, 1e6)])
     schedule = [Round(replace(TERMS, level=level, contour_weight=0.0), 4) for level in (2, 1)]
-    fit = fit_pose(objective, bodies.retract(pose, shift), stiff, appearances, CONFIG, schedule)
-    np.testing.assert_allclose(bodies.joints(body, fit.posed.pose), bodies.joints(body, pose), atol=0.005)
+    fit = fit_pose(objective, kinematics.retract(pose, shift), stiff, appearances, CONFIG, schedule)
+    np.testing.assert_allclose(kinematics.joints(body, fit.posed.pose), kinematics.joints(body, pose), atol=0.005)
 
 
 def test_shading_alone_moves_nothing() -> None:
@@ -264,7 +265,7 @@ def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:
     back = [step(lost(pose, leg, 0.8) if k == 3 else pose) for k, pose in enumerate(poses[1:-1])]
     merged, doubt = fuse(body, poses[0], ahead, back, poses[-1], without_score)
     for found, true in zip(merged, poses[1:-1], strict=True):
-        np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, true), atol=0.001)
+        np.testing.assert_allclose(kinematics.joints(body, found), kinematics.joints(body, true), atol=0.001)
     assert doubt[3, [5, 6, 14, 15]].min() > 0.05
     assert doubt[2].max() == 0.0
 
@@ -283,7 +284,7 @@ def test_where_neither_pass_leaps_the_one_that_the_images_bear_out_is_taken(righ
     passes = (true, away) if right == 0 else (away, true)
     merged, _ = fuse(body, poses[0], *passes, poses[-1], score)
     for found, expected in zip(merged, poses[1:-1], strict=True):
-        np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, expected), atol=0.03)
+        np.testing.assert_allclose(kinematics.joints(body, found), kinematics.joints(body, expected), atol=0.03)
 
 
 def test_a_joint_whose_outlines_miss_the_silhouettes_is_said_to_be_misplaced() -> None:
@@ -296,7 +297,7 @@ def test_a_joint_whose_outlines_miss_the_silhouettes_is_said_to_be_misplaced() -
     for name, pose in (("true", true), ("wrong", wrong)):
         normal = objective.normal(objective.posed(pose), objective.visibility(objective.posed(pose)), [None] * 4, terms)
         odds[name] = misplaced(normal.contour)
-    off = np.linalg.norm(bodies.joints(body, wrong) - bodies.joints(body, true), axis=1)
+    off = np.linalg.norm(kinematics.joints(body, wrong) - kinematics.joints(body, true), axis=1)
     assert off.max() > 0.3
     assert odds["true"].max() < 0.01
     assert odds["wrong"][off > 0.15].min() > 0.3
@@ -320,7 +321,7 @@ def test_where_passes_agree_confidence_weighs_them() -> None:
     back.variance[:] = 3.0
     (merged,), doubt = fuse(body, pose, [ahead], [back], pose, without_score)
     assert not doubt.any()
-    np.testing.assert_allclose(bodies.difference(merged, pose)[3], 0.01, atol=1e-9)
+    np.testing.assert_allclose(kinematics.difference(merged, pose)[3], 0.01, atol=1e-9)
 
 
 def test_a_stretch_that_no_keyframe_ends_is_given_up_in_time() -> None:
