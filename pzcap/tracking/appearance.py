@@ -3,7 +3,7 @@
 Silhouettes say nothing of an arm that is held before the trunk, in any view. Its texture does: sleeve, skin and seams
 stand out from the cloth behind them. So a limb is also judged by its skin: the area that looks as it is known to, less
 what does not, in square metres summed over the views. A posture of a limb is then scored by both, silhouettes
-(`pzcap.limbs.search`) and similarity.
+(`pzcap.tracking.limbs`) and similarity.
 """
 
 from __future__ import annotations
@@ -17,15 +17,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.body.kinematics import forward
-from pzcap.body.skeleton import Body
+from pzcap.body.skeleton import LIMBS, Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.imaging.interpolation import bilinear
-from pzcap.limbs.search import BELIEF_SCALE, GROUP, LIMBS, RELUCTANCE_M2, LimbSearch, Patch
+from pzcap.tracking import limbs
+from pzcap.tracking.limbs import Patch, grounds, support
 from pzcap.tracking.observation import PlacedView
 from pzcap.tracking.pose_objective import Appearance, Placed, PoseObjective, px_per_m, view_level
 from pzcap.tracking.residuals import CropImage, Template
 from pzcap.tracking.tuning import APPEARANCE, BRIGHTNESS, VIEW
-from pzcap.tracking.visibility import ZBuffer, rasterise
+from pzcap.tracking.visibility import GROUP, ZBuffer, rasterise
 from pzcap.types import PARENTS, Array, Float32, Pose
 
 
@@ -48,7 +49,7 @@ class _LimbView(NamedTuple):
     camera: Pinhole
     crop: CropImage
     belief: Float32
-    """(h, w) of `pzcap.limbs.search.Ground`."""
+    """(h, w) -1 hall .. 1 body."""
     template: Template
     """Of the N points."""
     z_buffer: ZBuffer
@@ -70,7 +71,7 @@ class LimbContext:
 class Postures:
     """Postures of a limb in one frame, and their scores."""
 
-    turns: Array  # (K, 4) as `pzcap.limbs.search.LimbSearch.turned` takes them
+    turns: Array  # (K, 4) as `pzcap.tracking.limbs.turned` takes them
     score_m2: Array  # (K,)
     moved_m: Array  # (K, 2, 3) its joints from where the context has them, in the frame of what it is fixed to
 
@@ -81,7 +82,6 @@ class LimbAppearance:
     def __init__(self, body: Body, similarity: bool = True) -> None:
         self.body = body
         self._weight = APPEARANCE.weight if similarity else 0.0
-        self.search = LimbSearch(body)
         surface, stride = body.surface, APPEARANCE.stride
         self._rows = [np.flatnonzero(np.isin(surface.segment, limb))[::stride] for limb in LIMBS]
         self._skins = [
@@ -112,14 +112,14 @@ class LimbAppearance:
 
     def score(self, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> Array:
         """(4,) of each limb, square metres: the silhouettes that it explains, less the hall that it covers
-        (`LimbSearch.support`), and its similarity, where the limb itself hides nothing, as `postures` has it."""
+        (`pzcap.tracking.limbs.support`), and its similarity, where the limb itself hides nothing."""
         frames, placed = forward(self.body, pose), objective.visibility(objective.posed(pose))
         similarity = np.empty(len(LIMBS))
         for limb in range(len(LIMBS)):
             behind = self._behind(limb, placed)
             views = self._views(limb, pose, objective, behind, reference, APPEARANCE.fine_level)
             similarity[limb] = self._similarity(limb, frames, views)
-        body, hall = self.search.support(pose, objective.grounds(placed)).T
+        body, hall = support(self.body, pose, grounds(objective.views, placed)).T
         return np.asarray(body - hall + self._weight * similarity)
 
     def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> LimbContext:
@@ -130,17 +130,17 @@ class LimbAppearance:
             self._views(limb, pose, objective, behind, reference, level)
             for level in (APPEARANCE.coarse_level, APPEARANCE.fine_level)
         )
-        patches = self.search.patches(limb, frames, objective.grounds(placed))
+        patches = limbs.patches(self.body, limb, frames, grounds(objective.views, placed))
         return LimbContext(pose, frames, patches, coarse, fine)
 
     def postures(self, limb: int, context: LimbContext, turns: Array, *, coarse: bool) -> Postures:
         """Score a limb turned by ``turns`` (K, 4), in ``coarse`` or in fine images; the rest of the body is where the
         ``context`` has it."""
-        turns = self.search.bounded(limb, context.pose, turns)
-        posed = self.search.posed(limb, context.pose, context.frames, turns)
-        body, hall = self.search.judge(limb, context.pose, context.frames, turns, context.patches).T
+        turns = limbs.bounded(limb, context.pose, turns)
+        posed = limbs.posed(self.body, limb, context.pose, turns)
+        body, hall = limbs.judged(self.body, limb, posed, context.patches).T
         similarity = _compared(self._skins[limb], posed, context.coarse if coarse else context.fine)
-        score = body - hall + self._weight * similarity - RELUCTANCE_M2 * np.sum(turns**2, axis=1)
+        score = body - hall + self._weight * similarity - APPEARANCE.reluctance_m2 * np.sum(turns**2, axis=1)
         first, *others = LIMBS[limb]
         moved = posed[:, 1:, :3, 3] - context.frames[others, :3, 3]
         return Postures(turns, score, moved @ context.frames[PARENTS[first], :3, :3])
@@ -206,7 +206,7 @@ def _compare(posed: Array, skin: _LimbSkin, view: _LimbView, similarity: Array) 
     rows, columns = z_buffer.depth.shape
     eye = view.camera.centre
     value, doubt, weight = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
-    per_px = scale / BELIEF_SCALE
+    per_px = scale / VIEW.belief_scale
     for k in range(len(posed)):
         first = 0
         while first < len(points):

@@ -15,8 +15,7 @@ import numpy as np
 
 from pzcap.body.kinematics import difference, retract
 from pzcap.body.shape_estimation import FrameResiduals, ShapeEquations, ShapeEstimate
-from pzcap.body.skeleton import DOF, Body
-from pzcap.limbs.search import LIMBS
+from pzcap.body.skeleton import DOF, LIMBS, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance
 from pzcap.tracking.banded_solver import smooth_step

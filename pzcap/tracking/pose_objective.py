@@ -19,7 +19,6 @@ from pzcap.body.shape_estimation import ContourRows, Texture
 from pzcap.body.skeleton import Body
 from pzcap.geometry.pinhole import pinhole
 from pzcap.imaging.interpolation import bilinear
-from pzcap.limbs.search import Ground
 from pzcap.tracking import keypoint_residuals, residuals
 from pzcap.tracking.camera_refinement import MarginalisedCamera, eliminate, segment_twists
 from pzcap.tracking.observation import PYRAMID_LEVELS, PlacedView, ViewCrop, place_view, project
@@ -149,10 +148,6 @@ class PoseObjective:
             None if view is None or skin is None else place_view(self.body, posed.skin.points, skin, view.camera)
             for view, skin in zip(self.views, posed.projected, strict=True)
         ]
-
-    def grounds(self, placed: Placed) -> list[Ground | None]:
-        """The maps that the limbs are judged by, the body being where it was ``placed``."""
-        return [None if v is None or p is None else v.ground(p) for v, p in zip(self.views, placed, strict=True)]
 
     def normal(
         self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms

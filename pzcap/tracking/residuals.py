@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from pzcap.geometry.pinhole import Pinhole, Vector, pixel_gradient, ray, to_pixel
 from pzcap.imaging.interpolation import bilinear, bilinear_with_gradient
-from pzcap.limbs.search import ARMS, GROUP
-from pzcap.limbs.skin_colour_model import LOWER_ARM
 from pzcap.solver.robust import geman_mcclure
+from pzcap.tracking.skin_colour_model import LOWER_ARM
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR
-from pzcap.tracking.visibility import ProjectedSkin, SkinPoints, ZBuffer
+from pzcap.tracking.visibility import ARMS, GROUP, ProjectedSkin, SkinPoints, ZBuffer
 from pzcap.types import SEGMENTS, Array, Float32, Image
 
 NUISANCES: Final = 4

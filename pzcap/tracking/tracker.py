@@ -18,7 +18,6 @@ import numpy as np
 from pzcap import runtime
 from pzcap.body.kinematics import difference
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
-from pzcap.limbs.skin_colour_model import SkinColourModel
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate, TrackingConfig
 from pzcap.tracking.interval_solver import (
@@ -36,6 +35,7 @@ from pzcap.tracking.interval_solver import (
 from pzcap.tracking.observation import PlacedView, ViewCrop, ViewInput, crop_view, expect
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.shape_refit import refit_shape
+from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.types import SEGMENTS, Array, Camera, Keyframe, Motion, Pose, PzcapError
 
 __all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "ViewInput", "collect", "track"]

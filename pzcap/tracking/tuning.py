@@ -12,6 +12,8 @@ class ViewTuning(NamedTuple):
     """Pixels of a view that one of a z-buffer is wide."""
     depth_tolerance_m: float = 0.03
     """Skin so far behind the z-buffer is still visible: it is smooth, and the buffer coarse."""
+    belief_scale: int = 4
+    """Pixels of a view that one of its evidence is wide, when areas are judged."""
     full_log_odds: float = 3.0
     """Evidence for the athlete that counts in full when areas are judged."""
     usual_px_per_m: float = 130.0
@@ -159,8 +161,24 @@ class RefitTuning(NamedTuple):
     """Gauss-Newton steps."""
 
 
+class SkinColourTuning(NamedTuple):
+    """Colours of the lower arms."""
+
+    luma: int = 4
+    """Factor by which luma counts less than chroma: light changes it."""
+    least_facing: float = 0.3
+    """Cosine: skin that is seen more obliquely may be another part's."""
+    surest: float = 3.0
+    """Log-odds, at most."""
+    soft_px: float = 1.0
+    """Blur of the probability, since chroma has half the resolution."""
+
+
 class AppearanceTuning(NamedTuple):
     """Appearance score of limbs."""
+
+    reluctance_m2: float = 0.002
+    """Gain that a turn of one radian must bring."""
 
     weight: float = 6.0
     """Square metres of silhouette that one of similarity is worth."""
@@ -180,6 +198,15 @@ class AppearanceTuning(NamedTuple):
     """Pyramid level in the usual view, for postures that differ much."""
     fine_level: int = 1
     """Pyramid level in the usual view, for those that differ little."""
+
+
+class LimbTuning(NamedTuple):
+    """Postures of limbs, and their support by the silhouettes."""
+
+    hinge_range_rad: tuple[float, float] = (0.0, 2.6)
+    """Range of an elbow or a knee."""
+    nearest_m: float = 0.5
+    """A limb nearer to the camera is not judged."""
 
 
 class ReacquisitionTuning(NamedTuple):
@@ -220,4 +247,6 @@ INTERVAL = IntervalTuning()
 BATCH = BatchTuning()
 REFIT = RefitTuning()
 APPEARANCE = AppearanceTuning()
+LIMB = LimbTuning()
+SKIN_COLOUR = SkinColourTuning()
 REACQUISITION = ReacquisitionTuning()

@@ -8,13 +8,21 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pzcap.body.skeleton import LIMBS
 from pzcap.geometry.pinhole import Vector
-from pzcap.types import Array, Float32
+from pzcap.types import SEGMENTS, Array, Float32
 
 Face = tuple[float, float, float, float, float, float, float, float, float, float]
 
-FAR: Final = np.float32(np.inf)
-NOTHING: Final = np.uint8(0)
+_FAR: Final = np.float32(np.inf)
+_NOTHING: Final = np.uint8(0)
+HEAD: Final = np.uint8(32)
+GROUP: Final[NDArray[np.uint8]] = np.array(
+    [next((2 << k for k, limb in enumerate(LIMBS) if s in limb), 1) for s in range(len(SEGMENTS))], np.uint8
+)
+GROUP[SEGMENTS.index("head")] |= HEAD
+"""(16,) One bit a part of the body: the trunk with the head, then each limb; the head has one besides."""
+ARMS: Final = GROUP[LIMBS[0][0]] | GROUP[LIMBS[1][0]]
 
 
 class SkinPoints(NamedTuple):
@@ -129,8 +137,8 @@ def _fill(row: int, column: int, face: Face, bit: int, nearest: Float32, cover: 
     w1, w2 = (dx * y2 - x2 * dy) * per_area, (x1 * dy - dx * y1) * per_area
     inside = min(w1, w2, 1.0 - w1 - w2) >= -1e-9
     z = np.float32(z0 + w1 * z1 + w2 * z2)
-    cover[row, column] |= bit if inside else NOTHING
-    nearest[row, column] = min(nearest[row, column], z if inside else FAR)
+    cover[row, column] |= bit if inside else _NOTHING
+    nearest[row, column] = min(nearest[row, column], z if inside else _FAR)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

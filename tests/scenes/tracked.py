@@ -10,11 +10,11 @@ import numpy as np
 from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.skeleton import Body
-from pzcap.limbs.skin_colour_model import UNKNOWN
 from pzcap.segmentation import foreground
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate
 from pzcap.tracking.observation import ViewCrop, prepare
 from pzcap.tracking.pose_objective import PoseObjective, Terms
+from pzcap.tracking.skin_colour_model import UNKNOWN
 from pzcap.tracking.tracker import Tracked, TrackingConfig, TrackInput, ViewInput, track
 from pzcap.types import Array, Image, Keyframe, Pose, Subject
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
-from pzcap.body.skeleton import Body
-from pzcap.limbs.search import LIMBS, POSTURES, LimbSearch, turn_to
+from pzcap.body.skeleton import LIMBS, Body
 from pzcap.tracking.appearance import LimbAppearance, Postures, shared
 from pzcap.tracking.batch_refinement import refine_batch
 from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.frame_tracker import TrackingConfig
+from pzcap.tracking.limbs import POSTURES, bounded, grounds, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop
 from pzcap.tracking.pose_objective import Appearance, PoseObjective
 from pzcap.tracking.reacquisition import PassResults, Reacquired, reacquire, smoothest
@@ -76,7 +76,7 @@ def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(lim
     for size in (0.8, 0.4, 0.16, 0.06):
         postures = limbs.postures(limb, context, turn + size * POSTURES, coarse=size > 0.3)
         turn = postures.turns[np.argmax(postures.score_m2)]
-    found = limbs.search.turned(limb, pose, turn)
+    found = turned(limb, pose, turn)
     before, after = (np.linalg.norm(kinematics.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
     assert before > 0.1
     assert after < 0.4 * before
@@ -109,7 +109,7 @@ def test_without_similarity_a_limb_is_scored_by_silhouettes_alone() -> None:
     objective, pose = observed(5, true_body()), clip().poses[5]
     placed = objective.visibility(objective.posed(pose))
     limbs, reference = LimbAppearance(objective.body, similarity=False), known()
-    body, hall = limbs.search.support(pose, objective.grounds(placed)).T
+    body, hall = support(objective.body, pose, grounds(objective.views, placed)).T
     np.testing.assert_array_equal(limbs.score(pose, objective, reference), body - hall)
     assert not limbs.similarity(pose, objective, placed, reference).any()
 
@@ -246,9 +246,9 @@ def test_a_limb_is_found_again_where_only_frames_beside_show_the_way() -> None:
 
 @given(st.integers(0, 3), st.lists(st.floats(-0.4, 0.4), min_size=4, max_size=4))
 def test_a_limb_is_turned_from_one_pose_to_another(limb: int, turn: list[float]) -> None:
-    pose, search = clip().poses[5], LimbSearch(true_body())
-    taken = search.bounded(limb, pose, np.array([turn]))[0]
-    np.testing.assert_allclose(turn_to(limb, pose, search.turned(limb, pose, taken)), taken, atol=1e-9)
+    pose = clip().poses[5]
+    taken = bounded(limb, pose, np.array([turn]))[0]
+    np.testing.assert_allclose(turn_to(limb, pose, turned(limb, pose, taken)), taken, atol=1e-9)
 
 
 def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:

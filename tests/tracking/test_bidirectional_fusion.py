@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from pzcap.body import kinematics
 from pzcap.body.kinematics import joints
-from pzcap.body.skeleton import DOF, DOF_SEGMENT
-from pzcap.limbs.search import LIMBS
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS
 from pzcap.tracking.bidirectional_fusion import choose, fuse
 from pzcap.types import JOINTS, SEGMENTS, Array, Mask, Pose
 from tests.scenes.tracked import clip, lost, step, true_body, without_score

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward, place
-from pzcap.limbs.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking.bidirectional_fusion import fuse
 from pzcap.tracking.frame_tracker import FrameTracker, Round, fit_pose
 from pzcap.tracking.interval_solver import misplaced
 from pzcap.tracking.observation import ViewCrop, prepare
 from pzcap.tracking.pose_objective import Appearance, PoseEquations, PoseObjective, Terms, px_per_m
+from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking.tracker import Tracker, TrackingConfig, TrackInput, collect, track
 from pzcap.tracking.tuning import VIEW
 from pzcap.types import SEGMENTS, Array, Image, Keyframe, Pose, PzcapError

@@ -14,11 +14,11 @@ from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward, place
 from pzcap.body.skeleton import Body
-from pzcap.limbs.search import GROUP, LimbSearch
-from pzcap.limbs.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking import visibility
+from pzcap.tracking.limbs import grounds, support
 from pzcap.tracking.observation import ViewCrop, place_view, prepare, project
 from pzcap.tracking.pose_objective import PoseObjective, Terms
+from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.types import SEGMENTS, Camera, Image, Mask, Pose, Subject
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot
 
@@ -46,7 +46,7 @@ def seen(pose: Pose, camera: Camera) -> tuple[Mask, Mask]:
     for part in (np.ones(len(SEGMENTS), bool), LOWER_ARMS):
         z_buffer = visibility.empty_z_buffer((0, 0, WIDTH - 1, HEIGHT - 1), 1.0)
         faces = surface.faces[part[surface.segment[surface.faces[:, 0]]]]
-        visibility.rasterise(skin.pixels, skin.depth, faces, GROUP[surface.segment], z_buffer)
+        visibility.rasterise(skin.pixels, skin.depth, faces, visibility.GROUP[surface.segment], z_buffer)
         depths.append(z_buffer.depth)
     return np.isfinite(depths[0]), np.isfinite(depths[1]) & (depths[1] <= depths[0] + 1e-4)
 
@@ -141,10 +141,10 @@ def test_an_arm_that_was_lost_before_the_trunk_is_worth_more_where_it_is(off_rad
     pose, turned = before_the_trunk(), np.zeros(bodies.DOF)
     turned[ELBOW] = off_rad
     wrong = kinematics.retract(pose, turned)
-    search, gain_m2 = LimbSearch(body()), []
+    gain_m2 = []
     for told in (True, False):
         evidence = PoseObjective(body(), views(pose, told=told))
-        grounds = evidence.grounds(evidence.visibility(evidence.posed(wrong)))
-        here, there = search.support(pose, grounds)[0], search.support(wrong, grounds)[0]
+        maps = grounds(evidence.views, evidence.visibility(evidence.posed(wrong)))
+        here, there = (support(body(), each, maps)[0] for each in (pose, wrong))
         gain_m2.append((here - there) @ [1.0, -1.0])
     assert gain_m2[0] > gain_m2[1] + 0.004
