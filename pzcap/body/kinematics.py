@@ -108,36 +108,6 @@ def joint_jacobians(world_T_segment: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def lift(hessians: Array, gradients: Array, twists: Array) -> tuple[Array, Array]:
-    """Normal equations of the pose, (43, 43) and (43,), from those of each segment as a free rigid body.
-
-    ``hessians`` (16, 6, 6) and ``gradients`` (16, 6) are with respect to a segment's own twist about the centre that
-    ``twists`` (43, 6) of `screws` were taken about. What a joint moves, its segment and all that hang on it, moves as
-    one body: their equations add up. Two joints meet where one moves the segment of the other.
-    """
-    hessians, gradients = hessians.copy(), gradients.copy()
-    for n in range(len(_PARENTS) - 1, -1, -1):  # parents come before their children
-        if _PARENTS[n] >= 0:
-            hessians[_PARENTS[n]] += hessians[n]
-            gradients[_PARENTS[n]] += gradients[n]
-    hessian, gradient = np.zeros((DOF, DOF)), np.zeros(DOF)
-    carried = np.empty(6)
-    for d in range(DOF):
-        s = DOF_SEGMENT[d]
-        for i in range(6):
-            gradient[d] += twists[d, i] * gradients[s, i]
-            carried[i] = 0.0
-            for j in range(6):
-                carried[i] += hessians[s, i, j] * twists[d, j]
-        for e in range(d + 1):
-            if MOVES[e, s]:
-                for i in range(6):
-                    hessian[d, e] += carried[i] * twists[e, i]
-                hessian[e, d] = hessian[d, e]
-    return hessian, gradient
-
-
-@njit(cache=True, nogil=True)
 def _screws(frames: Array, centre: Array) -> Array:
     out = np.zeros((DOF, 6))
     for d in range(DOF):

@@ -22,9 +22,10 @@ from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.imaging.interpolation import bilinear
 from pzcap.tracking import limbs
 from pzcap.tracking.limbs import Patch, grounds, support
-from pzcap.tracking.observation import PlacedView
-from pzcap.tracking.pose_objective import Appearance, Placed, PoseObjective, px_per_m, view_level
+from pzcap.tracking.observation import Placed, PlacedView
+from pzcap.tracking.pose_objective import PoseObjective, px_per_m, view_level
 from pzcap.tracking.residuals import CropImage, Template
+from pzcap.tracking.skin_appearance import Appearance
 from pzcap.tracking.tuning import APPEARANCE, BRIGHTNESS, VIEW
 from pzcap.tracking.visibility import GROUP, ZBuffer, rasterise
 from pzcap.types import PARENTS, Array, Float32, Pose
@@ -113,25 +114,25 @@ class LimbAppearance:
     def score(self, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> Array:
         """(4,) of each limb, square metres: the silhouettes that it explains, less the hall that it covers
         (`pzcap.tracking.limbs.support`), and its similarity, where the limb itself hides nothing."""
-        frames, placed = forward(self.body, pose), objective.visibility(objective.posed(pose))
+        posed, placed = objective.place(pose)
         similarity = np.empty(len(LIMBS))
         for limb in range(len(LIMBS)):
             behind = self._behind(limb, placed)
             views = self._views(limb, pose, objective, behind, reference, APPEARANCE.fine_level)
-            similarity[limb] = self._similarity(limb, frames, views)
+            similarity[limb] = self._similarity(limb, posed.frames, views)
         body, hall = support(self.body, pose, grounds(objective.views, placed)).T
         return np.asarray(body - hall + self._weight * similarity)
 
     def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> LimbContext:
         """Make a frame ready to score postures of one limb near that of ``pose``."""
-        frames, placed = forward(self.body, pose), objective.visibility(objective.posed(pose))
+        posed, placed = objective.place(pose)
         behind = self._behind(limb, placed)
         coarse, fine = (
             self._views(limb, pose, objective, behind, reference, level)
             for level in (APPEARANCE.coarse_level, APPEARANCE.fine_level)
         )
-        patches = limbs.patches(self.body, limb, frames, grounds(objective.views, placed))
-        return LimbContext(pose, frames, patches, coarse, fine)
+        patches = limbs.patches(self.body, limb, posed.frames, grounds(objective.views, placed))
+        return LimbContext(pose, posed.frames, patches, coarse, fine)
 
     def postures(self, limb: int, context: LimbContext, turns: Array, *, coarse: bool) -> Postures:
         """Score a limb turned by ``turns`` (K, 4), in ``coarse`` or in fine images; the rest of the body is where the
@@ -172,18 +173,6 @@ class LimbAppearance:
             rasterise(where.skin.pixels, where.skin.depth, self._other_faces[limb], bits, behind)
             found.append(PlacedView(where.skin, where.facing, behind))
         return found
-
-
-def shared(appearances: Sequence[Appearance]) -> list[Appearance]:
-    """Appearances, a view each, in which what a view has not seen is as the others have it: a limb that turns shows one
-    camera what others have seen, and but for a gain it looks the same."""
-    trust, value = np.array([look.trust for look in appearances]), np.array([look.value for look in appearances])
-    mean = np.einsum("cv,clv->lv", trust, value) / np.maximum(trust.sum(axis=0), np.float32(1e-6))
-    elsewhere = np.float32(APPEARANCE.trust_elsewhere) * trust.max(axis=0)
-    return [
-        Appearance(np.where(look.trust > 0.0, look.value, mean), np.maximum(look.trust, elsewhere))
-        for look in appearances
-    ]
 
 
 def _compared(skin: _LimbSkin, posed: Array, views: Sequence[_LimbView]) -> Array:

@@ -9,12 +9,11 @@ the interval is one of these frames: the hand that set it is wrong by more than 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from pzcap.body.kinematics import difference, retract
-from pzcap.body.shape_estimation import FrameResiduals, ShapeEquations, ShapeEstimate
 from pzcap.body.skeleton import DOF, LIMBS, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance
@@ -23,14 +22,13 @@ from pzcap.tracking.bidirectional_fusion import choose
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.camera_refinement import MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate, TrackingConfig
-from pzcap.tracking.observation import ViewCrop
-from pzcap.tracking.pose_objective import Appearance, Placed, PosedBody, PoseObjective
+from pzcap.tracking.observation import Placed, Views
+from pzcap.tracking.pose_objective import PosedBody, PoseObjective
 from pzcap.tracking.reacquisition import PassResults, reacquire
+from pzcap.tracking.skin_appearance import Appearance, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts
 from pzcap.tracking.tuning import BATCH
 from pzcap.types import Keyframe, Mask, Pose
-
-Views = Sequence[ViewCrop | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,40 +39,6 @@ class RefinedBatch:
     objectives: list[PoseObjective]  # their cameras corrected
     cameras: list[list[MarginalisedCamera | None]]
     report: SolveReport
-
-
-def accumulate_frames(
-    body: Body, shape: ShapeEstimate, poses: Sequence[Pose], views: Sequence[Views], config: TrackingConfig
-) -> ShapeEquations:
-    """Normal equations of the shape from some frames of an interval that were tracked with ``body``."""
-    terms = config.schedule[-1].terms
-    objectives = [PoseObjective(body, each) for each in views]
-    posed, placed = _placed(objectives, poses)
-    appearances = _mean_appearances(objectives, placed)
-    prior = config.shape_weight / config.start_widening**2 * np.eye(DOF)
-    residuals = []
-    for objective, here, where in zip(objectives, posed, placed, strict=True):
-        rows = objective.contour(here, where, terms)
-        rows.weight[:] *= config.shape_weight
-        softer = replace(terms, brightness_sigma=BATCH.shape_brightness_sigma)
-        texture = objective.texture(here, where, appearances, softer)
-        texture.hessians[:] *= config.shape_texture_weight
-        texture.gradients[:] *= config.shape_texture_weight
-        residuals.append(FrameResiduals(here.frames, rows, texture, prior, np.zeros(DOF)))
-    return shape.accumulate(residuals)
-
-
-def accumulate_keyframe(
-    body: Body, shape: ShapeEstimate, key: Keyframe, fitted: Pose, views: Views, config: TrackingConfig
-) -> ShapeEquations:
-    """Normal equations of the shape from a keyframe, whose pose was ``fitted`` to the images: a hand knows where the
-    joints are, and not only where the skin is."""
-    objective, information = PoseObjective(body, views), np.diag(1.0 / config.hand_sigma**2)
-    posed = objective.posed(fitted)
-    rows = objective.contour(posed, objective.visibility(posed), config.schedule[-1].terms)
-    rows.weight[:] *= config.shape_weight
-    pull = information @ difference(key.pose, fitted)
-    return shape.accumulate([FrameResiduals(posed.frames, rows, None, information, pull)])
 
 
 def refine_batch(
@@ -90,7 +54,7 @@ def refine_batch(
     batch = _Batch(body, before, key, config)
     objectives = [PoseObjective(body, each) for each in views]
     posed, placed = _placed(objectives, poses)
-    found = batch.sweep(objectives, posed, placed, _mean_appearances(objectives, placed))
+    found = batch.sweep(objectives, posed, placed, mean_appearances(body, views, placed))
     if passes is None or not config.reacquisition:
         return found
     inner, after = (len(poses), None) if key is None else (len(poses) - 1, poses[-1])
@@ -107,16 +71,8 @@ def refine_batch(
 
 def _placed(objectives: Sequence[PoseObjective], poses: Sequence[Pose]) -> tuple[list[PosedBody], list[Placed]]:
     """The body in each frame, and its visibility."""
-    posed = [each.posed(pose) for each, pose in zip(objectives, poses, strict=True)]
-    return posed, [each.visibility(here) for each, here in zip(objectives, posed, strict=True)]
-
-
-def _mean_appearances(objectives: Sequence[PoseObjective], placed: Sequence[Placed]) -> list[Appearance]:
-    """Mean appearance of each point of the skin over some frames, a view each."""
-    means = [Appearance.unseen(len(objectives[0].body.surface.points_m)) for _ in placed[0]]
-    for count, (objective, where) in enumerate(zip(objectives, placed, strict=True), start=1):
-        objective.learn(where, means, 1.0 / count)
-    return means
+    pairs = [each.place(pose) for each, pose in zip(objectives, poses, strict=True)]
+    return [posed for posed, _ in pairs], [placed for _, placed in pairs]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

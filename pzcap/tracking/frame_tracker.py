@@ -19,8 +19,9 @@ from pzcap.body.kinematics import difference, forward, retract
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
-from pzcap.tracking.observation import ViewCrop
-from pzcap.tracking.pose_objective import Appearance, PosedBody, PoseEquations, PoseObjective, Terms, misfit_px2
+from pzcap.tracking.observation import Views
+from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, Terms, misfit_px2
+from pzcap.tracking.skin_appearance import Appearance, learn, mean_appearances
 from pzcap.tracking.tuning import FRAME
 from pzcap.types import SEGMENTS, Array, Pose, PzcapError
 
@@ -176,28 +177,21 @@ class PoseFit:
 class FrameTracker:
     """Tracks the body in one direction of time from a keyframe."""
 
-    def __init__(
-        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, views: Sequence[ViewCrop | None]
-    ) -> None:
+    def __init__(self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, views: Views) -> None:
         self.body, self.config = body, config
         self.pose, self.velocity, self.age = pose, velocity, 0
         self.prediction_error_m = config.prediction_position_sigma_m  # of the joints, lately
         self._velocity_known = velocity != 0.0  # of each degree of freedom
         self._persistence = np.where(DOF_SEGMENT > 0, config.joint_persistence, 1.0)  # the body as a whole moves on
-        objective = PoseObjective(body, views)
-        placed = objective.visibility(objective.posed(pose))
-        points = len(body.surface.points_m)
-        self.appearances = [Appearance.unseen(points) for _ in views]
-        objective.learn(placed, self.appearances, 1.0)
+        self.appearances = mean_appearances(body, [views], [PoseObjective(body, views).place(pose)[1]])
         # the adaptive appearance drifts with a limb that is lost; the reference is of frames beside the keyframe alone
-        self.reference = [Appearance.unseen(points) for _ in views]
-        objective.learn(placed, self.reference, 1.0)
+        self.reference = [each.copy() for each in self.appearances]
 
     def predict(self) -> Pose:
         """The pose of the next frame."""
         return retract(self.pose, self.velocity)
 
-    def step(self, views: Sequence[ViewCrop | None]) -> FrameEstimate:
+    def step(self, views: Views) -> FrameEstimate:
         """Move on by one frame."""
         config, predicted = self.config, self.predict()
         self.age += 1
@@ -214,9 +208,9 @@ class FrameTracker:
             expected,
         )  # fmt: skip
         pose, placed = fit.posed.pose, fit.objective.visibility(fit.posed)
-        fit.objective.learn(placed, self.appearances, config.appearance_rate)
+        learn(views, placed, self.appearances, config.appearance_rate)
         if self.age <= FRAME.beside_keyframe:
-            fit.objective.learn(placed, self.reference, 1.0 / (self.age + 1))
+            learn(views, placed, self.reference, 1.0 / (self.age + 1))
         gain = np.where(self._velocity_known, config.velocity_gain, 1.0)
         velocity = self.velocity + gain * (difference(pose, self.pose) - self.velocity)
         # keypoints pull from far away: such a step is no motion

@@ -6,6 +6,7 @@ a `PlacedView` is the skin of a posed body, projected and tested for visibility.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -146,6 +147,12 @@ class PlacedView:
     def mask(self) -> Mask:
         """Pixels of the z-buffer that the body covers."""
         return np.isfinite(self.z_buffer.depth)
+
+
+Views = Sequence[ViewCrop | None]
+"""One instant, a crop a camera; None where it has none."""
+Placed = Sequence[PlacedView | None]
+"""The body in each view, as its visibility was tested."""
 
 
 def project(points: Array, normals: Array, camera: Camera) -> ProjectedSkin:

@@ -24,8 +24,9 @@ from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
 from pzcap.tracking.bidirectional_fusion import runs, with_segments
 from pzcap.tracking.limbs import POSTURES, grounds, support, turn_to, turned
-from pzcap.tracking.observation import PlacedView
-from pzcap.tracking.pose_objective import Appearance, Placed, PoseObjective
+from pzcap.tracking.observation import Placed, PlacedView
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.tuning import FRAME, REACQUISITION
 from pzcap.types import SEGMENTS, Array, Mask, Pose
 
@@ -108,7 +109,7 @@ def _learned(
     start = FRAME.beside_keyframe
     for count, (objective, where, gone) in enumerate(zip(objectives, placed, lost, strict=True), start=start):
         hidden = _hidden(objective, where, [s for k in np.flatnonzero(gone) for s in LIMBS[k]])
-        objective.learn(hidden, learned, 1.0 / count)
+        learn(objective.views, hidden, learned, 1.0 / count)
     return learned
 
 

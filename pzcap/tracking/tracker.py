@@ -19,10 +19,10 @@ from pzcap import runtime
 from pzcap.body.kinematics import difference
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.segmentation.foreground import Expected
+from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate, TrackingConfig
 from pzcap.tracking.interval_solver import (
     Anchor,
-    BodyEstimate,
     Instant,
     IntervalProblem,
     IntervalResult,
@@ -126,8 +126,7 @@ class Tracker:
         views = self._crop(item.views, key.pose)
         fit, _ = fit_keyframe(self._estimate.body, key.pose, views, self.config)
         if self.config.skin_colours:
-            objective = PoseObjective(self.body, views)
-            self._learn_skin_colours(item.views, objective.visibility(objective.posed(fit.pose)))
+            self._learn_skin_colours(item.views, PoseObjective(self.body, views).place(fit.pose)[1])
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, views, fit.pose)
         anchor = Anchor(key, views, fit, velocity)
         if self._ahead is None:

@@ -136,8 +136,15 @@ class IntervalTuning(NamedTuple):
     """Increase of the logarithm of those odds with a pixel of misfit. Fitted to captures."""
     misplaced_m: float = 0.15
     """Distance by which a misplaced joint is off. Fitted to captures."""
-    shape_stride: int = 4
-    """One of so many frames corrects the body: its neighbours say the same."""
+
+
+class ShapeTuning(NamedTuple):
+    """Correction of the body's shape."""
+
+    stride: int = 4
+    """One of so many frames of an interval corrects the body: its neighbours say the same."""
+    brightness_sigma: float = 25.0
+    """Grey levels, while the shape is not known: more than in tracking."""
 
 
 class BatchTuning(NamedTuple):
@@ -145,8 +152,6 @@ class BatchTuning(NamedTuple):
 
     least_gain_m2: float = 0.002
     """Score that a limb must gain a frame to be taken as reacquired: a search finds what looks a little better."""
-    shape_brightness_sigma: float = 25.0
-    """Grey levels, while the shape is not known: more than in tracking."""
 
 
 class RefitTuning(NamedTuple):
@@ -244,6 +249,7 @@ CONTACT = ContactTuning()
 FRAME = FrameTuning()
 FUSION = FusionTuning()
 INTERVAL = IntervalTuning()
+SHAPE = ShapeTuning()
 BATCH = BatchTuning()
 REFIT = RefitTuning()
 APPEARANCE = AppearanceTuning()

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.mesh import ellipse_half_axes
+from pzcap.body.segment_equations import SegmentSums, lift
 from pzcap.types import MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError, Subject
 from sim.people import athlete
 from tests.scenes.bodies import BODY, random_pose, subject
@@ -84,7 +85,7 @@ def test_lifting_segments_equals_the_dense_normal_equations() -> None:
         full = a @ kinematics.point_jacobian(frames, s, point)
         dense_h += np.outer(full, full)
         dense_g += full * residual
-    hessian, gradient = kinematics.lift(hessians, gradients, kinematics.screws(frames, centre))
+    hessian, gradient = lift(SegmentSums(hessians, gradients, centre), kinematics.screws(frames, centre))
     np.testing.assert_allclose(hessian, dense_h, atol=1e-9)
     np.testing.assert_allclose(gradient, dense_g, atol=1e-9)
 

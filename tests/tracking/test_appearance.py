@@ -15,14 +15,15 @@ from hypothesis import strategies as st
 from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.skeleton import LIMBS, Body
-from pzcap.tracking.appearance import LimbAppearance, Postures, shared
+from pzcap.tracking.appearance import LimbAppearance, Postures
 from pzcap.tracking.batch_refinement import refine_batch
 from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.tracking.limbs import POSTURES, bounded, grounds, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop
-from pzcap.tracking.pose_objective import Appearance, PoseObjective
+from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.reacquisition import PassResults, Reacquired, reacquire, smoothest
+from pzcap.tracking.skin_appearance import Appearance, learn, shared
 from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Array, Keyframe, Mask, Pose
 from tests.scenes.tracked import clip, crops, lost, observed, true_body
@@ -38,17 +39,15 @@ def swung(pose: Pose, limb: int, by: float) -> Pose:
 def known(frames: range = range(2, 5)) -> list[Appearance]:
     """What the skin looks like in these frames, the body being where it is."""
     body = true_body()
-    looks = [Appearance.unseen(len(body.surface.points_m)) for _ in crops(0)]
+    looks = [Appearance.unseen(body) for _ in crops(0)]
     for frame in frames:
         objective = observed(frame, body)
-        objective.learn(objective.visibility(objective.posed(clip().poses[frame])), looks, 0.5)
+        learn(objective.views, objective.place(clip().poses[frame])[1], looks, 0.5)
     return looks
 
 
 def alike(pose: Pose, objective: PoseObjective, looks: list[Appearance]) -> Array:
-    return LimbAppearance(objective.body).similarity(
-        pose, objective, objective.visibility(objective.posed(pose)), looks
-    )
+    return LimbAppearance(objective.body).similarity(pose, objective, objective.place(pose)[1], looks)
 
 
 def without_silhouettes(frame: int, body: Body) -> PoseObjective:
@@ -107,7 +106,7 @@ def test_a_limb_does_not_look_like_itself_on_the_hall() -> None:
 
 def test_without_similarity_a_limb_is_scored_by_silhouettes_alone() -> None:
     objective, pose = observed(5, true_body()), clip().poses[5]
-    placed = objective.visibility(objective.posed(pose))
+    placed = objective.place(pose)[1]
     limbs, reference = LimbAppearance(objective.body, similarity=False), known()
     body, hall = support(objective.body, pose, grounds(objective.views, placed)).T
     np.testing.assert_array_equal(limbs.score(pose, objective, reference), body - hall)
@@ -147,7 +146,7 @@ def looked_again(
     body, true = true_body(), [clip().poses[frame] for frame in FRAMES]
     objectives = [observed(frame, body) for frame in FRAMES]
     poses = [swung(pose, limb, 0.9) if t in gone else pose for t, pose in enumerate(true)]
-    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
+    placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
     return reacquire(LimbAppearance(body), poses, objectives, placed, told(poses, looks, doubtful), around), poses
 
 
@@ -179,7 +178,7 @@ def test_what_only_one_pass_has_found_is_taken_up() -> None:
     true, objectives = [clip().poses[frame] for frame in FRAMES], [observed(frame, body) for frame in FRAMES]
     far = swung(true[0], limb, 2.4)
     poses = [swung(pose, limb, 2.4) for pose in true]
-    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
+    placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
     off = []
     for other in (poses, true):
         passes = PassResults([poses, other], SURE, np.ones(SURE.shape, bool), shared(known()))
@@ -212,7 +211,7 @@ def test_what_the_passes_dispute_is_not_learned_from() -> None:
     body, limb = true_body(), 0
     objectives = [observed(frame, body) for frame in FRAMES]
     poses = [clip().poses[frame] for frame in FRAMES]
-    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
+    placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
     other = SURE.copy()
     other[3, LIMBS[1][2]] = True  # something has to be doubtful
     learned, own = [], np.isin(body.surface.segment, LIMBS[limb])
@@ -254,7 +253,7 @@ def test_a_limb_is_turned_from_one_pose_to_another(limb: int, turn: list[float])
 def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
     body = true_body()
     objectives, poses = [observed(frame, body) for frame in FRAMES], [clip().poses[frame] for frame in FRAMES]
-    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
+    placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
     assert (
         reacquire(LimbAppearance(body), poses, objectives, placed, told(poses, shared(known()), SURE), (None, None))
         is None
@@ -298,7 +297,7 @@ def test_a_limb_that_is_hidden_is_led_from_the_frame_before_to_the_one_after() -
     blind = [PoseObjective(body, [None] * len(crops(5))) for _ in range(3)]
     lost = np.zeros((3, 16), bool)
     lost[:, LIMBS[limb][1]] = True
-    nothing = [Appearance.unseen(len(body.surface.points_m)) for _ in crops(5)]
+    nothing = [Appearance.unseen(body) for _ in crops(5)]
     unseen: list[list[None]] = [[None] * len(crops(5))] * 3
     passes = PassResults([[end] * 3], np.zeros((3, 16), bool), lost, nothing)
     again = reacquire(LimbAppearance(body), [end] * 3, blind, unseen, passes, (start, end))

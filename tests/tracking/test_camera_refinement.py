@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.body.kinematics import forward, lift, screws
+from pzcap.body.kinematics import forward, screws
+from pzcap.body.segment_equations import SegmentSums, lift
 from pzcap.body.skeleton import DOF, MOVES
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import at, project
@@ -19,8 +20,8 @@ from pzcap.tracking import camera_refinement
 from pzcap.tracking.camera_refinement import CAMERA_DOF, CameraPrior
 from pzcap.tracking.frame_tracker import TrackingConfig, fit_pose
 from pzcap.tracking.observation import ViewCrop
-from pzcap.tracking.pose_objective import Appearance, PoseObjective
-from pzcap.tracking.residuals import SegmentSums
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.tracker import Tracker, TrackInput, track
 from pzcap.types import SEGMENTS, Array, Lens, Localisation, PanZoomCamera
 from tests.scenes.tracked import FRAMES, by_hand, clip, crops, errors_m, inputs, taped, true_body
@@ -83,8 +84,8 @@ def test_eliminating_a_camera_is_solving_for_all_at_once() -> None:
     hessians, gradients = np.einsum("sni,snj->sij", rows, rows), np.einsum("sni,sn->si", rows, residuals)
     stiff = 3.0 * np.eye(DOF)
 
-    hessian, gradient = lift(hessians, gradients, twists)
     view = SegmentSums(hessians, gradients, centre)
+    hessian, gradient = lift(view, twists)
     free = camera_refinement.eliminate(known, moves, twists, view, hessian, gradient)
     pose = np.linalg.solve(hessian + stiff, gradient)
 
@@ -114,9 +115,9 @@ def shaken(frame: int, steps: Sequence[Array], sigma: Array) -> list[ViewCrop | 
 def test_the_body_tells_a_camera_where_it_looks() -> None:
     """One view is wrong by pixels and not sure of itself; the others are. The pose, half known, leads it back."""
     body, pose = true_body(), clip().poses[6]
-    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
+    appearances: list[Appearance | None] = [Appearance.unseen(body) for _ in range(4)]
     known = PoseObjective(body, crops(6))
-    known.learn(known.visibility(known.posed(pose)), appearances, 1.0)
+    learn(known.views, known.place(pose)[1], appearances, 1.0)
     views = shaken(6, [SHAKEN, *3 * [np.zeros(CAMERA_DOF)]], SHAKEN)
     views[1:] = [None if view is None else replace(view, camera_prior=known_to(1e-3 * SHAKEN)) for view in views[1:]]
     objective = PoseObjective(body, views)

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from pzcap.body import kinematics, landmarks
 from pzcap.body import skeleton as bodies
+from pzcap.body.segment_equations import SegmentSums, accumulate, lift
 from pzcap.body.skeleton import Body
 from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
 from pzcap.tracking import keypoint_residuals
-from pzcap.tracking.residuals import SegmentSums, accumulate
 from pzcap.types import SEGMENTS, Array, Camera, Pose, Subject
 from sim.people.anthropometry import draw_measurements
 from tests.scenes.body_scene import POSITIONS, aim, swing
@@ -78,10 +78,10 @@ def linearised(pose: Pose, seen: Array, scale: float) -> tuple[Array, Array]:
     """Hessian (43, 43) and gradient (43,) of the keypoints at ``pose``."""
     frames = kinematics.forward(BODY, pose)
     centre = np.ascontiguousarray(frames[0, :3, 3])
-    hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
+    sums = SegmentSums.zero(centre)
     rows, keypoint = keypoint_residuals.residuals(BODY.landmarks, frames, CAMERA, seen, scale)
-    accumulate(rows, landmarks.SEGMENT[keypoint], SegmentSums(hessians, gradients, centre))
-    return kinematics.lift(hessians, gradients, kinematics.screws(frames, centre))
+    accumulate(rows, landmarks.SEGMENT[keypoint], sums)
+    return lift(sums, kinematics.screws(frames, centre))
 
 
 @settings(max_examples=20, deadline=None)

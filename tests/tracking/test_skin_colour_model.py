@@ -128,7 +128,7 @@ def test_an_arm_before_the_trunk_is_drawn_to_the_edge_of_its_colours(off_rad: fl
     slopes, information = [], []
     for told in (True, False):
         evidence = PoseObjective(body(), views(pose, told=told))
-        normal = evidence.normal(evidence.posed(moved), evidence.visibility(evidence.posed(moved)), [None] * 4, CONTOUR)
+        normal = evidence.normal(*evidence.place(moved), [None] * 4, CONTOUR)
         slopes.append(normal.gradient[ELBOW])
         information.append(normal.hessian[ELBOW, ELBOW])
     step = slopes[0] / information[0]

@@ -18,7 +18,8 @@ from pzcap.tracking.bidirectional_fusion import fuse
 from pzcap.tracking.frame_tracker import FrameTracker, Round, fit_pose
 from pzcap.tracking.interval_solver import misplaced
 from pzcap.tracking.observation import ViewCrop, prepare
-from pzcap.tracking.pose_objective import Appearance, PoseEquations, PoseObjective, Terms, px_per_m
+from pzcap.tracking.pose_objective import PoseEquations, PoseObjective, Terms, px_per_m
+from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking.tracker import Tracker, TrackingConfig, TrackInput, collect, track
 from pzcap.tracking.tuning import VIEW
@@ -181,9 +182,9 @@ def test_contour_gradient_pulls_a_displaced_body_back() -> None:
     shift = np.zeros(bodies.DOF)
     shift[:3] = [0.012, -0.010, 0.008]
     moved = kinematics.retract(pose, shift)
-    normal = objective.normal(objective.posed(moved), objective.visibility(objective.posed(moved)), [None] * 4, terms)
+    normal = objective.normal(*objective.place(moved), [None] * 4, terms)
     step = np.linalg.solve(normal.hessian + 30.0 * np.eye(bodies.DOF), normal.gradient)
-    start = objective.normal(objective.posed(pose), objective.visibility(objective.posed(pose)), [None] * 4, terms)
+    start = objective.normal(*objective.place(pose), [None] * 4, terms)
     rest = np.linalg.solve(start.hessian + 30.0 * np.eye(bodies.DOF), start.gradient)
     np.testing.assert_allclose((step - rest)[:3], -shift[:3], atol=0.006)
 
@@ -192,11 +193,11 @@ def test_brightness_gradient_is_the_derivative_of_its_cost() -> None:
     """For residuals far below the robust scale, the gradient is that of half the sum of squares."""
     body, pose = true_body(), clip().poses[2]
     objective = observed(2, body)
-    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
-    objective.learn(objective.visibility(objective.posed(pose)), appearances, 1.0)
+    appearances: list[Appearance | None] = [Appearance.unseen(body) for _ in range(4)]
+    learn(objective.views, objective.place(pose)[1], appearances, 1.0)
     # free shading would hide part of the cost in the nuisances: forbid it here
     terms = Terms(1, 5.0, 1.0, 1e4, 0.0, 1.0, 1e-9)
-    placed = objective.visibility(objective.posed(pose))
+    placed = objective.place(pose)[1]
     at = kinematics.retract(pose, 2e-3 * np.random.default_rng(0).normal(size=bodies.DOF))
 
     def cost(dof: int, step: float) -> float:
@@ -227,8 +228,8 @@ def test_brightness_pulls_back_from_as_far_however_large_the_body_is_seen(times:
         belief = np.zeros((size[1] // 4, size[0] // 4), np.float32)
         views.append(prepare(larger, nobody, unknown(nobody), belief, camera, (0, 0)))
     objective = PoseObjective(body, views)
-    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in views]
-    objective.learn(objective.visibility(objective.posed(pose)), appearances, 1.0)
+    appearances: list[Appearance | None] = [Appearance.unseen(body) for _ in views]
+    learn(objective.views, objective.place(pose)[1], appearances, 1.0)
     shift = np.zeros(bodies.DOF)
     shift[:3] = 0.04, -0.03, 0.02
     stiff = np.diag(np.r_[np.full(6, 1e-3), np.full(bodies.DOF - 6, 1e6)])
@@ -241,13 +242,13 @@ def test_shading_alone_moves_nothing() -> None:
     """A light that changes a limb's gain and gradient must not be taken for motion."""
     body, pose = true_body(), clip().poses[2]
     objective = observed(2, body)
-    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
-    objective.learn(objective.visibility(objective.posed(pose)), appearances, 1.0)
+    appearances: list[Appearance | None] = [Appearance.unseen(body) for _ in range(4)]
+    learn(objective.views, objective.place(pose)[1], appearances, 1.0)
     _, normals = place(objective.body, forward(objective.body, pose))
     for appearance in appearances:
         assert appearance is not None
         appearance.value *= (1.0 + 0.08 + 0.1 * normals[:, 0] - 0.05 * normals[:, 2]).astype(np.float32)
-    placed = objective.visibility(objective.posed(pose))
+    placed = objective.place(pose)[1]
     steps = []
     for sigma in (0.3, 1e-6):
         terms = Terms(0, 5.0, 1.0, 60.0, 0.0, 1.0, sigma)
@@ -295,7 +296,7 @@ def test_a_joint_whose_outlines_miss_the_silhouettes_is_said_to_be_misplaced() -
     wrong = lost(lost(true, int(arm[1]), 0.8), int(arm[0]), 0.8)
     odds = {}
     for name, pose in (("true", true), ("wrong", wrong)):
-        normal = objective.normal(objective.posed(pose), objective.visibility(objective.posed(pose)), [None] * 4, terms)
+        normal = objective.normal(*objective.place(pose), [None] * 4, terms)
         odds[name] = misplaced(normal.contour)
     off = np.linalg.norm(kinematics.joints(body, wrong) - kinematics.joints(body, true), axis=1)
     assert off.max() > 0.3
