@@ -13,10 +13,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from pzcap.io.files import checked, locked
+from pzcap.io.files import checked
 from pzcap.types import PzcapError
 from sim import motion
 from sim.hall.wallpaper import wall_pictures
+from sim.lock import locked
 from sim.session import ShootConfig
 from sim.shoot import Progress, shoot
 

@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
-from pzcap.io.capture import write_capture
 from pzcap.io.video import frames_per_day, frames_to_timecode
 from pzcap.types import Array, CameraFiles, Capture, Image, PzcapError
 from sim import motion
@@ -20,6 +19,7 @@ from sim.cameras.film import Recording
 from sim.cameras.operator import Trajectory, follow, sweep, swinging, through, tilting, zooming
 from sim.cameras.render import check_gl
 from sim.cameras.sensor import draw_dropped, rolls
+from sim.capture_writer import write_capture
 from sim.collect_truth import FilmedMotion, collect_truth
 from sim.hall import gym
 from sim.hall.furniture import REARRANGED

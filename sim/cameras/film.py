@@ -12,12 +12,12 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
-from pzcap.io.video import write_video
 from pzcap.types import Array, Image, Mask, Pose
 from sim.cameras.operator import PanTiltZoom
 from sim.cameras.optics import Plate, Rig, lens_maps, plate_for, through_lens, vignette
 from sim.cameras.render import Stage
 from sim.cameras.sensor import Exposure, Sensor, SensorConfig
+from sim.capture_writer import write_video
 from sim.people.athlete import set_pose
 
 _AVERAGED: Final = 0.75  # share of the supersampling that pictures averaged over several moments need

@@ -23,8 +23,8 @@ from pzcap import pipeline
 from pzcap.body import skeleton
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
+from pzcap.extras.cpu_clock import cpu_clock
 from pzcap.io.capture import FrameSets, frame_sets
-from pzcap.runtime import cpu_clock
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import (
     Capture,
