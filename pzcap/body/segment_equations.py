@@ -20,12 +20,9 @@ from pzcap.types import PARENTS, SEGMENTS, Array
 class SegmentSums(NamedTuple):
     """Normal equations of each segment by itself, in its twist about ``centre``."""
 
-    hessians: Array
-    """(16, 6, 6)"""
-    gradients: Array
-    """(16, 6)"""
-    centre: Array
-    """(3,) world."""
+    hessians: Array  # (16, 6, 6)
+    gradients: Array  # (16, 6)
+    centre: Array  # (3,) world
 
     @staticmethod
     def zero(centre: Array) -> SegmentSums:
@@ -36,10 +33,8 @@ class SegmentSums(NamedTuple):
 class PointResiduals(NamedTuple):
     """Residuals of single points, in pixels; a kernel that fills them in tells how many there are."""
 
-    rows: Array
-    """(N, 8) weight, residual, its gradient with respect to the point, and the point (world)."""
-    owner: NDArray[np.int64]
-    """(N,) segment or keypoint of the point."""
+    rows: Array  # (N, 8) weight, residual, its gradient with respect to the point, and the point (world)
+    owner: NDArray[np.int64]  # (N,) segment or keypoint of the point
 
     @staticmethod
     def empty(count: int) -> PointResiduals:

@@ -34,14 +34,10 @@ from pzcap.types import PARENTS, Array, Float32, Pose
 class _LimbSkin(NamedTuple):
     """Some points of a limb's skin, in the frames of its segments."""
 
-    points: Array
-    """(N, 3) metres."""
-    normals: Array
-    """(N, 3)"""
-    link: NDArray[np.int64]
-    """(N,) which of the limb's segments each is on."""
-    area: Array
-    """(N,) square metres of skin that each stands for."""
+    points: Array  # (N, 3) metres
+    normals: Array  # (N, 3)
+    link: NDArray[np.int64]  # (N,) which of the limb's segments each is on
+    area: Array  # (N,) square metres of skin that each stands for
 
 
 class _LimbView(NamedTuple):
@@ -49,12 +45,9 @@ class _LimbView(NamedTuple):
 
     camera: Pinhole
     crop: CropImage
-    belief: Float32
-    """(h, w) -1 hall .. 1 body."""
-    template: Template
-    """Of the N points."""
-    z_buffer: ZBuffer
-    """Of the body without the limb."""
+    belief: Float32  # (h, w) -1 hall .. 1 body.
+    template: Template  # of the N points
+    z_buffer: ZBuffer  # of the body without the limb
 
 
 @dataclass(frozen=True, slots=True, eq=False)

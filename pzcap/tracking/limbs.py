@@ -103,10 +103,8 @@ class Patch(NamedTuple):
     """The surroundings of a limb in one view."""
 
     camera: Pinhole
-    free: Float32
-    """(h, w) the belief; where another part of the body covers, that in an arm before it."""
-    corner: Array
-    """(2,)"""
+    free: Float32  # (h, w) the belief; where another part of the body covers, that in an arm before it
+    corner: Array  # (2,)
 
 
 def support(body: Body, pose: Pose, grounds: Sequence[Ground]) -> Array:

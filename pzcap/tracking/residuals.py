@@ -44,30 +44,23 @@ class CropImage(NamedTuple):
 class Template(NamedTuple):
     """Expected brightness of each point of the skin at a pyramid level."""
 
-    value: Float32
-    """(V,) grey levels."""
-    trust: Float32
-    """(V,) 0 unseen .. 1."""
+    value: Float32  # (V,) grey levels
+    trust: Float32  # (V,) 0 unseen .. 1.
 
 
 class BrightnessTerms(NamedTuple):
     """Weights of the residuals of brightness."""
 
-    sigma: float
-    """Grey levels; scale of the Geman-McClure weight."""
-    nuisance_weight: float
-    """Prior of each of the light's nuisances."""
-    segment_weight: Array
-    """(16,)"""
+    sigma: float  # grey levels; scale of the Geman-McClure weight
+    nuisance_weight: float  # prior of each of the light's nuisances
+    segment_weight: Array  # (16,)
 
 
 class ContourTerms(NamedTuple):
     """Search range and weights of the residuals of the contour."""
 
-    reach: float
-    """Pixels to either side."""
-    sigma: float
-    """Pixels."""
+    reach: float  # pixels to either side
+    sigma: float  # pixels
     weight: float
 
 

@@ -28,32 +28,24 @@ ARMS: Final = GROUP[LIMBS[0][0]] | GROUP[LIMBS[1][0]]
 class SkinPoints(NamedTuple):
     """The skin of a posed body, in the world."""
 
-    points: Array
-    """(V, 3)"""
-    normals: Array
-    """(V, 3)"""
-    segment: NDArray[np.int64]
-    """(V,) that each point is fixed to."""
+    points: Array  # (V, 3)
+    normals: Array  # (V, 3)
+    segment: NDArray[np.int64]  # (V,) that each point is fixed to
 
 
 class ProjectedSkin(NamedTuple):
     """The skin of a posed body in one view, hidden points included."""
 
-    pixels: Array
-    """(V, 2), a coordinate after the other in memory."""
-    depth: Array
-    """(V,) -1 behind the camera."""
-    above: Array
-    """(V,) metres by which the camera stands above the tangent plane: negative where the skin faces away."""
+    pixels: Array  # (V, 2), a coordinate after the other in memory
+    depth: Array  # (V,) -1 behind the camera
+    above: Array  # (V,) metres by which the camera stands above the tangent plane: negative where the skin faces away
 
 
 class ZBuffer(NamedTuple):
     """Cover of a window of a view by a body. Pixel ``(i, j)`` stands at ``(left, top) + (j, i) * scale``."""
 
-    depth: Float32
-    """(h, w) of the nearest face, infinite where there is none."""
-    cover: NDArray[np.uint8]
-    """(h, w) bits of all parts of the body that lie there."""
+    depth: Float32  # (h, w) of the nearest face, infinite where there is none
+    cover: NDArray[np.uint8]  # (h, w) bits of all parts of the body that lie there
     left: int
     top: int
     scale: float
