@@ -77,14 +77,11 @@ def calibrate_camera(
 
 
 def calibrate_cameras(
-    capture: Capture,
-    calibrate_one: Callable[[Footage, Report], CalibratedCamera],
-    pool: ThreadPoolExecutor,
-    notes: list[str],
+    capture: Capture, calibrate_one: Callable[..., CalibratedCamera], pool: ThreadPoolExecutor, notes: list[str],
     ready: Sequence[CalibratedCamera | None] = (),
-) -> Iterator[Progress | CameraCalibrated]:
-    """Calibrate the cameras but those that are ``ready``, as many at a time as ``pool`` has threads; what is missing is
-    added to ``notes``.
+) -> Iterator[Progress | CameraCalibrated]:  # fmt: skip
+    """Calibrate by ``calibrate_one(footage, report=report)`` the cameras but those that are ``ready``, as many at a
+    time as ``pool`` has threads; what is missing is added to ``notes``.
 
     Raises PzcapError where a file is there and is not what it should be; the cameras not begun by then are left.
     """
@@ -98,7 +95,7 @@ def calibrate_cameras(
 
         started = time.perf_counter()
         try:
-            calibrated = calibrate_one(footage_of(capture, files), report)
+            calibrated = calibrate_one(footage_of(capture, files), report=report)
         except PzcapError as error:
             raise PzcapError(f"camera {files.name}: {error}") from error
         news.put(CameraCalibrated(index, calibrated, time.perf_counter() - started))
@@ -136,13 +133,12 @@ def calibrate_cameras(
 
 def _missing(capture: Capture, files: CameraFiles) -> str | None:
     """The first file that a camera cannot be calibrated without and the capture does not hold."""
-    if capture.calibration_object is None:
-        return "the capture holds no calibration object"
-    if files.reference is None:
-        return "it has no reference image"
-    if files.sweep is None:
-        return "it has no pan sweep"
-    return None
+    needed = {
+        "the capture holds no calibration object": capture.calibration_object,
+        "it has no reference image": files.reference,
+        "it has no pan sweep": files.sweep,
+    }
+    return next((text for text, file in needed.items() if file is None), None)
 
 
 def _find_object(capture: Capture, cameras: Sequence[CameraFiles]) -> None:
