@@ -37,18 +37,9 @@ from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
-from pzcap.tracking.tracker import Tracked, Tracker, TrackingConfig, TrackInput, ViewInput
-from pzcap.types import (
-    Camera,
-    Capture,
-    FrameSet,
-    Image,
-    Localisation,
-    Mask,
-    PzcapError,
-    Reconstruction,
-    Silhouette,
-)
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
+from pzcap.types import Camera, Capture, FrameSet, Image, Localisation, Mask, PzcapError, Reconstruction, Silhouette
 
 TIDY_EVERY: Final = 8
 """Frame sets after which free memory is given back to the system."""

@@ -26,15 +26,10 @@ _PARENTS: Final[NDArray[np.int64]] = np.array(PARENTS)
 _IDENTITY: Final[Array] = np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1))
 
 
-def _spread() -> Array:
-    """(48, 43) takes a tangent vector to the rotation vectors of all segments; the transpose takes it back."""
-    matrix = np.zeros((len(SEGMENTS), 3, DOF))
-    for d in range(3, DOF):
-        matrix[DOF_SEGMENT[d], :, d] = DOF_AXES[d]
-    return matrix.reshape(-1, DOF)
-
-
-_SPREAD: Final[Array] = _spread()
+_SPREAD: Final[Array] = np.zeros((len(SEGMENTS), 3, DOF))
+_SPREAD[DOF_SEGMENT[3:], :, np.arange(3, DOF)] = DOF_AXES[3:]
+_SPREAD.shape = (-1, DOF)
+"""(48, 43) Takes a tangent vector to the rotation vectors of all segments; the transpose takes it back."""
 
 
 def forward(body: Body, pose: Pose) -> Array:
@@ -65,9 +60,7 @@ def difference(to: Pose, start: Pose) -> Array:
 
 def joint_angles(pose: Pose) -> Array:
     """(43,) Components of the joints' rotation vectors about their axes; 0 of the root's translation."""
-    angles = between(_IDENTITY, pose.rotations).ravel() @ _SPREAD
-    angles[:3] = 0.0
-    return np.asarray(angles)
+    return difference(pose, Pose(pose.root_position_m, _IDENTITY))
 
 
 def limit_residuals(pose: Pose) -> tuple[Array, Array]:

@@ -16,13 +16,7 @@ import numpy as np
 
 from pzcap.io.detections import NOBODY, read_keypoints
 from pzcap.io.files import checked
-from pzcap.io.manifest import (
-    Json,
-    load_json,
-    read_keyframes,
-    read_object,
-    read_subject,
-)
+from pzcap.io.manifest import Json, load_json, read_keyframes, read_object, read_subject
 from pzcap.io.video import VideoReader, frames_per_day, frames_to_timecode, timecode_to_frames
 from pzcap.types import Array, CameraFiles, Capture, FrameSet, Image, Keyframe, PzcapError
 

@@ -1,5 +1,7 @@
 """The body, tracked between keyframes and solved between them. In reading order:
 
+Settings
+    `settings`; `tuning` holds constants that no user sets.
 What images say of a pose
     `observation` (views cropped around the body), `pose_objective` leads: `residuals` (brightness, contour),
     `keypoint_residuals`, `visibility` (which skin is seen), `skin_appearance` (its brightness), `skin_colour_model` (a

@@ -21,10 +21,11 @@ from pzcap.tracking.banded_solver import smooth_step
 from pzcap.tracking.bidirectional_fusion import choose
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.camera_refinement import MarginalisedCamera
-from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate, TrackingConfig
+from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
 from pzcap.tracking.observation import Placed, Views
 from pzcap.tracking.pose_objective import PosedBody, PoseObjective
 from pzcap.tracking.reacquisition import PassResults, reacquire
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts
 from pzcap.tracking.tuning import BATCH

@@ -14,10 +14,10 @@ import numpy as np
 from pzcap.body.kinematics import difference, forward
 from pzcap.body.shape_estimation import FrameResiduals, Shape, ShapeEquations, ShapeEstimate
 from pzcap.body.skeleton import DOF, Body
-from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.tracking.keypoint_residuals import LandmarkEstimate
 from pzcap.tracking.observation import Views
-from pzcap.tracking.pose_objective import PoseObjective, Terms
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import Terms, TrackingConfig
 from pzcap.tracking.skin_appearance import mean_appearances
 from pzcap.tracking.tuning import SHAPE
 from pzcap.types import SEGMENTS, Keyframe, Pose

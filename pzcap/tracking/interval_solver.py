@@ -22,17 +22,11 @@ from pzcap.tracking.batch_refinement import RefinedBatch, refine_batch
 from pzcap.tracking.bidirectional_fusion import discontinuous, fuse
 from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
-from pzcap.tracking.frame_tracker import (
-    NO_CONTOUR,
-    FrameEstimate,
-    FrameTracker,
-    PoseEstimate,
-    TrackingConfig,
-    fit_pose,
-)
+from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose
 from pzcap.tracking.observation import ViewCrop, Views
 from pzcap.tracking.pose_objective import PoseObjective, misfit_px2
 from pzcap.tracking.reacquisition import PassResults
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, shared
 from pzcap.tracking.tuning import INTERVAL, SHAPE
 from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Mask, Pose

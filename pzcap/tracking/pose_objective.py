@@ -21,33 +21,11 @@ from pzcap.tracking import keypoint_residuals, residuals
 from pzcap.tracking.camera_refinement import MarginalisedCamera, eliminate, segment_twists
 from pzcap.tracking.observation import PYRAMID_LEVELS, Placed, PlacedView, ViewCrop, Views, place_view, project
 from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, Template
+from pzcap.tracking.settings import Terms
 from pzcap.tracking.skin_appearance import Appearance
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR, VIEW
 from pzcap.tracking.visibility import ProjectedSkin, SkinPoints
 from pzcap.types import Array, Camera, Pose
-
-
-@dataclass(frozen=True, slots=True)
-class Terms:
-    """Residuals that count in one round of iterations, and how."""
-
-    level: int
-    """Pyramid level of the brightness, in a view of `ViewTuning.usual_px_per_m`."""
-    reach_px: float
-    """Distance from the body's contour within which the silhouette's edge is sought."""
-    contour_sigma_px: float
-    brightness_sigma: float
-    """Grey levels; scale of the robust weight."""
-    contour_weight: float
-    """Neighbouring contour points err together: each counts for this much of an independent one."""
-    brightness_weight: float
-    """As that of the contour."""
-    shading_sigma: float
-    """Relative change of a limb's brightness that light may explain."""
-    keypoint_weight: float = 0.0
-    """As that of the contour: a detector errs alike in all views."""
-    keypoint_scale: float = 3.0
-    """Sigmas; of the robust weight."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ process of its own: the next forward pass goes on meanwhile, with the body as th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,7 @@ from pzcap.body.kinematics import difference
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking.body_estimate import BodyEstimate
-from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate, TrackingConfig
+from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate
 from pzcap.tracking.interval_solver import (
     Anchor,
     Instant,
@@ -34,11 +34,12 @@ from pzcap.tracking.interval_solver import (
 )
 from pzcap.tracking.observation import PlacedView, ViewCrop, ViewInput, crop_view, expect
 from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_shape
 from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.types import SEGMENTS, Array, Camera, Keyframe, Motion, Pose, PzcapError
 
-__all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "ViewInput", "collect", "track"]
+__all__ = ["TrackInput", "Tracked", "Tracker", "ViewInput", "collect"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,16 +188,6 @@ class Tracker:
             return crop_view(self.body, view, pose, self.config.cut_out_margin, self._skin_colours)
 
         return [None if view is None or not view.silhouette.valid else crop(view) for view in views]
-
-
-def track(
-    body: Body, keyframes: Sequence[Keyframe], inputs: Iterable[TrackInput], config: TrackingConfig
-) -> Iterator[Tracked]:
-    """Track the body through ``inputs``, in the order of their frames: a result each, in that order. See `Tracker`."""
-    tracker = Tracker(body, keyframes, config)
-    for item in inputs:
-        yield from tracker.push(item)
-    yield from tracker.finish()
 
 
 def _carried(arriving: FrameTracker, views: Sequence[ViewCrop | None], pose: Pose) -> Array:

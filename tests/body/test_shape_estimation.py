@@ -11,8 +11,8 @@ from pzcap.body.kinematics import forward
 from pzcap.body.shape_basis import basis, corrected
 from pzcap.body.shape_estimation import FrameResiduals, ShapeEstimate
 from pzcap.body.skeleton import DOF
-from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import SEGMENTS, Array, Subject
 from tests.scenes.tracked import TERMS, clip, crops, true_body
 

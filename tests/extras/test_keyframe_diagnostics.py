@@ -12,7 +12,7 @@ from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.extras import keyframe_diagnostics
 from pzcap.tracking import tracker
-from pzcap.tracking.frame_tracker import TrackingConfig
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import SEGMENTS, Array, Keyframe, Motion, Pose
 from tests.scenes import tracked as rendered
 from tests.scenes.bodies import BODY

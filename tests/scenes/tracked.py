@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 
 import cv2
@@ -13,9 +14,10 @@ from pzcap.body.skeleton import Body
 from pzcap.segmentation import foreground
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate
 from pzcap.tracking.observation import ViewCrop, prepare
-from pzcap.tracking.pose_objective import PoseObjective, Terms
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import Terms, TrackingConfig
 from pzcap.tracking.skin_colour_model import UNKNOWN
-from pzcap.tracking.tracker import Tracked, TrackingConfig, TrackInput, ViewInput, track
+from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
 from pzcap.types import Array, Image, Keyframe, Pose, Subject
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot
 
@@ -61,6 +63,16 @@ def by_hand(frame: int, seed: int = 0) -> Keyframe:
 def errors_m(results: list[Tracked]) -> Array:
     """Distance (N, 16) of the joints from the truth."""
     return np.array([np.linalg.norm(r.joints_m - clip().joints_m[r.frame], axis=1) for r in results])
+
+
+def track(
+    body: Body, keyframes: Sequence[Keyframe], inputs: Iterable[TrackInput], config: TrackingConfig
+) -> Iterator[Tracked]:
+    """Track the body through ``inputs``, in the order of their frames: a result each, in that order. See `Tracker`."""
+    tracker = Tracker(body, keyframes, config)
+    for item in inputs:
+        yield from tracker.push(item)
+    yield from tracker.finish()
 
 
 def run(keyframes: list[Keyframe], items: tuple[TrackInput, ...] | list[TrackInput]) -> list[Tracked]:

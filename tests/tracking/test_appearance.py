@@ -18,11 +18,11 @@ from pzcap.body.skeleton import LIMBS, Body
 from pzcap.tracking.appearance import LimbAppearance, Postures
 from pzcap.tracking.batch_refinement import refine_batch
 from pzcap.tracking.bidirectional_fusion import runs
-from pzcap.tracking.frame_tracker import TrackingConfig
 from pzcap.tracking.limbs import POSTURES, bounded, grounds, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.reacquisition import PassResults, Reacquired, reacquire, smoothest
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, learn, shared
 from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Array, Keyframe, Mask, Pose

@@ -18,13 +18,14 @@ from pzcap.geometry.camera import at, project
 from pzcap.localisation.covariance import systematic
 from pzcap.tracking import camera_refinement
 from pzcap.tracking.camera_refinement import CAMERA_DOF, CameraPrior
-from pzcap.tracking.frame_tracker import TrackingConfig, fit_pose
+from pzcap.tracking.frame_tracker import fit_pose
 from pzcap.tracking.observation import ViewCrop
 from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, learn
-from pzcap.tracking.tracker import Tracker, TrackInput, track
+from pzcap.tracking.tracker import Tracker, TrackInput
 from pzcap.types import SEGMENTS, Array, Lens, Localisation, PanZoomCamera
-from tests.scenes.tracked import FRAMES, by_hand, clip, crops, errors_m, inputs, taped, true_body
+from tests.scenes.tracked import FRAMES, by_hand, clip, crops, errors_m, inputs, taped, track, true_body
 
 CONFIG = TrackingConfig()
 UP = np.array([0.0, 0.0, 1.0])

@@ -10,8 +10,9 @@ from pzcap.body.kinematics import difference, forward, joints, place, retract
 from pzcap.body.shape_basis import basis, corrected
 from pzcap.body.shape_estimation import Shape
 from pzcap.body.skeleton import DOF, Body
-from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate, TrackingConfig
+from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
 from pzcap.tracking.interval_solver import BodyEstimate, tracked
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_pose, refit_shape
 from pzcap.tracking.tracker import Tracker
 from pzcap.types import SEGMENTS, Keyframe, Pose

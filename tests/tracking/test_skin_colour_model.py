@@ -17,7 +17,8 @@ from pzcap.body.skeleton import Body
 from pzcap.tracking import visibility
 from pzcap.tracking.limbs import grounds, support
 from pzcap.tracking.observation import ViewCrop, place_view, prepare, project
-from pzcap.tracking.pose_objective import PoseObjective, Terms
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import Terms
 from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.types import SEGMENTS, Camera, Image, Mask, Pose, Subject
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot

@@ -15,13 +15,14 @@ from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward, place
 from pzcap.tracking.bidirectional_fusion import fuse
-from pzcap.tracking.frame_tracker import FrameTracker, Round, fit_pose
+from pzcap.tracking.frame_tracker import FrameTracker, fit_pose
 from pzcap.tracking.interval_solver import misplaced
 from pzcap.tracking.observation import ViewCrop, prepare
-from pzcap.tracking.pose_objective import PoseEquations, PoseObjective, Terms, px_per_m
+from pzcap.tracking.pose_objective import PoseEquations, PoseObjective, px_per_m
+from pzcap.tracking.settings import Round, Terms, TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
-from pzcap.tracking.tracker import Tracker, TrackingConfig, TrackInput, collect, track
+from pzcap.tracking.tracker import Tracker, TrackInput, collect
 from pzcap.tracking.tuning import VIEW
 from pzcap.types import SEGMENTS, Array, Image, Keyframe, Pose, PzcapError
 from tests.scenes.body_scene import HEIGHT, WIDTH
@@ -39,6 +40,7 @@ from tests.scenes.tracked import (
     run,
     step,
     taped,
+    track,
     true_body,
     unknown,
     without_score,

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from pzcap.tracking.tracker import TrackingConfig
+from pzcap.tracking.settings import TrackingConfig
 
 Known = Literal["cameras", "masks", "body", "keyframes"]
 Group = Literal["default", "evidence", "keyframes", "cameras", "truth"]
