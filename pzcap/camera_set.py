@@ -10,6 +10,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import TypeAlias
 
+import numpy as np
+
 from pzcap.calibration import reference_camera
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
 from pzcap.calibration.settings import PanZoomConfig
@@ -17,9 +19,21 @@ from pzcap.calibration.stitching import SweptFrames
 from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
+from pzcap.localisation.covariance import systematic
 from pzcap.localisation.localise import count_from_reference
 from pzcap.runtime import give_back
-from pzcap.types import CameraFiles, Capture, Panorama, PanZoomCamera, PzcapError, Reconstruction
+from pzcap.tracking.tracker import Tracked
+from pzcap.types import (
+    Array,
+    CameraFiles,
+    Capture,
+    Localisation,
+    Panorama,
+    PanZoomCamera,
+    PanZoomTrack,
+    PzcapError,
+    Reconstruction,
+)
 
 
 def taken_over(
@@ -160,3 +174,46 @@ def footage_of(capture: Capture, files: CameraFiles) -> Footage:
     zoom = None if files.zoom is None else VideoReader(files.zoom)
     image, sweep = read_image(files.reference), VideoReader(files.sweep)
     return Footage(image, capture.calibration_object, sweep, zoom, capture.full_turn)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Pan and zoom of each camera over the frames of a recording
+
+
+def _panzoom_track(history: Sequence[Localisation | None]) -> PanZoomTrack:
+    """The track of a camera from its localisation in each frame."""
+
+    def column(value: Callable[[Localisation], float]) -> Array:
+        return np.array([value(found) if found else 0.0 for found in history])
+
+    return PanZoomTrack(
+        pan_rad=column(lambda found: found.pan_rad),
+        tilt_rad=column(lambda found: found.tilt_rad),
+        focal_px=column(lambda found: found.focal_px),
+        covariance=np.stack([found.covariance if found else np.zeros((2, 2)) for found in history]),
+        inliers=column(lambda found: len(found.frame_points_px)).astype(np.int64),
+        valid=column(lambda found: found.valid).astype(np.bool_),
+    )
+
+
+def panzoom_tracks(
+    calibrated: Sequence[CalibratedCamera | None], located: Sequence[tuple[Localisation | None, ...]]
+) -> tuple[PanZoomTrack | None, ...]:
+    """Pan and zoom of each camera over the frames; None where it was not calibrated."""
+    histories = zip(*located, strict=True) if located else ((),) * len(calibrated)
+    return tuple(_panzoom_track(history) if one else None for one, history in zip(calibrated, histories, strict=True))
+
+
+def refined(
+    track: PanZoomTrack, head: PanZoomCamera, number: int, poses: Sequence[Tracked], config: PanZoomConfig
+) -> PanZoomTrack:
+    """The ``track`` of camera ``number`` with what the body has corrected of it."""
+    pan_rad, focal_px, covariance = track.pan_rad.copy(), track.focal_px.copy(), track.covariance.copy()
+    shared = systematic(config, head, track.pan_rad, track.focal_px)
+    for pose in poses:
+        correction = pose.corrections[number] if pose.corrections else None
+        if correction is not None:
+            pan_rad[pose.frame] += correction.step[0]
+            focal_px[pose.frame] *= np.exp(correction.step[1])
+            covariance[pose.frame] = shared[pose.frame] + correction.covariance
+    return replace(track, pan_rad=pan_rad, focal_px=focal_px, covariance=covariance)

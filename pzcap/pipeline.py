@@ -17,8 +17,7 @@ from typing import Any, Final, TypeAlias
 from pzcap.body import skeleton
 from pzcap.calibration.calibrate import CalibratedCamera, no_report
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.camera_set import calibrate_camera, calibrate_cameras, taken_over
-from pzcap.camera_tracks import panzoom_tracks, refined
+from pzcap.camera_set import calibrate_camera, calibrate_cameras, panzoom_tracks, refined, taken_over
 from pzcap.events import (
     BodyTracked,
     CameraCalibrated,

@@ -12,6 +12,6 @@ From frame to frame
 Between two keyframes
     `interval_solver` leads, in the worker process: `bidirectional_fusion` (two passes made one), `limbs`, `appearance`
     and `reacquisition` (a limb that both have lost), `body_estimate` (the body as known so far), `batch_refinement` on
-    `banded_solver` and `temporal_constraints` (all frames at once), `shape_refit` (early frames with the body as it is
+    `temporal_constraints` (all frames at once), `shape_refit` (early frames with the body as it is
     known in the end).
 """

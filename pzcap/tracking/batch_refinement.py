@@ -1,9 +1,9 @@
-"""Batch refinement of the frames between two keyframes: the body corrected, drift and jitter removed.
+"""Batch refinement of the frames between two keyframes: drift and jitter removed.
 
-The passes from the keyframes have found the body in every frame, each from its own side. Now the contours of all these
-frames correct the body's shape (`pzcap.body.shape_estimation`); then every pose is fitted to the silhouettes and to the
-mean appearance of the skin, with a prior on the acceleration (`pzcap.tracking.banded_solver`). The keyframe that ends
-the interval is one of these frames: the hand that set it is wrong by more than they are.
+The passes from the keyframes have found the body in every frame, each from its own side. Now every pose is fitted to
+the silhouettes and to the mean appearance of the skin, with a prior on the acceleration
+(`pzcap.tracking.temporal_constraints`). The keyframe that ends the interval is one of these frames: the hand that set
+it is wrong by more than they are.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from pzcap.body.kinematics import difference, retract
 from pzcap.body.skeleton import DOF, LIMBS, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance
-from pzcap.tracking.banded_solver import smooth_step
 from pzcap.tracking.bidirectional_fusion import choose
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.camera_refinement import MarginalisedCamera
@@ -27,8 +26,8 @@ from pzcap.tracking.pose_objective import PosedBody, PoseObjective
 from pzcap.tracking.reacquisition import PassResults, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, mean_appearances
-from pzcap.tracking.temporal_constraints import contacts
-from pzcap.tracking.tuning import BATCH
+from pzcap.tracking.temporal_constraints import contacts, smooth_step
+from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Keyframe, Mask, Pose
 
 
@@ -133,6 +132,6 @@ def _chosen(
     gain = np.zeros((len(lost), len(LIMBS)))
     for t in np.flatnonzero(lost.any(axis=1)).tolist():
         here, there = (limbs.score(pose, objectives[t], reference) for pose in pairs[t])
-        gain[t] = there - here - BATCH.least_gain_m2
+        gain[t] = there - here - REACQUISITION.least_gain_m2
     one, other = zip(*pairs, strict=True)
     return choose(limbs.body, before, one, other, lost, gain)

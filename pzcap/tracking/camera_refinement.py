@@ -26,7 +26,7 @@ from pzcap.body.segment_equations import SegmentSums
 from pzcap.body.skeleton import DOF, DOF_SEGMENT
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.localisation.covariance import systematic
-from pzcap.tracking.tuning import CAMERA
+from pzcap.tracking.tuning import VIEW
 from pzcap.types import PARENTS, Array, Camera, Localisation, PanZoomCamera
 
 CAMERA_DOF: Final = 2
@@ -74,7 +74,7 @@ def camera_prior(config: PanZoomConfig, head: PanZoomCamera, found: Localisation
     them.
     """
     shared = systematic(config, head, np.array(found.pan_rad), np.array(found.focal_px))
-    alone = found.covariance - shared + CAMERA.least_sigma**2 * np.eye(CAMERA_DOF)
+    alone = found.covariance - shared + VIEW.least_camera_sigma**2 * np.eye(CAMERA_DOF)
     return CameraPrior(head.world_T_head[:3, 2], np.asarray(np.linalg.inv(alone), np.float64), np.zeros(CAMERA_DOF))
 
 

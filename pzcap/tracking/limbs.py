@@ -24,7 +24,7 @@ from pzcap.body.kinematics import difference, forward, joint_angles, retract
 from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMBS, Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.tracking.observation import PlacedView, ViewCrop
-from pzcap.tracking.tuning import LIMB, VIEW
+from pzcap.tracking.tuning import APPEARANCE, VIEW
 from pzcap.tracking.visibility import ARMS, GROUP, HEAD
 from pzcap.types import PARENTS, Array, Float32, Pose
 
@@ -59,7 +59,7 @@ def turn_to(limb: int, start: Pose, end: Pose) -> Array:
 def bounded(limb: int, pose: Pose, turns: Array) -> Array:
     """The ``turns`` (K, 4) of a limb as far as its hinge can make them."""
     bent = joint_angles(pose)[_TURNED[limb][3]]
-    return np.column_stack([turns[:, :3], np.clip(bent + turns[:, 3], *LIMB.hinge_range_rad) - bent])
+    return np.column_stack([turns[:, :3], np.clip(bent + turns[:, 3], *APPEARANCE.hinge_range_rad) - bent])
 
 
 def posed(body: Body, limb: int, pose: Pose, turns: Array) -> Array:
@@ -178,7 +178,7 @@ def _box(ground: Ground, centre_m: Array, radius_m: float) -> tuple[slice, slice
     """The part of a ground's maps that shows what lies within ``radius_m`` of a point; None where there is none."""
     camera = ground.camera
     across, down, depth = ray(centre_m[0], centre_m[1], centre_m[2], camera)
-    if depth < LIMB.nearest_m:
+    if depth < APPEARANCE.nearest_limb_m:
         return None
     radius = radius_m * camera.focal / (VIEW.belief_scale * depth)
     pixel = np.array(camera.principal) + camera.focal * np.array([across, down])
@@ -203,7 +203,7 @@ def _paint(ends: Array, radii: Array, patch: Patch, areas: Array) -> None:
             seen, m_per_px = True, 0.0
             for e in range(2):
                 across, down, depth = ray(ends[k, s, e, 0], ends[k, s, e, 1], ends[k, s, e, 2], camera)
-                seen = seen and depth >= LIMB.nearest_m
+                seen = seen and depth >= APPEARANCE.nearest_limb_m
                 u, v = to_pixel(across, down, camera)
                 m_per_px = scale * depth / camera.focal
                 xy[e, 0], xy[e, 1], radius[e] = (u - corner[0]) / scale, (v - corner[1]) / scale, radii[s, e] / m_per_px

@@ -172,23 +172,24 @@ def place_view(body: Body, points: Array, skin: ProjectedSkin, camera: Camera) -
 
 def _window(skin: ProjectedSkin, camera: Camera, margin: int) -> tuple[int, int, int, int]:
     """Left, top, width and height around the points seen; it may stand over the image's edge, but is never huge."""
-    low_x, low_y, high_x, high_y = visibility.bounds(skin.pixels, skin.depth)
-    if high_x < low_x:
+    box = visibility.bounds(skin.pixels, skin.depth)
+    if box is None:
         return 0, 0, 2, 2
-    left, top = max(int(low_x) - margin, -camera.width), max(int(low_y) - margin, -camera.height)
-    right, bottom = min(int(high_x) + margin, 2 * camera.width), min(int(high_y) + margin, 2 * camera.height)
+    size = np.array([camera.width, camera.height])
+    left, top = np.maximum(box[0].astype(int) - margin, -size).tolist()
+    right, bottom = np.minimum(box[1].astype(int) + margin, 2 * size).tolist()
     return left, top, max(right - left, 2), max(bottom - top, 2)
 
 
 def _around(points: Array, camera: Camera, margin: float) -> Window | None:
     """Part of the view that holds the skin's points (V, 3), and ``margin`` of its size around them, of whole pixels of
     a belief; None where the skin is out of view."""
-    box = np.array(visibility.bounds(*projected(points, camera)))
-    if box[2] < box[0]:
+    box = visibility.bounds(*projected(points, camera))
+    if box is None:
         return None
-    low, high = box[:2], box[2:]
-    pad = margin * float(np.max(high - low)) + 16
+    low, high = box
+    pad, scale = margin * float(np.max(high - low)) + 16, VIEW.belief_scale
     left, top = (int(v) // 2 * 2 for v in np.clip(np.floor(low - pad), 0, None))
-    right = left + (int(min(np.ceil(high[0] + pad), camera.width)) - left) // VIEW.belief_scale * VIEW.belief_scale
-    bottom = top + (int(min(np.ceil(high[1] + pad), camera.height)) - top) // VIEW.belief_scale * VIEW.belief_scale
+    right = left + (int(min(np.ceil(high[0] + pad), camera.width)) - left) // scale * scale
+    bottom = top + (int(min(np.ceil(high[1] + pad), camera.height)) - top) // scale * scale
     return (left, top, right, bottom) if right - left >= 32 and bottom - top >= 32 else None

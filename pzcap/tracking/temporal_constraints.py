@@ -1,22 +1,89 @@
-"""Contacts with the floor: constraints between consecutive frames.
+"""All frames of a stretch solved at once with temporal constraints: a motion that does not jerk, feet that do not slide.
 
-Images fix a foot to a millimetre or two in each frame by itself, so that a standing one trembles. In contact are points
-near the floor that are all but at rest, as the estimate itself has them; the more a point moves, the less it is
-believed to rest, so that a heel that rises is let go.
+The passes from the keyframes see one frame at a time. Here the second difference of the motion has a prior: minimise
+over the steps ``d_t`` of all poses
+
+    sum_t 1/2 d_t' H_t d_t - g_t' d_t  +  sum_t 1/2 |d_(t-1) - 2 d_t + d_(t+1) + a_t|^2 / sigma^2
+
+with ``H_t, g_t`` each image's normal equations and ``a_t`` the acceleration that the poses have now. The matrix is
+banded, so the cost is linear in the frames.
+
+Neighbours are tied to each other by what rests on the floor: images fix a foot to a millimetre or two in each frame by
+itself, so that a standing one trembles. In contact are points near the floor that are all but at rest, as the estimate
+itself has them; the more a point moves, the less it is believed to rest, so that a heel that rises is let go.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solveh_banded
 
-from pzcap.body.kinematics import forward, point_jacobian
+from pzcap.body.kinematics import difference, forward, point_jacobian
 from pzcap.body.skeleton import DOF, Body
 from pzcap.solver.robust import geman_mcclure
-from pzcap.tracking.banded_solver import Tie
 from pzcap.tracking.tuning import CONTACT
 from pzcap.types import SEGMENTS, Array, Pose
+
+_REACH = 3  # frames that are tied to each other, at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tie:
+    """Something that should be 0 and is made by two poses that follow one another."""
+
+    first: int  # of the two
+    residual_m: Array  # (R,)
+    weight: Array  # (R,)
+    jacobians: Array  # (2, R, 43) derivatives of ``residual_m`` by the tangent of each pose
+
+
+def smooth_step(
+    poses: Sequence[Pose], hessians: Sequence[Array], gradients: Sequence[Array], sigma: Array,
+    before: Sequence[Pose], ties: Sequence[Tie],
+) -> Array:  # fmt: skip
+    """Steps (T, 43) of ``poses`` (T of them) with normal equations ``hessians`` (43, 43) and ``gradients`` (43,).
+
+    ``sigma`` (43,) is the standard deviation of the acceleration, a frame squared. The body is held fast in the
+    frames ``before`` the stretch. ``ties`` are between all of these, and count from the first of them.
+    """
+    chain, first = [*before, *poses], len(before)
+    count = len(poses)
+    band = np.zeros((min(count, _REACH) * DOF, count * DOF))
+    right = np.concatenate(gradients)
+    rows, columns = np.tril_indices(DOF)
+    for t, hessian in enumerate(hessians):
+        band[rows - columns, t * DOF + columns] += hessian[rows, columns]
+    information = 1.0 / sigma**2
+    velocity = [difference(b, a) for a, b in itertools.pairwise(chain)]
+    for k in range(1, len(chain) - 1):
+        bend = velocity[k] - velocity[k - 1]
+        three = [(k - 1 - first, 1.0), (k - first, -2.0), (k + 1 - first, 1.0)]
+        inside = [(t, c) for t, c in three if 0 <= t < count]
+        for i, (t, c) in enumerate(inside):
+            at = slice(t * DOF, (t + 1) * DOF)
+            right[at] -= c * information * bend
+            for other, d in inside[i:]:
+                band[(other - t) * DOF, at] += c * d * information
+    _tie(band, right, ties, first, count)
+    return np.asarray(solveh_banded(band, right, lower=True)).reshape(count, DOF)
+
+
+def _tie(band: Array, right: Array, ties: Sequence[Tie], first: int, count: int) -> None:
+    """Add what ties the frames of the chain; ``first`` of them come before the stretch."""
+    rows, columns = np.indices((DOF, DOF))
+    below = rows >= columns
+    for tie in ties:
+        inside = [(tie.first + k - first, each) for k, each in enumerate(tie.jacobians)]
+        inside = [(t, each) for t, each in inside if 0 <= t < count]
+        for i, (t, earlier) in enumerate(inside):
+            right[t * DOF : (t + 1) * DOF] -= earlier.T @ (tie.weight * tie.residual_m)
+            for other, later in inside[i:]:
+                block, kept = (later.T * tie.weight) @ earlier, below if other == t else np.ones_like(below)
+                band[(other - t) * DOF + (rows - columns)[kept], t * DOF + columns[kept]] += block[kept]
 
 
 def soles(body: Body) -> tuple[tuple[int, Array], ...]:

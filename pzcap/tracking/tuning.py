@@ -14,6 +14,7 @@ class ViewTuning(NamedTuple):
     full_log_odds: float = 3.0  # evidence for the athlete that counts in full when areas are judged
     usual_px_per_m: float = 130.0  # magnification that `Terms.level` is meant for: an athlete 220 pixels tall
     nearest_m: float = 0.5  # no magnification is reckoned with for less than this distance
+    least_camera_sigma: float = 1e-7  # radians of pan, and of log focal: none is known better
 
 
 class ContourTuning(NamedTuple):
@@ -48,26 +49,15 @@ class KeypointTuning(NamedTuple):
     largest_share: float = 0.7  # of ``near_m`` that the athlete's may be off on average: some limbs may be lost
 
 
-class CameraTuning(NamedTuple):
-    """Refinement of the cameras."""
-
-    least_sigma: float = 1e-7  # radians of pan, and of log focal: none is known better
-
-
-class SelfCollisionTuning(NamedTuple):
-    """Arms inside the trunk."""
-
-    skin_gives_m: float = 0.015  # depth by which skin gives way, or is not where the body has it
-    sigma_m: float = 0.02  # standard deviation of what goes deeper
-
-
 class ContactTuning(NamedTuple):
-    """Points at rest on the floor."""
+    """Points at rest on the floor, and arms inside the trunk."""
 
     near_m: float = 0.04  # height below which a point may touch the floor: the errors of tape and tracker together
     rest_m: float = 0.004  # motion a frame from which on a point has begun to move; scale of the Geman-McClure weight
     sigma_m: float = 0.001  # motion a frame by which skin and sole give way
     least_weight: float = 0.02  # robust weight below which a point is not in contact
+    skin_gives_m: float = 0.015  # depth by which skin gives way, or is not where the body has it
+    inside_sigma_m: float = 0.02  # standard deviation of how much deeper an arm is in the trunk
 
 
 class FrameTuning(NamedTuple):
@@ -99,26 +89,15 @@ class IntervalTuning(NamedTuple):
 
 
 class ShapeTuning(NamedTuple):
-    """Correction of the body's shape."""
+    """Correction of the body's shape, and refit of early frames to it."""
 
     stride: int = 4  # one of so many frames of an interval corrects the body: its neighbours say the same
     brightness_sigma: float = 25.0  # grey levels, while the shape is not known: more than in tracking
-
-
-class BatchTuning(NamedTuple):
-    """Batch refinement of an interval."""
-
-    least_gain_m2: float = 0.002  # of a limb that is taken as reacquired: a search finds what looks a little better
-
-
-class RefitTuning(NamedTuple):
-    """Refit of early frames to the body as it is known in the end."""
-
     # weight of a point's displacement along the skin; the rest is that across it: contours show the latter, and the
     # texture, which shows the former, was learned with the body of its time
-    along: float = 0.03
-    stride: int = 3  # one of so many points of the skin is looked at
-    steps: int = 2  # Gauss-Newton steps
+    refit_along: float = 0.03
+    refit_stride: int = 3  # one of so many points of the skin is looked at
+    refit_steps: int = 2  # Gauss-Newton steps
 
 
 class SkinColourTuning(NamedTuple):
@@ -131,7 +110,7 @@ class SkinColourTuning(NamedTuple):
 
 
 class AppearanceTuning(NamedTuple):
-    """Appearance score of limbs."""
+    """Postures of limbs, and their appearance score."""
 
     reluctance_m2: float = 0.002  # gain that a turn of one radian must bring
     weight: float = 6.0  # square metres of silhouette that one of similarity is worth
@@ -143,13 +122,8 @@ class AppearanceTuning(NamedTuple):
     stride: int = 2  # one of so many points of the skin is looked at
     coarse_level: int = 2  # pyramid level in the usual view, for postures that differ much
     fine_level: int = 1  # pyramid level in the usual view, for those that differ little
-
-
-class LimbTuning(NamedTuple):
-    """Postures of limbs, and their support by the silhouettes."""
-
     hinge_range_rad: tuple[float, float] = (0.0, 2.6)  # range of an elbow or a knee
-    nearest_m: float = 0.5  # a limb nearer to the camera is not judged
+    nearest_limb_m: float = 0.5  # a limb nearer to the camera is not judged
 
 
 class ReacquisitionTuning(NamedTuple):
@@ -165,22 +139,18 @@ class ReacquisitionTuning(NamedTuple):
     leap_m: float = 0.04  # motion of a joint in a frame, besides what was expected, that is usual
     leap_m2: float = 0.005  # cost of that in a limb's score; it grows as the square of the length
     worst_leap: float = 10.0  # squares that count at most: an arm that swings moves further, and scores where it is
+    least_gain_m2: float = 0.002  # of a limb that is taken as reacquired: a search finds what looks a little better
 
 
 VIEW = ViewTuning()
 CONTOUR = ContourTuning()
 BRIGHTNESS = BrightnessTuning()
 KEYPOINT = KeypointTuning()
-CAMERA = CameraTuning()
-SELF_COLLISION = SelfCollisionTuning()
 CONTACT = ContactTuning()
 FRAME = FrameTuning()
 FUSION = FusionTuning()
 INTERVAL = IntervalTuning()
 SHAPE = ShapeTuning()
-BATCH = BatchTuning()
-REFIT = RefitTuning()
 APPEARANCE = AppearanceTuning()
-LIMB = LimbTuning()
 SKIN_COLOUR = SkinColourTuning()
 REACQUISITION = ReacquisitionTuning()

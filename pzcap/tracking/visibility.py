@@ -66,16 +66,10 @@ def camera_above(points: Array, normals: Array, centre: Vector, above: Array) ->
         above[n] = normals[n, 0] * dx + normals[n, 1] * dy + normals[n, 2] * dz
 
 
-@njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
-def bounds(pixels: Array, depth: Array) -> tuple[float, float, float, float]:
-    """Left, top, right and bottom of the points before the camera. Without any, right is left of left."""
-    left = top = np.inf
-    right = bottom = -np.inf
-    for n in range(len(depth)):
-        x, y, before = pixels[n, 0], pixels[n, 1], depth[n] > 0.0
-        left, right = min(left, x if before else np.inf), max(right, x if before else -np.inf)
-        top, bottom = min(top, y if before else np.inf), max(bottom, y if before else -np.inf)
-    return left, top, right, bottom
+def bounds(pixels: Array, depth: Array) -> tuple[Array, Array] | None:
+    """Left-top and right-bottom corner of the points before the camera; None without any."""
+    seen = pixels[depth > 0.0]
+    return (seen.min(axis=0), seen.max(axis=0)) if len(seen) else None
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

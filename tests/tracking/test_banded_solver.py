@@ -6,7 +6,7 @@ import numpy as np
 
 from pzcap.body import kinematics
 from pzcap.body.skeleton import DOF
-from pzcap.tracking.banded_solver import Tie, smooth_step
+from pzcap.tracking.temporal_constraints import Tie, smooth_step
 from pzcap.types import Array, Pose
 from tests.scenes.body_scene import swing
 
