@@ -9,15 +9,28 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
+import numpy as np
+
 from pzcap.calibration import reference_camera
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
+from pzcap.localisation.covariance import systematic
 from pzcap.localisation.localise import count_from_reference
 from pzcap.runtime import give_back
-from pzcap.types import CameraFiles, Capture, PzcapError, Reconstruction
+from pzcap.tracking.tracker import Tracked
+from pzcap.types import (
+    Array,
+    CameraFiles,
+    Capture,
+    Localisation,
+    PanZoomCamera,
+    PanZoomTrack,
+    PzcapError,
+    Reconstruction,
+)
 
 
 def taken_over(
@@ -67,14 +80,11 @@ def calibrate_camera(footage: Footage, config: PanZoomConfig, report: Report = n
 
 
 def calibrate_cameras(
-    capture: Capture,
-    calibrate_one: Callable[[Footage, Report], CalibratedCamera],
-    pool: ThreadPoolExecutor,
-    notes: list[str],
+    capture: Capture, calibrate_one: Callable[..., CalibratedCamera], pool: ThreadPoolExecutor, notes: list[str],
     ready: Sequence[CalibratedCamera | None] = (),
-) -> Iterator[Progress | CameraCalibrated]:
-    """Calibrate the cameras but those that are ``ready``, as many at a time as ``pool`` has threads; what is missing is
-    added to ``notes``.
+) -> Iterator[Progress | CameraCalibrated]:  # fmt: skip
+    """Calibrate by ``calibrate_one(footage, report=report)`` the cameras but those that are ``ready``, as many at a
+    time as ``pool`` has threads; what is missing is added to ``notes``.
 
     Raises PzcapError where a file is there and is not what it should be; the cameras not begun by then are left.
     """
@@ -88,7 +98,7 @@ def calibrate_cameras(
 
         started = time.perf_counter()
         try:
-            calibrated = calibrate_one(footage_of(capture, files), report)
+            calibrated = calibrate_one(footage_of(capture, files), report=report)
         except PzcapError as error:
             raise PzcapError(f"camera {files.name}: {error}") from error
         news.put(CameraCalibrated(index, calibrated, time.perf_counter() - started))
@@ -126,13 +136,12 @@ def calibrate_cameras(
 
 def _missing(capture: Capture, files: CameraFiles) -> str | None:
     """The first file that a camera cannot be calibrated without and the capture does not hold."""
-    if capture.calibration_object is None:
-        return "the capture holds no calibration object"
-    if files.reference is None:
-        return "it has no reference image"
-    if files.sweep is None:
-        return "it has no pan sweep"
-    return None
+    needed = {
+        "the capture holds no calibration object": capture.calibration_object,
+        "it has no reference image": files.reference,
+        "it has no pan sweep": files.sweep,
+    }
+    return next((text for text, file in needed.items() if file is None), None)
 
 
 def _find_object(capture: Capture, cameras: Sequence[CameraFiles]) -> None:
@@ -154,3 +163,46 @@ def footage_of(capture: Capture, files: CameraFiles) -> Footage:
     zoom = None if files.zoom is None else VideoReader(files.zoom)
     image, sweep = read_image(files.reference), VideoReader(files.sweep)
     return Footage(image, capture.calibration_object, sweep, zoom, capture.full_turn)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Pan and zoom of each camera over the frames of a recording
+
+
+def _panzoom_track(history: Sequence[Localisation | None]) -> PanZoomTrack:
+    """The track of a camera from its localisation in each frame."""
+
+    def column(value: Callable[[Localisation], float]) -> Array:
+        return np.array([value(found) if found else 0.0 for found in history])
+
+    return PanZoomTrack(
+        pan_rad=column(lambda found: found.pan_rad),
+        tilt_rad=column(lambda found: found.tilt_rad),
+        focal_px=column(lambda found: found.focal_px),
+        covariance=np.stack([found.covariance if found else np.zeros((2, 2)) for found in history]),
+        inliers=column(lambda found: len(found.frame_points_px)).astype(np.int64),
+        valid=column(lambda found: found.valid).astype(np.bool_),
+    )
+
+
+def panzoom_tracks(
+    calibrated: Sequence[CalibratedCamera | None], located: Sequence[tuple[Localisation | None, ...]]
+) -> tuple[PanZoomTrack | None, ...]:
+    """Pan and zoom of each camera over the frames; None where it was not calibrated."""
+    histories = zip(*located, strict=True) if located else ((),) * len(calibrated)
+    return tuple(_panzoom_track(history) if one else None for one, history in zip(calibrated, histories, strict=True))
+
+
+def refined(
+    track: PanZoomTrack, head: PanZoomCamera, number: int, poses: Sequence[Tracked], config: PanZoomConfig
+) -> PanZoomTrack:
+    """The ``track`` of camera ``number`` with what the body has corrected of it."""
+    pan_rad, focal_px, covariance = track.pan_rad.copy(), track.focal_px.copy(), track.covariance.copy()
+    shared = systematic(config, head, track.pan_rad, track.focal_px)
+    for pose in poses:
+        correction = pose.corrections[number] if pose.corrections else None
+        if correction is not None:
+            pan_rad[pose.frame] += correction.step[0]
+            focal_px[pose.frame] *= np.exp(correction.step[1])
+            covariance[pose.frame] = shared[pose.frame] + correction.covariance
+    return replace(track, pan_rad=pan_rad, focal_px=focal_px, covariance=covariance)

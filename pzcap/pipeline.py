@@ -10,16 +10,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final, Protocol
-
-import numpy as np
+from typing import Any, Final, TypeAlias
 
 from pzcap.body import skeleton
 from pzcap.calibration.calibrate import CalibratedCamera, no_report
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.camera_set import calibrate_camera, calibrate_cameras, taken_over
+from pzcap.camera_set import calibrate_camera, calibrate_cameras, panzoom_tracks, refined, taken_over
 from pzcap.events import (
     BodyTracked,
     CameraCalibrated,
@@ -33,27 +31,14 @@ from pzcap.events import (
 from pzcap.geometry.camera import at
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.io.detections import NOBODY
-from pzcap.localisation.covariance import systematic
 from pzcap.localisation.localise import Localiser, predicted
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
-from pzcap.tracking.tracker import Tracked, Tracker, TrackingConfig, TrackInput, ViewInput
-from pzcap.types import (
-    Array,
-    Camera,
-    Capture,
-    FrameSet,
-    Image,
-    Localisation,
-    Mask,
-    PanZoomCamera,
-    PanZoomTrack,
-    PzcapError,
-    Reconstruction,
-    Silhouette,
-)
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
+from pzcap.types import Camera, Capture, FrameSet, Image, Localisation, Mask, PzcapError, Reconstruction, Silhouette
 
 TIDY_EVERY: Final = 8
 """Frame sets after which free memory is given back to the system."""
@@ -90,11 +75,9 @@ EXACT: Final = Method("exact", calibrate_camera, Localiser)
 
 
 def reconstruct(
-    capture: Capture,
-    config: Config,
-    report: Callable[[str, int, int], None] = no_report,
+    capture: Capture, config: Config, report: Callable[[str, int, int], None] = no_report,
     cameras: Reconstruction | None = None,
-) -> Reconstruction:
+) -> Reconstruction:  # fmt: skip
     """Run every stage that ``capture`` has the material for. See `stages` for ``cameras``.
 
     ``report(stage, done, total)`` hears of the progress; a total of 0 is not known yet.
@@ -135,7 +118,7 @@ def stages(
 
         started = time.perf_counter()
         calibrated: list[CalibratedCamera | None] = [None] * len(capture.cameras)
-        one = partial(_calibrate, method, config.panzoom)
+        one = partial(method.calibrate, config=config.panzoom)
         for calibration in calibrate_cameras(capture, one, pool, notes, known):
             if isinstance(calibration, CameraCalibrated):
                 calibrated[calibration.index] = calibration.calibrated
@@ -155,29 +138,40 @@ def stages(
                 case BodyTracked(tracked):
                     poses += tracked
             yield event
-    tracks = _tracks(calibrated, located)
-    notes += _moved(capture, known, tracks)
-    yield Finished(_assembled(capture, sets, config, calibrated, tracks, tracker, poses, notes))
-
-
-def _calibrate(method: Method, config: PanZoomConfig, *footage: Any) -> CalibratedCamera:
-    return method.calibrate(footage[0], config, footage[1])
+    tracks = panzoom_tracks(calibrated, located)
+    notes += [
+        f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"
+        for files, taken, track in zip(capture.cameras, known, tracks, strict=False)
+        if taken and files.motion and track and not track.valid.any()
+    ]
+    heads = tuple(None if one is None else one.camera for one in calibrated)
+    yield Finished(Reconstruction(
+        capture_name=capture.name,
+        method=config.panzoom.method,
+        frame_rate=capture.frame_rate,
+        timecodes=sets.timecodes,
+        camera_names=tuple(files.name for files in capture.cameras),
+        references=tuple(None if one is None else one.reference for one in calibrated),
+        cameras=heads,
+        panoramas=tuple(None if one is None else one.panorama for one in calibrated),
+        tracks=tracks,
+        refined=tuple(
+            None if track is None or head is None or not poses else refined(track, head, number, poses, config.panzoom)
+            for number, (track, head) in enumerate(zip(tracks, heads, strict=True))
+        ),
+        motion=tracker.motion(poses) if tracker else None,
+        notes=tuple(notes),
+    ))  # fmt: skip
 
 
 # --------------------------------------------------------------------------------------------------------------
 # The loop over the frames
 
 
-class Localise(Protocol):
-    """Stage 4: the views of an instant found on their panoramas."""
-
-    def __call__(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised: ...
-
-
-class Segment(Protocol):
-    """Stage 5: the athlete cut out of the views of an instant."""
-
-    def __call__(self, seen: FrameLocalised, tracker: Tracker | None) -> FrameSegmented: ...
+Localise: TypeAlias = Callable[[FrameSet, Tracker | None], FrameLocalised]
+"""Stage 4: the views of an instant found on their panoramas; the tracker says where it expects the body."""
+Segment: TypeAlias = Callable[[FrameLocalised, Tracker | None], FrameSegmented]
+"""Stage 5: the athlete cut out of the views of an instant."""
 
 
 def follow(
@@ -208,12 +202,9 @@ class ViewLocaliser:
     """Stage 4: localises the views of an instant side by side, each from where its camera was seen last."""
 
     def __init__(
-        self,
-        cameras: Sequence[CalibratedCamera | None],
-        config: PanZoomConfig,
-        pool: ThreadPoolExecutor,
+        self, cameras: Sequence[CalibratedCamera | None], config: PanZoomConfig, pool: ThreadPoolExecutor,
         method: Method = EXACT,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._heads = [None if one is None else one.camera for one in cameras]
         # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
         self.localisers = [
@@ -249,12 +240,9 @@ class ViewLocaliser:
 
 
 def segment_views(
-    cameras: Sequence[CalibratedCamera | None],
-    config: Config,
-    pool: ThreadPoolExecutor,
-    seen: FrameLocalised,
+    cameras: Sequence[CalibratedCamera | None], config: Config, pool: ThreadPoolExecutor, seen: FrameLocalised,
     tracker: Tracker | None,
-) -> FrameSegmented:
+) -> FrameSegmented:  # fmt: skip
     """Stage 5: the athlete cut out of the views of an instant, side by side; ``tracker`` says where it expects the
     body."""
     started = time.perf_counter()
@@ -282,7 +270,7 @@ def body_tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[
         return None
     model = skeleton.build(capture.subject)
     notes += keyframes.check(sets.keyframes, model, len(sets))
-    return Tracker(model, sets.keyframes, float(capture.frame_rate), config.tracking)
+    return Tracker(model, sets.keyframes, config.tracking)
 
 
 def _track_input(segmented: FrameSegmented) -> TrackInput:
@@ -296,86 +284,3 @@ def _track_input(segmented: FrameSegmented) -> TrackInput:
         return ViewInput(image, camera, silhouette, people[index], segmented.priors[index])
 
     return TrackInput(frames.index, tuple(view(index) for index in range(len(frames.images))))
-
-
-# --------------------------------------------------------------------------------------------------------------
-# The result
-
-
-def _tracks(
-    calibrated: Sequence[CalibratedCamera | None], located: Sequence[tuple[Localisation | None, ...]]
-) -> tuple[PanZoomTrack | None, ...]:
-    """Pan and zoom of each camera over the frames; None where it was not calibrated."""
-    histories = zip(*located, strict=True) if located else ((),) * len(calibrated)
-    return tuple(_panzoom_track(history) if one else None for one, history in zip(calibrated, histories, strict=True))
-
-
-def _moved(
-    capture: Capture, known: Sequence[CalibratedCamera | None], tracks: Sequence[PanZoomTrack | None]
-) -> list[str]:
-    """A note on each camera that was taken over from another take and is found in no frame of this one."""
-    return [
-        f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"
-        for files, taken, track in zip(capture.cameras, known, tracks, strict=False)
-        if taken and files.motion and track and not track.valid.any()
-    ]
-
-
-def _assembled(
-    capture: Capture,
-    sets: FrameSets,
-    config: Config,
-    calibrated: Sequence[CalibratedCamera | None],
-    tracks: tuple[PanZoomTrack | None, ...],
-    tracker: Tracker | None,
-    poses: Sequence[Tracked],
-    notes: Sequence[str],
-) -> Reconstruction:
-    """Gather what the stages found."""
-    heads = tuple(None if one is None else one.camera for one in calibrated)
-    return Reconstruction(
-        capture_name=capture.name,
-        method=config.panzoom.method,
-        frame_rate=capture.frame_rate,
-        timecodes=sets.timecodes,
-        camera_names=tuple(files.name for files in capture.cameras),
-        references=tuple(None if one is None else one.reference for one in calibrated),
-        cameras=heads,
-        panoramas=tuple(None if one is None else one.panorama for one in calibrated),
-        tracks=tracks,
-        refined=tuple(
-            None if track is None or head is None or not poses else _refined(track, head, number, poses, config)
-            for number, (track, head) in enumerate(zip(tracks, heads, strict=True))
-        ),
-        motion=tracker.motion(poses) if tracker else None,
-        notes=tuple(notes),
-    )
-
-
-def _panzoom_track(history: Sequence[Localisation | None]) -> PanZoomTrack:
-    def column(value: Callable[[Localisation], float]) -> Array:
-        return np.array([value(found) if found else 0.0 for found in history])
-
-    return PanZoomTrack(
-        pan_rad=column(lambda found: found.pan_rad),
-        tilt_rad=column(lambda found: found.tilt_rad),
-        focal_px=column(lambda found: found.focal_px),
-        covariance=np.stack([found.covariance if found else np.zeros((2, 2)) for found in history]),
-        inliers=column(lambda found: len(found.frame_points_px)).astype(np.int64),
-        valid=column(lambda found: found.valid).astype(np.bool_),
-    )
-
-
-def _refined(
-    track: PanZoomTrack, head: PanZoomCamera, number: int, poses: Sequence[Tracked], config: Config
-) -> PanZoomTrack:
-    """The ``track`` of camera ``number`` with what the body has corrected of it."""
-    pan_rad, focal_px, covariance = track.pan_rad.copy(), track.focal_px.copy(), track.covariance.copy()
-    shared = systematic(config.panzoom, head, track.pan_rad, track.focal_px)
-    for pose in poses:
-        correction = pose.corrections[number] if pose.corrections else None
-        if correction is not None:
-            pan_rad[pose.frame] += correction.step[0]
-            focal_px[pose.frame] *= np.exp(correction.step[1])
-            covariance[pose.frame] = shared[pose.frame] + correction.covariance
-    return replace(track, pan_rad=pan_rad, focal_px=focal_px, covariance=covariance)

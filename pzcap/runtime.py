@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Any, Final, NamedTuple, ParamSpec, TypeAlias, TypeVar
+from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
 import cv2
 from loky import ProcessPoolExecutor, cpu_count, get_reusable_executor
@@ -121,29 +121,6 @@ def processes(count: int) -> Iterator[Executor]:
 def free_cores() -> int:
     """Cores that this process may use; 1 where it may not start another."""
     return 1 if multiprocessing.current_process().daemon else cpu_count()
-
-
-class CpuClock(NamedTuple):
-    """CPU seconds of this process and of its worker at one time; ``worker`` is its process and its seconds."""
-
-    own: float
-    worker: tuple[int, float]
-
-    def seconds(self) -> float:
-        """CPU seconds that both have taken since; a worker that was started since then counts from its start."""
-        now = cpu_clock()
-        since = self.worker[1] if now.worker[0] == self.worker[0] != os.getpid() else 0.0
-        return now.own - self.own + (0.0 if now.worker[0] == os.getpid() else now.worker[1] - since)
-
-
-def cpu_clock() -> CpuClock:
-    """Read the CPU time of this process and its worker, which is started where there is none."""
-    worker = taken(submit(_cpu_seconds))
-    return CpuClock(time.process_time(), worker)
-
-
-def _cpu_seconds() -> tuple[int, float]:
-    return os.getpid(), time.process_time()
 
 
 def _executor():  # type: ignore[no-untyped-def]  # loky has no types

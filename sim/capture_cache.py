@@ -15,12 +15,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from pzcap.io.files import checked, locked
+from pzcap.io.files import checked
 from pzcap.types import PzcapError
 from sim import motion
 from sim.develop import develop
 from sim.hall.wallpaper import wall_pictures
 from sim.light import film, light_of
+from sim.lock import locked
 from sim.session import ShootConfig
 from sim.shoot import written
 from sim.team import Progress

@@ -11,12 +11,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pzcap.io.capture import write_capture
-from pzcap.io.video import frames_to_timecode, write_video
+from pzcap.io.video import frames_to_timecode
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask
 from sim import motion
 from sim.cameras.optics import vignette
 from sim.cameras.sensor import Exposure, Sensor, draw_dropped
+from sim.capture_writer import write_capture, write_video
 from sim.hall import gym
 from sim.light import operate, read_light, reels
 from sim.people.crew import keyframe_indices, measure, pose_by_hand

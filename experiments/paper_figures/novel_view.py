@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from experiments.paper_figures.material import Located, Run
-from pzcap.body import skeleton as body_model
+from pzcap.body import kinematics
 from pzcap.body.skeleton import Body
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
@@ -66,7 +66,7 @@ def render(run: Run, body: Body, frame: int, camera: Camera) -> Image:
     picture = paint_floor(fine, run.located())
     if motion.valid[frame]:
         pose = Pose(motion.root_position_m[frame], motion.rotations[frame])
-        points, normals = body_model.place(body, body_model.forward(body, pose))
+        points, normals = kinematics.place(body, kinematics.forward(body, pose))
         images = run.views(frame)
         views = [
             (image, at) for one in run.located()

@@ -18,7 +18,7 @@ from experiments.score import Score
 from pzcap.body.skeleton import build
 from pzcap.extras import keyframe_diagnostics
 from pzcap.io.capture import frame_sets, read_image
-from pzcap.tracking.tracker import TrackingConfig
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import Array, Camera, Capture, FrameSet, Image, Reconstruction
 from pzcap.viewer.drawing import TRUTH_COLOUR, Colour, figures, instants
 from sim.truth import Truth

@@ -25,9 +25,10 @@ from omegaconf import DictConfig, OmegaConf
 from experiments import estimators, footage, workers
 from experiments.config import plain, structured
 from experiments.errors import explain
-from pzcap.io.files import locked, written_whole
+from pzcap.io.files import written_whole
 from pzcap.types import PzcapError
 from sim.capture_cache import file_hashes
+from sim.lock import locked
 from sim.session import ShootConfig
 
 T = TypeVar("T")

@@ -1,3 +1,3 @@
-"""The body. In reading order: `skeleton` (from tape to segments and poses), `kinematics` (kernels of rigid motions),
-`mesh` (the skin), `landmarks` (where a detector's keypoints lie on it), `shape_basis` and `shape_estimation` (its
-correction)."""
+"""The body. In reading order: `skeleton` (from tape to segments), `kinematics` (poses and rigid motions),
+`segment_equations` (from residuals of points to normal equations of a pose), `mesh` (the skin), `landmarks` (where a
+detector's keypoints lie on it), `shape_basis` and `shape_estimation` (its correction)."""

@@ -1,50 +1,138 @@
-"""Rigid motions of sixteen segments at once: quaternions (wxyz), the kinematic chain, the skin in the world."""
+"""Kinematics: poses as points of a manifold, and the rigid motions of the sixteen segments that follow from them.
+
+The tangent of a pose is a vector of 43 numbers (metres, radians):
+
+* ``[0:3]`` root translation, along the world's axes;
+* then, per segment in the order of ``SEGMENTS``, a rotation increment about the *segment's own* axes, applied from the
+  right, ``R <- R Exp(increment)``: three numbers for a ball joint, one about the fixed axis for a hinge.
+
+`retract` and `difference` go forth and back; `screws` is the derivative of every rigid motion with respect to it.
+"""
 
 from __future__ import annotations
+
+from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.types import Array
+from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMIT_HIGH, LIMIT_LOW, MOVES, Body
+from pzcap.types import PARENTS, SEGMENTS, Array, Pose
+
+Quaternion = tuple[float, float, float, float]
+
+_PARENTS: Final[NDArray[np.int64]] = np.array(PARENTS)
+_IDENTITY: Final[Array] = np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1))
+
+
+_SPREAD: Final[Array] = np.zeros((len(SEGMENTS), 3, DOF))
+_SPREAD[DOF_SEGMENT[3:], :, np.arange(3, DOF)] = DOF_AXES[3:]
+_SPREAD.shape = (-1, DOF)
+"""(48, 43) Takes a tangent vector to the rotation vectors of all segments; the transpose takes it back."""
+
+
+def forward(body: Body, pose: Pose) -> Array:
+    """``world_T_segment``, (16, 4, 4). Joint centres are ``[:, :3, 3]``."""
+    return np.asarray(chain(pose.root_position_m, pose.rotations, body.offsets_m, _PARENTS))
+
+
+def joints(body: Body, pose: Pose) -> Array:
+    """Joint centres in the world, (16, 3)."""
+    return forward(body, pose)[:, :3, 3]
+
+
+def retract(pose: Pose, delta: Array) -> Pose:
+    """The pose moved by a tangent vector (43,)."""
+    increments = _SPREAD @ delta
+    return Pose(pose.root_position_m + delta[:3], turn(pose.rotations, increments.reshape(-1, 3)))
+
+
+def difference(to: Pose, start: Pose) -> Array:
+    """The tangent vector (43,) with ``retract(start, difference(to, start)) == to``.
+
+    Of a hinge only the turn about its axis is kept.
+    """
+    delta = between(start.rotations, to.rotations).ravel() @ _SPREAD
+    delta[:3] = to.root_position_m - start.root_position_m
+    return np.asarray(delta)
+
+
+def joint_angles(pose: Pose) -> Array:
+    """(43,) Components of the joints' rotation vectors about their axes; 0 of the root's translation."""
+    return difference(pose, Pose(pose.root_position_m, _IDENTITY))
+
+
+def limit_residuals(pose: Pose) -> tuple[Array, Array]:
+    """Excess (radians) of each component of the joints' rotation vectors over its limit: residual (43,), and the
+    diagonal of its derivative (43,), 1 where violated. The derivative takes rotation vectors for tangent vectors,
+    which is right about the axis of rotation and good enough for a soft wall elsewhere."""
+    angles = joint_angles(pose)
+    residual = np.maximum(angles - LIMIT_HIGH, 0.0) + np.minimum(angles - LIMIT_LOW, 0.0)
+    return residual, (residual != 0.0).astype(np.float64)
+
+
+def place(body: Body, world_T_segment: Array) -> tuple[Array, Array]:
+    """Skin in the world: points (V, 3) and unit normals (V, 3), a coordinate after the other in memory."""
+    surface = body.surface
+    points, normals = (np.empty(surface.points_m.shape, order="F") for _ in range(2))
+    _carry(world_T_segment, surface.segment, surface.points_m, surface.normals, points, normals)
+    return points, normals
+
+
+def screws(world_T_segment: Array, centre_m: Array) -> Array:
+    """Joint screws, (43, 6): the twist ``(v, w)`` that one unit of a degree of freedom gives to what it moves.
+
+    A point ``x`` that is moved (``MOVES``) has the velocity ``v + w x (x - centre_m)``. Expressing all twists about one
+    centre near the body lets the normal equations be accumulated per segment (6 x 6) and lifted afterwards.
+    """
+    return np.asarray(_screws(world_T_segment, np.ascontiguousarray(centre_m)))
+
+
+def point_jacobian(world_T_segment: Array, segment: int, point_m: Array) -> Array:
+    """Derivative (3, 43) of a world point that is fixed to a segment with respect to the pose's tangent."""
+    twists = screws(world_T_segment, point_m)
+    return np.where(MOVES[:, segment], twists[:, :3].T, 0.0)
+
+
+def joint_jacobians(world_T_segment: Array) -> Array:
+    """Derivatives (16, 3, 43) of all joint centres with respect to the pose's tangent."""
+    return np.stack([point_jacobian(world_T_segment, i, world_T_segment[i, :3, 3]) for i in range(len(SEGMENTS))])
 
 
 @njit(cache=True, nogil=True)
-def turn(quaternions: Array, increments: Array) -> Array:
-    """``q exp(increment)`` for quaternions (N, 4) and rotation vectors (N, 3), of unit length."""
-    out = np.empty_like(quaternions)
-    for n in range(len(quaternions)):
-        x, y, z = increments[n, 0], increments[n, 1], increments[n, 2]
-        angle = np.sqrt(x * x + y * y + z * z)
-        # sin(a/2)/a without dividing by zero
-        s = 0.5 - angle * angle / 48.0 if angle < 1e-4 else np.sin(0.5 * angle) / angle
-        bw, bx, by, bz = np.cos(0.5 * angle), s * x, s * y, s * z
-        aw, ax, ay, az = quaternions[n, 0], quaternions[n, 1], quaternions[n, 2], quaternions[n, 3]
-        w = aw * bw - ax * bx - ay * by - az * bz
-        i = aw * bx + ax * bw + ay * bz - az * by
-        j = aw * by - ax * bz + ay * bw + az * bx
-        k = aw * bz + ax * by - ay * bx + az * bw
-        length = np.sqrt(w * w + i * i + j * j + k * k)
-        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = w / length, i / length, j / length, k / length
+def _screws(frames: Array, centre: Array) -> Array:
+    out = np.zeros((DOF, 6))
+    for d in range(DOF):
+        if d < 3:
+            out[d, d] = 1.0
+            continue
+        m = frames[DOF_SEGMENT[d]]
+        for i in range(3):
+            out[d, 3 + i] = m[i, 0] * DOF_AXES[d, 0] + m[i, 1] * DOF_AXES[d, 1] + m[i, 2] * DOF_AXES[d, 2]
+        rx, ry, rz = centre[0] - m[0, 3], centre[1] - m[1, 3], centre[2] - m[2, 3]
+        out[d, 0] = out[d, 4] * rz - out[d, 5] * ry
+        out[d, 1] = out[d, 5] * rx - out[d, 3] * rz
+        out[d, 2] = out[d, 3] * ry - out[d, 4] * rx
     return out
 
 
 @njit(cache=True, nogil=True)
-def between(start: Array, to: Array) -> Array:
-    """Rotation vectors (N, 3) with ``turn(start, result) == to``, no longer than half a turn."""
-    out = np.empty((len(start), 3))
-    for n in range(len(start)):
-        aw, ax, ay, az = start[n, 0], -start[n, 1], -start[n, 2], -start[n, 3]
-        bw, bx, by, bz = to[n, 0], to[n, 1], to[n, 2], to[n, 3]
-        w = aw * bw - ax * bx - ay * by - az * bz
-        x = aw * bx + ax * bw + ay * bz - az * by
-        y = aw * by - ax * bz + ay * bw + az * bx
-        z = aw * bz + ax * by - ay * bx + az * bw
-        sine = np.sqrt(x * x + y * y + z * z)
-        sign = 1.0 if w >= 0.0 else -1.0
-        scale = 2.0 * sign if sine < 1e-9 else 2.0 * np.arctan2(sine, sign * w) / sine * sign
-        out[n, 0], out[n, 1], out[n, 2] = scale * x, scale * y, scale * z
-    return out
+def _carry(
+    frames: Array, segment: NDArray[np.int64], points: Array, normals: Array, out_points: Array, out_normals: Array
+) -> None:
+    """Points and normals (V, 3) from their segments' frames to the world. A segment's best follow each other."""
+    first = 0
+    while first < len(points):
+        s, last = segment[first], first + 1
+        while last < len(points) and segment[last] == s:
+            last += 1
+        for i in range(3):
+            a, b, c, position = frames[s, i, 0], frames[s, i, 1], frames[s, i, 2], frames[s, i, 3]
+            for v in range(first, last):
+                out_points[v, i] = a * points[v, 0] + b * points[v, 1] + c * points[v, 2] + position
+                out_normals[v, i] = a * normals[v, 0] + b * normals[v, 1] + c * normals[v, 2]
+        first = last
 
 
 @njit(cache=True, nogil=True)
@@ -79,70 +167,40 @@ def chain(root: Array, quaternions: Array, offsets: Array, parents: NDArray[np.i
 
 
 @njit(cache=True, nogil=True)
-def carry(
-    frames: Array, segment: NDArray[np.int64], points: Array, normals: Array, out_points: Array, out_normals: Array
-) -> None:
-    """Points and normals (V, 3) from their segments' frames to the world. A segment's best follow each other."""
-    first = 0
-    while first < len(points):
-        s, last = segment[first], first + 1
-        while last < len(points) and segment[last] == s:
-            last += 1
-        for i in range(3):
-            a, b, c, position = frames[s, i, 0], frames[s, i, 1], frames[s, i, 2], frames[s, i, 3]
-            for v in range(first, last):
-                out_points[v, i] = a * points[v, 0] + b * points[v, 1] + c * points[v, 2] + position
-                out_normals[v, i] = a * normals[v, 0] + b * normals[v, 1] + c * normals[v, 2]
-        first = last
-
-
-@njit(cache=True, nogil=True)
-def twists(frames: Array, owner: NDArray[np.int64], axes: Array, centre: Array) -> Array:
-    """Joint screws (D, 6) about ``centre``: three translations along the world's axes, then rotations of segments
-    ``owner`` (D,) about their own ``axes`` (D, 3)."""
-    out = np.zeros((len(owner), 6))
-    for d in range(len(owner)):
-        if d < 3:
-            out[d, d] = 1.0
-            continue
-        m = frames[owner[d]]
-        for i in range(3):
-            out[d, 3 + i] = m[i, 0] * axes[d, 0] + m[i, 1] * axes[d, 1] + m[i, 2] * axes[d, 2]
-        rx, ry, rz = centre[0] - m[0, 3], centre[1] - m[1, 3], centre[2] - m[2, 3]
-        out[d, 0] = out[d, 4] * rz - out[d, 5] * ry
-        out[d, 1] = out[d, 5] * rx - out[d, 3] * rz
-        out[d, 2] = out[d, 3] * ry - out[d, 4] * rx
+def turn(quaternions: Array, increments: Array) -> Array:
+    """``q exp(increment)`` for quaternions (N, 4) and rotation vectors (N, 3), of unit length."""
+    out = np.empty_like(quaternions)
+    for n in range(len(quaternions)):
+        x, y, z = increments[n, 0], increments[n, 1], increments[n, 2]
+        angle = np.sqrt(x * x + y * y + z * z)
+        # sin(a/2)/a without dividing by zero
+        s = 0.5 - angle * angle / 48.0 if angle < 1e-4 else np.sin(0.5 * angle) / angle
+        a = quaternions[n, 0], quaternions[n, 1], quaternions[n, 2], quaternions[n, 3]
+        w, i, j, k = _product(a, (np.cos(0.5 * angle), s * x, s * y, s * z))
+        length = np.sqrt(w * w + i * i + j * j + k * k)
+        out[n] = w / length, i / length, j / length, k / length
     return out
 
 
 @njit(cache=True, nogil=True)
-def lift(
-    hessians: Array, gradients: Array, twists: Array, owner: NDArray[np.int64], parents: NDArray[np.int64],
-    moves: NDArray[np.bool_],
-) -> tuple[Array, Array]:  # fmt: skip
-    """Normal equations (D, D) and (D,) of joints with these screws (D, 6) from those of each segment, (N, 6, 6) and
-    (N, 6), about the same centre.
+def between(start: Array, to: Array) -> Array:
+    """Rotation vectors (N, 3) with ``turn(start, result) == to``, no longer than half a turn."""
+    out = np.empty((len(start), 3))
+    for n in range(len(start)):
+        back = start[n, 0], -start[n, 1], -start[n, 2], -start[n, 3]
+        w, x, y, z = _product(back, (to[n, 0], to[n, 1], to[n, 2], to[n, 3]))
+        sine = np.sqrt(x * x + y * y + z * z)
+        sign = 1.0 if w >= 0.0 else -1.0
+        scale = 2.0 * sign if sine < 1e-9 else 2.0 * np.arctan2(sine, sign * w) / sine * sign
+        out[n] = scale * x, scale * y, scale * z
+    return out
 
-    What a joint moves, its segment ``owner`` (D,) and all that hang on it, moves as one body: their equations add up.
-    Two joints meet where one ``moves`` (D, N) the segment of the other.
-    """
-    hessians, gradients = hessians.copy(), gradients.copy()
-    for n in range(len(parents) - 1, -1, -1):  # parents come before their children
-        if parents[n] >= 0:
-            hessians[parents[n]] += hessians[n]
-            gradients[parents[n]] += gradients[n]
-    hessian, gradient = np.zeros((len(owner), len(owner))), np.zeros(len(owner))
-    carried = np.empty(6)
-    for d in range(len(owner)):
-        s = owner[d]
-        for i in range(6):
-            gradient[d] += twists[d, i] * gradients[s, i]
-            carried[i] = 0.0
-            for j in range(6):
-                carried[i] += hessians[s, i, j] * twists[d, j]
-        for e in range(d + 1):
-            if moves[e, s]:
-                for i in range(6):
-                    hessian[d, e] += carried[i] * twists[e, i]
-                hessian[e, d] = hessian[d, e]
-    return hessian, gradient
+
+@njit(cache=True, nogil=True, inline="always")
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )

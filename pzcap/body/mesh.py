@@ -9,7 +9,7 @@ is thickest) is that of an average adult and the same for everybody.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,14 +37,21 @@ class Surface:
     faces: NDArray[np.int64]  # (F, 3) counter-clockwise seen from outside
     edges: NDArray[np.int64]  # (E, 2) the rings and the lines along the segment; every edge lies in one segment
 
+    @staticmethod
+    def of(points_m: Array, segment: NDArray[np.int64], faces: NDArray[np.int64], edges: NDArray[np.int64]) -> Surface:
+        """The surface of a mesh."""
+        a, b, c = (points_m[faces[:, k]] for k in range(3))
+        across = np.cross(b - a, c - a)  # of length twice the triangle's area
+        normals, area = np.zeros_like(points_m), np.zeros(len(points_m))
+        for k in range(3):
+            np.add.at(normals, faces[:, k], across)
+            np.add.at(area, faces[:, k], np.linalg.norm(across, axis=1) / 6.0)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return Surface(np.asfortranarray(points_m), np.asfortranarray(normals), segment, area, faces, edges)
+
     def moved(self, points_m: Array) -> Surface:
         """The same mesh with its vertices elsewhere."""
-        return replace(
-            self,
-            points_m=np.asfortranarray(points_m),
-            normals=np.asfortranarray(_vertex_normals(points_m, self.faces)),
-            area_m2=_vertex_areas(points_m, self.faces),
-        )
+        return Surface.of(points_m, self.segment, self.faces, self.edges)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,19 +66,26 @@ class _Station:
 
 def ellipse_half_axes(girth_m: float, depth_over_width: float) -> tuple[float, float]:
     """Half axes (depth, width) of the ellipse with this perimeter and this ratio of its axes."""
-    short, long = min(depth_over_width, 1.0), max(depth_over_width, 1.0)
-    perimeter = 4.0 * long * float(ellipe(1.0 - (short / long) ** 2))
-    scale = girth_m / perimeter
+    scale = girth_m / _perimeter(depth_over_width, 1.0)
     return scale * depth_over_width, scale
 
 
-def _stations(m: Mapping[str, float]) -> dict[str, tuple[NDArray[np.float64], list[_Station], float, float]]:
-    """Per segment: the axis of its rings, its cross sections in ascending order, and how far each cap stands out."""
+def _perimeter(depth: float, width: float) -> float:
+    """Perimeter of the ellipse with these half axes."""
+    short, long = min(depth, width), max(depth, width)
+    return 4.0 * long * float(ellipe(1.0 - (short / long) ** 2))
+
+
+def _stations(m: Mapping[str, float]) -> dict[str, tuple[Array, list[_Station], float, float]]:
+    """Per segment: the frame of its rings, its cross sections in ascending order, and how far each cap stands out.
+
+    The frame's columns are where a ring's depth, width and axis point in the segment's: right-handed.
+    """
     trunk, thorax_length = m["trunk"], (1.0 - THORAX_FRACTION) * m["trunk"]
     shoulder = thorax_length - m["shoulder_drop"]
-    up, down = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
-    ahead = np.array([1.0, 0.0, 0.0])
-    table: dict[str, tuple[NDArray[np.float64], list[_Station], float, float]] = {
+    up, down = np.eye(3), np.diag([1.0, -1.0, -1.0])  # limbs hang: depth stays forward, so width turns over
+    ahead = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # the foot: depth is up, the axis ahead
+    table: dict[str, tuple[Array, list[_Station], float, float]] = {
         "pelvis": (up, [
             _Station(-0.09, 0.80 * m["girth_hips"], 0.72),
             _Station(0.00, m["girth_hips"], 0.72),
@@ -132,10 +146,8 @@ def _stations(m: Mapping[str, float]) -> dict[str, tuple[NDArray[np.float64], li
     sole, length = -m["ankle_height"], m["foot"]
 
     def foot_ring(x: float, top: float, width: float) -> _Station:
-        height = top - sole
-        depth, across = height / 2, width / 2
-        long, short = max(depth, across), min(depth, across)
-        return _Station(x, 4.0 * long * float(ellipe(1.0 - (short / long) ** 2)), depth / across, (top + sole) / 2)
+        depth, across = (top - sole) / 2, width / 2
+        return _Station(x, _perimeter(depth, across), depth / across, (top + sole) / 2)
 
     foot = (ahead, [
         foot_ring(-0.22 * length, 0.35 * sole, 0.20 * length),
@@ -152,38 +164,17 @@ def _stations(m: Mapping[str, float]) -> dict[str, tuple[NDArray[np.float64], li
 
 def build_surface(measurements_m: Mapping[str, float]) -> Surface:
     """The skin of a person with these tape measurements (keys ``pzcap.types.MEASUREMENTS``)."""
-    points, normals, segment, faces, edges = [], [], [], [], []
-    count = 0
+    points, segment, faces, edges, count = [], [], [], [], 0
     table = _stations(measurements_m)
     for index, name in enumerate(SEGMENTS):
-        axis, stations, near_cap_m, far_cap_m = table[name]
+        frame, stations, near_cap_m, far_cap_m = table[name]
         vertices, triangles, lines = _loft(stations, near_cap_m, far_cap_m)
-        frame = _ring_frame(axis)
-        placed = vertices @ frame.T
-        points.append(placed)
-        normals.append(_vertex_normals(placed, triangles))
-        segment.append(np.full(len(placed), index))
+        points.append(vertices @ frame.T)
+        segment.append(np.full(len(vertices), index))
         faces.append(triangles + count)
         edges.append(lines + count)
-        count += len(placed)
-    all_points, all_faces = np.concatenate(points), np.concatenate(faces)
-    return Surface(
-        points_m=np.asfortranarray(all_points),
-        normals=np.asfortranarray(np.concatenate(normals)),
-        segment=np.concatenate(segment),
-        area_m2=_vertex_areas(all_points, all_faces),
-        faces=all_faces,
-        edges=np.concatenate(edges),
-    )
-
-
-def _ring_frame(axis: Array) -> Array:
-    """Columns: where a ring's depth, width and axis directions point in the segment's frame. Right-handed."""
-    if axis[2] > 0:
-        return np.eye(3)
-    if axis[2] < 0:  # limbs hang: depth stays forward, so width turns over
-        return np.diag([1.0, -1.0, -1.0])
-    return np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # the foot: depth is up, the axis ahead
+        count += len(vertices)
+    return Surface.of(np.concatenate(points), np.concatenate(segment), np.concatenate(faces), np.concatenate(edges))
 
 
 def _loft(
@@ -205,54 +196,18 @@ def _loft(
     girth = max(s.girth_m for s in stations)
     around = int(np.clip(2 * round(girth / POINT_SPACING_M / 2), 10, 28))
     phi = 2 * np.pi * np.arange(around) / around
-    ring = np.stack(
-        [
-            forward[:, None] + (shrink * depth)[:, None] * np.cos(phi),
-            (shrink * width)[:, None] * np.sin(phi),
-            np.broadcast_to(z[:, None], (len(z), around)),
-        ],
-        axis=-1,
-    )
+    depths, widths = (shrink * depth)[:, None] * np.cos(phi), (shrink * width)[:, None] * np.sin(phi)
+    ring = np.stack(np.broadcast_arrays(forward[:, None] + depths, widths, z[:, None]), axis=-1)
     poles = np.array([[forward[0], 0.0, along[0] - near_cap_m], [forward[-1], 0.0, along[-1] + far_cap_m]])
     vertices = np.concatenate([ring.reshape(-1, 3), poles])
     index = np.arange(len(z) * around).reshape(len(z), around)
     right = np.roll(index, -1, axis=1)
     a, b, c, d = index[:-1], right[:-1], right[1:], index[1:]
     near, far = len(vertices) - 2, len(vertices) - 1
-    triangles = np.concatenate(
-        [
-            np.stack([a, b, c], axis=-1).reshape(-1, 3),
-            np.stack([a, c, d], axis=-1).reshape(-1, 3),
-            np.stack([right[0], index[0], np.full(around, near)], axis=-1),
-            np.stack([index[-1], right[-1], np.full(around, far)], axis=-1),
-        ]
-    )
-    lines = np.concatenate(
-        [
-            np.stack([index, right], axis=-1).reshape(-1, 2),
-            np.stack([a, d], axis=-1).reshape(-1, 2),
-        ]
-    )
-    return vertices, triangles, lines
 
+    def rows(*columns: NDArray[np.int64] | int) -> NDArray[np.int64]:
+        return np.stack(np.broadcast_arrays(*columns), axis=-1).reshape(-1, len(columns))
 
-def _face_normals(points: Array, faces: NDArray[np.int64]) -> Array:
-    """(F, 3), of length twice the triangle's area."""
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
-
-
-def _vertex_normals(points: Array, faces: NDArray[np.int64]) -> Array:
-    normals = np.zeros_like(points)
-    weighted = _face_normals(points, faces)
-    for k in range(3):
-        np.add.at(normals, faces[:, k], weighted)
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
-
-
-def _vertex_areas(points: Array, faces: NDArray[np.int64]) -> Array:
-    area = np.zeros(len(points))
-    face_area = np.linalg.norm(_face_normals(points, faces), axis=1) / 6.0
-    for k in range(3):
-        np.add.at(area, faces[:, k], face_area)
-    return area
+    ends = rows(right[0], index[0], near), rows(index[-1], right[-1], far)
+    triangles = np.concatenate([rows(a, b, c), rows(a, c, d), *ends])
+    return vertices, triangles, np.concatenate([rows(index, right), rows(a, d)])

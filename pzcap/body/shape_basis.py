@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pzcap.body.skeleton import Body
 from pzcap.types import LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Array
@@ -92,28 +92,24 @@ class _Rows:
     def __init__(self) -> None:
         self.rows: list[tuple[Array, Array, int, float]] = []
 
-    def length(
-        self, sigma_m: float, joints: Mapping[int, Sequence[float]], skin: Mapping[int, Array] | None = None
-    ) -> None:
-        moved = np.zeros((len(SEGMENTS), 3))
-        for segment, direction in joints.items():
-            moved[segment] = direction
-        self.rows.append((moved, _everywhere(skin or {}), _STATIONS, sigma_m))
+    def length(self, sigma_m: float, joints: Mapping[int, Sequence[float]], skin: Mapping[int, Array]) -> None:
+        self.rows.append((_rows(joints, (3,)), _rows(skin, (3, 4)), _STATIONS, sigma_m))
 
-    def whole(self, skin: Mapping[int, Array]) -> None:
-        self.rows.append((np.zeros((len(SEGMENTS), 3)), _everywhere(skin), _STATIONS, _SKIN_SIGMA_M))
+    def whole(self, skin: Mapping[int, Array], station: int = _STATIONS, sigma_m: float = _SKIN_SIGMA_M) -> None:
+        self.rows.append((_rows({}, (3,)), _rows(skin, (3, 4)), station, sigma_m))
 
     def stations(self, skin: Mapping[int, Array]) -> None:
         """The whole segment, and each station by itself."""
         self.whole(skin)
         for station in range(_STATIONS):
-            self.rows.append((np.zeros((len(SEGMENTS), 3)), _everywhere(skin), station, _STATION_SIGMA_M))
+            self.whole(skin, station, _STATION_SIGMA_M)
 
 
-def _everywhere(skin: Mapping[int, Array]) -> Array:
-    rows = np.zeros((len(SEGMENTS), 3, 4))
-    for segment, affine in skin.items():
-        rows[segment] = affine
+def _rows(table: Mapping[int, ArrayLike], shape: tuple[int, ...]) -> Array:
+    """(16, *shape) of all segments, 0 of those that are not in the ``table``."""
+    rows = np.zeros((len(SEGMENTS), *shape))
+    for segment, values in table.items():
+        rows[segment] = values
     return rows
 
 
@@ -135,9 +131,9 @@ def _lengths(body: Body, rows: _Rows) -> None:
         | dict.fromkeys((3, *shoulders), (0, 0, 1 - THORAX_FRACTION)),
         {i: _stretch(2, 1 / trunk) for i in (0, 1, 2)},
     )
-    rows.length(tape, dict.fromkeys(shoulders, (0, 0, -1.0)))
-    rows.length(tape, dict(zip(shoulders, ((0, 0.5, 0), (0, -0.5, 0)), strict=True)))
-    rows.length(tape, dict(zip(hips, ((0, 0.5, 0), (0, -0.5, 0)), strict=True)))
+    rows.length(tape, dict.fromkeys(shoulders, (0, 0, -1.0)), {})
+    for pair in (shoulders, hips):
+        rows.length(tape, dict(zip(pair, ((0, 0.5, 0), (0, -0.5, 0)), strict=True)), {})
     for near, far in (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shank"), ("shank", "foot")):
         length = float(-body.offsets_m[_segments(far)[0], 2])
         stretched = {i: _stretch(2, 1 / length) for i in _segments(near)}

@@ -13,17 +13,20 @@ frames of a stretch; they are eliminated as the poses are. Without them the text
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pzcap.body.shape_basis import basis, corrected
-from pzcap.body.skeleton import DOF, MOVES, Body, joint_jacobians, screws
+from pzcap.body.kinematics import joint_jacobians, screws
+from pzcap.body.segment_equations import PointResiduals, SegmentSums
+from pzcap.body.shape_basis import Basis, basis, corrected
+from pzcap.body.skeleton import DOF, MOVES, Body
 from pzcap.types import SEGMENTS, Array
 
 _SLIDE_SIGMA: Final = np.tile([0.01, 0.01, 0.01, 0.05, 0.05, 0.05], len(SEGMENTS))  # metres, radians
+_CHANGES: Final = DOF + len(_SLIDE_SIGMA)
+"""The unknowns of a frame: its pose (43), the slides (96), from here on the corrections (P)."""
 _TEXTURE_CURVATURE: Final = 0.4
 """Of the texture's cost, beside what Gauss-Newton has: robust weights, and texture as fine as the pixels, make it
 flatter (0.25-0.5 measured). Taken at its word, each step would stop far short."""
@@ -34,32 +37,12 @@ out too large (the one number of a joint's sigma that is fitted, to what is cove
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ContourRows:
-    """Contour points of one frame, of all views, with their residuals (N of them)."""
-
-    segment: NDArray[np.int64]  # (N,)
-    points_m: Array  # (N, 3) world
-    gradients: Array  # (N, 3) of the residual's distance, pixels a metre
-    residual_px: Array  # (N,)
-    weight: Array  # (N,)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Texture:
-    """Evidence of the skin's brightness in one frame on each segment as a free rigid body: normal equations in its
-    twist about the pelvis joint, as `pzcap.body.skeleton.lift` takes them."""
-
-    hessians: Array  # (16, 6, 6)
-    gradients: Array  # (16, 6)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class FrameResiduals:
     """Residuals of one frame by pose and shape, linearised."""
 
     world_T_segment: Array  # (16, 4, 4)
-    rows: ContourRows
-    texture: Texture | None
+    contour: PointResiduals  # of all views; the owner is the segment
+    texture: SegmentSums | None  # about the pelvis joint: what the skin's brightness says of each segment by itself
     prior: Array  # (43, 43) information on the pose beside the images
     pull: Array  # (43,) the gradient of that
 
@@ -81,130 +64,119 @@ class Shape:
     joint_variance_m2: Array  # (16,) of the joints' distance from where they are, for what is not known of it
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class ShapeEstimate:
-    """Gathers what the frames say about the corrections of a body."""
+    """Estimate of the corrections of a body, from the tape and what frames say about them."""
 
-    def __init__(self, body: Body) -> None:
-        self._tape = body
-        self._basis = basis(body)
-        self.amounts_m: Array = np.zeros(len(self._basis.sigma_m))
-        self._information: Array = np.diag(1.0 / self._basis.sigma_m**2)
-        self._vector: Array = np.zeros(len(self.amounts_m))
-        self._joints_moved: Array = np.zeros((0, len(SEGMENTS), 3, len(self.amounts_m)))
+    tape: Body
+    basis: Basis
+    amounts_m: Array  # (P,) the corrections as they were solved for last
+    equations: ShapeEquations  # of the tape and all frames committed; ``joints`` are of those committed last
+
+    @staticmethod
+    def of(body: Body) -> ShapeEstimate:
+        """Estimate before any image."""
+        change = basis(body)
+        nothing, joints = np.zeros(len(change.sigma_m)), np.zeros((0, len(SEGMENTS), 3, len(change.sigma_m)))
+        return ShapeEstimate(body, change, nothing, ShapeEquations(np.diag(1.0 / change.sigma_m**2), nothing, joints))
 
     def accumulate(self, residuals: Iterable[FrameResiduals]) -> ShapeEquations:
         """Normal equations of frames that share their texture, tracked with the body as corrected last."""
-        size = len(self.amounts_m) + len(_SLIDE_SIGMA)
+        size = len(_SLIDE_SIGMA) + len(self.amounts_m)
         shared, right, joints = np.zeros((size, size)), np.zeros(size), []
+        shared[: len(_SLIDE_SIGMA), : len(_SLIDE_SIGMA)] = np.diag(1.0 / _SLIDE_SIGMA**2)
         for frame in residuals:
             hessian, gradient = self._contour(frame)
             joints.append(self._joints(frame.world_T_segment, hessian))
             if frame.texture is not None:
-                self._add(frame.texture, frame.world_T_segment, hessian, gradient)
+                moved = self._twists(frame.world_T_segment).reshape(-1, len(gradient))
+                held = _TEXTURE_CURVATURE * frame.texture.hessians @ moved.reshape(len(SEGMENTS), 6, -1)
+                hessian += moved.T @ held.reshape(moved.shape)
+                gradient += moved.T @ frame.texture.gradients.ravel()
             information, vector = _without(hessian, gradient, DOF)
             shared += information
             right += vector
-        slides = slice(len(self.amounts_m), None)
-        shared[slides, slides] += np.diag(1.0 / _SLIDE_SIGMA**2)
-        order = np.roll(np.arange(size), len(_SLIDE_SIGMA))
-        information, vector = _without(shared[np.ix_(order, order)], right[order], len(_SLIDE_SIGMA))
+        information, vector = _without(shared, right, len(_SLIDE_SIGMA))
         return ShapeEquations(information, vector + information @ self.amounts_m, np.array(joints))
 
-    def commit(self, equations: ShapeEquations) -> None:
-        """Add the ``equations`` of some frames for good."""
-        self._information = self._information + equations.information
-        self._vector = self._vector + equations.vector
-        self._joints_moved = equations.joints
+    def commit(self, equations: ShapeEquations) -> ShapeEstimate:
+        """The estimate with the ``equations`` of some frames added for good."""
+        before = self.equations
+        information, vector = before.information + equations.information, before.vector + equations.vector
+        return replace(self, equations=ShapeEquations(information, vector, equations.joints))
 
-    def solve(self, equations: ShapeEquations | None = None) -> Body:
-        """The body from all that was committed, and from further ``equations``."""
-        information, vector = self._information, self._vector
-        if equations is not None:
-            information, vector = information + equations.information, vector + equations.vector
-        self.amounts_m = np.asarray(np.linalg.solve(information, vector))
-        return self.body(self.amounts_m)
+    def solve(self, equations: ShapeEquations) -> ShapeEstimate:
+        """The estimate with its corrections solved for from all that was committed and from further ``equations``."""
+        both = self.commit(equations).equations
+        return replace(self, amounts_m=np.asarray(np.linalg.solve(both.information, both.vector)))
 
     def body(self, amounts_m: Array) -> Body:
         """The body after corrections (P,)."""
-        return corrected(self._tape, self._basis, amounts_m)
+        return corrected(self.tape, self.basis, amounts_m)
 
     def joint_variance(self) -> Array:
         """(16,) of the joints' distance (square metres) from where they are, for what is not known of the body: the
-        same error in all frames, and the mean over those heard of last.
+        same error in all frames, and the mean over those committed last.
 
         A correction that is wrong by ``c`` moves the joints by ``(B - J (A' W A)^-1 A' W C) c``: ``B`` moves them in
         the body, ``C`` moves the contours, and the pose (contours ``A``, joints ``J``) then follows the contours to
         where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept.
         """
-        covariance = _DOUBT**2 * np.linalg.inv(self._information)
-        joints = self._joints_moved
+        covariance, joints = _DOUBT**2 * np.linalg.inv(self.equations.information), self.equations.joints
         return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
 
     def _joints(self, frames: Array, hessian: Array) -> Array:
         """(16, 3, P) derivatives of the joints in the world with respect to the corrections, the pose following the
         contours: ``hessian`` is as `_contour` has it."""
-        changes = slice(DOF, DOF + len(self.amounts_m))
-        follows = np.linalg.solve(hessian[:DOF, :DOF], hessian[:DOF, changes])
-        carried = self._basis.carried(frames).transpose(1, 2, 0)
+        follows = np.linalg.solve(hessian[:DOF, :DOF], hessian[:DOF, _CHANGES:])
+        carried = self.basis.carried(frames).transpose(1, 2, 0)
         return np.asarray(carried - joint_jacobians(frames) @ follows)
 
     def _contour(self, frame: FrameResiduals) -> tuple[Array, Array]:
-        """Normal equations in a frame's pose (43), the corrections (P) and the slides (96), of its contours and of what
-        is known of the pose beside the images."""
-        size = DOF + len(self.amounts_m) + len(_SLIDE_SIGMA)
+        """Normal equations of a frame's unknowns, of its contours and of what is known of the pose beside the
+        images."""
+        size = _CHANGES + len(self.amounts_m)
         hessian, gradient = np.zeros((size, size)), np.zeros(size)
-        rows = frame.rows
-        jacobian = self._jacobian(frame.world_T_segment, rows)
-        for s in np.unique(rows.segment):  # few of the unknowns move a segment's skin
-            here = np.flatnonzero(rows.segment == s)
+        (rows, segment), jacobian = frame.contour, self._jacobian(frame.world_T_segment, frame.contour)
+        for s in np.unique(segment):  # few of the unknowns move a segment's skin
+            here = np.flatnonzero(segment == s)
             own = jacobian[here]
             movers = np.flatnonzero(own.any(axis=0))
-            weighted = own[:, movers].T * rows.weight[here]
+            weighted = own[:, movers].T * rows[here, 0]
             hessian[np.ix_(movers, movers)] += weighted @ own[:, movers]
-            gradient[movers] += weighted @ rows.residual_px[here]
+            gradient[movers] += weighted @ rows[here, 1]
         hessian[:DOF, :DOF] += frame.prior
         gradient[:DOF] += frame.pull
         return hessian, gradient
 
-    def _add(self, texture: Texture, frames: Array, hessian: Array, gradient: Array) -> None:
-        """Add the evidence of the texture to the normal equations of the contours."""
-        moved = self._twists(frames)  # (16, 6, size)
-        held = _TEXTURE_CURVATURE * texture.hessians @ moved
-        hessian += moved.reshape(-1, len(gradient)).T @ held.reshape(-1, len(gradient))
-        gradient += moved.reshape(-1, len(gradient)).T @ texture.gradients.ravel()
-
-    def _jacobian(self, frames: Array, rows: ContourRows) -> Array:
-        """Derivatives (N, 43 + P) of the distances that the residuals are made of, by pose and corrections."""
-        centre = frames[0, :3, 3].copy()
-        twists = screws(frames, centre)
-        arm = rows.points_m - centre
-        wrench = np.hstack([rows.gradients, np.cross(arm, rows.gradients)])
-        carried = self._basis.carried(frames)
-        jacobian = np.empty((len(arm), DOF + len(self.amounts_m)))
-        for s in np.unique(rows.segment):
-            here = rows.segment == s
-            gradients, turned = rows.gradients[here], frames[s, :3, :3]
+    def _jacobian(self, frames: Array, contour: PointResiduals) -> Array:
+        """Derivatives (N, 43 + 96 + P) of the distances that the residuals are made of, by the frame's unknowns."""
+        (rows, segment), centre = contour, frames[0, :3, 3].copy()
+        along, points, twists = rows[:, 2:5], rows[:, 5:], screws(frames, centre)
+        wrench = np.hstack([along, np.cross(points - centre, along)])
+        carried = self.basis.carried(frames)
+        jacobian = np.zeros((len(rows), _CHANGES + len(self.amounts_m)))
+        for s in np.unique(segment):
+            here, turned = segment == s, frames[s, :3, :3]
             jacobian[here, :DOF] = wrench[here] @ np.where(MOVES[:, s, None], twists, 0.0).T
-            local = (rows.points_m[here] - frames[s, :3, 3]) @ turned
-            change = self._basis.skin_change(s, local, gradients @ turned) + gradients @ carried[:, s].T
-            jacobian[here, DOF:] = change
+            local = (points[here] - frames[s, :3, 3]) @ turned
+            change = self.basis.skin_change(s, local, along[here] @ turned) + along[here] @ carried[:, s].T
+            jacobian[here, _CHANGES:] = change
         return jacobian
 
     def _twists(self, frames: Array) -> Array:
-        """(16, 6, 43 + P + 96) the twist of each segment's texture about the pelvis joint by pose, corrections and
-        slides."""
-        centre, count = frames[0, :3, 3].copy(), DOF + len(self.amounts_m)
-        twists, carried = screws(frames, centre), self._basis.carried(frames)
-        moved = np.zeros((len(SEGMENTS), 6, count + len(_SLIDE_SIGMA)))
+        """(16, 6, 43 + 96 + P) the twist of each segment's texture about the pelvis joint by the frame's unknowns."""
+        centre = frames[0, :3, 3].copy()
+        twists, carried = screws(frames, centre), self.basis.carried(frames)
+        moved = np.zeros((len(SEGMENTS), 6, _CHANGES + len(self.amounts_m)))
         for s in range(len(SEGMENTS)):
             axes, arm = frames[s, :3, :3], frames[s, :3, 3] - centre
-            own = slice(count + 6 * s, count + 6 * s + 6)
-            moved[s, :, :DOF] = np.where(MOVES[:, s, None], twists, 0.0).T
-            moved[s, :3, DOF:count] = carried[:, s].T
             slide = np.zeros((6, 6))
             slide[:3, :3] = slide[3:, 3:] = axes
             slide[:3, 3:] = np.cross(arm, axes, axisb=0).T
-            moved[s, :, own] = -slide
+            moved[s, :, :DOF] = np.where(MOVES[:, s, None], twists, 0.0).T
+            moved[s, :, DOF + 6 * s : DOF + 6 * s + 6] = -slide
+            moved[s, :3, _CHANGES:] = carried[:, s].T
         return moved
 
 

@@ -1,12 +1,6 @@
-"""The articulated body: a skeleton and a skin from tape measurements, forward kinematics and its Jacobian.
+"""The articulated body: degrees of freedom of the skeleton, and a person's from tape measurements.
 
-The tangent of a pose is a vector of 43 numbers (metres, radians):
-
-* ``[0:3]`` root translation, along the world's axes;
-* then, per segment in the order of ``SEGMENTS``, a rotation increment about the *segment's own* axes, applied from the
-  right, ``R <- R Exp(increment)``: three numbers for a ball joint, one about the fixed axis for a hinge.
-
-``retract`` and ``difference`` go forth and back; ``screws`` is the derivative of every rigid motion with respect to it.
+`pzcap.body.kinematics` says what a pose's 43 numbers are and moves the body by them.
 """
 
 from __future__ import annotations
@@ -17,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body import kinematics, landmarks
+from pzcap.body import landmarks
 from pzcap.body.landmarks import Landmarks
 from pzcap.body.mesh import Surface, build_surface
 from pzcap.types import (
@@ -29,7 +23,6 @@ from pzcap.types import (
     THORAX_FRACTION,
     Array,
     Mask,
-    Pose,
     PzcapError,
     Subject,
 )
@@ -43,19 +36,8 @@ DOF_AXES: Final[Array] = np.concatenate(
     [np.eye(3)] + [np.array([HINGE_AXES[name]]) if name in HINGE_AXES else np.eye(3) for name in SEGMENTS]
 )
 """(43, 3) World axis of a translation, axis in the segment's frame of a rotation."""
-_PARENTS: Final[NDArray[np.int64]] = np.array(PARENTS)
-_IDENTITY: Final[Array] = np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1))
-
-
-def _spread() -> Array:
-    """(48, 43) takes a tangent vector to the rotation vectors of all segments; the transpose takes it back."""
-    matrix = np.zeros((len(SEGMENTS), 3, DOF))
-    for d in range(3, DOF):
-        matrix[DOF_SEGMENT[d], :, d] = DOF_AXES[d]
-    return matrix.reshape(-1, DOF)
-
-
-_SPREAD: Final[Array] = _spread()
+LIMBS: Final = ((4, 5, 6), (7, 8, 9), (10, 11, 12), (13, 14, 15))
+"""Segments of the arms and the legs: a ball joint, a hinge and a ball joint each."""
 SKELETON_EDGES: Final = tuple((parent, child) for child, parent in enumerate(PARENTS) if parent >= 0)
 
 
@@ -144,84 +126,3 @@ def _offsets(m: dict[str, float]) -> Array:
             side + "foot": (0.0, 0.0, -m["shank"]),
         }
     return np.array([table[name] for name in SEGMENTS])
-
-
-def forward(body: Body, pose: Pose) -> Array:
-    """``world_T_segment``, (16, 4, 4). Joint centres are ``[:, :3, 3]``."""
-    return np.asarray(kinematics.chain(pose.root_position_m, pose.rotations, body.offsets_m, _PARENTS))
-
-
-def joints(body: Body, pose: Pose) -> Array:
-    """Joint centres in the world, (16, 3)."""
-    return forward(body, pose)[:, :3, 3]
-
-
-def retract(pose: Pose, delta: Array) -> Pose:
-    """The pose moved by a tangent vector (43,)."""
-    increments = _SPREAD @ delta
-    return Pose(pose.root_position_m + delta[:3], kinematics.turn(pose.rotations, increments.reshape(-1, 3)))
-
-
-def difference(to: Pose, start: Pose) -> Array:
-    """The tangent vector (43,) with ``retract(start, difference(to, start)) == to``.
-
-    Of a hinge only the turn about its axis is kept.
-    """
-    delta = kinematics.between(start.rotations, to.rotations).ravel() @ _SPREAD
-    delta[:3] = to.root_position_m - start.root_position_m
-    return np.asarray(delta)
-
-
-def screws(world_T_segment: Array, centre_m: Array) -> Array:
-    """Joint screws, (43, 6): the twist ``(v, w)`` that one unit of a degree of freedom gives to what it moves.
-
-    A point ``x`` that is moved (``MOVES``) has the velocity ``v + w x (x - centre_m)``. Expressing all twists about one
-    centre near the body lets the normal equations be accumulated per segment (6 x 6) and lifted afterwards.
-    """
-    return np.asarray(kinematics.twists(world_T_segment, DOF_SEGMENT, DOF_AXES, np.ascontiguousarray(centre_m)))
-
-
-def point_jacobian(world_T_segment: Array, segment: int, point_m: Array) -> Array:
-    """Derivative (3, 43) of a world point that is fixed to a segment with respect to the pose's tangent."""
-    twists = screws(world_T_segment, point_m)
-    return np.where(MOVES[:, segment], twists[:, :3].T, 0.0)
-
-
-def mean_jacobian(world_T_segment: Array, share: Array, points_m: Array) -> Array:
-    """Derivative (3, 43) of a mean of world points (16, 3), one fixed to each segment, of which each has a ``share``
-    (16,), with respect to the pose's tangent."""
-    moved = MOVES * share
-    twists = screws(world_T_segment, np.zeros(3))
-    return np.asarray((moved.sum(axis=1)[:, None] * twists[:, :3] + np.cross(twists[:, 3:], moved @ points_m)).T)
-
-
-def joint_jacobians(world_T_segment: Array) -> Array:
-    """Derivatives (16, 3, 43) of all joint centres with respect to the pose's tangent."""
-    return np.stack([point_jacobian(world_T_segment, i, world_T_segment[i, :3, 3]) for i in range(len(SEGMENTS))])
-
-
-def lift(hessians: Array, gradients: Array, twists: Array) -> tuple[Array, Array]:
-    """Normal equations of the pose, (43, 43) and (43,), from those of each segment as a free rigid body.
-
-    ``hessians`` (16, 6, 6) and ``gradients`` (16, 6) are with respect to a segment's own twist about the centre that
-    ``twists`` (43, 6) of ``screws`` were taken about.
-    """
-    return kinematics.lift(hessians, gradients, twists, DOF_SEGMENT, _PARENTS, MOVES)
-
-
-def limit_residuals(pose: Pose) -> tuple[Array, Array]:
-    """Excess (radians) of each component of the joints' rotation vectors over its limit: residual (43,), and the
-    diagonal of its derivative (43,), 1 where violated. The derivative takes rotation vectors for tangent vectors,
-    which is right about the axis of rotation and good enough for a soft wall elsewhere."""
-    angles = kinematics.between(_IDENTITY, pose.rotations).ravel() @ _SPREAD
-    angles[:3] = 0.0
-    residual = np.maximum(angles - LIMIT_HIGH, 0.0) + np.minimum(angles - LIMIT_LOW, 0.0)
-    return residual, (residual != 0.0).astype(np.float64)
-
-
-def place(body: Body, world_T_segment: Array) -> tuple[Array, Array]:
-    """Skin in the world: points (V, 3) and unit normals (V, 3), a coordinate after the other in memory."""
-    surface = body.surface
-    points, normals = (np.empty(surface.points_m.shape, order="F") for _ in range(2))
-    kinematics.carry(world_T_segment, surface.segment, surface.points_m, surface.normals, points, normals)
-    return points, normals

@@ -18,8 +18,8 @@ from typing import Final
 import numpy as np
 from scipy.special import chdtri
 
-from pzcap.body.skeleton import Body, difference, forward, joint_jacobians, joints, retract
-from pzcap.limbs.search import LIMBS
+from pzcap.body.kinematics import difference, forward, joint_jacobians, joints, retract
+from pzcap.body.skeleton import LIMBS, Body
 from pzcap.types import Array, Keyframe, Motion, Pose
 
 PARTS: Final[dict[str, tuple[int, ...]]] = {

@@ -1,4 +1,4 @@
-"""The capture folder: what a crew brings home, read, checked and written. docs/capture.md specifies the format.
+"""The capture folder: what a crew brings home, read and checked. docs/capture.md specifies the format.
 
 `read_capture` checks every file that the folder names, so that what is wrong is said before any work begins;
 `frame_sets` brings the recordings of the motion together by timecode.
@@ -10,24 +10,13 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
 from pzcap.io.detections import NOBODY, read_keypoints
 from pzcap.io.files import checked
-from pzcap.io.manifest import (
-    Json,
-    dump_json,
-    load_json,
-    read_keyframes,
-    read_object,
-    read_subject,
-    write_keyframes,
-    write_object,
-    write_subject,
-)
+from pzcap.io.manifest import Json, load_json, read_keyframes, read_object, read_subject
 from pzcap.io.video import VideoReader, frames_per_day, frames_to_timecode, timecode_to_frames
 from pzcap.types import Array, CameraFiles, Capture, FrameSet, Image, Keyframe, PzcapError
 
@@ -35,8 +24,7 @@ FORMAT = "pzcap-capture"
 VERSION = 1
 MANIFEST = "capture.json"
 _ENTRIES = ("format", "version", "name", "frame_rate", "full_turn", "cameras", "object", "subject", "keyframes")
-_FOOTAGE = ("reference", "sweep", "zoom", "motion")
-_PLACES = (*_FOOTAGE, "keypoints")
+FOOTAGE = ("reference", "sweep", "zoom", "motion")
 _RATE_TOLERANCE = 1e-4  # containers round 30000/1001 to 29.97
 
 
@@ -73,34 +61,6 @@ def read_capture(folder: Path) -> Capture:
     )
 
 
-def write_capture(capture: Capture) -> None:
-    """Write the JSON files of ``capture`` into its folder, which holds the images and videos already."""
-
-    def relative(path: Path | None) -> str | None:
-        return path.relative_to(capture.folder).as_posix() if path else None
-
-    manifest: dict[str, Any] = {
-        "format": FORMAT,
-        "version": VERSION,
-        "name": capture.name,
-        "frame_rate": f"{capture.frame_rate.numerator}/{capture.frame_rate.denominator}",
-        "full_turn": capture.full_turn,
-        "cameras": [
-            {"name": c.name, **{kind: relative(getattr(c, kind)) for kind in _places(c)}} for c in capture.cameras
-        ],
-    }
-    if capture.calibration_object is not None:
-        manifest["object"] = "object.json"
-        write_object(capture.folder / "object.json", capture.calibration_object)
-    if capture.subject is not None:
-        manifest["subject"] = "subject.json"
-        write_subject(capture.folder / "subject.json", capture.subject)
-    if capture.keyframe_poses:
-        manifest["keyframes"] = "keyframes.json"
-        write_keyframes(capture.folder / "keyframes.json", capture.keyframe_poses)
-    dump_json(capture.folder / MANIFEST, manifest)
-
-
 def read_image(path: Path) -> Image:
     """Read a still image (H, W, 3). Raises PzcapError if it is missing, truncated, or cannot be decoded."""
     try:
@@ -134,16 +94,10 @@ def _frame_rate(entry: Json) -> Fraction:
 
 
 def _read_camera(entry: Json, folder: Path) -> CameraFiles:
-    entry.only("name", *_PLACES)
-    reference, sweep, zoom, motion = (entry.file(kind, folder) for kind in _FOOTAGE)
+    entry.only("name", *FOOTAGE, "keypoints")
+    reference, sweep, zoom, motion = (entry.file(kind, folder) for kind in FOOTAGE)
     keypoints = entry.file("keypoints", folder, or_folder=True)
     return CameraFiles(entry["name"].text(), reference, sweep, zoom, motion, keypoints)
-
-
-def _places(camera: CameraFiles) -> tuple[str, ...]:
-    """Entries that are written of a camera: all its footage, with null for what is missing, and keypoints if it has
-    them."""
-    return _PLACES if camera.keypoints else _FOOTAGE
 
 
 def _check_videos(camera: CameraFiles, rate: Fraction) -> None:

@@ -104,17 +104,6 @@ def load_json(path: Path, remedy: str = "write it (docs/capture.md)") -> Json:
         raise PzcapError(f"{path}: is not valid JSON ({error}); correct it there") from error
 
 
-def dump_json(path: Path, value: Any) -> None:
-    path.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8")
-
-
-def write_object(path: Path, definition: CalibrationObject) -> None:
-    """Write object.json."""
-    markers = [{"id": marker.id, "corners_m": marker.corners_m.tolist()} for marker in definition.markers]
-    wireframe = definition.wireframe_m.tolist()
-    dump_json(path, {"dictionary": definition.dictionary, "markers": markers, "wireframe_m": wireframe})
-
-
 def read_object(path: Path) -> CalibrationObject:
     """Read and check object.json."""
     root = load_json(path)
@@ -133,11 +122,6 @@ def read_object(path: Path) -> CalibrationObject:
     return CalibrationObject(dictionary, tuple(markers), wireframe)
 
 
-def write_subject(path: Path, subject: Subject) -> None:
-    """Write subject.json."""
-    dump_json(path, {"measurements_m": subject.measurements_m, "sigma_m": subject.sigma_m})
-
-
 def read_subject(path: Path) -> Subject:
     """Read and check subject.json."""
     root = load_json(path)
@@ -149,19 +133,6 @@ def read_subject(path: Path) -> Subject:
             near = difflib.get_close_matches(name, MEASUREMENTS, n=3, cutoff=0.4) or MEASUREMENTS
             raise entry.error(f'unknown measurement "{name}"; the nearest are {", ".join(near)}')
     return Subject({name: entry[name].length() for name in MEASUREMENTS}, root["sigma_m"].length())
-
-
-def write_keyframes(path: Path, poses: dict[str, Pose]) -> None:
-    """Write keyframes.json: the poses by timecode."""
-    keyframes = [
-        {
-            "timecode": timecode,
-            "root_position_m": pose.root_position_m.tolist(),
-            "rotations_wxyz": dict(zip(SEGMENTS, pose.rotations.tolist(), strict=True)),
-        }
-        for timecode, pose in poses.items()
-    ]
-    dump_json(path, keyframes)
 
 
 def read_keyframes(path: Path, rate: Fraction) -> dict[str, Pose]:

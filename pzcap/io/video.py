@@ -1,4 +1,4 @@
-"""Frame-accurate video, in and out, and SMPTE timecode. Only H.264 is written; anything that FFmpeg decodes is read.
+"""Frame-accurate video and SMPTE timecode; anything that FFmpeg decodes is read.
 
 Time is counted in whole frames: a frame's *index* is its presentation time times the frame rate, rounded. A dropped
 frame is a gap in the indices, and the timecode of a frame is the video's start timecode plus its index.
@@ -6,18 +6,16 @@ frame is a gap in the indices, and the timecode of a frame is the video's start 
 
 from __future__ import annotations
 
-import errno
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from fractions import Fraction
-from itertools import count
 from pathlib import Path
 
 import av
 import cv2
 import numpy as np
 from av.error import FFmpegError
-from av.video.frame import PictureType, VideoFrame
+from av.video.frame import VideoFrame
 from av.video.reformatter import Interpolation
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
@@ -51,46 +49,6 @@ def frames_to_timecode(frames: int, rate: Fraction) -> str:
     """The inverse of `timecode_to_frames`; wraps at midnight."""
     seconds, frame = divmod(frames % frames_per_day(rate), round(rate))
     return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}:{frame:02}"
-
-
-def write_video(
-    path: Path,
-    frames: Iterable[Image],
-    frame_rate: Fraction,
-    *,
-    crf: int,
-    timecode: str | None = None,
-    indices: Sequence[int] | None = None,
-) -> None:
-    """Encode (H, W, 3) images of even size as H.264 (4:2:0). The same frames give the same bytes on every machine.
-
-    crf: x264's constant rate factor, 0 (lossless but for the colour subsampling) to 51.
-    timecode: SMPTE timecode of index 0.
-    indices: the index of each frame, strictly increasing; by default 0, 1, 2, ... A gap stands for dropped frames.
-    Raises PzcapError if the disk is full or the file cannot be written.
-    """
-    started = False
-    try:
-        with av.open(str(path), "w") as container:
-            # One thread, since x264's output depends on how many there are; no macroblock tree, since that reads memory
-            # that nobody wrote, and the same frames then give other bytes in another process.
-            options = {"crf": str(crf), "preset": "veryfast", "threads": "1", "x264-params": "mbtree=0"}
-            stream = container.add_stream("libx264", rate=frame_rate, options=options)
-            stream.pix_fmt = "yuv420p"
-            stream.codec_context.time_base = 1 / frame_rate
-            if timecode is not None:
-                stream.metadata["timecode"] = timecode
-            for index, image in zip(count() if indices is None else indices, frames, strict=indices is not None):
-                if not started:
-                    stream.height, stream.width = image.shape[:2]
-                    started = True
-                frame = VideoFrame.from_ndarray(_to_yuv(image), format="yuv420p")
-                frame.pts, frame.time_base, frame.pict_type = index, 1 / frame_rate, PictureType.NONE
-                container.mux(stream.encode(frame))
-            container.mux(stream.encode())
-    except OSError as error:  # FFmpegError is one too
-        reason = "the disk is full; free some space" if error.errno == errno.ENOSPC else error.strerror
-        raise PzcapError(f"{path}: cannot write the video: {reason}") from error
 
 
 class VideoReader:
@@ -179,20 +137,6 @@ class VideoReader:
     def _broken(self, index: int | None = None) -> PzcapError:
         where = "" if index is None else f" at frame {index}"
         return PzcapError(f"{self.path}: the video is truncated or damaged{where}; copy it again from the camera")
-
-
-def _to_yuv(image: Image) -> Image:
-    """(H, W, 3) to planar 4:2:0, (3/2 H, W).
-
-    Not by FFmpeg's own converter, whose fast path is off by up to four grey levels, nor by OpenCV's alone, which takes
-    a block's colour from its top left pixel: each 2 x 2 block is given its mean colour first.
-    """
-    height, width = image.shape[:2]
-    mean = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
-    mean = cv2.resize(mean, (width, height), interpolation=cv2.INTER_NEAREST)
-    yuv = np.asarray(cv2.cvtColor(mean, cv2.COLOR_BGR2YUV_I420), np.uint8)
-    yuv[:height] = cv2.cvtColor(image, cv2.COLOR_BGR2YUV_I420)[:height]
-    return yuv
 
 
 def _to_bgr(frame: VideoFrame) -> Image:

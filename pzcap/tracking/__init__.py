@@ -1,13 +1,17 @@
 """The body, tracked between keyframes and solved between them. In reading order:
 
+Settings
+    `settings`; `tuning` holds constants that no user sets.
 What images say of a pose
     `observation` (views cropped around the body), `pose_objective` leads: `residuals` (brightness, contour),
-    `keypoint_residuals`, `visibility` (which skin is seen); `camera_refinement` (the cameras, eliminated from it).
+    `keypoint_residuals`, `visibility` (which skin is seen), `skin_appearance` (its brightness), `skin_colour_model` (a
+    bare arm before the trunk); `camera_refinement` (the cameras, eliminated from it).
 From frame to frame
     `tracker` leads, `frame_tracker` takes a step, `body_constraints` keeps the pose possible, `keyframes` checks what a
     hand has set.
 Between two keyframes
-    `interval_solver` leads, in the worker process: `bidirectional_fusion` (two passes made one), `appearance` and
-    `reacquisition` (a limb that both have lost), `batch_refinement` on `banded_solver` and `temporal_constraints` (all
-    frames at once), `shape_refit` (early frames with the body as it is known in the end).
+    `interval_solver` leads, in the worker process: `bidirectional_fusion` (two passes made one), `limbs`, `appearance`
+    and `reacquisition` (a limb that both have lost), `body_estimate` (the body as known so far), `batch_refinement` on
+    `temporal_constraints` (all frames at once), `shape_refit` (early frames with the body as it is
+    known in the end).
 """

@@ -3,7 +3,7 @@
 Silhouettes say nothing of an arm that is held before the trunk, in any view. Its texture does: sleeve, skin and seams
 stand out from the cloth behind them. So a limb is also judged by its skin: the area that looks as it is known to, less
 what does not, in square metres summed over the views. A posture of a limb is then scored by both, silhouettes
-(`pzcap.limbs.search`) and similarity.
+(`pzcap.tracking.limbs`) and similarity.
 """
 
 from __future__ import annotations
@@ -16,29 +16,28 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.body.skeleton import Body, forward
+from pzcap.body.kinematics import forward
+from pzcap.body.skeleton import LIMBS, Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.imaging.interpolation import bilinear
-from pzcap.limbs.search import BELIEF_SCALE, GROUP, LIMBS, RELUCTANCE_M2, LimbSearch, Patch
-from pzcap.tracking.observation import PlacedView
-from pzcap.tracking.pose_objective import Appearance, Placed, PoseObjective, px_per_m, view_level
+from pzcap.tracking import limbs
+from pzcap.tracking.limbs import Patch, grounds, support
+from pzcap.tracking.observation import Placed, PlacedView
+from pzcap.tracking.pose_objective import PoseObjective, px_per_m, view_level
 from pzcap.tracking.residuals import CropImage, Template
+from pzcap.tracking.skin_appearance import Appearance
 from pzcap.tracking.tuning import APPEARANCE, BRIGHTNESS, VIEW
-from pzcap.tracking.visibility import ZBuffer, rasterise
+from pzcap.tracking.visibility import GROUP, ZBuffer, rasterise
 from pzcap.types import PARENTS, Array, Float32, Pose
 
 
 class _LimbSkin(NamedTuple):
     """Some points of a limb's skin, in the frames of its segments."""
 
-    points: Array
-    """(N, 3) metres."""
-    normals: Array
-    """(N, 3)"""
-    link: NDArray[np.int64]
-    """(N,) which of the limb's segments each is on."""
-    area: Array
-    """(N,) square metres of skin that each stands for."""
+    points: Array  # (N, 3) metres
+    normals: Array  # (N, 3)
+    link: NDArray[np.int64]  # (N,) which of the limb's segments each is on
+    area: Array  # (N,) square metres of skin that each stands for
 
 
 class _LimbView(NamedTuple):
@@ -46,12 +45,9 @@ class _LimbView(NamedTuple):
 
     camera: Pinhole
     crop: CropImage
-    belief: Float32
-    """(h, w) of `pzcap.limbs.search.Ground`."""
-    template: Template
-    """Of the N points."""
-    z_buffer: ZBuffer
-    """Of the body without the limb."""
+    belief: Float32  # (h, w) -1 hall .. 1 body.
+    template: Template  # of the N points
+    z_buffer: ZBuffer  # of the body without the limb
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +65,7 @@ class LimbContext:
 class Postures:
     """Postures of a limb in one frame, and their scores."""
 
-    turns: Array  # (K, 4) as `pzcap.limbs.search.LimbSearch.turned` takes them
+    turns: Array  # (K, 4) as `pzcap.tracking.limbs.turned` takes them
     score_m2: Array  # (K,)
     moved_m: Array  # (K, 2, 3) its joints from where the context has them, in the frame of what it is fixed to
 
@@ -80,7 +76,6 @@ class LimbAppearance:
     def __init__(self, body: Body, similarity: bool = True) -> None:
         self.body = body
         self._weight = APPEARANCE.weight if similarity else 0.0
-        self.search = LimbSearch(body)
         surface, stride = body.surface, APPEARANCE.stride
         self._rows = [np.flatnonzero(np.isin(surface.segment, limb))[::stride] for limb in LIMBS]
         self._skins = [
@@ -111,35 +106,35 @@ class LimbAppearance:
 
     def score(self, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> Array:
         """(4,) of each limb, square metres: the silhouettes that it explains, less the hall that it covers
-        (`LimbSearch.support`), and its similarity, where the limb itself hides nothing, as `postures` has it."""
-        frames, placed = forward(self.body, pose), objective.visibility(objective.posed(pose))
+        (`pzcap.tracking.limbs.support`), and its similarity, where the limb itself hides nothing."""
+        posed, placed = objective.place(pose)
         similarity = np.empty(len(LIMBS))
         for limb in range(len(LIMBS)):
             behind = self._behind(limb, placed)
             views = self._views(limb, pose, objective, behind, reference, APPEARANCE.fine_level)
-            similarity[limb] = self._similarity(limb, frames, views)
-        body, hall = self.search.support(pose, objective.grounds(placed)).T
+            similarity[limb] = self._similarity(limb, posed.frames, views)
+        body, hall = support(self.body, pose, grounds(objective.views, placed)).T
         return np.asarray(body - hall + self._weight * similarity)
 
     def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> LimbContext:
         """Make a frame ready to score postures of one limb near that of ``pose``."""
-        frames, placed = forward(self.body, pose), objective.visibility(objective.posed(pose))
+        posed, placed = objective.place(pose)
         behind = self._behind(limb, placed)
         coarse, fine = (
             self._views(limb, pose, objective, behind, reference, level)
             for level in (APPEARANCE.coarse_level, APPEARANCE.fine_level)
         )
-        patches = self.search.patches(limb, frames, objective.grounds(placed))
-        return LimbContext(pose, frames, patches, coarse, fine)
+        patches = limbs.patches(self.body, limb, posed.frames, grounds(objective.views, placed))
+        return LimbContext(pose, posed.frames, patches, coarse, fine)
 
     def postures(self, limb: int, context: LimbContext, turns: Array, *, coarse: bool) -> Postures:
         """Score a limb turned by ``turns`` (K, 4), in ``coarse`` or in fine images; the rest of the body is where the
         ``context`` has it."""
-        turns = self.search.bounded(limb, context.pose, turns)
-        posed = self.search.posed(limb, context.pose, context.frames, turns)
-        body, hall = self.search.judge(limb, context.pose, context.frames, turns, context.patches).T
+        turns = limbs.bounded(limb, context.pose, turns)
+        posed = limbs.posed(self.body, limb, context.pose, turns)
+        body, hall = limbs.judged(self.body, limb, posed, context.patches).T
         similarity = _compared(self._skins[limb], posed, context.coarse if coarse else context.fine)
-        score = body - hall + self._weight * similarity - RELUCTANCE_M2 * np.sum(turns**2, axis=1)
+        score = body - hall + self._weight * similarity - APPEARANCE.reluctance_m2 * np.sum(turns**2, axis=1)
         first, *others = LIMBS[limb]
         moved = posed[:, 1:, :3, 3] - context.frames[others, :3, 3]
         return Postures(turns, score, moved @ context.frames[PARENTS[first], :3, :3])
@@ -173,18 +168,6 @@ class LimbAppearance:
         return found
 
 
-def shared(appearances: Sequence[Appearance]) -> list[Appearance]:
-    """Appearances, a view each, in which what a view has not seen is as the others have it: a limb that turns shows one
-    camera what others have seen, and but for a gain it looks the same."""
-    trust, value = np.array([look.trust for look in appearances]), np.array([look.value for look in appearances])
-    mean = np.einsum("cv,clv->lv", trust, value) / np.maximum(trust.sum(axis=0), np.float32(1e-6))
-    elsewhere = np.float32(APPEARANCE.trust_elsewhere) * trust.max(axis=0)
-    return [
-        Appearance(np.where(look.trust > 0.0, look.value, mean), np.maximum(look.trust, elsewhere))
-        for look in appearances
-    ]
-
-
 def _compared(skin: _LimbSkin, posed: Array, views: Sequence[_LimbView]) -> Array:
     """(K,) square metres that look alike, less those that do not, of a limb that is ``posed`` (K, 3, 4, 4)."""
     similarity, posed = np.zeros(len(posed)), np.ascontiguousarray(posed)
@@ -205,7 +188,7 @@ def _compare(posed: Array, skin: _LimbSkin, view: _LimbView, similarity: Array) 
     rows, columns = z_buffer.depth.shape
     eye = view.camera.centre
     value, doubt, weight = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
-    per_px = scale / BELIEF_SCALE
+    per_px = scale / VIEW.belief_scale
     for k in range(len(posed)):
         first = 0
         while first < len(points):

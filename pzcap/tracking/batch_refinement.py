@@ -1,36 +1,34 @@
-"""Batch refinement of the frames between two keyframes: the body corrected, drift and jitter removed.
+"""Batch refinement of the frames between two keyframes: drift and jitter removed.
 
-The passes from the keyframes have found the body in every frame, each from its own side. Now the contours of all these
-frames correct the body's shape (`pzcap.body.shape_estimation`); then every pose is fitted to the silhouettes and to the
-mean appearance of the skin, with a prior on the acceleration (`pzcap.tracking.banded_solver`). The keyframe that ends
-the interval is one of these frames: the hand that set it is wrong by more than they are.
+The passes from the keyframes have found the body in every frame, each from its own side. Now every pose is fitted to
+the silhouettes and to the mean appearance of the skin, with a prior on the acceleration
+(`pzcap.tracking.temporal_constraints`). The keyframe that ends the interval is one of these frames: the hand that set
+it is wrong by more than they are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from pzcap.body.shape_estimation import FrameResiduals, ShapeEquations, ShapeEstimate
-from pzcap.body.skeleton import DOF, Body, difference, retract
-from pzcap.limbs.search import LIMBS
+from pzcap.body.kinematics import difference, retract
+from pzcap.body.skeleton import DOF, LIMBS, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance
-from pzcap.tracking.banded_solver import smooth_step
 from pzcap.tracking.bidirectional_fusion import choose
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.camera_refinement import MarginalisedCamera
-from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate, TrackingConfig
-from pzcap.tracking.observation import ViewCrop
-from pzcap.tracking.pose_objective import Appearance, Placed, PosedBody, PoseObjective
+from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
+from pzcap.tracking.observation import Placed, Views
+from pzcap.tracking.pose_objective import PosedBody, PoseObjective
 from pzcap.tracking.reacquisition import PassResults, reacquire
-from pzcap.tracking.temporal_constraints import ballistic, contacts
-from pzcap.tracking.tuning import BATCH
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.skin_appearance import Appearance, mean_appearances
+from pzcap.tracking.temporal_constraints import contacts, smooth_step
+from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Keyframe, Mask, Pose
-
-Views = Sequence[ViewCrop | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,43 +41,9 @@ class RefinedBatch:
     report: SolveReport
 
 
-def accumulate_frames(
-    body: Body, shape: ShapeEstimate, poses: Sequence[Pose], views: Sequence[Views], config: TrackingConfig
-) -> ShapeEquations:
-    """Normal equations of the shape from some frames of an interval that were tracked with ``body``."""
-    terms = config.schedule[-1].terms
-    objectives = [PoseObjective(body, each) for each in views]
-    posed, placed = _placed(objectives, poses)
-    appearances = _mean_appearances(objectives, placed)
-    prior = config.shape_weight / config.start_widening**2 * np.eye(DOF)
-    residuals = []
-    for objective, here, where in zip(objectives, posed, placed, strict=True):
-        rows = objective.contour(here, where, terms)
-        rows.weight[:] *= config.shape_weight
-        softer = replace(terms, brightness_sigma=BATCH.shape_brightness_sigma)
-        texture = objective.texture(here, where, appearances, softer)
-        texture.hessians[:] *= config.shape_texture_weight
-        texture.gradients[:] *= config.shape_texture_weight
-        residuals.append(FrameResiduals(here.frames, rows, texture, prior, np.zeros(DOF)))
-    return shape.accumulate(residuals)
-
-
-def accumulate_keyframe(
-    body: Body, shape: ShapeEstimate, key: Keyframe, fitted: Pose, views: Views, config: TrackingConfig
-) -> ShapeEquations:
-    """Normal equations of the shape from a keyframe, whose pose was ``fitted`` to the images: a hand knows where the
-    joints are, and not only where the skin is."""
-    objective, information = PoseObjective(body, views), np.diag(1.0 / config.hand_sigma**2)
-    posed = objective.posed(fitted)
-    rows = objective.contour(posed, objective.visibility(posed), config.schedule[-1].terms)
-    rows.weight[:] *= config.shape_weight
-    pull = information @ difference(key.pose, fitted)
-    return shape.accumulate([FrameResiduals(posed.frames, rows, None, information, pull)])
-
-
 def refine_batch(
     body: Body, poses: Sequence[Pose], views: Sequence[Views], before: Sequence[Pose], key: Keyframe | None,
-    passes: PassResults | None, frame_rate: float, config: TrackingConfig,
+    passes: PassResults | None, config: TrackingConfig,
 ) -> RefinedBatch:  # fmt: skip
     """Refine the ``poses`` of consecutive frames; in the frames ``before`` them the body is held fast. Where the last
     is a ``key``, the pose that the hand gave it counts there beside the images.
@@ -87,10 +51,10 @@ def refine_batch(
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
     (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
     """
-    batch = _Batch(body, before, key, frame_rate, config)
+    batch = _Batch(body, before, key, config)
     objectives = [PoseObjective(body, each) for each in views]
     posed, placed = _placed(objectives, poses)
-    found = batch.sweep(objectives, posed, placed, _mean_appearances(objectives, placed))
+    found = batch.sweep(objectives, posed, placed, mean_appearances(body, views, placed))
     if passes is None or not config.reacquisition:
         return found
     inner, after = (len(poses), None) if key is None else (len(poses) - 1, poses[-1])
@@ -107,16 +71,8 @@ def refine_batch(
 
 def _placed(objectives: Sequence[PoseObjective], poses: Sequence[Pose]) -> tuple[list[PosedBody], list[Placed]]:
     """The body in each frame, and its visibility."""
-    posed = [each.posed(pose) for each, pose in zip(objectives, poses, strict=True)]
-    return posed, [each.visibility(here) for each, here in zip(objectives, posed, strict=True)]
-
-
-def _mean_appearances(objectives: Sequence[PoseObjective], placed: Sequence[Placed]) -> list[Appearance]:
-    """Mean appearance of each point of the skin over some frames, a view each."""
-    means = [Appearance.unseen(len(objectives[0].body.surface.points_m)) for _ in placed[0]]
-    for count, (objective, where) in enumerate(zip(objectives, placed, strict=True), start=1):
-        objective.learn(where, means, 1.0 / count)
-    return means
+    pairs = [each.place(pose) for each, pose in zip(objectives, poses, strict=True)]
+    return [posed for posed, _ in pairs], [placed for _, placed in pairs]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +82,6 @@ class _Batch:
     body: Body
     before: Sequence[Pose]
     key: Keyframe | None  # of the last of them
-    frame_rate: float
     config: TrackingConfig
 
     def sweep(
@@ -155,9 +110,7 @@ class _Batch:
                 hessians[-1] += np.diag(hand)
                 gradients[-1] += hand * difference(self.key.pose, poses[-1])
             chain = [*self.before, *poses]
-            ties = ballistic(self.body, chain, self.frame_rate, config.fall_sigma_m_s2)
-            if config.contacts:
-                ties = [*contacts(self.body, chain), *ties]
+            ties = contacts(self.body, chain) if config.contacts else []
             steps = smooth_step(poses, hessians, gradients, config.acceleration_sigma, self.before, ties)
             steps = steps.clip(-0.5, 0.5)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
@@ -179,6 +132,6 @@ def _chosen(
     gain = np.zeros((len(lost), len(LIMBS)))
     for t in np.flatnonzero(lost.any(axis=1)).tolist():
         here, there = (limbs.score(pose, objectives[t], reference) for pose in pairs[t])
-        gain[t] = there - here - BATCH.least_gain_m2
+        gain[t] = there - here - REACQUISITION.least_gain_m2
     one, other = zip(*pairs, strict=True)
     return choose(limbs.body, before, one, other, lost, gain)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pzcap.body.skeleton import Body, difference, forward, joints, retract
-from pzcap.limbs.search import LIMBS
+from pzcap.body.kinematics import difference, forward, joints, retract
+from pzcap.body.skeleton import LIMBS, Body
 from pzcap.solver.viterbi import best_path
 from pzcap.tracking.frame_tracker import FrameEstimate
 from pzcap.tracking.tuning import FUSION

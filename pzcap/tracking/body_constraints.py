@@ -14,8 +14,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body.skeleton import DOF, Body, forward, limit_residuals, point_jacobian
-from pzcap.tracking.tuning import SELF_COLLISION
+from pzcap.body.kinematics import forward, limit_residuals, point_jacobian
+from pzcap.body.skeleton import DOF, Body
+from pzcap.tracking.tuning import CONTACT
 from pzcap.types import SEGMENTS, Array, Pose
 
 _TRUNK: Final = tuple(SEGMENTS.index(name) for name in ("pelvis", "lumbar", "thorax"))
@@ -48,7 +49,7 @@ def collision_shapes(body: Body) -> CollisionShapes:
             near = own[np.abs(own[:, 2] - share * end[2]) < 0.03]
             segment.append(s)
             points.append(share * end)
-            radii.append(np.ptp(near, axis=0)[:2].min() / 2 - SELF_COLLISION.skin_gives_m)
+            radii.append(np.ptp(near, axis=0)[:2].min() / 2 - CONTACT.skin_gives_m)
     return CollisionShapes(0.5 * (low + high), 0.5 * (high - low), np.array(segment), np.array(points), np.array(radii))
 
 
@@ -62,7 +63,7 @@ def collision_residuals(shapes: CollisionShapes, world_T_segment: Array) -> tupl
     inside = np.argwhere(level < 1.0)
     rows, depth = np.zeros((len(inside), DOF)), np.zeros(len(inside))
     for n, (e, b) in enumerate(inside):
-        scale = axes[e, b].min() / SELF_COLLISION.sigma_m
+        scale = axes[e, b].min() / CONTACT.inside_sigma_m
         outward = trunk[e, :3, :3] @ (local[e, b] / axes[e, b] ** 2) / max(level[e, b], 1e-3)
         arm, under = (point_jacobian(world_T_segment, int(s), balls[b]) for s in (shapes.segment[b], _TRUNK[e]))
         rows[n], depth[n] = -scale * outward @ (arm - under), scale * (1.0 - level[e, b])

@@ -21,18 +21,16 @@ from typing import Final
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from pzcap.body.segment_equations import SegmentSums
 from pzcap.body.skeleton import DOF, DOF_SEGMENT
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.localisation.covariance import systematic
-from pzcap.tracking.residuals import SegmentSums
-from pzcap.tracking.tuning import CAMERA
+from pzcap.tracking.tuning import VIEW
 from pzcap.types import PARENTS, Array, Camera, Localisation, PanZoomCamera
 
 CAMERA_DOF: Final = 2
 """Pan, and log focal length."""
-_PARENTS: Final[NDArray[np.int64]] = np.array(PARENTS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +74,7 @@ def camera_prior(config: PanZoomConfig, head: PanZoomCamera, found: Localisation
     them.
     """
     shared = systematic(config, head, np.array(found.pan_rad), np.array(found.focal_px))
-    alone = found.covariance - shared + CAMERA.least_sigma**2 * np.eye(CAMERA_DOF)
+    alone = found.covariance - shared + VIEW.least_camera_sigma**2 * np.eye(CAMERA_DOF)
     return CameraPrior(head.world_T_head[:3, 2], np.asarray(np.linalg.inv(alone), np.float64), np.zeros(CAMERA_DOF))
 
 
@@ -122,8 +120,8 @@ def _eliminate(
         joint += moves[s].T @ own
         right += moves[s].T @ view.gradients[s]
         moved[s] += own
-        if _PARENTS[s] >= 0:
-            moved[_PARENTS[s]] += moved[s]
+        if PARENTS[s] >= 0:
+            moved[PARENTS[s]] += moved[s]
     cross = np.empty((DOF, CAMERA_DOF))  # B
     for d in range(DOF):
         cross[d] = twists[d] @ moved[DOF_SEGMENT[d]]

@@ -3,148 +3,28 @@
 A step predicts the pose with the velocity so far and fits it, coarse to fine, by Gauss-Newton to the images
 (`pzcap.tracking.pose_objective`). Where they say little, as of a forearm that is held against the trunk, joints are
 expected to come to rest, and no arm to enter the trunk (`pzcap.tracking.body_constraints`): if a joint were expected to
-keep its velocity, a small error of it would grow with every frame until the limb is lost. When the silhouettes show
-more of a limb than usual that nothing explains, the limb is searched for, and taken from there if that explains more.
+keep its velocity, a small error of it would grow with every frame until the limb is lost.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, difference, forward, retract
-from pzcap.limbs.search import LIMBS, LimbSearch
+from pzcap.body.kinematics import difference, forward, retract
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
-from pzcap.tracking.observation import PlacedView, ViewCrop
-from pzcap.tracking.pose_objective import Appearance, PosedBody, PoseEquations, PoseObjective, Terms, misfit_px2
+from pzcap.tracking.observation import Views
+from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, misfit_px2
+from pzcap.tracking.settings import Round, TrackingConfig
+from pzcap.tracking.skin_appearance import Appearance, learn, mean_appearances
 from pzcap.tracking.tuning import FRAME
-from pzcap.types import SEGMENTS, Array, Pose, PzcapError
-
-
-@dataclass(frozen=True, slots=True)
-class Round:
-    """Some iterations with the same residuals."""
-
-    terms: Terms
-    """Residuals that count."""
-    iterations: int
-    """At most."""
-    stiffness: float = 1.0
-    """Factor of the joints' prior; large: the body moves as a whole."""
-    solid: bool = True
-    """The trunk keeps arms out; else one that is found again may pass through it."""
-    surprise_m: float = 0.0
-    """The round is left out where predictions have been nearer than this lately."""
-
-
-def _schedule() -> tuple[Round, ...]:
-    def terms(
-        level: int, reach: float, contour_sigma: float, contour_weight: float, brightness_sigma: float,
-        keypoint_scale: float,
-    ) -> Terms:  # fmt: skip
-        return Terms(level, reach, contour_sigma, brightness_sigma, contour_weight, 0.15, 0.15, 0.3, keypoint_scale)
-
-    # the edge that is nearest to a hand is often another limb's: limbs by themselves are led to far edges with caution
-    return (
-        Round(terms(2, 30.0, 8.0, 0.3, 20.0, 10.0), 5, 5.0, solid=False, surprise_m=0.025),
-        Round(terms(2, 20.0, 4.0, 0.15, 20.0, 10.0), 4, solid=False),
-        Round(terms(1, 10.0, 2.0, 0.2, 15.0, 5.0), 3),
-        Round(terms(0, 5.0, 1.0, 0.3, 12.0, 3.0), 1),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class TrackingConfig:
-    """Defaults suit a body of 150-400 pixels at 25-60 frames a second."""
-
-    keyframe_position_sigma_m: float = 0.010
-    """Standard deviation of the root as a hand places it in a keyframe."""
-    keyframe_rotation_sigma_rad: float = 0.052
-    """Standard deviation of each joint as a hand turns it: 3 degrees."""
-    appearance_rate: float = 0.15
-    """Share of the image that the appearance takes on with each frame."""
-    prediction_position_sigma_m: float = 0.03
-    """Standard deviation of the predicted root, a frame."""
-    prediction_rotation_sigma_rad: float = 0.20
-    """Standard deviation of each predicted joint, a frame."""
-    velocity_gain: float = 0.8
-    """Share of a frame's motion that the velocity takes on."""
-    joint_persistence: float = 0.2
-    """Share of a joint's velocity that is expected to go on: unseen limbs come to rest."""
-    limit_sigma_rad: float = 0.05
-    """Standard deviation beyond the limits of the joints, which are wide and soft."""
-    cut_out_margin: float = 0.1
-    """Margin that is kept of a view around the body, in sizes of the body."""
-    doubt_m2: float = 0.004
-    """Foreground that nothing explains, or hall that a limb lies on, square metres summed over the views, from which on
-    the limb is searched for."""
-    step_tolerance: float = 3e-3
-    """Metres, radians: a smaller step ends a round."""
-    schedule: tuple[Round, ...] = field(default_factory=_schedule)
-    """Rounds of a fit, coarse to fine."""
-    start_widening: float = 4.0
-    """Factor of a prediction's sigma while the velocity is not known."""
-    shape_weight: float = 0.024
-    """Weight of a frame's contour in the estimate of the body's shape: the next frame errs alike. 0: the body stays as
-    the tape has it."""
-    shape_texture_weight: float = 0.6
-    """Weight of a frame's brightness in that estimate."""
-    shape_rounds: int = 2
-    """Alternations of correcting the body and the poses, an interval."""
-    acceleration_position_sigma_m: float = 0.01
-    """Standard deviation of the root's acceleration, a frame squared."""
-    acceleration_rotation_sigma_rad: float = 0.05
-    """Standard deviation of each joint's acceleration, a frame squared."""
-    fall_sigma_m_s2: float = 2.5
-    """Departure of the centre of mass from a fall in flight: the masses of the segments are not known."""
-    polishing_sweeps: int = 2
-    """Gauss-Newton steps of all frames of an interval together."""
-    longest_stretch: int = 200
-    """Frames that wait for a keyframe to be tracked backward."""
-    longest_lead: int = 120
-    """Frames before the first keyframe that are kept to be tracked backward."""
-    camera_refinement: bool = True
-    """Correct pan and focal length of each view along with the pose, where the background leaves them open."""
-    self_collision: bool = True
-    """Keep the arms out of the trunk: a hidden forearm could as well be inside it."""
-    skin_colours: bool = True
-    """Learn the colours of the lower arms at the keyframes, to see an arm before the trunk."""
-    contacts: bool = True
-    """Tie points at rest on the floor to where they are: a standing foot trembles otherwise."""
-    appearance_score: bool = True
-    """Judge limbs also by what they look like, where the passes disagree or a limb is lost."""
-    reacquisition: bool = True
-    """Search between two keyframes for limbs that both passes have lost."""
-    shape_refit: bool = True
-    """Refit early frames to the body as it is known in the end."""
-
-    def __post_init__(self) -> None:
-        if not self.schedule or self.schedule[-1].surprise_m > 0.0:
-            raise PzcapError("tracking.schedule has no last round that is always made; give it surprise_m: 0")
-
-    @property
-    def hand_sigma(self) -> Array:
-        """(43,) Standard deviation of a keyframe's pose in its tangent."""
-        return _tangent(self.keyframe_position_sigma_m, self.keyframe_rotation_sigma_rad)
-
-    @property
-    def prediction_sigma(self) -> Array:
-        """(43,) Standard deviation of a predicted pose in its tangent."""
-        return _tangent(self.prediction_position_sigma_m, self.prediction_rotation_sigma_rad)
-
-    @property
-    def acceleration_sigma(self) -> Array:
-        """(43,) Standard deviation of the acceleration of a pose in its tangent, a frame squared."""
-        return _tangent(self.acceleration_position_sigma_m, self.acceleration_rotation_sigma_rad)
-
-
-def _tangent(position_m: float, rotation_rad: float) -> Array:
-    return np.r_[np.full(3, position_m), np.full(DOF - 3, rotation_rad)]
+from pzcap.types import SEGMENTS, Array, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,30 +62,21 @@ class PoseFit:
 class FrameTracker:
     """Tracks the body in one direction of time from a keyframe."""
 
-    def __init__(
-        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, views: Sequence[ViewCrop | None]
-    ) -> None:
+    def __init__(self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, views: Views) -> None:
         self.body, self.config = body, config
         self.pose, self.velocity, self.age = pose, velocity, 0
         self.prediction_error_m = config.prediction_position_sigma_m  # of the joints, lately
         self._velocity_known = velocity != 0.0  # of each degree of freedom
-        self._limbs = LimbSearch(body)
         self._persistence = np.where(DOF_SEGMENT > 0, config.joint_persistence, 1.0)  # the body as a whole moves on
-        objective = PoseObjective(body, views)
-        placed = objective.visibility(objective.posed(pose))
-        points = len(body.surface.points_m)
-        self.appearances = [Appearance.unseen(points) for _ in views]
-        objective.learn(placed, self.appearances, 1.0)
+        self.appearances = mean_appearances(body, [views], [PoseObjective(body, views).place(pose)[1]])
         # the adaptive appearance drifts with a limb that is lost; the reference is of frames beside the keyframe alone
-        self.reference = [Appearance.unseen(points) for _ in views]
-        objective.learn(placed, self.reference, 1.0)
-        self._usual_loose = self._limbs.loose(pose, objective.grounds(placed))
+        self.reference = [each.copy() for each in self.appearances]
 
     def predict(self) -> Pose:
         """The pose of the next frame."""
         return retract(self.pose, self.velocity)
 
-    def step(self, views: Sequence[ViewCrop | None]) -> FrameEstimate:
+    def step(self, views: Views) -> FrameEstimate:
         """Move on by one frame."""
         config, predicted = self.config, self.predict()
         self.age += 1
@@ -221,18 +92,16 @@ class FrameTracker:
             PoseObjective(self.body, views), predicted, np.diag(1.0 / sigma**2), self.appearances, config, schedule,
             expected,
         )  # fmt: skip
-        fit, placed, found = self._recover(fit)
-        pose = fit.posed.pose
-        fit.objective.learn(placed, self.appearances, config.appearance_rate)
+        pose, placed = fit.posed.pose, fit.objective.visibility(fit.posed)
+        learn(views, placed, self.appearances, config.appearance_rate)
         if self.age <= FRAME.beside_keyframe:
-            fit.objective.learn(placed, self.reference, 1.0 / (self.age + 1))
+            learn(views, placed, self.reference, 1.0 / (self.age + 1))
         gain = np.where(self._velocity_known, config.velocity_gain, 1.0)
         velocity = self.velocity + gain * (difference(pose, self.pose) - self.velocity)
-        moved_over = np.isin(DOF_SEGMENT, [s for limb in found for s in LIMBS[limb]])
-        if fit.objective.detected:  # keypoints pull from far away: such a step is no motion
-            moved_over |= np.abs(difference(pose, predicted)) > FRAME.leap_sigmas * sigma
-        self._velocity_known = ~moved_over
-        self.velocity = np.where(moved_over, 0.0, velocity)
+        # keypoints pull from far away: such a step is no motion
+        leapt = np.abs(difference(pose, predicted)) > FRAME.leap_sigmas * sigma
+        self._velocity_known = ~(leapt & fit.objective.detected)
+        self.velocity = np.where(self._velocity_known, velocity, 0.0)
         off = fit.posed.frames[:, :3, 3] - forward(self.body, predicted)[:, :3, 3]
         error_m = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
         self.prediction_error_m += FRAME.error_gain * (error_m - self.prediction_error_m)
@@ -240,40 +109,6 @@ class FrameTracker:
         # a segment drifts away from its keyframe with age, and one that misses the silhouette is wrong
         variance = 0.1 * self.age + misfit_px2(fit.normal.contour, 25.0) ** 2
         return FrameEstimate(pose, fit.normal.hessian, fit.normal.contour, True, self.velocity, variance)
-
-    def _recover(self, fit: PoseFit) -> tuple[PoseFit, list[PlacedView | None], list[int]]:
-        """Search for the limbs that the silhouettes contradict: the fit, the body placed, and the limbs found anew."""
-        config = self.config
-        found: list[int] = []
-        placed = fit.objective.visibility(fit.posed)
-        grounds = fit.objective.grounds(placed)
-        loose = self._limbs.loose(fit.posed.pose, grounds)
-        doubtful = np.flatnonzero(loose > 1.3 * self._usual_loose + config.doubt_m2)
-        self._usual_loose += np.where(loose < self._usual_loose, 0.5, 0.1) * (loose - self._usual_loose)
-        if not len(doubtful):
-            return fit, placed, found
-        support = self._limbs.support(fit.posed.pose, grounds)
-        for limb in doubtful.tolist():
-            start = self._limbs.search(limb, fit.posed.pose, grounds)
-            if not _explains_more(self._limbs.support(start, grounds), support, config.doubt_m2):
-                continue
-            widening = np.where(np.isin(DOF_SEGMENT, LIMBS[limb]), config.start_widening, 0.1)
-            prior = np.diag(1.0 / (config.prediction_sigma * widening) ** 2)
-            other = fit_pose(fit.objective, start, prior, self.appearances, config, config.schedule[1:])
-            there = other.objective.visibility(other.posed)
-            grounds_there = other.objective.grounds(there)
-            better = self._limbs.support(other.posed.pose, grounds_there)
-            if _explains_more(better, support, config.doubt_m2):
-                fit, placed, grounds, support = other, there, grounds_there, better
-                found.append(limb)
-        return fit, placed, found
-
-
-def _explains_more(support: Array, before: Array, by_m2: float) -> bool:
-    """True where the limbs cover more of the body, not only less of the hall: an arm in front of the trunk does
-    that."""
-    more = support.sum(axis=0) - before.sum(axis=0)
-    return bool(more[0] > by_m2 and more[0] - more[1] > by_m2)
 
 
 def fit_pose(

@@ -9,31 +9,26 @@ that the next interval's forward pass goes on meanwhile.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pzcap.body.shape_estimation import Shape, ShapeEstimate
-from pzcap.body.skeleton import Body, forward, joint_jacobians
+from pzcap.body.kinematics import forward, joint_jacobians
+from pzcap.body.shape_estimation import Shape
+from pzcap.body.skeleton import Body
 from pzcap.solver.gauss_newton import SolveReport
-from pzcap.tracking.appearance import LimbAppearance, shared
-from pzcap.tracking.batch_refinement import RefinedBatch, Views, accumulate_frames, accumulate_keyframe, refine_batch
+from pzcap.tracking.appearance import LimbAppearance
+from pzcap.tracking.batch_refinement import RefinedBatch, refine_batch
 from pzcap.tracking.bidirectional_fusion import discontinuous, fuse
+from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
-from pzcap.tracking.frame_tracker import (
-    NO_CONTOUR,
-    FrameEstimate,
-    FrameTracker,
-    PoseEstimate,
-    TrackingConfig,
-    fit_pose,
-)
-from pzcap.tracking.keypoint_residuals import LandmarkEstimate
-from pzcap.tracking.observation import ViewCrop
-from pzcap.tracking.pose_objective import Appearance, PoseObjective, misfit_px2
+from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose
+from pzcap.tracking.observation import ViewCrop, Views
+from pzcap.tracking.pose_objective import PoseObjective, misfit_px2
 from pzcap.tracking.reacquisition import PassResults
-from pzcap.tracking.tuning import INTERVAL
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.skin_appearance import Appearance, shared
+from pzcap.tracking.tuning import INTERVAL, SHAPE
 from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Mask, Pose
 
 
@@ -70,23 +65,6 @@ class Anchor:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BodyEstimate:
-    """The body as known so far, and what that has been accumulated from."""
-
-    body: Body
-    shape: ShapeEstimate
-    known: Shape  # that results are given with
-    landmarks: LandmarkEstimate
-
-    @staticmethod
-    def of(body: Body) -> BodyEstimate:
-        """Estimate before any image: a tape has measured the body."""
-        shape = ShapeEstimate(body)
-        known = Shape(shape.amounts_m, np.full(len(SEGMENTS), 2 * body.sigma_m**2))
-        return BodyEstimate(body, shape, known, LandmarkEstimate.of(body.landmarks))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class IntervalProblem:
     """The frames between two keyframes, for `solved`."""
 
@@ -95,7 +73,6 @@ class IntervalProblem:
     instants: Sequence[Instant]
     reference: Sequence[Appearance]  # of the skin beside the keyframe that the interval began with, a view each
     anchor: Anchor | None  # the keyframe that ends them; None: none does
-    frame_rate: float
     config: TrackingConfig
 
 
@@ -112,8 +89,9 @@ class IntervalResult:
 def solved(problem: IntervalProblem) -> IntervalResult:
     """Solve an interval; without any frames, its keyframe by itself, with the body as corrected by then."""
     anchor, config = problem.anchor, problem.config
-    if anchor is not None:
-        problem = replace(problem, estimate=with_keyframe(problem.estimate, anchor, config))
+    if anchor is not None and anchor.fit.seen:
+        estimate = problem.estimate.with_keyframe(anchor.key, anchor.fit.pose, anchor.views, config)
+        problem = replace(problem, estimate=estimate)
     if problem.instants:
         return _solved(problem)
     assert anchor is not None, "an interval has a frame or a keyframe"
@@ -129,20 +107,6 @@ def fit_keyframe(body: Body, pose: Pose, views: Views, config: TrackingConfig) -
         return PoseEstimate(pose, hand, NO_CONTOUR, False), SolveReport(True, 0, 0.0)
     fit = fit_pose(PoseObjective(body, views), pose, hand, [None] * len(views), config, config.schedule)
     return PoseEstimate(fit.posed.pose, fit.normal.hessian + hand, fit.normal.contour, True), fit.report
-
-
-def with_keyframe(estimate: BodyEstimate, anchor: Anchor, config: TrackingConfig) -> BodyEstimate:
-    """The estimate after a keyframe: of the body's shape, and of where on it the detector's keypoints lie."""
-    if not anchor.fit.seen:
-        return estimate
-    pose, views, shape, landmarks = anchor.fit.pose, anchor.views, copy(estimate.shape), estimate.landmarks
-    if config.shape_weight:
-        shape.commit(accumulate_keyframe(estimate.body, shape, anchor.key, pose, views, config))
-    frames = forward(estimate.body, pose)
-    for view in views:
-        if view is not None and view.person is not None:
-            landmarks = landmarks.accumulate(frames, view.camera, view.person)
-    return replace(estimate, body=replace(estimate.body, landmarks=landmarks.solve()), shape=shape, landmarks=landmarks)
 
 
 def tracked(
@@ -233,21 +197,18 @@ def _refined(
     problem: IntervalProblem, poses: Sequence[Pose], views: Sequence[Views], passes: PassResults
 ) -> tuple[RefinedBatch, BodyEstimate]:
     """Refine the poses of an interval, and the body with them. A keyframe that ends it has been accumulated before."""
-    config, estimate, body = problem.config, problem.estimate, problem.estimate.body
+    config, estimate, before = problem.config, problem.estimate, problem.before
     key = None if problem.anchor is None else problem.anchor.key
-    rate, before, shape = problem.frame_rate, problem.before, copy(estimate.shape)
     if not config.shape_weight:
-        return refine_batch(body, poses, views, before, key, passes, rate, config), estimate
-    some = slice(None, None if key is None else -1, INTERVAL.shape_stride)
+        return refine_batch(estimate.body, poses, views, before, key, passes, config), estimate
+    some = slice(None, None if key is None else -1, SHAPE.stride)
     for left in reversed(range(config.shape_rounds)):
-        equations = accumulate_frames(body, shape, poses[some], views[some], config)
-        body = replace(shape.solve(equations), landmarks=body.landmarks)
+        equations = estimate.accumulate(poses[some], views[some], config)
+        estimate = estimate.solve(equations)
         # to reacquire limbs takes long: in the last round alone
-        batch = refine_batch(body, poses, views, before, key, None if left else passes, rate, config)
+        batch = refine_batch(estimate.body, poses, views, before, key, None if left else passes, config)
         poses, views = [each.pose for each in batch.frames], [each.views for each in batch.objectives]
-    shape.commit(equations)
-    known = Shape(shape.amounts_m, shape.joint_variance())
-    return batch, replace(estimate, body=body, shape=shape, known=known)
+    return batch, estimate.commit(equations)
 
 
 def warm_up() -> None:

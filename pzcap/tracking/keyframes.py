@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap.body.skeleton import DOF_SEGMENT, Body, joints, limit_residuals
+from pzcap.body.kinematics import joints, limit_residuals
+from pzcap.body.skeleton import DOF_SEGMENT, Body
 from pzcap.types import HINGE_AXES, JOINTS, SEGMENTS, Array, Keyframe, Pose, PzcapError
 
 _HINGE_TOLERANCE_RAD = np.deg2rad(25.0)

@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pzcap.body.landmarks import SEGMENT, Landmarks
+from pzcap.body.segment_equations import PointResiduals
 from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray
 from pzcap.solver.robust import geman_mcclure
-from pzcap.tracking.residuals import PointResiduals
 from pzcap.tracking.tuning import KEYPOINT
 from pzcap.types import Array, Camera
 
@@ -72,9 +71,8 @@ def _residuals(
 
 def residuals(
     landmarks: Landmarks, world_T_segment: Array, camera: Camera, person: Array, scale: float
-) -> tuple[Array, NDArray[np.int64]]:
-    """Residuals of a ``person`` (26, 3) in one view: rows (N, 8) for `pzcap.tracking.residuals.accumulate`, and the
-    keypoint of each (N,).
+) -> PointResiduals:
+    """Residuals of a ``person`` (26, 3) in one view, each owned by a keypoint.
 
     The residual is the vector in pixels from where a keypoint should be to where the detector saw it, a row for each of
     its two components; both are weighted by Geman-McClure of so many sigmas (``scale``).
@@ -85,7 +83,7 @@ def residuals(
     found = PointResiduals.empty(2 * len(world))
     confidence = _confidence(depth, person)
     count = _residuals(world, pinhole(camera), pixels, person, confidence, sigma, scale, found)
-    return found.rows[:count], found.owner[:count]
+    return found.first(count)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

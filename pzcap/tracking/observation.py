@@ -6,24 +6,25 @@ a `PlacedView` is the skin of a posed body, projected and tested for visibility.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import cv2
 import numpy as np
 
-from pzcap.body.skeleton import Body, forward, place
+from pzcap.body.kinematics import forward, place
+from pzcap.body.skeleton import Body
 from pzcap.geometry.pinhole import pinhole, projected
 from pzcap.io.detections import NOBODY
-from pzcap.limbs.search import BELIEF_SCALE, GROUP, Ground, ground
-from pzcap.limbs.skin_colour_model import SkinColourModel
 from pzcap.localisation.panorama_sampler import Window
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking import keypoint_residuals, visibility
 from pzcap.tracking.camera_refinement import CameraPrior, corrected
 from pzcap.tracking.residuals import CropImage
+from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.tracking.tuning import VIEW
-from pzcap.tracking.visibility import ProjectedSkin, ZBuffer, empty_z_buffer
+from pzcap.tracking.visibility import GROUP, ProjectedSkin, ZBuffer, empty_z_buffer
 from pzcap.types import Array, Camera, Float32, Image, Mask, Pose, Silhouette
 
 PYRAMID_LEVELS: Final = 4
@@ -50,8 +51,8 @@ class ViewCrop:
     top: int
     pyramid: tuple[Image, ...]  # PYRAMID_LEVELS grey images
     probability: Image  # (h, w) 0..255 of the finest level: that it is the athlete
-    arms: Image  # (h, w) 0..255 that it is one of the lower arms, as `pzcap.limbs.skin_colour_model` has it
-    belief: Float32  # (h / 4, w / 4) of `pzcap.limbs.search.Ground`
+    arms: Image  # (h, w) 0..255 that it is one of the lower arms, as `pzcap.tracking.skin_colour_model` has it
+    belief: Float32  # (h / 4, w / 4) -1 hall .. 1 body, of `ViewTuning.belief_scale`
     person: Array | None = None  # (26, 3) what a detector found of the body, as in `pzcap.io.detections`
     camera_prior: CameraPrior | None = None  # None: the camera is not to be corrected
 
@@ -70,14 +71,6 @@ class ViewCrop:
             return self
         camera, prior = corrected(self.camera, self.camera_prior, step)
         return replace(self, camera=camera, camera_prior=prior)
-
-    def ground(self, placed: PlacedView) -> Ground:
-        """The maps that the limbs are judged by, the body being where it was ``placed``."""
-        buffer = placed.z_buffer
-        corner = np.array([self.left, self.top]) + 0.5 * (BELIEF_SCALE - 1)
-        origin = (corner - [buffer.left, buffer.top]) / buffer.scale
-        shift = np.column_stack([BELIEF_SCALE / buffer.scale * np.eye(2), origin])
-        return ground(self.camera, corner, self.belief, self.arms, buffer.cover, shift)
 
 
 def prepare(
@@ -111,7 +104,7 @@ def crop_view(body: Body, view: ViewInput, pose: Pose, margin: float, skin_colou
     left, top, right, bottom = window
     part = np.s_[top:bottom, left:right]
     odds = silhouette.evidence[top // 2 : bottom // 2, left // 2 : right // 2] / VIEW.full_log_odds
-    size = ((right - left) // BELIEF_SCALE, (bottom - top) // BELIEF_SCALE)
+    size = ((right - left) // VIEW.belief_scale, (bottom - top) // VIEW.belief_scale)
     belief = np.asarray(cv2.resize(np.clip(odds, -1.0, 1.0), size, interpolation=cv2.INTER_AREA), np.float32)
     image, probability = view.image[part], silhouette.probability[part]
     crop = prepare(image, probability, skin_colours.arms(image, probability), belief, camera, (left, top))
@@ -148,7 +141,7 @@ class PlacedView:
 
     skin: ProjectedSkin
     facing: Float32  # (V,) cosine to the ray where visible, else 0
-    z_buffer: ZBuffer  # its bits are of `pzcap.limbs.search.GROUP`
+    z_buffer: ZBuffer  # its bits are of `pzcap.tracking.visibility.GROUP`
 
     @property
     def mask(self) -> Mask:
@@ -156,8 +149,14 @@ class PlacedView:
         return np.isfinite(self.z_buffer.depth)
 
 
+Views = Sequence[ViewCrop | None]
+"""One instant, a crop a camera; None where it has none."""
+Placed = Sequence[PlacedView | None]
+"""The body in each view, as its visibility was tested."""
+
+
 def project(points: Array, normals: Array, camera: Camera) -> ProjectedSkin:
-    """Placed skin (V, 3), as `pzcap.body.skeleton.place` has it, in a view."""
+    """Placed skin (V, 3), as `pzcap.body.kinematics.place` has it, in a view."""
     skin = ProjectedSkin(*projected(points, camera), np.empty(len(points)))
     visibility.camera_above(points, normals, pinhole(camera).centre, skin.above)
     return skin
@@ -173,23 +172,24 @@ def place_view(body: Body, points: Array, skin: ProjectedSkin, camera: Camera) -
 
 def _window(skin: ProjectedSkin, camera: Camera, margin: int) -> tuple[int, int, int, int]:
     """Left, top, width and height around the points seen; it may stand over the image's edge, but is never huge."""
-    low_x, low_y, high_x, high_y = visibility.bounds(skin.pixels, skin.depth)
-    if high_x < low_x:
+    box = visibility.bounds(skin.pixels, skin.depth)
+    if box is None:
         return 0, 0, 2, 2
-    left, top = max(int(low_x) - margin, -camera.width), max(int(low_y) - margin, -camera.height)
-    right, bottom = min(int(high_x) + margin, 2 * camera.width), min(int(high_y) + margin, 2 * camera.height)
+    size = np.array([camera.width, camera.height])
+    left, top = np.maximum(box[0].astype(int) - margin, -size).tolist()
+    right, bottom = np.minimum(box[1].astype(int) + margin, 2 * size).tolist()
     return left, top, max(right - left, 2), max(bottom - top, 2)
 
 
 def _around(points: Array, camera: Camera, margin: float) -> Window | None:
     """Part of the view that holds the skin's points (V, 3), and ``margin`` of its size around them, of whole pixels of
     a belief; None where the skin is out of view."""
-    box = np.array(visibility.bounds(*projected(points, camera)))
-    if box[2] < box[0]:
+    box = visibility.bounds(*projected(points, camera))
+    if box is None:
         return None
-    low, high = box[:2], box[2:]
-    pad = margin * float(np.max(high - low)) + 16
+    low, high = box
+    pad, scale = margin * float(np.max(high - low)) + 16, VIEW.belief_scale
     left, top = (int(v) // 2 * 2 for v in np.clip(np.floor(low - pad), 0, None))
-    right = left + (int(min(np.ceil(high[0] + pad), camera.width)) - left) // BELIEF_SCALE * BELIEF_SCALE
-    bottom = top + (int(min(np.ceil(high[1] + pad), camera.height)) - top) // BELIEF_SCALE * BELIEF_SCALE
+    right = left + (int(min(np.ceil(high[0] + pad), camera.width)) - left) // scale * scale
+    bottom = top + (int(min(np.ceil(high[1] + pad), camera.height)) - top) // scale * scale
     return (left, top, right, bottom) if right - left >= 32 and bottom - top >= 32 else None

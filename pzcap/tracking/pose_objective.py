@@ -11,66 +11,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from pzcap.body import landmarks
-from pzcap.body.shape_estimation import ContourRows, Texture
-from pzcap.body.skeleton import Body, forward, lift, place, screws
+from pzcap.body.kinematics import forward, place, screws
+from pzcap.body.segment_equations import PointResiduals, SegmentSums, accumulate, lift
+from pzcap.body.skeleton import Body
 from pzcap.geometry.pinhole import pinhole
-from pzcap.imaging.interpolation import bilinear
-from pzcap.limbs.search import Ground
 from pzcap.tracking import keypoint_residuals, residuals
 from pzcap.tracking.camera_refinement import MarginalisedCamera, eliminate, segment_twists
-from pzcap.tracking.observation import PYRAMID_LEVELS, PlacedView, ViewCrop, place_view, project
-from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, PointResiduals, SegmentSums, Template
+from pzcap.tracking.observation import PYRAMID_LEVELS, Placed, PlacedView, ViewCrop, Views, place_view, project
+from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, Template
+from pzcap.tracking.settings import Terms
+from pzcap.tracking.skin_appearance import Appearance
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR, VIEW
 from pzcap.tracking.visibility import ProjectedSkin, SkinPoints
-from pzcap.types import Array, Camera, Float32, Image, Pose
-
-
-@dataclass(slots=True, eq=False)
-class Appearance:
-    """Brightness of each point of the skin in one view, per pyramid level, and how far that is to be trusted."""
-
-    value: Float32  # (PYRAMID_LEVELS, V)
-    trust: Float32  # (V,) 0 unseen .. 1
-
-    def copy(self) -> Appearance:
-        return Appearance(self.value.copy(), self.trust.copy())
-
-    def with_other(self, other: Appearance) -> Appearance:
-        """The mean of both, each weighted by its trust."""
-        trust = self.trust + other.trust
-        share = np.divide(other.trust, trust, out=np.zeros_like(trust), where=trust > 0.0)
-        value = self.value + share * (other.value - self.value)
-        return Appearance(value, np.maximum(self.trust, other.trust))
-
-    @staticmethod
-    def unseen(points: int) -> Appearance:
-        return Appearance(np.zeros((PYRAMID_LEVELS, points), np.float32), np.zeros(points, np.float32))
-
-
-@dataclass(frozen=True, slots=True)
-class Terms:
-    """Residuals that count in one round of iterations, and how."""
-
-    level: int
-    """Pyramid level of the brightness, in a view of `ViewTuning.usual_px_per_m`."""
-    reach_px: float
-    """Distance from the body's contour within which the silhouette's edge is sought."""
-    contour_sigma_px: float
-    brightness_sigma: float
-    """Grey levels; scale of the robust weight."""
-    contour_weight: float
-    """Neighbouring contour points err together: each counts for this much of an independent one."""
-    brightness_weight: float
-    """As that of the contour."""
-    shading_sigma: float
-    """Relative change of a limb's brightness that light may explain."""
-    keypoint_weight: float = 0.0
-    """As that of the contour: a detector errs alike in all views."""
-    keypoint_scale: float = 3.0
-    """Sigmas; of the robust weight."""
+from pzcap.types import Array, Camera, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,16 +67,12 @@ class PosedBody:
         return np.ascontiguousarray(self.frames[0, :3, 3])
 
 
-Placed = Sequence[PlacedView | None]
-"""The body in each view, as its visibility was tested; None where a view is missing."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseObjective:
     """The views of one instant."""
 
     body: Body
-    views: Sequence[ViewCrop | None]
+    views: Views
 
     @property
     def detected(self) -> bool:
@@ -149,9 +100,10 @@ class PoseObjective:
             for view, skin in zip(self.views, posed.projected, strict=True)
         ]
 
-    def grounds(self, placed: Placed) -> list[Ground | None]:
-        """The maps that the limbs are judged by, the body being where it was ``placed``."""
-        return [None if v is None or p is None else v.ground(p) for v, p in zip(self.views, placed, strict=True)]
+    def place(self, pose: Pose) -> tuple[PosedBody, list[PlacedView | None]]:
+        """Put the body in a ``pose``, and test its visibility."""
+        posed = self.posed(pose)
+        return posed, self.visibility(posed)
 
     def normal(
         self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
@@ -160,8 +112,7 @@ class PoseObjective:
         eliminated (`pzcap.tracking.camera_refinement`)."""
         sums, contour, brightness = self._per_segment(posed, placed, appearances, terms)
         twists = screws(posed.frames, posed.centre)
-        total = sum_of(sums)
-        hessian, gradient = lift(total.hessians, total.gradients, twists)
+        hessian, gradient = lift(sum_of(sums), twists)
         cameras: list[MarginalisedCamera | None] = []
         for view, own in zip(self.views, sums, strict=True):
             if view is None or view.camera_prior is None:
@@ -174,11 +125,10 @@ class PoseObjective:
 
     def texture(
         self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
-    ) -> Texture:
+    ) -> SegmentSums:
         """The residuals of brightness alone, segment by segment."""
         alone = replace(terms, contour_weight=0.0, keypoint_weight=0.0)
-        total = sum_of(self._per_segment(posed, placed, appearances, alone)[0])
-        return Texture(total.hessians, total.gradients)
+        return sum_of(self._per_segment(posed, placed, appearances, alone)[0])
 
     def _per_segment(
         self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
@@ -186,7 +136,7 @@ class PoseObjective:
         """The normal equations that each view makes of each segment, and how well each fits, as `PoseEquations` has
         it."""
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
-        every = [SegmentSums(np.zeros((16, 6, 6)), np.zeros((16, 6)), posed.centre) for _ in self.views]
+        every = [SegmentSums.zero(posed.centre) for _ in self.views]
         for view, where, seen, appearance, sums in zip(
             self.views, placed, posed.projected, appearances, every, strict=True
         ):
@@ -204,26 +154,23 @@ class PoseObjective:
                 )  # fmt: skip
             if terms.contour_weight > 0:
                 rows, segment = self._contour(view, where, posed.skin, seen, terms, contour)
-                residuals.accumulate(rows, segment, sums)
+                accumulate(rows, segment, sums)
             if view.person is not None and terms.keypoint_weight > 0:
                 rows, keypoint = keypoint_residuals.residuals(
                     self.body.landmarks, posed.frames, view.camera, view.person, terms.keypoint_scale
                 )
                 rows[:, 0] *= terms.keypoint_weight
-                residuals.accumulate(rows, landmarks.SEGMENT[keypoint], sums)
+                accumulate(rows, landmarks.SEGMENT[keypoint], sums)
         return every, contour, brightness
 
-    def contour(self, posed: PosedBody, placed: Placed, terms: Terms) -> ContourRows:
-        """The residuals of the contour alone, one by one."""
-        parts, segments = [np.zeros((0, 8))], [np.zeros(0, np.int64)]
+    def contour(self, posed: PosedBody, placed: Placed, terms: Terms) -> PointResiduals:
+        """The residuals of the contour alone, one by one, each owned by a segment."""
+        found = [PointResiduals.empty(0)]
         for view, where, seen in zip(self.views, placed, posed.projected, strict=True):
-            if view is None or where is None or seen is None:
-                continue
-            rows, segment = self._contour(view, where, posed.skin, seen, terms, np.zeros((16, 3)))
-            parts.append(rows)
-            segments.append(segment)
-        rows = np.concatenate(parts)
-        return ContourRows(np.concatenate(segments), rows[:, 5:], rows[:, 2:5], rows[:, 1], rows[:, 0])
+            if view is not None and where is not None and seen is not None:
+                found.append(self._contour(view, where, posed.skin, seen, terms, np.zeros((16, 3))))
+        rows, segment = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return PointResiduals(rows, segment)
 
     def _contour(
         self, view: ViewCrop, where: PlacedView, skin: SkinPoints, seen: ProjectedSkin, terms: Terms, cost: Array
@@ -234,14 +181,7 @@ class PoseObjective:
         count = residuals.contour(
             skin, edges, seen, camera, where.z_buffer, view.silhouette, view.arms, sought, found, cost
         )
-        return PointResiduals(found.rows[:count], found.owner[:count])
-
-    def learn(self, placed: Placed, appearances: Sequence[Appearance | None], rate: float) -> None:
-        """Let the appearance of what is visible adapt by ``rate``; new points are taken as they are."""
-        for view, where, appearance in zip(self.views, placed, appearances, strict=True):
-            if view is not None and where is not None and appearance is not None:
-                corner = float(view.left), float(view.top)
-                _adapt(view.pyramid, corner, where.skin.pixels, where.facing, rate, appearance.value, appearance.trust)
+        return found.first(count)
 
 
 def sum_of(sums: Sequence[SegmentSums]) -> SegmentSums:
@@ -259,26 +199,3 @@ def view_level(usual: int, magnification: float) -> int:
     """The pyramid level on which a pose is off by as many pixels as on the ``usual`` one in the usual view: it is off
     by metres."""
     return min(max(usual + round(math.log2(magnification / VIEW.usual_px_per_m)), 0), PYRAMID_LEVELS - 1)
-
-
-@njit(cache=True, nogil=True)
-def _adapt(
-    pyramid: tuple[Image, ...], corner: tuple[float, float], pixels: Array, facing: Float32, rate: float,
-    value: Float32, trust: Float32,
-) -> None:  # fmt: skip
-    """Move the appearance of all points that face the camera by ``rate`` to what the pyramid has there."""
-    height, width = pyramid[-1].shape
-    coarsest = 2.0 ** (len(pyramid) - 1)
-    for n in range(len(pixels)):
-        x, y = pixels[n, 0] - corner[0], pixels[n, 1] - corner[1]
-        within = 1.0 <= x / coarsest < width - 2.0 and 1.0 <= y / coarsest < height - 2.0
-        if facing[n] <= BRIGHTNESS.learned_facing or not within:
-            trust[n] *= np.float32(0.98)
-            continue
-        fresh = trust[n] <= 0.0
-        scale = 1.0
-        for level in range(len(pyramid)):
-            here = bilinear(pyramid[level], x * scale, y * scale)
-            value[level, n] += (1.0 if fresh else rate) * (here - value[level, n])
-            scale *= 0.5
-        trust[n] = 0.3 if fresh else min(trust[n] + 0.2, 1.0)

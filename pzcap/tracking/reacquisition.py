@@ -18,13 +18,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body.skeleton import difference, retract
-from pzcap.limbs.search import LIMBS, POSTURES, turn_to
+from pzcap.body.kinematics import difference, retract
+from pzcap.body.skeleton import LIMBS
 from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
 from pzcap.tracking.bidirectional_fusion import runs, with_segments
-from pzcap.tracking.observation import PlacedView
-from pzcap.tracking.pose_objective import Appearance, Placed, PoseObjective
+from pzcap.tracking.limbs import POSTURES, grounds, support, turn_to, turned
+from pzcap.tracking.observation import Placed, PlacedView
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.tuning import FRAME, REACQUISITION
 from pzcap.types import SEGMENTS, Array, Mask, Pose
 
@@ -64,8 +66,10 @@ def reacquire(
         for segments in (passes.disputed, passes.doubtful)
     )
     frames = list(zip(poses, objectives, placed, strict=True))
-    support = np.array([limbs.search.support(pose, each.grounds(where)) for pose, each, where in frames])  # (T, 4, 2)
-    on_hall = support[..., 1] / np.maximum(support.sum(axis=2), REACQUISITION.least_area_m2)
+    supported = np.array([
+        support(limbs.body, pose, grounds(each.views, where)) for pose, each, where in frames
+    ])  # (T, 4, 2)  # fmt: skip
+    on_hall = supported[..., 1] / np.maximum(supported.sum(axis=2), REACQUISITION.least_area_m2)
     doubted |= _filtered(on_hall) > REACQUISITION.largest_hall
 
     def unlike(reference: Sequence[Appearance]) -> Mask:
@@ -105,7 +109,7 @@ def _learned(
     start = FRAME.beside_keyframe
     for count, (objective, where, gone) in enumerate(zip(objectives, placed, lost, strict=True), start=start):
         hidden = _hidden(objective, where, [s for k in np.flatnonzero(gone) for s in LIMBS[k]])
-        objective.learn(hidden, learned, 1.0 / count)
+        learn(objective.views, hidden, learned, 1.0 / count)
     return learned
 
 
@@ -158,7 +162,7 @@ def _path(
             turns = np.vstack([around, *(turn_to(limb, context.pose, other) for other in beside)])
             postures.append(limbs.postures(limb, context, turns, coarse=size > REACQUISITION.coarse_rad))
         chosen = zip(contexts, postures, smoothest(postures), strict=True)
-        path = [limbs.search.turned(limb, context.pose, each.turns[k]) for context, each, k in chosen]
+        path = [turned(limb, context.pose, each.turns[k]) for context, each, k in chosen]
         others = [[path[n] for n in (t - 2, t - 1, t + 1, t + 2) if 0 <= n < len(path)] for t in range(len(path))]
     return path
 

@@ -1,10 +1,5 @@
-"""Residuals of the skin in a view, brightness and contour, accumulated per segment.
-
-Every residual of a point ``x`` on a segment is linearised in the segment's own twist ``(v, w)`` about a centre ``c``
-near the body, ``dx = v + w x (x - c)``, so that a row of the Jacobian is ``[a, (x - c) x a]`` with ``a`` the
-gradient of the residual with respect to the point. The 6 x 6 of a segment is accumulated here and lifted to the pose by
-`pzcap.body.skeleton.lift`: 16 small matrices in place of thousands of rows of 43.
-"""
+"""Residuals of the skin in a view, brightness and contour, linearised in the segments' twists
+(`pzcap.body.segment_equations`)."""
 
 from __future__ import annotations
 
@@ -14,13 +9,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pzcap.body.segment_equations import PointResiduals, SegmentSums
 from pzcap.geometry.pinhole import Pinhole, Vector, pixel_gradient, ray, to_pixel
 from pzcap.imaging.interpolation import bilinear, bilinear_with_gradient
-from pzcap.limbs.search import ARMS, GROUP
-from pzcap.limbs.skin_colour_model import LOWER_ARM
 from pzcap.solver.robust import geman_mcclure
+from pzcap.tracking.skin_colour_model import LOWER_ARM
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR
-from pzcap.tracking.visibility import ProjectedSkin, SkinPoints, ZBuffer
+from pzcap.tracking.visibility import ARMS, GROUP, ProjectedSkin, SkinPoints, ZBuffer
 from pzcap.types import SEGMENTS, Array, Float32, Image
 
 NUISANCES: Final = 4
@@ -46,59 +41,27 @@ class CropImage(NamedTuple):
     scale: float
 
 
-class SegmentSums(NamedTuple):
-    """Normal equations of each segment by itself, in its twist about ``centre``."""
-
-    hessians: Array
-    """(16, 6, 6)"""
-    gradients: Array
-    """(16, 6)"""
-    centre: Array
-    """(3,) world."""
-
-
 class Template(NamedTuple):
     """Expected brightness of each point of the skin at a pyramid level."""
 
-    value: Float32
-    """(V,) grey levels."""
-    trust: Float32
-    """(V,) 0 unseen .. 1."""
+    value: Float32  # (V,) grey levels
+    trust: Float32  # (V,) 0 unseen .. 1.
 
 
 class BrightnessTerms(NamedTuple):
     """Weights of the residuals of brightness."""
 
-    sigma: float
-    """Grey levels; scale of the Geman-McClure weight."""
-    nuisance_weight: float
-    """Prior of each of the light's nuisances."""
-    segment_weight: Array
-    """(16,)"""
+    sigma: float  # grey levels; scale of the Geman-McClure weight
+    nuisance_weight: float  # prior of each of the light's nuisances
+    segment_weight: Array  # (16,)
 
 
 class ContourTerms(NamedTuple):
     """Search range and weights of the residuals of the contour."""
 
-    reach: float
-    """Pixels to either side."""
-    sigma: float
-    """Pixels."""
+    reach: float  # pixels to either side
+    sigma: float  # pixels
     weight: float
-
-
-class PointResiduals(NamedTuple):
-    """Residuals of single points, in pixels; a kernel that fills them in tells how many there are."""
-
-    rows: Array
-    """(N, 8) weight, residual, its gradient with respect to the point, and the point (world)."""
-    owner: NDArray[np.int64]
-    """(N,) segment or keypoint of the point."""
-
-    @staticmethod
-    def empty(count: int) -> PointResiduals:
-        """Room for ``count`` points."""
-        return PointResiduals(np.empty((count, 8)), np.empty(count, np.int64))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -326,23 +289,3 @@ def _crossing(
             return nearest, fall
         inner, outer = further_in, further_out
     return np.inf, 0.0
-
-
-@njit(cache=True, nogil=True)
-def accumulate(rows: Array, segment: NDArray[np.int64], sums: SegmentSums) -> None:
-    """Add ``rows`` (N, 8), as `PointResiduals` has them, of points on the ``segment`` (N,) to the ``sums``."""
-    hessians, gradients, centre = sums
-    wrench = np.empty(6)
-    for n in range(len(rows)):
-        s = segment[n]
-        weight, residual = rows[n, 0], rows[n, 1]
-        for k in range(3):
-            wrench[k] = rows[n, 2 + k]
-        rx, ry, rz = rows[n, 5] - centre[0], rows[n, 6] - centre[1], rows[n, 7] - centre[2]
-        wrench[3] = ry * wrench[2] - rz * wrench[1]
-        wrench[4] = rz * wrench[0] - rx * wrench[2]
-        wrench[5] = rx * wrench[1] - ry * wrench[0]
-        for k in range(6):
-            for m in range(6):
-                hessians[s, k, m] += weight * wrench[k] * wrench[m]
-            gradients[s, k] += weight * wrench[k] * residual

@@ -13,11 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pzcap.body.skeleton import Body, forward, joints, lift, place, retract, screws
-from pzcap.tracking.interval_solver import BodyEstimate, Tracked
-from pzcap.tracking.residuals import SegmentSums, accumulate
-from pzcap.tracking.tuning import REFIT
-from pzcap.types import SEGMENTS, Pose
+from pzcap.body.kinematics import forward, joints, place, retract, screws
+from pzcap.body.segment_equations import SegmentSums, accumulate, lift
+from pzcap.body.skeleton import Body
+from pzcap.tracking.body_estimate import BodyEstimate
+from pzcap.tracking.interval_solver import Tracked
+from pzcap.tracking.tuning import SHAPE
+from pzcap.types import Pose
 
 
 def refit_shape(estimate: BodyEstimate, tracked: Iterable[Tracked]) -> list[Tracked]:
@@ -38,20 +40,20 @@ def refit_shape(estimate: BodyEstimate, tracked: Iterable[Tracked]) -> list[Trac
 
 def refit_pose(pose: Pose, then: Body, now: Body) -> Pose:
     """The pose in which the skin of ``now`` lies where the body ``then``, of the same mesh, has it in ``pose``."""
-    wanted = place(then, forward(then, pose))[0][:: REFIT.stride]
+    wanted = place(then, forward(then, pose))[0][:: SHAPE.refit_stride]
     surface = now.surface
-    segment, area = surface.segment[:: REFIT.stride], surface.area_m2[:: REFIT.stride]
-    for _ in range(REFIT.steps):
+    segment, area = surface.segment[:: SHAPE.refit_stride], surface.area_m2[:: SHAPE.refit_stride]
+    for _ in range(SHAPE.refit_steps):
         frames = forward(now, pose)
-        points, normals = (values[:: REFIT.stride] for values in place(now, frames))
+        points, normals = (values[:: SHAPE.refit_stride] for values in place(now, frames))
         centre = np.ascontiguousarray(frames[0, :3, 3])
-        sums = SegmentSums(np.zeros((len(SEGMENTS), 6, 6)), np.zeros((len(SEGMENTS), 6)), centre)
+        sums = SegmentSums.zero(centre)
         # residuals along each of the world's axes, and across the skin
         ways = np.stack([*(np.broadcast_to(axis, points.shape) for axis in np.eye(3)), normals])
         residual = np.sum(ways * (wanted - points), axis=2)
-        weight = area * np.array([REFIT.along] * 3 + [1.0 - REFIT.along])[:, None]
+        weight = area * np.array([SHAPE.refit_along] * 3 + [1.0 - SHAPE.refit_along])[:, None]
         rows = np.dstack([weight, residual, ways, np.broadcast_to(points, ways.shape)]).reshape(-1, 8)
         accumulate(rows, np.tile(segment, 4), sums)
-        hessian, gradient = lift(sums.hessians, sums.gradients, screws(frames, centre))
+        hessian, gradient = lift(sums, screws(frames, centre))
         pose = retract(pose, np.asarray(np.linalg.solve(hessian, gradient), np.float64))
     return pose

@@ -1,28 +1,89 @@
-"""Constraints between consecutive frames: contacts with the floor, and ballistic flight.
+"""All frames of a stretch solved at once with temporal constraints: a motion that does not jerk, feet that do not slide.
 
-Contacts: images fix a foot to a millimetre or two in each frame by itself, so that a standing one trembles. In contact
-are points near the floor that are all but at rest, as the estimate itself has them; the more a point moves, the less it
-is believed to rest, so that a heel that rises is let go.
+The passes from the keyframes see one frame at a time. Here the second difference of the motion has a prior: minimise
+over the steps ``d_t`` of all poses
 
-Flight: in the air the centre of mass follows a parabola, however the body bends and turns. In flight are frames in
-which all of the skin is clear of the floor and the curve is that of a fall, as the estimate itself has it: a body that
-stands on a box does not fall, and the less the curve is that of a fall, the less it is believed to be one. The mass is
-taken to be as the volume under the skin is, of one density. Nobody's is, and published tables of the segments' masses
-differ by as much: the curve is believed no better than that (`TrackingConfig.fall_sigma_m_s2`).
+    sum_t 1/2 d_t' H_t d_t - g_t' d_t  +  sum_t 1/2 |d_(t-1) - 2 d_t + d_(t+1) + a_t|^2 / sigma^2
+
+with ``H_t, g_t`` each image's normal equations and ``a_t`` the acceleration that the poses have now. The matrix is
+banded, so the cost is linear in the frames.
+
+Neighbours are tied to each other by what rests on the floor: images fix a foot to a millimetre or two in each frame by
+itself, so that a standing one trembles. In contact are points near the floor that are all but at rest, as the estimate
+itself has them; the more a point moves, the less it is believed to rest, so that a heel that rises is let go.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solveh_banded
 
-from pzcap.body.mesh import Surface
-from pzcap.body.skeleton import DOF, Body, forward, mean_jacobian, place, point_jacobian
+from pzcap.body.kinematics import difference, forward, point_jacobian
+from pzcap.body.skeleton import DOF, Body
 from pzcap.solver.robust import geman_mcclure
-from pzcap.tracking.banded_solver import Tie
-from pzcap.tracking.tuning import CONTACT, FLIGHT
+from pzcap.tracking.tuning import CONTACT
 from pzcap.types import SEGMENTS, Array, Pose
+
+_REACH = 3  # frames that are tied to each other, at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tie:
+    """Something that should be 0 and is made by two poses that follow one another."""
+
+    first: int  # of the two
+    residual_m: Array  # (R,)
+    weight: Array  # (R,)
+    jacobians: Array  # (2, R, 43) derivatives of ``residual_m`` by the tangent of each pose
+
+
+def smooth_step(
+    poses: Sequence[Pose], hessians: Sequence[Array], gradients: Sequence[Array], sigma: Array,
+    before: Sequence[Pose], ties: Sequence[Tie],
+) -> Array:  # fmt: skip
+    """Steps (T, 43) of ``poses`` (T of them) with normal equations ``hessians`` (43, 43) and ``gradients`` (43,).
+
+    ``sigma`` (43,) is the standard deviation of the acceleration, a frame squared. The body is held fast in the
+    frames ``before`` the stretch. ``ties`` are between all of these, and count from the first of them.
+    """
+    chain, first = [*before, *poses], len(before)
+    count = len(poses)
+    band = np.zeros((min(count, _REACH) * DOF, count * DOF))
+    right = np.concatenate(gradients)
+    rows, columns = np.tril_indices(DOF)
+    for t, hessian in enumerate(hessians):
+        band[rows - columns, t * DOF + columns] += hessian[rows, columns]
+    information = 1.0 / sigma**2
+    velocity = [difference(b, a) for a, b in itertools.pairwise(chain)]
+    for k in range(1, len(chain) - 1):
+        bend = velocity[k] - velocity[k - 1]
+        three = [(k - 1 - first, 1.0), (k - first, -2.0), (k + 1 - first, 1.0)]
+        inside = [(t, c) for t, c in three if 0 <= t < count]
+        for i, (t, c) in enumerate(inside):
+            at = slice(t * DOF, (t + 1) * DOF)
+            right[at] -= c * information * bend
+            for other, d in inside[i:]:
+                band[(other - t) * DOF, at] += c * d * information
+    _tie(band, right, ties, first, count)
+    return np.asarray(solveh_banded(band, right, lower=True)).reshape(count, DOF)
+
+
+def _tie(band: Array, right: Array, ties: Sequence[Tie], first: int, count: int) -> None:
+    """Add what ties the frames of the chain; ``first`` of them come before the stretch."""
+    rows, columns = np.indices((DOF, DOF))
+    below = rows >= columns
+    for tie in ties:
+        inside = [(tie.first + k - first, each) for k, each in enumerate(tie.jacobians)]
+        inside = [(t, each) for t, each in inside if 0 <= t < count]
+        for i, (t, earlier) in enumerate(inside):
+            right[t * DOF : (t + 1) * DOF] -= earlier.T @ (tie.weight * tie.residual_m)
+            for other, later in inside[i:]:
+                block, kept = (later.T * tie.weight) @ earlier, below if other == t else np.ones_like(below)
+                band[(other - t) * DOF + (rows - columns)[kept], t * DOF + columns[kept]] += block[kept]
 
 
 def soles(body: Body) -> tuple[tuple[int, Array], ...]:
@@ -46,7 +107,7 @@ def contacts(body: Body, poses: Sequence[Pose]) -> list[Tie]:
     points = np.array([[frames[s, :3, :3] @ point + frames[s, :3, 3] for s, point in rests_on] for frames in placed])
     moved = np.diff(points, axis=0)  # (T - 1, N, 3)
     near = np.maximum(points[1:, :, 2], points[:-1, :, 2]) < CONTACT.near_m
-    still = 1.0 / (1.0 + np.sum(moved**2, axis=-1) / CONTACT.rest_m**2) ** 2
+    still = geman_mcclure(np.linalg.norm(moved, axis=-1), CONTACT.rest_m)
     weight = np.where(near & (still > CONTACT.least_weight), still / CONTACT.sigma_m**2, 0.0)
     found = []
     for t in np.flatnonzero(weight.any(axis=1)).tolist():
@@ -57,35 +118,4 @@ def contacts(body: Body, poses: Sequence[Pose]) -> list[Tie]:
                 jacobians[k, row] = sign * point_jacobian(placed[t + k], rests_on[n][0], points[t + k, n])
         rows = 3 * len(held)
         found.append(Tie(t, moved[t, held].ravel(), np.repeat(weight[t, held], 3), jacobians.reshape(2, rows, DOF)))
-    return found
-
-
-def masses(surface: Surface) -> tuple[Array, Array]:
-    """Each segment's share (16,) of the volume under the skin, and its centre (16, 3) in the segment's frame."""
-    corners = surface.points_m[surface.faces]  # each face and the segment's origin make a tetrahedron
-    volume = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
-    share, moment = np.zeros(len(SEGMENTS)), np.zeros((len(SEGMENTS), 3))
-    segment = surface.segment[surface.faces[:, 0]]
-    np.add.at(share, segment, volume)
-    np.add.at(moment, segment, volume[:, None] * corners.sum(axis=1) / 4.0)
-    return share / share.sum(), moment / share[:, None]
-
-
-def ballistic(body: Body, poses: Sequence[Pose], frame_rate: float, sigma_m_s2: float) -> list[Tie]:
-    """Ties of each three consecutive ``poses`` in flight: the centre of mass falls freely, to ``sigma_m_s2``."""
-    share, inner = masses(body.surface)
-    placed = [forward(body, pose) for pose in poses]
-    clear = np.array([place(body, frames)[0][:, 2].min() > FLIGHT.clear_m for frames in placed])
-    found = []
-    for t in np.flatnonzero(clear[:-2] & clear[1:-1] & clear[2:]).tolist():
-        three = placed[t : t + 3]
-        points = [np.einsum("sij,sj->si", frames[:, :3, :3], inner) + frames[:, :3, 3] for frames in three]
-        bend = np.array([1.0, -2.0, 1.0]) @ np.array([share @ each for each in points])
-        bend[2] += FLIGHT.gravity_m_s2 / frame_rate**2
-        off = np.linalg.norm(bend) * frame_rate**2
-        alike = float(geman_mcclure(off, FLIGHT.robust_m_s2))
-        if alike > FLIGHT.least_weight:
-            jacobians = [mean_jacobian(frames, share, each) for frames, each in zip(three, points, strict=True)]
-            weight = np.full(3, alike * (frame_rate**2 / sigma_m_s2) ** 2)
-            found.append(Tie(t, bend, weight, np.array([[[1.0]], [[-2.0]], [[1.0]]]) * jacobians))
     return found

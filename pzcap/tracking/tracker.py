@@ -9,20 +9,20 @@ process of its own: the next forward pass goes on meanwhile, with the body as th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pzcap import runtime
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, difference
-from pzcap.limbs.skin_colour_model import SkinColourModel
+from pzcap.body.kinematics import difference
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.segmentation.foreground import Expected
-from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate, TrackingConfig
+from pzcap.tracking.body_estimate import BodyEstimate
+from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate
 from pzcap.tracking.interval_solver import (
     Anchor,
-    BodyEstimate,
     Instant,
     IntervalProblem,
     IntervalResult,
@@ -34,10 +34,12 @@ from pzcap.tracking.interval_solver import (
 )
 from pzcap.tracking.observation import PlacedView, ViewCrop, ViewInput, crop_view, expect
 from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_shape
+from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.types import SEGMENTS, Array, Camera, Keyframe, Motion, Pose, PzcapError
 
-__all__ = ["TrackInput", "Tracked", "Tracker", "TrackingConfig", "ViewInput", "collect", "track"]
+__all__ = ["TrackInput", "Tracked", "Tracker", "ViewInput", "collect"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,13 +59,12 @@ class Tracker:
     ``longest_stretch``. Raises PzcapError when there is no keyframe.
     """
 
-    def __init__(self, body: Body, keyframes: Sequence[Keyframe], frame_rate: float, config: TrackingConfig) -> None:
+    def __init__(self, body: Body, keyframes: Sequence[Keyframe], config: TrackingConfig) -> None:
         if not keyframes:
             raise PzcapError("tracking: no keyframes; pose the body in at least one frame (keyframes.json)")
         self.body, self.config = body, config  # the body that is tracked with
         self._keys = {key.frame: key for key in keyframes}
         self._last_key = max(self._keys)
-        self._frame_rate = frame_rate
         self._estimate = BodyEstimate.of(body)
         self._before: Sequence[Pose] = ()  # the last frames before those that wait
         self._solving: Future[IntervalResult] | None = None
@@ -126,8 +127,7 @@ class Tracker:
         views = self._crop(item.views, key.pose)
         fit, _ = fit_keyframe(self._estimate.body, key.pose, views, self.config)
         if self.config.skin_colours:
-            objective = PoseObjective(self.body, views)
-            self._learn_skin_colours(item.views, objective.visibility(objective.posed(fit.pose)))
+            self._learn_skin_colours(item.views, PoseObjective(self.body, views).place(fit.pose)[1])
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, views, fit.pose)
         anchor = Anchor(key, views, fit, velocity)
         if self._ahead is None:
@@ -147,7 +147,7 @@ class Tracker:
 
     def _problem(self, instants: Sequence[Instant], anchor: Anchor | None) -> IntervalProblem:
         reference = () if self._ahead is None else self._ahead.reference
-        return IntervalProblem(self._estimate, self._before, instants, reference, anchor, self._frame_rate, self.config)
+        return IntervalProblem(self._estimate, self._before, instants, reference, anchor, self.config)
 
     def _solve(self, anchor: Anchor | None) -> None:
         """Start to solve what waits, up to ``anchor``. What was being solved has been taken before."""
@@ -188,16 +188,6 @@ class Tracker:
             return crop_view(self.body, view, pose, self.config.cut_out_margin, self._skin_colours)
 
         return [None if view is None or not view.silhouette.valid else crop(view) for view in views]
-
-
-def track(
-    body: Body, keyframes: Sequence[Keyframe], inputs: Iterable[TrackInput], frame_rate: float, config: TrackingConfig
-) -> Iterator[Tracked]:
-    """Track the body through ``inputs``, in the order of their frames: a result each, in that order. See `Tracker`."""
-    tracker = Tracker(body, keyframes, frame_rate, config)
-    for item in inputs:
-        yield from tracker.push(item)
-    yield from tracker.finish()
 
 
 def _carried(arriving: FrameTracker, views: Sequence[ViewCrop | None], pose: Pose) -> Array:

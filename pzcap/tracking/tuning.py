@@ -8,229 +8,149 @@ from typing import NamedTuple
 class ViewTuning(NamedTuple):
     """Crop of a view, and placement of the body in it."""
 
-    z_scale: float = 2.0
-    """Pixels of a view that one of a z-buffer is wide."""
-    depth_tolerance_m: float = 0.03
-    """Skin so far behind the z-buffer is still visible: it is smooth, and the buffer coarse."""
-    full_log_odds: float = 3.0
-    """Evidence for the athlete that counts in full when areas are judged."""
-    usual_px_per_m: float = 130.0
-    """Magnification that the pyramid levels of `Terms` are meant for: an athlete 220 pixels tall."""
-    nearest_m: float = 0.5
-    """No magnification is reckoned with for less than this distance."""
+    z_scale: float = 2.0  # pixels of a view that one of a z-buffer is wide
+    depth_tolerance_m: float = 0.03  # skin so far behind the z-buffer is visible: it is smooth, the buffer coarse
+    belief_scale: int = 4  # pixels of a view that one of its evidence is wide, when areas are judged
+    full_log_odds: float = 3.0  # evidence for the athlete that counts in full when areas are judged
+    usual_px_per_m: float = 130.0  # magnification that `Terms.level` is meant for: an athlete 220 pixels tall
+    nearest_m: float = 0.5  # no magnification is reckoned with for less than this distance
+    least_camera_sigma: float = 1e-7  # radians of pan, and of log focal: none is known better
 
 
 class ContourTuning(NamedTuple):
     """Search for the silhouette's edge along the body's contour."""
 
-    edge: float = 127.5
-    """Probability (0..255) at the edge."""
-    clear_fall: float = 255.0 / 3.0
-    """Fall of the probability within a search step that leaves no doubt."""
-    least_slope: float = 12.75
-    """Slope of the probability, a pixel, from which on it is an edge."""
-    hidden_m: float = 0.06
-    """A contour point so far behind the z-buffer is hidden."""
-    in_front_m: float = 0.02
-    """An arm counts as before the body if it is nearer by so much."""
-    robust_sigmas: float = 2.5
-    """Scale of the Geman-McClure weight."""
-    missed_px2: float = 25.0
-    """Squared distance assumed of an edge that the last round does not find within its reach."""
+    edge: float = 127.5  # probability (0..255) at the edge
+    clear_fall: float = 255.0 / 3.0  # fall of the probability within a search step that leaves no doubt
+    least_slope: float = 12.75  # slope of the probability, a pixel, from which on it is an edge
+    hidden_m: float = 0.06  # a contour point so far behind the z-buffer is hidden
+    in_front_m: float = 0.02  # an arm counts as before the body if it is nearer by so much
+    robust_sigmas: float = 2.5  # scale of the Geman-McClure weight
+    missed_px2: float = 25.0  # squared distance assumed of an edge that the last round does not find within its reach
 
 
 class BrightnessTuning(NamedTuple):
     """Residuals of the skin's brightness."""
 
-    least_facing: float = 0.15
-    """Cosine: skin seen more obliquely has no residual."""
-    learned_facing: float = 0.25
-    """Cosine: nothing is learned of skin seen more obliquely."""
-    thinnest_px: float = 3.0
-    """A segment less wide than this at a pyramid level is not seen there."""
+    least_facing: float = 0.15  # cosine: skin seen more obliquely has no residual
+    learned_facing: float = 0.25  # cosine: nothing is learned of skin seen more obliquely
+    thinnest_px: float = 3.0  # a segment less wide than this at a pyramid level is not seen there
 
 
 class KeypointTuning(NamedTuple):
     """Residuals of a detector's keypoints."""
 
+    # error of a detector that is sure of itself; on the body, not in the image: whatever the size of a person, the
+    # detector looks at a picture of one size
     detector_m: float = 0.015
-    """Error of a detector that is sure of itself. On the body, not in the image: whatever the size of a person, the
-    detector looks at a picture of one size."""
-    posture_m: float = 0.010
-    """Change of where a keypoint is meant to lie, with the posture and the direction of view."""
-    least_confidence: float = 0.05
-    """A keypoint found with less does not count."""
-    near_m: float = 0.5
-    """Keypoints further off than this are somebody else's."""
-    largest_share: float = 0.7
-    """Share of ``near_m`` that the keypoints of the athlete may be off on average: some limbs may be lost."""
-
-
-class CameraTuning(NamedTuple):
-    """Refinement of the cameras."""
-
-    least_sigma: float = 1e-7
-    """Radians of pan, and of log focal: none is known better."""
-
-
-class SelfCollisionTuning(NamedTuple):
-    """Arms inside the trunk."""
-
-    skin_gives_m: float = 0.015
-    """Depth by which skin gives way, or is not where the body has it."""
-    sigma_m: float = 0.02
-    """Standard deviation of what goes deeper."""
+    posture_m: float = 0.010  # change of where a keypoint is meant to lie, with the posture and the direction of view
+    least_confidence: float = 0.05  # a keypoint found with less does not count
+    near_m: float = 0.5  # keypoints further off than this are somebody else's
+    largest_share: float = 0.7  # of ``near_m`` that the athlete's may be off on average: some limbs may be lost
 
 
 class ContactTuning(NamedTuple):
-    """Points at rest on the floor."""
+    """Points at rest on the floor, and arms inside the trunk."""
 
-    near_m: float = 0.04
-    """Height below which a point may touch the floor: the errors of tape and tracker together."""
-    rest_m: float = 0.004
-    """Motion a frame from which on a point has begun to move; scale of the Geman-McClure weight."""
-    sigma_m: float = 0.001
-    """Motion a frame by which skin and sole give way."""
-    least_weight: float = 0.02
-    """Robust weight below which a point is not in contact."""
-
-
-class FlightTuning(NamedTuple):
-    """Free fall of the centre of mass."""
-
-    gravity_m_s2: float = 9.81
-    clear_m: float = 0.04
-    """Height above which all of the skin is off the floor: the errors of tape and tracker together."""
-    robust_m_s2: float = 4.0
-    """Departure from a fall that is hardly one; scale of the Geman-McClure weight."""
-    least_weight: float = 0.05
-    """Robust weight below which a frame is not in flight."""
+    near_m: float = 0.04  # height below which a point may touch the floor: the errors of tape and tracker together
+    rest_m: float = 0.004  # motion a frame from which on a point has begun to move; scale of the Geman-McClure weight
+    sigma_m: float = 0.001  # motion a frame by which skin and sole give way
+    least_weight: float = 0.02  # robust weight below which a point is not in contact
+    skin_gives_m: float = 0.015  # depth by which skin gives way, or is not where the body has it
+    inside_sigma_m: float = 0.02  # standard deviation of how much deeper an arm is in the trunk
 
 
 class FrameTuning(NamedTuple):
     """Frame-to-frame tracking."""
 
-    leap_sigmas: float = 3.0
-    """Sigmas of the prediction that nobody moves by."""
-    beside_keyframe: int = 2
-    """Frames beside a keyframe in which limbs are still where they are thought to be."""
-    error_gain: float = 0.3
-    """Share of the latest frame in the error of the predictions."""
+    leap_sigmas: float = 3.0  # sigmas of the prediction that nobody moves by
+    beside_keyframe: int = 2  # frames beside a keyframe in which limbs are still where they are thought to be
+    error_gain: float = 0.3  # share of the latest frame in the error of the predictions
 
 
 class FusionTuning(NamedTuple):
     """Fusion of the forward and the backward pass."""
 
-    agree_m: float = 0.05
-    """Distance of the joints up to which the passes agree about a limb."""
-    leap_m: float = 0.04
-    """Change of a joint's motion in a frame, standard deviation."""
-    worst_leap: float = 10.0
-    """Squares of that, halved, that count at most: a limb that is found again leaps once."""
-    beside_leap: int = 3
-    """Frames around a leap that may be wrong with it."""
-    own_keyframe: float = 2.0
-    """Score of a pass beside its own keyframe: where nothing tells, the leap is in the middle."""
-    leap_m2: float = 0.01
-    """Score of a limb, square metres, that weighs as much as a leap."""
-    apart_m: float = 0.02
-    """A limb that was reacquired nearer than this was not lost."""
+    agree_m: float = 0.05  # distance of the joints up to which the passes agree about a limb
+    leap_m: float = 0.04  # change of a joint's motion in a frame, standard deviation
+    worst_leap: float = 10.0  # squares of that, halved, that count at most: a limb that is found again leaps once
+    beside_leap: int = 3  # frames around a leap that may be wrong with it
+    own_keyframe: float = 2.0  # score of a pass beside its own keyframe: where nothing tells, the leap is in the middle
+    leap_m2: float = 0.01  # score of a limb, square metres, that weighs as much as a leap
+    apart_m: float = 0.02  # a limb that was reacquired nearer than this was not lost
 
 
 class IntervalTuning(NamedTuple):
-    """Results of an interval between keyframes."""
+    """Results of an interval between keyframes; ``fitted``: to captures."""
 
-    misplaced_px: float = 4.0
-    """Misfit of the contours at a joint that is as likely misplaced as not. Fitted to captures."""
-    misplaced_slope: float = 4.0
-    """Increase of the logarithm of those odds with a pixel of misfit. Fitted to captures."""
-    misplaced_m: float = 0.15
-    """Distance by which a misplaced joint is off. Fitted to captures."""
-    shape_stride: int = 4
-    """One of so many frames corrects the body: its neighbours say the same."""
+    misplaced_px: float = 4.0  # misfit of the contours at a joint that is as likely misplaced as not; fitted
+    misplaced_slope: float = 4.0  # increase of the logarithm of those odds with a pixel of misfit; fitted
+    misplaced_m: float = 0.15  # distance by which a misplaced joint is off; fitted
 
 
-class BatchTuning(NamedTuple):
-    """Batch refinement of an interval."""
+class ShapeTuning(NamedTuple):
+    """Correction of the body's shape, and refit of early frames to it."""
 
-    least_gain_m2: float = 0.002
-    """Score that a limb must gain a frame to be taken as reacquired: a search finds what looks a little better."""
-    shape_brightness_sigma: float = 25.0
-    """Grey levels, while the shape is not known: more than in tracking."""
+    stride: int = 4  # one of so many frames of an interval corrects the body: its neighbours say the same
+    brightness_sigma: float = 25.0  # grey levels, while the shape is not known: more than in tracking
+    # weight of a point's displacement along the skin; the rest is that across it: contours show the latter, and the
+    # texture, which shows the former, was learned with the body of its time
+    refit_along: float = 0.03
+    refit_stride: int = 3  # one of so many points of the skin is looked at
+    refit_steps: int = 2  # Gauss-Newton steps
 
 
-class RefitTuning(NamedTuple):
-    """Refit of early frames to the body as it is known in the end."""
+class SkinColourTuning(NamedTuple):
+    """Colours of the lower arms."""
 
-    along: float = 0.03
-    """Weight of a point's displacement along the skin; the rest is that across it. Contours show the latter, and the
-    texture, which shows the former, was learned with the body of its time."""
-    stride: int = 3
-    """One of so many points of the skin is looked at."""
-    steps: int = 2
-    """Gauss-Newton steps."""
+    luma: int = 4  # factor by which luma counts less than chroma: light changes it
+    least_facing: float = 0.3  # cosine: skin that is seen more obliquely may be another part's
+    surest: float = 3.0  # log-odds, at most
+    soft_px: float = 1.0  # blur of the probability, since chroma has half the resolution
 
 
 class AppearanceTuning(NamedTuple):
-    """Appearance score of limbs."""
+    """Postures of limbs, and their appearance score."""
 
-    weight: float = 6.0
-    """Square metres of silhouette that one of similarity is worth."""
-    half_alike: float = 15.0
-    """Grey levels by which a point half looks otherwise."""
-    neutral: float = 0.58
-    """Likeness (1: as it should be) that is neither like nor unlike."""
-    least_gain: float = 0.8
-    """Factor by which a limb that turns may darken."""
-    largest_gain: float = 1.25
-    """Factor by which it may brighten."""
-    trust_elsewhere: float = 0.5
-    """Trust in what another view has seen."""
-    stride: int = 2
-    """One of so many points of the skin is looked at."""
-    coarse_level: int = 2
-    """Pyramid level in the usual view, for postures that differ much."""
-    fine_level: int = 1
-    """Pyramid level in the usual view, for those that differ little."""
+    reluctance_m2: float = 0.002  # gain that a turn of one radian must bring
+    weight: float = 6.0  # square metres of silhouette that one of similarity is worth
+    half_alike: float = 15.0  # grey levels by which a point half looks otherwise
+    neutral: float = 0.58  # likeness (1: as it should be) that is neither like nor unlike
+    least_gain: float = 0.8  # factor by which a limb that turns may darken
+    largest_gain: float = 1.25  # factor by which it may brighten
+    trust_elsewhere: float = 0.5  # trust in what another view has seen
+    stride: int = 2  # one of so many points of the skin is looked at
+    coarse_level: int = 2  # pyramid level in the usual view, for postures that differ much
+    fine_level: int = 1  # pyramid level in the usual view, for those that differ little
+    hinge_range_rad: tuple[float, float] = (0.0, 2.6)  # range of an elbow or a knee
+    nearest_limb_m: float = 0.5  # a limb nearer to the camera is not judged
 
 
 class ReacquisitionTuning(NamedTuple):
     """Reacquisition of lost limbs."""
 
-    window: int = 2
-    """Frames on either side that a verdict takes in."""
-    beside: int = 6
-    """Frames on either side of a lost one that may be wrong with it."""
-    largest_hall: float = 0.25
-    """Share of hall in what a limb covers, all views together, from which on it is lost."""
-    least_area_m2: float = 0.05
-    """Covered area to tell that by."""
-    unlike_m2: float = 0.006
-    """Negative similarity from which on a limb is lost: less is an odd light."""
-    sizes_rad: tuple[float, ...] = (0.8, 0.4, 0.16, 0.06)
-    """Spread of the postures tried, from coarse to fine."""
-    coarse_rad: float = 0.3
-    """Postures that are spread by more are scored in coarse images."""
-    leap_m: float = 0.04
-    """Motion of a joint in a frame, besides what was expected, that is usual."""
-    leap_m2: float = 0.005
-    """Cost of that in a limb's score; it grows as the square of the length."""
-    worst_leap: float = 10.0
-    """Squares that count at most: an arm that swings moves further, and still scores most where it is seen."""
+    window: int = 2  # frames on either side that a verdict takes in
+    beside: int = 6  # frames on either side of a lost one that may be wrong with it
+    largest_hall: float = 0.25  # share of hall in what a limb covers, all views together, from which on it is lost
+    least_area_m2: float = 0.05  # covered area to tell that by
+    unlike_m2: float = 0.006  # negative similarity from which on a limb is lost: less is an odd light
+    sizes_rad: tuple[float, ...] = (0.8, 0.4, 0.16, 0.06)  # spread of the postures tried, from coarse to fine
+    coarse_rad: float = 0.3  # postures that are spread by more are scored in coarse images
+    leap_m: float = 0.04  # motion of a joint in a frame, besides what was expected, that is usual
+    leap_m2: float = 0.005  # cost of that in a limb's score; it grows as the square of the length
+    worst_leap: float = 10.0  # squares that count at most: an arm that swings moves further, and scores where it is
+    least_gain_m2: float = 0.002  # of a limb that is taken as reacquired: a search finds what looks a little better
 
 
 VIEW = ViewTuning()
 CONTOUR = ContourTuning()
 BRIGHTNESS = BrightnessTuning()
 KEYPOINT = KeypointTuning()
-CAMERA = CameraTuning()
-SELF_COLLISION = SelfCollisionTuning()
 CONTACT = ContactTuning()
-FLIGHT = FlightTuning()
 FRAME = FrameTuning()
 FUSION = FusionTuning()
 INTERVAL = IntervalTuning()
-BATCH = BatchTuning()
-REFIT = RefitTuning()
+SHAPE = ShapeTuning()
 APPEARANCE = AppearanceTuning()
+SKIN_COLOUR = SkinColourTuning()
 REACQUISITION = ReacquisitionTuning()

@@ -8,44 +8,44 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pzcap.body.skeleton import LIMBS
 from pzcap.geometry.pinhole import Vector
-from pzcap.types import Array, Float32
+from pzcap.types import SEGMENTS, Array, Float32
 
 Face = tuple[float, float, float, float, float, float, float, float, float, float]
 
-FAR: Final = np.float32(np.inf)
-NOTHING: Final = np.uint8(0)
+_FAR: Final = np.float32(np.inf)
+_NOTHING: Final = np.uint8(0)
+HEAD: Final = np.uint8(32)
+GROUP: Final[NDArray[np.uint8]] = np.array(
+    [next((2 << k for k, limb in enumerate(LIMBS) if s in limb), 1) for s in range(len(SEGMENTS))], np.uint8
+)
+GROUP[SEGMENTS.index("head")] |= HEAD
+"""(16,) One bit a part of the body: the trunk with the head, then each limb; the head has one besides."""
+ARMS: Final = GROUP[LIMBS[0][0]] | GROUP[LIMBS[1][0]]
 
 
 class SkinPoints(NamedTuple):
     """The skin of a posed body, in the world."""
 
-    points: Array
-    """(V, 3)"""
-    normals: Array
-    """(V, 3)"""
-    segment: NDArray[np.int64]
-    """(V,) that each point is fixed to."""
+    points: Array  # (V, 3)
+    normals: Array  # (V, 3)
+    segment: NDArray[np.int64]  # (V,) that each point is fixed to
 
 
 class ProjectedSkin(NamedTuple):
     """The skin of a posed body in one view, hidden points included."""
 
-    pixels: Array
-    """(V, 2), a coordinate after the other in memory."""
-    depth: Array
-    """(V,) -1 behind the camera."""
-    above: Array
-    """(V,) metres by which the camera stands above the tangent plane: negative where the skin faces away."""
+    pixels: Array  # (V, 2), a coordinate after the other in memory
+    depth: Array  # (V,) -1 behind the camera
+    above: Array  # (V,) metres by which the camera stands above the tangent plane: negative where the skin faces away
 
 
 class ZBuffer(NamedTuple):
     """Cover of a window of a view by a body. Pixel ``(i, j)`` stands at ``(left, top) + (j, i) * scale``."""
 
-    depth: Float32
-    """(h, w) of the nearest face, infinite where there is none."""
-    cover: NDArray[np.uint8]
-    """(h, w) bits of all parts of the body that lie there."""
+    depth: Float32  # (h, w) of the nearest face, infinite where there is none
+    cover: NDArray[np.uint8]  # (h, w) bits of all parts of the body that lie there
     left: int
     top: int
     scale: float
@@ -66,16 +66,10 @@ def camera_above(points: Array, normals: Array, centre: Vector, above: Array) ->
         above[n] = normals[n, 0] * dx + normals[n, 1] * dy + normals[n, 2] * dz
 
 
-@njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
-def bounds(pixels: Array, depth: Array) -> tuple[float, float, float, float]:
-    """Left, top, right and bottom of the points before the camera. Without any, right is left of left."""
-    left = top = np.inf
-    right = bottom = -np.inf
-    for n in range(len(depth)):
-        x, y, before = pixels[n, 0], pixels[n, 1], depth[n] > 0.0
-        left, right = min(left, x if before else np.inf), max(right, x if before else -np.inf)
-        top, bottom = min(top, y if before else np.inf), max(bottom, y if before else -np.inf)
-    return left, top, right, bottom
+def bounds(pixels: Array, depth: Array) -> tuple[Array, Array] | None:
+    """Left-top and right-bottom corner of the points before the camera; None without any."""
+    seen = pixels[depth > 0.0]
+    return (seen.min(axis=0), seen.max(axis=0)) if len(seen) else None
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -129,8 +123,8 @@ def _fill(row: int, column: int, face: Face, bit: int, nearest: Float32, cover: 
     w1, w2 = (dx * y2 - x2 * dy) * per_area, (x1 * dy - dx * y1) * per_area
     inside = min(w1, w2, 1.0 - w1 - w2) >= -1e-9
     z = np.float32(z0 + w1 * z1 + w2 * z2)
-    cover[row, column] |= bit if inside else NOTHING
-    nearest[row, column] = min(nearest[row, column], z if inside else FAR)
+    cover[row, column] |= bit if inside else _NOTHING
+    nearest[row, column] = min(nearest[row, column], z if inside else _FAR)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

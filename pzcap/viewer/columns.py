@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
+from pzcap.body import kinematics
 from pzcap.body import skeleton as body_model
 from pzcap.geometry import camera as geometry
 from pzcap.types import (
@@ -214,7 +215,7 @@ def send_skin(rec: rr.RecordingStream, path: str, subject: Subject, motion: Moti
     if not len(frames):
         return
     placed = np.array(
-        [body_model.forward(person, Pose(motion.root_position_m[f], motion.rotations[f])) for f in frames]
+        [kinematics.forward(person, Pose(motion.root_position_m[f], motion.rotations[f])) for f in frames]
     )
     index = [rr.TimeColumn(TIMELINE, sequence=frames)]
     for segment, name in enumerate(SEGMENTS):

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from pzcap.body import skeleton as bodies
+from pzcap.body.kinematics import forward
 from pzcap.body.shape_basis import basis, corrected
 from pzcap.body.shape_estimation import FrameResiduals, ShapeEstimate
-from pzcap.body.skeleton import DOF, forward
-from pzcap.tracking.frame_tracker import TrackingConfig
+from pzcap.body.skeleton import DOF
 from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import SEGMENTS, Array, Subject
 from tests.scenes.tracked import TERMS, clip, crops, true_body
 
@@ -37,37 +38,39 @@ def test_jacobians_are_derivatives_of_the_skin() -> None:
     """Moving the body by a correction moves each contour point as its row says."""
     body, pose = true_body(), clip().poses[4]
     evidence = PoseObjective(body, crops(4))
-    rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
-    shape = ShapeEstimate(body)
+    contour, shape = evidence.contour(*evidence.place(pose), TERMS), ShapeEstimate.of(body)
+    segment, along, points = contour.owner, contour.rows[:, 2:5], contour.rows[:, 5:]
     frames = forward(body, pose)
-    by_pose, by_shape = np.hsplit(shape._jacobian(frames, rows), [DOF])
+    jacobian = shape._jacobian(frames, contour)
+    by_pose, by_slides, by_shape = np.hsplit(jacobian, [DOF, jacobian.shape[1] - len(shape.amounts_m)])
     change = basis(body)
-    local = np.einsum("nji,nj->ni", frames[rows.segment, :3, :3], rows.points_m - frames[rows.segment, :3, 3])
+    local = np.einsum("nji,nj->ni", frames[segment, :3, :3], points - frames[segment, :3, 3])
     for k in range(len(change.sigma_m)):
         amounts = np.zeros(len(change.sigma_m))
         amounts[k] = 1e-3
         there = forward(corrected(body, change, amounts), pose)
         skin = local.copy()
-        for s in np.unique(rows.segment):
-            here = rows.segment == s
+        for s in np.unique(segment):
+            here = segment == s
             skin[here] = change.displaced(s, local[here], amounts)
-        moved = np.einsum("nij,nj->ni", there[rows.segment, :3, :3], skin) + there[rows.segment, :3, 3]
-        expected = np.einsum("ni,ni->n", rows.gradients, moved - rows.points_m) / 1e-3
+        moved = np.einsum("nij,nj->ni", there[segment, :3, :3], skin) + there[segment, :3, 3]
+        expected = np.einsum("ni,ni->n", along, moved - points) / 1e-3
         np.testing.assert_allclose(by_shape[:, k], expected, atol=1e-6 * max(1.0, np.abs(expected).max()))
     assert by_pose.shape == (len(local), DOF)
+    assert not by_slides.any()
 
 
 def test_what_is_learned_narrows_the_joints_sigma() -> None:
     """By each frame, and never to nothing: frames err alike, and the hips are inside."""
     body = true_body()
-    shape = ShapeEstimate(body)
+    shape = ShapeEstimate.of(body)
     variances = []
     for frame in (0, 4, 8):
         evidence, pose = PoseObjective(body, crops(frame)), clip().poses[frame]
-        rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
-        rows.weight[:] *= 0.024
+        rows = evidence.contour(*evidence.place(pose), TERMS)
+        rows.rows[:, 0] *= 0.024
         residuals = FrameResiduals(forward(body, pose), rows, None, 1e-3 * np.eye(DOF), np.zeros(DOF))
-        shape.commit(shape.accumulate([residuals]))
+        shape = shape.commit(shape.accumulate([residuals]))
         variances.append(shape.joint_variance().mean())
     assert variances[0] > variances[1] > variances[2]
     assert 0.001 < np.sqrt(variances[2]) < 0.02
@@ -76,12 +79,12 @@ def test_what_is_learned_narrows_the_joints_sigma() -> None:
 def test_texture_moves_with_its_segment() -> None:
     """A segment's twist by pose and corrections is what its joint does, and a slide is the opposite of its own."""
     body, pose = true_body(), clip().poses[4]
-    shape, change, frames = ShapeEstimate(body), basis(body), forward(body, pose)
+    shape, change, frames = ShapeEstimate.of(body), basis(body), forward(body, pose)
     moved = shape._twists(frames)
-    centre, knee, thigh_length, count = frames[0, :3, 3], 11, 6, DOF + len(change.sigma_m)
-    np.testing.assert_allclose(moved[knee, :3, DOF + thigh_length], -frames[10, :3, 2])
+    centre, knee, thigh_length, changes = frames[0, :3, 3], 11, 6, moved.shape[2] - len(change.sigma_m)
+    np.testing.assert_allclose(moved[knee, :3, changes + thigh_length], -frames[10, :3, 2])
     arm = frames[knee, :3, 3] - centre
-    slides = moved[knee, :, count + 6 * knee : count + 6 * knee + 6]
+    slides = moved[knee, :, DOF + 6 * knee : DOF + 6 * knee + 6]
     at_joint = slides[:3] + np.cross(slides[3:], arm, axisa=0).T
     np.testing.assert_allclose(at_joint, np.hstack([-frames[knee, :3, :3], np.zeros((3, 3))]), atol=1e-12)
 
@@ -89,15 +92,13 @@ def test_texture_moves_with_its_segment() -> None:
 def amounts_found(measurements_m: dict[str, float]) -> Array:
     """The corrections that true silhouettes at true poses ask for."""
     body = bodies.build(Subject(measurements_m, 0.01))
-    shape = ShapeEstimate(body)
+    shape, residuals = ShapeEstimate.of(body), []
     for frame in range(0, 13, 3):
         evidence, pose = PoseObjective(body, crops(frame)), clip().poses[frame]
-        rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
-        rows.weight[:] *= 0.1
-        residuals = FrameResiduals(forward(body, pose), rows, None, 1e6 * np.eye(DOF), np.zeros(DOF))
-        shape.commit(shape.accumulate([residuals]))
-    shape.solve()
-    return shape.amounts_m
+        rows = evidence.contour(*evidence.place(pose), TERMS)
+        rows.rows[:, 0] *= 0.1
+        residuals.append(FrameResiduals(forward(body, pose), rows, None, 1e6 * np.eye(DOF), np.zeros(DOF)))
+    return shape.solve(shape.accumulate(residuals)).amounts_m
 
 
 def test_a_wrong_tape_is_corrected() -> None:
@@ -117,13 +118,13 @@ def test_shoulders_that_end_too_high_are_brought_down() -> None:
     above = arms & (points[:, 2] > 0.0)
     points[above, 2] *= 1.0 + 0.02 / points[above, 2].max()
     wrong = replace(body, surface=body.surface.moved(points))
-    shape, hand = ShapeEstimate(wrong), np.diag(1.0 / TrackingConfig().hand_sigma ** 2)
+    shape, hand, residuals = ShapeEstimate.of(wrong), np.diag(1.0 / TrackingConfig().hand_sigma ** 2), []
     for frame in range(0, 13, 3):
         evidence, pose = PoseObjective(wrong, crops(frame)), clip().poses[frame]
-        rows = evidence.contour(evidence.posed(pose), evidence.visibility(evidence.posed(pose)), TERMS)
-        rows.weight[:] *= 0.1
-        residuals = FrameResiduals(forward(wrong, pose), rows, None, hand, np.zeros(DOF))
-        shape.commit(shape.accumulate([residuals]))
-    found = shape.solve()
+        rows = evidence.contour(*evidence.place(pose), TERMS)
+        rows.rows[:, 0] *= 0.1
+        residuals.append(FrameResiduals(forward(wrong, pose), rows, None, hand, np.zeros(DOF)))
+    solved = shape.solve(shape.accumulate(residuals))
+    found = solved.body(solved.amounts_m)
     assert points[arms, 2].max() - found.surface.points_m[arms, 2].max() > 0.003
     assert abs(found.offsets_m[forearm, 2] - body.offsets_m[forearm, 2]) < 0.001

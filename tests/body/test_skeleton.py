@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.mesh import ellipse_half_axes
+from pzcap.body.segment_equations import SegmentSums, lift
 from pzcap.types import MEASUREMENTS, SEGMENTS, Array, Pose, PzcapError, Subject
 from sim.people import athlete
 from tests.scenes.bodies import BODY, random_pose, subject
@@ -27,7 +29,7 @@ def test_joints_stand_where_mujoco_puts_them(seed: int) -> None:
         pose = random_pose(10 * seed + k)
         athlete.set_pose(model, data, pose)
         mujoco.mj_kinematics(model, data)
-        frames = bodies.forward(body, pose)
+        frames = kinematics.forward(body, pose)
         for i, name in enumerate(SEGMENTS):
             np.testing.assert_allclose(frames[i, :3, 3], data.body(name).xpos, atol=1e-9)
             np.testing.assert_allclose(frames[i, :3, :3].ravel(), data.body(name).xmat, atol=1e-9)
@@ -38,7 +40,7 @@ def test_joints_stand_where_mujoco_puts_them(seed: int) -> None:
 def test_difference_undoes_retract(seed: int, size: float) -> None:
     rng = np.random.default_rng(seed)
     pose, delta = random_pose(seed), size * rng.uniform(-1, 1, bodies.DOF)
-    np.testing.assert_allclose(bodies.difference(bodies.retract(pose, delta), pose), delta, atol=1e-9)
+    np.testing.assert_allclose(kinematics.difference(kinematics.retract(pose, delta), pose), delta, atol=1e-9)
 
 
 def numeric(function: object, pose: Pose, step: float = 1e-6) -> Array:
@@ -46,7 +48,7 @@ def numeric(function: object, pose: Pose, step: float = 1e-6) -> Array:
     for k in range(bodies.DOF):
         delta = np.zeros(bodies.DOF)
         delta[k] = step
-        ahead, behind = function(bodies.retract(pose, delta)), function(bodies.retract(pose, -delta))  # type: ignore[operator]
+        ahead, behind = function(kinematics.retract(pose, delta)), function(kinematics.retract(pose, -delta))  # type: ignore[operator]
         columns.append((ahead - behind) / (2 * step))
     return np.stack(columns, axis=-1)
 
@@ -54,23 +56,23 @@ def numeric(function: object, pose: Pose, step: float = 1e-6) -> Array:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_joint_jacobians(seed: int) -> None:
     pose = random_pose(seed)
-    expected = numeric(lambda p: bodies.joints(BODY, p), pose)
-    np.testing.assert_allclose(bodies.joint_jacobians(bodies.forward(BODY, pose)), expected, atol=1e-7)
+    expected = numeric(lambda p: kinematics.joints(BODY, p), pose)
+    np.testing.assert_allclose(kinematics.joint_jacobians(kinematics.forward(BODY, pose)), expected, atol=1e-7)
 
 
 @pytest.mark.parametrize("segment", range(len(SEGMENTS)))
 def test_point_jacobian(segment: int) -> None:
     pose, local = random_pose(segment), np.array([0.1, -0.05, -0.2, 1.0])
-    frames = bodies.forward(BODY, pose)
-    expected = numeric(lambda p: (bodies.forward(BODY, p)[segment] @ local)[:3], pose)
-    got = bodies.point_jacobian(frames, segment, (frames[segment] @ local)[:3])
+    frames = kinematics.forward(BODY, pose)
+    expected = numeric(lambda p: (kinematics.forward(BODY, p)[segment] @ local)[:3], pose)
+    got = kinematics.point_jacobian(frames, segment, (frames[segment] @ local)[:3])
     np.testing.assert_allclose(got, expected, atol=1e-7)
 
 
 def test_lifting_segments_equals_the_dense_normal_equations() -> None:
     rng = np.random.default_rng(4)
     pose = random_pose(4)
-    frames = bodies.forward(BODY, pose)
+    frames = kinematics.forward(BODY, pose)
     centre = frames[0, :3, 3]
     hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
     dense_h, dense_g = np.zeros((bodies.DOF, bodies.DOF)), np.zeros(bodies.DOF)
@@ -80,10 +82,10 @@ def test_lifting_segments_equals_the_dense_normal_equations() -> None:
         row = np.concatenate([a, np.cross(point - centre, a)])
         hessians[s] += np.outer(row, row)
         gradients[s] += row * residual
-        full = a @ bodies.point_jacobian(frames, s, point)
+        full = a @ kinematics.point_jacobian(frames, s, point)
         dense_h += np.outer(full, full)
         dense_g += full * residual
-    hessian, gradient = bodies.lift(hessians, gradients, bodies.screws(frames, centre))
+    hessian, gradient = lift(SegmentSums(hessians, gradients, centre), kinematics.screws(frames, centre))
     np.testing.assert_allclose(hessian, dense_h, atol=1e-9)
     np.testing.assert_allclose(gradient, dense_g, atol=1e-9)
 
@@ -111,9 +113,9 @@ def test_a_ring_has_the_girth_that_was_measured(ratio: float) -> None:
 
 def test_limits_leave_the_standing_body_alone_and_catch_a_knee_that_bends_forward() -> None:
     standing = Pose(np.zeros(3), np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1)))
-    assert not bodies.limit_residuals(standing)[0].any()
+    assert not kinematics.limit_residuals(standing)[0].any()
     delta = np.where(SEGMENTS.index("left_shank") == bodies.DOF_SEGMENT, -0.5, 0.0)
-    residual, _ = bodies.limit_residuals(bodies.retract(standing, delta))
+    residual, _ = kinematics.limit_residuals(kinematics.retract(standing, delta))
     assert np.flatnonzero(residual).tolist() == np.flatnonzero(delta).tolist()
 
 

@@ -18,7 +18,7 @@ from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera
 from pzcap.geometry.camera import at
-from pzcap.io.video import VideoReader, write_video
+from pzcap.io.video import VideoReader
 from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.types import Camera, InverseDepthMap, Panorama
@@ -26,6 +26,7 @@ from sim.cameras.film import FilmCamera
 from sim.cameras.operator import sweep, through
 from sim.cameras.optics import vignette
 from sim.cameras.sensor import Sensor
+from sim.capture_writer import write_video
 from sim.hall import gym
 from sim.session import assemble
 from tests.scenes import synthetic

@@ -19,9 +19,9 @@ import pytest
 from experiments.footage import SMALL
 from experiments.run import main
 from experiments.studies import jobs
-from pzcap.io.files import locked
 from sim import capture_cache
 from sim.capture_cache import shoot_cached
+from sim.lock import locked
 from sim.session import ShootConfig
 from sim.team import Progress
 from tests.scenes.sweeps import ENVIRONMENT, ROOT, began, command, composed, results, sweep, write

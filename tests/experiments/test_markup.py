@@ -29,7 +29,7 @@ from experiments.report import plots
 from experiments.run import main, print_table
 from experiments.studies import jobs
 from experiments.studies import page as study_page
-from pzcap.tracking.tracker import TrackingConfig
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import CameraFiles, Capture
 from tests.scenes import fabricated
 from tests.scenes.studies import NOISE, grid

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.extras import keyframe_diagnostics
 from pzcap.tracking import tracker
-from pzcap.tracking.frame_tracker import TrackingConfig
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import SEGMENTS, Array, Keyframe, Motion, Pose
 from tests.scenes import tracked as rendered
 from tests.scenes.bodies import BODY
@@ -26,11 +27,11 @@ TIMECODES = [f"10:00:00:{frame:02d}" for frame in range(FRAMES)]
 def motion(sigma_m: Array | float = 0.01, keyframes: Sequence[int] = KEYS) -> Motion:
     """Somebody walks and swings the arms, as the images have it: each joint a few millimetres off."""
     rng = np.random.default_rng(0)
-    poses = [bodies.retract(swing(t / RATE), rng.normal(0.0, 0.005, bodies.DOF)) for t in range(FRAMES)]
+    poses = [kinematics.retract(swing(t / RATE), rng.normal(0.0, 0.005, bodies.DOF)) for t in range(FRAMES)]
     return Motion(
         np.stack([pose.root_position_m for pose in poses]),
         np.stack([pose.rotations for pose in poses]),
-        np.stack([bodies.joints(BODY, pose) for pose in poses]),
+        np.stack([kinematics.joints(BODY, pose) for pose in poses]),
         np.broadcast_to(sigma_m, (FRAMES, 16)).astype(np.float64),
         np.array(keyframes, np.int64),
         np.ones(FRAMES, bool),
@@ -40,7 +41,7 @@ def motion(sigma_m: Array | float = 0.01, keyframes: Sequence[int] = KEYS) -> Mo
 def by_hand(frame: int, seed: int = 0, of: int | None = None) -> Keyframe:
     """The pose of frame ``of``, set by a hand that errs as stated."""
     error = np.random.default_rng(1000 * seed + frame).normal(0.0, HAND)
-    return Keyframe(frame, bodies.retract(swing((frame if of is None else of) / RATE), error))
+    return Keyframe(frame, kinematics.retract(swing((frame if of is None else of) / RATE), error))
 
 
 def turned(key: Keyframe, segment: str, degrees: float) -> Keyframe:

@@ -16,7 +16,8 @@ import pytest
 import sim
 from experiments.run import RESULTS, main
 from pzcap import pipeline
-from pzcap.io.video import VideoReader, write_video
+from pzcap.io.video import VideoReader
+from sim.capture_writer import write_video
 
 pytestmark = pytest.mark.xdist_group("experiments")
 

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
-from pzcap.io.capture import frame_sets, read_capture, read_image, write_capture
-from pzcap.io.video import frames_to_timecode, timecode_to_frames, write_video
+from pzcap.io.capture import frame_sets, read_capture, read_image
+from pzcap.io.video import frames_to_timecode, timecode_to_frames
 from pzcap.types import (
     MEASUREMENTS,
     CalibrationObject,
@@ -27,6 +27,7 @@ from pzcap.types import (
     PzcapError,
     Subject,
 )
+from sim.capture_writer import write_capture, write_video
 from tests.scenes import specials
 
 RATE = Fraction(30)

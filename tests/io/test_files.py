@@ -15,9 +15,10 @@ import pytest
 from experiments import footage
 from pzcap.io import results
 from pzcap.io.capture import read_image
-from pzcap.io.files import checked, locked, written_whole
+from pzcap.io.files import checked, written_whole
 from pzcap.io.video import VideoReader
 from pzcap.types import PzcapError
+from sim.lock import locked
 from sim.motion._bvh import read_bvh
 from tests.scenes import fabricated, specials
 
@@ -70,7 +71,7 @@ def test_a_reconstruction_opens_nothing_outside_itself(name: str, tmp_path: Path
 HOLDING = """
 import sys, time
 from pathlib import Path
-from pzcap.io.files import locked
+from sim.lock import locked
 with locked(Path(sys.argv[1]), "busy"):
     print("held", flush=True)
     time.sleep(60)

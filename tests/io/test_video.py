@@ -14,8 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pzcap.io.video import VideoReader, frames_per_day, frames_to_timecode, timecode_to_frames, write_video
+from pzcap.io.video import VideoReader, frames_per_day, frames_to_timecode, timecode_to_frames
 from pzcap.types import Image, PzcapError
+from sim.capture_writer import write_video
 
 RATE = Fraction(30)
 RATES = [Fraction(24), Fraction(25), RATE, Fraction(30000, 1001), Fraction(60)]

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 
 import cv2
 import numpy as np
 
+from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.skeleton import Body
-from pzcap.limbs.skin_colour_model import UNKNOWN
 from pzcap.segmentation import foreground
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate
 from pzcap.tracking.observation import ViewCrop, prepare
-from pzcap.tracking.pose_objective import PoseObjective, Terms
-from pzcap.tracking.tracker import Tracked, TrackingConfig, TrackInput, ViewInput, track
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import Terms, TrackingConfig
+from pzcap.tracking.skin_colour_model import UNKNOWN
+from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
 from pzcap.types import Array, Image, Keyframe, Pose, Subject
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot
 
 FRAMES = 13
 CONFIG = TrackingConfig()
-RATE = 30.0  # frames a second
 TERMS = Terms(0, 5.0, 1.0, 12.0, 1.0, 1.0, 0.15)
 
 
@@ -55,7 +57,7 @@ def by_hand(frame: int, seed: int = 0) -> Keyframe:
     """The true pose with a hand's error: 10 mm along each axis, 3 degrees of each degree of freedom."""
     rng = np.random.default_rng(100 * seed + frame)
     error = np.concatenate([rng.normal(0, 0.010, 3), rng.normal(0, np.deg2rad(3.0), bodies.DOF - 3)])
-    return Keyframe(frame, bodies.retract(clip().poses[frame], error))
+    return Keyframe(frame, kinematics.retract(clip().poses[frame], error))
 
 
 def errors_m(results: list[Tracked]) -> Array:
@@ -63,9 +65,19 @@ def errors_m(results: list[Tracked]) -> Array:
     return np.array([np.linalg.norm(r.joints_m - clip().joints_m[r.frame], axis=1) for r in results])
 
 
+def track(
+    body: Body, keyframes: Sequence[Keyframe], inputs: Iterable[TrackInput], config: TrackingConfig
+) -> Iterator[Tracked]:
+    """Track the body through ``inputs``, in the order of their frames: a result each, in that order. See `Tracker`."""
+    tracker = Tracker(body, keyframes, config)
+    for item in inputs:
+        yield from tracker.push(item)
+    yield from tracker.finish()
+
+
 def run(keyframes: list[Keyframe], items: tuple[TrackInput, ...] | list[TrackInput]) -> list[Tracked]:
     """Track ``items`` with the taped body from ``keyframes``."""
-    return list(track(taped(), keyframes, items, RATE, CONFIG))
+    return list(track(taped(), keyframes, items, CONFIG))
 
 
 def crops(frame: int) -> list[ViewCrop | None]:
@@ -98,7 +110,7 @@ def lost(pose: Pose, dof: int, by: float) -> Pose:
     """``pose`` with one degree of freedom changed."""
     delta = np.zeros(bodies.DOF)
     delta[dof] = by
-    return bodies.retract(pose, delta)
+    return kinematics.retract(pose, delta)
 
 
 def step(pose: Pose) -> FrameEstimate:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from pzcap.body import landmarks
+from pzcap.body import kinematics, landmarks
 from pzcap.body import skeleton as bodies
 from pzcap.io.detections import BODY_25, KEYPOINTS, read_keypoints
 from pzcap.tracking import keypoint_residuals
@@ -59,7 +59,7 @@ def test_its_keypoints_lie_where_ours_are_expected() -> None:
     aim = trajectory.at(0.0)
     pose = rig.world_T_cam(aim.pan_rad, aim.focal_px, aim.raised_rad)
     for frame in range(0, FRAMES, 7):
-        ours = keypoint_residuals.in_world(body.landmarks, bodies.forward(body, swing(TIMES_S[frame])))
+        ours = keypoint_residuals.in_world(body.landmarks, kinematics.forward(body, swing(TIMES_S[frame])))
         pixels, depth = rig.project(pose, aim.focal_px, ours)
         off_m = np.linalg.norm(pixels[ROWS] - ideal()[frame], axis=1) * depth[ROWS] / aim.focal_px
         assert np.all(off_m < 1.7 * landmarks.SIGMA_M[ROWS])

@@ -12,16 +12,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
-from pzcap.body.skeleton import Body
-from pzcap.limbs.search import LIMBS, POSTURES, LimbSearch, turn_to
-from pzcap.tracking.appearance import LimbAppearance, Postures, shared
+from pzcap.body.skeleton import LIMBS, Body
+from pzcap.tracking.appearance import LimbAppearance, Postures
 from pzcap.tracking.batch_refinement import refine_batch
 from pzcap.tracking.bidirectional_fusion import runs
-from pzcap.tracking.frame_tracker import TrackingConfig
+from pzcap.tracking.limbs import POSTURES, bounded, grounds, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop
-from pzcap.tracking.pose_objective import Appearance, PoseObjective
+from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.reacquisition import PassResults, Reacquired, reacquire, smoothest
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.skin_appearance import Appearance, learn, shared
 from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Array, Keyframe, Mask, Pose
 from tests.scenes.tracked import clip, crops, lost, observed, true_body
@@ -37,17 +39,15 @@ def swung(pose: Pose, limb: int, by: float) -> Pose:
 def known(frames: range = range(2, 5)) -> list[Appearance]:
     """What the skin looks like in these frames, the body being where it is."""
     body = true_body()
-    looks = [Appearance.unseen(len(body.surface.points_m)) for _ in crops(0)]
+    looks = [Appearance.unseen(body) for _ in crops(0)]
     for frame in frames:
         objective = observed(frame, body)
-        objective.learn(objective.visibility(objective.posed(clip().poses[frame])), looks, 0.5)
+        learn(objective.views, objective.place(clip().poses[frame])[1], looks, 0.5)
     return looks
 
 
 def alike(pose: Pose, objective: PoseObjective, looks: list[Appearance]) -> Array:
-    return LimbAppearance(objective.body).similarity(
-        pose, objective, objective.visibility(objective.posed(pose)), looks
-    )
+    return LimbAppearance(objective.body).similarity(pose, objective, objective.place(pose)[1], looks)
 
 
 def without_silhouettes(frame: int, body: Body) -> PoseObjective:
@@ -75,8 +75,8 @@ def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(lim
     for size in (0.8, 0.4, 0.16, 0.06):
         postures = limbs.postures(limb, context, turn + size * POSTURES, coarse=size > 0.3)
         turn = postures.turns[np.argmax(postures.score_m2)]
-    found = limbs.search.turned(limb, pose, turn)
-    before, after = (np.linalg.norm(bodies.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
+    found = turned(limb, pose, turn)
+    before, after = (np.linalg.norm(kinematics.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
     assert before > 0.1
     assert after < 0.4 * before
 
@@ -106,9 +106,9 @@ def test_a_limb_does_not_look_like_itself_on_the_hall() -> None:
 
 def test_without_similarity_a_limb_is_scored_by_silhouettes_alone() -> None:
     objective, pose = observed(5, true_body()), clip().poses[5]
-    placed = objective.visibility(objective.posed(pose))
+    placed = objective.place(pose)[1]
     limbs, reference = LimbAppearance(objective.body, similarity=False), known()
-    body, hall = limbs.search.support(pose, objective.grounds(placed)).T
+    body, hall = support(objective.body, pose, grounds(objective.views, placed)).T
     np.testing.assert_array_equal(limbs.score(pose, objective, reference), body - hall)
     assert not limbs.similarity(pose, objective, placed, reference).any()
 
@@ -146,7 +146,7 @@ def looked_again(
     body, true = true_body(), [clip().poses[frame] for frame in FRAMES]
     objectives = [observed(frame, body) for frame in FRAMES]
     poses = [swung(pose, limb, 0.9) if t in gone else pose for t, pose in enumerate(true)]
-    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
+    placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
     return reacquire(LimbAppearance(body), poses, objectives, placed, told(poses, looks, doubtful), around), poses
 
 
@@ -165,7 +165,7 @@ def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
     end = LIMBS[limb][2]
     for t in gone:
         off = [
-            np.linalg.norm(bodies.joints(body, p[t])[end] - bodies.joints(body, true[t])[end])
+            np.linalg.norm(kinematics.joints(body, p[t])[end] - kinematics.joints(body, true[t])[end])
             for p in (poses, again.poses)
         ]
         assert off[0] > 0.2
@@ -178,13 +178,15 @@ def test_what_only_one_pass_has_found_is_taken_up() -> None:
     true, objectives = [clip().poses[frame] for frame in FRAMES], [observed(frame, body) for frame in FRAMES]
     far = swung(true[0], limb, 2.4)
     poses = [swung(pose, limb, 2.4) for pose in true]
-    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
+    placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
     off = []
     for other in (poses, true):
         passes = PassResults([poses, other], SURE, np.ones(SURE.shape, bool), shared(known()))
         again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (far, far))
         assert again is not None
-        moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
+        moved = [
+            kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(again.poses, true, strict=True)
+        ]
         off.append(np.linalg.norm(np.array(moved)[:, LIMBS[limb][2]], axis=1).max())
     assert off[1] < 0.05 < off[0]
 
@@ -198,8 +200,8 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
     off = []
     for passes in (None, told(poses, shared(known()), SURE)):
         ends = [*poses, true[-1]], [*views, views[-1]], true[:1], Keyframe(FRAMES[-1], true[-1])
-        found = [each.pose for each in refine_batch(body, *ends, passes, 30.0, TrackingConfig()).frames]
-        moved = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(found, true, strict=False)]
+        found = [each.pose for each in refine_batch(body, *ends, passes, TrackingConfig()).frames]
+        moved = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, true, strict=False)]
         off.append(np.linalg.norm(np.array(moved)[:, end], axis=1).max())
     assert off[1] < 0.04 < 0.2 < off[0]
 
@@ -209,7 +211,7 @@ def test_what_the_passes_dispute_is_not_learned_from() -> None:
     body, limb = true_body(), 0
     objectives = [observed(frame, body) for frame in FRAMES]
     poses = [clip().poses[frame] for frame in FRAMES]
-    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
+    placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
     other = SURE.copy()
     other[3, LIMBS[1][2]] = True  # something has to be doubtful
     learned, own = [], np.isin(body.surface.segment, LIMBS[limb])
@@ -237,21 +239,21 @@ def test_a_limb_is_found_again_where_only_frames_beside_show_the_way() -> None:
     doubtful = np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)
     again, _ = looked_again(limb, [3], shared(known()), doubtful, (wide, wide))
     assert again is not None
-    off = [bodies.joints(body, p) - bodies.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
+    off = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
     assert np.linalg.norm(np.array(off)[:, LIMBS[limb][2]], axis=1).max() < 0.08
 
 
 @given(st.integers(0, 3), st.lists(st.floats(-0.4, 0.4), min_size=4, max_size=4))
 def test_a_limb_is_turned_from_one_pose_to_another(limb: int, turn: list[float]) -> None:
-    pose, search = clip().poses[5], LimbSearch(true_body())
-    taken = search.bounded(limb, pose, np.array([turn]))[0]
-    np.testing.assert_allclose(turn_to(limb, pose, search.turned(limb, pose, taken)), taken, atol=1e-9)
+    pose = clip().poses[5]
+    taken = bounded(limb, pose, np.array([turn]))[0]
+    np.testing.assert_allclose(turn_to(limb, pose, turned(limb, pose, taken)), taken, atol=1e-9)
 
 
 def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
     body = true_body()
     objectives, poses = [observed(frame, body) for frame in FRAMES], [clip().poses[frame] for frame in FRAMES]
-    placed = [each.visibility(each.posed(pose)) for each, pose in zip(objectives, poses, strict=True)]
+    placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
     assert (
         reacquire(LimbAppearance(body), poses, objectives, placed, told(poses, shared(known()), SURE), (None, None))
         is None
@@ -264,7 +266,7 @@ def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
     assert again is not None
     assert np.flatnonzero(again.lost.any(axis=0)).tolist() == list(LIMBS[1])
     for found, pose in zip(again.poses, poses, strict=True):  # found where it was
-        np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, pose), atol=0.08)
+        np.testing.assert_allclose(kinematics.joints(body, found), kinematics.joints(body, pose), atol=0.08)
 
 
 @given(st.integers(1, 4), st.integers(0, 2**32 - 1))
@@ -295,14 +297,14 @@ def test_a_limb_that_is_hidden_is_led_from_the_frame_before_to_the_one_after() -
     blind = [PoseObjective(body, [None] * len(crops(5))) for _ in range(3)]
     lost = np.zeros((3, 16), bool)
     lost[:, LIMBS[limb][1]] = True
-    nothing = [Appearance.unseen(len(body.surface.points_m)) for _ in crops(5)]
+    nothing = [Appearance.unseen(body) for _ in crops(5)]
     unseen: list[list[None]] = [[None] * len(crops(5))] * 3
     passes = PassResults([[end] * 3], np.zeros((3, 16), bool), lost, nothing)
     again = reacquire(LimbAppearance(body), [end] * 3, blind, unseen, passes, (start, end))
     assert again is not None
     for share, pose in zip((0.25, 0.5, 0.75), again.poses, strict=True):
         between = swung(start, limb, 0.6 * share)
-        np.testing.assert_allclose(bodies.joints(body, pose), bodies.joints(body, between), atol=1e-3)
+        np.testing.assert_allclose(kinematics.joints(body, pose), kinematics.joints(body, between), atol=1e-3)
 
 
 @given(st.lists(st.booleans(), max_size=12))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pzcap.body import skeleton as bodies
+from pzcap.body import kinematics
 from pzcap.body.skeleton import DOF
-from pzcap.tracking.banded_solver import Tie, smooth_step
+from pzcap.tracking.temporal_constraints import Tie, smooth_step
 from pzcap.types import Array, Pose
 from tests.scenes.body_scene import swing
 
@@ -19,8 +19,8 @@ def shaken(count: int) -> tuple[list[Pose], Array]:
     velocity = rng.normal(0, 0.02, DOF)
     start = swing(0.2)
     errors = 0.02 * rng.normal(size=(count, DOF))
-    even = [bodies.retract(start, t * velocity) for t in range(count)]
-    return [bodies.retract(pose, error) for pose, error in zip(even, errors, strict=True)], errors
+    even = [kinematics.retract(start, t * velocity) for t in range(count)]
+    return [kinematics.retract(pose, error) for pose, error in zip(even, errors, strict=True)], errors
 
 
 def test_without_images_a_stretch_between_known_ends_becomes_even() -> None:
@@ -29,9 +29,9 @@ def test_without_images_a_stretch_between_known_ends_becomes_even() -> None:
     chain = poses
     for _ in range(3):
         steps = smooth_step(chain[1:], known, [np.zeros(DOF)] * 11, SIGMA, chain[:1], [])
-        chain = [chain[0], *(bodies.retract(pose, step) for pose, step in zip(chain[1:], steps, strict=True))]
-    assert np.abs(bodies.difference(chain[-1], poses[-1])).max() < 1e-3
-    velocity = [bodies.difference(chain[t + 1], chain[t]) for t in range(11)]
+        chain = [chain[0], *(kinematics.retract(pose, step) for pose, step in zip(chain[1:], steps, strict=True))]
+    assert np.abs(kinematics.difference(chain[-1], poses[-1])).max() < 1e-3
+    velocity = [kinematics.difference(chain[t + 1], chain[t]) for t in range(11)]
     assert np.abs(np.diff(velocity, axis=0)).max() < 1e-3
 
 
@@ -40,9 +40,9 @@ def test_without_images_a_body_goes_on_as_it_came() -> None:
     before, chain = poses[:2], poses
     for _ in range(4):
         steps = smooth_step(chain[2:], [1e-9 * np.eye(DOF)] * 6, [np.zeros(DOF)] * 6, SIGMA, before, [])
-        chain = [*before, *(bodies.retract(pose, step) for pose, step in zip(chain[2:], steps, strict=True))]
-    came = bodies.difference(chain[1], chain[0])
-    went = np.array([bodies.difference(chain[t + 1], chain[t]) for t in range(1, 7)])
+        chain = [*before, *(kinematics.retract(pose, step) for pose, step in zip(chain[2:], steps, strict=True))]
+    came = kinematics.difference(chain[1], chain[0])
+    went = np.array([kinematics.difference(chain[t + 1], chain[t]) for t in range(1, 7)])
     np.testing.assert_allclose(went, np.tile(came, (6, 1)), atol=1e-3)
 
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.body import skeleton as bodies
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, joints
-from pzcap.limbs.search import LIMBS
+from pzcap.body import kinematics
+from pzcap.body.kinematics import joints
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS
 from pzcap.tracking.bidirectional_fusion import choose, fuse
 from pzcap.types import JOINTS, SEGMENTS, Array, Mask, Pose
 from tests.scenes.tracked import clip, lost, step, true_body, without_score
@@ -23,7 +23,7 @@ def turned(pose: Pose, segment: str, about: int, angle_rad: float) -> Pose:
     """A segment turned about one of its own axes."""
     delta = np.zeros(DOF)
     delta[np.flatnonzero(SEGMENTS.index(segment) == DOF_SEGMENT)[about] + (3 if segment == "pelvis" else 0)] = angle_rad
-    return bodies.retract(pose, delta)
+    return kinematics.retract(pose, delta)
 
 
 @settings(deadline=None)

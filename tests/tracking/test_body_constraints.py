@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pzcap.body.skeleton import DOF, Body, build, forward, joints, retract
+from pzcap.body.kinematics import forward, joints, retract
+from pzcap.body.skeleton import DOF, Body, build
 from pzcap.tracking import body_constraints
 from pzcap.types import JOINTS, SEGMENTS, Pose, Subject
 from sim.people.anthropometry import draw_measurements

@@ -10,19 +10,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.body.skeleton import DOF, MOVES, forward, lift, screws
+from pzcap.body.kinematics import forward, screws
+from pzcap.body.segment_equations import SegmentSums, lift
+from pzcap.body.skeleton import DOF, MOVES
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import at, project
 from pzcap.localisation.covariance import systematic
 from pzcap.tracking import camera_refinement
 from pzcap.tracking.camera_refinement import CAMERA_DOF, CameraPrior
-from pzcap.tracking.frame_tracker import TrackingConfig, fit_pose
+from pzcap.tracking.frame_tracker import fit_pose
 from pzcap.tracking.observation import ViewCrop
-from pzcap.tracking.pose_objective import Appearance, PoseObjective
-from pzcap.tracking.residuals import SegmentSums
-from pzcap.tracking.tracker import Tracker, TrackInput, track
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.skin_appearance import Appearance, learn
+from pzcap.tracking.tracker import Tracker, TrackInput
 from pzcap.types import SEGMENTS, Array, Lens, Localisation, PanZoomCamera
-from tests.scenes.tracked import FRAMES, RATE, by_hand, clip, crops, errors_m, inputs, taped, true_body
+from tests.scenes.tracked import FRAMES, by_hand, clip, crops, errors_m, inputs, taped, track, true_body
 
 CONFIG = TrackingConfig()
 UP = np.array([0.0, 0.0, 1.0])
@@ -82,8 +85,8 @@ def test_eliminating_a_camera_is_solving_for_all_at_once() -> None:
     hessians, gradients = np.einsum("sni,snj->sij", rows, rows), np.einsum("sni,sn->si", rows, residuals)
     stiff = 3.0 * np.eye(DOF)
 
-    hessian, gradient = lift(hessians, gradients, twists)
     view = SegmentSums(hessians, gradients, centre)
+    hessian, gradient = lift(view, twists)
     free = camera_refinement.eliminate(known, moves, twists, view, hessian, gradient)
     pose = np.linalg.solve(hessian + stiff, gradient)
 
@@ -113,9 +116,9 @@ def shaken(frame: int, steps: Sequence[Array], sigma: Array) -> list[ViewCrop | 
 def test_the_body_tells_a_camera_where_it_looks() -> None:
     """One view is wrong by pixels and not sure of itself; the others are. The pose, half known, leads it back."""
     body, pose = true_body(), clip().poses[6]
-    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
+    appearances: list[Appearance | None] = [Appearance.unseen(body) for _ in range(4)]
     known = PoseObjective(body, crops(6))
-    known.learn(known.visibility(known.posed(pose)), appearances, 1.0)
+    learn(known.views, known.place(pose)[1], appearances, 1.0)
     views = shaken(6, [SHAKEN, *3 * [np.zeros(CAMERA_DOF)]], SHAKEN)
     views[1:] = [None if view is None else replace(view, camera_prior=known_to(1e-3 * SHAKEN)) for view in views[1:]]
     objective = PoseObjective(body, views)
@@ -151,7 +154,7 @@ def test_shaken_cameras_cost_the_motion_little_where_they_are_corrected() -> Non
         items.append(TrackInput(item.frame, tuple(replace(view, camera_prior=None) for view in wrong)))
         truth[item.frame] = -steps[:, 0]
     keys = [by_hand(0), by_hand(FRAMES - 1)]
-    steady, kept, corrected = (list(track(taped(), keys, each, RATE, CONFIG)) for each in (inputs(), items, told))
+    steady, kept, corrected = (list(track(taped(), keys, each, CONFIG)) for each in (inputs(), items, told))
     usual, as_they_are, mended = (errors_m(each)[1:-1].mean() for each in (steady, kept, corrected))
     assert mended - usual < 0.6 * (as_they_are - usual)
     left = np.array([
@@ -169,7 +172,7 @@ def test_shaken_cameras_cost_the_motion_little_where_they_are_corrected() -> Non
 def test_cameras_stay_as_they_are_where_they_are_not_to_be_refined() -> None:
     views = [replace(view, camera_prior=known_to(SHAKEN)) for view in inputs()[0].views if view is not None]
     for on in (True, False):
-        tracker = Tracker(taped(), [by_hand(0)], RATE, replace(CONFIG, camera_refinement=on))
+        tracker = Tracker(taped(), [by_hand(0)], replace(CONFIG, camera_refinement=on))
         tracker.push(TrackInput(0, tuple(views)))
         found = tracker._crop(views, clip().poses[0])
         assert all(view is not None and (view.camera_prior is not None) == on for view in found)

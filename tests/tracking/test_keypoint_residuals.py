@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.body import landmarks
+from pzcap.body import kinematics, landmarks
 from pzcap.body import skeleton as bodies
+from pzcap.body.segment_equations import SegmentSums, accumulate, lift
 from pzcap.body.skeleton import Body
 from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
 from pzcap.tracking import keypoint_residuals
-from pzcap.tracking.residuals import SegmentSums, accumulate
 from pzcap.types import SEGMENTS, Array, Camera, Pose, Subject
 from sim.people.anthropometry import draw_measurements
 from tests.scenes.body_scene import POSITIONS, aim, swing
@@ -33,7 +33,7 @@ AT = {name: KEYPOINTS.index(name) for name in KEYPOINTS}
 
 
 def marks(pose: Pose, body: Body = BODY) -> Array:
-    return keypoint_residuals.in_world(body.landmarks, bodies.forward(body, pose))
+    return keypoint_residuals.in_world(body.landmarks, kinematics.forward(body, pose))
 
 
 def detected(pose: Pose, camera: Camera = CAMERA, confidence: float = 0.9) -> Array:
@@ -45,7 +45,7 @@ def test_keypoints_lie_where_their_names_say() -> None:
     """Standing upright: joints in the joints, the face in front, toes ahead of heels, left to the left."""
     upright = Pose(np.zeros(3), np.tile([1.0, 0.0, 0.0, 0.0], (16, 1)))
     at = dict(zip(KEYPOINTS, marks(upright), strict=True))
-    joints = dict(zip(SEGMENTS, bodies.joints(BODY, upright), strict=True))
+    joints = dict(zip(SEGMENTS, kinematics.joints(BODY, upright), strict=True))
     for name, segment in (("elbow", "forearm"), ("wrist", "hand"), ("knee", "shank"), ("ankle", "foot")):
         np.testing.assert_allclose(at[f"left_{name}"], joints[f"left_{segment}"])
     np.testing.assert_allclose(at["neck"], (at["left_shoulder"] + at["right_shoulder"]) / 2, atol=1e-12)
@@ -76,12 +76,12 @@ def test_the_page_says_by_how_much_they_may_be_meant_elsewhere() -> None:
 
 def linearised(pose: Pose, seen: Array, scale: float) -> tuple[Array, Array]:
     """Hessian (43, 43) and gradient (43,) of the keypoints at ``pose``."""
-    frames = bodies.forward(BODY, pose)
+    frames = kinematics.forward(BODY, pose)
     centre = np.ascontiguousarray(frames[0, :3, 3])
-    hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
+    sums = SegmentSums.zero(centre)
     rows, keypoint = keypoint_residuals.residuals(BODY.landmarks, frames, CAMERA, seen, scale)
-    accumulate(rows, landmarks.SEGMENT[keypoint], SegmentSums(hessians, gradients, centre))
-    return bodies.lift(hessians, gradients, bodies.screws(frames, centre))
+    accumulate(rows, landmarks.SEGMENT[keypoint], sums)
+    return lift(sums, kinematics.screws(frames, centre))
 
 
 @settings(max_examples=20, deadline=None)
@@ -98,7 +98,7 @@ def test_gradient_is_the_derivative_of_the_robust_cost(time_s: float, seed: int)
     sigma = np.hypot(BODY.landmarks.sigma_m, keypoint_residuals._noise_m(seen)) * CAMERA.focal_px / depth
 
     def cost(delta: Array) -> float:
-        pixels, _ = project(CAMERA, marks(bodies.retract(pose, delta)))
+        pixels, _ = project(CAMERA, marks(kinematics.retract(pose, delta)))
         squared = np.sum((pixels - seen[:, :2]) ** 2, axis=1) / sigma**2
         return float(np.sum(0.5 * squared / (1.0 + squared / scale**2)))
 
@@ -111,16 +111,16 @@ def test_gradient_is_the_derivative_of_the_robust_cost(time_s: float, seed: int)
 def test_steps_bring_the_body_to_what_the_view_shows() -> None:
     pose = swing(0.4)
     rng = np.random.default_rng(0)
-    found = bodies.retract(pose, 0.1 * rng.normal(size=bodies.DOF))
+    found = kinematics.retract(pose, 0.1 * rng.normal(size=bodies.DOF))
     for _ in range(10):
         hessian, gradient = linearised(found, detected(pose), 30.0)
-        found = bodies.retract(found, np.linalg.solve(hessian + 1e-2 * np.eye(bodies.DOF), gradient))
+        found = kinematics.retract(found, np.linalg.solve(hessian + 1e-2 * np.eye(bodies.DOF), gradient))
     np.testing.assert_allclose(detected(found)[:, :2], detected(pose)[:, :2], atol=0.5)
 
 
 def test_what_the_detector_has_not_found_pulls_at_nothing() -> None:
     pose = swing(0.2)
-    seen = detected(bodies.retract(pose, 0.05 * np.ones(bodies.DOF)))
+    seen = detected(kinematics.retract(pose, 0.05 * np.ones(bodies.DOF)))
     seen[:, 2] = 0.0
     seen[AT["left_wrist"], 2] = 0.8
     hessian, _ = linearised(pose, seen, 3.0)
@@ -137,7 +137,7 @@ def test_a_swapped_limb_hardly_pulls(swapped: str) -> None:
     pose = swing(0.3)
     seen = detected(pose)
     here, there = AT[swapped], AT[swapped.replace("left_", "right_")]
-    near = np.abs(linearised(bodies.retract(pose, 0.02 * np.eye(bodies.DOF)[1]), seen, 3.0)[1]).max()
+    near = np.abs(linearised(kinematics.retract(pose, 0.02 * np.eye(bodies.DOF)[1]), seen, 3.0)[1]).max()
     seen[[here, there]] = seen[[there, here]]
     assert np.linalg.norm(seen[here, :2] - seen[there, :2]) > 30.0
     assert np.abs(linearised(pose, seen, 3.0)[1]).max() < 0.25 * near
@@ -166,7 +166,7 @@ def test_what_a_detector_means_is_found_out() -> None:
     estimate = keypoint_residuals.LandmarkEstimate.of(BODY.landmarks)
     before = np.linalg.norm(meant.points_m - BODY.landmarks.points_m, axis=1)
     for time_s in np.linspace(0.0, 1.0, 20):
-        frames = bodies.forward(BODY, swing(time_s))
+        frames = kinematics.forward(BODY, swing(time_s))
         for camera in cameras:
             pixels, _ = project(camera, keypoint_residuals.in_world(meant, frames))
             pixels += rng.normal(0.0, 2.0, pixels.shape)

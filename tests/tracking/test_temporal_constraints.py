@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from pzcap.body import skeleton as bodies
-from pzcap.body.skeleton import DOF, Body, forward, retract
-from pzcap.tracking.banded_solver import smooth_step
-from pzcap.tracking.temporal_constraints import contacts, soles
+from pzcap.body.kinematics import forward, retract
+from pzcap.body.skeleton import DOF, Body
+from pzcap.tracking.temporal_constraints import contacts, smooth_step, soles
 from pzcap.types import SEGMENTS, Array, Pose, Subject
 from sim.people import athlete
 from tests.scenes.body_scene import swing

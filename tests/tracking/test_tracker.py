@@ -11,22 +11,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
-from pzcap.body.skeleton import forward, place
-from pzcap.limbs.skin_colour_model import UNKNOWN, SkinColourModel
+from pzcap.body.kinematics import forward, place
 from pzcap.tracking.bidirectional_fusion import fuse
-from pzcap.tracking.frame_tracker import FrameTracker, Round, fit_pose
+from pzcap.tracking.frame_tracker import FrameTracker, fit_pose
 from pzcap.tracking.interval_solver import misplaced
 from pzcap.tracking.observation import ViewCrop, prepare
-from pzcap.tracking.pose_objective import Appearance, PoseEquations, PoseObjective, Terms, px_per_m
-from pzcap.tracking.tracker import Tracker, TrackingConfig, TrackInput, collect, track
+from pzcap.tracking.pose_objective import PoseEquations, PoseObjective, px_per_m
+from pzcap.tracking.settings import Round, Terms, TrackingConfig
+from pzcap.tracking.skin_appearance import Appearance, learn
+from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
+from pzcap.tracking.tracker import Tracker, TrackInput, collect
 from pzcap.tracking.tuning import VIEW
 from pzcap.types import SEGMENTS, Array, Image, Keyframe, Pose, PzcapError
 from tests.scenes.body_scene import HEIGHT, WIDTH
 from tests.scenes.tracked import (
     CONFIG,
     FRAMES,
-    RATE,
     TERMS,
     by_hand,
     clip,
@@ -38,6 +40,7 @@ from tests.scenes.tracked import (
     run,
     step,
     taped,
+    track,
     true_body,
     unknown,
     without_score,
@@ -91,7 +94,7 @@ def test_the_same_footage_gives_the_same_motion() -> None:
 
 
 def test_results_come_as_soon_as_they_can() -> None:
-    tracker = Tracker(taped(), [by_hand(0), by_hand(4)], RATE, CONFIG)
+    tracker = Tracker(taped(), [by_hand(0), by_hand(4)], CONFIG)
     counts = [len(tracker.push(item)) for item in inputs()[:6]]
     assert counts == [1, 0, 0, 0, 0, 5]  # an interval is solved while the next one is followed
     assert tracker.finish() == []
@@ -108,7 +111,7 @@ def test_the_colours_of_the_arms_are_known_from_the_first_keyframe_on() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pzcap.tracking.tracker.SkinColourModel", Watched)
-        tracker = Tracker(taped(), [by_hand(0)], RATE, CONFIG)
+        tracker = Tracker(taped(), [by_hand(0)], CONFIG)
     views = [tracker.push(item) and len(told) for item in inputs()[:2]]
     assert max(told[: views[0]]) <= UNKNOWN
     assert min(told[views[0] :]) > 220
@@ -116,7 +119,7 @@ def test_the_colours_of_the_arms_are_known_from_the_first_keyframe_on() -> None:
 
 def test_no_keyframe_is_a_clear_error() -> None:
     with pytest.raises(PzcapError, match="no keyframes"):
-        list(track(taped(), [], inputs(), RATE, CONFIG))
+        list(track(taped(), [], inputs(), CONFIG))
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -133,7 +136,7 @@ def test_joints_that_nothing_shows_come_to_rest_while_the_body_moves_on() -> Non
     velocity[[0, np.flatnonzero(elbow == bodies.DOF_SEGMENT)[0]]] = 0.02, 0.1
     tracker = FrameTracker(body, CONFIG, pose, velocity, blank)
     for _ in range(6):
-        moved = bodies.difference(tracker.step(blank).pose, pose)
+        moved = kinematics.difference(tracker.step(blank).pose, pose)
     assert moved[0] > 0.08
     assert 0.0 < moved[velocity == 0.1][0] < 0.15
     assert np.abs(moved[velocity == 0.0]).max() < 0.02
@@ -180,10 +183,10 @@ def test_contour_gradient_pulls_a_displaced_body_back() -> None:
     terms = Terms(0, 6.0, 1.0, 12.0, 1.0, 0.0, 0.15)
     shift = np.zeros(bodies.DOF)
     shift[:3] = [0.012, -0.010, 0.008]
-    moved = bodies.retract(pose, shift)
-    normal = objective.normal(objective.posed(moved), objective.visibility(objective.posed(moved)), [None] * 4, terms)
+    moved = kinematics.retract(pose, shift)
+    normal = objective.normal(*objective.place(moved), [None] * 4, terms)
     step = np.linalg.solve(normal.hessian + 30.0 * np.eye(bodies.DOF), normal.gradient)
-    start = objective.normal(objective.posed(pose), objective.visibility(objective.posed(pose)), [None] * 4, terms)
+    start = objective.normal(*objective.place(pose), [None] * 4, terms)
     rest = np.linalg.solve(start.hessian + 30.0 * np.eye(bodies.DOF), start.gradient)
     np.testing.assert_allclose((step - rest)[:3], -shift[:3], atol=0.006)
 
@@ -192,12 +195,12 @@ def test_brightness_gradient_is_the_derivative_of_its_cost() -> None:
     """For residuals far below the robust scale, the gradient is that of half the sum of squares."""
     body, pose = true_body(), clip().poses[2]
     objective = observed(2, body)
-    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
-    objective.learn(objective.visibility(objective.posed(pose)), appearances, 1.0)
+    appearances: list[Appearance | None] = [Appearance.unseen(body) for _ in range(4)]
+    learn(objective.views, objective.place(pose)[1], appearances, 1.0)
     # free shading would hide part of the cost in the nuisances: forbid it here
     terms = Terms(1, 5.0, 1.0, 1e4, 0.0, 1.0, 1e-9)
-    placed = objective.visibility(objective.posed(pose))
-    at = bodies.retract(pose, 2e-3 * np.random.default_rng(0).normal(size=bodies.DOF))
+    placed = objective.place(pose)[1]
+    at = kinematics.retract(pose, 2e-3 * np.random.default_rng(0).normal(size=bodies.DOF))
 
     def cost(dof: int, step: float) -> float:
         moved = lost(at, dof, step)
@@ -227,27 +230,27 @@ def test_brightness_pulls_back_from_as_far_however_large_the_body_is_seen(times:
         belief = np.zeros((size[1] // 4, size[0] // 4), np.float32)
         views.append(prepare(larger, nobody, unknown(nobody), belief, camera, (0, 0)))
     objective = PoseObjective(body, views)
-    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in views]
-    objective.learn(objective.visibility(objective.posed(pose)), appearances, 1.0)
+    appearances: list[Appearance | None] = [Appearance.unseen(body) for _ in views]
+    learn(objective.views, objective.place(pose)[1], appearances, 1.0)
     shift = np.zeros(bodies.DOF)
     shift[:3] = 0.04, -0.03, 0.02
     stiff = np.diag(np.r_[np.full(6, 1e-3), np.full(bodies.DOF - 6, 1e6)])
     schedule = [Round(replace(TERMS, level=level, contour_weight=0.0), 4) for level in (2, 1)]
-    fit = fit_pose(objective, bodies.retract(pose, shift), stiff, appearances, CONFIG, schedule)
-    np.testing.assert_allclose(bodies.joints(body, fit.posed.pose), bodies.joints(body, pose), atol=0.005)
+    fit = fit_pose(objective, kinematics.retract(pose, shift), stiff, appearances, CONFIG, schedule)
+    np.testing.assert_allclose(kinematics.joints(body, fit.posed.pose), kinematics.joints(body, pose), atol=0.005)
 
 
 def test_shading_alone_moves_nothing() -> None:
     """A light that changes a limb's gain and gradient must not be taken for motion."""
     body, pose = true_body(), clip().poses[2]
     objective = observed(2, body)
-    appearances: list[Appearance | None] = [Appearance.unseen(len(body.surface.points_m)) for _ in range(4)]
-    objective.learn(objective.visibility(objective.posed(pose)), appearances, 1.0)
+    appearances: list[Appearance | None] = [Appearance.unseen(body) for _ in range(4)]
+    learn(objective.views, objective.place(pose)[1], appearances, 1.0)
     _, normals = place(objective.body, forward(objective.body, pose))
     for appearance in appearances:
         assert appearance is not None
         appearance.value *= (1.0 + 0.08 + 0.1 * normals[:, 0] - 0.05 * normals[:, 2]).astype(np.float32)
-    placed = objective.visibility(objective.posed(pose))
+    placed = objective.place(pose)[1]
     steps = []
     for sigma in (0.3, 1e-6):
         terms = Terms(0, 5.0, 1.0, 60.0, 0.0, 1.0, sigma)
@@ -265,7 +268,7 @@ def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:
     back = [step(lost(pose, leg, 0.8) if k == 3 else pose) for k, pose in enumerate(poses[1:-1])]
     merged, doubt = fuse(body, poses[0], ahead, back, poses[-1], without_score)
     for found, true in zip(merged, poses[1:-1], strict=True):
-        np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, true), atol=0.001)
+        np.testing.assert_allclose(kinematics.joints(body, found), kinematics.joints(body, true), atol=0.001)
     assert doubt[3, [5, 6, 14, 15]].min() > 0.05
     assert doubt[2].max() == 0.0
 
@@ -284,7 +287,7 @@ def test_where_neither_pass_leaps_the_one_that_the_images_bear_out_is_taken(righ
     passes = (true, away) if right == 0 else (away, true)
     merged, _ = fuse(body, poses[0], *passes, poses[-1], score)
     for found, expected in zip(merged, poses[1:-1], strict=True):
-        np.testing.assert_allclose(bodies.joints(body, found), bodies.joints(body, expected), atol=0.03)
+        np.testing.assert_allclose(kinematics.joints(body, found), kinematics.joints(body, expected), atol=0.03)
 
 
 def test_a_joint_whose_outlines_miss_the_silhouettes_is_said_to_be_misplaced() -> None:
@@ -295,9 +298,9 @@ def test_a_joint_whose_outlines_miss_the_silhouettes_is_said_to_be_misplaced() -
     wrong = lost(lost(true, int(arm[1]), 0.8), int(arm[0]), 0.8)
     odds = {}
     for name, pose in (("true", true), ("wrong", wrong)):
-        normal = objective.normal(objective.posed(pose), objective.visibility(objective.posed(pose)), [None] * 4, terms)
+        normal = objective.normal(*objective.place(pose), [None] * 4, terms)
         odds[name] = misplaced(normal.contour)
-    off = np.linalg.norm(bodies.joints(body, wrong) - bodies.joints(body, true), axis=1)
+    off = np.linalg.norm(kinematics.joints(body, wrong) - kinematics.joints(body, true), axis=1)
     assert off.max() > 0.3
     assert odds["true"].max() < 0.01
     assert odds["wrong"][off > 0.15].min() > 0.3
@@ -321,11 +324,11 @@ def test_where_passes_agree_confidence_weighs_them() -> None:
     back.variance[:] = 3.0
     (merged,), doubt = fuse(body, pose, [ahead], [back], pose, without_score)
     assert not doubt.any()
-    np.testing.assert_allclose(bodies.difference(merged, pose)[3], 0.01, atol=1e-9)
+    np.testing.assert_allclose(kinematics.difference(merged, pose)[3], 0.01, atol=1e-9)
 
 
 def test_a_stretch_that_no_keyframe_ends_is_given_up_in_time() -> None:
-    tracker = Tracker(taped(), [by_hand(0), Keyframe(100, clip().poses[0])], RATE, replace(CONFIG, longest_stretch=4))
+    tracker = Tracker(taped(), [by_hand(0), Keyframe(100, clip().poses[0])], replace(CONFIG, longest_stretch=4))
     counts = [len(tracker.push(item)) for item in inputs()[:6]]
     assert counts == [1, 0, 0, 0, 0, 0]
     assert [r.frame for r in tracker.finish()] == [1, 2, 3, 4, 5]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pzcap.body import landmarks
+from pzcap.body import kinematics, landmarks
 from pzcap.body import skeleton as bodies
 from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
@@ -25,7 +25,7 @@ def detected(frame: int, camera: int, seed: int = 0) -> Array:
     body, shot = true_body(), clip().shots[frame][camera]
     meant = body.landmarks.points_m + always.normal(0.0, 0.015, (len(KEYPOINTS), 3))
     marks = landmarks.Landmarks(meant, body.landmarks.sigma_m)
-    pixels, _ = project(shot.camera, keypoint_residuals.in_world(marks, bodies.forward(body, clip().poses[frame])))
+    pixels, _ = project(shot.camera, keypoint_residuals.in_world(marks, kinematics.forward(body, clip().poses[frame])))
     pixels += rng.normal(0.0, 2.5, pixels.shape)
     return np.column_stack([pixels, rng.uniform(0.5, 1.0, len(pixels))])[None]
 

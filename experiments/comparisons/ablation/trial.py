@@ -23,8 +23,8 @@ from pzcap import pipeline
 from pzcap.body import skeleton
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
+from pzcap.extras.cpu_clock import cpu_clock
 from pzcap.io.capture import FrameSets, frame_sets
-from pzcap.runtime import cpu_clock
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import (
     Capture,
@@ -107,8 +107,8 @@ def follow(
     It is the pipeline's own loop, whose stages are given what the variant knows.
     """
     subject = Subject(material.truth.measurements_m, SURE_SIGMA_M) if "body" in variant.known else material.subject
-    rate, body = float(material.capture.frame_rate), skeleton.build(subject)
-    tracker = Tracker(body, keyframes(material, variant), rate, variant.change(config.tracking))
+    body = skeleton.build(subject)
+    tracker = Tracker(body, keyframes(material, variant), variant.change(config.tracking))
     tracked: list[Tracked] = []
     with ThreadPoolExecutor(config.threads) as pool:
         stages = _Stages(material, variant, config, pool)

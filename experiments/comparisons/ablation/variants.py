@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from pzcap.tracking.tracker import TrackingConfig
+from pzcap.tracking.settings import TrackingConfig
 
 Known = Literal["cameras", "masks", "body", "keyframes"]
 Group = Literal["default", "evidence", "keyframes", "cameras", "truth"]
@@ -59,10 +59,8 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("no_shading", "no shading", "evidence", _terms(shading_sigma=1e-6)),
     Variant("no_contour", "no contour", "evidence", _terms(contour_weight=0.0)),
     Variant("no_expectation", "body not expected", "evidence", expected=False),
-    Variant("no_limb_search", "no limb search", "evidence", _config(doubt_m2=np.inf)),
     Variant("no_limits", "no joint limits", "evidence", _config(limit_sigma_rad=np.inf)),
     Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
-    Variant("no_fall", "no fall in flight", "evidence", _config(fall_sigma_m_s2=np.inf)),
     Variant("no_reacquisition", "no reacquisition", "evidence", _config(reacquisition=False)),
     Variant("no_appearance", "appearance not scored", "evidence", _config(appearance_score=False)),
     Variant("no_self_collision", "no self-collision", "evidence", _config(self_collision=False)),

@@ -15,15 +15,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pzcap.segmentation.background_model import COLOUR_LEVELS, count_colours, log_shares
+from pzcap.tracking.tuning import SKIN_COLOUR
 from pzcap.types import SEGMENTS, Array, Image
 
 UNKNOWN: Final = np.uint8(127)  # of 255
 LOWER_ARM: Final = np.array([name.endswith(("forearm", "hand")) for name in SEGMENTS])
-"""(16,) Which segments are of one."""
-_LUMA: Final = 4  # by how much less luma counts than chroma: light changes it
-_FACING: Final = 0.3  # cosine: skin that is seen more obliquely may be another part's
-_SUREST: Final = 3.0  # log-odds
-_SOFT_PX: Final = 1.0  # sigma; chroma has half the resolution
+"""(16,) Segments of one are True."""
 
 
 class SkinColourModel:
@@ -34,20 +31,20 @@ class SkinColourModel:
         self._table = np.full((COLOUR_LEVELS,) * 3, UNKNOWN)
 
     def learn(self, image: Image, segment: NDArray[np.int64], pixels: Array, facing: NDArray[np.float32]) -> None:
-        """Hear one view (H, W, 3): points of the skin, each on a ``segment`` (V,), are seen at ``pixels`` (V, 2) with a
-        cosine ``facing`` (V,) to the ray, 0 where they are hidden."""
+        """Learn one view (H, W, 3), in which points of the skin, each on a ``segment`` (V,), are seen at ``pixels``
+        (V, 2) with a cosine ``facing`` (V,) to the ray, 0 where they are hidden."""
         column, row = np.rint(pixels).astype(np.int64).T
         height, width = image.shape[:2]
-        clear = (facing > _FACING) & (column >= 0) & (row >= 0) & (column < width) & (row < height)
+        clear = (facing > SKIN_COLOUR.least_facing) & (column >= 0) & (row >= 0) & (column < width) & (row < height)
         for counts, part in zip(self._counts, (~LOWER_ARM, LOWER_ARM), strict=True):
             shown = clear & part[segment]
             if shown.any():
                 colours = _luma_and_chroma(image[row[shown], column[shown]][None])
-                colours[..., 0] //= _LUMA
+                colours[..., 0] //= SKIN_COLOUR.luma
                 count_colours(colours, np.ones(colours.shape[:2], np.uint8), counts)
         if self._counts.any(axis=(1, 2, 3)).all():
             rest, arms = (log_shares(counts) for counts in self._counts)
-            odds = np.clip(arms - rest, -_SUREST, _SUREST)
+            odds = np.clip(arms - rest, -SKIN_COLOUR.surest, SKIN_COLOUR.surest)
             self._table = np.asarray(np.rint(255.0 / (1.0 + np.exp(-odds))), np.uint8)
 
     def arms(self, image: Image, silhouette: Image) -> Image:
@@ -55,7 +52,7 @@ class SkinColourModel:
         athlete at all as in ``silhouette`` (h, w), 0..255."""
         found = np.empty(silhouette.shape, np.uint8)
         _look_up(_luma_and_chroma(image), silhouette, self._table, found)
-        return np.asarray(cv2.GaussianBlur(found, (0, 0), _SOFT_PX), np.uint8)
+        return np.asarray(cv2.GaussianBlur(found, (0, 0), SKIN_COLOUR.soft_px), np.uint8)
 
 
 def _luma_and_chroma(image: Image) -> Image:
@@ -66,8 +63,9 @@ def _luma_and_chroma(image: Image) -> Image:
 def _look_up(colours: Image, silhouette: Image, table: Image, found: Image) -> None:
     """The ``table`` of colours, a palette, at each pixel's ``colours``, times the ``silhouette``."""
     height, width = silhouette.shape
-    cell = 256 // COLOUR_LEVELS
+    chroma = 256 // COLOUR_LEVELS
+    luma = SKIN_COLOUR.luma * chroma
     for i in range(height):
         for j in range(width):
-            here = table[colours[i, j, 0] // (_LUMA * cell), colours[i, j, 1] // cell, colours[i, j, 2] // cell]
+            here = table[colours[i, j, 0] // luma, colours[i, j, 1] // chroma, colours[i, j, 2] // chroma]
             found[i, j] = here * np.int64(silhouette[i, j]) // 255

@@ -1,0 +1,87 @@
+"""The body as it is known so far, accumulated from keyframes and from the frames between them.
+
+Contours and texture correct the body's shape (`pzcap.body.shape_estimation`). A keyframe also tells where on the body
+the detector's keypoints lie (`pzcap.tracking.keypoint_residuals`), and where in the skin the joints are: a hand knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pzcap.body.kinematics import difference, forward
+from pzcap.body.shape_estimation import FrameResiduals, Shape, ShapeEquations, ShapeEstimate
+from pzcap.body.skeleton import DOF, Body
+from pzcap.tracking.keypoint_residuals import LandmarkEstimate
+from pzcap.tracking.observation import Views
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import Terms, TrackingConfig
+from pzcap.tracking.skin_appearance import mean_appearances
+from pzcap.tracking.tuning import SHAPE
+from pzcap.types import SEGMENTS, Keyframe, Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyEstimate:
+    """The body as known so far, and what that has been accumulated from."""
+
+    body: Body
+    shape: ShapeEstimate
+    known: Shape  # that results are given with
+    landmarks: LandmarkEstimate
+
+    @staticmethod
+    def of(body: Body) -> BodyEstimate:
+        """Estimate before any image: a tape has measured the body."""
+        shape = ShapeEstimate.of(body)
+        known = Shape(shape.amounts_m, np.full(len(SEGMENTS), 2 * body.sigma_m**2))
+        return BodyEstimate(body, shape, known, LandmarkEstimate.of(body.landmarks))
+
+    def with_keyframe(self, key: Keyframe, fitted: Pose, views: Views, config: TrackingConfig) -> BodyEstimate:
+        """The estimate after a keyframe, whose pose was ``fitted`` to the images."""
+        shape, landmarks, frames = self.shape, self.landmarks, forward(self.body, fitted)
+        if config.shape_weight:
+            objective, hand = PoseObjective(self.body, views), np.diag(1.0 / config.hand_sigma**2)
+            contour = objective.contour(*objective.place(fitted), _terms(config))
+            pull = hand @ difference(key.pose, fitted)
+            shape = shape.commit(shape.accumulate([FrameResiduals(frames, contour, None, hand, pull)]))
+        for view in views:
+            if view is not None and view.person is not None:
+                landmarks = landmarks.accumulate(frames, view.camera, view.person)
+        body = replace(self.body, landmarks=landmarks.solve())
+        return replace(self, body=body, shape=shape, landmarks=landmarks)
+
+    def accumulate(self, poses: Sequence[Pose], views: Sequence[Views], config: TrackingConfig) -> ShapeEquations:
+        """Normal equations of the shape from some frames of an interval, tracked with the ``body``."""
+        objectives = [PoseObjective(self.body, each) for each in views]
+        frames = [objective.place(pose) for objective, pose in zip(objectives, poses, strict=True)]
+        appearances = mean_appearances(self.body, views, [where for _, where in frames])
+        prior = config.shape_weight / config.start_widening**2 * np.eye(DOF)
+        residuals = []
+        for objective, (posed, where) in zip(objectives, frames, strict=True):
+            terms = replace(_terms(config), brightness_sigma=SHAPE.brightness_sigma)
+            found = objective.texture(posed, where, appearances, terms)
+            share = config.shape_texture_weight
+            texture = found._replace(hessians=share * found.hessians, gradients=share * found.gradients)
+            contour = objective.contour(posed, where, terms)
+            residuals.append(FrameResiduals(posed.frames, contour, texture, prior, np.zeros(DOF)))
+        return self.shape.accumulate(residuals)
+
+    def solve(self, equations: ShapeEquations) -> BodyEstimate:
+        """The estimate with the body's shape solved for with further ``equations``."""
+        shape = self.shape.solve(equations)
+        body = replace(shape.body(shape.amounts_m), landmarks=self.body.landmarks)
+        return replace(self, body=body, shape=shape)
+
+    def commit(self, equations: ShapeEquations) -> BodyEstimate:
+        """The estimate with the ``equations`` of an interval added for good."""
+        shape = self.shape.commit(equations)
+        return replace(self, shape=shape, known=Shape(shape.amounts_m, shape.joint_variance()))
+
+
+def _terms(config: TrackingConfig) -> Terms:
+    """Residuals of the last round, whose contours count ``TrackingConfig.shape_weight`` of what they do for a pose."""
+    terms = config.schedule[-1].terms
+    return replace(terms, contour_weight=config.shape_weight * terms.contour_weight)
