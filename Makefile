@@ -4,45 +4,45 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 export OPENBLAS_NUM_THREADS := 1
 VENV := .venv
 RUN := $(VENV)/bin
-READY := $(VENV)/.ready
-TRIED := $(VENV)/.tried
+LAB := $(VENV)/.lab
+DEV := $(VENV)/.dev
+INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --progress-bar off --constraint constraints.txt
 
 .PHONY: demo test gate baseline docs check setup clean
 .DEFAULT_GOAL := demo
 
-demo: setup  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
+demo: $(LAB)  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
 	$(RUN)/python -m experiments.run experiment=floor_exercise seed=0 hydra.run.dir=outputs/demo
 
 test: check  ## everything that has to hold
 	$(RUN)/python -m pytest -n 2 --dist loadgroup
 
-gate: setup  ## is any figure worse than the committed baseline? two or three minutes
+gate: $(LAB)  ## is any figure worse than the committed baseline? two or three minutes
 	$(RUN)/python -m experiments.gate
 
-baseline: setup  ## make what is reached now the baseline, on purpose
+baseline: $(LAB)  ## make what is reached now the baseline, on purpose
 	$(RUN)/python -m experiments.gate --renew
 
-docs: setup  ## the pages of docs/ as a site: outputs/docs/index.html
+docs: $(DEV)  ## the pages of docs/ as a site: outputs/docs/index.html
 	$(RUN)/python -m sphinx -q -n -W -b html docs outputs/docs
 
-check: setup  ## style, types, and the arrows between the rooms
+check: $(DEV)  ## style, types, and the arrows between the rooms
 	$(RUN)/ruff check .
 	$(RUN)/ruff format --check .
 	$(RUN)/mypy
 	$(RUN)/lint-imports
 
-setup: $(TRIED)
+setup: $(DEV)  ## all that the README's commands need
 
-$(TRIED): $(READY)
+$(LAB): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "pzcap needs Python 3.11 or newer; say make PYTHON=/path/to/python3.11"; exit 1; }
 	@sh .ci/system-libraries
-	@echo "A first small run, which compiles the kernels"
-	@$(RUN)/python -m experiments.first_run
+	$(PYTHON) -m venv $(VENV)
+	$(INSTALL) --editable '.[lab]'
 	@touch $@
 
-$(READY): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "pzcap needs Python 3.11 or newer; say make PYTHON=/path/to/python3.11"; exit 1; }
-	$(PYTHON) -m venv $(VENV)
-	$(RUN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+$(DEV): $(LAB)
+	$(INSTALL) --editable '.[dev]'
 	@touch $@
 
 clean:  ## forget the environment and everything that was made

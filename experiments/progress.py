@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from types import TracebackType
+from typing import Final
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
+
+_SAY_S: Final = 5.0  # where no bar can be drawn
 
 
 class _Count(ProgressColumn):
@@ -33,6 +37,7 @@ class Bars:
             console=console,
         )
         self._tasks: dict[str, TaskID] = {}
+        self._console, self._said_s = console, time.monotonic()
 
     def update(self, stage: str, done: int, total: int) -> None:
         """Say how far ``stage`` is; ``total`` 0 if nobody knows."""
@@ -41,6 +46,9 @@ class Bars:
             self._end(lambda other: other.partition(":")[0] == stage.partition(":")[0])
             self._tasks[stage] = self._progress.add_task(stage, total=total or None)
         self._progress.update(self._tasks[stage], completed=done, total=total or None)
+        if not self._console.is_terminal and time.monotonic() > self._said_s + _SAY_S:  # no bar is drawn there
+            self._console.print(f"{stage} {done}/{total}" if total else f"{stage} {done}")
+            self._said_s = time.monotonic()
 
     def __enter__(self) -> Bars:
         return self
