@@ -159,7 +159,7 @@ def test_a_shoot_that_was_killed_is_swept_and_one_at_work_is_not(
     assert {path.name for path in tmp_path.glob(".*")} == {own.name, f"{own.name}.lock", ".of-the-user"}
     list(working)
     assert [path.name for path in tmp_path.glob(".*")] == [".of-the-user"]
-    assert len(list(tmp_path.glob("*/complete"))) == 2
+    assert len(list(tmp_path.glob("*/complete"))) == 4  # two captures, and their light
 
 
 # --------------------------------------------------------------------------------------------------------------
