@@ -36,12 +36,10 @@ from pzcap.solver.robust import geman_mcclure, normal_sigma
 from pzcap.types import Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Overlap:
+class _Overlap(NamedTuple):
     """Pixels of one frame that another sees."""
 
-    first: int
-    second: int
+    ends: tuple[int, int]  # the first and the second frame
     points_px: NDArray[np.int16]  # (N, 2) in the first frame
     grey: NDArray[np.float32]  # (N,) there
 
@@ -58,7 +56,7 @@ class Fitted:
 def _overlap(
     frames: Stored, edges: Sequence[NDArray[np.int16]], state: CalibrationParameters, pair: tuple[int, int], most: int,
     smoothing: float,
-) -> Overlap | None:  # fmt: skip
+) -> _Overlap | None:  # fmt: skip
     """Choose ``most`` pixels of a pair of frames to compare, the finer frame smoothed to the other's resolution.
 
     ``edges`` are those of the unsmoothed frames. None if the frames overlap too little.
@@ -68,23 +66,21 @@ def _overlap(
     shrink = views[0].focal_px / views[1].focal_px
     if shrink < 0.999:
         first, second, views, shrink = second, first, (views[1], views[0]), 1.0 / shrink
-    height, width = frames[first].shape
-    border = _border_px(smoothing)
+    border, edge = _border_px(smoothing), np.array(frames.shape[:0:-1]) - 1
     fine, chosen = None, edges[first]
     if shrink > 1.001:
         fine = softened_further(frames[first], shrink, (views[0].focal_px, views[0].principal_px[0]), smoothing)
         chosen = _edges(fine, most, border)
-    seen, front = geometry.direction_to_pixel(
-        views[1], *geometry.pixel_to_direction(views[0], chosen.astype(np.float64))
-    )
-    inside = front & np.all((seen >= border) & (seen <= np.array([width, height]) - 1 - border), axis=1)
+    directions = geometry.pixel_to_direction(views[0], chosen.astype(np.float64))
+    seen, front = geometry.direction_to_pixel(views[1], *directions)
+    inside = front & np.all((seen >= border) & (seen <= edge - border), axis=1)
     which = np.flatnonzero(inside)
     which = which[:: max(1, len(which) // most)]
     if len(which) < most // 10:
         return None
     points = chosen[which]
     grey = at_pixels(frames[first], points) if fine is None else fine[points[:, 1], points[:, 0]]
-    return Overlap(first, second, points, np.asarray(grey, np.float32))
+    return _Overlap((first, second), points, np.asarray(grey, np.float32))
 
 
 def _border_px(smoothing: float) -> int:
@@ -119,10 +115,10 @@ def adjust(
     believed, mean = information(start, loose), to_vector(prior)
     edges = [_edges(frame, pixels, _border_px(smoothing)) for frame in frames]
     overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, pair, pixels, smoothing)) is not None]
-    ends = np.array([[one.first, one.second] for one in overlaps])
-    bounds = np.cumsum([0, *(len(one.grey) for one in overlaps)])
-    points, grey = np.vstack([one.points_px for one in overlaps]), np.concatenate([one.grey for one in overlaps])
-    compared = _Pixels(ends, bounds, points, grey, np.tile([1.0, 0.0], (len(overlaps), 1)), np.zeros_like(grey))
+    ends, points, greys = zip(*overlaps, strict=True)
+    bounds, grey = np.cumsum([0, *map(len, greys)]), np.concatenate(greys)
+    gains = np.tile([1.0, 0.0], (len(overlaps), 1))
+    compared = _Pixels(np.array(ends), bounds, np.vstack(points), grey, gains, np.zeros_like(grey))
     done = 0
 
     def linearise(state: CalibrationParameters, scale: float) -> NormalEquations:

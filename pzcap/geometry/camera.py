@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
+from scipy.spatial.transform import Rotation
 
 from pzcap.geometry import lens
 from pzcap.geometry.lens import Distortion, by_coefficients, distort_point, jacobian_at, undistort_point
@@ -78,12 +79,8 @@ def at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) 
 
 def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float, centre_m: Array = ON_AXIS) -> Array:
     """(4, 4) camera coordinates to head coordinates; ``centre_m`` (3,) as in `View`."""
-    cos_p, sin_p = np.cos(pan_rad), np.sin(pan_rad)
-    cos_t, sin_t = np.cos(tilt_rad), np.sin(tilt_rad)
-    cos_r, sin_r = np.cos(roll_rad), np.sin(roll_rad)
-    pan = np.array([[cos_p, -sin_p, 0.0], [sin_p, cos_p, 0.0], [0.0, 0.0, 1.0]])
-    tilt = np.array([[cos_t, 0.0, -sin_t], [0.0, 1.0, 0.0], [sin_t, 0.0, cos_t]])
-    roll = np.array([[cos_r, -sin_r, 0.0], [sin_r, cos_r, 0.0], [0.0, 0.0, 1.0]])
+    vectors = np.array([[0.0, 0.0, pan_rad], [0.0, -tilt_rad, 0.0], [0.0, 0.0, roll_rad]])
+    pan, tilt, roll = Rotation.from_rotvec(vectors).as_matrix()
     transform = np.eye(4)
     transform[:3, :3] = pan @ tilt @ HEAD_R_CAM @ roll
     transform[:3, 3] = pan @ centre_m
