@@ -33,7 +33,7 @@ from pzcap.geometry.cylinder import NODES, Hall, kernel_hall
 from pzcap.imaging.bspline import Stored, at_pixels, cubic, softened_further
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure, normal_sigma
-from pzcap.types import Array
+from pzcap.types import Array, Float32
 
 
 class _Overlap(NamedTuple):
@@ -41,7 +41,7 @@ class _Overlap(NamedTuple):
 
     ends: tuple[int, int]  # the first and the second frame
     points_px: NDArray[np.int16]  # (N, 2) in the first frame
-    grey: NDArray[np.float32]  # (N,) there
+    grey: Float32  # (N,) there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +87,7 @@ def _border_px(smoothing: float) -> int:
     return round(PHOTOMETRIC.border * smoothing)
 
 
-def _edges(image: Stored | NDArray[np.float32], most: int, border: int) -> NDArray[np.int16]:
+def _edges(image: Stored | Float32, most: int, border: int) -> NDArray[np.int16]:
     """Pixels (N, 2) of the strongest edges, the same number in every tile, and some times ``most`` in all."""
     inner = image[border : image.shape[0] - border, border : image.shape[1] - border].astype(np.float32)
     strength = np.hypot(cv2.Sobel(inner, cv2.CV_32F, 1, 0), cv2.Sobel(inner, cv2.CV_32F, 0, 1))
@@ -148,9 +148,9 @@ class _Pixels(NamedTuple):
     ends: NDArray[np.int64]  # (L, 2) frames of each overlap
     bounds: NDArray[np.int64]  # (L + 1,) where each overlap's pixels begin
     points: NDArray[np.int16]  # (N, 2) in the first frame
-    grey: NDArray[np.float32]  # (N,) there
+    grey: Float32  # (N,) there
     gains: Array  # (L, 2) of each overlap: gain and shading, brought up to date
-    residual: NDArray[np.float32]  # (N,) written; inf where the second frame does not show the pixel
+    residual: Float32  # (N,) written; inf where the second frame does not show the pixel
 
 
 @njit(cache=True, nogil=True)

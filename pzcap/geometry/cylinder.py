@@ -18,11 +18,9 @@ from scipy.interpolate import make_interp_spline
 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
-from pzcap.types import Array, InverseDepthMap, Panorama
+from pzcap.types import Array, Float32, InverseDepthMap, Panorama
 
 GRID = 16  # maps are smooth: they are computed at every sixteenth pixel and interpolated, to 0.0003 px
-
-Map = NDArray[np.float32]
 
 
 def to_unwrapped(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
@@ -114,7 +112,7 @@ def from_centre(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array
     return azimuth_rad + d_azimuth, slope + d_slope
 
 
-def smooth_map(function: Callable[[Array], Array], width: int, height: int) -> tuple[Map, Map]:
+def smooth_map(function: Callable[[Array], Array], width: int, height: int) -> tuple[Float32, Float32]:
     """Evaluate ``function``, pixels (..., 2) to pixels (..., 2), for a whole image: columns and rows, each (H, W).
 
     It has to be smooth: it is evaluated on a grid, every GRID pixels, and interpolated by cubic splines. Straight lines
