@@ -2,8 +2,7 @@
 
 Features are found to a quarter of a pixel; the grey values of some hundred pixels on edges register two frames better.
 The residual of a pixel is the second frame's grey value where it should see the pixel, minus the first frame's, made as
-bright by a gain and a shading of the pair's own. So the same parameters are
-fitted as there, with the same transfer from frame to frame, weighted by the gradient.
+bright by a gain and a shading of the pair's own: the transfer from frame to frame, weighted by the gradient.
 """
 
 from __future__ import annotations
@@ -57,10 +56,8 @@ def _overlap(
     frames: Stored, edges: Sequence[NDArray[np.int16]], state: CalibrationParameters, pair: tuple[int, int], most: int,
     smoothing: float,
 ) -> _Overlap | None:  # fmt: skip
-    """Choose ``most`` pixels of a pair of frames to compare, the finer frame smoothed to the other's resolution.
-
-    ``edges`` are those of the unsmoothed frames. None if the frames overlap too little.
-    """
+    """Choose ``most`` pixels of a pair of frames to compare, the finer frame smoothed to the other's resolution; None
+    if they overlap too little. ``edges`` are those of the unsmoothed frames."""
     first, second = pair
     views = state.view(first), state.view(second)
     shrink = views[0].focal_px / views[1].focal_px
@@ -105,11 +102,8 @@ def adjust(
     start: CalibrationParameters, frames: Stored, pairs: Sequence[tuple[int, int]], sigmas: Sigmas, *,
     prior: CalibrationParameters, pixels: int, smoothing: float, report: Callable[[int], None],
 ) -> Fitted:  # fmt: skip
-    """Fit the parameters to the grey values of ``pairs`` of ``frames`` (F, H, W), of ``pixels`` of each pair at most;
-    otherwise as `bundle_adjustment.adjust`. The frames are smoothed by ``smoothing`` square pixels.
-
-    ``start`` must be right to about a pixel.
-    """
+    """Fit the parameters, from a ``start`` right to about a pixel, to the grey values of ``pairs`` of ``frames``
+    (F, H, W), smoothed by ``smoothing`` square pixels, in at most ``pixels`` of each pair."""
     # the images know inverse distance times offset: walls held to their prior would push the projection centre away
     loose = replace(sigmas, walls=3.0, unevenness=1.0, departures=0.1, roughness=0.05)
     believed, mean = information(start, loose), to_vector(prior)

@@ -1,14 +1,13 @@
 """Grey images between their pixels: how they are kept for that, and the spline that runs through them.
 
 Two images are compared after both were smoothed by the same amount, one at its own pixels and the other between its
-pixels. Cubic B-splines do that without leaving more behind than a hundredth of what they interpolate (Unser, 1999), and
-themselves smooth by a third of a square pixel; discrete Gaussians (Lindeberg, 1990), whose variances are exact and add
-up, do the rest. Other interpolation shifts and blurs edges by where they lie in their pixel, and so biases what is
-aligned by them.
+pixels. Cubic B-splines leave no more behind than a hundredth of what they interpolate (Unser, 1999), and themselves
+smooth by a third of a square pixel; discrete Gaussians (Lindeberg, 1990), whose variances are exact and add up, do the
+rest. Other interpolation blurs edges by where they lie in their pixel, and so biases what is aligned by them.
 
-Amounts are angles: towards the sides of a frame its pixels look ever closer together, so that there what was smoothed
-by as many of them is sharper. The same place is then smoother in one frame than in another, which puts the two a
-thousandth of a pixel beside each other; so frames are smoothed more towards their sides (`Flat`).
+Amounts are angles: towards the sides of a frame its pixels look ever closer together. Smoothed by as many of them, a
+place is sharper there, and two frames come to lie a thousandth of a pixel beside each other; so frames are smoothed
+more towards their sides (`Flat`).
 """
 
 from __future__ import annotations
@@ -41,7 +40,8 @@ def softened(image: Image | Float32, shrink: float = 1.0, flat: Flat | None = No
 
     It keeps its pixels: an image that is made smaller by a fraction has its edges moved by up to a tenth of a pixel.
     """
-    return _evened(smoothed(image, _variance(shrink)), shrink**2 * (SMOOTHING + PIXEL), flat)
+    variance = SMOOTHING * shrink**2 + PIXEL * (shrink**2 - 1.0)
+    return _evened(smoothed(image, variance), shrink**2 * (SMOOTHING + PIXEL), flat)
 
 
 def stored(image: Image | Float32, flat: Flat | None = None, smoothing: float = SMOOTHING) -> Stored:
@@ -81,10 +81,6 @@ def _diffuse(image: Float32, across: Float32, down: Float32, out: Float32) -> No
         for j in range(1, image.shape[1] - 1):
             twice = two * row[j]
             out[i, j] = row[j] + across[j] * (row[j - 1] + row[j + 1] - twice) + down[j] * (above[j] + below[j] - twice)
-
-
-def _variance(shrink: float) -> float:
-    return SMOOTHING * shrink**2 + PIXEL * (shrink**2 - 1.0)
 
 
 def smoothed(image: Image | Stored | Float32, variance: float) -> Float32:

@@ -1,8 +1,8 @@
 """Sampling of the panorama at the pixels of a frame.
 
-`pzcap.localisation.photometric_alignment` needs grey values with their derivatives (`PanoramaSampler`): a pixel's
-direction is computed once a focal length and tilt, and then extrapolated linearly, while a pan shifts it along the
-panorama exactly. `pzcap.segmentation` needs the whole empty hall (`warp_background`).
+`photometric_alignment` needs grey values with their derivatives (`PanoramaSampler`): a pixel's direction is computed
+once a focal length and tilt, and then extrapolated linearly, while a pan shifts it along the panorama exactly.
+`pzcap.segmentation` needs the whole empty hall (`warp_background`).
 """
 
 from __future__ import annotations
@@ -65,8 +65,7 @@ def warp_background(
     image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
     known = cv2.remap(panorama.valid.view(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
     # BORDER_WRAP wraps rows as well, and a cylinder does not
-    inside = cv2.inRange(row, 0.0, float(panorama.image.shape[0] - 1))
-    known = cv2.bitwise_and(known, inside)
+    known = cv2.bitwise_and(known, cv2.inRange(row, 0.0, float(panorama.image.shape[0] - 1)))
     return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known.view(np.bool_)
 
 

@@ -59,13 +59,8 @@ def shrink(values: Pixels, by: int) -> Pixels:
     return cast(Pixels, cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
 
 
-def halve(values: Pixels) -> Pixels:
-    """(H, W, ...) at half the resolution; an odd last row or column is left out."""
-    return shrink(values, 2)
-
-
 def double(values: Float32) -> Float32:
-    """Undo `halve`: (h, w) to (2 h, 2 w)."""
+    """(h, w) at twice the resolution, (2 h, 2 w)."""
     height, width = values.shape
     return np.asarray(cv2.resize(values, (2 * width, 2 * height), interpolation=cv2.INTER_LINEAR), np.float32)
 
@@ -79,8 +74,8 @@ class Compared:
     known: Image  # (h, w) 1 where the hall is known
 
     def log_odds(self, body: Image | None = None) -> Float32:
-        """Log-odds of body (h, w). ``body`` (h, w) is not 0 in what is certainly body, which shows the colours that it
-        has. Without it, it may have any colour."""
+        """Log-odds of body (h, w), which has the colours of what is certainly body, where ``body`` (h, w) is not 0;
+        without that it may have any."""
         palette = np.zeros((COLOUR_LEVELS,) * 3, np.float32)
         if body is not None:
             counts = np.zeros(palette.shape, np.int64)
@@ -108,7 +103,11 @@ def compare(
 
     ``background`` (H, W, 3) counts where it is ``known`` (H, W). ``blur_px`` is its blur (sigma).
     """
-    frame, hall, sure = _blurred(halve(image), blur_px / 2), halve(background), halve(known.astype(np.uint8))
+    frame, hall, sure = (
+        _blurred(shrink(image, 2), blur_px / 2),
+        shrink(background, 2),
+        shrink(known.astype(np.uint8), 2),
+    )
     steep_x, steep_y = (g / np.float32(8.0) for g in cv2.spatialGradient(cv2.cvtColor(hall, cv2.COLOR_BGR2GRAY)))
     error = config.camera_error_px / 2
     variance = np.asarray(config.noise**2 + error**2 * (steep_x * steep_x + steep_y * steep_y), np.float32)
