@@ -1,8 +1,8 @@
 """Pan and zoom of a frame: its place on the panorama (section 4).
 
 `Localiser` aligns a frame's grey values with the panorama (`photometric_alignment`): starting from where the frame
-before leads to, else from where the whole frame correlates best (`coarse_search`), else, as when somebody covers much of
-it, from where its features are (`feature_search`). No place counts with which the grey values do not agree.
+before leads to, else from where the whole frame correlates best (`coarse_search`), else, as when somebody covers much
+of it, from where its features are (`feature_search`). No place counts with which the grey values do not agree.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ class Localiser:
         moved_px = abs(aligned.pan_rad - found.pan_rad) * self._panorama.px_per_rad
         if aligned.agreement <= self._config.min_agreement or moved_px >= ALIGNMENT.features_moved_px:
             return None
-        points = {"frame_points_px": found.frame_points_px, "panorama_points_px": found.panorama_points_px}
-        return replace(self._localisation(aligned), **points)
+        frame_px, panorama_px = found.frame_points_px, found.panorama_points_px
+        return replace(self._localisation(aligned), frame_points_px=frame_px, panorama_points_px=panorama_px)
 
     def _is_reliable(self, aligned: Alignment) -> bool:
         return aligned.report.converged and aligned.agreement > self._config.sure_agreement

@@ -100,14 +100,10 @@ def compare(
     config: ForegroundConfig,
 ) -> Compared:  # fmt: skip
     """Likelihood under the empty hall of a view, or of a part of it whose top-left pixel stands at ``corner`` (x, y).
-
-    ``background`` (H, W, 3) counts where it is ``known`` (H, W). ``blur_px`` is its blur (sigma).
-    """
-    frame, hall, sure = (
-        _blurred(shrink(image, 2), blur_px / 2),
-        shrink(background, 2),
-        shrink(known.astype(np.uint8), 2),
-    )
+    ``background`` (H, W, 3) counts where it is ``known`` (H, W); ``blur_px`` is its blur (sigma)."""
+    frame, hall, sure = (shrink(one, 2) for one in (image, background, known.astype(np.uint8)))
+    if blur_px > 0.6:
+        frame = np.asarray(cv2.GaussianBlur(frame, (0, 0), blur_px / 2), np.uint8)
     steep_x, steep_y = (g / np.float32(8.0) for g in cv2.spatialGradient(cv2.cvtColor(hall, cv2.COLOR_BGR2GRAY)))
     error = config.camera_error_px / 2
     variance = np.asarray(config.noise**2 + error**2 * (steep_x * steep_x + steep_y * steep_y), np.float32)
@@ -134,10 +130,6 @@ def floor_plane(camera: Camera, reach_m: float) -> Array:
     turn = camera.world_T_cam[2, :3]
     slope = turn[:2] / camera.focal_px
     return np.array([*slope, turn[2] - slope @ camera.principal_px + camera.world_T_cam[2, 3] / reach_m])
-
-
-def _blurred(image: Image, sigma: float) -> Image:
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.uint8) if sigma > 0.3 else image
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
