@@ -7,9 +7,8 @@ second, minus where it was seen, in pixels of the second. No world points are es
 point, a rotation carries pixels to pixels (Shum and Szeliski, 2000).
 
 The views are not quite from one point: the slide head leaves the projection centre some millimetres beside the pan
-axis, and as the lens zooms it travels along its own, which moves near things by a pixel. How near things are is known
-only roughly before, and estimated, too: a floor, walls, and what departs from these. Lengths are in heights of the
-camera over the floor.
+axis, and zooming moves it along the optical axis, which shifts near things by a pixel. How near they are is estimated,
+too: a floor, walls, and what departs from these. Lengths are in heights of the camera over the floor.
 """
 
 from __future__ import annotations
@@ -69,11 +68,8 @@ def adjust(
     start: CalibrationParameters, links: Sequence[Link], sigmas: Sigmas, *, prior: CalibrationParameters | None = None,
     scale_px: float = 8.0, iterations: int = 20,
 ) -> Adjusted:  # fmt: skip
-    """Fit the parameters to ``links``; the pan of the first frame stays what it is.
-
-    ``sigmas`` are about ``prior``, or else about ``start``. Weights (Geman and McClure) fall with a residual's length,
-    by a scale that starts at ``scale_px`` and follows the residuals down.
-    """
+    """Fit the parameters to ``links``; the pan of the first frame is held. ``sigmas`` are about ``prior``, or else
+    about ``start``; the scale of the weights starts at ``scale_px`` and follows the residuals down."""
     mean, believed = to_vector(start if prior is None else prior), information(start, sigmas)
     matches = matches_of(links)
     length = np.empty(len(matches.pixels))
@@ -115,10 +111,8 @@ def new_transfer() -> Transfer:
 
 @njit(cache=True, nogil=True)
 def transfer(first: Array, second: Array, u: float, v: float, hall: Hall, out: Transfer) -> None:
-    """Project what the ``first`` view shows at (u, v) into the ``second``, with derivatives.
-
-    How the parallax itself turns with the view is left out of the derivatives: some thousandths.
-    """
+    """Project what the ``first`` view shows at (u, v) into the ``second``, with derivatives, but for how the parallax
+    itself turns with the view: some thousandths."""
     pixel, by_views, by_near, nodes, shares = out
     azimuth, slope = pixel_to_direction_kernel(first, u, v)
     here, there = np.empty((2, SEEN)), np.empty((2, SEEN))
@@ -182,10 +176,8 @@ def normal_equations(state: CalibrationParameters, matches: Matches, scale: floa
 def hall_nodes(
     first: Array, points: Array | NDArray[np.int16], hall: Hall, number: NDArray[np.int64], used: NDArray[np.int64]
 ) -> int:
-    """Number the nodes of the inverse distance that the points (N, 2) of a frame touch, and count them.
-
-    ``used`` (A + R A,) takes their indices, ``number`` (A + R A,) the inverse of that: a node's number, or -1.
-    """
+    """Number the nodes of the inverse distance that the points (N, 2) of a frame touch, and count them: ``used``
+    (A + R A,) takes their indices, ``number`` (A + R A,) the inverse of that, a node's number or -1."""
     count = 0
     number[:] = -1
     nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
@@ -204,10 +196,8 @@ def hall_nodes(
 def _accumulate(
     matches: Matches, jacobians: ViewJacobians, hall: Hall, scale: float, length: Array, normal: Array, gradient: Array
 ) -> float:
-    """Add up normal matrix (U, U), gradient (U,) and cost of all matches, and note their residuals' ``length`` (N,).
-
-    A link's matches are summed by the views and nodes that they depend on, and then carried over to the parameters.
-    """
+    """Add up normal matrix (U, U), gradient (U,) and cost of all matches, and note their residuals' ``length`` (N,): a
+    link's by the views and nodes that they depend on, which `add_link` carries over to the parameters."""
     seen, cost = new_transfer(), 0.0
     number, used = np.empty((2, hall[1].size + hall[2].size), np.int64)
     touched = np.arange(SIDES + NODES if len(hall[1]) else SIDES)

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pzcap.calibration import features
 from pzcap.calibration.bundle_adjustment import Link, adjust
 from pzcap.calibration.features import Features
 from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters, Sigmas
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.calibration.sweep import Chain, Frames, chain, link_further, link_views, place, spaced
-from pzcap.calibration.tuning import BELIEF, FEATURES, HALL, ZOOM
+from pzcap.calibration.sweep import Chain, Frames, chain, detect, link_further, link_views, place, spaced
+from pzcap.calibration.tuning import BELIEF, HALL, ZOOM
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE
@@ -56,7 +55,7 @@ def match(
     further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
     sweep_links = [*chained.links, *further]
 
-    found = [*chained.features, _detect(reference_image, config)]
+    found = [*chained.features, detect(reference_image, config.sweep)]
     pan, links = _place_reference(found, coarse, width, config)
     links = [*sweep_links, *links]
     pans, focals = [*coarse.pan_rad, pan], [coarse.log_focal[0]] * 2
@@ -65,7 +64,7 @@ def match(
     if zoomed:
         for done, image in enumerate(zoomed):
             report("match zoom run", done, len(zoomed) + 1)
-            found.append(_detect(image, config))
+            found.append(detect(image, config.sweep))
         pan, focals_px, zoom_links = _place_zoom(found, count + 1, coarse, width, config)
         report("match zoom run", len(zoomed) + 1, len(zoomed) + 1)
         links += zoom_links
@@ -75,7 +74,7 @@ def match(
         focal_of += list(range(2, 2 + len(zoomed)))
     start = CalibrationParameters(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
-        _padded(coarse.principal_px, 2 if zoomed else 1), _padded(coarse.k1[:, None], 3 if zoomed else 1)[:, 0],
+        np.pad(coarse.principal_px, ((0, 1 if zoomed else 0), (0, 0))), np.pad(coarse.k1, (0, 2 if zoomed else 0)),
         coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
     )  # fmt: skip
     others = [grey(image) for image in [reference_image, *zoomed]]
@@ -112,15 +111,6 @@ def sigmas_of(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool
     )
 
 
-def _padded(coefficients: Array, order: int) -> Array:
-    """Polynomial coefficients (p, D) with zeros up to ``order`` terms."""
-    return np.vstack([coefficients, np.zeros((order - len(coefficients), coefficients.shape[1]))])
-
-
-def _detect(image: Image, config: PanZoomConfig) -> Features:
-    return features.detect(grey(image), config.sweep.threshold, config.sweep.features, scales=FEATURES.few_scales)
-
-
 def _place_reference(
     found: Sequence[Features], sweep: CalibrationParameters, width: int, config: PanZoomConfig
 ) -> tuple[float, list[Link]]:
@@ -139,10 +129,7 @@ def _place_zoom(
     found: Sequence[Features], offset: int, sweep: CalibrationParameters, width: int, config: PanZoomConfig
 ) -> tuple[float, Array, list[Link]]:
     """Find the pan of the zoom run, frames ``found[offset:]``, their focal lengths, and their links to each other and
-    to the frames of the sweep.
-
-    Raises PzcapError if the zoom run shows nothing of the sweep.
-    """
+    to the sweep. Raises PzcapError if it shows nothing of the sweep."""
     zoomed, view = found[offset:], sweep.view(0)
     field = 2 * np.arctan(width / 2 / view.focal_px)
     low, high = np.log(config.zoom_range)

@@ -1,11 +1,10 @@
 """The camera's pose from the grey values of the printed markers.
 
-The print on the calibration object is known exactly, so that its image can be predicted: every pixel of a marker, and
-not its four corners alone, tells of the pose. Its six parameters are fitted by Gauss-Newton on the grey values. Light
-and sharpness are nuisance parameters. Each marker has linear shadings of its own for
-paper and ink, which are solved for wherever the pose is (variable projection; Golub and Pereyra, 1973), and two widths
-of blur, across its upright and across its level edges, which the Schur complement eliminates. What covers or outshines
-a part of a marker loses its weight (Tukey's biweight).
+The print on the calibration object is known exactly, so that every pixel of a marker, and not its four corners alone,
+tells of the pose, whose six parameters are fitted by Gauss-Newton steps. Light and sharpness are nuisance parameters.
+Each marker has linear shadings of its own for paper and ink, which are solved for wherever the pose is (variable
+projection; Golub and Pereyra, 1973), and two widths of blur, across its upright and across its level edges, which the
+Schur complement eliminates. What covers or outshines a part of a marker loses its weight (Tukey's biweight).
 """
 
 from __future__ import annotations
@@ -52,8 +51,7 @@ def moved(camera: Camera, step: Array) -> Camera:
     cam_R_world = turn @ camera.world_T_cam[:3, :3].T
     translation = step[3:] - cam_R_world @ camera.world_T_cam[:3, 3]
     world_T_cam = np.eye(4)
-    world_T_cam[:3, :3] = cam_R_world.T
-    world_T_cam[:3, 3] = -cam_R_world.T @ translation
+    world_T_cam[:3] = np.column_stack([cam_R_world.T, -cam_R_world.T @ translation])
     return replace(camera, world_T_cam=world_T_cam)
 
 
@@ -92,8 +90,7 @@ def fit_pose(camera: Camera, image: Image, calibration_object: CalibrationObject
 
 def _sigmas(residuals: list[Array], slopes: list[Array]) -> list[Array]:
     """Robust standard deviation of each pixel's residual: noise, and in proportion to the slope what the model misses,
-    as if edges lay a fraction of a pixel off.
-    """
+    as if edges lay a fraction of a pixel off."""
     residual, slope = np.abs(np.concatenate(residuals)), np.concatenate(slopes)
     steep = slope > 0.25 * slope.max()
     noise = max(normal_sigma(residual[~steep]), MARKERS.least_noise)
@@ -143,10 +140,8 @@ def linearise(camera: Camera, patch: Patch, blur_px2: Array, weight: Array) -> t
     root = np.sqrt(weight)
     shading = np.linalg.lstsq(shares * root[:, None], patch.grey * root, rcond=None)[0]
     contrast = patch.place @ (shading[3:] - shading[:3])
-    jacobian = np.empty((len(places), 14))
-    jacobian[:, :6] = contrast[:, None] * np.einsum("pi,pij->pj", ink[:, 1:3], by_pose)
-    jacobian[:, 6:8] = contrast[:, None] * ink[:, 3:]
-    jacobian[:, 8:] = shares
+    by_step = np.einsum("pi,pij->pj", ink[:, 1:3], by_pose)
+    jacobian = np.hstack([contrast[:, None] * by_step, contrast[:, None] * ink[:, 3:], shares])
     slope = np.abs(contrast) * np.linalg.norm(np.einsum("pi,pij->pj", ink[:, 1:3], by_px), axis=1)
     return shares @ shading - patch.grey, jacobian, slope
 
@@ -166,19 +161,14 @@ def _axes(marker: Marker, cells: int) -> Array:
 
 def _on_print(camera: Camera, axes_m: Array, rays: Array) -> tuple[Array, Array, Array]:
     """Intersect rays (P, 3) with a print: places (P, 2) in cells to the right and down, and their derivatives,
-    (P, 2, 2) by a ray's x and y, (P, 2, 6) by the step of `moved`.
-
-    With ``H`` the print's axes in the
-    camera's frame a ray ``d`` meets it at ``H^-1 d``, up to scale; ``dH = w x H + (0, 0, t)``.
-    """
+    (P, 2, 2) by a ray's x and y, (P, 2, 6) by the step of `moved`. With ``H`` the print's axes in the camera's frame a
+    ray ``d`` meets it at ``H^-1 d``, up to scale; ``dH = w x H + (0, 0, t)``."""
     rotation, centre = camera.world_T_cam[:3, :3], camera.world_T_cam[:3, 3]
     inverse = np.linalg.inv(rotation.T @ (axes_m - np.column_stack([np.zeros((3, 2)), centre])))
     met = rays @ inverse.T
     places = met[:, :2] / met[:, 2:]
     rows = (inverse[None, :2] - places[:, :, None] * inverse[2]) / met[:, 2, None, None]
-    by_pose = np.empty((len(rays), 2, 6))
-    by_pose[:, :, :3] = -np.cross(rays[:, None], rows)
-    by_pose[:, :, 3:] = -met[:, 2, None, None] * rows
+    by_pose = np.concatenate([-np.cross(rays[:, None], rows), -met[:, 2, None, None] * rows], axis=2)
     return places, rows[:, :, :2], by_pose
 
 

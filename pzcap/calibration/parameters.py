@@ -42,15 +42,11 @@ class CalibrationParameters:
         """View of ``frame``; its ``centre_m`` is in camera heights."""
         log_focal = self.log_focal[self.focal_of[frame]]
         x = log_focal - self.log_focal[0]
-        return View(
-            float(self.pan_rad[self.pan_of[frame]]),
-            self.tilt_rad,
-            self.roll_rad,
-            float(np.exp(log_focal)),
-            x ** np.arange(len(self.principal_px)) @ self.principal_px,
-            Distortion(float(x ** np.arange(len(self.k1)) @ self.k1)),
-            geometry.centre(self.offset, self.travel * float(x), self.tilt_rad),
-        )
+        principal_px = x ** np.arange(len(self.principal_px)) @ self.principal_px
+        distortion = Distortion(float(x ** np.arange(len(self.k1)) @ self.k1))
+        pan_rad, centre = self.pan_rad[self.pan_of[frame]], geometry.centre(self.offset, self.travel * x, self.tilt_rad)
+        focal_px = float(np.exp(log_focal))
+        return View(float(pan_rad), self.tilt_rad, self.roll_rad, focal_px, principal_px, distortion, centre)
 
     def lens(self, width: int, height: int) -> Lens:
         return Lens(width, height, float(np.exp(self.log_focal[0])), self.principal_px, self.k1)

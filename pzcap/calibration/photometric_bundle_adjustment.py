@@ -2,8 +2,7 @@
 
 Features are found to a quarter of a pixel; the grey values of some hundred pixels on edges register two frames better.
 The residual of a pixel is the second frame's grey value where it should see the pixel, minus the first frame's, made as
-bright by a gain and a shading of the pair's own. So the same parameters are
-fitted as there, with the same transfer from frame to frame, weighted by the gradient.
+bright by a gain and a shading of the pair's own: the transfer from frame to frame, weighted by the gradient.
 """
 
 from __future__ import annotations
@@ -33,17 +32,15 @@ from pzcap.geometry.cylinder import NODES, Hall, kernel_hall
 from pzcap.imaging.bspline import Stored, at_pixels, cubic, softened_further
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure, normal_sigma
-from pzcap.types import Array
+from pzcap.types import Array, Float32
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Overlap:
+class _Overlap(NamedTuple):
     """Pixels of one frame that another sees."""
 
-    first: int
-    second: int
+    ends: tuple[int, int]  # the first and the second frame
     points_px: NDArray[np.int16]  # (N, 2) in the first frame
-    grey: NDArray[np.float32]  # (N,) there
+    grey: Float32  # (N,) there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,40 +55,36 @@ class Fitted:
 def _overlap(
     frames: Stored, edges: Sequence[NDArray[np.int16]], state: CalibrationParameters, pair: tuple[int, int], most: int,
     smoothing: float,
-) -> Overlap | None:  # fmt: skip
-    """Choose ``most`` pixels of a pair of frames to compare, the finer frame smoothed to the other's resolution.
-
-    ``edges`` are those of the unsmoothed frames. None if the frames overlap too little.
-    """
+) -> _Overlap | None:  # fmt: skip
+    """Choose ``most`` pixels of a pair of frames to compare, the finer frame smoothed to the other's resolution; None
+    if they overlap too little. ``edges`` are those of the unsmoothed frames."""
     first, second = pair
     views = state.view(first), state.view(second)
     shrink = views[0].focal_px / views[1].focal_px
     if shrink < 0.999:
         first, second, views, shrink = second, first, (views[1], views[0]), 1.0 / shrink
-    height, width = frames[first].shape
-    border = _border_px(smoothing)
+    border, edge = _border_px(smoothing), np.array(frames.shape[:0:-1]) - 1
     fine, chosen = None, edges[first]
     if shrink > 1.001:
         fine = softened_further(frames[first], shrink, (views[0].focal_px, views[0].principal_px[0]), smoothing)
         chosen = _edges(fine, most, border)
-    seen, front = geometry.direction_to_pixel(
-        views[1], *geometry.pixel_to_direction(views[0], chosen.astype(np.float64))
-    )
-    inside = front & np.all((seen >= border) & (seen <= np.array([width, height]) - 1 - border), axis=1)
+    directions = geometry.pixel_to_direction(views[0], chosen.astype(np.float64))
+    seen, front = geometry.direction_to_pixel(views[1], *directions)
+    inside = front & np.all((seen >= border) & (seen <= edge - border), axis=1)
     which = np.flatnonzero(inside)
     which = which[:: max(1, len(which) // most)]
     if len(which) < most // 10:
         return None
     points = chosen[which]
     grey = at_pixels(frames[first], points) if fine is None else fine[points[:, 1], points[:, 0]]
-    return Overlap(first, second, points, np.asarray(grey, np.float32))
+    return _Overlap((first, second), points, np.asarray(grey, np.float32))
 
 
 def _border_px(smoothing: float) -> int:
     return round(PHOTOMETRIC.border * smoothing)
 
 
-def _edges(image: Stored | NDArray[np.float32], most: int, border: int) -> NDArray[np.int16]:
+def _edges(image: Stored | Float32, most: int, border: int) -> NDArray[np.int16]:
     """Pixels (N, 2) of the strongest edges, the same number in every tile, and some times ``most`` in all."""
     inner = image[border : image.shape[0] - border, border : image.shape[1] - border].astype(np.float32)
     strength = np.hypot(cv2.Sobel(inner, cv2.CV_32F, 1, 0), cv2.Sobel(inner, cv2.CV_32F, 0, 1))
@@ -109,20 +102,17 @@ def adjust(
     start: CalibrationParameters, frames: Stored, pairs: Sequence[tuple[int, int]], sigmas: Sigmas, *,
     prior: CalibrationParameters, pixels: int, smoothing: float, report: Callable[[int], None],
 ) -> Fitted:  # fmt: skip
-    """Fit the parameters to the grey values of ``pairs`` of ``frames`` (F, H, W), of ``pixels`` of each pair at most;
-    otherwise as `bundle_adjustment.adjust`. The frames are smoothed by ``smoothing`` square pixels.
-
-    ``start`` must be right to about a pixel.
-    """
+    """Fit the parameters, from a ``start`` right to about a pixel, to the grey values of ``pairs`` of ``frames``
+    (F, H, W), smoothed by ``smoothing`` square pixels, in at most ``pixels`` of each pair."""
     # the images know inverse distance times offset: walls held to their prior would push the projection centre away
     loose = replace(sigmas, walls=3.0, unevenness=1.0, departures=0.1, roughness=0.05)
     believed, mean = information(start, loose), to_vector(prior)
     edges = [_edges(frame, pixels, _border_px(smoothing)) for frame in frames]
     overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, pair, pixels, smoothing)) is not None]
-    ends = np.array([[one.first, one.second] for one in overlaps])
-    bounds = np.cumsum([0, *(len(one.grey) for one in overlaps)])
-    points, grey = np.vstack([one.points_px for one in overlaps]), np.concatenate([one.grey for one in overlaps])
-    compared = _Pixels(ends, bounds, points, grey, np.tile([1.0, 0.0], (len(overlaps), 1)), np.zeros_like(grey))
+    ends, points, greys = zip(*overlaps, strict=True)
+    bounds, grey = np.cumsum([0, *map(len, greys)]), np.concatenate(greys)
+    gains = np.tile([1.0, 0.0], (len(overlaps), 1))
+    compared = _Pixels(np.array(ends), bounds, np.vstack(points), grey, gains, np.zeros_like(grey))
     done = 0
 
     def linearise(state: CalibrationParameters, scale: float) -> NormalEquations:
@@ -152,9 +142,9 @@ class _Pixels(NamedTuple):
     ends: NDArray[np.int64]  # (L, 2) frames of each overlap
     bounds: NDArray[np.int64]  # (L + 1,) where each overlap's pixels begin
     points: NDArray[np.int16]  # (N, 2) in the first frame
-    grey: NDArray[np.float32]  # (N,) there
+    grey: Float32  # (N,) there
     gains: Array  # (L, 2) of each overlap: gain and shading, brought up to date
-    residual: NDArray[np.float32]  # (N,) written; inf where the second frame does not show the pixel
+    residual: Float32  # (N,) written; inf where the second frame does not show the pixel
 
 
 @njit(cache=True, nogil=True)

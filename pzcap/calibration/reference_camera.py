@@ -79,11 +79,9 @@ def detect(image: Image, calibration_object: CalibrationObject) -> Detection:
 def _consistent(
     quads: Sequence[tuple[int, Array]], known: Mapping[int, Array], width: int, height: int
 ) -> dict[int, Array]:
-    """Select the quads (id, (4, 2) pixels) that one camera can see together, at most one for an id.
-
-    A pattern of the hall passes for a marker now and then. If not all agree, the largest set is taken that agrees with
-    the camera of three of them (RANSAC; Fischler and Bolles, 1981).
-    """
+    """Select the quads (id, (4, 2) pixels) that one camera can see together, at most one for an id: a pattern of the
+    hall passes for a marker now and then. If not all agree, the largest set that agrees with the camera of three of
+    them (RANSAC; Fischler and Bolles, 1981)."""
     points_m = np.array([known[i] for i, _ in quads], np.float64).reshape(-1, 4, 3)
     points_px = np.array([quad for _, quad in quads], np.float64).reshape(-1, 4, 2)
     sides = np.linalg.norm(points_px - np.roll(points_px, 1, axis=1), axis=2).mean(axis=1)
@@ -109,9 +107,9 @@ def _consistent(
 def refine_corners(image: Image, corners_px: Array) -> Array:
     """Refine the corners (4, 2) of a dark square on a bright ground, as the intersections of its four edges.
 
-    `cv2.cornerSubPix` takes the whole neighbourhood of a corner, which blur rounds, and so pulls corners towards the
-    square's middle. Edges away from the corners are not affected: each side is sampled across at many places, the first
-    moment of the gradient locates the edge in each, and a line is fitted through them.
+    Blur rounds corners, so that `cv2.cornerSubPix` pulls them towards the square's middle; it does not move edges away
+    from them. Each side is sampled across at many places, the first moment of the gradient locates the edge in each,
+    and a line is fitted through them.
     """
     lines = []
     for start, end in zip(corners_px, np.roll(corners_px, -1, axis=0), strict=True):
@@ -141,10 +139,8 @@ def refine_corners(image: Image, corners_px: Array) -> Array:
 
 
 def calibrate(image: Image, calibration_object: CalibrationObject, config: ReferenceConfig) -> ReferenceCamera:
-    """Estimate pose, focal length and k1 of the camera that took ``image``; the principal point is its centre.
-
-    Raises PzcapError when the object is not found.
-    """
+    """Estimate pose, focal length and k1 of the camera that took ``image``; the principal point is its centre. Raises
+    PzcapError when the object is not found."""
     height, width = image.shape[:2]
     detection = detect(image, calibration_object)
     camera = tsai(detection.points_m, detection.points_px, width, height)
@@ -182,18 +178,15 @@ def tsai(points_m: Array, points_px: Array, width: int, height: int) -> Camera:
         raise PzcapError("the calibration object's markers do not fit one camera; check its dimensions (object.json)")
     translation = size * np.array([rows[0, 3], rows[1, 3], distance]) - rotation @ middle
     world_T_cam = np.eye(4)
-    world_T_cam[:3, :3] = rotation.T
-    world_T_cam[:3, 3] = -rotation.T @ translation
+    world_T_cam[:3] = np.column_stack([rotation.T, -rotation.T @ translation])
     return Camera(width, height, world_T_cam, float(focal), centre, 0.0)
 
 
 def fit(
     camera: Camera, points_m: Array, points_px: Array, config: ReferenceConfig, *, free_lens: bool
 ) -> ReferenceCamera:
-    """Refine ``camera`` to the points by Levenberg-Marquardt with Huber weights.
-
-    With ``free_lens`` the focal length and k1 are refined with the pose, else the pose alone.
-    """
+    """Refine the pose of ``camera``, and its focal length and k1 if ``free_lens``, to the points by Levenberg-Marquardt
+    on the Huber cost."""
 
     def residuals(step: Array) -> Array:
         """Root of the Huber cost of each point, along its residual, and the prior of k1."""
@@ -225,9 +218,9 @@ def resolve(
 ) -> ReferenceCamera:  # fmt: skip
     """Fit the pose again with the intrinsics of ``lens_camera``, which the sweep and the zoom run determine better.
 
-    It is fitted to the corners, then to all grey values of the markers in ``image`` (H, W[, 3]), which ``reference`` is
-    of. Where that does not converge, or disagrees with the corners by more than their errors allow, the corners' pose
-    stays. The residuals are always those of the corners. Raises PzcapError as `detect` does.
+    It is fitted to the corners, then to all grey values of the markers in ``image`` (H, W[, 3]); the corners' pose
+    stays where that does not converge, or disagrees by more than their errors allow. The residuals are those of the
+    corners. Raises PzcapError as `detect` does.
     """
     start = replace(lens_camera, world_T_cam=reference.camera.world_T_cam)
     points_m, points_px = reference.points_m, reference.points_px

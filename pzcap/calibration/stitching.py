@@ -24,7 +24,7 @@ from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
 from pzcap.imaging import bspline
 from pzcap.solver.robust import geman_mcclure, normal_sigma
-from pzcap.types import Array, Image, InverseDepthMap, Mask, Panorama
+from pzcap.types import Array, Float32, Image, InverseDepthMap, Mask, Panorama
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +63,7 @@ def fit_brightness(links: Sequence[Link], frames: int, view: View, width: int, h
     return Brightness(solution[:frames], solution[frames:])
 
 
-def flatness(brightness: Brightness, view: View, width: int, height: int) -> NDArray[np.float32]:
+def flatness(brightness: Brightness, view: View, width: int, height: int) -> Float32:
     """Factors (H, W) by which a frame's brightness is multiplied to take the vignetting out."""
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     pixels = np.stack([u, v], axis=-1).astype(np.float64)
@@ -175,7 +175,7 @@ class _Canvas:
         return np.clip(np.rint(colour), 0, 255).astype(np.uint8), valid
 
 
-def agreement(difference: NDArray[np.float32]) -> NDArray[np.float32]:
+def agreement(difference: Float32) -> Float32:
     """Weights (H, W) of pixels, `geman_mcclure` of the mean ``difference`` (H, W) around them in grey levels."""
     around = cv2.boxFilter(np.abs(difference), -1, (9, 9))
     return np.asarray(geman_mcclure(around, STITCHING.different), np.float32)

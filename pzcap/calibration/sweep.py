@@ -78,19 +78,19 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
     pans = [0.0]
     for index, image in frames:
         report(index + 1)
+        expected = None
         if len(kept) > 1:
-            rate = (pans[-1] - pans[-2]) / (kept[-1] - kept[-2])
-            expected = rate * (index - kept[-1])
+            expected = (pans[-1] - pans[-2]) / (kept[-1] - kept[-2]) * (index - kept[-1])
             # hardly any motion since the last frame kept
             if abs(expected) * view.focal_px < config.min_step * image.shape[1] and index - kept[-1] < config.max_skip:
                 continue
         kept.append(index)
         images.append(grey(image))
-        found.append(features.detect(images[-1], config.threshold, config.features, scales=FEATURES.few_scales))
-        if len(kept) > 1:
-            last = len(kept) - 1
-            link = link_pan(found, last - 1, last, view, expected, config) if last > 1 else None
-            if link is None:  # the pan may have stopped, started or turned back
+        found.append(detect(images[-1], config))
+        last = len(kept) - 1
+        if last > 0:
+            link = link_pan(found, last - 1, last, view, expected, config)
+            if link is None and expected is not None:  # the pan may have stopped, started or turned back
                 link = link_pan(found, last - 1, last, view, None, config)
             if link is None:
                 raise PzcapError(
@@ -109,12 +109,14 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
     return Chain(np.array(kept), tuple(images), tuple(found), pan, tuple(links), closure, full_turn)
 
 
-def link_further(found: Sequence[Features], views: Sequence[View], width: int, config: SweepConfig) -> list[Link]:
-    """Links between frames of a sweep further apart, once their ``views`` are known roughly.
+def detect(image: Image, config: SweepConfig) -> Features:
+    """Features of a frame (H, W[, 3]) of sweep or zoom run, or of the reference image."""
+    return features.detect(grey(image), config.threshold, config.features, scales=FEATURES.few_scales)
 
-    Each frame is matched with those ``config.overlaps`` of a field of view on: the longer the lever, the better the
-    shape of the lens and the sum of the pans are known.
-    """
+
+def link_further(found: Sequence[Features], views: Sequence[View], width: int, config: SweepConfig) -> list[Link]:
+    """Links of each frame of a sweep, its ``views`` known roughly, with those ``config.overlaps`` of a field of view
+    on: the longer the lever, the better are the shape of the lens and the sum of the pans known."""
     field = 2 * np.arctan(width / 2 / views[0].focal_px)
     pan = np.array([view.pan_rad for view in views])
     links = []
@@ -133,10 +135,9 @@ def link_pan(
     """Match two frames by one pan, near ``expected`` if that is given; None if too few matches agree."""
     near = None
     if expected is not None:
-        azimuth, slope = geometry.pixel_to_direction(view, found[first].points_px)
-        predicted, _ = geometry.direction_to_pixel(replace(view, pan_rad=view.pan_rad + expected), azimuth, slope)
-        # tilt, roll and distortion are unknown as yet, so that the prediction is rough
-        reach = 24.0 + 0.1 * abs(expected) * view.focal_px
+        directions = geometry.pixel_to_direction(view, found[first].points_px)
+        predicted, _ = geometry.direction_to_pixel(replace(view, pan_rad=view.pan_rad + expected), *directions)
+        reach = 24.0 + 0.1 * abs(expected) * view.focal_px  # tilt, roll and distortion are unknown as yet
         near = (predicted, reach)
     pairs = features.match(found[first], found[second], config.ratio, near)
     if len(pairs) < config.min_matches:
@@ -158,10 +159,8 @@ def link_pan(
 def _close(
     found: Sequence[Features], pan: Array, view: View, field: float, config: SweepConfig
 ) -> tuple[Array, float, list[Link]]:
-    """Close the circle: match the end of a full turn with its beginning.
-
-    Returns the pans, the closure error distributed over them, that error, and the links across the seam.
-    """
+    """Match the end of a full turn with its beginning: the pans, the closure error distributed over them; that error;
+    and the links across the seam."""
     turn = float(np.sign(pan[-1])) * 2 * np.pi
     apart = np.abs(pan[None, :] - pan[:, None] - turn)
     firsts, seconds = np.nonzero((apart < 0.75 * field) & (np.arange(len(pan))[:, None] < np.arange(len(pan))))
@@ -197,9 +196,9 @@ def consensus(
 ) -> tuple[float, float, Mask]:  # fmt: skip
     """Find the pan and the focal length, of those proposed, on which most matches agree, and these matches (N,).
 
-    ``view_at`` gives the view, at pan 0, of a focal length. Given a focal length, one match determines the pan, and its
-    slope tells whether it fits. So every match votes under every focal length, and the densest cluster of pans wins:
-    exhaustive RANSAC (Fischler and Bolles, 1981). With ``free_tilt`` the slopes of the cluster may share an offset.
+    ``view_at`` gives the view of a focal length at pan 0, where one match determines the pan and its slope tells
+    whether it fits. Every match votes under every focal length, and the densest cluster of pans wins: exhaustive RANSAC
+    (Fischler and Bolles, 1981). With ``free_tilt`` the slopes of the cluster may share an offset.
     """
     best, winner = np.zeros(len(points_px), bool), (0.0, float(focals_px[0]))
     for focal in focals_px:

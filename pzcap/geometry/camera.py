@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
+from scipy.spatial.transform import Rotation
 
 from pzcap.geometry import lens
 from pzcap.geometry.lens import Distortion, by_coefficients, distort_point, jacobian_at, undistort_point
@@ -78,12 +79,8 @@ def at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) 
 
 def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float, centre_m: Array = ON_AXIS) -> Array:
     """(4, 4) camera coordinates to head coordinates; ``centre_m`` (3,) as in `View`."""
-    cos_p, sin_p = np.cos(pan_rad), np.sin(pan_rad)
-    cos_t, sin_t = np.cos(tilt_rad), np.sin(tilt_rad)
-    cos_r, sin_r = np.cos(roll_rad), np.sin(roll_rad)
-    pan = np.array([[cos_p, -sin_p, 0.0], [sin_p, cos_p, 0.0], [0.0, 0.0, 1.0]])
-    tilt = np.array([[cos_t, 0.0, -sin_t], [0.0, 1.0, 0.0], [sin_t, 0.0, cos_t]])
-    roll = np.array([[cos_r, -sin_r, 0.0], [sin_r, cos_r, 0.0], [0.0, 0.0, 1.0]])
+    vectors = np.array([[0.0, 0.0, pan_rad], [0.0, -tilt_rad, 0.0], [0.0, 0.0, roll_rad]])
+    pan, tilt, roll = Rotation.from_rotvec(vectors).as_matrix()
     transform = np.eye(4)
     transform[:3, :3] = pan @ tilt @ HEAD_R_CAM @ roll
     transform[:3, 3] = pan @ centre_m
@@ -102,10 +99,8 @@ def mount(reference: Camera, camera: PanZoomCamera) -> PanZoomCamera:
 
 
 def project(camera: Camera, points_m: Array) -> tuple[Array, Array]:
-    """World points (N, 3) to pixels (N, 2) and depths (N,) in metres along the optical axis.
-
-    A point is seen where its depth is positive; behind the camera the pixel is meaningless but finite.
-    """
+    """World points (N, 3) to pixels (N, 2) and depths (N,) in metres along the optical axis. Where the depth is not
+    positive, behind the camera, the pixel is meaningless but finite."""
     rotation, centre = camera.world_T_cam[:3, :3], camera.world_T_cam[:3, 3]
     seen = (points_m - centre) @ rotation
     depth = seen[:, 2]
@@ -152,11 +147,8 @@ def _direction(x: Any, y: Any, tilt_rad: float, roll_rad: float) -> tuple[Any, A
 
 
 def derivatives(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
-    """Derivatives of `direction_to_pixel` for directions (N,).
-
-    Returns the derivatives with respect to ``PARAMETERS`` (N, 2, 7) and to (azimuth, slope) (N, 2, 2), in pixels
-    per radian, per unit of log focal, per pixel and per unit of k1.
-    """
+    """Derivatives of `direction_to_pixel` for directions (N,) by ``PARAMETERS`` (N, 2, 7) and by (azimuth, slope)
+    (N, 2, 2): pixels per radian, per unit of log focal, per pixel and per unit of k1."""
     seen = np.empty((len(azimuth_rad), 2, SEEN))
     _see_all(view.vector(), azimuth_rad, slope, seen)
     return seen[:, :, BY_PARAMETERS], seen[:, :, BY_DIRECTION]
@@ -172,10 +164,7 @@ respect to PARAMETERS, and to azimuth and slope."""
 @njit(cache=True, nogil=True)
 def direction_to_pixel_with_derivatives(view: Array, azimuth: float, slope: float, seen: Array) -> None:
     """`direction_to_pixel` and its derivatives for one direction in front of the camera, into ``seen`` (2, SEEN). For
-    other kernels.
-
-    ``view`` is `View.vector`.
-    """
+    other kernels; ``view`` is `View.vector`."""
     pan, tilt, focal, roll, principal_x, principal_y, k1 = view[:7]
     distortion = Distortion(k1, view[VIEW], view[VIEW + 1], view[VIEW + 2])
     cos_a, sin_a = np.cos(azimuth - pan), np.sin(azimuth - pan)
@@ -225,19 +214,14 @@ def pan_zoom_derivatives(camera: PanZoomCamera, view: View, azimuth_rad: Array, 
     full, _ = derivatives(view, azimuth_rad, slope)
     principal, by_log_focal = lens.slope(camera.lens, view.focal_px)
     xy, _ = _normalised(view, azimuth_rad, slope)
-    result = np.empty((len(full), 2, 3))
-    result[:, :, 0] = full[:, :, 0]
     bending = view.focal_px * (lens.jacobian_by_coefficients(xy) @ np.array(by_log_focal))
-    result[:, :, 1] = full[:, :, 2] + principal + bending
-    result[:, :, 2] = full[:, :, 1]
-    return result
+    return np.stack([full[:, :, 0], full[:, :, 2] + principal + bending, full[:, :, 1]], axis=-1)
 
 
 def parallax(view: View, azimuth_rad: Array, slope: Array, inverse_distance: Array) -> tuple[Array, Array]:
     """Change of azimuth and slope (...) from a point on the pan axis to the projection centre of ``view``.
 
-    ``inverse_distance`` (...), 1 / m, is that of what is seen, horizontally. To first order: a few millimetres against
-    metres.
+    ``inverse_distance`` (...), 1 / m, is that of what is seen. To first order: a few millimetres against metres.
     """
     forward, left, up = view.centre_m
     sin_a, cos_a = np.sin(azimuth_rad - view.pan_rad), np.cos(azimuth_rad - view.pan_rad)

@@ -1,8 +1,7 @@
-"""Perspective image <-> cylinder: the paper's equations 3-6, and their generalisation to a calibrated camera.
+"""The panorama's cylinder about the pan axis (the paper's equations 3-6, for a calibrated camera), and the hall's
+inverse distance.
 
-The paper's cylinder stands about the camera's own y axis and knows neither tilt nor distortion (`to_cylinder`). The
-exact cylinder stands about the pan axis: `pzcap.geometry.camera` takes its points to pixels,
-`pzcap.localisation.panorama_sampler` back.
+`pzcap.geometry.camera` takes its points to pixels, `pzcap.localisation.panorama_sampler` back.
 """
 
 from __future__ import annotations
@@ -18,11 +17,9 @@ from scipy.interpolate import make_interp_spline
 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
-from pzcap.types import Array, InverseDepthMap, Panorama
+from pzcap.types import Array, Float32, InverseDepthMap, Panorama
 
 GRID = 16  # maps are smooth: they are computed at every sixteenth pixel and interpolated, to 0.0003 px
-
-Map = NDArray[np.float32]
 
 
 def to_unwrapped(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
@@ -66,11 +63,8 @@ NODES: Final = 6
 
 @njit(cache=True, nogil=True)
 def near_at(hall: Hall, azimuth: float, slope: float, nodes: NDArray[np.int64], shares: Array) -> float:
-    """`inverse_distance` in one direction, for other kernels; linear between neighbours.
-
-    ``nodes`` (NODES,) takes the indices of what it is made of, in walls followed by departures, and ``shares`` (NODES,)
-    the derivatives with respect to these.
-    """
+    """`inverse_distance` in one direction, for other kernels; linear between neighbours. ``nodes`` (NODES,) takes the
+    indices of what it is made of, in walls followed by departures, and ``shares`` (NODES,) the derivatives by these."""
     height, walls, departures, slopes = hall
     rows, around = departures.shape
     up = min(max((slope - slopes[0]) / (slopes[1] - slopes[0]), 0.0), 1.0) * (rows - 1)
@@ -105,20 +99,17 @@ def _near_all(hall: Hall, azimuth: Array, slope: Array, near: Array) -> None:
 
 
 def from_centre(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
-    """Directions (...) of the panorama, as they are seen from the projection centre.
-
-    `pzcap.localisation.panorama_sampler.directions` undoes it.
-    """
+    """Directions (...) of the panorama, as they are seen from the projection centre."""
     near = inverse_distance(panorama.surroundings, azimuth_rad, slope)
     d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
     return azimuth_rad + d_azimuth, slope + d_slope
 
 
-def smooth_map(function: Callable[[Array], Array], width: int, height: int) -> tuple[Map, Map]:
+def smooth_map(function: Callable[[Array], Array], width: int, height: int) -> tuple[Float32, Float32]:
     """Evaluate ``function``, pixels (..., 2) to pixels (..., 2), for a whole image: columns and rows, each (H, W).
 
-    It has to be smooth: it is evaluated on a grid, every GRID pixels, and interpolated by cubic splines. Straight lines
-    in their place would all err to the same side, and the panorama be a hundred thousandth too high.
+    It has to be smooth: it is evaluated at every GRID pixels and interpolated by cubic splines. Straight lines would
+    all err to the same side, and make the panorama a hundred thousandth too high.
     """
     (u, across), (v, down) = _splines(width), _splines(height)
     nodes = function(np.stack(np.meshgrid(u, v), axis=-1))

@@ -1,14 +1,13 @@
 """Grey images between their pixels: how they are kept for that, and the spline that runs through them.
 
 Two images are compared after both were smoothed by the same amount, one at its own pixels and the other between its
-pixels. Cubic B-splines do that without leaving more behind than a hundredth of what they interpolate (Unser, 1999), and
-themselves smooth by a third of a square pixel; discrete Gaussians (Lindeberg, 1990), whose variances are exact and add
-up, do the rest. Other interpolation shifts and blurs edges by where they lie in their pixel, and so biases what is
-aligned by them.
+pixels. Cubic B-splines leave no more behind than a hundredth of what they interpolate (Unser, 1999), and themselves
+smooth by a third of a square pixel; discrete Gaussians (Lindeberg, 1990), whose variances are exact and add up, do the
+rest. Other interpolation blurs edges by where they lie in their pixel, and so biases what is aligned by them.
 
-Amounts are angles: towards the sides of a frame its pixels look ever closer together, so that there what was smoothed
-by as many of them is sharper. The same place is then smoother in one frame than in another, which puts the two a
-thousandth of a pixel beside each other; so frames are smoothed more towards their sides (`Flat`).
+Amounts are angles: towards the sides of a frame its pixels look ever closer together. Smoothed by as many of them, a
+place is sharper there, and two frames come to lie a thousandth of a pixel beside each other; so frames are smoothed
+more towards their sides (`Flat`).
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ive
 
-from pzcap.types import Array
+from pzcap.types import Array, Float32, Image
 
 SMOOTHING = 0.64  # variance, square pixels: of what is compared
 SPLINE = 1.0 / 3.0  # of which the spline brings about so much
@@ -36,34 +35,29 @@ Flat = tuple[float, float]
 """Of a frame, focal length and column of the principal point, pixels. A panorama is the same all over, and has none."""
 
 
-def softened(
-    image: NDArray[np.uint8] | NDArray[np.float32], shrink: float = 1.0, flat: Flat | None = None
-) -> NDArray[np.float32]:
+def softened(image: Image | Float32, shrink: float = 1.0, flat: Flat | None = None) -> Float32:
     """A grey image (H, W), smoothed as one that is ``shrink`` times smaller is where `cubic` looks at it.
 
     It keeps its pixels: an image that is made smaller by a fraction has its edges moved by up to a tenth of a pixel.
     """
-    return _evened(smoothed(image, _variance(shrink)), shrink**2 * (SMOOTHING + PIXEL), flat)
+    variance = SMOOTHING * shrink**2 + PIXEL * (shrink**2 - 1.0)
+    return _evened(smoothed(image, variance), shrink**2 * (SMOOTHING + PIXEL), flat)
 
 
-def stored(
-    image: NDArray[np.uint8] | NDArray[np.float32], flat: Flat | None = None, smoothing: float = SMOOTHING
-) -> Stored:
+def stored(image: Image | Float32, flat: Flat | None = None, smoothing: float = SMOOTHING) -> Stored:
     """A grey image (H, W), ready for `cubic`."""
     soft = _evened(smoothed(image, smoothing - SPLINE), smoothing + PIXEL, flat)
     return np.asarray(np.clip(np.rint(soft * STEPS), 0, 65535), np.uint16)
 
 
-def softened_further(
-    image: Stored, shrink: float, flat: Flat | None = None, smoothing: float = SMOOTHING
-) -> NDArray[np.float32]:
+def softened_further(image: Stored, shrink: float, flat: Flat | None = None, smoothing: float = SMOOTHING) -> Float32:
     """`softened` of what is stored already."""
     more = (shrink**2 - 1.0) * (smoothing + PIXEL)
     soft = _evened(smoothed(image, more + SPLINE), more, flat)
     return np.asarray(soft / np.float32(STEPS), np.float32)
 
 
-def _evened(image: NDArray[np.float32], variance: float, flat: Flat | None) -> NDArray[np.float32]:
+def _evened(image: Float32, variance: float, flat: Flat | None) -> Float32:
     """A frame (H, W), in the middle smoothed by so much, its pixels' own PIXEL included, smoothed more towards its
     sides: by as much everywhere, measured on the cylinder that it looks at.
 
@@ -79,9 +73,7 @@ def _evened(image: NDArray[np.float32], variance: float, flat: Flat | None) -> N
 
 
 @njit(cache=True, nogil=True)
-def _diffuse(
-    image: NDArray[np.float32], across: NDArray[np.float32], down: NDArray[np.float32], out: NDArray[np.float32]
-) -> None:
+def _diffuse(image: Float32, across: Float32, down: Float32, out: Float32) -> None:
     """One step of heat flow, by so much in each column (W,); the outermost pixels stay."""
     two = np.float32(2.0)
     for i in range(1, image.shape[0] - 1):
@@ -91,11 +83,7 @@ def _diffuse(
             out[i, j] = row[j] + across[j] * (row[j - 1] + row[j + 1] - twice) + down[j] * (above[j] + below[j] - twice)
 
 
-def _variance(shrink: float) -> float:
-    return SMOOTHING * shrink**2 + PIXEL * (shrink**2 - 1.0)
-
-
-def smoothed(image: NDArray[np.uint8] | Stored | NDArray[np.float32], variance: float) -> NDArray[np.float32]:
+def smoothed(image: Image | Stored | Float32, variance: float) -> Float32:
     reach = int(np.ceil(4.0 * np.sqrt(variance))) + 1
     kernel = ive(np.abs(np.arange(-reach, reach + 1)), variance)
     return np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REFLECT_101), np.float32)
@@ -122,7 +110,7 @@ def cubic(image: Stored, x: float, y: float) -> tuple[bool, float, float, float]
     return True, value / STEPS, by_x / STEPS, by_y / STEPS
 
 
-def warped(image: NDArray[np.float32], columns: NDArray[np.float32], rows: NDArray[np.float32]) -> NDArray[np.float32]:
+def warped(image: Float32, columns: Float32, rows: Float32) -> Float32:
     """Sample the spline through an image (H, W, C) at columns and rows (h, w): (h, w, C). It ends a pixel inside.
 
     OpenCV's own interpolation rounds places to 1/32 pixel, and moves edges by up to a hundredth.
@@ -134,9 +122,7 @@ def warped(image: NDArray[np.float32], columns: NDArray[np.float32], rows: NDArr
 
 
 @njit(cache=True, nogil=True)
-def _warp(
-    coefficients: NDArray[np.float32], columns: NDArray[np.float32], rows: NDArray[np.float32], out: NDArray[np.float32]
-) -> None:
+def _warp(coefficients: Float32, columns: Float32, rows: Float32, out: Float32) -> None:
     """`warped` of a spline's ``coefficients`` (H, W, C), into ``out`` (h, w, C)."""
     height, width, channels = coefficients.shape
     for i in range(out.shape[0]):

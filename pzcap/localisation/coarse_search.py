@@ -29,15 +29,13 @@ class Place:
 
 
 class Correlator:
-    """Finds frames of one camera by correlation with its panorama, at focal lengths from one to another; with
-    ``free_tilt`` at other tilts than the camera's, too."""
+    """Finds frames of one camera by correlation with its panorama, at focal lengths from one to another, and with
+    ``free_tilt`` at other tilts than the camera's."""
 
     def __init__(
         self, panorama: Panorama, camera: PanZoomCamera, focals_px: tuple[float, float], *, free_tilt: bool = False
     ) -> None:
-        self._panorama = panorama
-        self._camera = camera
-        self._free_tilt = free_tilt
+        self._panorama, self._camera, self._free_tilt = panorama, camera, free_tilt
         self._focals = np.exp(np.arange(np.log(focals_px[0]), np.log(focals_px[1]), SEARCH.zoom_step))
         image = grey(panorama.image)
         image = np.where(panorama.valid, image, np.uint8(np.median(image[panorama.valid])))

@@ -25,8 +25,8 @@ def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array, foc
 def _distortion_sigma(lens: Lens, focal_px: Array, k1_sigma: float) -> Array:
     """Sigma (...) of log focal length, from a distortion whose change, for each unit of that, is known to ``k1_sigma``.
 
-    Only a zoom run shows how it changes: without one the lens has the sweep's (one coefficient) at every zoom. What is
-    missing, k r^3, passes for a longer focal length, a r, by least squares over the image a = k sum r^4 / sum r^2.
+    Without a zoom run the lens has the sweep's distortion (one coefficient) at every zoom. What is missing, k r^3,
+    passes for a longer focal length, a r, by least squares over the image a = k sum r^4 / sum r^2.
     """
     if len(lens.k1) > 1:
         return np.zeros_like(focal_px)

@@ -50,7 +50,7 @@ class FeatureSearch:
 
     def candidates(self, image: Image, prior: Localisation | None) -> Iterator[Candidate]:
         """Places of ``image`` (H, W[, 3]), near ``prior`` or anywhere: each that is determined as soon as it is found,
-        since the next one takes long; then the others, those with the most matches first."""
+        since the next takes long; then the others, those with the most matches first."""
         vague = []
         for zoom in self._zooms(prior):
             candidate = self._match(image, max(zoom, 1.0), prior)
@@ -87,7 +87,11 @@ class FeatureSearch:
             return None
         points, which = points[pairs[:, 0]], window[pairs[:, 1]]
         azimuth, slope = self._azimuth[which], self._slope[which]
-        pan, focal, agree = consensus(self._view_at, points, azimuth, slope, focals, free_tilt=config.free_tilt)
+
+        def view_at(focal_px: float) -> View:
+            return geometry.view_at(self._camera, 0.0, self._camera.tilt_rad, focal_px)
+
+        pan, focal, agree = consensus(view_at, points, azimuth, slope, focals, free_tilt=config.free_tilt)
         if agree.sum() < 2:
             return None
         points, which = points[agree], which[agree]
@@ -104,9 +108,6 @@ class FeatureSearch:
             float(wrapped(solution.pan_rad)), solution.tilt_rad, solution.focal_px, bool(determined), points,
             self._features.points_px[which],
         )  # fmt: skip
-
-    def _view_at(self, focal_px: float) -> View:
-        return geometry.view_at(self._camera, 0.0, self._camera.tilt_rad, focal_px)
 
 
 def near_prior(
@@ -150,10 +151,7 @@ def solve_eq11(
     slope: Array, *, free_tilt: bool = False,
 ) -> Solution:  # fmt: skip
     """Pan, log focal, and tilt if that is free, of a frame whose ``points_px`` (N, 2) show directions of the panorama
-    (N,), from a start at the camera's tilt.
-
-    Minimises the Geman-McClure cost of the distances between points and directions, in pixels of the frame.
-    """
+    (N,), from a start at the camera's tilt: the least Geman-McClure cost of their distances, in pixels of the frame."""
     at, free = PanTiltZoom(pan_rad, camera.tilt_rad, focal_px), 3 if free_tilt else 2
     if free_tilt:
         seen = geometry.pixel_to_direction(geometry.view_at(camera, *at), points_px)[1]

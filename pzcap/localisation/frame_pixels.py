@@ -13,7 +13,7 @@ from pzcap.geometry import lens as lenses
 from pzcap.imaging.bspline import softened
 from pzcap.imaging.pyramid import Level
 from pzcap.localisation.tuning import ALIGNMENT
-from pzcap.types import Array, Image, Lens, Mask
+from pzcap.types import Array, Float32, Image, Lens, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ def shading(points: Array, lens: Lens, focal_px: float) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _steepest(image: NDArray[np.float32], cell: int) -> NDArray[np.int64]:
+def _steepest(image: Float32, cell: int) -> NDArray[np.int64]:
     """Pixels (N, 2) of the steepest edge in each cell of so many pixels across, among every second row."""
     border = ALIGNMENT.border_px
     rows, columns = (image.shape[0] - 2 * border) // cell, (image.shape[1] - 2 * border) // cell

@@ -1,9 +1,8 @@
 """Pan and zoom of a frame: its place on the panorama (section 4).
 
-`Localiser` aligns a frame's grey values with the panorama (`pzcap.localisation.photometric_alignment`): starting from
-where the frame before leads to, else from where the whole frame correlates best (`pzcap.localisation.coarse_search`),
-else, as when somebody covers much of it, from where its features are (`pzcap.localisation.feature_search`). No place
-counts with which the grey values do not agree.
+`Localiser` aligns a frame's grey values with the panorama (`photometric_alignment`): starting from where the frame
+before leads to, else from where the whole frame correlates best (`coarse_search`), else, as when somebody covers much
+of it, from where its features are (`feature_search`). No place counts with which the grey values do not agree.
 """
 
 from __future__ import annotations
@@ -40,26 +39,23 @@ class Localiser:
     def localise(
         self, image: Image, prior: Localisation | None, hidden: Callable[[Localisation], Mask | None] | None = None
     ) -> Localisation:
-        """Pan and focal length of ``image`` (H, W[, 3]).
+        """Pan and focal length of ``image`` (H, W[, 3]); not ``valid`` where neither matches nor grey values determine
+        them.
 
         ``prior`` is where the frame is expected, if the one before was found; without it, or when it is not there, the
         whole panorama is searched. ``hidden`` says which pixels (H, W) the athlete covers if the frame is where it is
-        expected; it is asked when the others alone must do. A frame whose matches do not determine it, or whose grey
-        values do not agree, comes back with ``valid`` False.
+        expected; it is asked when the others alone must do.
         """
         expected = prior if prior is not None and prior.valid else None
-        if expected is not None:
-            found = self._align_near(image, expected, hidden)
-            if found is not None:
-                return found
+        if expected is not None and (found := self._align_near(image, expected, hidden)) is not None:
+            return found
         for place in self._correlator.places(image):
             aligned = self._aligner.align(image, place.pan_rad, place.tilt_rad, place.focal_px, 4.0)
             if self._is_reliable(aligned):
                 return self._localisation(aligned)
         for near in (None,) if expected is None else (expected, None):
             for candidate in self._features.candidates(image, near):
-                verified = self._verified(image, candidate)
-                if verified is not None:
+                if (verified := self._verified(image, candidate)) is not None:
                     return verified
         return lost(self._camera, prior)
 
@@ -71,17 +67,13 @@ class Localiser:
         def align(off_px: float, body: Mask | None = None) -> Alignment:
             return self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px, body)
 
-        near = align(1.5)  # most often it is where it was expected
-        if self._is_reliable(near):
+        if self._is_reliable(near := align(1.5)):  # most often it is where it was expected
             return self._localisation(near)
-        far = align(15.0)
-        if self._is_reliable(far):
+        if self._is_reliable(far := align(15.0)):
             return self._localisation(far)
         body = None if hidden is None else hidden(prior)
-        if body is not None:
-            beside = align(4.0, body)
-            if self._is_reliable(beside):
-                return self._localisation(beside)
+        if body is not None and self._is_reliable(beside := align(4.0, body)):
+            return self._localisation(beside)
         # noise and a bare wall agree less, however well the frame is found
         return self._localisation(far) if self._coincide(near, far) else None
 
@@ -102,10 +94,8 @@ class Localiser:
         moved_px = abs(aligned.pan_rad - found.pan_rad) * self._panorama.px_per_rad
         if aligned.agreement <= self._config.min_agreement or moved_px >= ALIGNMENT.features_moved_px:
             return None
-        return replace(
-            self._localisation(aligned),
-            frame_points_px=found.frame_points_px, panorama_points_px=found.panorama_points_px,
-        )  # fmt: skip
+        frame_px, panorama_px = found.frame_points_px, found.panorama_points_px
+        return replace(self._localisation(aligned), frame_points_px=frame_px, panorama_points_px=panorama_px)
 
     def _is_reliable(self, aligned: Alignment) -> bool:
         return aligned.report.converged and aligned.agreement > self._config.sure_agreement
@@ -131,11 +121,8 @@ def lost(camera: PanZoomCamera, prior: Localisation | None) -> Localisation:
 def count_from_reference(
     panorama: Panorama, camera: PanZoomCamera, image: Image, focal_px: float, aligner: type[Aligner] = Aligner
 ) -> Panorama:
-    """The panorama, its azimuths counted from where the reference ``image``, of ``focal_px``, lies on it.
-
-    The bundle adjustment has determined that already; but when it is found in the same way as later each frame's pan,
-    an error that all of them share cancels.
-    """
+    """The panorama, its azimuths counted from where the reference ``image``, of ``focal_px``, lies on it. The bundle
+    adjustment has determined that already; but found as each frame's pan is later, an error that all share cancels."""
     # an error of this one pan is all frames' error, so all pixels are compared
     reference = aligner(panorama, camera, pixels=image.size).align(image, 0.0, camera.tilt_rad, focal_px, 1.5)
     if reference.agreement < ALIGNMENT.sure_agreement:

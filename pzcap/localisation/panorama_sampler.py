@@ -1,8 +1,8 @@
 """Sampling of the panorama at the pixels of a frame.
 
-`pzcap.localisation.photometric_alignment` needs grey values with their derivatives (`PanoramaSampler`): a pixel's
-direction is computed once a focal length and tilt, and then extrapolated linearly, while a pan shifts it along the
-panorama exactly. `pzcap.segmentation` needs the whole empty hall (`warp_background`).
+`photometric_alignment` needs grey values with their derivatives (`PanoramaSampler`): a pixel's direction is computed
+once a focal length and tilt, and then extrapolated linearly, while a pan shifts it along the panorama exactly.
+`pzcap.segmentation` needs the whole empty hall (`warp_background`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numba import njit
 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import lens
+from pzcap.geometry.camera import VIEW
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at, smooth_map, to_unwrapped
 from pzcap.geometry.lens import Distortion, distort_point, jacobian_at, undistort_point
 from pzcap.imaging.bspline import Stored, cubic
@@ -64,8 +65,7 @@ def warp_background(
     image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
     known = cv2.remap(panorama.valid.view(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)
     # BORDER_WRAP wraps rows as well, and a cylinder does not
-    inside = cv2.inRange(row, 0.0, float(panorama.image.shape[0] - 1))
-    known = cv2.bitwise_and(known, inside)
+    known = cv2.bitwise_and(known, cv2.inRange(row, 0.0, float(panorama.image.shape[0] - 1)))
     return np.asarray(cv2.bitwise_and(image, image, mask=known), np.uint8), known.view(np.bool_)
 
 
@@ -126,33 +126,22 @@ def axis_directions(
 ) -> Array:
     """Directions (N, 6) of ``points`` (N, 2) of a frame, relative to its pan, as they are seen from the pan axis:
     azimuth and slope, both by log focal, and both by tilt."""
-    at = PanTiltZoom(pan_rad, tilt_rad, focal_px)
-    principal, distortion = lens.at(camera.lens, focal_px)
-    slope, distortion_slope = lens.slope(camera.lens, focal_px)
-    centre = geometry.view_at(camera, *at).centre_m
-    view = LensView(at, camera.roll_rad, principal, slope, distortion, distortion_slope, centre)
-    return _axis_directions(points, view, kernel_hall(panorama.surroundings))
-
-
-class LensView(NamedTuple):
-    """A view for kernels, with the derivatives of its lens by log focal (slopes)."""
-
-    at: PanTiltZoom
-    roll_rad: float
-    principal_px: Array  # (2,)
-    principal_slope: Array  # (2,)
-    distortion: Distortion
-    distortion_slope: Distortion
-    centre_m: Array  # (3,) of projection: forward, left and up from the pan axis
+    view = geometry.view_at(camera, pan_rad, tilt_rad, focal_px)
+    by_log_focal = lens.slope(camera.lens, focal_px)
+    return _axis_directions(points, view.vector(), view.distortion, *by_log_focal, kernel_hall(panorama.surroundings))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _axis_directions(points: Array, view: LensView, hall: Hall) -> Array:
-    """`axis_directions`: `pzcap.geometry.camera.pixel_to_direction` at pan 0 with its derivatives, and the parallax."""
-    (pan, tilt, focal), roll, distortion = view.at, view.roll_rad, view.distortion
-    principal_x, principal_y = view.principal_px
-    slope_x, slope_y = view.principal_slope
-    offset_x, offset_y, offset_z = view.centre_m
+def _axis_directions(
+    points: Array, view: Array, distortion: Distortion, principal_slope: Array, distortion_slope: Distortion, hall: Hall
+) -> Array:
+    """`axis_directions`: `pzcap.geometry.camera.pixel_to_direction` at pan 0 with its derivatives, and the parallax.
+
+    ``view`` is `View.vector`; slopes are derivatives of the lens by log focal.
+    """
+    pan, tilt, focal, roll, principal_x, principal_y = view[:6]
+    slope_x, slope_y = principal_slope
+    offset_x, offset_y, offset_z = view[VIEW - 3 : VIEW]
     cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
     nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
     out = np.empty((len(points), 6))
@@ -161,7 +150,7 @@ def _axis_directions(points: Array, view: LensView, hall: Hall) -> Array:
         bent_x, bent_y = (points[n, 0] - principal_x) * by_focal, (points[n, 1] - principal_y) * by_focal
         x, y = undistort_point(bent_x, bent_y, distortion, 2)
         # the fixed pixel's ray as log focal grows: the lens's Jacobian^-1 (d bent - d coefficients)
-        drift_x, drift_y = distort_point(x, y, view.distortion_slope)
+        drift_x, drift_y = distort_point(x, y, distortion_slope)
         push_x = -bent_x - slope_x * by_focal - (drift_x - x)
         push_y = -bent_y - slope_y * by_focal - (drift_y - y)
         xx, xy, yy = jacobian_at(x, y, distortion)

@@ -61,8 +61,8 @@ class NothingToCompare(Exception):
 
 
 class _Cost:
-    """Photometric cost of some pixels, with what its last linearisation was made from: ``sampled`` (N, 7), ``residual``
-    (N,) and ``weight`` (N,)."""
+    """Photometric cost of some pixels; ``sampled`` (N, 7), ``residual`` and ``weight`` (N,) of its last
+    linearisation."""
 
     def __init__(self, aligner: Aligner, look: Look, pixels: FramePixels, start: PanTiltZoom, limits: Limits) -> None:
         self._aligner, self._look, self._limits, self.pixels = aligner, look, limits, pixels
@@ -126,11 +126,9 @@ class Aligner:
     def align(
         self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, off_px: float, hidden: Mask | None = None
     ) -> Alignment:
-        """Refine a pan and a focal length, and a tilt if that is free.
-
-        The start may be off by ``off_px`` pixels of the panorama, up to 15; the less, the faster. Pixels that are
-        ``hidden`` (H, W) are not compared. The agreement is 0 where the panorama is unknown, or the frame dark.
-        """
+        """Refine a pan and a focal length, and a tilt if that is free, from a start off by up to ``off_px`` pixels of
+        the panorama, 15 at most; the less, the faster. Pixels that are ``hidden`` (H, W) are not compared. The
+        agreement is 0 where the panorama is unknown, or the frame dark."""
         frame, state = grey(image), State(PanTiltZoom(pan_rad, tilt_rad, focal_px), None)
         try:
             for index in range(max(sum(level.reach_px >= off_px for level in LEVELS), 1) - 1, len(LEVELS)):
@@ -181,11 +179,8 @@ def _first_gains(ratio: Array, squared: Array, count: int) -> Array:
     usual = robust.half_sample_mode(ratio)
     if usual <= 0.0:
         raise NothingToCompare
-    gains = np.zeros(count)
-    gains[:2] = usual * np.array(
-        robust.line(ratio / usual, squared, np.ones_like(ratio), ALIGNMENT.gain_scales, (1.0, 0.0))
-    )
-    return gains
+    line = robust.line(ratio / usual, squared, np.ones_like(ratio), ALIGNMENT.gain_scales, (1.0, 0.0))
+    return np.pad(usual * np.array(line), (0, count - 2))
 
 
 def normal_equations(

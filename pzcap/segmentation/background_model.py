@@ -59,13 +59,8 @@ def shrink(values: Pixels, by: int) -> Pixels:
     return cast(Pixels, cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
 
 
-def halve(values: Pixels) -> Pixels:
-    """(H, W, ...) at half the resolution; an odd last row or column is left out."""
-    return shrink(values, 2)
-
-
 def double(values: Float32) -> Float32:
-    """Undo `halve`: (h, w) to (2 h, 2 w)."""
+    """(h, w) at twice the resolution, (2 h, 2 w)."""
     height, width = values.shape
     return np.asarray(cv2.resize(values, (2 * width, 2 * height), interpolation=cv2.INTER_LINEAR), np.float32)
 
@@ -79,8 +74,8 @@ class Compared:
     known: Image  # (h, w) 1 where the hall is known
 
     def log_odds(self, body: Image | None = None) -> Float32:
-        """Log-odds of body (h, w). ``body`` (h, w) is not 0 in what is certainly body, which shows the colours that it
-        has. Without it, it may have any colour."""
+        """Log-odds of body (h, w), which has the colours of what is certainly body, where ``body`` (h, w) is not 0;
+        without that it may have any."""
         palette = np.zeros((COLOUR_LEVELS,) * 3, np.float32)
         if body is not None:
             counts = np.zeros(palette.shape, np.int64)
@@ -105,10 +100,10 @@ def compare(
     config: ForegroundConfig,
 ) -> Compared:  # fmt: skip
     """Likelihood under the empty hall of a view, or of a part of it whose top-left pixel stands at ``corner`` (x, y).
-
-    ``background`` (H, W, 3) counts where it is ``known`` (H, W). ``blur_px`` is its blur (sigma).
-    """
-    frame, hall, sure = _blurred(halve(image), blur_px / 2), halve(background), halve(known.astype(np.uint8))
+    ``background`` (H, W, 3) counts where it is ``known`` (H, W); ``blur_px`` is its blur (sigma)."""
+    frame, hall, sure = (shrink(one, 2) for one in (image, background, known.astype(np.uint8)))
+    if blur_px > 0.6:
+        frame = np.asarray(cv2.GaussianBlur(frame, (0, 0), blur_px / 2), np.uint8)
     steep_x, steep_y = (g / np.float32(8.0) for g in cv2.spatialGradient(cv2.cvtColor(hall, cv2.COLOR_BGR2GRAY)))
     error = config.camera_error_px / 2
     variance = np.asarray(config.noise**2 + error**2 * (steep_x * steep_x + steep_y * steep_y), np.float32)
@@ -135,10 +130,6 @@ def floor_plane(camera: Camera, reach_m: float) -> Array:
     turn = camera.world_T_cam[2, :3]
     slope = turn[:2] / camera.focal_px
     return np.array([*slope, turn[2] - slope @ camera.principal_px + camera.world_T_cam[2, 3] / reach_m])
-
-
-def _blurred(image: Image, sigma: float) -> Image:
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.uint8) if sigma > 0.3 else image
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.segmentation.background_model import halve
+from pzcap.segmentation.background_model import shrink
 from pzcap.segmentation.tuning import BOUNDARY
 from pzcap.types import Float32, Image
 
@@ -49,7 +49,7 @@ def refine(image: Image, background: Image, log_odds: Float32, hint: Float32, so
 
 
 def _nearby_colours(frame: Image, hall: Image, inner: Image, outer: Image) -> _NearbyColours:
-    half, empty = halve(frame).astype(np.float32), halve(hall).astype(np.float32)
+    half, empty = shrink(frame, 2).astype(np.float32), shrink(hall, 2).astype(np.float32)
     body = inner[::2, ::2].astype(np.float32)
     clear = ((outer[::2, ::2] == 0) & (hall[::2, ::2, 0] > 0)).astype(np.float32)
     share, mean, square = (_box(one) for one in (body, half * body[..., None], half * half * body[..., None]))

@@ -1,9 +1,9 @@
 """Silhouettes: the part of a frame that is not the empty hall, as the panorama shows it through the estimated camera.
 
 First at half the resolution: the hall's brightness is matched to the frame, and the colours give the log-odds of body
-(`pzcap.segmentation.background_model`), with a predicted body as prior. The part with the most evidence is the body,
-with what is near it for its size; holes in which the hall is hardly seen are filled. Then the boundary is refined on
-the sharp frame (`pzcap.segmentation.boundary_refinement`).
+(`background_model`), with a predicted body as prior. The part with the most evidence is the body, with what is near it
+for its size; holes in which the hall is hardly seen are filled. Then the boundary is refined on the sharp frame
+(`boundary_refinement`).
 """
 
 from __future__ import annotations
@@ -79,19 +79,18 @@ def subtract(
     image: Image, background: Image, known: Mask, camera: Camera, blur_px: float, config: ForegroundConfig,
     expected: Expected | None = None,
 ) -> Silhouette:  # fmt: skip
-    """Silhouette of a view, given the empty hall in this very view.
+    """Silhouette of a view, given the empty hall in this very view: ``background`` (H, W, 3), blurred by ``blur_px``
+    (sigma). Where it is not ``known`` (H, W), nothing is known of the body.
 
-    ``background`` (H, W, 3) counts where it is ``known`` (H, W); where it is not, nothing is known of the body.
-    ``blur_px`` is its blur (sigma): a panorama at twice its own magnification has no finer detail to give. All are of
-    the part of the view in which the body is ``expected``, or of the whole view.
+    All are of the part of the view in which the body is ``expected``, or of the whole view.
     """
     matched = match_gain(image, background, known)
     if expected is None:
         half = known.shape[0] // 2, known.shape[1] // 2
-        corner, prior = (0, 0), np.full(half, config.prior_log_odds, np.float32)
+        corner, prior, predicted = (0, 0), np.full(half, config.prior_log_odds, np.float32), None
     else:
         corner, prior = (expected.left, expected.top), _prior(expected, config)
-    predicted = None if expected is None else prior
+        predicted = prior
     evidence = _evidence(compare(image, matched, known, camera, corner, blur_px, config), prior, predicted)
     probability = _probability(image, matched, evidence + prior, predicted)
     np.maximum(probability, 127, out=probability, where=~known)
@@ -130,13 +129,10 @@ def match_gain(image: Image, background: Image, known: Mask) -> Image:
 
 def _evidence(compared: Compared, prior: Float32, expected: Float32 | None) -> Float32:
     """Log-odds of body (h, w) from the colours alone: what is body whatever its colour shows which colours it has."""
-    body = _main_parts(_averaged(compared.log_odds() + prior), expected)
+    smooth = np.asarray(cv2.blur(compared.log_odds() + prior, (3, 3)), np.float32)
+    body = _main_parts(smooth, expected)
     certain = np.asarray(cv2.erode(body, np.ones((3, 3), np.uint8)), np.uint8)
     return compared.log_odds(certain if certain.sum() >= 30 else None)
-
-
-def _averaged(log_odds: Float32) -> Float32:
-    return np.asarray(cv2.blur(log_odds, (3, 3)), np.float32)
 
 
 def _main_parts(smooth: Float32, expected: Float32 | None) -> Image:
@@ -160,14 +156,6 @@ def _main_parts(smooth: Float32, expected: Float32 | None) -> Image:
     return np.asarray(cv2.bitwise_and(solid, keep.astype(np.uint8)[labels]), np.uint8)
 
 
-def _window_around(body: Image) -> Window:
-    """Part of the view that holds the body (h, w), with a margin."""
-    left, top, width, height = cv2.boundingRect(body)
-    margin = 8  # for the boundary
-    right, bottom = min(left + width + margin, body.shape[1]), min(top + height + margin, body.shape[0])
-    return max(left - margin, 0), max(top - margin, 0), right, bottom
-
-
 def _without_holes(solid: Image, log_odds: Float32, expected: Float32 | None) -> Image:
     """``solid`` (h, w) without holes that are small, or in which the hall is hardly seen and none was ``expected``."""
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(1 - solid, connectivity=4)
@@ -187,11 +175,13 @@ def _probability(image: Image, background: Image, log_odds: Float32, expected: F
     """Probability of body (H, W), 0..255, with the boundary of the sharp frame; ``log_odds`` and what was ``expected``
     of it (h, w) are half as fine."""
     probability = np.zeros(image.shape[:2], np.uint8)
-    smooth = _averaged(log_odds)
+    smooth = np.asarray(cv2.blur(log_odds, (3, 3)), np.float32)
     body = _main_parts(smooth, expected)
     if not body.any():
         return probability
-    left, top, right, bottom = _window_around(body)
+    x, y, width, height = cv2.boundingRect(body)
+    left, top = max(x - 8, 0), max(y - 8, 0)  # room for the boundary
+    right, bottom = min(x + width + 8, body.shape[1]), min(y + height + 8, body.shape[0])
     part, half = np.s_[2 * top : 2 * bottom, 2 * left : 2 * right], np.s_[top:bottom, left:right]
     solid = _without_holes(body[half], smooth[half], None if expected is None else expected[half])
     if expected is None:

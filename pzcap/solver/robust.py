@@ -35,7 +35,6 @@ def half_sample_mode(values: Array) -> float:
     return float(some[first + third // 2])
 
 
-@njit(cache=True, nogil=True)
 def line(
     values: Array, at: Array, weight: Array, scales: tuple[float, ...], start: tuple[float, float]
 ) -> tuple[float, float]:
@@ -43,19 +42,11 @@ def line(
 
     One reweighted least-squares step a scale (`geman_mcclure`), times the values' own ``weight`` (N,).
     """
-    a, b = start
+    rows, found = np.stack([np.ones_like(at), at]), np.array(start)
     for scale in scales:
-        ones, first, second, sums, products = 1e-6, 0.0, 1e-6, 0.0, 0.0
-        for n in range(len(values)):
-            robust = weight[n] * geman_mcclure(values[n] - a - b * at[n], scale)
-            ones += robust
-            first += robust * at[n]
-            second += robust * at[n] * at[n]
-            sums += robust * values[n]
-            products += robust * at[n] * values[n]
-        determinant = ones * second - first * first
-        a, b = (second * sums - first * products) / determinant, (ones * products - first * sums) / determinant
-    return a, b
+        weighted = rows * (weight * geman_mcclure(values - found @ rows, scale))
+        found = np.linalg.solve(weighted @ rows.T + 1e-6 * np.eye(2), weighted @ values)
+    return float(found[0]), float(found[1])
 
 
 def median_absolute(values: Array) -> float:
