@@ -121,48 +121,26 @@ def _screws(frames: Array, centre: Array) -> Array:
 def _carry(
     frames: Array, segment: NDArray[np.int64], points: Array, normals: Array, out_points: Array, out_normals: Array
 ) -> None:
-    """Points and normals (V, 3) from their segments' frames to the world. A segment's best follow each other."""
-    first = 0
-    while first < len(points):
-        s, last = segment[first], first + 1
-        while last < len(points) and segment[last] == s:
-            last += 1
-        for i in range(3):
-            a, b, c, position = frames[s, i, 0], frames[s, i, 1], frames[s, i, 2], frames[s, i, 3]
-            for v in range(first, last):
-                out_points[v, i] = a * points[v, 0] + b * points[v, 1] + c * points[v, 2] + position
-                out_normals[v, i] = a * normals[v, 0] + b * normals[v, 1] + c * normals[v, 2]
-        first = last
+    """Points and normals (V, 3) from their segments' frames to the world."""
+    for i in range(3):
+        for v in range(len(points)):
+            m = frames[segment[v], i]
+            out_points[v, i] = m[0] * points[v, 0] + m[1] * points[v, 1] + m[2] * points[v, 2] + m[3]
+            out_normals[v, i] = m[0] * normals[v, 0] + m[1] * normals[v, 1] + m[2] * normals[v, 2]
 
 
 @njit(cache=True, nogil=True)
 def chain(root: Array, quaternions: Array, offsets: Array, parents: NDArray[np.int64]) -> Array:
     """``world_T_segment`` (N, 4, 4) from the root (3,), rotations (N, 4) and joints in their parents (N, 3)."""
-    out = np.zeros((len(quaternions), 4, 4))
-    local = np.empty((3, 3))
+    out, local = np.zeros((len(quaternions), 4, 4)), np.eye(4)
     for n in range(len(quaternions)):
         w, x, y, z = quaternions[n, 0], quaternions[n, 1], quaternions[n, 2], quaternions[n, 3]
-        s = 2.0 / (w * w + x * x + y * y + z * z)
-        local[0, 0], local[0, 1], local[0, 2] = 1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)
-        local[1, 0], local[1, 1], local[1, 2] = s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)
-        local[2, 0], local[2, 1], local[2, 2] = s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)
-        p = parents[n]
-        for i in range(3):
-            if p < 0:
-                out[n, i, 3] = root[i]
-                for j in range(3):
-                    out[n, i, j] = local[i, j]
-                continue
-            position = out[p, i, 3]
-            for k in range(3):
-                position += out[p, i, k] * offsets[n, k]
-            out[n, i, 3] = position
-            for j in range(3):
-                total = 0.0
-                for k in range(3):
-                    total += out[p, i, k] * local[k, j]
-                out[n, i, j] = total
-        out[n, 3, 3] = 1.0
+        s, p = 2.0 / (w * w + x * x + y * y + z * z), parents[n]
+        local[0, :3] = 1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)
+        local[1, :3] = s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)
+        local[2, :3] = s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)
+        local[:3, 3] = root if p < 0 else offsets[n]
+        out[n] = local if p < 0 else out[p] @ local
     return out
 
 

@@ -42,7 +42,7 @@ SKELETON_EDGES: Final = tuple((parent, child) for child, parent in enumerate(PAR
 
 
 def _moved_segments() -> Mask:
-    """(43, 16) Whether a degree of freedom moves a segment: its own and all that hang on it."""
+    """(43, 16) Segments that a degree of freedom moves: its own and all that hang on it."""
     below = np.eye(len(SEGMENTS), dtype=bool)
     for child, parent in reversed(list(enumerate(PARENTS))):
         if parent >= 0:

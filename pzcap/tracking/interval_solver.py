@@ -96,8 +96,8 @@ def solved(problem: IntervalProblem) -> IntervalResult:
         return _solved(problem)
     assert anchor is not None, "an interval has a frame or a keyframe"
     fit, report = fit_keyframe(problem.estimate.body, anchor.key.pose, anchor.views, config)
-    tracked = _keyframe(problem.estimate, config, anchor.key, fit)
-    return IntervalResult([tracked], problem.estimate, [fit.pose], report)
+    keyframe = tracked(problem.estimate, config, anchor.key.frame, by_hand(fit))
+    return IntervalResult([keyframe], problem.estimate, [fit.pose], report)
 
 
 def fit_keyframe(body: Body, pose: Pose, views: Views, config: TrackingConfig) -> tuple[PoseEstimate, SolveReport]:
@@ -132,6 +132,12 @@ def tracked(
     return Tracked(frame, found.pose, frames[:, :3, 3], sigma, found.seen, estimate.known, corrections)
 
 
+def by_hand(found: PoseEstimate) -> PoseEstimate:
+    """The pose ``found`` of a keyframe. A hand knows where the limbs are: what the images do not bear out is a
+    contradiction (`pzcap.extras.keyframe_diagnostics`), and adds nothing to the sigmas."""
+    return replace(found, contour=NO_CONTOUR, seen=True)
+
+
 def misplaced(contour: Array) -> Array:
     """Probability (16,) that a joint is not where it was found, from how well the contours of the two segments that
     meet there fit the silhouettes: ``contour`` (16, 3) as `pzcap.tracking.pose_objective.PoseEquations` has it. How
@@ -140,34 +146,23 @@ def misplaced(contour: Array) -> Array:
     return np.asarray(1.0 / (1.0 + np.exp(INTERVAL.misplaced_px - misfit_px) ** INTERVAL.misplaced_slope))
 
 
-def _keyframe(
-    estimate: BodyEstimate, config: TrackingConfig, key: Keyframe, found: PoseEstimate,
-    cameras: Sequence[tuple[ViewCrop | None, MarginalisedCamera | None]] = (),
-) -> Tracked:  # fmt: skip
-    """The body at a keyframe. A hand knows where the limbs are: what the images do not bear out is a contradiction
-    (`pzcap.extras.keyframe_diagnostics`), and adds nothing to the sigmas."""
-    return tracked(estimate, config, key.frame, replace(found, contour=NO_CONTOUR, seen=True), cameras=cameras)
-
-
 def _solved(problem: IntervalProblem) -> IntervalResult:
-    config, anchor, key = problem.config, problem.anchor, None
     poses, disagreement, passes = _passes(problem)
-    views = [instant.views for instant in problem.instants]
-    if anchor is not None:  # a frame like the others, with the hand's pose as prior
-        key, poses, views = anchor.key, [*poses, anchor.fit.pose], [*views, anchor.views]
+    numbers, views = [each.frame for each in problem.instants], [each.views for each in problem.instants]
+    if problem.anchor is not None:  # a frame like the others, with the hand's pose as prior
+        numbers, views = [*numbers, problem.anchor.key.frame], [*views, problem.anchor.views]
+        poses, disagreement = [*poses, problem.anchor.fit.pose], np.vstack([disagreement, np.zeros(len(SEGMENTS))])
     batch, estimate = _refined(problem, poses, views, passes)
-    cameras = [
-        list(zip(objective.views, free, strict=True))
-        for objective, free in zip(batch.objectives, batch.cameras, strict=True)
-    ]
+    frames = list(batch.frames)
+    if problem.anchor is not None:
+        frames[-1] = by_hand(frames[-1])
     done = [
-        tracked(estimate, config, instant.frame, found, apart, corrected)
-        for instant, found, apart, corrected in zip(problem.instants, batch.frames, disagreement, cameras, strict=False)
+        tracked(estimate, problem.config, number, found, apart, list(zip(objective.views, cameras, strict=True)))
+        for number, found, apart, objective, cameras in zip(
+            numbers, frames, disagreement, batch.objectives, batch.cameras, strict=True
+        )
     ]
-    if key is not None:
-        done.append(_keyframe(estimate, config, key, batch.frames[-1], cameras[-1]))
-    before = [*problem.before, *(found.pose for found in batch.frames)][-2:]
-    return IntervalResult(done, estimate, before, batch.report)
+    return IntervalResult(done, estimate, [*problem.before, *(found.pose for found in frames)][-2:], batch.report)
 
 
 def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:

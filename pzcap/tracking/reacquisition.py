@@ -24,7 +24,7 @@ from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
 from pzcap.tracking.bidirectional_fusion import runs, with_segments
 from pzcap.tracking.limbs import POSTURES, grounds, support, turn_to, turned
-from pzcap.tracking.observation import Placed, PlacedView
+from pzcap.tracking.observation import Placed
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.tuning import FRAME, REACQUISITION
@@ -104,22 +104,15 @@ def _window(values: NDArray, t: int, around: int) -> NDArray:
 def _learned(
     reference: Sequence[Appearance], objectives: Sequence[PoseObjective], placed: Sequence[Placed], lost: Mask
 ) -> list[Appearance]:
-    """The ``reference`` after all frames, but for the limbs that are ``lost`` (T, 4) in them."""
-    learned = [look.copy() for look in reference]
-    start = FRAME.beside_keyframe
-    for count, (objective, where, gone) in enumerate(zip(objectives, placed, lost, strict=True), start=start):
-        hidden = _hidden(objective, where, [s for k in np.flatnonzero(gone) for s in LIMBS[k]])
-        learn(objective.views, hidden, learned, 1.0 / count)
+    """The ``reference`` after all frames, the limbs that are ``lost`` (T, 4) in them as if they were hidden."""
+    learned, segment = [look.copy() for look in reference], objectives[0].body.surface.segment
+    frames = zip(objectives, placed, (lost @ _OF_LIMB)[:, segment], strict=True)
+    for count, (objective, where, hidden) in enumerate(frames, start=FRAME.beside_keyframe):
+        shown = [
+            None if one is None else replace(one, facing=np.where(hidden, np.float32(0.0), one.facing)) for one in where
+        ]
+        learn(objective.views, shown, learned, 1.0 / count)
     return learned
-
-
-def _hidden(objective: PoseObjective, placed: Placed, segments: Sequence[int]) -> list[PlacedView | None]:
-    """The views as if some segments were hidden."""
-    hidden = np.isin(objective.body.surface.segment, segments)
-    return [
-        None if where is None else replace(where, facing=np.where(hidden, np.float32(0.0), where.facing))
-        for where in placed
-    ]
 
 
 def _found(

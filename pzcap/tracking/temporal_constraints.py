@@ -1,4 +1,4 @@
-"""All frames of a stretch solved at once with temporal constraints: a motion that does not jerk, feet that do not slide.
+"""All frames of a stretch solved at once with temporal constraints: motion that does not jerk, feet that do not slide.
 
 The passes from the keyframes see one frame at a time. Here the second difference of the motion has a prior: minimise
 over the steps ``d_t`` of all poses
