@@ -40,6 +40,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 """uint8 image, (H, W) grey or (H, W, 3) in OpenCV's blue-green-red order."""
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 Float32 = NDArray[np.float32]
 """float32 array, where precision matters less than memory."""
 

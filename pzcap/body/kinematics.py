@@ -15,14 +15,13 @@ from typing import Final
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMIT_HIGH, LIMIT_LOW, MOVES, Body
-from pzcap.types import PARENTS, SEGMENTS, Array, Pose
+from pzcap.types import PARENTS, SEGMENTS, Array, Indices, Pose
 
 Quaternion = tuple[float, float, float, float]
 
-_PARENTS: Final[NDArray[np.int64]] = np.array(PARENTS)
+_PARENTS: Final[Indices] = np.array(PARENTS)
 _IDENTITY: Final[Array] = np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1))
 
 
@@ -119,7 +118,7 @@ def _screws(frames: Array, centre: Array) -> Array:
 
 @njit(cache=True, nogil=True)
 def _carry(
-    frames: Array, segment: NDArray[np.int64], points: Array, normals: Array, out_points: Array, out_normals: Array
+    frames: Array, segment: Indices, points: Array, normals: Array, out_points: Array, out_normals: Array
 ) -> None:
     """Points and normals (V, 3) from their segments' frames to the world."""
     for i in range(3):
@@ -130,7 +129,7 @@ def _carry(
 
 
 @njit(cache=True, nogil=True)
-def chain(root: Array, quaternions: Array, offsets: Array, parents: NDArray[np.int64]) -> Array:
+def chain(root: Array, quaternions: Array, offsets: Array, parents: Indices) -> Array:
     """``world_T_segment`` (N, 4, 4) from the root (3,), rotations (N, 4) and joints in their parents (N, 3)."""
     out, local = np.zeros((len(quaternions), 4, 4)), np.eye(4)
     for n in range(len(quaternions)):

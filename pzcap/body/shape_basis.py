@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pzcap.body.skeleton import Body
-from pzcap.types import LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Array
+from pzcap.types import LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Array, Indices
 
 _STATIONS: Final = 6  # along a segment, evenly spaced: some five centimetres apart
 _SKIN_SIGMA_M: Final = 0.010  # how far a segment's skin as a whole may be from where the tape's girths put it
@@ -29,7 +29,7 @@ class Basis:
 
     joints: Array  # (P, 16, 3) of a segment's joint in its parent's frame
     skin: Array  # (P, 16, 3, 4) of a point (x, y, z, 1) in its segment's frame, at the station
-    station: NDArray[np.int64]  # (P,) along the segment; _STATIONS: the whole of it
+    station: Indices  # (P,) along the segment; _STATIONS: the whole of it
     sigma_m: Array  # (P,) prior
     span: Array  # (16, 4) takes a point (x, y, z, 1) of a segment to 0 at one end of it, 1 at the other
 

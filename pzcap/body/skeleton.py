@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pzcap.body import landmarks
 from pzcap.body.landmarks import Landmarks
@@ -22,12 +21,13 @@ from pzcap.types import (
     SEGMENTS,
     THORAX_FRACTION,
     Array,
+    Indices,
     Mask,
     PzcapError,
     Subject,
 )
 
-DOF_SEGMENT: Final[NDArray[np.int64]] = np.array(
+DOF_SEGMENT: Final[Indices] = np.array(
     [0, 0, 0] + [i for i, name in enumerate(SEGMENTS) for _ in range(1 if name in HINGE_AXES else 3)]
 )
 """(43,) The segment that a degree of freedom moves first."""

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pzcap.body.kinematics import forward
 from pzcap.body.skeleton import LIMBS, Body
@@ -25,10 +24,10 @@ from pzcap.tracking.limbs import Patch, grounds, support
 from pzcap.tracking.observation import Placed, PlacedView
 from pzcap.tracking.pose_objective import PoseObjective, px_per_m, view_level
 from pzcap.tracking.residuals import CropImage, Template
-from pzcap.tracking.skin_appearance import Appearance
+from pzcap.tracking.skin_appearance import Appearances
 from pzcap.tracking.tuning import APPEARANCE, BRIGHTNESS, VIEW
 from pzcap.tracking.visibility import GROUP, ZBuffer, rasterise
-from pzcap.types import PARENTS, Array, Float32, Pose
+from pzcap.types import PARENTS, Array, Float32, Indices, Pose
 
 
 class _LimbSkin(NamedTuple):
@@ -36,7 +35,7 @@ class _LimbSkin(NamedTuple):
 
     points: Array  # (N, 3) metres
     normals: Array  # (N, 3)
-    link: NDArray[np.int64]  # (N,) which of the limb's segments each is on
+    link: Indices  # (N,) which of the limb's segments each is on
     area: Array  # (N,) square metres of skin that each stands for
 
 
@@ -89,7 +88,7 @@ class LimbAppearance:
         self._other_faces = [surface.faces[~np.isin(face_segment, limb)] for limb in LIMBS]
 
     def similarity(
-        self, pose: Pose, objective: PoseObjective, placed: Placed, reference: Sequence[Appearance], alone: bool = False
+        self, pose: Pose, objective: PoseObjective, placed: Placed, reference: Appearances, alone: bool = False
     ) -> Array:
         """(4,) of each limb, square metres: what looks like its ``reference`` in each view, less what does not, the
         body being where it was ``placed``; ``alone``: where the limb itself hides nothing."""
@@ -100,7 +99,7 @@ class LimbAppearance:
             similarity[limb] = _compared(self._skins[limb], frames[None, list(segments)], views)[0]
         return similarity
 
-    def score(self, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> Array:
+    def score(self, pose: Pose, objective: PoseObjective, reference: Appearances) -> Array:
         """(4,) of each limb, square metres: the silhouettes that it explains, less the hall that it covers
         (`pzcap.tracking.limbs.support`), and its similarity."""
         placed = objective.place(pose)[1]
@@ -108,7 +107,7 @@ class LimbAppearance:
         similarity = self.similarity(pose, objective, placed, reference, alone=True)
         return np.asarray(body - hall + self._weight * similarity)
 
-    def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> LimbContext:
+    def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Appearances) -> LimbContext:
         """Make a frame ready to score postures of one limb near that of ``pose``."""
         posed, placed = objective.place(pose)
         behind = self._behind(limb, placed)
@@ -132,7 +131,7 @@ class LimbAppearance:
         return Postures(turns, score, moved @ context.frames[PARENTS[first], :3, :3])
 
     def _views(
-        self, limb: int, pose: Pose, objective: PoseObjective, placed: Placed, reference: Sequence[Appearance],
+        self, limb: int, pose: Pose, objective: PoseObjective, placed: Placed, reference: Appearances,
         usual_level: int,
     ) -> list[_LimbView]:  # fmt: skip
         rows, found = self._rows[limb], []

@@ -12,12 +12,11 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pzcap.body.kinematics import forward, limit_residuals, point_jacobian
 from pzcap.body.skeleton import DOF, Body
 from pzcap.tracking.tuning import CONTACT
-from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.types import SEGMENTS, Array, Indices, Pose
 
 _TRUNK: Final = tuple(SEGMENTS.index(name) for name in ("pelvis", "lumbar", "thorax"))
 _BALLS: Final = (("forearm", 0.5), ("forearm", 1.0), ("hand", 0.5))
@@ -30,7 +29,7 @@ class CollisionShapes:
 
     centres_m: Array  # (E, 3) in the frames of the trunk's segments
     axes_m: Array  # (E, 3) half axes
-    segment: NDArray[np.int64]  # (B,) that each ball is fixed to
+    segment: Indices  # (B,) that each ball is fixed to
     points_m: Array  # (B, 3) in the frame of that
     radii_m: Array  # (B,)
 

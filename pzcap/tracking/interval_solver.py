@@ -27,7 +27,7 @@ from pzcap.tracking.observation import ViewCrop, Views
 from pzcap.tracking.pose_objective import PoseObjective, misfit_px2
 from pzcap.tracking.reacquisition import PassResults
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.tracking.skin_appearance import Appearance, shared
+from pzcap.tracking.skin_appearance import Appearances, shared
 from pzcap.tracking.tuning import INTERVAL, SHAPE
 from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Mask, Pose
 
@@ -71,7 +71,7 @@ class IntervalProblem:
     estimate: BodyEstimate
     before: Sequence[Pose]  # of up to two frames before the first of them
     instants: Sequence[Instant]
-    reference: Sequence[Appearance]  # of the skin beside the keyframe that the interval began with, a view each
+    reference: Appearances  # of the skin beside the keyframe that the interval began with, a view each
     anchor: Anchor | None  # the keyframe that ends them; None: none does
     config: TrackingConfig
 

@@ -26,7 +26,7 @@ from pzcap.tracking.bidirectional_fusion import runs, with_segments
 from pzcap.tracking.limbs import POSTURES, grounds, support, turn_to, turned
 from pzcap.tracking.observation import Placed
 from pzcap.tracking.pose_objective import PoseObjective
-from pzcap.tracking.skin_appearance import Appearance, learn
+from pzcap.tracking.skin_appearance import Appearance, Appearances, learn
 from pzcap.tracking.tuning import FRAME, REACQUISITION
 from pzcap.types import SEGMENTS, Array, Mask, Pose
 
@@ -43,7 +43,7 @@ class PassResults:
     poses: list[list[Pose]]  # of each pass
     disputed: Mask  # (T, 16) segments that they do not agree about
     doubtful: Mask  # (T, 16) those of them at or beside a leap
-    reference: Sequence[Appearance]  # of the skin in each view, beside the keyframes
+    reference: Appearances  # of the skin in each view, beside the keyframes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ def reacquire(
     on_hall = supported[..., 1] / np.maximum(supported.sum(axis=2), REACQUISITION.least_area_m2)
     doubted |= _filtered(on_hall) > REACQUISITION.largest_hall
 
-    def unlike(reference: Sequence[Appearance]) -> Mask:
+    def unlike(reference: Appearances) -> Mask:
         similarity = np.array([limbs.similarity(*frame, reference) for frame in frames])
         return _filtered(similarity) < -REACQUISITION.unlike_m2
 
@@ -102,7 +102,7 @@ def _window(values: NDArray, t: int, around: int) -> NDArray:
 
 
 def _learned(
-    reference: Sequence[Appearance], objectives: Sequence[PoseObjective], placed: Sequence[Placed], lost: Mask
+    reference: Appearances, objectives: Sequence[PoseObjective], placed: Sequence[Placed], lost: Mask
 ) -> list[Appearance]:
     """The ``reference`` after all frames, the limbs that are ``lost`` (T, 4) in them as if they were hidden."""
     learned, segment = [look.copy() for look in reference], objectives[0].body.surface.segment
@@ -117,7 +117,7 @@ def _learned(
 
 def _found(
     limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], objectives: Sequence[PoseObjective],
-    reference: Sequence[Appearance], lost: Mask, around: Neighbours,
+    reference: Appearances, lost: Mask, around: Neighbours,
 ) -> list[Pose]:  # fmt: skip
     """The poses, of each frame's ``candidates`` the first, with the ``lost`` (T, 4) limbs reacquired: near the
     interpolation from the frame before to that after, or near the candidates."""

@@ -7,7 +7,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pzcap.body.segment_equations import PointResiduals, SegmentSums
 from pzcap.geometry.pinhole import Pinhole, Vector, pixel_gradient, ray, to_pixel
@@ -16,7 +15,7 @@ from pzcap.solver.robust import geman_mcclure
 from pzcap.tracking.skin_colour_model import LOWER_ARM
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR
 from pzcap.tracking.visibility import ARMS, GROUP, ProjectedSkin, SkinPoints, ZBuffer
-from pzcap.types import SEGMENTS, Array, Float32, Image
+from pzcap.types import SEGMENTS, Array, Float32, Image, Indices
 
 NUISANCES: Final = 4
 """Per segment and view: a gain and a shading gradient along the three axes of the world."""
@@ -150,7 +149,7 @@ def _products(rows: Array, weights: Array, count: int, joint: Array) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def contour(
-    skin: SkinPoints, edges: NDArray[np.int64], seen: ProjectedSkin, camera: Pinhole, z_buffer: ZBuffer,
+    skin: SkinPoints, edges: Indices, seen: ProjectedSkin, camera: Pinhole, z_buffer: ZBuffer,
     silhouette: CropImage, arms: Image, terms: ContourTerms, found: PointResiduals, cost: Array,
 ) -> int:  # fmt: skip
     """Occluding contour of the body against silhouette and arms: fills in ``found`` and returns how many there are.

@@ -68,22 +68,17 @@ def smooth_step(
             right[at] -= c * information * bend
             for other, d in inside[i:]:
                 band[(other - t) * DOF, at] += c * d * information
-    _tie(band, right, ties, first, count)
-    return np.asarray(solveh_banded(band, right, lower=True)).reshape(count, DOF)
-
-
-def _tie(band: Array, right: Array, ties: Sequence[Tie], first: int, count: int) -> None:
-    """Add what ties the frames of the chain; ``first`` of them come before the stretch."""
     rows, columns = np.indices((DOF, DOF))
     below = rows >= columns
     for tie in ties:
-        inside = [(tie.first + k - first, each) for k, each in enumerate(tie.jacobians)]
-        inside = [(t, each) for t, each in inside if 0 <= t < count]
-        for i, (t, earlier) in enumerate(inside):
+        frames = [(tie.first + k - first, each) for k, each in enumerate(tie.jacobians)]
+        frames = [(t, each) for t, each in frames if 0 <= t < count]
+        for i, (t, earlier) in enumerate(frames):
             right[t * DOF : (t + 1) * DOF] -= earlier.T @ (tie.weight * tie.residual_m)
-            for other, later in inside[i:]:
+            for other, later in frames[i:]:
                 block, kept = (later.T * tie.weight) @ earlier, below if other == t else np.ones_like(below)
                 band[(other - t) * DOF + (rows - columns)[kept], t * DOF + columns[kept]] += block[kept]
+    return np.asarray(solveh_banded(band, right, lower=True)).reshape(count, DOF)
 
 
 def soles(body: Body) -> tuple[tuple[int, Array], ...]:
