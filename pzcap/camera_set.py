@@ -8,14 +8,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 
 from pzcap.calibration import reference_camera
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.calibration.stitching import SweptFrames
 from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
@@ -28,7 +26,6 @@ from pzcap.types import (
     CameraFiles,
     Capture,
     Localisation,
-    Panorama,
     PanZoomCamera,
     PanZoomTrack,
     PzcapError,
@@ -74,20 +71,15 @@ def taken_over(
     return found
 
 
-SuperResolver: TypeAlias = Callable[[Panorama, PanZoomCamera, SweptFrames, Report], Panorama]
-"""Finds in a sweep what lies finer than its pixels, and the sweep's pans again; `pzcap.extras` has one."""
-
-
-def calibrate_camera(
-    footage: Footage, config: PanZoomConfig, report: Report = no_report, super_resolve: SuperResolver | None = None
-) -> CalibratedCamera:
+def calibrate_camera(footage: Footage, config: PanZoomConfig, report: Report = no_report) -> CalibratedCamera:
     """Calibrate one camera, and count its pans from the reference image. Raises PzcapError as `calibrate` does."""
-    found, swept = calibrate(footage, config, report)
-    panorama = found.panorama
-    if super_resolve is not None:
-        panorama = super_resolve(panorama, found.camera, swept, report)
-    focal_px = found.reference.camera.focal_px
-    return replace(found, panorama=count_from_reference(panorama, found.camera, footage.reference_image, focal_px))
+    return counted(calibrate(footage, config, report)[0], footage)
+
+
+def counted(found: CalibratedCamera, footage: Footage) -> CalibratedCamera:
+    """The camera with its pans counted from the reference image."""
+    image, focal_px = footage.reference_image, found.reference.camera.focal_px
+    return replace(found, panorama=count_from_reference(found.panorama, found.camera, image, focal_px))
 
 
 def calibrate_cameras(

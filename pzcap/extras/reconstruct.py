@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import partial
 from typing import Final
 
 from pzcap import pipeline
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import no_report
-from pzcap.camera_set import calibrate_camera
+from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.camera_set import counted
 from pzcap.events import Event, Finished
 from pzcap.extras import keyframe_diagnostics, rts_smoother
 from pzcap.extras.leave_half_out import super_resolved
@@ -24,7 +24,14 @@ from pzcap.localisation.covariance import systematic
 from pzcap.localisation.localise import Localiser
 from pzcap.types import Capture, PanZoomCamera, PanZoomTrack, Reconstruction
 
-SUPER_RESOLVING: Final = pipeline.Method("exact", partial(calibrate_camera, super_resolve=super_resolved), Localiser)
+
+def _super_resolved(footage: Footage, config: PanZoomConfig, report: Report = no_report) -> CalibratedCamera:
+    """Calibrate one camera, and find in its sweep what lies finer than its pixels, and the sweep's pans again."""
+    found, swept = calibrate(footage, config, report)
+    return counted(replace(found, panorama=super_resolved(found.panorama, found.camera, swept, report)), footage)
+
+
+SUPER_RESOLVING: Final = pipeline.Method("exact", _super_resolved, Localiser)
 
 
 @dataclass(frozen=True, slots=True)

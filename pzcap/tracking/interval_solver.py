@@ -92,12 +92,27 @@ def solved(problem: IntervalProblem) -> IntervalResult:
     if anchor is not None and anchor.fit.seen:
         estimate = problem.estimate.with_keyframe(anchor.key, anchor.fit.pose, anchor.views, config)
         problem = replace(problem, estimate=estimate)
-    if problem.instants:
-        return _solved(problem)
-    assert anchor is not None, "an interval has a frame or a keyframe"
-    fit, report = fit_keyframe(problem.estimate.body, anchor.key.pose, anchor.views, config)
-    keyframe = tracked(problem.estimate, config, anchor.key.frame, by_hand(fit))
-    return IntervalResult([keyframe], problem.estimate, [fit.pose], report)
+    if not problem.instants:
+        assert anchor is not None, "an interval has a frame or a keyframe"
+        fit, report = fit_keyframe(problem.estimate.body, anchor.key.pose, anchor.views, config)
+        keyframe = tracked(problem.estimate, config, anchor.key.frame, by_hand(fit))
+        return IntervalResult([keyframe], problem.estimate, [fit.pose], report)
+    poses, disagreement, passes = _passes(problem)
+    numbers, views = [each.frame for each in problem.instants], [each.views for each in problem.instants]
+    if anchor is not None:  # a frame like the others, with the hand's pose as prior
+        numbers, views = [*numbers, anchor.key.frame], [*views, anchor.views]
+        poses, disagreement = [*poses, anchor.fit.pose], np.vstack([disagreement, np.zeros(len(SEGMENTS))])
+    batch, estimate = _refined(problem, poses, views, passes)
+    frames = list(batch.frames)
+    if anchor is not None:
+        frames[-1] = by_hand(frames[-1])
+    done = [
+        tracked(estimate, config, number, found, apart, list(zip(objective.views, cameras, strict=True)))
+        for number, found, apart, objective, cameras in zip(
+            numbers, frames, disagreement, batch.objectives, batch.cameras, strict=True
+        )
+    ]
+    return IntervalResult(done, estimate, [*problem.before, *(found.pose for found in frames)][-2:], batch.report)
 
 
 def fit_keyframe(body: Body, pose: Pose, views: Views, config: TrackingConfig) -> tuple[PoseEstimate, SolveReport]:
@@ -144,25 +159,6 @@ def misplaced(contour: Array) -> Array:
     it was fitted stands in docs/method.md."""
     misfit_px = np.sqrt(misfit_px2(contour + contour[np.maximum(PARENTS, 0)], 1.0))
     return np.asarray(1.0 / (1.0 + np.exp(INTERVAL.misplaced_px - misfit_px) ** INTERVAL.misplaced_slope))
-
-
-def _solved(problem: IntervalProblem) -> IntervalResult:
-    poses, disagreement, passes = _passes(problem)
-    numbers, views = [each.frame for each in problem.instants], [each.views for each in problem.instants]
-    if problem.anchor is not None:  # a frame like the others, with the hand's pose as prior
-        numbers, views = [*numbers, problem.anchor.key.frame], [*views, problem.anchor.views]
-        poses, disagreement = [*poses, problem.anchor.fit.pose], np.vstack([disagreement, np.zeros(len(SEGMENTS))])
-    batch, estimate = _refined(problem, poses, views, passes)
-    frames = list(batch.frames)
-    if problem.anchor is not None:
-        frames[-1] = by_hand(frames[-1])
-    done = [
-        tracked(estimate, problem.config, number, found, apart, list(zip(objective.views, cameras, strict=True)))
-        for number, found, apart, objective, cameras in zip(
-            numbers, frames, disagreement, batch.objectives, batch.cameras, strict=True
-        )
-    ]
-    return IntervalResult(done, estimate, [*problem.before, *(found.pose for found in frames)][-2:], batch.report)
 
 
 def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:

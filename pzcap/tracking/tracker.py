@@ -131,8 +131,9 @@ class Tracker:
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, views, fit.pose)
         anchor = Anchor(key, views, fit, velocity)
         if self._ahead is None:
-            first = self._take(solved(self._problem([], anchor)))
-            done += [*self._lead_in(anchor), *first]
+            first = solved(self._problem([], anchor))
+            self._estimate, self._before = first.estimate, first.before
+            done += [*self._lead_in(anchor), *first.tracked]
         else:
             self._solve(anchor)
         self._ahead = FrameTracker(self.body, self.config, fit.pose, velocity, views)
@@ -158,13 +159,8 @@ class Tracker:
         """The interval that is being solved, once it is; from then on its body is tracked with."""
         if self._solving is None:
             return []
-        done = self._take(runtime.taken(self._solving))
-        self._solving = None
-        self.body = self._estimate.body
-        return done
-
-    def _take(self, result: IntervalResult) -> list[Tracked]:
-        self._estimate, self._before = result.estimate, result.before
+        result, self._solving = runtime.taken(self._solving), None
+        self._estimate, self._before, self.body = result.estimate, result.before, result.estimate.body
         return result.tracked
 
     def _lead_in(self, anchor: Anchor) -> list[Tracked]:
