@@ -88,15 +88,23 @@ def screws(world_T_segment: Array, centre_m: Array) -> Array:
     return np.asarray(_screws(world_T_segment, np.ascontiguousarray(centre_m)))
 
 
-def point_jacobian(world_T_segment: Array, segment: int, point_m: Array) -> Array:
-    """Derivative (3, 43) of a world point that is fixed to a segment with respect to the pose's tangent."""
-    twists = screws(world_T_segment, point_m)
-    return np.where(MOVES[:, segment], twists[:, :3].T, 0.0)
+def world_points(world_T_segment: Array, segment: Indices, points_m: Array) -> Array:
+    """(N, 3) in the world of points (N, 3) that are fixed to segments (N,), in their frames."""
+    frames = world_T_segment[segment]
+    return np.asarray(np.einsum("nij,nj->ni", frames[:, :3, :3], points_m) + frames[:, :3, 3])
+
+
+def point_jacobians(world_T_segment: Array, segment: Indices, points_m: Array) -> Array:
+    """Derivatives (N, 3, 43) of world points (N, 3) that are fixed to segments (N,) by the pose's tangent."""
+    centre = world_T_segment[0, :3, 3]
+    twists = screws(world_T_segment, centre)
+    velocity = twists[:, :3] + np.cross(twists[:, 3:], (points_m - centre)[:, None])  # (N, 43, 3)
+    return np.where(MOVES[:, segment].T[..., None], velocity, 0.0).transpose(0, 2, 1)
 
 
 def joint_jacobians(world_T_segment: Array) -> Array:
-    """Derivatives (16, 3, 43) of all joint centres with respect to the pose's tangent."""
-    return np.stack([point_jacobian(world_T_segment, i, world_T_segment[i, :3, 3]) for i in range(len(SEGMENTS))])
+    """Derivatives (16, 3, 43) of all joint centres by the pose's tangent."""
+    return point_jacobians(world_T_segment, np.arange(len(SEGMENTS)), world_T_segment[:, :3, 3])
 
 
 @njit(cache=True, nogil=True)
