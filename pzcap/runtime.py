@@ -16,7 +16,8 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
+from functools import partial
+from typing import Any, Final, ParamSpec, TypeVar
 
 import cv2
 from loky import ProcessPoolExecutor, cpu_count, get_reusable_executor
@@ -34,8 +35,6 @@ _IDLE_S: Final = 20.0  # after so long without work it ends, and gives its memor
 
 P = ParamSpec("P")
 T = TypeVar("T")
-Job: TypeAlias = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
-"""A function, and its arguments."""
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -91,7 +90,7 @@ def submit(work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> Future[T]
         done: Future[T] = Future()
         done.set_result(work(*args, **kwargs))
         return done
-    future: Future[T] = _executor().submit(_done, _Parcel((work, args, kwargs)))
+    future: Future[T] = _executor().submit(_done, _Parcel(partial(work, *args, **kwargs)))
     return future
 
 
@@ -140,23 +139,21 @@ class _Parcel:
     """A job on its way. Once it has been sent there is nothing in it: the executor keeps it until the job is done, and
     an interval's cut-outs come to a megabyte a frame set."""
 
-    def __init__(self, job: Job) -> None:
-        self._job: Job | None = job
+    def __init__(self, job: Callable[[], Any]) -> None:
+        self._job: Callable[[], Any] | None = job
 
-    def take(self) -> Job:
+    def take(self) -> Callable[[], Any]:
         assert self._job is not None, "a parcel is opened once"
         job, self._job = self._job, None
         return job
 
-    def __reduce__(self) -> tuple[type[_Parcel], tuple[Job]]:
+    def __reduce__(self) -> tuple[type[_Parcel], tuple[Callable[[], Any]]]:
         return _Parcel, (self.take(),)
 
 
 def _done(parcel: _Parcel) -> Any:
     """The job is done, and nothing of it kept: whoever works on the other side may need the memory."""
-    work, args, kwargs = parcel.take()
-    done = work(*args, **kwargs)
-    del work, args, kwargs
+    done = parcel.take()()
     gc.collect()
     give_back()
     return done

@@ -40,6 +40,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 """uint8 image, (H, W) grey or (H, W, 3) in OpenCV's blue-green-red order."""
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 Float32 = NDArray[np.float32]
 """float32 array, where precision matters less than memory."""
 
@@ -251,10 +252,6 @@ class InverseDepthMap:
 FAR_AWAY: Final = InverseDepthMap(1.0, np.zeros(0), np.zeros((0, 0)), np.zeros(2))
 
 
-def _nothing() -> NDArray[np.uint16]:
-    return np.zeros((0, 0), np.uint16)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Panorama:
     """The empty hall on a cylinder about the pan axis (section 3, eqs. 3-6).
@@ -274,8 +271,8 @@ class Panorama:
     closure_rad: float  # what the chain of displacements missed the full turn by, before it was distributed
     residual_px: float  # RMS of the sweep's feature matches after the adjustment
     surroundings: InverseDepthMap = FAR_AWAY
-    fine: NDArray[np.uint16] = field(default_factory=_nothing)  # (5 H, 7 W) the hall within pixels, as
-    # `pzcap.extras.superresolution` has it; empty: not known
+    fine: NDArray[np.uint16] = field(default_factory=lambda: np.zeros((0, 0), np.uint16))
+    # (5 H, 7 W) the hall within pixels, as `pzcap.extras.superresolution` has it; empty: not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,14 +15,13 @@ from typing import Final
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMIT_HIGH, LIMIT_LOW, MOVES, Body
-from pzcap.types import PARENTS, SEGMENTS, Array, Pose
+from pzcap.types import PARENTS, SEGMENTS, Array, Indices, Pose
 
 Quaternion = tuple[float, float, float, float]
 
-_PARENTS: Final[NDArray[np.int64]] = np.array(PARENTS)
+_PARENTS: Final[Indices] = np.array(PARENTS)
 _IDENTITY: Final[Array] = np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1))
 
 
@@ -89,15 +88,23 @@ def screws(world_T_segment: Array, centre_m: Array) -> Array:
     return np.asarray(_screws(world_T_segment, np.ascontiguousarray(centre_m)))
 
 
-def point_jacobian(world_T_segment: Array, segment: int, point_m: Array) -> Array:
-    """Derivative (3, 43) of a world point that is fixed to a segment with respect to the pose's tangent."""
-    twists = screws(world_T_segment, point_m)
-    return np.where(MOVES[:, segment], twists[:, :3].T, 0.0)
+def world_points(world_T_segment: Array, segment: Indices, points_m: Array) -> Array:
+    """(N, 3) in the world of points (N, 3) that are fixed to segments (N,), in their frames."""
+    frames = world_T_segment[segment]
+    return np.asarray(np.einsum("nij,nj->ni", frames[:, :3, :3], points_m) + frames[:, :3, 3])
+
+
+def point_jacobians(world_T_segment: Array, segment: Indices, points_m: Array) -> Array:
+    """Derivatives (N, 3, 43) of world points (N, 3) that are fixed to segments (N,) by the pose's tangent."""
+    centre = world_T_segment[0, :3, 3]
+    twists = screws(world_T_segment, centre)
+    velocity = twists[:, :3] + np.cross(twists[:, 3:], (points_m - centre)[:, None])  # (N, 43, 3)
+    return np.where(MOVES[:, segment].T[..., None], velocity, 0.0).transpose(0, 2, 1)
 
 
 def joint_jacobians(world_T_segment: Array) -> Array:
-    """Derivatives (16, 3, 43) of all joint centres with respect to the pose's tangent."""
-    return np.stack([point_jacobian(world_T_segment, i, world_T_segment[i, :3, 3]) for i in range(len(SEGMENTS))])
+    """Derivatives (16, 3, 43) of all joint centres by the pose's tangent."""
+    return point_jacobians(world_T_segment, np.arange(len(SEGMENTS)), world_T_segment[:, :3, 3])
 
 
 @njit(cache=True, nogil=True)
@@ -119,50 +126,28 @@ def _screws(frames: Array, centre: Array) -> Array:
 
 @njit(cache=True, nogil=True)
 def _carry(
-    frames: Array, segment: NDArray[np.int64], points: Array, normals: Array, out_points: Array, out_normals: Array
+    frames: Array, segment: Indices, points: Array, normals: Array, out_points: Array, out_normals: Array
 ) -> None:
-    """Points and normals (V, 3) from their segments' frames to the world. A segment's best follow each other."""
-    first = 0
-    while first < len(points):
-        s, last = segment[first], first + 1
-        while last < len(points) and segment[last] == s:
-            last += 1
-        for i in range(3):
-            a, b, c, position = frames[s, i, 0], frames[s, i, 1], frames[s, i, 2], frames[s, i, 3]
-            for v in range(first, last):
-                out_points[v, i] = a * points[v, 0] + b * points[v, 1] + c * points[v, 2] + position
-                out_normals[v, i] = a * normals[v, 0] + b * normals[v, 1] + c * normals[v, 2]
-        first = last
+    """Points and normals (V, 3) from their segments' frames to the world."""
+    for i in range(3):
+        for v in range(len(points)):
+            m = frames[segment[v], i]
+            out_points[v, i] = m[0] * points[v, 0] + m[1] * points[v, 1] + m[2] * points[v, 2] + m[3]
+            out_normals[v, i] = m[0] * normals[v, 0] + m[1] * normals[v, 1] + m[2] * normals[v, 2]
 
 
 @njit(cache=True, nogil=True)
-def chain(root: Array, quaternions: Array, offsets: Array, parents: NDArray[np.int64]) -> Array:
+def chain(root: Array, quaternions: Array, offsets: Array, parents: Indices) -> Array:
     """``world_T_segment`` (N, 4, 4) from the root (3,), rotations (N, 4) and joints in their parents (N, 3)."""
-    out = np.zeros((len(quaternions), 4, 4))
-    local = np.empty((3, 3))
+    out, local = np.zeros((len(quaternions), 4, 4)), np.eye(4)
     for n in range(len(quaternions)):
         w, x, y, z = quaternions[n, 0], quaternions[n, 1], quaternions[n, 2], quaternions[n, 3]
-        s = 2.0 / (w * w + x * x + y * y + z * z)
-        local[0, 0], local[0, 1], local[0, 2] = 1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)
-        local[1, 0], local[1, 1], local[1, 2] = s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)
-        local[2, 0], local[2, 1], local[2, 2] = s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)
-        p = parents[n]
-        for i in range(3):
-            if p < 0:
-                out[n, i, 3] = root[i]
-                for j in range(3):
-                    out[n, i, j] = local[i, j]
-                continue
-            position = out[p, i, 3]
-            for k in range(3):
-                position += out[p, i, k] * offsets[n, k]
-            out[n, i, 3] = position
-            for j in range(3):
-                total = 0.0
-                for k in range(3):
-                    total += out[p, i, k] * local[k, j]
-                out[n, i, j] = total
-        out[n, 3, 3] = 1.0
+        s, p = 2.0 / (w * w + x * x + y * y + z * z), parents[n]
+        local[0, :3] = 1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)
+        local[1, :3] = s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)
+        local[2, :3] = s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)
+        local[:3, 3] = root if p < 0 else offsets[n]
+        out[n] = local if p < 0 else out[p] @ local
     return out
 
 

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pzcap.body.mesh import Surface
 from pzcap.io.detections import KEYPOINTS
-from pzcap.types import SEGMENTS, Array
+from pzcap.types import SEGMENTS, Array, Indices
 
 _Place = tuple[str, tuple[float, float, float], float]
 """Segment; how far from its joint towards where its skin ends, forward, to the left and up (below 0: back, to the
@@ -50,7 +49,7 @@ def _places() -> dict[str, _Place]:
 _PLACES: Final = _places()
 _NECK: Final = KEYPOINTS.index("neck")
 _SHARE: Final[Array] = np.array([share for _, share, _ in _PLACES.values()])
-SEGMENT: Final[NDArray[np.int64]] = np.array([SEGMENTS.index(name) for name, _, _ in _PLACES.values()])
+SEGMENT: Final[Indices] = np.array([SEGMENTS.index(name) for name, _, _ in _PLACES.values()])
 """(26,) The segment that a keypoint lies on."""
 SIGMA_M: Final[Array] = np.array([sigma for _, _, sigma in _PLACES.values()])
 """(26,) By how much a keypoint may be meant to lie elsewhere."""

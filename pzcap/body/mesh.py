@@ -12,11 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.special import ellipe
 
-from pzcap.types import SEGMENTS, THORAX_FRACTION, Array
+from pzcap.types import SEGMENTS, THORAX_FRACTION, Array, Indices
 
 RING_SPACING_M = 0.022
 POINT_SPACING_M = 0.028
@@ -32,13 +31,13 @@ class Surface:
 
     points_m: Array  # (V, 3)
     normals: Array  # (V, 3) unit
-    segment: NDArray[np.int64]  # (V,) index into SEGMENTS
+    segment: Indices  # (V,) index into SEGMENTS
     area_m2: Array  # (V,) of skin that the vertex stands for
-    faces: NDArray[np.int64]  # (F, 3) counter-clockwise seen from outside
-    edges: NDArray[np.int64]  # (E, 2) the rings and the lines along the segment; every edge lies in one segment
+    faces: Indices  # (F, 3) counter-clockwise seen from outside
+    edges: Indices  # (E, 2) the rings and the lines along the segment; every edge lies in one segment
 
     @staticmethod
-    def of(points_m: Array, segment: NDArray[np.int64], faces: NDArray[np.int64], edges: NDArray[np.int64]) -> Surface:
+    def of(points_m: Array, segment: Indices, faces: Indices, edges: Indices) -> Surface:
         """The surface of a mesh."""
         a, b, c = (points_m[faces[:, k]] for k in range(3))
         across = np.cross(b - a, c - a)  # of length twice the triangle's area
@@ -177,9 +176,7 @@ def build_surface(measurements_m: Mapping[str, float]) -> Surface:
     return Surface.of(np.concatenate(points), np.concatenate(segment), np.concatenate(faces), np.concatenate(edges))
 
 
-def _loft(
-    stations: list[_Station], near_cap_m: float, far_cap_m: float
-) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+def _loft(stations: list[_Station], near_cap_m: float, far_cap_m: float) -> tuple[Array, Indices, Indices]:
     """Vertices (V, 3) with the axis along z and depth along x, triangles (F, 3) and edges (E, 2)."""
     along = np.array([s.along_m for s in stations])
     axes = np.array([ellipse_half_axes(s.girth_m, s.depth_over_width) for s in stations])
@@ -205,7 +202,7 @@ def _loft(
     a, b, c, d = index[:-1], right[:-1], right[1:], index[1:]
     near, far = len(vertices) - 2, len(vertices) - 1
 
-    def rows(*columns: NDArray[np.int64] | int) -> NDArray[np.int64]:
+    def rows(*columns: Indices | int) -> Indices:
         return np.stack(np.broadcast_arrays(*columns), axis=-1).reshape(-1, len(columns))
 
     ends = rows(right[0], index[0], near), rows(index[-1], right[-1], far)

@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, MOVES
-from pzcap.types import PARENTS, SEGMENTS, Array
+from pzcap.types import PARENTS, SEGMENTS, Array, Indices
 
 
 class SegmentSums(NamedTuple):
@@ -34,7 +33,7 @@ class PointResiduals(NamedTuple):
     """Residuals of single points, in pixels; a kernel that fills them in tells how many there are."""
 
     rows: Array  # (N, 8) weight, residual, its gradient with respect to the point, and the point (world)
-    owner: NDArray[np.int64]  # (N,) segment or keypoint of the point
+    owner: Indices  # (N,) segment or keypoint of the point
 
     @staticmethod
     def empty(count: int) -> PointResiduals:
@@ -47,7 +46,7 @@ class PointResiduals(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def accumulate(rows: Array, segment: NDArray[np.int64], sums: SegmentSums) -> None:
+def accumulate(rows: Array, segment: Indices, sums: SegmentSums) -> None:
     """Add ``rows`` (N, 8), as `PointResiduals` has them, of points on the ``segment`` (N,) to the ``sums``."""
     hessians, gradients, centre = sums
     wrench = np.empty(6)

@@ -10,17 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pzcap.body.skeleton import Body
-from pzcap.types import LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Array
-
-_STATIONS: Final = 6  # along a segment, evenly spaced: some five centimetres apart
-_SKIN_SIGMA_M: Final = 0.010  # how far a segment's skin as a whole may be from where the tape's girths put it
-_STATION_SIGMA_M: Final = 0.012  # and the skin at one station, beside that
+from pzcap.body.tuning import SHAPE
+from pzcap.types import LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Array, Indices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +25,7 @@ class Basis:
 
     joints: Array  # (P, 16, 3) of a segment's joint in its parent's frame
     skin: Array  # (P, 16, 3, 4) of a point (x, y, z, 1) in its segment's frame, at the station
-    station: NDArray[np.int64]  # (P,) along the segment; _STATIONS: the whole of it
+    station: Indices  # (P,) along the segment; SHAPE.stations: the whole of it
     sigma_m: Array  # (P,) prior
     span: Array  # (16, 4) takes a point (x, y, z, 1) of a segment to 0 at one end of it, 1 at the other
 
@@ -60,9 +56,9 @@ class Basis:
         return local + np.einsum("nij,nj->ni", affine, points)
 
     def _shares(self, segment: int, points: Array) -> Array:
-        """(N, _STATIONS + 1) how much of each station's corrections a point takes on, and all of the whole's."""
-        at = (_STATIONS - 1) * np.clip(points @ self.span[segment], 0.0, 1.0)
-        hats = np.maximum(1.0 - np.abs(at[:, None] - np.arange(_STATIONS)), 0.0)
+        """(N, SHAPE.stations + 1) how much of each station's corrections a point takes on, and all of the whole's."""
+        at = (SHAPE.stations - 1) * np.clip(points @ self.span[segment], 0.0, 1.0)
+        hats = np.maximum(1.0 - np.abs(at[:, None] - np.arange(SHAPE.stations)), 0.0)
         return np.column_stack([hats, np.ones(len(hats))])
 
 
@@ -93,16 +89,18 @@ class _Rows:
         self.rows: list[tuple[Array, Array, int, float]] = []
 
     def length(self, sigma_m: float, joints: Mapping[int, Sequence[float]], skin: Mapping[int, Array]) -> None:
-        self.rows.append((_rows(joints, (3,)), _rows(skin, (3, 4)), _STATIONS, sigma_m))
+        self.rows.append((_rows(joints, (3,)), _rows(skin, (3, 4)), SHAPE.stations, sigma_m))
 
-    def whole(self, skin: Mapping[int, Array], station: int = _STATIONS, sigma_m: float = _SKIN_SIGMA_M) -> None:
+    def whole(
+        self, skin: Mapping[int, Array], station: int = SHAPE.stations, sigma_m: float = SHAPE.skin_sigma_m
+    ) -> None:
         self.rows.append((_rows({}, (3,)), _rows(skin, (3, 4)), station, sigma_m))
 
     def stations(self, skin: Mapping[int, Array]) -> None:
         """The whole segment, and each station by itself."""
         self.whole(skin)
-        for station in range(_STATIONS):
-            self.whole(skin, station, _STATION_SIGMA_M)
+        for station in range(SHAPE.stations):
+            self.whole(skin, station, SHAPE.station_sigma_m)
 
 
 def _rows(table: Mapping[int, ArrayLike], shape: tuple[int, ...]) -> Array:

@@ -22,18 +22,12 @@ from pzcap.body.kinematics import joint_jacobians, screws
 from pzcap.body.segment_equations import PointResiduals, SegmentSums
 from pzcap.body.shape_basis import Basis, basis, corrected
 from pzcap.body.skeleton import DOF, MOVES, Body
+from pzcap.body.tuning import SHAPE
 from pzcap.types import SEGMENTS, Array
 
-_SLIDE_SIGMA: Final = np.tile([0.01, 0.01, 0.01, 0.05, 0.05, 0.05], len(SEGMENTS))  # metres, radians
+_SLIDE_SIGMA: Final = np.tile(np.repeat([SHAPE.slide_sigma_m, SHAPE.slide_sigma_rad], 3), len(SEGMENTS))
 _CHANGES: Final = DOF + len(_SLIDE_SIGMA)
 """The unknowns of a frame: its pose (43), the slides (96), from here on the corrections (P)."""
-_TEXTURE_CURVATURE: Final = 0.4
-"""Of the texture's cost, beside what Gauss-Newton has: robust weights, and texture as fine as the pixels, make it
-flatter (0.25-0.5 measured). Taken at its word, each step would stop far short."""
-
-_DOUBT: Final = 0.9
-"""Of the deviation that is left of the tape's: the frames are believed so little, since they err alike, that it comes
-out too large (the one number of a joint's sigma that is fitted, to what is covered on the development captures)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +84,7 @@ class ShapeEstimate:
             joints.append(self._joints(frame.world_T_segment, hessian))
             if frame.texture is not None:
                 moved = self._twists(frame.world_T_segment).reshape(-1, len(gradient))
-                held = _TEXTURE_CURVATURE * frame.texture.hessians @ moved.reshape(len(SEGMENTS), 6, -1)
+                held = SHAPE.texture_curvature * frame.texture.hessians @ moved.reshape(len(SEGMENTS), 6, -1)
                 hessian += moved.T @ held.reshape(moved.shape)
                 gradient += moved.T @ frame.texture.gradients.ravel()
             information, vector = _without(hessian, gradient, DOF)
@@ -122,7 +116,7 @@ class ShapeEstimate:
         the body, ``C`` moves the contours, and the pose (contours ``A``, joints ``J``) then follows the contours to
         where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept.
         """
-        covariance, joints = _DOUBT**2 * np.linalg.inv(self.equations.information), self.equations.joints
+        covariance, joints = SHAPE.doubt**2 * np.linalg.inv(self.equations.information), self.equations.joints
         return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
 
     def _joints(self, frames: Array, hessian: Array) -> Array:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pzcap.body import landmarks
 from pzcap.body.landmarks import Landmarks
@@ -22,12 +21,13 @@ from pzcap.types import (
     SEGMENTS,
     THORAX_FRACTION,
     Array,
+    Indices,
     Mask,
     PzcapError,
     Subject,
 )
 
-DOF_SEGMENT: Final[NDArray[np.int64]] = np.array(
+DOF_SEGMENT: Final[Indices] = np.array(
     [0, 0, 0] + [i for i, name in enumerate(SEGMENTS) for _ in range(1 if name in HINGE_AXES else 3)]
 )
 """(43,) The segment that a degree of freedom moves first."""
@@ -42,7 +42,7 @@ SKELETON_EDGES: Final = tuple((parent, child) for child, parent in enumerate(PAR
 
 
 def _moved_segments() -> Mask:
-    """(43, 16) Whether a degree of freedom moves a segment: its own and all that hang on it."""
+    """(43, 16) Segments that a degree of freedom moves: its own and all that hang on it."""
     below = np.eye(len(SEGMENTS), dtype=bool)
     for child, parent in reversed(list(enumerate(PARENTS))):
         if parent >= 0:

@@ -133,13 +133,9 @@ class FrameSets:
     """
 
     def __init__(
-        self,
-        readers: Sequence[VideoReader | None],
-        keypoints: Sequence[dict[int, Array]],
-        starts: Sequence[int],
-        first: int,
-        count: int,
-    ) -> None:
+        self, readers: Sequence[VideoReader | None], keypoints: Sequence[dict[int, Array]], starts: Sequence[int],
+        first: int, count: int,
+    ) -> None:  # fmt: skip
         self._readers = readers
         self._keypoints = keypoints  # of each camera, by its own index
         self._starts = starts  # of each camera's index 0, on the common clock

@@ -75,7 +75,8 @@ def save(reconstruction: Reconstruction, folder: Path) -> None:
         pictures.append(None if panorama is None else f"panorama{number}.png")
         if panorama is not None:
             with written_whole(folder / f"panorama{number}.png") as partial:
-                partial.write_bytes(_encode_panorama(panorama))
+                alpha = np.where(panorama.valid, np.uint8(255), np.uint8(0))  # where something was pasted
+                partial.write_bytes(bytes(cv2.imencode(".png", np.dstack([panorama.image, alpha]))[1]))
     if reconstruction.motion is not None:
         arrays |= _flatten(reconstruction.motion, "motion")
 
@@ -182,12 +183,6 @@ def _unflatten(
 
 # --------------------------------------------------------------------------------------------------------------
 # Files
-
-
-def _encode_panorama(panorama: Panorama) -> bytes:
-    """PNG whose alpha says where something was pasted."""
-    alpha = np.where(panorama.valid, 255, 0).astype(np.uint8)
-    return bytes(cv2.imencode(".png", np.dstack([panorama.image, alpha]))[1])
 
 
 def _decode_panorama(folder: Path, name: str) -> dict[str, NDArray[Any]]:

@@ -9,12 +9,11 @@ what does not, in square metres summed over the views. A posture of a limb is th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pzcap.body.kinematics import forward
 from pzcap.body.skeleton import LIMBS, Body
@@ -25,10 +24,10 @@ from pzcap.tracking.limbs import Patch, grounds, support
 from pzcap.tracking.observation import Placed, PlacedView
 from pzcap.tracking.pose_objective import PoseObjective, px_per_m, view_level
 from pzcap.tracking.residuals import CropImage, Template
-from pzcap.tracking.skin_appearance import Appearance
+from pzcap.tracking.skin_appearance import Appearances
 from pzcap.tracking.tuning import APPEARANCE, BRIGHTNESS, VIEW
 from pzcap.tracking.visibility import GROUP, ZBuffer, rasterise
-from pzcap.types import PARENTS, Array, Float32, Pose
+from pzcap.types import PARENTS, Array, Float32, Indices, Pose
 
 
 class _LimbSkin(NamedTuple):
@@ -36,7 +35,7 @@ class _LimbSkin(NamedTuple):
 
     points: Array  # (N, 3) metres
     normals: Array  # (N, 3)
-    link: NDArray[np.int64]  # (N,) which of the limb's segments each is on
+    link: Indices  # (N,) which of the limb's segments each is on
     area: Array  # (N,) square metres of skin that each stands for
 
 
@@ -89,34 +88,26 @@ class LimbAppearance:
         self._other_faces = [surface.faces[~np.isin(face_segment, limb)] for limb in LIMBS]
 
     def similarity(
-        self, pose: Pose, objective: PoseObjective, placed: Placed, reference: Sequence[Appearance]
+        self, pose: Pose, objective: PoseObjective, placed: Placed, reference: Appearances, alone: bool = False
     ) -> Array:
         """(4,) of each limb, square metres: what looks like its ``reference`` in each view, less what does not, the
-        body being where it was ``placed``."""
-        if not self._weight:
-            return np.zeros(len(LIMBS))
-        frames = forward(self.body, pose)
-        return np.array([
-            self._similarity(limb, frames, self._views(limb, pose, objective, placed, reference, APPEARANCE.fine_level))
-            for limb in range(len(LIMBS))
-        ])  # fmt: skip
+        body being where it was ``placed``; ``alone``: where the limb itself hides nothing."""
+        similarity, frames = np.zeros(len(LIMBS)), forward(self.body, pose)
+        for limb, segments in enumerate(LIMBS if self._weight else ()):
+            where = self._behind(limb, placed) if alone else placed
+            views = self._views(limb, pose, objective, where, reference, APPEARANCE.fine_level)
+            similarity[limb] = _compared(self._skins[limb], frames[None, list(segments)], views)[0]
+        return similarity
 
-    def _similarity(self, limb: int, frames: Array, views: Sequence[_LimbView]) -> float:
-        return float(_compared(self._skins[limb], frames[None, list(LIMBS[limb])], views)[0])
-
-    def score(self, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> Array:
+    def score(self, pose: Pose, objective: PoseObjective, reference: Appearances) -> Array:
         """(4,) of each limb, square metres: the silhouettes that it explains, less the hall that it covers
-        (`pzcap.tracking.limbs.support`), and its similarity, where the limb itself hides nothing."""
-        posed, placed = objective.place(pose)
-        similarity = np.empty(len(LIMBS))
-        for limb in range(len(LIMBS)):
-            behind = self._behind(limb, placed)
-            views = self._views(limb, pose, objective, behind, reference, APPEARANCE.fine_level)
-            similarity[limb] = self._similarity(limb, posed.frames, views)
+        (`pzcap.tracking.limbs.support`), and its similarity."""
+        placed = objective.place(pose)[1]
         body, hall = support(self.body, pose, grounds(objective.views, placed)).T
+        similarity = self.similarity(pose, objective, placed, reference, alone=True)
         return np.asarray(body - hall + self._weight * similarity)
 
-    def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Sequence[Appearance]) -> LimbContext:
+    def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Appearances) -> LimbContext:
         """Make a frame ready to score postures of one limb near that of ``pose``."""
         posed, placed = objective.place(pose)
         behind = self._behind(limb, placed)
@@ -140,7 +131,7 @@ class LimbAppearance:
         return Postures(turns, score, moved @ context.frames[PARENTS[first], :3, :3])
 
     def _views(
-        self, limb: int, pose: Pose, objective: PoseObjective, placed: Placed, reference: Sequence[Appearance],
+        self, limb: int, pose: Pose, objective: PoseObjective, placed: Placed, reference: Appearances,
         usual_level: int,
     ) -> list[_LimbView]:  # fmt: skip
         rows, found = self._rows[limb], []
@@ -155,16 +146,13 @@ class LimbAppearance:
 
     def _behind(self, limb: int, placed: Placed) -> list[PlacedView | None]:
         """The views without the limb: what would hide it elsewhere."""
-        bits = GROUP[self.body.surface.segment]
-        found: list[PlacedView | None] = []
-        for where in placed:
-            if where is None:
-                found.append(None)
-                continue
-            buffer = where.z_buffer
-            behind = buffer._replace(depth=np.empty_like(buffer.depth), cover=np.empty_like(buffer.cover))
-            rasterise(where.skin.pixels, where.skin.depth, self._other_faces[limb], bits, behind)
-            found.append(PlacedView(where.skin, where.facing, behind))
+        bits, found = GROUP[self.body.surface.segment], list(placed)
+        for number, where in enumerate(placed):
+            if where is not None:
+                depth, cover = np.empty_like(where.z_buffer.depth), np.empty_like(where.z_buffer.cover)
+                behind = where.z_buffer._replace(depth=depth, cover=cover)
+                rasterise(where.skin.pixels, where.skin.depth, self._other_faces[limb], bits, behind)
+                found[number] = replace(where, z_buffer=behind)
         return found
 
 

@@ -25,7 +25,7 @@ from pzcap.tracking.observation import Placed, Views
 from pzcap.tracking.pose_objective import PosedBody, PoseObjective
 from pzcap.tracking.reacquisition import PassResults, reacquire
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.tracking.skin_appearance import Appearance, mean_appearances
+from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
 from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Keyframe, Mask, Pose
@@ -86,7 +86,7 @@ class _Batch:
 
     def sweep(
         self, objectives: Sequence[PoseObjective], posed: Sequence[PosedBody], placed: Sequence[Placed],
-        appearances: Sequence[Appearance],
+        appearances: Appearances,
     ) -> RefinedBatch:  # fmt: skip
         """Some Gauss-Newton steps of the poses and the cameras, visibility staying as ``placed``."""
         config, objectives, poses = self.config, list(objectives), [each.pose for each in posed]
@@ -125,7 +125,7 @@ class _Batch:
 
 def _chosen(
     limbs: LimbAppearance, before: Pose, pairs: Sequence[tuple[Pose, Pose]], objectives: Sequence[PoseObjective],
-    lost: Mask, reference: Sequence[Appearance],
+    lost: Mask, reference: Appearances,
 ) -> list[Pose]:  # fmt: skip
     """The first pose of each pair, but limbs that were ``lost`` (t, 16) in the first frames as the second has them,
     where that scores clearly more. Both are judged through the same cameras, of the ``objectives``."""

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pzcap.body.kinematics import difference, forward, joints, retract
@@ -20,7 +19,7 @@ from pzcap.body.skeleton import LIMBS, Body
 from pzcap.solver.viterbi import best_path
 from pzcap.tracking.frame_tracker import FrameEstimate
 from pzcap.tracking.tuning import FUSION
-from pzcap.types import PARENTS, Array, Mask, Pose
+from pzcap.types import PARENTS, Array, Indices, Mask, Pose
 
 
 def fuse(
@@ -88,7 +87,7 @@ def runs(marked: Mask) -> list[range]:
     return [range(first, stop) for first, stop in edges.reshape(-1, 2).tolist()]
 
 
-def _smoothest(joints_m: Array, gain: Array) -> NDArray[np.int64]:
+def _smoothest(joints_m: Array, gain: Array) -> Indices:
     """The candidate, 0 or 1, to take in each frame (T,), so that the sum of ``gain`` (2, T), less the leaps of the
     joints (2, T + 2, J, 3), is greatest. In the first and the last frame of the joints both are alike.
 

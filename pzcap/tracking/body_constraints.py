@@ -12,12 +12,11 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pzcap.body.kinematics import forward, limit_residuals, point_jacobian
+from pzcap.body.kinematics import forward, limit_residuals, point_jacobians, world_points
 from pzcap.body.skeleton import DOF, Body
 from pzcap.tracking.tuning import CONTACT
-from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.types import SEGMENTS, Array, Indices, Pose
 
 _TRUNK: Final = tuple(SEGMENTS.index(name) for name in ("pelvis", "lumbar", "thorax"))
 _BALLS: Final = (("forearm", 0.5), ("forearm", 1.0), ("hand", 0.5))
@@ -30,7 +29,7 @@ class CollisionShapes:
 
     centres_m: Array  # (E, 3) in the frames of the trunk's segments
     axes_m: Array  # (E, 3) half axes
-    segment: NDArray[np.int64]  # (B,) that each ball is fixed to
+    segment: Indices  # (B,) that each ball is fixed to
     points_m: Array  # (B, 3) in the frame of that
     radii_m: Array  # (B,)
 
@@ -55,8 +54,8 @@ def collision_shapes(body: Body) -> CollisionShapes:
 
 def collision_residuals(shapes: CollisionShapes, world_T_segment: Array) -> tuple[Array, Array]:
     """Depth (N,), in sigmas, of each ball that is inside the trunk, and its derivative (N, 43) by the pose."""
-    arms, trunk = world_T_segment[shapes.segment], world_T_segment[list(_TRUNK)]
-    balls = np.einsum("bij,bj->bi", arms[:, :3, :3], shapes.points_m) + arms[:, :3, 3]
+    trunk = world_T_segment[list(_TRUNK)]
+    balls = world_points(world_T_segment, shapes.segment, shapes.points_m)
     local = np.einsum("eij,ebi->ebj", trunk[:, :3, :3], balls - trunk[:, None, :3, 3]) - shapes.centres_m[:, None]
     axes = shapes.axes_m[:, None] + shapes.radii_m[:, None]  # (E, B, 3)
     level = np.sqrt(np.sum((local / axes) ** 2, axis=-1))  # 0 in the middle .. 1 on the skin
@@ -65,7 +64,8 @@ def collision_residuals(shapes: CollisionShapes, world_T_segment: Array) -> tupl
     for n, (e, b) in enumerate(inside):
         scale = axes[e, b].min() / CONTACT.inside_sigma_m
         outward = trunk[e, :3, :3] @ (local[e, b] / axes[e, b] ** 2) / max(level[e, b], 1e-3)
-        arm, under = (point_jacobian(world_T_segment, int(s), balls[b]) for s in (shapes.segment[b], _TRUNK[e]))
+        both = np.array([shapes.segment[b], _TRUNK[e]])
+        arm, under = point_jacobians(world_T_segment, both, balls[[b, b]])
         rows[n], depth[n] = -scale * outward @ (arm - under), scale * (1.0 - level[e, b])
     return rows, depth
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -42,8 +42,7 @@ class CameraPrior:
     correction: Array  # (2,) since then
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MarginalisedCamera:
+class MarginalisedCamera(NamedTuple):
     """A view's camera, eliminated from the normal equations of a pose."""
 
     covariance: Array  # (2, 2) C^-1, of pan and log focal if the pose were known
@@ -86,16 +85,6 @@ def corrected(camera: Camera, prior: CameraPrior, step: Array) -> tuple[Camera, 
     return turned, replace(prior, correction=prior.correction + step)
 
 
-def eliminate(
-    prior: CameraPrior, moves: Array, twists: Array, view: SegmentSums, hessian: Array, gradient: Array
-) -> MarginalisedCamera:
-    """Take the camera of one view out of the normal equations of a pose, ``hessian`` (43, 43) and ``gradient`` (43,),
-    in place. ``view`` is the part of the normal equations that this view has made of each segment; ``moves`` are the
-    segments' twists by the camera (`segment_twists`) and ``twists`` (43, 6) those by the pose."""
-    found = _eliminate(view, moves, prior.information, prior.correction, twists, hessian, gradient)
-    return MarginalisedCamera(*found)
-
-
 def segment_twists(world_T_cam: Array, pan_axis: Array, frames: Array, centre: Array) -> Array:
     """(16, 6, 2) Twists ``(v, w)`` about the ``centre`` that show the segments, posed as ``frames`` (16, 4, 4), where
     the camera would see them with one unit more of pan, and of log focal. All of a segment is as deep as its joint."""
@@ -108,11 +97,14 @@ def segment_twists(world_T_cam: Array, pan_axis: Array, frames: Array, centre: A
 
 
 @njit(cache=True, nogil=True)
-def _eliminate(
+def eliminate(
     view: SegmentSums, moves: Array, information: Array, correction: Array, twists: Array, hessian: Array,
     gradient: Array,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Schur complement as at the head of this file, in place; returns what `MarginalisedCamera` holds."""
+) -> MarginalisedCamera:  # fmt: skip
+    """Take the camera of one view out of the normal equations of a pose, ``hessian`` (43, 43) and ``gradient`` (43,),
+    in place: the Schur complement at the head of this file. ``view`` is the part of these that the view has made of
+    each segment; ``moves`` are the segments' twists by the camera (`segment_twists`) and ``twists`` (43, 6) those by
+    the pose; ``information`` and ``correction`` are as `CameraPrior` has them."""
     joint, right = information.copy(), -information @ correction
     moved = np.zeros(moves.shape)  # H M, of a segment and all that hang on it
     for s in range(len(moves) - 1, -1, -1):  # parents come before their children
@@ -130,4 +122,4 @@ def _eliminate(
     pull, give = covariance @ right, covariance @ cross.T
     gradient -= cross @ pull
     hessian -= cross @ give
-    return covariance, pull, give
+    return MarginalisedCamera(covariance, pull, give)

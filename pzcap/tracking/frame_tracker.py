@@ -22,7 +22,7 @@ from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.observation import Views
 from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, misfit_px2
 from pzcap.tracking.settings import Round, TrackingConfig
-from pzcap.tracking.skin_appearance import Appearance, learn, mean_appearances
+from pzcap.tracking.skin_appearance import SomeAppearances, learn, mean_appearances
 from pzcap.tracking.tuning import FRAME
 from pzcap.types import SEGMENTS, Array, Pose
 
@@ -112,7 +112,7 @@ class FrameTracker:
 
 
 def fit_pose(
-    objective: PoseObjective, start: Pose, prior: Array, appearances: Sequence[Appearance | None],
+    objective: PoseObjective, start: Pose, prior: Array, appearances: SomeAppearances,
     config: TrackingConfig, schedule: Sequence[Round], expected: Pose | None = None,
 ) -> PoseFit:  # fmt: skip
     """Gauss-Newton from ``start``, coarse to fine, the cameras of the views corrected along with the pose. Beside the

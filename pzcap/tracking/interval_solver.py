@@ -27,7 +27,7 @@ from pzcap.tracking.observation import ViewCrop, Views
 from pzcap.tracking.pose_objective import PoseObjective, misfit_px2
 from pzcap.tracking.reacquisition import PassResults
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.tracking.skin_appearance import Appearance, shared
+from pzcap.tracking.skin_appearance import Appearances, shared
 from pzcap.tracking.tuning import INTERVAL, SHAPE
 from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Mask, Pose
 
@@ -71,7 +71,7 @@ class IntervalProblem:
     estimate: BodyEstimate
     before: Sequence[Pose]  # of up to two frames before the first of them
     instants: Sequence[Instant]
-    reference: Sequence[Appearance]  # of the skin beside the keyframe that the interval began with, a view each
+    reference: Appearances  # of the skin beside the keyframe that the interval began with, a view each
     anchor: Anchor | None  # the keyframe that ends them; None: none does
     config: TrackingConfig
 
@@ -92,12 +92,27 @@ def solved(problem: IntervalProblem) -> IntervalResult:
     if anchor is not None and anchor.fit.seen:
         estimate = problem.estimate.with_keyframe(anchor.key, anchor.fit.pose, anchor.views, config)
         problem = replace(problem, estimate=estimate)
-    if problem.instants:
-        return _solved(problem)
-    assert anchor is not None, "an interval has a frame or a keyframe"
-    fit, report = fit_keyframe(problem.estimate.body, anchor.key.pose, anchor.views, config)
-    tracked = _keyframe(problem.estimate, config, anchor.key, fit)
-    return IntervalResult([tracked], problem.estimate, [fit.pose], report)
+    if not problem.instants:
+        assert anchor is not None, "an interval has a frame or a keyframe"
+        fit, report = fit_keyframe(problem.estimate.body, anchor.key.pose, anchor.views, config)
+        keyframe = tracked(problem.estimate, config, anchor.key.frame, by_hand(fit))
+        return IntervalResult([keyframe], problem.estimate, [fit.pose], report)
+    poses, disagreement, passes = _passes(problem)
+    numbers, views = [each.frame for each in problem.instants], [each.views for each in problem.instants]
+    if anchor is not None:  # a frame like the others, with the hand's pose as prior
+        numbers, views = [*numbers, anchor.key.frame], [*views, anchor.views]
+        poses, disagreement = [*poses, anchor.fit.pose], np.vstack([disagreement, np.zeros(len(SEGMENTS))])
+    batch, estimate = _refined(problem, poses, views, passes)
+    frames = list(batch.frames)
+    if anchor is not None:
+        frames[-1] = by_hand(frames[-1])
+    done = [
+        tracked(estimate, config, number, found, apart, list(zip(objective.views, cameras, strict=True)))
+        for number, found, apart, objective, cameras in zip(
+            numbers, frames, disagreement, batch.objectives, batch.cameras, strict=True
+        )
+    ]
+    return IntervalResult(done, estimate, [*problem.before, *(found.pose for found in frames)][-2:], batch.report)
 
 
 def fit_keyframe(body: Body, pose: Pose, views: Views, config: TrackingConfig) -> tuple[PoseEstimate, SolveReport]:
@@ -132,42 +147,18 @@ def tracked(
     return Tracked(frame, found.pose, frames[:, :3, 3], sigma, found.seen, estimate.known, corrections)
 
 
+def by_hand(found: PoseEstimate) -> PoseEstimate:
+    """The pose ``found`` of a keyframe. A hand knows where the limbs are: what the images do not bear out is a
+    contradiction (`pzcap.extras.keyframe_diagnostics`), and adds nothing to the sigmas."""
+    return replace(found, contour=NO_CONTOUR, seen=True)
+
+
 def misplaced(contour: Array) -> Array:
     """Probability (16,) that a joint is not where it was found, from how well the contours of the two segments that
     meet there fit the silhouettes: ``contour`` (16, 3) as `pzcap.tracking.pose_objective.PoseEquations` has it. How
     it was fitted stands in docs/method.md."""
     misfit_px = np.sqrt(misfit_px2(contour + contour[np.maximum(PARENTS, 0)], 1.0))
     return np.asarray(1.0 / (1.0 + np.exp(INTERVAL.misplaced_px - misfit_px) ** INTERVAL.misplaced_slope))
-
-
-def _keyframe(
-    estimate: BodyEstimate, config: TrackingConfig, key: Keyframe, found: PoseEstimate,
-    cameras: Sequence[tuple[ViewCrop | None, MarginalisedCamera | None]] = (),
-) -> Tracked:  # fmt: skip
-    """The body at a keyframe. A hand knows where the limbs are: what the images do not bear out is a contradiction
-    (`pzcap.extras.keyframe_diagnostics`), and adds nothing to the sigmas."""
-    return tracked(estimate, config, key.frame, replace(found, contour=NO_CONTOUR, seen=True), cameras=cameras)
-
-
-def _solved(problem: IntervalProblem) -> IntervalResult:
-    config, anchor, key = problem.config, problem.anchor, None
-    poses, disagreement, passes = _passes(problem)
-    views = [instant.views for instant in problem.instants]
-    if anchor is not None:  # a frame like the others, with the hand's pose as prior
-        key, poses, views = anchor.key, [*poses, anchor.fit.pose], [*views, anchor.views]
-    batch, estimate = _refined(problem, poses, views, passes)
-    cameras = [
-        list(zip(objective.views, free, strict=True))
-        for objective, free in zip(batch.objectives, batch.cameras, strict=True)
-    ]
-    done = [
-        tracked(estimate, config, instant.frame, found, apart, corrected)
-        for instant, found, apart, corrected in zip(problem.instants, batch.frames, disagreement, cameras, strict=False)
-    ]
-    if key is not None:
-        done.append(_keyframe(estimate, config, key, batch.frames[-1], cameras[-1]))
-    before = [*problem.before, *(found.pose for found in batch.frames)][-2:]
-    return IntervalResult(done, estimate, before, batch.report)
 
 
 def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:

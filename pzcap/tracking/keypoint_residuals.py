@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
+from pzcap.body.kinematics import world_points
 from pzcap.body.landmarks import SEGMENT, Landmarks
 from pzcap.body.segment_equations import PointResiduals
 from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray
@@ -17,8 +18,7 @@ from pzcap.types import Array, Camera
 
 def in_world(landmarks: Landmarks, world_T_segment: Array) -> Array:
     """The keypoints (26, 3), the segments being at ``world_T_segment`` (16, 4, 4)."""
-    frames = world_T_segment[SEGMENT]
-    return np.asarray(np.einsum("kij,kj->ki", frames[:, :3, :3], landmarks.points_m) + frames[:, :3, 3])
+    return world_points(world_T_segment, SEGMENT, landmarks.points_m)
 
 
 def _noise_m(person: Array) -> Array:

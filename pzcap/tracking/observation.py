@@ -108,9 +108,7 @@ def crop_view(body: Body, view: ViewInput, pose: Pose, margin: float, skin_colou
     belief = np.asarray(cv2.resize(np.clip(odds, -1.0, 1.0), size, interpolation=cv2.INTER_AREA), np.float32)
     image, probability = view.image[part], silhouette.probability[part]
     crop = prepare(image, probability, skin_colours.arms(image, probability), belief, camera, (left, top))
-    person = None
-    if len(view.people):
-        person = keypoint_residuals.nearest(keypoint_residuals.in_world(body.landmarks, frames), camera, view.people)
+    person = keypoint_residuals.nearest(keypoint_residuals.in_world(body.landmarks, frames), camera, view.people)
     return replace(crop, person=person, camera_prior=view.camera_prior)
 
 

@@ -22,7 +22,7 @@ from pzcap.tracking.camera_refinement import MarginalisedCamera, eliminate, segm
 from pzcap.tracking.observation import PYRAMID_LEVELS, Placed, PlacedView, ViewCrop, Views, place_view, project
 from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, Template
 from pzcap.tracking.settings import Terms
-from pzcap.tracking.skin_appearance import Appearance
+from pzcap.tracking.skin_appearance import SomeAppearances
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR, VIEW
 from pzcap.tracking.visibility import ProjectedSkin, SkinPoints
 from pzcap.types import Array, Camera, Pose
@@ -105,9 +105,7 @@ class PoseObjective:
         posed = self.posed(pose)
         return posed, self.visibility(posed)
 
-    def normal(
-        self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
-    ) -> PoseEquations:
+    def normal(self, posed: PosedBody, placed: Placed, appearances: SomeAppearances, terms: Terms) -> PoseEquations:
         """Accumulate all residuals of the ``posed`` body, with visibility as ``placed``; the errors of the cameras are
         eliminated (`pzcap.tracking.camera_refinement`)."""
         sums, contour, brightness = self._per_segment(posed, placed, appearances, terms)
@@ -120,18 +118,17 @@ class PoseObjective:
                 continue
             prior = view.camera_prior
             moves = segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, own.centre)
-            cameras.append(eliminate(prior, moves, twists, own, hessian, gradient))
+            known = prior.information, prior.correction
+            cameras.append(eliminate(own, moves, *known, twists, hessian, gradient))
         return PoseEquations(hessian, gradient, contour, brightness, cameras)
 
-    def texture(
-        self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
-    ) -> SegmentSums:
+    def texture(self, posed: PosedBody, placed: Placed, appearances: SomeAppearances, terms: Terms) -> SegmentSums:
         """The residuals of brightness alone, segment by segment."""
         alone = replace(terms, contour_weight=0.0, keypoint_weight=0.0)
         return sum_of(self._per_segment(posed, placed, appearances, alone)[0])
 
     def _per_segment(
-        self, posed: PosedBody, placed: Placed, appearances: Sequence[Appearance | None], terms: Terms
+        self, posed: PosedBody, placed: Placed, appearances: SomeAppearances, terms: Terms
     ) -> tuple[list[SegmentSums], Array, Array]:
         """The normal equations that each view makes of each segment, and how well each fits, as `PoseEquations` has
         it."""

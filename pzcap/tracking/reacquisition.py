@@ -24,9 +24,9 @@ from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
 from pzcap.tracking.bidirectional_fusion import runs, with_segments
 from pzcap.tracking.limbs import POSTURES, grounds, support, turn_to, turned
-from pzcap.tracking.observation import Placed, PlacedView
+from pzcap.tracking.observation import Placed
 from pzcap.tracking.pose_objective import PoseObjective
-from pzcap.tracking.skin_appearance import Appearance, learn
+from pzcap.tracking.skin_appearance import Appearance, Appearances, learn
 from pzcap.tracking.tuning import FRAME, REACQUISITION
 from pzcap.types import SEGMENTS, Array, Mask, Pose
 
@@ -43,7 +43,7 @@ class PassResults:
     poses: list[list[Pose]]  # of each pass
     disputed: Mask  # (T, 16) segments that they do not agree about
     doubtful: Mask  # (T, 16) those of them at or beside a leap
-    reference: Sequence[Appearance]  # of the skin in each view, beside the keyframes
+    reference: Appearances  # of the skin in each view, beside the keyframes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ def reacquire(
     on_hall = supported[..., 1] / np.maximum(supported.sum(axis=2), REACQUISITION.least_area_m2)
     doubted |= _filtered(on_hall) > REACQUISITION.largest_hall
 
-    def unlike(reference: Sequence[Appearance]) -> Mask:
+    def unlike(reference: Appearances) -> Mask:
         similarity = np.array([limbs.similarity(*frame, reference) for frame in frames])
         return _filtered(similarity) < -REACQUISITION.unlike_m2
 
@@ -102,29 +102,22 @@ def _window(values: NDArray, t: int, around: int) -> NDArray:
 
 
 def _learned(
-    reference: Sequence[Appearance], objectives: Sequence[PoseObjective], placed: Sequence[Placed], lost: Mask
+    reference: Appearances, objectives: Sequence[PoseObjective], placed: Sequence[Placed], lost: Mask
 ) -> list[Appearance]:
-    """The ``reference`` after all frames, but for the limbs that are ``lost`` (T, 4) in them."""
-    learned = [look.copy() for look in reference]
-    start = FRAME.beside_keyframe
-    for count, (objective, where, gone) in enumerate(zip(objectives, placed, lost, strict=True), start=start):
-        hidden = _hidden(objective, where, [s for k in np.flatnonzero(gone) for s in LIMBS[k]])
-        learn(objective.views, hidden, learned, 1.0 / count)
+    """The ``reference`` after all frames, the limbs that are ``lost`` (T, 4) in them as if they were hidden."""
+    learned, segment = [look.copy() for look in reference], objectives[0].body.surface.segment
+    frames = zip(objectives, placed, (lost @ _OF_LIMB)[:, segment], strict=True)
+    for count, (objective, where, hidden) in enumerate(frames, start=FRAME.beside_keyframe):
+        shown = [
+            None if one is None else replace(one, facing=np.where(hidden, np.float32(0.0), one.facing)) for one in where
+        ]
+        learn(objective.views, shown, learned, 1.0 / count)
     return learned
-
-
-def _hidden(objective: PoseObjective, placed: Placed, segments: Sequence[int]) -> list[PlacedView | None]:
-    """The views as if some segments were hidden."""
-    hidden = np.isin(objective.body.surface.segment, segments)
-    return [
-        None if where is None else replace(where, facing=np.where(hidden, np.float32(0.0), where.facing))
-        for where in placed
-    ]
 
 
 def _found(
     limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], objectives: Sequence[PoseObjective],
-    reference: Sequence[Appearance], lost: Mask, around: Neighbours,
+    reference: Appearances, lost: Mask, around: Neighbours,
 ) -> list[Pose]:  # fmt: skip
     """The poses, of each frame's ``candidates`` the first, with the ``lost`` (T, 4) limbs reacquired: near the
     interpolation from the frame before to that after, or near the candidates."""

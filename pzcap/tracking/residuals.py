@@ -7,7 +7,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from pzcap.body.segment_equations import PointResiduals, SegmentSums
 from pzcap.geometry.pinhole import Pinhole, Vector, pixel_gradient, ray, to_pixel
@@ -16,7 +15,7 @@ from pzcap.solver.robust import geman_mcclure
 from pzcap.tracking.skin_colour_model import LOWER_ARM
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR
 from pzcap.tracking.visibility import ARMS, GROUP, ProjectedSkin, SkinPoints, ZBuffer
-from pzcap.types import SEGMENTS, Array, Float32, Image
+from pzcap.types import SEGMENTS, Array, Float32, Image, Indices
 
 NUISANCES: Final = 4
 """Per segment and view: a gain and a shading gradient along the three axes of the world."""
@@ -150,7 +149,7 @@ def _products(rows: Array, weights: Array, count: int, joint: Array) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def contour(
-    skin: SkinPoints, edges: NDArray[np.int64], seen: ProjectedSkin, camera: Pinhole, z_buffer: ZBuffer,
+    skin: SkinPoints, edges: Indices, seen: ProjectedSkin, camera: Pinhole, z_buffer: ZBuffer,
     silhouette: CropImage, arms: Image, terms: ContourTerms, found: PointResiduals, cost: Array,
 ) -> int:  # fmt: skip
     """Occluding contour of the body against silhouette and arms: fills in ``found`` and returns how many there are.
@@ -185,9 +184,10 @@ def contour(
         # hidden, or before another part of the body?
         zu, zv = (u - z_buffer.left) / scale, (v - z_buffer.top) / scale
         du, dv = nu / scale, nv / scale
-        if away > _depth(z_buffer, zu - 1.5 * du, zv - 1.5 * dv) + CONTOUR.hidden_m:
+        if away > _at(z_buffer, zu - 1.5 * du, zv - 1.5 * dv)[0] + CONTOUR.hidden_m:
             continue
-        beyond = min(_depth(z_buffer, zu + 2.0 * du, zv + 2.0 * dv), _depth(z_buffer, zu + 4.0 * du, zv + 4.0 * dv))
+        outside, others = _at(z_buffer, zu + 2.0 * du, zv + 2.0 * dv)
+        beyond = min(outside, _at(z_buffer, zu + 4.0 * du, zv + 4.0 * dv)[0])
         before = beyond < np.inf
         if before and (BEFORE_BODY_M[s] <= 0.0 or beyond < away + CONTOUR.in_front_m):
             continue
@@ -198,7 +198,7 @@ def contour(
             continue
         if before:
             shown, explained, within = arms, ARMS, min(terms.reach, BEFORE_BODY_M[s] * camera.focal / away)
-            if _bits(z_buffer, zu + 2.0 * du, zv + 2.0 * dv) & ARMS & ~GROUP[s]:  # the two arms look alike
+            if others & ARMS & ~GROUP[s]:  # the two arms look alike
                 continue
         else:
             shown, explained, within = silhouette.image, WHOLE_BODY, terms.reach
@@ -207,7 +207,7 @@ def contour(
         if abs(offset) > within:
             continue
         # the edge of another part of the body, which that part explains: no limb is drawn to it
-        there = _bits(z_buffer, zu + (offset - 2.0) * du, zv + (offset - 2.0) * dv) & explained
+        there = _at(z_buffer, zu + (offset - 2.0) * du, zv + (offset - 2.0) * dv)[1] & explained
         if there != 0 and there & GROUP[s] == 0:
             continue
         # a soft or tilted edge (its gradient not along our normal) says little about where we are
@@ -251,19 +251,11 @@ def _mix(values: Array, i: int, j: int, share: float) -> Vector:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _bits(z_buffer: ZBuffer, column: float, row: float) -> int:
-    """Parts of the body at a pixel of the z-buffer."""
-    cover = z_buffer.cover
+def _at(z_buffer: ZBuffer, column: float, row: float) -> tuple[float, int]:
+    """Depth and parts of the body at a pixel of the z-buffer; outside of it nearer than anything, and none."""
     i, j = int(np.rint(row)), int(np.rint(column))
-    return int(cover[i, j]) if 0 <= i < cover.shape[0] and 0 <= j < cover.shape[1] else 0
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _depth(z_buffer: ZBuffer, column: float, row: float) -> float:
-    """Depth of the body at a pixel of the z-buffer; nearer than anything outside of it."""
-    nearest = z_buffer.depth
-    i, j = int(np.rint(row)), int(np.rint(column))
-    return nearest[i, j] if 0 <= i < nearest.shape[0] and 0 <= j < nearest.shape[1] else -np.inf
+    inside = 0 <= i < z_buffer.depth.shape[0] and 0 <= j < z_buffer.depth.shape[1]
+    return (float(z_buffer.depth[i, j]), int(z_buffer.cover[i, j])) if inside else (-np.inf, 0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

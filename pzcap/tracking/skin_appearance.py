@@ -38,7 +38,13 @@ class Appearance:
         return Appearance(np.zeros((PYRAMID_LEVELS, points), np.float32), np.zeros(points, np.float32))
 
 
-def learn(views: Views, placed: Placed, appearances: Sequence[Appearance], rate: float) -> None:
+Appearances = Sequence[Appearance]
+"""One a view."""
+SomeAppearances = Sequence[Appearance | None]
+"""One a view; None: the brightness of the view does not count."""
+
+
+def learn(views: Views, placed: Placed, appearances: Appearances, rate: float) -> None:
     """Let the ``appearances`` of what is visible, a view each, adapt by ``rate`` to a frame in which the body is where
     it was ``placed``; new points are taken as they are."""
     for view, where, appearance in zip(views, placed, appearances, strict=True):
@@ -55,7 +61,7 @@ def mean_appearances(body: Body, views: Sequence[Views], placed: Sequence[Placed
     return means
 
 
-def shared(appearances: Sequence[Appearance]) -> list[Appearance]:
+def shared(appearances: Appearances) -> list[Appearance]:
     """Appearances, a view each, in which what a view has not seen is as the others have it: a limb that turns shows one
     camera what others have seen, and but for a gain it looks the same."""
     trust, value = np.array([look.trust for look in appearances]), np.array([look.value for look in appearances])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pzcap.segmentation.background_model import COLOUR_LEVELS, count_colours, log_shares
 from pzcap.tracking.tuning import SKIN_COLOUR
-from pzcap.types import SEGMENTS, Array, Image
+from pzcap.types import SEGMENTS, Array, Image, Indices
 
 UNKNOWN: Final = np.uint8(127)  # of 255
 LOWER_ARM: Final = np.array([name.endswith(("forearm", "hand")) for name in SEGMENTS])
@@ -30,7 +30,7 @@ class SkinColourModel:
         self._counts = np.zeros((2, *(COLOUR_LEVELS,) * 3), np.int64)  # of the rest, of lower arms
         self._table = np.full((COLOUR_LEVELS,) * 3, UNKNOWN)
 
-    def learn(self, image: Image, segment: NDArray[np.int64], pixels: Array, facing: NDArray[np.float32]) -> None:
+    def learn(self, image: Image, segment: Indices, pixels: Array, facing: NDArray[np.float32]) -> None:
         """Learn one view (H, W, 3), in which points of the skin, each on a ``segment`` (V,), are seen at ``pixels``
         (V, 2) with a cosine ``facing`` (V,) to the ray, 0 where they are hidden."""
         column, row = np.rint(pixels).astype(np.int64).T

@@ -1,4 +1,4 @@
-"""All frames of a stretch solved at once with temporal constraints: a motion that does not jerk, feet that do not slide.
+"""All frames of a stretch solved at once with temporal constraints: motion that does not jerk, feet that do not slide.
 
 The passes from the keyframes see one frame at a time. Here the second difference of the motion has a prior: minimise
 over the steps ``d_t`` of all poses
@@ -22,11 +22,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from pzcap.body.kinematics import difference, forward, point_jacobian
+from pzcap.body.kinematics import difference, forward, point_jacobians, world_points
 from pzcap.body.skeleton import DOF, Body
 from pzcap.solver.robust import geman_mcclure
 from pzcap.tracking.tuning import CONTACT
-from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.types import SEGMENTS, Array, Indices, Pose
 
 _REACH = 3  # frames that are tied to each other, at most
 
@@ -68,43 +68,39 @@ def smooth_step(
             right[at] -= c * information * bend
             for other, d in inside[i:]:
                 band[(other - t) * DOF, at] += c * d * information
-    _tie(band, right, ties, first, count)
-    return np.asarray(solveh_banded(band, right, lower=True)).reshape(count, DOF)
-
-
-def _tie(band: Array, right: Array, ties: Sequence[Tie], first: int, count: int) -> None:
-    """Add what ties the frames of the chain; ``first`` of them come before the stretch."""
     rows, columns = np.indices((DOF, DOF))
     below = rows >= columns
     for tie in ties:
-        inside = [(tie.first + k - first, each) for k, each in enumerate(tie.jacobians)]
-        inside = [(t, each) for t, each in inside if 0 <= t < count]
-        for i, (t, earlier) in enumerate(inside):
+        frames = [(tie.first + k - first, each) for k, each in enumerate(tie.jacobians)]
+        frames = [(t, each) for t, each in frames if 0 <= t < count]
+        for i, (t, earlier) in enumerate(frames):
             right[t * DOF : (t + 1) * DOF] -= earlier.T @ (tie.weight * tie.residual_m)
-            for other, later in inside[i:]:
+            for other, later in frames[i:]:
                 block, kept = (later.T * tie.weight) @ earlier, below if other == t else np.ones_like(below)
                 band[(other - t) * DOF + (rows - columns)[kept], t * DOF + columns[kept]] += block[kept]
+    return np.asarray(solveh_banded(band, right, lower=True)).reshape(count, DOF)
 
 
-def soles(body: Body) -> tuple[tuple[int, Array], ...]:
-    """Points that may bear the body: segment, and point (3,) in its frame; heels, balls of the feet and fingers."""
-    found: list[tuple[int, Array]] = []
+def soles(body: Body) -> tuple[Indices, Array]:
+    """Points that may bear the body: their segments (N,), and the points (N, 3) in the frames of these; heels, balls of
+    the feet and fingers."""
+    found: list[tuple[int, tuple[float, float, float]]] = []
     for segment, name in enumerate(SEGMENTS):
         skin = body.surface.points_m[body.surface.segment == segment]
         low, high = skin.min(axis=0), skin.max(axis=0)
         if name.endswith("foot"):
-            for share in (0.15, 0.75):
-                along = low[0] + share * (high[0] - low[0])
-                found.append((segment, np.array([along, 0.0, skin[np.abs(skin[:, 0] - along) < 0.02, 2].min()])))
+            for along in low[0] + np.array([0.15, 0.75]) * (high[0] - low[0]):
+                found.append((segment, (along, 0.0, skin[np.abs(skin[:, 0] - along) < 0.02, 2].min())))
         elif name.endswith("hand"):
-            found.append((segment, np.array([0.0, 0.0, 0.5 * low[2]])))
-    return tuple(found)
+            found.append((segment, (0.0, 0.0, 0.5 * low[2])))
+    segments, points = zip(*found, strict=True)
+    return np.array(segments), np.array(points)
 
 
 def contacts(body: Body, poses: Sequence[Pose]) -> list[Tie]:
     """Ties of consecutive ``poses``: points at rest on the floor stay where they were."""
-    rests_on, placed = soles(body), [forward(body, pose) for pose in poses]
-    points = np.array([[frames[s, :3, :3] @ point + frames[s, :3, 3] for s, point in rests_on] for frames in placed])
+    (segment, local), placed = soles(body), [forward(body, pose) for pose in poses]
+    points = np.array([world_points(frames, segment, local) for frames in placed])
     moved = np.diff(points, axis=0)  # (T - 1, N, 3)
     near = np.maximum(points[1:, :, 2], points[:-1, :, 2]) < CONTACT.near_m
     still = geman_mcclure(np.linalg.norm(moved, axis=-1), CONTACT.rest_m)
@@ -112,10 +108,7 @@ def contacts(body: Body, poses: Sequence[Pose]) -> list[Tie]:
     found = []
     for t in np.flatnonzero(weight.any(axis=1)).tolist():
         held = np.flatnonzero(weight[t])
-        jacobians = np.zeros((2, len(held), 3, DOF))
-        for k, sign in enumerate((-1.0, 1.0)):
-            for row, n in enumerate(held):
-                jacobians[k, row] = sign * point_jacobian(placed[t + k], rests_on[n][0], points[t + k, n])
-        rows = 3 * len(held)
-        found.append(Tie(t, moved[t, held].ravel(), np.repeat(weight[t, held], 3), jacobians.reshape(2, rows, DOF)))
+        before, after = (point_jacobians(placed[k], segment[held], points[k, held]) for k in (t, t + 1))
+        jacobians = np.stack([-before, after]).reshape(2, -1, DOF)
+        found.append(Tie(t, moved[t, held].ravel(), np.repeat(weight[t, held], 3), jacobians))
     return found

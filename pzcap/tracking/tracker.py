@@ -32,7 +32,7 @@ from pzcap.tracking.interval_solver import (
     tracked,
     warm_up,
 )
-from pzcap.tracking.observation import PlacedView, ViewCrop, ViewInput, crop_view, expect
+from pzcap.tracking.observation import ViewCrop, ViewInput, crop_view, expect
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_shape
@@ -127,23 +127,19 @@ class Tracker:
         views = self._crop(item.views, key.pose)
         fit, _ = fit_keyframe(self._estimate.body, key.pose, views, self.config)
         if self.config.skin_colours:
-            self._learn_skin_colours(item.views, PoseObjective(self.body, views).place(fit.pose)[1])
+            for view, where in zip(item.views, PoseObjective(self.body, views).place(fit.pose)[1], strict=True):
+                if view is not None and where is not None:
+                    self._skin_colours.learn(view.image, self.body.surface.segment, where.skin.pixels, where.facing)
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, views, fit.pose)
         anchor = Anchor(key, views, fit, velocity)
         if self._ahead is None:
-            first = self._take(solved(self._problem([], anchor)))
-            done += [*self._lead_in(anchor), *first]
+            first = solved(self._problem([], anchor))
+            self._estimate, self._before = first.estimate, first.before
+            done += [*self._lead_in(anchor), *first.tracked]
         else:
             self._solve(anchor)
         self._ahead = FrameTracker(self.body, self.config, fit.pose, velocity, views)
         return done
-
-    def _learn_skin_colours(self, views: Sequence[ViewInput | None], placed: Sequence[PlacedView | None]) -> None:
-        """Learn the colours of the lower arms where the body was ``placed``."""
-        segment = self.body.surface.segment
-        for view, where in zip(views, placed, strict=True):
-            if view is not None and where is not None:
-                self._skin_colours.learn(view.image, segment, where.skin.pixels, where.facing)
 
     def _problem(self, instants: Sequence[Instant], anchor: Anchor | None) -> IntervalProblem:
         reference = () if self._ahead is None else self._ahead.reference
@@ -158,13 +154,8 @@ class Tracker:
         """The interval that is being solved, once it is; from then on its body is tracked with."""
         if self._solving is None:
             return []
-        done = self._take(runtime.taken(self._solving))
-        self._solving = None
-        self.body = self._estimate.body
-        return done
-
-    def _take(self, result: IntervalResult) -> list[Tracked]:
-        self._estimate, self._before = result.estimate, result.before
+        result, self._solving = runtime.taken(self._solving), None
+        self._estimate, self._before, self.body = result.estimate, result.before, result.estimate.body
         return result.tracked
 
     def _lead_in(self, anchor: Anchor) -> list[Tracked]:

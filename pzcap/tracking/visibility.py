@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pzcap.body.skeleton import LIMBS
 from pzcap.geometry.pinhole import Vector
-from pzcap.types import SEGMENTS, Array, Float32
+from pzcap.types import SEGMENTS, Array, Float32, Indices
 
 Face = tuple[float, float, float, float, float, float, float, float, float, float]
 
@@ -30,7 +30,7 @@ class SkinPoints(NamedTuple):
 
     points: Array  # (V, 3)
     normals: Array  # (V, 3)
-    segment: NDArray[np.int64]  # (V,) that each point is fixed to
+    segment: Indices  # (V,) that each point is fixed to
 
 
 class ProjectedSkin(NamedTuple):
@@ -73,9 +73,7 @@ def bounds(pixels: Array, depth: Array) -> tuple[Array, Array] | None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def rasterise(
-    pixels: Array, depth: Array, faces: NDArray[np.int64], bits: NDArray[np.uint8], z_buffer: ZBuffer
-) -> None:
+def rasterise(pixels: Array, depth: Array, faces: Indices, bits: NDArray[np.uint8], z_buffer: ZBuffer) -> None:
     """Fill in ``z_buffer``; ``bits`` (V,) tells which part of the body a vertex belongs to.
 
     Depth is interpolated linearly over a triangle, which for triangles of centimetres seen from metres is exact to a

@@ -65,7 +65,7 @@ def test_point_jacobian(segment: int) -> None:
     pose, local = random_pose(segment), np.array([0.1, -0.05, -0.2, 1.0])
     frames = kinematics.forward(BODY, pose)
     expected = numeric(lambda p: (kinematics.forward(BODY, p)[segment] @ local)[:3], pose)
-    got = kinematics.point_jacobian(frames, segment, (frames[segment] @ local)[:3])
+    got = kinematics.point_jacobians(frames, np.array([segment]), (frames[segment] @ local)[None, :3])[0]
     np.testing.assert_allclose(got, expected, atol=1e-7)
 
 
@@ -82,7 +82,7 @@ def test_lifting_segments_equals_the_dense_normal_equations() -> None:
         row = np.concatenate([a, np.cross(point - centre, a)])
         hessians[s] += np.outer(row, row)
         gradients[s] += row * residual
-        full = a @ kinematics.point_jacobian(frames, s, point)
+        full = a @ kinematics.point_jacobians(frames, np.array([s]), point[None])[0]
         dense_h += np.outer(full, full)
         dense_g += full * residual
     hessian, gradient = lift(SegmentSums(hessians, gradients, centre), kinematics.screws(frames, centre))

@@ -87,7 +87,7 @@ def test_eliminating_a_camera_is_solving_for_all_at_once() -> None:
 
     view = SegmentSums(hessians, gradients, centre)
     hessian, gradient = lift(view, twists)
-    free = camera_refinement.eliminate(known, moves, twists, view, hessian, gradient)
+    free = camera_refinement.eliminate(view, moves, known.information, known.correction, twists, hessian, gradient)
     pose = np.linalg.solve(hessian + stiff, gradient)
 
     by_pose = np.einsum("sni,di,ds->snd", rows, twists, MOVES.astype(np.float64))

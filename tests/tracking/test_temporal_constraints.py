@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pzcap.body import skeleton as bodies
-from pzcap.body.kinematics import forward, retract
+from pzcap.body.kinematics import forward, retract, world_points
 from pzcap.body.skeleton import DOF, Body
 from pzcap.tracking.temporal_constraints import contacts, smooth_step, soles
 from pzcap.types import SEGMENTS, Array, Pose, Subject
@@ -26,7 +26,7 @@ def body() -> Body:
 def placed(pose: Pose) -> Array:
     """(6, 3) what a body may stand on, in the world."""
     frames = forward(body(), pose)
-    return np.array([frames[s, :3, :3] @ point + frames[s, :3, 3] for s, point in soles(body())])
+    return world_points(frames, *soles(body()))
 
 
 def raised(pose: Pose, by_m: float) -> Pose:
@@ -48,7 +48,7 @@ def slide_m(poses: list[Pose]) -> float:
 
 
 def test_feet_and_hands_bear_a_body() -> None:
-    names = [SEGMENTS[segment] for segment, _ in soles(body())]
+    names = [SEGMENTS[segment] for segment in soles(body())[0]]
     assert sorted(names) == ["left_foot"] * 2 + ["left_hand"] + ["right_foot"] * 2 + ["right_hand"]
 
 

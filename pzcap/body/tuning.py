@@ -1,0 +1,24 @@
+"""Constants of the body that no user sets. Those fitted to captures say so."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class ShapeTuning(NamedTuple):
+    """Correction of the body from the images."""
+
+    stations: int = 6  # along a segment, evenly spaced: some five centimetres apart
+    skin_sigma_m: float = 0.010  # of a segment's skin as a whole, from where the tape's girths put it
+    station_sigma_m: float = 0.012  # of the skin at one station, beside that
+    slide_sigma_m: float = 0.01  # of a segment's texture along and across it
+    slide_sigma_rad: float = 0.05  # and about it
+    # Factor of the texture's curvature as Gauss-Newton has it: robust weights, and texture as fine as the pixels, make
+    # it flatter (0.25-0.5 measured). Taken at its word, each step would stop far short.
+    texture_curvature: float = 0.4
+    # Factor of the deviation that is left of the tape's: the frames are believed so little, since they err alike, that
+    # it comes out too large. The one number of a joint's sigma that is fitted, to what is covered on captures.
+    doubt: float = 0.9
+
+
+SHAPE = ShapeTuning()
