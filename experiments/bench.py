@@ -1,4 +1,4 @@
-"""Where the time goes, stage by stage, on one capture.
+"""Time of each stage on one capture.
 
     python -m experiments.bench CAPTURE [--reconstruction FOLDER]
 
@@ -50,7 +50,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class Stage:
-    """How long one step took, each time. ``limit`` as issue 3 sets it."""
+    """Durations of one step. ``limit`` as issue 3 sets it."""
 
     name: str
     per: str
@@ -166,7 +166,7 @@ def _follow(
 
 
 def stage_table(stages: Stages, title: str) -> Table:
-    """What was measured, a row a stage."""
+    """Tabulate what was measured, a row a stage."""
     rows: list[tuple[str | Text, ...]] = []
     for stage in stages.all():
         if not stage.samples:

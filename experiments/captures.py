@@ -1,4 +1,4 @@
-"""What is kept of shoots, and what it takes: captures, and the light that they were developed from.
+"""Footage that is kept, and the room that it takes: captures, and the light that they were developed from.
 
     python -m experiments.captures                     # a table, what was used last at first
     python -m experiments.captures --remove light      # or captures, or all

@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class OutputConfig:
-    """What a run leaves behind, beside metrics.json."""
+    """Files that a run leaves behind, beside metrics.json."""
 
     recording: bool = True
     """Recording.rrd, for the Rerun viewer."""
@@ -115,7 +115,7 @@ def structured(tree: Any, kind: type[T], what: str) -> T:
 
 
 def plain(composed: DictConfig) -> dict[str, Any]:
-    """What Hydra composed, as dicts and lists, everything resolved."""
+    """Hydra's composed configuration as dicts and lists, everything resolved."""
     tree: dict[str, Any] = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)  # type: ignore[assignment]
     return tree
 

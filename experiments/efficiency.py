@@ -1,4 +1,4 @@
-"""How well a sweep uses the cores: the same small study on one of them, and side by side on several.
+"""Efficiency of a sweep on several cores: the same small study on one of them, and side by side on several.
 
     python -m experiments.efficiency                               # six jobs, two cores
     python -m experiments.efficiency --jobs 8 --cores 4 experiment=clean
@@ -50,7 +50,7 @@ OF_THE_MACHINE: Final = ("seconds", "metric.speed.*", "metric.memory.*")
 
 @dataclass(frozen=True, slots=True)
 class Spent:
-    """What a study took."""
+    """Time that a study took."""
 
     wall_s: float
     cpu_s: float  # of all processes

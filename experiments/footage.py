@@ -1,4 +1,4 @@
-"""Where a run's footage comes from: shot now, kept from before, or brought by anyone."""
+"""Footage of a run: shot now, kept from before, or brought by anyone."""
 
 from __future__ import annotations
 

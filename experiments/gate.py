@@ -44,7 +44,7 @@ Verdict = Literal["worse", "gone", "better", "new", "same"]
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How much worse the metrics that fit the pattern ``metric`` may be: relative * |baseline| + absolute."""
+    """Tolerance of the metrics that fit the pattern ``metric``: relative * |baseline| + absolute."""
 
     metric: str
     relative: float = 0.0
@@ -73,7 +73,7 @@ class GateConfig:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """What a metric was when the baseline was made, and how much worse it may be since."""
+    """Value of a metric when the baseline was made, and how much worse it may be since."""
 
     value: float
     unit: str
@@ -103,12 +103,12 @@ class Move:
 
 
 def read_config(path: Path) -> GateConfig:
-    """What gate.yaml says."""
+    """Content of gate.yaml."""
     return structured(OmegaConf.to_container(OmegaConf.load(path), resolve=True), GateConfig, path.name)
 
 
 def figures(found: Sequence[Metric], config: GateConfig) -> dict[str, Figure]:
-    """What of a run's metrics goes into the baseline."""
+    """Select the metrics of a run that go into the baseline."""
     kept = {}
     for metric in found:
         tolerance = config.tolerance(metric.key)

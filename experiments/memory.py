@@ -62,7 +62,7 @@ def _family() -> list[psutil.Process]:
 
 
 def _resident_mib(family: list[psutil.Process]) -> float:
-    """What they hold now, together. Libraries that several have loaded count for each of them: never too little."""
+    """Memory held now, together. Libraries that several have loaded count for each of them: never too little."""
     total = 0
     for process in family:
         try:

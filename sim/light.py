@@ -40,7 +40,7 @@ _LOSSLESS: Final = {"qp": "0", "preset": "ultrafast", "threads": "1"}
 
 
 class Reel(NamedTuple):
-    """What one camera sees, each a video of light."""
+    """Videos of light of one camera."""
 
     reference: Path
     sweep: Path

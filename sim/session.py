@@ -80,7 +80,7 @@ class Files(NamedTuple):
 
 
 class Clock(NamedTuple):
-    """When the motion's recordings begin and end."""
+    """Begin and end of the motion's recordings."""
 
     start: int  # frames since midnight of the first frame that all cameras have
     early: list[int]  # frames that each camera starts before that

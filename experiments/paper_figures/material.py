@@ -1,4 +1,4 @@
-"""What the figures are made from: a finished run, its footage, and the truth where there is one."""
+"""Material of the figures: a finished run, its footage, and the truth where there is one."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def load(folder: Path, command: str) -> Run:
 
 
 def shoot_config(truth: Truth) -> ShootConfig:
-    """How the simulator was set when it shot what this is the truth of."""
+    """Settings of the simulator when it shot what this is the truth of."""
     return cattrs.Converter().structure(json.loads(truth.config), ShootConfig)
 
 

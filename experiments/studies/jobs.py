@@ -45,7 +45,7 @@ _TRIES: Final = 40  # a twentieth of a second each
 
 
 def key(tree: Mapping[str, Any]) -> str:
-    """What a result depends on, as a hash: configuration, our code, and a user's own files."""
+    """Hash of all that a result depends on: configuration, our code, and a user's own files."""
     named = tree.get("estimator")
     theirs = estimators.source(str(named)) if named else None
     parts = [json.dumps(tree, sort_keys=True), _code(), theirs.read_bytes().hex() if theirs else ""]
@@ -61,7 +61,7 @@ def _filmed_files(tree: Mapping[str, Any]) -> list[str]:
 
 
 def _given_files(tree: Mapping[str, Any]) -> list[str]:
-    """What a user's folders hold, by name, size and time: it takes too long to read footage for this."""
+    """Content of a user's folders, by name, size and time: it takes too long to read footage for this."""
     means = {"capture": footage.capture_in, "cameras": footage.reconstruction_in}
     folders = [find(Path(str(tree[name])).resolve()) for name, find in means.items() if tree.get(name)]
     found = [(path, path.stat()) for folder in folders for path in sorted(folder.rglob("*")) if path.is_file()]
@@ -105,7 +105,7 @@ def _without_hydra(config: DictConfig) -> DictConfig:
 
 
 def finished(folder: Path, wanted: str) -> bool:
-    """Whether ``folder`` holds the result of the job whose `key` is ``wanted``."""
+    """Tell if ``folder`` holds the result of the job whose `key` is ``wanted``."""
     try:
         return bool(json.loads((folder / MARK).read_text(encoding="utf-8"))["key"] == wanted)
     except (OSError, ValueError, KeyError, TypeError):
@@ -113,7 +113,7 @@ def finished(folder: Path, wanted: str) -> bool:
 
 
 def failure(folder: Path) -> str | None:
-    """Why the job of ``folder`` failed, in one line; None if it did not."""
+    """Reason why the job of ``folder`` failed, in one line; None if it did not."""
     try:
         return (folder / FAILED).read_text(encoding="utf-8").partition("\n")[0]
     except OSError:

@@ -77,7 +77,7 @@ class Means(NamedTuple):
 
 
 def means(x: Array, values: Array) -> Means:
-    """What is known of ``values`` at each ``x``."""
+    """Statistics of ``values`` at each ``x``."""
     known = np.isfinite(values)
     places = np.unique(x[known])
     groups = [values[known & (x == place)] for place in places]
@@ -87,7 +87,7 @@ def means(x: Array, values: Array) -> Means:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What stands where in the plots of a study."""
+    """Places of variables in the plots of a study."""
 
     x: str
     others: tuple[str, ...]

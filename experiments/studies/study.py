@@ -39,7 +39,7 @@ class Run:
 
     @property
     def command(self) -> str:
-        """What to type to get it again."""
+        """Command that makes it again."""
         return shlex.join(["python", "-m", "experiments.run", *self.overrides])
 
     def value(self, metric: str) -> float | None:
@@ -66,7 +66,7 @@ class Study:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """What was varied, in the order of the command; the seed is none, unless it is all there is."""
+        """Settings that were varied, in the order of the command; the seed is none, unless it is all there is."""
         keys = dict.fromkeys(chain.from_iterable(run.chosen for run in self.runs))
         varied = [key for key in keys if len({json.dumps(run.setting(key)) for run in self.runs}) > 1]
         return tuple(key for key in varied if key != SEED) or (SEED,)

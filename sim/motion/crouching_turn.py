@@ -47,7 +47,7 @@ _KEYS: Final[tuple[tuple[float, Keys], ...]] = (
 
 
 def _steps(turns: float) -> tuple[list[Contact], dict[str, list[tuple[float, float]]]]:
-    """When heels and balls of the feet stand, and the heading (s, degrees) of each foot; left and right in turn."""
+    """Times of stance of heels and balls, and the heading (s, degrees) of each foot; left and right in turn."""
     contacts, headings = [], {"left": [(0.0, 0.0)], "right": [(0.0, 0.0)]}
     for side, first in (("left", 0), ("right", 1)):
         start = 0.0

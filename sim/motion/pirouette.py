@@ -80,7 +80,7 @@ def _eased(times: Array, start_s: float, end_s: float) -> Array:
 
 
 def _swing(step: int) -> tuple[float, float]:
-    """When the foot of a step is off the floor."""
+    """Times at which the foot of a step is off the floor."""
     stride = (_TURN[1] - _TURN[0]) / _STEPS
     start = _TURN[0] + step * stride
     return start + 0.5 * (stride - _SWING_S), start + 0.5 * (stride + _SWING_S)

@@ -20,7 +20,7 @@ SECONDS: Final = 300.0  # one tool may take
 
 
 def missing() -> str | None:
-    """What is not installed of it."""
+    """List what is not installed of it."""
     return None if all(shutil.which(tool) for tool in TOOLS) else "not installed"
 
 
