@@ -23,7 +23,8 @@ from sim.cameras.trajectories import read_trajectories
 from sim.hall import gym
 from sim.hall.gym import GymConfig
 from sim.motion import MotionClip
-from sim.people.athlete import GEOM_GROUP, AthleteConfig, draw_measurements
+from sim.people.anthropometry import draw_measurements
+from sim.people.athlete import GEOM_GROUP, AthleteConfig
 from sim.people.crew import CrewConfig, to_and_fro
 from sim.people.detector import DetectorConfig
 from sim.scene import describe_scene, stream
@@ -170,7 +171,7 @@ class Session:
 
 def assemble(config: ShootConfig) -> Session:
     """Draw from the seed all that chance decides about athlete, motion and tripods."""
-    measurements = draw_measurements(config.athlete, stream(config.seed, "measurements"))
+    measurements = draw_measurements(stream(config.seed, "measurements"))
     clip = motion.make(config.motion, measurements, stream(config.seed, "motion"))
     rigs = [
         build_rig(c, config.width, config.height, config.optics, stream(config.seed, "rig", c)) for c in range(CAMERAS)

@@ -48,12 +48,6 @@ class _Shape:
         return float(np.pi * self.half[2] if self.to is None else np.linalg.norm(np.subtract(self.to, self.centre)))
 
 
-def draw_measurements(config: AthleteConfig, rng: np.random.Generator) -> dict[str, float]:
-    """Draw a person: metres for every name of `types.MEASUREMENTS`. The clothing changes nothing of the body."""
-    del config
-    return anthropometry.draw_measurements(rng)
-
-
 def add_athlete(
     spec: mujoco.MjSpec, measurements: dict[str, float], config: AthleteConfig, rng: np.random.Generator
 ) -> None:

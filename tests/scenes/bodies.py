@@ -7,13 +7,13 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.body import skeleton as bodies
 from pzcap.types import HINGE_AXES, SEGMENTS, Pose, Subject
-from sim.people import athlete
+from sim.people.anthropometry import draw_measurements
 
 
 def subject(seed: int = 0) -> Subject:
     """A subject drawn from the tables of the simulator."""
     rng = np.random.default_rng(seed)
-    return Subject(athlete.draw_measurements(athlete.AthleteConfig(), rng), 0.005)
+    return Subject(draw_measurements(rng), 0.005)
 
 
 def random_pose(seed: int, size: float = 1.0) -> Pose:

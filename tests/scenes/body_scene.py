@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from pzcap.types import SEGMENTS, Array, Camera, Image, Mask, Pose
 from sim.cameras.render import Stage
 from sim.people import athlete
+from sim.people.anthropometry import draw_measurements
 
 WIDTH, HEIGHT = 480, 360
 POSITIONS = np.array([[-6.0, -5.0, 1.7], [6.0, -5.0, 1.8], [6.0, 5.0, 1.6], [-6.0, 5.0, 1.75]])
@@ -87,7 +88,7 @@ def shoot(frames: int, seed: int = 0, frame_rate: float = 30.0, noise: float = 2
     """Render ``frames`` instants of `swing`; noise is in grey levels."""
     rng = np.random.default_rng(seed)
     config = athlete.AthleteConfig()
-    measurements = athlete.draw_measurements(config, rng)
+    measurements = draw_measurements(rng)
     spec = mujoco.MjSpec()
     _hall(spec, rng)
     athlete.add_athlete(spec, measurements, config, rng)

@@ -19,6 +19,7 @@ from sim.cameras.operator import Trajectory, through
 from sim.cameras.optics import OpticsConfig, Rig, build_rig
 from sim.cameras.render import Stage
 from sim.people import athlete, detector
+from sim.people.anthropometry import draw_measurements
 from sim.people.detector import Detector, DetectorConfig
 from tests.scenes.body_scene import swing
 
@@ -32,7 +33,7 @@ ROWS = [KEYPOINTS.index(name) for name in BODY_25]
 def scene() -> tuple[Stage, dict[str, float], Rig, Trajectory]:
     rng = np.random.default_rng(0)
     config = athlete.AthleteConfig()
-    measurements = athlete.draw_measurements(config, rng)
+    measurements = draw_measurements(rng)
     spec = mujoco.MjSpec()
     athlete.add_athlete(spec, measurements, config, rng)
     stage = Stage(spec, 64, 64, athlete.GEOM_GROUP, object_group=5)

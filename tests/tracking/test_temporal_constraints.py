@@ -12,7 +12,7 @@ from pzcap.body.kinematics import forward, retract, world_points
 from pzcap.body.skeleton import DOF, Body
 from pzcap.tracking.temporal_constraints import contacts, smooth_step, soles
 from pzcap.types import SEGMENTS, Array, Pose, Subject
-from sim.people import athlete
+from sim.people.anthropometry import draw_measurements
 from tests.scenes.body_scene import swing
 
 SIGMA = np.full(DOF, 0.05)
@@ -20,7 +20,7 @@ TREMBLE = 0.001  # radians and metres
 
 
 def body() -> Body:
-    return bodies.build(Subject(athlete.draw_measurements(athlete.AthleteConfig(), np.random.default_rng(1)), 0.005))
+    return bodies.build(Subject(draw_measurements(np.random.default_rng(1)), 0.005))
 
 
 def placed(pose: Pose) -> Array:
