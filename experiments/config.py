@@ -9,13 +9,14 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import cattrs
 from cattrs.errors import ForbiddenExtraKeysError
 from omegaconf import DictConfig, OmegaConf
 
 from pzcap.extras import reconstruct as extras
+from pzcap.ranges import Range, out_of_range
 from pzcap.types import PzcapError
 from sim.session import ShootConfig
 
@@ -30,25 +31,19 @@ class OutputConfig:
     """Recording.rrd, for the Rerun viewer."""
     report: bool = True
     """Report.html."""
-    jpeg_quality: int = 75
+    jpeg_quality: Annotated[int, Range(1, 100)] = 75
     """Of the images in the recording."""
     captures: str = "outputs/captures"
     """Folder in which shoots are kept for the next run of the same shoot config."""
-    light_gb: float = 10.0
+    light_gb: Annotated[float, Range(0.0, 1e6)] = 10.0
     """Light kept there, GB: that of a dozen captures of five seconds. Other noise is developed from it in seconds."""
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.jpeg_quality <= 100:
-            raise PzcapError(f"jpeg_quality is {self.jpeg_quality}; give 1 to 100")
-        if not self.light_gb >= 0:
-            raise PzcapError(f"light_gb is {self.light_gb}; give 0 or more")
 
 
 @dataclass(frozen=True, slots=True)
 class AppConfig:
     """Everything that `python -m experiments.run` can be told."""
 
-    seed: int = 0
+    seed: Annotated[int, Range(0, 2**32 - 1)] = 0
     """Of the shoot; stands at shoot.seed, too."""
     method: str = "exact"
     """Or "paper"; stands at reconstruct.panzoom.method, too."""
@@ -106,12 +101,15 @@ def build(tree: Mapping[str, Any]) -> AppConfig:
 def structured(tree: Any, kind: type[T], what: str) -> T:
     """``tree`` as a ``kind``, a dataclass. PzcapError, in one line that begins with ``what``, where it does not fit."""
     try:
-        return CONVERTER.structure(tree, kind)
+        config = CONVERTER.structure(tree, kind)
     except Exception as error:
         complaints = list(_complaints(error, ""))
         if not complaints:
             raise
         raise PzcapError(f"{what}: " + "; ".join(complaints)) from error
+    if misfits := list(out_of_range(config)):
+        raise PzcapError(f"{what}: " + "; ".join(misfits))
+    return config
 
 
 def plain(composed: DictConfig) -> dict[str, Any]:

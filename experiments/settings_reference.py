@@ -17,6 +17,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any, Final, get_type_hints
 
 from experiments.config import CONVERTER, AppConfig
+from pzcap.ranges import Range
 
 HEAD = """# Configuration
 
@@ -47,12 +48,18 @@ def _sections(kind: type, path: str, defaults: Mapping[str, Any]) -> Iterator[st
     yield f"{inspect.cleandoc(_documented(kind))}\n"
     keys = {f"{path}.{name}".lstrip("."): value for name, value in defaults.items() if name not in groups}
     rows = [
-        f"| `{key}` | `{json.dumps(value)}` | {told.get(key, '').replace('|', BAR)} |" for key, value in keys.items()
+        f"| `{key}` | `{json.dumps(value)}` | {_range(kind, key)} | {told.get(key, '').replace('|', BAR)} |"
+        for key, value in keys.items()
     ]
     if rows:
-        yield "\n".join(["| key | default | |", "|---|---|---|", *rows, ""])
+        yield "\n".join(["| key | default | range | |", "|---|---|---|---|", *rows, ""])
     for name in groups:
         yield from _sections(hints[name], f"{path}.{name}".lstrip("."), defaults[name])
+
+
+def _range(kind: type, key: str) -> str:
+    hint = get_type_hints(kind, include_extras=True)[key.rpartition(".")[2]]
+    return ", ".join(str(each) for each in getattr(hint, "__metadata__", ()) if isinstance(each, Range))
 
 
 def _documented(kind: type) -> str:

@@ -6,18 +6,19 @@ import math
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import mujoco
 import numpy as np
 
 from pzcap.io.video import frames_per_day
+from pzcap.ranges import Range
 from pzcap.types import Array, PzcapError
 from sim import motion
 from sim.cameras.film import Person, finest_plate
 from sim.cameras.operator import OperatorConfig, PanTiltZoom, Trajectory, sweep, through
 from sim.cameras.optics import OpticsConfig, Rig, build_rig
-from sim.cameras.render import Stage
+from sim.cameras.render import LARGEST_PICTURE_PX, Stage
 from sim.cameras.sensor import SensorConfig, rolls
 from sim.cameras.trajectories import read_trajectories
 from sim.hall import gym
@@ -37,24 +38,24 @@ CAMERA_NAMES: Final = tuple(str(c + 1) for c in range(CAMERAS))
 class ShootConfig:
     """All that decides what a capture looks like. The same config, and files that it names, give the same bytes."""
 
-    seed: int = 0
+    seed: Annotated[int, Range(0, 2**32 - 1)] = 0
     """Seed of all that chance decides: athlete, motion, tripods, hands, noise. Any integer from 0."""
     motion: str = "floor_exercise"
     """Motion of the athlete: a module of sim.motion, or a BVH file. Tumbling is what the method has to follow."""
-    motion_frames: int = 0
+    motion_frames: Annotated[int, Range(0, 1_000_000)] = 0
     """Frames of the motion to film, from its start; 0: all."""
-    width: int = 640
+    width: Annotated[int, Range(32, 8192, step=2)] = 640
     """Image width, px."""
-    height: int = 480
+    height: Annotated[int, Range(32, 8192, step=2)] = 480
     """Image height, px. At 640 x 480 a capture is filmed in minutes."""
-    frame_rate: int = 30
+    frame_rate: Annotated[int, Range(1, 240)] = 30
     """Frames a second of the motion video."""
-    sweep_deg: float = 360.0
+    sweep_deg: Annotated[float, Range(1.0, 360.0)] = 360.0
     """Range of the pan sweep, degrees. 360: a full turn and on past its own start, so that the circle closes; less:
     centred on the reference pose."""
-    sweep_frame_rate: int = 5
+    sweep_frame_rate: Annotated[int, Range(1, 240)] = 5
     """Frames a second of the sweep and the zoom run: a slow pan of ten degrees a second."""
-    zoom_frames: int = 22
+    zoom_frames: Annotated[int, Range(0, 1000)] = 22
     """Frames of the zoom run, from the widest to the longest focal length; 0: no zoom run."""
     gym: GymConfig = field(default_factory=GymConfig)
     athlete: AthleteConfig = field(default_factory=AthleteConfig)
@@ -120,6 +121,11 @@ class Session:
         zooms = [1.0, *np.linspace(optics.zoom_min, optics.zoom_max, 9).tolist()]
         plates = [finest_plate(rig, sensor, zoom) for rig in self.rigs for zoom in zooms]
         largest = max(width for width, _ in plates), max(height for _, height in plates)
+        if max(largest) > LARGEST_PICTURE_PX:
+            raise PzcapError(
+                f"pictures of {largest[0]} x {largest[1]} px would be rendered, and {LARGEST_PICTURE_PX} is the most; "
+                "give a smaller shoot.width, shoot.height or supersampling"
+            )
         return Stage(self.model_spec(), *largest, GEOM_GROUP, gym.OBJECT_GROUP, mipmaps=sensor.mipmaps)
 
     def clock(self) -> Clock:

@@ -66,7 +66,7 @@ def test_every_setting_is_in_the_reference_and_told_from_the_source() -> None:
     for key in leaves(default_tree()):
         assert f"| `{key}` |" in page
     told = "Standard deviation, grey levels. It does not depend on the light; 2 of 255 is what a lit hall leaves."
-    assert f"| `shoot.sensor.read_noise` | `2.0` | {told} |" in page
+    assert f"| `shoot.sensor.read_noise` | `2.0` | from 0 to 128 | {told} |" in page
     assert (AppConfig.__doc__ or "") in page
 
 

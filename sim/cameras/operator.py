@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
+from pzcap.ranges import Degrees, Range, Seconds
 from pzcap.types import Array, PzcapError
 from sim.cameras.optics import Rig
 
@@ -24,31 +25,31 @@ class OperatorConfig:
     moves: Literal["pan_zoom", "pan", "none"] = "pan_zoom"
     """Movements of the camera. pan: zoomed once, so that the athlete fits all the time; none: locked, with all of the
     athlete's way in view."""
-    reaction_s: float = 0.15
+    reaction_s: Seconds = 0.15
     """Delay between what an operator sees and does, s: the reaction time of a human who expects a movement."""
-    bandwidth_hz: float = 0.9
+    bandwidth_hz: Annotated[float, Range(0.05, 100.0)] = 0.9
     """Natural frequency of the pan, a mass on a spring, Hz: a fluid head follows a person, and overshoots at leaps."""
-    damping: float = 0.55
+    damping: Annotated[float, Range(0.05, 10.0)] = 0.55
     """Damping ratio of the pan; below 1 it overshoots."""
-    tremor_deg: float = 0.02
+    tremor_deg: Degrees = 0.02
     """Standard deviation of the hand's tremor in pan and tilt, degrees: what a fluid head lets through."""
-    tremor_hz: float = 4.0
+    tremor_hz: Annotated[float, Range(0.1, 100.0)] = 4.0
     """Frequency about which the tremor lies, Hz: that of an arm that holds a bar."""
-    body_height: float = 0.55
+    body_height: Annotated[float, Range(0.02, 5.0)] = 0.55
     """Height of the body in the picture, image heights: room for a leap. The zoom range limits it."""
     whole_body: bool = True
     """All of the body stays in the picture. Off: only the chest does, as close as `body_height` says."""
-    zoom_smoothing_s: float = 0.45
+    zoom_smoothing_s: Seconds = 0.45
     """Time over which the zoom is smoothed, s, standard deviation: it follows the distance and not each movement."""
-    sweep_step_deg: float = 2.05
+    sweep_step_deg: Annotated[float, Range(0.05, 60.0)] = 2.05
     """Step between frames of the sweep, degrees: neighbours overlap by 95 % of the image."""
-    sweep_speed_variation: float = 0.05
+    sweep_speed_variation: Annotated[float, Range(0.0, 0.3)] = 0.05
     """Standard deviation of a step of the sweep, share of the step: it is panned by hand."""
-    swing_deg_s: float = 0.0
+    swing_deg_s: Annotated[float, Range(0.0, 1000.0)] = 0.0
     """Peak speed of a swing to and fro about the athlete, degrees per second; 0: none."""
-    swing_hz: float = 1.9
+    swing_hz: Annotated[float, Range(0.01, 20.0)] = 1.9
     """Frequency of the swing to and fro, Hz."""
-    zoom_swing_s: float = 0.0
+    zoom_swing_s: Seconds = 0.0
     """Period of a zoom through the lens's whole range and back, s, whatever the athlete does; 0: none."""
     tilts: bool = False
     """The operator follows the body's height by tilting. Off: the tilt stays locked, as the paper asks for."""

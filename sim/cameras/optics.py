@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pzcap.types import Array, Image
+from pzcap.ranges import Range
+from pzcap.types import Array, Image, PzcapError
 
 _CORNERS_M = ((-10.5, -8.0), (10.5, -8.0), (10.5, 8.0), (-10.5, 8.0))
 _HEAD_R_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -31,37 +33,41 @@ class OpticsConfig:
     An effect whose size is 0 (vignetting: 1) is exactly absent.
     """
 
-    reference_focal: float = 1.375
+    reference_focal: Annotated[float, Range(0.2, 50.0)] = 1.375
     """Focal length at the reference pose, image widths: 880 px of 640. The calibration object is seen whole, its
     markers 34 px wide from a corner of the hall."""
-    zoom_min: float = 0.7
+    zoom_min: Annotated[float, Range(0.05, 20.0)] = 0.7
     """Widest focal length, reference focal lengths."""
-    zoom_max: float = 3.0
+    zoom_max: Annotated[float, Range(0.05, 20.0)] = 3.0
     """Longest focal length, reference focal lengths: an athlete 13 m off is seen three quarters of the image tall."""
-    k1_wide: float = -0.08
+    k1_wide: Annotated[float, Range(-0.5, 0.5)] = -0.08
     """Radial distortion k1 at the widest focal length: barrel, as of wide zoom lenses. Linear in log focal."""
-    k1_long: float = 0.02
+    k1_long: Annotated[float, Range(-0.5, 0.5)] = 0.02
     """Radial distortion k1 at the longest focal length: pincushion."""
-    principal_offset: float = 0.00625
+    principal_offset: Annotated[float, Range(0.0, 0.2)] = 0.00625
     """Distance of the principal point from the image's centre, image widths (4 px of 640), in a random direction."""
-    vignetting: float = 0.8
+    vignetting: Annotated[float, Range(0.05, 1.0)] = 0.8
     """Brightness in the corners over that in the centre; it falls with the square of the radius."""
-    axis_beside_m: float = 0.003
+    axis_beside_m: Annotated[float, Range(0.0, 1.0)] = 0.003
     """Distance of the pan axis from the projection centre to either side, m: what a crew with a slide head leaves."""
-    axis_behind_m: float = 0.005
+    axis_behind_m: Annotated[float, Range(-1.0, 1.0)] = 0.005
     """Distance of the pan axis behind the projection centre, m: what a crew with a slide head leaves."""
-    centre_travel_m: float = 0.005
+    centre_travel_m: Annotated[float, Range(-1.0, 1.0)] = 0.005
     """Travel of the projection centre along the optical axis from the widest to the longest focal length, m."""
-    tilt_deg: float = -4.0
+    tilt_deg: Annotated[float, Range(-80.0, 80.0)] = -4.0
     """Tilt of the locked heads, degrees: a little downwards, so that an athlete on the floor is in the middle."""
-    tilt_sigma_deg: float = 0.7
+    tilt_sigma_deg: Annotated[float, Range(0.0, 20.0)] = 0.7
     """Standard deviation of the tilt from camera to camera, degrees."""
-    roll_deg: float = 0.5
+    roll_deg: Annotated[float, Range(0.0, 45.0)] = 0.5
     """Roll of the cameras on their heads, degrees, to either side: what a spirit level leaves."""
-    axis_lean_deg: float = 0.3
+    axis_lean_deg: Annotated[float, Range(0.0, 20.0)] = 0.3
     """Lean of the pan axis from the vertical, degrees, at most: what a spirit level leaves."""
-    position_sigma_m: float = 0.2
+    position_sigma_m: Annotated[float, Range(0.0, 2.0)] = 0.2
     """Standard deviation of a tripod's place about its corner of the hall, m, along x and y."""
+
+    def __post_init__(self) -> None:
+        if self.zoom_min >= self.zoom_max:
+            raise PzcapError(f"zoom_min is {self.zoom_min}, zoom_max {self.zoom_max}; give a lower and a higher one")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import subprocess
 import sys
+from typing import Final
 
 import mujoco
 import numpy as np
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 
 import sim
 from pzcap.types import Array, Image, Mask, PzcapError
+
+LARGEST_PICTURE_PX: Final = 16384
+"""Width and height of the largest picture that every OpenGL since 2010 can draw."""
 
 _BACKENDS = ("egl", "osmesa", "glfw")
 _PROBE = """

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.ranges import Range
 from pzcap.types import Image, Mask
 
 
@@ -17,37 +19,37 @@ class SensorConfig:
     An effect whose size is 0 is exactly absent.
     """
 
-    read_noise: float = 2.0
+    read_noise: Annotated[float, Range(0.0, 128.0)] = 2.0
     """Standard deviation, grey levels. It does not depend on the light; 2 of 255 is what a lit hall leaves."""
-    shot_noise: float = 0.02
+    shot_noise: Annotated[float, Range(0.0, 100.0)] = 0.02
     """Variance per grey level: at white (255) it adds as much as the read noise."""
-    exposure_drift: float = 0.03
+    exposure_drift: Annotated[float, Range(0.0, 0.9)] = 0.03
     """Largest departure of the brightness from its mean, share of it, in waves of 4 to 60 s: lamps and exposure are
     never quite constant."""
-    shutter_s: float = 1 / 250
+    shutter_s: Annotated[float, Range(0.0, 1.0)] = 1 / 250
     """Time that the shutter is open for a frame, s; 0: an instant. Short, as docs/capture.md asks for."""
-    sub_exposures: int = 2
+    sub_exposures: Annotated[int, Range(1, 64)] = 2
     """Moments that a frame of the motion averages over the open shutter. More make the blur of a fast pan smooth; the
     sweep is too slow to need any."""
-    supersampling: float = 2.0
+    supersampling: Annotated[float, Range(1.0, 16.0, step=0.25)] = 2.0
     """Rendered pixels for each pixel of the image, along each axis, in frames of the motion. Rendered edges are
     displaced a little, the less the finer the picture; 2 keeps a shoot short."""
-    supersampling_still: float = 4.0
+    supersampling_still: Annotated[float, Range(1.0, 16.0, step=0.25)] = 4.0
     """Rendered pixels for each pixel of the image, along each axis, in the reference image, the sweep and the zoom run:
     more than in the motion, since all else is measured by these."""
-    grid_turn_deg: float = 0.0
+    grid_turn_deg: Annotated[float, Range(-45.0, 45.0)] = 0.0
     """Turn of the rendered grid about the optical axis, degrees. Turned, an upright edge crosses many of the grid's
     columns and is not displaced alike in all rows. Off, since it takes larger pictures; `experiment=clean` turns it."""
     mipmaps: bool = True
     """Textures that are seen small are blurred beforehand, and move by some thousandths of a pixel with the zoom.
     Without mipmaps, pictures have to be rendered much finer than the image, as in `experiment=clean`."""
-    crf_motion: int = 20
+    crf_motion: Annotated[int, Range(0, 51)] = 20
     """Constant rate factor of the motion's H.264; 0: lossless, larger: smaller files. 20: a good camera's recording."""
-    crf_still: int = 12
+    crf_still: Annotated[int, Range(0, 51)] = 12
     """Constant rate factor of the sweep's and the zoom run's H.264: docs/capture.md asks for 12 or better."""
-    largest_roll: int = 5
+    largest_roll: Annotated[int, Range(0, 10_000)] = 5
     """Frames that a camera starts early or stops late, at most: nobody presses four buttons at once."""
-    dropped_share: float = 0.0
+    dropped_share: Annotated[float, Range(0.0, 0.95)] = 0.0
     """Share of the motion's frames that a camera loses, at random; 0: recorders do not drop frames unless they fail."""
 
 

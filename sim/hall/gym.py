@@ -7,13 +7,14 @@ group 0, those of the calibration object in group 3, so that `MjvOption.geomgrou
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import cv2
 import mujoco
 import numpy as np
 
-from pzcap.types import Array, CalibrationObject, Marker, PzcapError
+from pzcap.ranges import Range
+from pzcap.types import Array, CalibrationObject, Marker
 from sim.hall.furniture import furnish
 from sim.hall.scenery import HALL_M, UP, WALLS, Scenery
 from sim.hall.surfaces import CARPET_M, LOWER_M, carpet, ceiling, floor, lower_wall, upper_wall
@@ -36,19 +37,15 @@ class GymConfig:
 
     shadows: bool = True
     """The main light casts shadows: one falls on the floor beside the athlete."""
-    texture_px_per_m: float = 200.0
-    """Texels a metre of the lower walls and the carpet, 50 to 500; less where no camera comes near. At 200 a texel 13 m
+    texture_px_per_m: Annotated[float, Range(50.0, 500.0)] = 200.0
+    """Texels a metre of the lower walls and the carpet; less where no camera comes near. At 200 a texel 13 m
     off is as large as a pixel at the longest focal length."""
-    lights_on: float = 1.0
+    lights_on: Annotated[float, Range(0.05, 20.0)] = 1.0
     """Brightness while the motion is recorded, over that of all before; 1: nobody touches the lights."""
     wall_pictures: str = ""
     """Folder of pictures that cover walls: north, east, south, west, as PNG or JPEG; empty: the painted hall."""
     rearranged: bool = False
     """Vaulting boxes and mats stand elsewhere while the motion is recorded. Off: a crew leaves things in place."""
-
-    def __post_init__(self) -> None:
-        if not 50.0 <= self.texture_px_per_m <= 500.0:
-            raise PzcapError(f"the gym's texture_px_per_m is {self.texture_px_per_m}; choose one from 50 to 500")
 
 
 def build_gym(spec: mujoco.MjSpec, config: GymConfig, rng: np.random.Generator) -> None:

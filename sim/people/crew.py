@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from pzcap.ranges import Degrees, Metres, Range
 from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Pose, Subject
 from sim.motion import MotionClip
 
@@ -16,13 +18,13 @@ from sim.motion import MotionClip
 class CrewConfig:
     """Errors of the crew's measurements and keyframes, and discipline during the sweep."""
 
-    tape_sigma_m: float = 0.005
+    tape_sigma_m: Metres = 0.005
     """Standard deviation of a reading of the tape, m: repeated readings of a girth differ by as much."""
-    keyframes_per_s: float = 1.0
+    keyframes_per_s: Annotated[float, Range(0.0, 240.0)] = 1.0
     """Keyframes posed by hand for each second of the motion, the first and the last frame included."""
-    keyframe_position_m: float = 0.00577
+    keyframe_position_m: Metres = 0.00577
     """Standard deviation of a keyframe's root position along each axis, m: 10 mm in all."""
-    keyframe_rotation_deg: float = 3.0
+    keyframe_rotation_deg: Degrees = 3.0
     """Standard deviation of a keyframe's joint rotations, degrees, about a random axis (a hinge: about its own)."""
     walks_in_sweep: bool = False
     """A person walks to and fro in the hall while the cameras sweep it. Off: docs/capture.md asks for an empty hall."""

@@ -12,11 +12,12 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import mujoco
 import numpy as np
 
+from pzcap.ranges import Pixels, Range, Share
 from pzcap.types import PARENTS, SEGMENTS, Array, Mask, Pose
 from sim.cameras.operator import Trajectory
 from sim.cameras.optics import Rig
@@ -45,28 +46,28 @@ class DetectorConfig:
 
     enabled: bool = False
     """Write keypoints beside the videos. Off: the method does without."""
-    meaning: float = 0.008
+    meaning: Share = 0.008
     """Offset of what it takes for a keypoint from the true place, constant on the body: 14 mm of 1.70 m."""
-    noise: float = 0.007
+    noise: Share = 0.007
     """Error of a joint that it sees well: 12 mm of 1.70 m."""
-    noise_px: float = 0.7
+    noise_px: Pixels = 0.7
     """Error due to the video's resolution, px, besides."""
-    blur: float = 0.5
+    blur: Annotated[float, Range(0.0, 10.0)] = 0.5
     """Error due to motion blur, share of the blur's length, besides."""
-    hidden: float = 3.0
+    hidden: Annotated[float, Range(0.0, 100.0)] = 3.0
     """Factor of the error where the body hides the joint."""
-    inverted: float = 2.0
+    inverted: Annotated[float, Range(0.0, 100.0)] = 2.0
     """Factor of the error, and of how often sides are swapped, where the body is upside down: detectors are trained on
     upright people."""
-    memory: float = 0.7
+    memory: Annotated[float, Range(0.0, 0.999)] = 0.7
     """Correlation of the error from one frame to the next: pictures that are alike mislead alike."""
-    swapped: float = 0.02
+    swapped: Share = 0.02
     """Share of the frames in which left and right arms, or legs, are taken for one another."""
-    swap_frames: float = 4.0
+    swap_frames: Annotated[float, Range(1.0, 10_000.0)] = 4.0
     """Mean duration of such a swap, frames."""
-    astray: float = 0.01
+    astray: Share = 0.01
     """Share of the keypoints that are found anywhere on the body."""
-    missed: float = 0.01
+    missed: Share = 0.01
     """Share of the keypoints that are not found; twice as many of those that the body hides."""
 
 
