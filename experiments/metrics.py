@@ -11,7 +11,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pzcap.io.files import written_whole
+from pzcap.io.files import checked, written_whole
+from pzcap.types import PzcapError
 
 Direction = Literal["lower", "higher"]
 
@@ -94,10 +95,17 @@ def write_metrics(path: Path, metrics: Iterable[Metric], run: Mapping[str, Any])
 
 
 def read_metrics(path: Path) -> tuple[tuple[Metric, ...], dict[str, Any]]:
-    """The metrics of metrics.json, and its ``_run``."""
-    content = json.loads(path.read_text(encoding="utf-8"))
-    run = content.pop("_run")
-    return tuple(Metric(key, **entry) for key, entry in content.items()), run
+    """The metrics of metrics.json, and its ``_run``. Raises PzcapError if it holds anything else."""
+    try:
+        content = json.loads(checked(path).read_text(encoding="utf-8"))
+        run = content.pop("_run")
+        metrics = tuple(Metric(key, **entry) for key, entry in content.items())
+        known = all(isinstance(metric.value, int | float | None) and isinstance(metric.unit, str) for metric in metrics)
+        if not known or not isinstance(run["config"], dict) or not isinstance(run["versions"], dict):
+            raise ValueError("a value of another kind")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise PzcapError(f"{path}: not readable metrics ({error}); remove its folder and run again") from error
+    return metrics, run
 
 
 def format_value(metric: Metric) -> str:

@@ -6,18 +6,31 @@ Reading it needs numpy alone, no simulator. `sim.collect_truth` makes the record
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.io.files import checked
-from pzcap.types import Array, Camera, Lens, Mask, Pose
+from pzcap.types import Array, Camera, Lens, Mask, Pose, PzcapError
 
 _MASKS = ("mask_bits", "shadow_bits")
+_LARGEST_BYTES: Final = 8e9
+_SHAPES: Final = {
+    "pan_rad": "C F", "tilt_rad": "C F", "roll_rad": "C", "focal_px": "C F", "principal_px": "C F 2", "k1": "C F",
+    "world_T_cam": "C F 4 4", "recorded": "C F", "reference_focal_px": "C", "reference_principal_px": "C 2",
+    "reference_k1": "C", "reference_world_T_cam": "C 4 4", "sweep_pan_rad": "C M", "sweep_world_T_cam": "C M 4 4",
+    "zoom_focal_px": "C Z", "zoom_pan_rad": "C", "scene_points_m": "C P 3", "root_position_m": "F 3",
+    "rotations": "F 16 4", "joints_m": "F 16 3", "contact": "F 4", "airborne": "F", "mask_bits": "C F B",
+    "shadow_frames": "S", "shadow_bits": "C S B",
+}  # fmt: skip
+"""Shapes of the arrays: C cameras, F frames, B bytes of a mask; M, Z, P and S are as many as there are."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,11 +145,54 @@ def save(truth: Truth, folder: Path) -> None:
 
 
 def load(folder: Path) -> Truth:
-    """Read what `save` wrote."""
-    values = json.loads(checked(folder / "truth.json").read_text(encoding="utf-8"))
+    """Read what `save` wrote. Raises PzcapError, with the file, if it is damaged or one part does not fit another."""
+    values = _read(folder / "truth.json", lambda path: _plain(json.loads(path.read_text(encoding="utf-8"))))
+    for name in ("truth.npz", "masks.npz"):
+        values |= _read(folder / name, _arrays)
+    try:
+        truth = Truth(**values)
+    except TypeError as error:
+        raise PzcapError(f"{folder}: not a truth of this version ({error}); shoot the capture again") from error
+    _check(truth, folder)
+    return truth
+
+
+def _read(path: Path, read: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
+    try:
+        return read(checked(path))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, RecursionError, ZeroDivisionError,
+            zipfile.BadZipFile, zlib.error, NotImplementedError) as error:  # fmt: skip
+        raise PzcapError(f"{path}: damaged ({error}); remove the truth to go on without a score") from error
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
     values["frame_rate"] = Fraction(values["frame_rate"])
     values["camera_names"], values["timecodes"] = tuple(values["camera_names"]), tuple(values["timecodes"])
-    for name in ("truth.npz", "masks.npz"):
-        with np.load(checked(folder / name)) as arrays:
-            values.update({key: arrays[key] for key in arrays})
-    return Truth(**values)
+    values["width"], values["height"] = int(values["width"]), int(values["height"])
+    json.loads(values["config"])
+    return values
+
+
+def _arrays(path: Path) -> dict[str, Any]:
+    with zipfile.ZipFile(path) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > _LARGEST_BYTES:
+        raise ValueError(f"it holds {size / 1e9:.0f} GB, where {_LARGEST_BYTES / 1e9:.0f} GB is the most")
+    with np.load(path) as arrays:
+        return {key: arrays[key] for key in arrays}
+
+
+def _check(truth: Truth, folder: Path) -> None:
+    sizes = {"C": len(truth.camera_names), "F": len(truth.timecodes), "B": -(-truth.width * truth.height // 8)}
+    for name, letters in _SHAPES.items():
+        value = getattr(truth, name)
+        if not isinstance(value, np.ndarray) or value.ndim != len(letters.split()):
+            raise PzcapError(f"{folder}: {name} is damaged; remove the truth to go on without a score")
+        wanted = tuple(
+            int(letter) if letter.isdigit() else sizes.setdefault(letter, length)
+            for letter, length in zip(letters.split(), value.shape, strict=True)
+        )
+        if value.shape != wanted:
+            raise PzcapError(f"{folder}: {name} has the shape {value.shape}, not {wanted}; remove the truth to go on")
+        if value.dtype.kind not in "fiub" or not np.all(np.isfinite(value)):
+            raise PzcapError(f"{folder}: {name} holds what is no number; remove the truth to go on without a score")

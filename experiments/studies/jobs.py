@@ -25,7 +25,7 @@ from omegaconf import DictConfig, OmegaConf
 from experiments import estimators, footage, workers
 from experiments.config import plain, structured
 from experiments.errors import explain
-from pzcap.io.files import written_whole
+from pzcap.io.files import checked, written_whole
 from pzcap.types import PzcapError
 from sim.capture_cache import file_hashes
 from sim.lock import locked
@@ -107,17 +107,28 @@ def _without_hydra(config: DictConfig) -> DictConfig:
 def finished(folder: Path, wanted: str) -> bool:
     """Tell if ``folder`` holds the result of the job whose `key` is ``wanted``."""
     try:
-        return bool(json.loads((folder / MARK).read_text(encoding="utf-8"))["key"] == wanted)
-    except (OSError, ValueError, KeyError, TypeError):
+        return bool(json.loads(checked(folder / MARK).read_text(encoding="utf-8"))["key"] == wanted)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, PzcapError):
         return False
+
+
+def marked(folder: Path) -> tuple[tuple[str, ...], float]:
+    """Overrides and seconds of the finished job of ``folder``. Raises PzcapError if its mark cannot be read."""
+    try:
+        mark = json.loads(checked(folder / MARK).read_text(encoding="utf-8"))
+        return tuple(str(each) for each in mark["overrides"]), float(mark["seconds"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise PzcapError(f"{folder / MARK}: not readable ({error}); remove its folder and run again") from error
 
 
 def failure(folder: Path) -> str | None:
     """Reason why the job of ``folder`` failed, in one line; None if it did not."""
     try:
-        return (folder / FAILED).read_text(encoding="utf-8").partition("\n")[0]
+        return checked(folder / FAILED).read_text(encoding="utf-8", errors="replace").partition("\n")[0]
     except OSError:
         return None
+    except PzcapError as error:
+        return str(error)
 
 
 def carry_out(

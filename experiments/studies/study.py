@@ -20,6 +20,7 @@ from experiments.config import leaves
 from experiments.metrics import Metric, read_metrics
 from experiments.studies import jobs
 from pzcap.io.files import written_whole
+from pzcap.types import PzcapError
 
 TABLE: Final = "runs.parquet"
 METRICS: Final = "metrics.json"
@@ -73,16 +74,25 @@ class Study:
 
 
 def read(folder: Path, places: Sequence[Path]) -> Study:
-    """The study in ``folder`` whose jobs are those of ``places``. A job without metrics is left out."""
-    runs = [_run(place) for place in places if (place / METRICS).is_file()]
-    reasons = {place.name: jobs.failure(place) for place in places}
-    return Study(folder, tuple(runs), {name: reason for name, reason in reasons.items() if reason is not None})
+    """The study in ``folder`` whose jobs are those of ``places``. A job without metrics is left out; one whose files
+    cannot be read counts as failed."""
+    runs, failed = [], {}
+    for place in places:
+        try:
+            if (place / METRICS).exists():
+                runs.append(_run(place))
+            reason = jobs.failure(place)
+        except PzcapError as error:
+            reason = str(error)
+        if reason is not None:
+            failed[place.name] = reason
+    return Study(folder, tuple(runs), failed)
 
 
 def _run(folder: Path) -> Run:
     metrics, info = read_metrics(folder / METRICS)
-    mark = json.loads((folder / jobs.MARK).read_text(encoding="utf-8"))
-    return Run(folder, tuple(mark["overrides"]), leaves(info["config"]), metrics, info["versions"], mark["seconds"])
+    overrides, seconds = jobs.marked(folder)
+    return Run(folder, overrides, leaves(info["config"]), metrics, info["versions"], seconds)
 
 
 def table(study: Study) -> pa.Table:
