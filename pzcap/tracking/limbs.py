@@ -23,7 +23,7 @@ from pzcap.body import kinematics
 from pzcap.body.kinematics import difference, forward, joint_angles, retract
 from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMBS, Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
-from pzcap.tracking.observation import PlacedView, ViewCrop
+from pzcap.tracking.observation import Placed, Views
 from pzcap.tracking.tuning import APPEARANCE, VIEW
 from pzcap.tracking.visibility import ARMS, GROUP, HEAD
 from pzcap.types import PARENTS, Array, Float32, Pose
@@ -116,21 +116,21 @@ def support(body: Body, pose: Pose, grounds: Sequence[Ground]) -> Array:
     ])  # fmt: skip
 
 
-def grounds(views: Sequence[ViewCrop | None], placed: Sequence[PlacedView | None]) -> list[Ground]:
+def grounds(views: Views, placed: Placed) -> list[Ground]:
     """The maps that limbs are judged by in each view, the body being where it was ``placed``."""
-    pairs = zip(views, placed, strict=True)
-    return [_ground(view, where) for view, where in pairs if view is not None and where is not None]
-
-
-def _ground(view: ViewCrop, placed: PlacedView) -> Ground:
-    buffer, scale, size = placed.z_buffer, VIEW.belief_scale, view.belief.shape[::-1]
-    corner = np.array([view.left, view.top]) + 0.5 * (scale - 1)
-    shift = np.column_stack([scale / buffer.scale * np.eye(2), (corner - [buffer.left, buffer.top]) / buffer.scale])
-    nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-    cover = np.asarray(cv2.warpAffine(buffer.cover, shift, size, flags=nearest), np.uint8)
-    likely = cv2.resize(view.arms, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    bare = np.maximum(likely / np.float32(127.5) - np.float32(1.0), np.float32(0.0))
-    return Ground(pinhole(view.camera), corner, view.belief, cover, bare)
+    found, scale, nearest = [], VIEW.belief_scale, cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    for view, where in zip(views, placed, strict=True):
+        if view is None or where is None:
+            continue
+        buffer, size = where.z_buffer, view.belief.shape[::-1]
+        corner = np.array([view.left, view.top]) + 0.5 * (scale - 1)
+        origin = (corner - [buffer.left, buffer.top]) / buffer.scale
+        shift = np.column_stack([scale / buffer.scale * np.eye(2), origin])
+        cover = np.asarray(cv2.warpAffine(buffer.cover, shift, size, flags=nearest), np.uint8)
+        likely = cv2.resize(view.arms, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        bare = np.maximum(likely / np.float32(127.5) - np.float32(1.0), np.float32(0.0))
+        found.append(Ground(pinhole(view.camera), corner, view.belief, cover, bare))
+    return found
 
 
 def patches(body: Body, limb: int, frames: Array, grounds: Sequence[Ground]) -> list[Patch]:
