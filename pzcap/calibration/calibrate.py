@@ -56,10 +56,8 @@ def no_report(stage: str, done: int, total: int) -> None:
 def calibrate(
     footage: Footage, config: PanZoomConfig, report: Report = no_report
 ) -> tuple[CalibratedCamera, stitching.SweptFrames]:
-    """Calibrate one camera at its reference pose, and stitch its panorama.
-
-    Raises PzcapError when the calibration object is not found or the sweep does not hold together.
-    """
+    """Calibrate one camera at its reference pose, and stitch its panorama. Raises PzcapError when the calibration
+    object is not found or the sweep does not hold together."""
     reference_image, calibration_object, sweep, zoom, full_turn = footage
     first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
     height, width = reference_image.shape[:2]
@@ -88,13 +86,9 @@ def calibrate(
         sweep, chained.kept, swept, sweep_pan_rad, full_turn, surroundings,
         lambda done: report("paste sweep", done, 2 * count),
     )  # fmt: skip
-    background = replace(
-        pasted,
-        sweep_inliers=_sweep_inliers(adjusted, matched.links, count),
-        closure_rad=chained.closure_rad,
-        residual_px=adjusted.residual_px,
-    )
-    return CalibratedCamera(refined, background, camera), swept
+    inliers = _sweep_inliers(adjusted, matched.links, count)
+    panorama = replace(pasted, sweep_inliers=inliers, closure_rad=chained.closure_rad, residual_px=adjusted.residual_px)
+    return CalibratedCamera(refined, panorama, camera), swept
 
 
 def _fit_grey_values(

@@ -78,9 +78,8 @@ def match(
         coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
     )  # fmt: skip
     others = [grey(image) for image in [reference_image, *zoomed]]
-    return Matched(
-        chained, others, sweep_links, links, start, sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
-    )
+    sigmas = sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
+    return Matched(chained, others, sweep_links, links, start, sigmas)
 
 
 def _start(view: View, pan_rad: Array) -> CalibrationParameters:
@@ -105,10 +104,8 @@ def sigmas_of(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool
     focal = 10.0 * BELIEF.focal_sigma if full_turn else BELIEF.focal_sigma
     principal = np.full(2 if zoom else 1, beliefs.principal * camera.width)
     k1 = beliefs.k1 * np.array([1.0, 1.0, 0.5] if zoom else [1.0])
-    height_m = height_of(camera)
-    return Sigmas(
-        focal, np.deg2rad(beliefs.tilt_deg), principal, k1, beliefs.offset_m / height_m, beliefs.travel_m / height_m
-    )
+    offset, travel = np.array([beliefs.offset_m, beliefs.travel_m]) / height_of(camera)
+    return Sigmas(focal, np.deg2rad(beliefs.tilt_deg), principal, k1, float(offset), float(travel))
 
 
 def _place_reference(

@@ -29,10 +29,10 @@ class Features:
 def detect(
     image: Image, threshold: float, limit: int, mask: Image | None = None, scales: tuple[int, int] = FEATURES.all_scales
 ) -> Features:
-    """Detect the ``limit`` strongest features of ``image`` (H, W), grey, whose response exceeds ``threshold``.
+    """Detect the ``limit`` strongest features of ``image`` (H, W), grey, whose response exceeds ``threshold``; none
+    where ``mask`` (H, W) is 0. ``scales`` are octaves, and levels in each.
 
-    Descriptors are upright: tripod heads do not roll, and descriptors without rotation invariance are more distinctive.
-    ``mask`` (H, W) is 0 where no feature may lie. ``scales`` are octaves, and levels in each.
+    Descriptors are upright: tripod heads do not roll, and without rotation invariance they are more distinctive.
     """
     detector = cv2.AKAZE.create(
         descriptor_type=cv2.AKAZE_DESCRIPTOR_MLDB_UPRIGHT, threshold=threshold, max_points=limit,

@@ -119,12 +119,9 @@ def hall_size(state: CalibrationParameters) -> int:
 
 def retract(state: CalibrationParameters, step: Array) -> CalibrationParameters:
     """The parameters with ``step`` (U,) added to their vector."""
-    there = to_vector(state) + step
-    hall = state.surroundings
-    counts = [len(state.pan_rad), len(state.log_focal), 2, 2 * len(state.principal_px), len(state.k1), 2, 1]
-    pan, focal, angles, principal, k1, offset, travel, walls, departures = np.split(
-        there, np.cumsum([*counts, len(hall.walls)])
-    )
+    there, hall, lens = to_vector(state) + step, state.surroundings, (2 * len(state.principal_px), len(state.k1))
+    ends = np.cumsum([len(state.pan_rad), len(state.log_focal), 2, *lens, 2, 1, len(hall.walls)])
+    pan, focal, angles, principal, k1, offset, travel, walls, departures = np.split(there, ends)
     return CalibrationParameters(
         pan, focal, state.pan_of, state.focal_of, float(angles[0]), float(angles[1]), principal.reshape(-1, 2), k1,
         offset, float(travel[0]), replace(hall, walls=walls, departures=departures.reshape(hall.departures.shape)),

@@ -83,22 +83,20 @@ def stitch(
     """Paste the frames ``kept`` (M,) of a sweep, taken at ``pan_rad`` (M,), on the cylinder about the pan axis.
 
     Twice: what differs from the first result, made of the M grey frames of ``swept``, is somebody who walked through
-    the sweep, and counts little in the second. The panorama has as many pixels to the radian as the sweep has in the
-    middle of its frames. Its azimuth 0 is pan 0. ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
+    the sweep, and counts little in the second. The panorama is as fine as the sweep in the middle of its frames, its
+    azimuth 0 is pan 0; ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
     """
-    numbers = {int(index): number for number, index in enumerate(kept)}
-    log_gain = swept.brightness.log_gain
     canvas = _Canvas(swept, pan_rad, full_turn, 1, surroundings)
+    places = list(zip(pan_rad.tolist(), swept.brightness.log_gain.tolist(), strict=True))
     for number, image in enumerate(swept.images):
-        canvas.paste(image, float(pan_rad[number]), float(log_gain[number]), None)
+        canvas.paste(image, *places[number], None)
         report(number + 1)
     before = canvas.finish()[0][..., 0]
     canvas = _Canvas(swept, pan_rad, full_turn, 3, surroundings)
-    for index, image in frames:
-        if index in numbers:
-            number = numbers[index]
-            canvas.paste(image, float(pan_rad[number]), float(log_gain[number]), before)
-            report(len(swept.images) + number + 1)
+    numbers = {int(index): number for number, index in enumerate(kept)}
+    for number, image in ((numbers[index], image) for index, image in frames if index in numbers):
+        canvas.paste(image, *places[number], before)
+        report(len(swept.images) + number + 1)
     image, valid = canvas.finish()
     return Panorama(
         image, valid, canvas.px_per_rad, canvas.origin, full_turn, pan_rad, np.zeros(len(pan_rad), np.int64), 0.0, 0.0,
@@ -157,16 +155,12 @@ class _Canvas:
         level = image.astype(np.float32) * (flat if image.ndim == 2 else flat[..., None])
         warped = bspline.warped(level.reshape(*level.shape[:2], -1), column, row)
         weight = cv2.remap(self.trust, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        total = self.weight.shape[1]
+        columns = np.arange(start, stop) % self.weight.shape[1]  # a strip may lie across the seam of a full turn
         if before is not None:
-            there = before.take(range(start, stop), axis=1, mode="wrap")
             seen = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGR2GRAY), np.float32)
-            weight = np.asarray(weight * agreement(seen - there.astype(np.float32)), np.float32)
-        warped = warped * weight[..., None]
-        for shift in range(start // total, (stop - 1) // total + 1):  # a strip across the seam of a full turn
-            low, high = max(start, shift * total), min(stop, (shift + 1) * total)
-            self.colour[:, low - shift * total : high - shift * total] += warped[:, low - start : high - start]
-            self.weight[:, low - shift * total : high - shift * total] += weight[:, low - start : high - start]
+            weight = np.asarray(weight * agreement(seen - before[:, columns].astype(np.float32)), np.float32)
+        self.colour[:, columns] += warped * weight[..., None]
+        self.weight[:, columns] += weight
 
     def finish(self) -> tuple[Image, Mask]:
         valid = self.weight > 1e-3

@@ -114,8 +114,8 @@ def half_extents(camera: PanZoomCamera, points: Array, focal_px: float) -> Array
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _means(fine: Stored, known: Mask, places: Array, half: Array, out: Array) -> Array:
-    """1 (N,) where the cells about ``places`` (N, 2) are known; ``out`` (N, 3 or more) takes the mean grey level over
-    ``half`` (N, 2) of them to either side, and its derivatives across and down."""
+    """Write into ``out`` (N, 3 or more) the mean grey level over ``half`` (N, 2) of the cells to either side of
+    ``places`` (N, 2), and its derivatives across and down; 1 (N,) where these cells are known."""
     found = np.zeros(len(places))
     for n in range(len(places)):
         column, row = places[n]

@@ -150,7 +150,7 @@ class Aligner:
         return self.fit(look, pixels, near.solution.state, Limits(steps, ALIGNMENT.settled_px))
 
     def refined(self, fit: Fit, frame: Image, hidden: Mask | None) -> Fit:  # noqa: ARG002
-        """``fit``, the last one; `pzcap.extras.superresolved_alignment` goes on from there."""
+        """Result of the last level as it is; `pzcap.extras.superresolved_alignment` goes on from there."""
         return fit
 
     def fit(self, look: Look, pixels: FramePixels, start: State, limits: Limits) -> Fit:

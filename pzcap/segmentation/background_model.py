@@ -74,16 +74,15 @@ class Compared:
     known: Image  # (h, w) 1 where the hall is known
 
     def log_odds(self, body: Image | None = None) -> Float32:
-        """Log-odds of body (h, w), which has the colours of what is certainly body, where ``body`` (h, w) is not 0;
-        without that it may have any."""
-        palette = np.zeros((COLOUR_LEVELS,) * 3, np.float32)
+        """Log-odds of body (h, w), 0 where the hall is unknown. It has the colours of what is certainly body, where
+        ``body`` (h, w) is not 0; without that it may have any."""
+        log_odds = -_LOG_COLOURS - self.likelihood
         if body is not None:
-            counts = np.zeros(palette.shape, np.int64)
+            counts = np.zeros((COLOUR_LEVELS,) * 3, np.int64)
             count_colours(self.frame, body, counts)
-            palette = log_shares(counts)
-        log_odds = np.empty(self.likelihood.shape, np.float32)
-        _body_log_odds(self.frame, self.likelihood, self.known, palette, log_odds)
-        return log_odds
+            log_odds += log_shares(counts)[tuple(np.moveaxis(self.frame // (256 // COLOUR_LEVELS), 2, 0))]
+        largest = BACKGROUND.largest_log_odds
+        return np.where(self.known > 0, np.clip(log_odds, -largest, largest), np.float32(0.0))
 
 
 class _Shadow(NamedTuple):
@@ -173,17 +172,3 @@ def log_shares(counts: NDArray[np.int64]) -> Float32:
         shares = convolve1d(shares, [0.25, 0.5, 0.25], axis, mode="nearest")
     odds = (1.0 - BACKGROUND.any_colour) * shares / counts.sum() * COLOUR_LEVELS**3
     return np.log(BACKGROUND.any_colour + odds).astype(np.float32)
-
-
-@njit(cache=True, nogil=True)
-def _body_log_odds(frame: Image, likelihood: Float32, known: Image, palette: Float32, log_odds: Float32) -> None:
-    """Fill in the log-odds of body, given the ``palette`` of its colours: 0 where the hall is unknown."""
-    height, width = likelihood.shape
-    cell, largest = 256 // COLOUR_LEVELS, BACKGROUND.largest_log_odds
-    for i in range(height):
-        for j in range(width):
-            if known[i, j] == 0:
-                log_odds[i, j] = 0.0
-                continue
-            body = palette[frame[i, j, 0] // cell, frame[i, j, 1] // cell, frame[i, j, 2] // cell]
-            log_odds[i, j] = min(max(body - _LOG_COLOURS - likelihood[i, j], -largest), largest)
