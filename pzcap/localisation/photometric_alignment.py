@@ -17,6 +17,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from pzcap.imaging.colour import grey
 from pzcap.localisation.frame_pixels import FramePixels, level_pixels
@@ -183,6 +184,7 @@ def _first_gains(ratio: Array, squared: Array, count: int) -> Array:
     return np.pad(usual * np.array(line), (0, count - 2))
 
 
+@njit(cache=True, nogil=True)
 def normal_equations(
     sampled: Array, shading: Array, brightness: Array, residual: Array, scale: float, free: int
 ) -> tuple[Array, Array, Array, float]:
@@ -192,8 +194,27 @@ def normal_equations(
     A pixel's residual is its grey value less ``brightness`` (N,) times the panorama's. At last the cost's mean second
     derivative as a share of the weight that stands for it in the matrix: weights fall as residuals grow.
     """
-    weight = geman_mcclure(residual, scale) * sampled[:, KNOWN]
-    rows = np.hstack([brightness[:, None] * sampled[:, BY_PAN : BY_PAN + free], shading * sampled[:, VALUE, None]])
-    weighted = weight[:, None] * rows
-    curvature = weight @ (4.0 * np.sqrt(weight) - 3.0) / weight.sum()
-    return weight, weighted.T @ rows, -weighted.T @ residual, float(curvature)
+    count = free + shading.shape[1]
+    weights, row = np.zeros(len(residual)), np.empty(count)
+    normal, gradient = np.zeros((count, count)), np.zeros(count)
+    curved, total = 0.0, 0.0
+    for n in range(len(residual)):
+        if sampled[n, KNOWN] == 0.0:
+            continue
+        weight = geman_mcclure(residual[n], scale)
+        weights[n] = weight
+        total += weight
+        curved += weight * (4.0 * np.sqrt(weight) - 3.0)
+        for i in range(free):
+            row[i] = brightness[n] * sampled[n, BY_PAN + i]
+        for i in range(free, count):
+            row[i] = shading[n, i - free] * sampled[n, VALUE]
+        for i in range(count):
+            weighted = weight * row[i]
+            gradient[i] -= weighted * residual[n]
+            for j in range(i + 1):
+                normal[i, j] += weighted * row[j]
+    for i in range(count):
+        for j in range(i):
+            normal[j, i] = normal[i, j]
+    return weights, normal, gradient, curved / total

@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.ndimage import convolve1d
 
 from pzcap.segmentation.tuning import BACKGROUND
 from pzcap.types import Array, Camera, Float32, Image, Mask
@@ -74,15 +73,16 @@ class Compared:
     known: Image  # (h, w) 1 where the hall is known
 
     def log_odds(self, body: Image | None = None) -> Float32:
-        """Log-odds of body (h, w), 0 where the hall is unknown. It has the colours of what is certainly body, where
-        ``body`` (h, w) is not 0; without that it may have any."""
-        log_odds = -_LOG_COLOURS - self.likelihood
+        """Log-odds of body (h, w), which has the colours of what is certainly body, where ``body`` (h, w) is not 0;
+        without that it may have any."""
+        palette = np.zeros((COLOUR_LEVELS,) * 3, np.float32)
         if body is not None:
-            counts = np.zeros((COLOUR_LEVELS,) * 3, np.int64)
+            counts = np.zeros(palette.shape, np.int64)
             count_colours(self.frame, body, counts)
-            log_odds += log_shares(counts)[tuple(np.moveaxis(self.frame // (256 // COLOUR_LEVELS), 2, 0))]
-        largest = BACKGROUND.largest_log_odds
-        return np.where(self.known > 0, np.clip(log_odds, -largest, largest), np.float32(0.0))
+            palette = log_shares(counts)
+        log_odds = np.empty(self.likelihood.shape, np.float32)
+        _body_log_odds(self.frame, self.likelihood, self.known, palette, log_odds)
+        return log_odds
 
 
 class _Shadow(NamedTuple):
@@ -99,17 +99,15 @@ def compare(
     config: ForegroundConfig,
 ) -> Compared:  # fmt: skip
     """Likelihood under the empty hall of a view, or of a part of it whose top-left pixel stands at ``corner`` (x, y).
-    ``background`` (H, W, 3) counts where it is ``known`` (H, W); ``blur_px`` is its blur (sigma)."""
+
+    ``background`` (H, W, 3) counts where it is ``known`` (H, W). ``blur_px`` is its blur (sigma).
+    """
     frame, hall, sure = (shrink(one, 2) for one in (image, background, known.astype(np.uint8)))
     if blur_px > 0.6:
         frame = np.asarray(cv2.GaussianBlur(frame, (0, 0), blur_px / 2), np.uint8)
-    steep_x, steep_y = (g / np.float32(8.0) for g in cv2.spatialGradient(cv2.cvtColor(hall, cv2.COLOR_BGR2GRAY)))
-    error = config.camera_error_px / 2
-    variance = np.asarray(config.noise**2 + error**2 * (steep_x * steep_x + steep_y * steep_y), np.float32)
-    lit, empty = frame.astype(np.float32), hall.astype(np.float32)
-    # the ratio of the first two is a shadow's light
-    products = lit * empty, empty * empty, (lit - empty) ** 2
-    squares = np.asarray(cv2.merge([cv2.transform(one, np.ones((1, 3))) for one in products]), np.float32)
+    steep_x, steep_y = (np.asarray(g, np.int16) for g in cv2.spatialGradient(cv2.cvtColor(hall, cv2.COLOR_BGR2GRAY)))
+    variance, squares = np.empty(sure.shape, np.float32), np.empty((*sure.shape, 3), np.float32)
+    _colour_differences(frame, hall, steep_x, steep_y, config.noise, config.camera_error_px / 2, variance, squares)
     # heavy compression or a camera that is further off makes everything noisier alike
     sampled = (squares[::2, ::2, 2] / variance[::2, ::2])[sure[::2, ::2] > 0]
     if sampled.size:
@@ -131,14 +129,33 @@ def floor_plane(camera: Camera, reach_m: float) -> Array:
     return np.array([*slope, turn[2] - slope @ camera.principal_px + camera.world_T_cam[2, 3] / reach_m])
 
 
+@njit(cache=True, nogil=True)
+def _colour_differences(
+    frame: Image, hall: Image, steep_x: NDArray[np.int16], steep_y: NDArray[np.int16], noise: float, error: float,
+    variance: Float32, squares: Float32,
+) -> None:  # fmt: skip
+    """Fill in a colour's ``variance`` (h, w) and ``squares`` (h, w, 3): the products of frame and hall and of the hall
+    with itself, whose ratio is a shadow's light, and the squared difference."""
+    height, width = variance.shape
+    for i in range(height):
+        for j in range(width):
+            steep = (float(steep_x[i, j]) ** 2 + float(steep_y[i, j]) ** 2) / 64.0
+            variance[i, j] = noise * noise + steep * error * error
+            cross, own, apart = 0.0, 0.0, 0.0
+            for c in range(3):
+                f, b = float(frame[i, j, c]), float(hall[i, j, c])
+                cross += f * b
+                own += b * b
+                apart += (f - b) ** 2
+            squares[i, j, 0], squares[i, j, 1], squares[i, j, 2] = cross, own, apart
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _hall_likelihood(
     frame: Image, hall: Image, variance: Float32, squares: Float32, windowed: Float32, shadow: _Shadow,
     likelihood: Float32,
 ) -> None:  # fmt: skip
-    """Fill in the log-density of the frame under the better of the two: the hall as it is, or in shadow. ``squares``
-    (h, w, 3) are the products of frame and hall, the hall's squares, and the squared differences; ``windowed`` their
-    means around."""
+    """Fill in the log-density of the frame under the better of the two: the hall as it is, or in shadow."""
     floor, freedom = shadow.floor, BACKGROUND.freedom
     height, width = likelihood.shape
     exponent = -0.5 * (freedom + 3.0)
@@ -158,17 +175,48 @@ def _hall_likelihood(
             likelihood[i, j] = best + BACKGROUND.peak - 1.5 * np.log(spread)
 
 
+@njit(cache=True, nogil=True)
 def count_colours(frame: Image, where: Image, counts: NDArray[np.int64]) -> None:
     """Add to ``counts`` each colour of ``frame`` (h, w, 3) ``where`` (h, w) is not 0."""
-    seen = frame[where > 0] // (256 // COLOUR_LEVELS)
-    np.add.at(counts, tuple(seen.T), 1)
+    height, width = where.shape
+    cell = 256 // COLOUR_LEVELS
+    for i in range(height):
+        for j in range(width):
+            if where[i, j] > 0:
+                counts[frame[i, j, 0] // cell, frame[i, j, 1] // cell, frame[i, j, 2] // cell] += 1
 
 
+@njit(cache=True, nogil=True)
 def log_shares(counts: NDArray[np.int64]) -> Float32:
     """Logarithm of each colour's share among those counted, over that of an even distribution. A colour counts for the
     cells around its own as well: half as much on either side."""
-    shares = counts.astype(np.float64)
-    for axis in range(3):
-        shares = convolve1d(shares, [0.25, 0.5, 0.25], axis, mode="nearest")
-    odds = (1.0 - BACKGROUND.any_colour) * shares / counts.sum() * COLOUR_LEVELS**3
+    total = counts.sum()
+    shares = np.zeros(counts.shape)
+    last = COLOUR_LEVELS - 1
+    for a in range(COLOUR_LEVELS):
+        for b in range(COLOUR_LEVELS):
+            for c in range(COLOUR_LEVELS):
+                if counts[a, b, c] == 0:
+                    continue
+                for da in range(-1, 2):
+                    for db in range(-1, 2):
+                        for dc in range(-1, 2):
+                            near = 1.0 / (8 << (abs(da) + abs(db) + abs(dc)))
+                            at = min(max(a + da, 0), last), min(max(b + db, 0), last), min(max(c + dc, 0), last)
+                            shares[at] += near * counts[a, b, c]
+    odds = (1.0 - BACKGROUND.any_colour) * shares / total * COLOUR_LEVELS**3
     return np.log(BACKGROUND.any_colour + odds).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _body_log_odds(frame: Image, likelihood: Float32, known: Image, palette: Float32, log_odds: Float32) -> None:
+    """Fill in the log-odds of body, given the ``palette`` of its colours: 0 where the hall is unknown."""
+    height, width = likelihood.shape
+    cell, largest = 256 // COLOUR_LEVELS, BACKGROUND.largest_log_odds
+    for i in range(height):
+        for j in range(width):
+            if known[i, j] == 0:
+                log_odds[i, j] = 0.0
+                continue
+            body = palette[frame[i, j, 0] // cell, frame[i, j, 1] // cell, frame[i, j, 2] // cell]
+            log_odds[i, j] = min(max(body - _LOG_COLOURS - likelihood[i, j], -largest), largest)
