@@ -13,8 +13,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from pzcap.geometry.camera import at
 from pzcap.localisation.panorama_sampler import Window, warp_background
@@ -22,7 +20,7 @@ from pzcap.segmentation import boundary_refinement
 from pzcap.segmentation.background_model import Compared, ForegroundConfig, compare, double, shrink
 from pzcap.segmentation.tuning import BODY
 from pzcap.solver.robust import line
-from pzcap.types import Array, Camera, Float32, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
+from pzcap.types import Camera, Float32, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
 __all__ = ["Expected", "ForegroundConfig", "match_gain", "separate", "subtract"]
 
@@ -107,48 +105,22 @@ def _prior(expected: Expected, config: ForegroundConfig) -> Float32:
 
 def match_gain(image: Image, background: Image, known: Mask) -> Image:
     """The background as bright as the frame: exposure, and the vignetting that the panorama does not share, from the
-    pixels that agree. No offset: blur would corrupt it."""
+    pixels that agree. The gain is ``exp(a + b r^2)``, r the distance from the middle. No offset: blur would corrupt
+    it."""
     height, width = known.shape
-    cover = shrink(np.asarray(known, np.float32), 8)
-    gain = np.empty((*cover.shape, 3), np.float32)
-    if not _fit_gain(shrink(image, 8), shrink(background, 8), cover, gain):
+    frame, hall = (shrink(one, 8).sum(axis=2, dtype=np.float64) for one in (image, background))
+    # neither black nor saturated
+    usable = (shrink(np.asarray(known, np.float32), 8) > 0.99) & (hall > 45.0) & (hall < 720.0) & (frame > 45.0)
+    if usable.sum() < 50:
         return background
-    fine = cv2.resize(gain, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(cv2.multiply(background, fine, dtype=cv2.CV_8U), np.uint8)
-
-
-@njit(cache=True, nogil=True)
-def _fit_gain(image: Image, background: Image, cover: Float32, gain: Float32) -> bool:
-    """Fill in the ``gain`` (h, w, 3) of a frame over its background (h, w, 3): ``exp(a + b r^2)`` with r the distance
-    from the middle, fitted robustly, with a wide scale first. False where too little is covered."""
-    height, width = cover.shape
-    squared, ratio, weight = np.empty(cover.size), np.empty(cover.size), np.empty(cover.size)
-    count = 0
-    for i in range(height):
-        for j in range(width):
-            frame, hall = 0.0, 0.0
-            for c in range(3):
-                frame += image[i, j, c]
-                hall += background[i, j, c]
-            if cover[i, j] > 0.99 and 45.0 < hall < 720.0 and frame > 45.0:  # neither black nor saturated
-                squared[count] = _radius(i, j, height, width)
-                ratio[count], weight[count] = np.log(frame / hall), np.sqrt(hall)
-                count += 1
-    if count < 50:
-        return False
-    ratio, start = ratio[:count], (float(np.median(ratio[:count])), 0.0)
-    a, b = line(ratio, squared[:count], weight[:count], (0.15, 0.08, 0.05, 0.04), start)
-    for i in range(height):
-        for j in range(width):
-            gain[i, j, :] = np.exp(a + b * _radius(i, j, height, width))
-    return True
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _radius(i: int, j: int, height: int, width: int) -> float:
-    """Squared distance from the middle, in half widths."""
-    y, x = (i - (height - 1) / 2) / (width / 2), (j - (width - 1) / 2) / (width / 2)
-    return y * y + x * x
+    rows, columns = frame.shape
+    y, x = np.ogrid[:rows, :columns]
+    squared = ((y - (rows - 1) / 2) / (columns / 2)) ** 2 + ((x - (columns - 1) / 2) / (columns / 2)) ** 2
+    ratio = np.log(frame[usable] / hall[usable])
+    start, scales = (float(np.median(ratio)), 0.0), (0.15, 0.08, 0.05, 0.04)
+    a, b = line(ratio, squared[usable], np.sqrt(hall[usable]), scales, start)
+    gain = cv2.resize(np.exp(a + b * squared).astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.multiply(background, cv2.merge([gain] * 3), dtype=cv2.CV_8U), np.uint8)
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -172,7 +144,8 @@ def _main_parts(smooth: Float32, expected: Float32 | None) -> Image:
     )
     if count < 2:
         return solid
-    mass = _evidence_of_parts(np.asarray(labels, np.int32), smooth, count)
+    mass = np.bincount(labels.ravel(), np.maximum(smooth, 0.0).ravel(), count)
+    mass[0] = 0.0  # the hall
     main = int(np.argmax(mass))
     low, high = boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]
     gap = np.maximum(np.max(np.maximum(low - high[main], low[main] - high), axis=1), 0) / boxes[main, 2:4].max()
@@ -181,17 +154,6 @@ def _main_parts(smooth: Float32, expected: Float32 | None) -> Image:
         keep |= np.bincount(labels.ravel(), expected.ravel(), count) > 0.0
     keep[0] = False
     return np.asarray(cv2.bitwise_and(solid, keep.astype(np.uint8)[labels]), np.uint8)
-
-
-@njit(cache=True, nogil=True)
-def _evidence_of_parts(labels: NDArray[np.int32], log_odds: Float32, count: int) -> Array:
-    """Sum of the positive log-odds in each labelled part (count,); 0 in the rest, labelled 0."""
-    mass = np.zeros(count)
-    for i in range(labels.shape[0]):
-        for j in range(labels.shape[1]):
-            if labels[i, j] > 0 and log_odds[i, j] > 0:
-                mass[labels[i, j]] += log_odds[i, j]
-    return mass
 
 
 def _without_holes(solid: Image, log_odds: Float32, expected: Float32 | None) -> Image:
