@@ -321,3 +321,12 @@ def test_results_of_an_earlier_bench_do_not_outlive_a_failure(
         (tmp_path / name).write_text("old")
     refused(monkeypatch, capfd, f"capture={frames_folder}", "every=0", f"hydra.run.dir={tmp_path}")
     assert not any((tmp_path / name).exists() for name in COMPARISON.results)
+
+
+def test_no_label_or_reason_is_cut_however_narrow_the_console() -> None:
+    out = io.StringIO()
+    rows = [Row(name, method.label, bench.figures(None, ""), missing=None) for name, method in bench.METHODS.items()]
+    print_rows(Console(file=out, width=40), COMPARISON, "title", [*rows, Row("x", "X", {}, missing="not installed")])
+    lines = out.getvalue().splitlines()
+    assert all(sum(method.label in line for line in lines) == 1 for method in bench.METHODS.values())
+    assert any("not installed" in line for line in lines)
