@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class OutputConfig:
-    """What a run leaves behind, beside metrics.json."""
+    """Files that a run leaves beside metrics.json."""
 
     recording: bool = True
     """Recording.rrd, for the Rerun viewer."""
@@ -33,7 +33,7 @@ class OutputConfig:
     jpeg_quality: int = 75
     """Of the images in the recording."""
     captures: str = "outputs/captures"
-    """Where shoots are kept for the next run of the same shoot config."""
+    """Folder in which shoots are kept for the next run of the same shoot config."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.jpeg_quality <= 100:
@@ -111,7 +111,7 @@ def structured(tree: Any, kind: type[T], what: str) -> T:
 
 
 def plain(composed: DictConfig) -> dict[str, Any]:
-    """What Hydra composed, as dicts and lists, everything resolved."""
+    """The composed configuration as dicts and lists, everything resolved."""
     tree: dict[str, Any] = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)  # type: ignore[assignment]
     return tree
 

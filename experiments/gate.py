@@ -43,7 +43,7 @@ Verdict = Literal["worse", "gone", "better", "new", "same"]
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How much worse the metrics that fit the pattern ``metric`` may be: relative * |baseline| + absolute."""
+    """Tolerance of the metrics that fit the pattern ``metric``: relative * |baseline| + absolute."""
 
     metric: str
     relative: float = 0.0
@@ -72,7 +72,7 @@ class GateConfig:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """What a metric was when the baseline was made, and how much worse it may be since."""
+    """A metric when the baseline was made, and how much worse it may be since."""
 
     value: float
     unit: str
@@ -102,12 +102,12 @@ class Move:
 
 
 def read_config(path: Path) -> GateConfig:
-    """What gate.yaml says."""
+    """Content of gate.yaml."""
     return structured(OmegaConf.to_container(OmegaConf.load(path), resolve=True), GateConfig, path.name)
 
 
 def figures(found: Sequence[Metric], config: GateConfig) -> dict[str, Figure]:
-    """What of a run's metrics goes into the baseline."""
+    """The part of a run's metrics that goes into the baseline."""
     kept = {}
     for metric in found:
         tolerance = config.tolerance(metric.key)

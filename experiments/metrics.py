@@ -43,11 +43,11 @@ TARGETS: Final[Mapping[str, float]] = {
     "speed.fps": 15.0,
     "memory.peak": 1500.0,
 }
-"""What the floor exercise and the pedestrian are to reach with all troubles of optics and sensor on, on two cores."""
+"""Targets of the floor exercise and the pedestrian with all troubles of optics and sensor on, on two cores."""
 
 
 def meets_target(metric: Metric) -> bool | None:
-    """Whether ``metric`` reaches its target; None where it has no target or no value."""
+    """True if ``metric`` reaches its target; None where it has no target or no value."""
     target = TARGETS.get(metric.key)
     if target is None or metric.value is None:
         return None
@@ -55,7 +55,7 @@ def meets_target(metric: Metric) -> bool | None:
 
 
 def run_info(config: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """What is needed to run it again: configuration, seed, versions, and the kind of machine (never its name)."""
+    """Everything needed to run it again: configuration, seed, versions, and the kind of machine (never its name)."""
     return {"config": dict(config), "seed": seed, "versions": versions(), "machine": machine()}
 
 

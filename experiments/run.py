@@ -54,7 +54,7 @@ RESULTS: Final = ("metrics.json", "report.html", "recording.rrd")
 
 @dataclass(slots=True)
 class Reconstructed:
-    """What came out of the pipeline, and how long it took."""
+    """Result of the pipeline, and how long it took."""
 
     reconstruction: Reconstruction
     stage_s: dict[str, float]
@@ -122,7 +122,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
 
 
 def _command() -> str:
-    """What to type to get this run again."""
+    """Command that makes this run again."""
     arguments = sys.argv[1:]
     if HydraConfig.initialized() and not OmegaConf.is_missing(HydraConfig.get().job, "num"):
         arguments = list(HydraConfig.get().overrides.task)  # a job of a sweep, perhaps in a process of its own

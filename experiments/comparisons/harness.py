@@ -42,7 +42,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row(Generic[T]):
-    """What came of one variant."""
+    """Result of one variant."""
 
     key: str  # in metrics
     label: str

@@ -1,4 +1,4 @@
-"""What a detector's keypoints are worth: the body without them, with them, and from them alone.
+"""Worth of a detector's keypoints: the body without them, with them, and from them alone.
 
     python -m experiments.compare keypoints seed=0           # conf/experiment/keypoints.yaml shoots with a detector
     python -m experiments.compare keypoints capture=CAPTURE  # with keypoints, and the truth beside it

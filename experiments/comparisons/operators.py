@@ -1,4 +1,4 @@
-"""What panning and zooming are worth: the same motion filmed in three ways (section 6.2 of the paper).
+"""Worth of panning and zooming: the same motion filmed in three ways (section 6.2 of the paper).
 
     python -m experiments.compare operators seed=0 hydra.run.dir=DIR     # conf/experiment/operators.yaml: the
     pedestrian python -m experiments.compare operators experiment=floor_exercise seed=0
@@ -101,7 +101,7 @@ def framing(truth: Truth) -> tuple[Array, Mask]:
 
 
 def draw(figure: Figure, rows: Sequence[Row[Filmed]]) -> None:
-    """How tall the body is in the images, and the joint errors, over the frames."""
+    """Plot the body's height in the images, and the joint errors, over the frames."""
     size, error = figure.subplots(1, 2)
     for row, colour in zip(rows, COLOURS, strict=False):
         assert row.detail is not None

@@ -1,4 +1,4 @@
-"""What all figures share: one style, one set of colours, and pictures over which lines stay lines in an SVG.
+"""Style and drawing of all figures: one style, one set of colours, and pictures over which lines stay lines in an SVG.
 
 Everywhere the truth is the wide pale line that lies beneath the estimate.
 """
@@ -88,7 +88,7 @@ def cased(plot: Axes, strips: Sequence[Array], colour: Any, width: float = 1.4, 
 
 
 def beneath(plot: Axes, strips: Sequence[Array], width: float = 3.6) -> None:
-    """What the truth is, on a picture."""
+    """Draw the truth on a picture."""
     lines(plot, strips, TRUTH_ON_IMAGE, width, alpha=0.75, capstyle="round", joinstyle="round")
 
 

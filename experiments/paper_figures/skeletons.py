@@ -167,7 +167,7 @@ def _following(view: Camera, pelvis_m: Array) -> Camera:
 
 
 def _portraits(run: Run, frames: list[int], view: Camera) -> list[Image] | None:
-    """What really was to be seen from there."""
+    """The true pictures from that view."""
     motion = run.reconstruction.motion
     if run.truth is None or motion is None:
         return None

@@ -102,7 +102,7 @@ def worst(found: Mapping[tuple[Kind, str | None], Series]) -> list[Bookmark]:
 def differing(
     first: Mapping[tuple[Kind, str | None], Series], second: Mapping[tuple[Kind, str | None], Series]
 ) -> list[Bookmark]:
-    """Where two runs differ most; the value is by how much the second is above the first."""
+    """Frames at which two runs differ most; the value is by how much the second is above the first."""
     marks = []
     for kind, camera in first.keys() & second.keys():
         one, other = first[kind, camera], second[kind, camera]

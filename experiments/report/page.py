@@ -26,7 +26,7 @@ from sim.truth import Truth
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """What the report is made from."""
+    """Input of the report."""
 
     capture: Capture
     reconstruction: Reconstruction

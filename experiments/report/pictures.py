@@ -49,7 +49,7 @@ def draw_figure(image: Image, camera: Camera, figure: Array, colour: Colour | No
 
 
 def visible(camera: Camera, points_m: Array) -> Array:
-    """Where ``camera`` sees world points (N, 3), kept inside the image: (N, 2) px."""
+    """Pixels (N, 2) of world points (N, 3), kept inside the image."""
     pixels, _ = geometry.project(camera, points_m)
     return np.clip(pixels, 0.0, [camera.width - 1.0, camera.height - 1.0])
 

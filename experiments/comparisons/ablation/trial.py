@@ -63,7 +63,7 @@ class Material:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What came of a variant."""
+    """Result of a variant."""
 
     variant: Variant
     figures: dict[str, float | None]  # "mpjpe.mean" and so on, as the metrics under "body."

@@ -1,4 +1,4 @@
-"""What is changed, one thing at a time: a list of named variants of the tracker and of what it is given."""
+"""One change at a time: a list of named variants of the tracker and of what it is given."""
 
 from __future__ import annotations
 

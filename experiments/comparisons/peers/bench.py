@@ -102,7 +102,7 @@ METHODS: Final[dict[str, Method]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What one method said of one view."""
+    """Answer of one method to one view."""
 
     camera: int
     frame: int
@@ -118,7 +118,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """What one method did on all views."""
+    """Answers of one method to all views."""
 
     name: str
     answers: tuple[Answer, ...]
@@ -229,7 +229,7 @@ def _cpu_seconds() -> float:
 
 
 def scored(results: Sequence[Result]) -> bool:
-    """Whether there is a truth to measure against."""
+    """True if there is a truth to measure against."""
     return any(answer.truth is not None for result in results for answer in result.answers)
 
 

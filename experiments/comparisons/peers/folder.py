@@ -62,7 +62,7 @@ class PanoramaFile:
 
 
 def is_folder_of_frames(folder: Path) -> bool:
-    """Whether this is meant to be such a folder."""
+    """True if this is meant to be such a folder."""
     return (folder / CAMERA).exists() or (folder / "frames").is_dir()
 
 

@@ -24,7 +24,7 @@ LENS: int = 4  # log focal, principal point (x, y), k1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LensModel:
-    """How the frames' lenses (F, 4) depend on unknowns (U,), and what is believed of these.
+    """Lenses (F, 4) of the frames by unknowns (U,), and prior of these.
 
     ``lens = constant + design @ unknowns``, where ``rows @ unknowns`` should be ``values``, to within ``sigmas``.
     """
@@ -37,7 +37,7 @@ class LensModel:
 
 
 def transfer(first: Array, second: Array, turn: Array, points_px: Array) -> tuple[Array, Array]:
-    """Where points (N, 2) of a frame are seen in another, (N, 2), and the derivatives (N, 2, 14).
+    """Pixels (N, 2) in another frame of points (N, 2) of a frame, and the derivatives (N, 2, 14).
 
     ``first`` and ``second`` (4,) are the lenses, ``turn`` (3, 3) goes from the first camera to the second. The
     derivatives are with respect to the first frame's rotation (3, about its own axes) and lens (4), then the second's.

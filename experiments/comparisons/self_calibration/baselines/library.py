@@ -60,7 +60,7 @@ class Library:
         return rotation, lens, True
 
     def _seen(self, rotation: Array, lens: Array) -> tuple[Array, Mask]:
-        """Where the library's features are seen, and which are in the picture."""
+        """Pixels of the library's features, and which are in the picture."""
         points = self._directions @ rotation
         front = points[:, 2] > 0.1
         flat = points[:, :2] / np.where(front, points[:, 2], 1.0)[:, None]

@@ -30,7 +30,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frames:
-    """How F frames were taken."""
+    """Rotations and lenses of F frames."""
 
     rotation: Array  # (F, 3, 3) camera to mosaic
     lens: Array  # (F, 4) log focal, principal point, k1
@@ -64,7 +64,7 @@ def match_pairs(
 
 
 def _plausible(homography: Array, points: Array) -> bool:
-    """Whether ``homography`` keeps the points in front of the camera and does not mirror."""
+    """True if ``homography`` keeps the points in front of the camera and does not mirror."""
     depth = points @ homography[2, :2] + homography[2, 2]
     return bool((depth > 0).all() or (depth < 0).all()) and bool(np.linalg.det(homography / homography[2, 2]) > 1e-3)
 

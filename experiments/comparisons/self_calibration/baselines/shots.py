@@ -1,4 +1,4 @@
-"""What the methods begin with: frames of one camera, matched with each other, and first values of their cameras."""
+"""Input of the methods: frames of one camera, matched with each other, and first values of their cameras."""
 
 from __future__ import annotations
 
