@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import ConnectionPatch
 from matplotlib.ticker import MultipleLocator
 
+from experiments.paper_figures.material import Run
 from experiments.report import plots
 from pzcap.geometry import camera as geometry
 from pzcap.types import Array, Camera, Image
@@ -107,6 +108,15 @@ def seen(camera: Camera, points_m: Array) -> Array | None:
     """World points (N, 3) as ``camera`` sees them (N, 2); None where one is not before it."""
     pixels, depth = geometry.project(camera, points_m)
     return pixels if np.all(depth > 0.2) else None
+
+
+def both_bodies(plot: Axes, run: Run, camera: Camera, true: Camera | None, frame: int) -> None:
+    """The body in a frame set as ``camera`` sees it, over the truth as the ``true`` camera does."""
+    body, was, motion = run.body(), run.true_body(), run.reconstruction.motion
+    if was is not None and true is not None and (pixels := seen(true, was[frame])) is not None:
+        beneath(plot, bones(pixels), 2.2)
+    if motion is not None and motion.valid[frame] and (pixels := seen(camera, body[frame])) is not None:
+        skeleton(plot, pixels, width=1.1)
 
 
 def floor(plot: Axes, places_m: Array) -> None:
