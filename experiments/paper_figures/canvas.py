@@ -54,12 +54,10 @@ class Drawn:
         return f"figure{self.number:02d}_{self.name}"
 
 
-def show(
-    plot: Axes, image: Image, *, extent: tuple[float, float, float, float] | None = None, shrink: float = 1.0
-) -> None:
-    """``image`` (H, W, 3) without axes, in its own pixels or in ``extent`` (left, right, bottom, top)."""
+def show(plot: Axes, image: Image, *, shrink: float = 1.0) -> None:
+    """``image`` (H, W, 3) without axes, in its own pixels; stored smaller by ``shrink``."""
     height, width = image.shape[:2]
-    extent = extent or (-0.5, width - 0.5, height - 0.5, -0.5)
+    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
     if shrink < 1.0:
         image = np.asarray(cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA), np.uint8)
     plot.imshow(image[..., ::-1], extent=extent, aspect="equal", interpolation="antialiased")

@@ -40,7 +40,8 @@ NOVEL_PX: Final = (420, 460)  # width and height
 
 def skeletons(run: Run) -> Drawn:
     """The camera is the one that turned most; the frames are evenly spread."""
-    one, motion = _turned_most(run), run.reconstruction.motion
+    one = max(run.located(), key=lambda one: float(np.ptp(one.track.pan_rad[one.track.valid])))
+    motion = run.reconstruction.motion
     body, true = run.body(), run.true_body()
     if motion is None or run.subject is None:
         raise PzcapError(f"{run.reconstruction.capture_name}: nobody was measured and tracked; Fig. 10 needs a motion")
@@ -93,10 +94,6 @@ def skeletons(run: Run) -> Drawn:
             + f"; joints are off by {error:.0f} mm on average, keyframes included."
         )
     return Drawn(10, "skeletons", "Captured motion", caption, figure)
-
-
-def _turned_most(run: Run) -> Located:
-    return max(run.located(), key=lambda one: float(np.ptp(one.track.pan_rad[one.track.valid])))
 
 
 def _spread(run: Run, one: Located) -> list[int]:

@@ -20,7 +20,7 @@ from pzcap.extras import keyframe_diagnostics
 from pzcap.io.capture import frame_sets, read_image
 from pzcap.tracking.tracker import TrackingConfig
 from pzcap.types import Array, Camera, Capture, FrameSet, Image, Reconstruction
-from pzcap.viewer.drawing import TRUTH_COLOUR, Colour, figures, instants
+from pzcap.viewer.drawing import OUTLINE_COLOUR, TRUTH_COLOUR, Colour, figures, instants
 from sim.truth import Truth
 
 
@@ -187,7 +187,7 @@ def _panoramas(material: Material) -> list[Picture]:
         borders = [at for frame in some if (at := cameras[frame]) is not None]
         colours = [_ramp(place) for place in np.linspace(0.0, 1.0, len(borders))]
         image = pictures.panorama_picture(panorama, camera, borders, colours, drawn)
-        found.append(Picture(pictures.data_uri(image, 1500, 78), f"Camera {name}"))
+        found.append(Picture(pictures.data_uri(image, quality=78), f"Camera {name}"))
     return found
 
 
@@ -255,7 +255,7 @@ class _Frames:
         camera = None if cameras is None else cameras[frame]
         tracked = motion is not None and self._body is not None and bool(motion.valid[frame])
         if not worst or camera is None or self._body is None:
-            pictures.draw_outline(image, self._material.outlines.get((frame, number), ()))
+            pictures.draw_strips(image, self._material.outlines.get((frame, number), ()), OUTLINE_COLOUR)
         elif tracked:
             around = self._body[frame] if self._true is None else np.vstack([self._body[frame], self._true[frame]])
             image, camera = pictures.close_up(image, camera, around, THUMBNAIL_PX)

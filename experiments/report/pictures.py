@@ -16,13 +16,13 @@ from pzcap.viewer.drawing import (
     BONE_COLOURS,
     BONES,
     KEYFRAME_COLOUR,
-    OUTLINE_COLOUR,
     Colour,
     image_border,
     project_edges,
 )
 
 _SHIFT = 4  # cv2 draws at 1/16 px
+PANORAMA_PX = 1500  # across a picture of a panorama, at most
 EMPTY = np.uint8(70)  # where a panorama shows nothing
 
 
@@ -62,11 +62,6 @@ def visible(camera: Camera, points_m: Array) -> Array:
     """Pixels (N, 2) of world points (N, 3), kept inside the image."""
     pixels, _ = geometry.project(camera, points_m)
     return np.clip(pixels, 0.0, [camera.width - 1.0, camera.height - 1.0])
-
-
-def draw_outline(image: Image, strips: Sequence[Array]) -> None:
-    """The outline of a silhouette."""
-    draw_strips(image, strips, OUTLINE_COLOUR)
 
 
 def reference_picture(image: Image, reference: ReferenceCamera, target: CalibrationObject) -> Image:
@@ -116,7 +111,6 @@ def panorama_picture(
     cameras: Sequence[Camera],
     colours: Sequence[Colour],
     figures: Sequence[tuple[Array, bool]],
-    width: int = 1500,
 ) -> Image:
     """The part of the panorama that the frames look at, their borders, and figures (21, 3) (Fig. 10).
 
@@ -132,7 +126,7 @@ def panorama_picture(
     half = max(np.ptp(columns) / 2 + 0.06 * panorama.px_per_rad, 1.3 * tall) / panorama.px_per_rad
     centre = (panorama.origin_px[0] - (columns.min() + columns.max()) / 2) / panorama.px_per_rad
     image, corner = window(panorama, centre - half, centre + half, (0, tall))
-    scale = min(1.0, width / image.shape[1])
+    scale = min(1.0, PANORAMA_PX / image.shape[1])
     image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
     for border, colour in zip(borders, colours, strict=True):
         draw_strips(image, [(border - corner) * scale], colour, 2)
