@@ -59,8 +59,8 @@ def errors_of(found: Frames, true: Frames, seconds: float) -> Errors:
     for _ in range(2):  # once more without what the first shows to be far off
         if good.sum() < LEAST_FRAMES:
             break
-        u, _, vt = np.linalg.svd(np.einsum("fij,fkj->ik", true.rotation[good], found.rotation[good]))
-        common = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        turns = true.rotation[good] @ found.rotation[good].transpose(0, 2, 1)
+        common = Rotation.from_matrix(turns).mean().as_matrix()
         apart = (common @ found.rotation) @ true.rotation.transpose(0, 2, 1)
         pan = np.abs(Rotation.from_matrix(apart).as_rotvec()[:, 2])  # about the world's vertical
         good &= pan < FAILED_PAN_RAD
