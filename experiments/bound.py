@@ -60,7 +60,7 @@ Layer = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """Noise between two images of the same view."""
+    """Noise by which one image of the same view differs from the next."""
 
     read_noise: float  # standard deviation, grey levels
     shot_noise: float  # variance a grey level
@@ -194,7 +194,7 @@ def build_scene(panorama: Panorama, sensor: Sensor, shrinking: float, width: int
 
 
 def _blur(shrinking: float) -> Array:
-    """Difference of variances between a pixel's blur and that of another, of which it covers ``shrinking``."""
+    """Blur of a pixel that covers ``shrinking`` of another's beyond the other's: the difference of their variances."""
     variance = (shrinking**2 - 1.0) / 12.0
     passes = max(1, int(np.ceil(variance / 0.25)))
     once = np.array([0.5, 0.0, 0.5]) * variance / passes + np.array([0.0, 1.0, 0.0]) * (1.0 - variance / passes)

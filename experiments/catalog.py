@@ -23,7 +23,7 @@ import rerun as rr
 from experiments.config import nearest
 from experiments.errors import guard
 from experiments.review import RECORDING, runs_in
-from experiments.terminal import table, terminal
+from experiments.terminal import print_whole, table, terminal
 from pzcap.types import PzcapError
 
 
@@ -79,7 +79,7 @@ def _command() -> None:
     ]
     out = terminal()
     columns = [f">{name}" for name in (given.setting, *found.columns)]
-    out.print(table(f"{given.metric} by {given.setting}", columns, rows))
+    print_whole(out, table(f"{given.metric} by {given.setting}", columns, rows))
     took = f"opened in {_between(begun, opened)}, asked in {_between(opened, answered)}"
     out.print(f"{len(recordings)} recordings, {took}", highlight=False, soft_wrap=True)
 

@@ -1,4 +1,4 @@
-"""Errors that a user can mend, in one line on stderr with a non-zero exit; only a bug of ours shows a traceback."""
+"""Errors that a user can mend: one line on stderr and a non-zero exit; only a bug of ours shows a traceback."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def source(name: str) -> Path | None:
 
 
 def estimate(estimator: Estimator, capture: Capture, name: str) -> Reconstruction:
-    """Run ``estimator`` on ``capture``; return a reconstruction, in which all that it does not say is missing.
+    """Result of ``estimator`` on ``capture``, as a reconstruction in which all that it does not estimate is missing.
 
     ``name`` is what the result and the messages call it. PzcapError, in one line, for what is not an estimate.
     """
@@ -135,7 +135,7 @@ def _nothing_but(found: Any, capture: Capture, name: str, where: str) -> Reconst
 
 
 def _not_a_track(found: Any) -> str | None:
-    """Name what ``found`` is, where it is no sequence of tracks."""
+    """Description of ``found``, where it is no sequence of tracks."""
     kind = type(found).__name__
     if not isinstance(found, Sequence) or isinstance(found, str):
         return kind

@@ -30,14 +30,13 @@ from experiments.config import build, plain, structured
 from experiments.errors import AlreadyReported, guard
 from experiments.metrics import Direction, Metric, format_value, run_info
 from experiments.run import CONF, run
-from experiments.terminal import table, terminal
+from experiments.terminal import print_whole, table, terminal
 from pzcap.io.files import written_whole
 from pzcap.types import PzcapError
 
 GATE: Final = CONF / "gate.yaml"
 BASELINE: Final = CONF / "baseline.json"
 FOLDER: Final = Path("outputs/gate")
-WIDTH: Final = 110  # letters in a line of a log file
 
 Verdict = Literal["worse", "gone", "better", "new", "same"]
 
@@ -73,7 +72,7 @@ class GateConfig:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Value of a metric when the baseline was made, and how much worse it may be since."""
+    """A metric when the baseline was made, and how much worse it may be since."""
 
     value: float
     unit: str
@@ -108,7 +107,7 @@ def read_config(path: Path) -> GateConfig:
 
 
 def figures(found: Sequence[Metric], config: GateConfig) -> dict[str, Figure]:
-    """Select the metrics of a run that go into the baseline."""
+    """The part of a run's metrics that goes into the baseline."""
     kept = {}
     for metric in found:
         tolerance = config.tolerance(metric.key)
@@ -209,7 +208,7 @@ def judge(found: Sequence[Move], console: Console) -> None:
     """Print what moved, and raise AlreadyReported if anything is worse."""
     moved = [move for move in found if move.verdict != "same"]
     if moved:
-        console.print(moves_table(sorted(moved, key=lambda move: not move.fails)))
+        print_whole(console, moves_table(sorted(moved, key=lambda move: not move.fails)))
     failed = sum(move.fails for move in found)
     better = sum(move.verdict == "better" for move in found)
     if failed:
@@ -246,8 +245,7 @@ def main() -> int:
     parser.add_argument("--renew", action="store_true", help="make the baseline of what is reached now")
     options, extra = parser.parse_known_args()
     task = _renew if options.renew else _compare
-    out = terminal(width=None if sys.stdout.isatty() else WIDTH)
-    return guard(lambda: task(read_config(GATE), extra, out, terminal(stderr=True)))
+    return guard(lambda: task(read_config(GATE), extra, terminal(), terminal(stderr=True)))
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ TARGETS: Final[Mapping[str, float]] = {
 
 
 def meets_target(metric: Metric) -> bool | None:
-    """Tell if ``metric`` reaches its target; None where it has no target or no value."""
+    """True if ``metric`` reaches its target; None where it has no target or no value."""
     target = TARGETS.get(metric.key)
     if target is None or metric.value is None:
         return None
@@ -56,7 +56,7 @@ def meets_target(metric: Metric) -> bool | None:
 
 
 def run_info(config: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """All that is needed to run it again: configuration, seed, versions, and the kind of machine (never its name)."""
+    """Everything needed to run it again: configuration, seed, versions, and the kind of machine (never its name)."""
     return {"config": dict(config), "seed": seed, "versions": versions(), "machine": machine()}
 
 

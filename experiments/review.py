@@ -139,7 +139,7 @@ def _page(marks: Sequence[Bookmark], note: str) -> str:
 
 
 def reviews(folders: Sequence[Path]) -> list[Review]:
-    """Choose the recordings to open for one folder, of a run or a study, or for two runs; the worst first."""
+    """Recordings to open for one folder, of a run or a study, or for two runs; the worst first."""
     if len(folders) == 2:
         first, second = (runs_in(folder) for folder in folders)
         if len(first) > 1 or len(second) > 1:

@@ -39,7 +39,7 @@ from experiments.report.page import Material, write_report
 from experiments.score import Score, score
 from experiments.silhouette_score import ForegroundScorer
 from experiments.studies import jobs
-from experiments.terminal import table, terminal
+from experiments.terminal import print_whole, table, terminal
 from experiments.totals import metrics
 from pzcap import events
 from pzcap.extras import reconstruct
@@ -54,7 +54,7 @@ RESULTS: Final = ("metrics.json", "report.html", "recording.rrd")
 
 @dataclass(slots=True)
 class Reconstructed:
-    """Result of the pipeline, and the time it took."""
+    """Result of the pipeline, and how long it took."""
 
     reconstruction: Reconstruction
     stage_s: dict[str, float]
@@ -224,7 +224,7 @@ def print_table(console: Console, title: str, found: list[Metric]) -> None:
         for metric in found
         if metric.value is not None
     ]
-    console.print(table(title, ("metric", ">value", "unit", "target"), rows))
+    print_whole(console, table(title, ("metric", ">value", "unit", "target"), rows))
 
 
 ConfigStore.instance().store(name="base", node=default_tree())

@@ -184,7 +184,7 @@ def _camera_errors(
 
 def _pan_and_focal(track: PanZoomTrack, truth: Truth, true: int, frames: NDArray[np.int64]) -> tuple[Series, Series]:
     """Errors of pan (rad) and focal length (relative)."""
-    pan = np.where(track.valid, _wrap(track.pan_rad - truth.pan_rad[true, frames]), 0.0)
+    pan = np.where(track.valid, geometry.wrapped(track.pan_rad - truth.pan_rad[true, frames]), 0.0)
     focal = np.where(track.valid, track.focal_px / truth.focal_px[true, frames] - 1.0, 0.0)
     return Series(pan, track.valid), Series(focal, track.valid)
 
@@ -193,12 +193,8 @@ def sweep_errors(panorama: Panorama, truth: Truth, true: int) -> Array | None:
     """Errors of pan (M,) of the sweep's frames, rad, one common offset removed; None if the sweep is another."""
     if len(panorama.sweep_pan_rad) != truth.sweep_pan_rad.shape[1]:
         return None
-    sweep = _wrap(panorama.sweep_pan_rad - truth.sweep_pan_rad[true])
-    return _wrap(sweep - np.angle(np.mean(np.exp(1j * sweep))))
-
-
-def _wrap(angle: Array) -> Array:
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+    sweep = geometry.wrapped(panorama.sweep_pan_rad - truth.sweep_pan_rad[true])
+    return geometry.wrapped(sweep - np.angle(np.mean(np.exp(1j * sweep))))
 
 
 def _normalised(error: Array, track: PanZoomTrack) -> tuple[Array, Mask]:

@@ -1,4 +1,4 @@
-"""Advice on sliding the camera on its slide head, from a short pan past something near and something far (section 3.3).
+"""Advice for sliding the camera on its head, from a short pan past something near and something far (section 3.3).
 
     python -m experiments.slide CLIP --near 1.5 --far 10 [--near-box LEFT TOP RIGHT BOTTOM] [--focal PX]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from rich import box
 from rich.console import Console
@@ -22,13 +23,21 @@ def terminal(**how: Any) -> Console:
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]], *, plain: bool = False) -> Table:
     """A table of ``rows``. A column whose name begins with ``>`` is of numbers: it stands to the right.
 
-    ``plain``: without a frame, which a log file has no room for.
+    ``plain``: without a frame, which a log file has no room for. `print_whole` keeps its lines whole.
     """
     shown = Table(
         title=Text(title), title_justify="left", header_style="bold", box=box.SIMPLE if plain else box.HEAVY_HEAD
     )
     for name in columns:
-        shown.add_column(Text(name.removeprefix(">")), justify="right" if name.startswith(">") else "left")
+        justify: Literal["left", "right"] = "right" if name.startswith(">") else "left"
+        shown.add_column(Text(name.removeprefix(">")), justify=justify, no_wrap=True)
     for row in rows:
         shown.add_row(*row)
     return shown
+
+
+def print_whole(console: Console, shown: Table) -> None:
+    """Print ``shown`` with no cell cut or wrapped: a line that is wider than ``console`` beats one without its end."""
+    unbounded = console.options.update(max_width=sys.maxsize)
+    console.width = max(console.width, console.measure(shown, options=unbounded).maximum)
+    console.print(shown)

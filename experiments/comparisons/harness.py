@@ -21,14 +21,12 @@ from experiments import footage
 from experiments.config import AppConfig
 from experiments.metrics import Direction, Metric, run_info, write_metrics
 from experiments.report.plots import STYLE
-from experiments.terminal import table
+from experiments.terminal import print_whole, table
 from pzcap.io.capture import read_capture
 from pzcap.types import Capture, PzcapError
 from sim.truth import Truth
 
 T = TypeVar("T")
-WIDTH = 130
-"""Columns of text that a table may take: a wide one beats one whose figures are cut off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +123,7 @@ def print_rows(console: Console, comparison: Comparison[T], title: str, rows: Se
     shown = table(title, (comparison.variants, *(f">{column.head}" for column in columns)), cells, plain=True)
     for line, row, following in zip(shown.rows, rows, rows[1:], strict=False):
         line.end_section = row.group != following.group
-    console.width = max(console.width, WIDTH)
-    console.print(shown)
+    print_whole(console, shown)
     if comparison.note:
         console.print(comparison.note, highlight=False)
 

@@ -101,7 +101,7 @@ def framing(truth: Truth) -> tuple[Array, Mask]:
 
 
 def draw(figure: Figure, rows: Sequence[Row[Filmed]]) -> None:
-    """Draw the body's height in the images, and the joint errors, over the frames."""
+    """Plot the body's height in the images, and the joint errors, over the frames."""
     size, error = figure.subplots(1, 2)
     for row, colour in zip(rows, COLOURS, strict=False):
         assert row.detail is not None

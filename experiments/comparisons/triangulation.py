@@ -80,8 +80,8 @@ def cameras_at(reconstruction: Reconstruction, frame: int) -> list[Camera | None
 
 
 def meet(views: list[tuple[Camera, Array]]) -> tuple[Array, Array]:
-    """Triangulate the keypoints of one person in some views (K, 3 each): world points (K, 3), and by how much (K,)
-    their rays miss that on average, metres; infinity where no two views agree.
+    """Triangulate the keypoints of one person, (K, 3) a view: places (K, 3) in the world, and by how much (K,) their
+    rays miss these on average, metres; infinity where no two views agree.
 
     Of all pairs of views the one is taken whose point most confidence agrees with; then all that agree are used.
     """
@@ -102,7 +102,7 @@ def meet(views: list[tuple[Camera, Array]]) -> tuple[Array, Array]:
         return np.asarray(np.linalg.solve(weighted.sum(axis=0) + 1e-12 * np.eye(3), right[..., None])[..., 0])
 
     def miss(at: Array) -> Array:
-        """Distances (V, K) at which the rays pass by points (K, 3)."""
+        """Distances (V, K) between the rays and points (K, 3)."""
         return np.linalg.norm(np.einsum("vkij,vkj->vki", across, at - origins[:, None]), axis=-1)
 
     agreeing = np.zeros(confidence.shape, bool)

@@ -1,4 +1,4 @@
-"""Style, colours and panels of all figures, and pictures over which lines stay lines in an SVG.
+"""Style and drawing of all figures: one style, one set of colours, and pictures over which lines stay lines in an SVG.
 
 Everywhere the truth is the wide pale line that lies beneath the estimate.
 """
@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import ConnectionPatch
 from matplotlib.ticker import MultipleLocator
 
+from experiments.paper_figures.material import Run
 from experiments.report import plots
 from pzcap.geometry import camera as geometry
 from pzcap.types import Array, Camera, Image
@@ -53,12 +54,10 @@ class Drawn:
         return f"figure{self.number:02d}_{self.name}"
 
 
-def show(
-    plot: Axes, image: Image, *, extent: tuple[float, float, float, float] | None = None, shrink: float = 1.0
-) -> None:
-    """``image`` (H, W, 3) without axes, in its own pixels or in ``extent`` (left, right, bottom, top)."""
+def show(plot: Axes, image: Image, *, shrink: float = 1.0) -> None:
+    """``image`` (H, W, 3) without axes, in its own pixels; stored smaller by ``shrink``."""
     height, width = image.shape[:2]
-    extent = extent or (-0.5, width - 0.5, height - 0.5, -0.5)
+    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
     if shrink < 1.0:
         image = np.asarray(cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA), np.uint8)
     plot.imshow(image[..., ::-1], extent=extent, aspect="equal", interpolation="antialiased")
@@ -88,7 +87,7 @@ def cased(plot: Axes, strips: Sequence[Array], colour: Any, width: float = 1.4, 
 
 
 def beneath(plot: Axes, strips: Sequence[Array], width: float = 3.6) -> None:
-    """Write the truth on a picture."""
+    """Draw the truth on a picture."""
     lines(plot, strips, TRUTH_ON_IMAGE, width, alpha=0.75, capstyle="round", joinstyle="round")
 
 
@@ -107,6 +106,15 @@ def seen(camera: Camera, points_m: Array) -> Array | None:
     """World points (N, 3) as ``camera`` sees them (N, 2); None where one is not before it."""
     pixels, depth = geometry.project(camera, points_m)
     return pixels if np.all(depth > 0.2) else None
+
+
+def both_bodies(plot: Axes, run: Run, camera: Camera, true: Camera | None, frame: int) -> None:
+    """The body in a frame set as ``camera`` sees it, over the truth as the ``true`` camera does."""
+    body, was, motion = run.body(), run.true_body(), run.reconstruction.motion
+    if was is not None and true is not None and (pixels := seen(true, was[frame])) is not None:
+        beneath(plot, bones(pixels), 2.2)
+    if motion is not None and motion.valid[frame] and (pixels := seen(camera, body[frame])) is not None:
+        skeleton(plot, pixels, width=1.1)
 
 
 def floor(plot: Axes, places_m: Array) -> None:

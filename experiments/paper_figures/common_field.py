@@ -98,7 +98,7 @@ def _border(plot: Axes, floor: Floor, where: Mask, colour: str, width: float, **
 
 
 def _tripods(plot: Axes, cameras: Sequence[PanZoomCamera], names: Sequence[str], *, wedges: bool) -> None:
-    """Draw the cameras' places, and the edges of what they see at the reference pose."""
+    """Draw the cameras, and the edges of what they see at the reference pose."""
     frame_floor(plot, np.array([camera.world_T_head[:2, 3] for camera in cameras]))
     plot.set_xlabel("x [m]")
     for number, (camera, name) in enumerate(zip(cameras, names, strict=True)):

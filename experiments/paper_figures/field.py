@@ -71,7 +71,7 @@ def zoom_range(tracks: Sequence[Array], reference_px: float) -> Array:
 
 
 def height_px(camera: PanZoomCamera, floor_m: Array, body: Standing, freedom: str, focals_px: Array) -> Array:
-    """Heights (N,) px of ``body`` at points (N, 2) of the floor in the picture; -1 where it is not whole in it.
+    """Height (N,) px of ``body`` in the picture, at points (N, 2) of the floor; -1 where it is not whole in it.
 
     ``focals_px``: what a camera that zooms can choose from, ascending.
     """

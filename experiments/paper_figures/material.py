@@ -1,4 +1,4 @@
-"""Material of the figures: a finished run, its footage, and the truth where there is one."""
+"""Input of the figures: a finished run, its footage, and the truth where there is one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from experiments import footage
 from experiments.score import frames_of
-from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import mount
 from pzcap.io import results
 from pzcap.io.capture import frame_sets, read_capture, read_image
@@ -143,10 +142,5 @@ def load(folder: Path, command: str) -> Run:
 
 
 def shoot_config(truth: Truth) -> ShootConfig:
-    """Settings of the simulator when it shot what this is the truth of."""
+    """Settings of the simulator that shot what this is the truth of."""
     return cattrs.Converter().structure(json.loads(truth.config), ShootConfig)
-
-
-def head_at(camera: PanZoomCamera, pan_rad: float, focal_px: float) -> Camera:
-    """``camera`` panned and zoomed, its tilt locked."""
-    return geometry.at(camera, pan_rad, camera.tilt_rad, focal_px)

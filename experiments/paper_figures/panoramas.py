@@ -24,46 +24,15 @@ from experiments.paper_figures.canvas import (
     show,
 )
 from experiments.paper_figures.material import Located, Run
+from experiments.report.pictures import EMPTY, border_on_panorama, window
 from experiments.report.plots import literal
 from experiments.score import sweep_errors
 from pzcap.geometry import camera as geometry
-from pzcap.types import Array, Camera, Image, Panorama, PanZoomCamera, PzcapError
-from pzcap.viewer.drawing import centred, footprint, image_border
+from pzcap.types import Array, PzcapError
+from pzcap.viewer.drawing import centred, footprint
 
 PANORAMA_PX: Final = 2400  # across, in a file
 MARGIN_RAD: Final = 0.12
-
-
-def window(panorama: Panorama, low_rad: float, high_rad: float, rows: tuple[float, float]) -> tuple[Image, Array]:
-    """The part of a panorama between two azimuths (wrapping round) and two rows, and its top left corner's pixel (2,).
-
-    Grey where nothing was pasted.
-    """
-    left, right = (round(float(panorama.origin_px[0] - a * panorama.px_per_rad)) for a in (high_rad, low_rad))
-    top, bottom = max(int(rows[0]), 0), min(int(rows[1]), panorama.image.shape[0] - 1)
-    if not panorama.full_turn:
-        left, right = max(left, 0), min(right, panorama.image.shape[1] - 1)
-    image = np.where(panorama.valid[..., None], panorama.image, np.uint8(70))[top : bottom + 1]
-    return np.take(image, np.arange(left, right + 1), axis=1, mode="wrap"), np.array([left, top], float)
-
-
-def on_panorama(panorama: Panorama, camera: PanZoomCamera, points_m: Array, near_rad: float = 0.0) -> Array:
-    """World points (N, 3) to columns and rows (N, 2), unwrapped to lie within half a turn of ``near_rad``."""
-    return _pixels(panorama, (points_m - camera.world_T_head[:3, 3]) @ camera.world_T_head[:3, :3], near_rad)
-
-
-def border_on_panorama(panorama: Panorama, camera: PanZoomCamera, at: Camera, near_rad: float = 0.0) -> Array:
-    """(N, 2) the border of a frame on the panorama, unwrapped."""
-    return _pixels(panorama, geometry.rays(at, image_border(at)) @ camera.world_T_head[:3, :3], near_rad)
-
-
-def _pixels(panorama: Panorama, head: Array, near_rad: float) -> Array:
-    azimuth = near_rad + geometry.wrapped(np.arctan2(head[:, 1], head[:, 0]) - near_rad)
-    slope = head[:, 2] / np.hypot(head[:, 0], head[:, 1])
-    return np.asarray(panorama.origin_px - panorama.px_per_rad * np.column_stack([azimuth, slope]))
-
-
-# --------------------------------------------------------------------------------------------------------------
 
 
 def panoramas(run: Run) -> Drawn:
@@ -88,7 +57,7 @@ def panoramas(run: Run) -> Drawn:
 def _panorama(plot: Axes, run: Run, one: Located) -> None:
     shown, camera = centred(one.panorama), one.camera
     height, width = shown.image.shape[:2]
-    image = np.where(shown.valid[..., None], shown.image, np.uint8(70))
+    image = np.where(shown.valid[..., None], shown.image, EMPTY)
     show(plot, image, shrink=PANORAMA_PX / width)
     plot.set_ylim(height - 0.5, -0.17 * height)
     column = shown.origin_px[0] - shown.sweep_pan_rad * shown.px_per_rad

@@ -17,17 +17,17 @@ from experiments.paper_figures.canvas import (
     Drawn,
     beneath,
     bones,
+    both_bodies,
     close_together,
     connect,
     letter,
     plain,
-    seen,
     show,
     skeleton,
 )
 from experiments.paper_figures.material import Located, Run, shoot_config
 from experiments.paper_figures.novel_view import render, virtual_camera
-from experiments.paper_figures.panoramas import on_panorama, window
+from experiments.report.pictures import on_panorama, window
 from experiments.report.plots import literal
 from pzcap.body import skeleton as body_model
 from pzcap.types import Array, Camera, Image, PzcapError
@@ -40,7 +40,8 @@ NOVEL_PX: Final = (420, 460)  # width and height
 
 def skeletons(run: Run) -> Drawn:
     """The camera is the one that turned most; the frames are evenly spread."""
-    one, motion = _turned_most(run), run.reconstruction.motion
+    one = max(run.located(), key=lambda one: float(np.ptp(one.track.pan_rad[one.track.valid])))
+    motion = run.reconstruction.motion
     body, true = run.body(), run.true_body()
     if motion is None or run.subject is None:
         raise PzcapError(f"{run.reconstruction.capture_name}: nobody was measured and tracked; Fig. 10 needs a motion")
@@ -61,7 +62,7 @@ def skeletons(run: Run) -> Drawn:
     corner = _panorama(wide, one, body, true, motion_frames, set(motion.keyframes.tolist()), middle)
     for column, frame in enumerate(frames):
         plot = figure.add_subplot(grid[1, column])
-        _frame(plot, run, one, frame, body, true)
+        _frame(plot, run, one, frame)
         foot = on_panorama(one.panorama, one.camera, body[frame], middle) - corner
         above = np.array([one.camera.lens.width / 2, -0.5])
         feet = np.array([foot[:, 0].mean(), foot[:, 1].max() + 4])
@@ -93,10 +94,6 @@ def skeletons(run: Run) -> Drawn:
             + f"; joints are off by {error:.0f} mm on average, keyframes included."
         )
     return Drawn(10, "skeletons", "Captured motion", caption, figure)
-
-
-def _turned_most(run: Run) -> Located:
-    return max(run.located(), key=lambda one: float(np.ptp(one.track.pan_rad[one.track.valid])))
 
 
 def _spread(run: Run, one: Located) -> list[int]:
@@ -143,16 +140,12 @@ def _panorama(
     return corner
 
 
-def _frame(plot: Axes, run: Run, one: Located, frame: int, body: Array, true: Array | None) -> None:
+def _frame(plot: Axes, run: Run, one: Located, frame: int) -> None:
     image, at = run.views(frame)[one.number], one.at[frame]
     assert image is not None
     assert at is not None
     show(plot, image)
-    was = run.true_camera(one.name, frame)
-    if true is not None and was is not None and (pixels := seen(was, true[frame])) is not None:
-        beneath(plot, bones(pixels), 2.2)
-    if (pixels := seen(at, body[frame])) is not None:
-        skeleton(plot, pixels, width=1.1)
+    both_bodies(plot, run, at, run.true_camera(one.name, frame), frame)
     letter(plot, f"frame {frame}, zoom {at.focal_px / one.camera.lens.reference_focal_px:.1f}")
 
 
@@ -167,7 +160,7 @@ def _following(view: Camera, pelvis_m: Array) -> Camera:
 
 
 def _portraits(run: Run, frames: list[int], view: Camera) -> list[Image] | None:
-    """Draw the true picture from there."""
+    """The true pictures from that view."""
     motion = run.reconstruction.motion
     if run.truth is None or motion is None:
         return None

@@ -16,14 +16,11 @@ from experiments.paper_figures.canvas import (
     TRUTH_ON_PAPER,
     WIDTH,
     Drawn,
-    beneath,
-    bones,
+    both_bodies,
     close_together,
     floor,
     letter,
-    seen,
     show,
-    skeleton,
     tripod,
 )
 from experiments.paper_figures.material import Located, Run
@@ -174,8 +171,8 @@ def _pair(variable: Axes, fixed: Axes, run: Run, one: Located, frame: int) -> No
     letter(variable, f"frame {frame}, f = {focal / reference:.2f} f0")
     true = run.true_camera(one.name, frame)
     held = geometry.at(one.camera, pan, tilt, reference)
-    _body(variable, run, at, true, frame)
-    _body(fixed, run, held, None if true is None else _zoomed(run.true_head(one.name), true, reference), frame)
+    both_bodies(variable, run, at, true, frame)
+    both_bodies(fixed, run, held, None if true is None else _zoomed(run.true_head(one.name), true, reference), frame)
 
 
 def at_fixed_focus(image: Image, one: Located, pan_rad: float, tilt_rad: float, focal_px: float) -> Image:
@@ -198,11 +195,3 @@ def _zoomed(head: PanZoomCamera | None, true: Camera, focal_px: float) -> Camera
     assert head is not None
     principal, distortion = lens_at(head.lens, focal_px)
     return Camera(true.width, true.height, true.world_T_cam, focal_px, principal, *distortion)
-
-
-def _body(plot: Axes, run: Run, camera: Camera, true: Camera | None, frame: int) -> None:
-    body, was, motion = run.body(), run.true_body(), run.reconstruction.motion
-    if was is not None and true is not None and (pixels := seen(true, was[frame])) is not None:
-        beneath(plot, bones(pixels), 2.2)
-    if motion is not None and motion.valid[frame] and (pixels := seen(camera, body[frame])) is not None:
-        skeleton(plot, pixels, width=1.1)

@@ -1,2 +1,2 @@
-"""Pages and recordings of a run: `page` (report.html) of `plots` and `pictures`; `recording` (truth and errors) and
+"""Views of a finished run: `page` (report.html) of `plots` and `pictures`; `recording` (truth and errors) and
 `bookmarks` (its worst frames)."""

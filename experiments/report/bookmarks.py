@@ -81,11 +81,8 @@ def errors(recording: Path) -> dict[tuple[Kind, str | None], Series]:
         batch = chunk.to_record_batch()
         rows = zip(batch[TIMELINE].to_pylist(), batch["Scalars:scalars"].to_pylist(), strict=True)
         found.setdefault((kind, camera), []).extend((int(frame), float(value[0])) for frame, value in rows)
-    return {key: _series(sorted(rows)) for key, rows in found.items()}
-
-
-def _series(rows: list[tuple[int, float]]) -> Series:
-    return Series(np.array([frame for frame, _ in rows], np.int64), np.array([value for _, value in rows]))
+    columns = {key: zip(*sorted(rows), strict=True) for key, rows in found.items()}
+    return {key: Series(np.array(frames, np.int64), np.array(values)) for key, (frames, values) in columns.items()}
 
 
 def worst(found: Mapping[tuple[Kind, str | None], Series]) -> list[Bookmark]:
@@ -102,7 +99,7 @@ def worst(found: Mapping[tuple[Kind, str | None], Series]) -> list[Bookmark]:
 def differing(
     first: Mapping[tuple[Kind, str | None], Series], second: Mapping[tuple[Kind, str | None], Series]
 ) -> list[Bookmark]:
-    """Find the frames where two runs differ most; the value is by how much the second is above the first."""
+    """Frames at which two runs differ most; the value is by how much the second is above the first."""
     marks = []
     for kind, camera in first.keys() & second.keys():
         one, other = first[kind, camera], second[kind, camera]

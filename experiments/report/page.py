@@ -20,13 +20,13 @@ from pzcap.extras import keyframe_diagnostics
 from pzcap.io.capture import frame_sets, read_image
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import Array, Camera, Capture, FrameSet, Image, Reconstruction
-from pzcap.viewer.drawing import TRUTH_COLOUR, Colour, figures, instants
+from pzcap.viewer.drawing import OUTLINE_COLOUR, TRUTH_COLOUR, Colour, figures, instants
 from sim.truth import Truth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """Material of the report."""
+    """Input of the report."""
 
     capture: Capture
     reconstruction: Reconstruction
@@ -96,7 +96,10 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "joint_bars": None if body is None or not body.scored.any() else plots.joint_bars(body),
         "worst": shown.worst(),
         "stage_times": plots.stage_times(material.stage_s) if material.stage_s else None,
-        "groups": _groups(material.metrics),
+        "groups": [
+            (name, [(m, format_value(m), meets_target(m)) for m in members])
+            for name, members in groupby(material.metrics, lambda metric: metric.key.partition(".")[0])
+        ],
         "command": command,
         "versions": material.run["versions"],
         "machine": material.run["machine"],
@@ -125,25 +128,6 @@ def _headline(metric: Metric, name: str, text: str) -> dict[str, Any]:
         "target": None if target is None else f"{'≤' if metric.direction == 'lower' else '≥'} {target:g}",
         "reached": meets_target(metric),
     }
-
-
-def _groups(metrics: Sequence[Metric]) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": name,
-            "rows": [
-                {
-                    "key": m.key,
-                    "value": format_value(m),
-                    "unit": m.unit,
-                    "reached": meets_target(m),
-                    "direction": m.direction,
-                }
-                for m in members
-            ],
-        }
-        for name, members in groupby(metrics, lambda metric: metric.key.partition(".")[0])
-    ]
 
 
 def _references(material: Material) -> list[Picture]:
@@ -175,13 +159,8 @@ def _camera_rows(reconstruction: Reconstruction, result: Score | None) -> list[d
             row["residual"] = f"{panorama.residual_px:.2f} px"
         if track is not None:
             row["found"] = f"{int(track.valid.sum())} of {len(track.valid)}"
-        if (
-            errors is not None
-            and errors.pan_rad is not None
-            and errors.focal is not None
-            and errors.pan_rad.valid.any()
-        ):
-            pan, focal = errors.pan_rad, errors.focal
+        pan, focal = (None, None) if errors is None else (errors.pan_rad, errors.focal)
+        if pan is not None and focal is not None and pan.valid.any():
             row["pan"] = f"{np.degrees(np.sqrt(np.mean(pan.values[pan.valid] ** 2))):.4f}°"
             row["focal"] = f"{100 * np.sqrt(np.mean(focal.values[focal.valid] ** 2)):.3f} %"
         rows.append(row)
@@ -208,7 +187,7 @@ def _panoramas(material: Material) -> list[Picture]:
         borders = [at for frame in some if (at := cameras[frame]) is not None]
         colours = [_ramp(place) for place in np.linspace(0.0, 1.0, len(borders))]
         image = pictures.panorama_picture(panorama, camera, borders, colours, drawn)
-        found.append(Picture(pictures.data_uri(image, 1500, 78), f"Camera {name}"))
+        found.append(Picture(pictures.data_uri(image, quality=78), f"Camera {name}"))
     return found
 
 
@@ -241,7 +220,7 @@ class _Frames:
         if self._sets is None or not len(self._sets):
             return []
         return [
-            self._row(int(frame), truth=False, close=False)
+            self._row(int(frame), worst=False)
             for frame in np.unique(np.linspace(0, len(self._sets) - 1, INSTANTS).astype(int))
         ]
 
@@ -256,37 +235,33 @@ class _Frames:
             frame = int(np.argmax(mean))
             if mean[frame] <= 0.0:
                 break
-            rows.append(
-                {"title": f"Frame {frame}: {mean[frame]:.0f} mm", "views": self._row(frame, truth=True, close=True)}
-            )
+            title = f"Frame {frame}: {mean[frame]:.0f} mm"
+            rows.append({"title": title, "views": self._row(frame, worst=True)})
             mean[max(frame - 10, 0) : frame + 11] = -1.0  # its neighbours are wrong in the same way
         return rows
 
-    def _row(self, frame: int, *, truth: bool, close: bool) -> list[Picture]:
+    def _row(self, frame: int, *, worst: bool) -> list[Picture]:
         assert self._sets is not None
         frames: FrameSet = next(iter(self._sets.between(frame, frame + 1)))
         row = []
-        for number, (name, image) in enumerate(
-            zip(self._material.reconstruction.camera_names, frames.images, strict=True)
-        ):
-            if image is None:
-                continue
-            picture = self._draw(image.copy(), frame, number, truth=truth, close=close)
-            row.append(Picture(pictures.data_uri(picture, THUMBNAIL_PX), f"Camera {name}, frame {frame}"))
+        for number, name in enumerate(self._material.reconstruction.camera_names):
+            if (image := frames.images[number]) is not None:
+                picture = self._draw(image.copy(), frame, number, worst=worst)
+                row.append(Picture(pictures.data_uri(picture, THUMBNAIL_PX), f"Camera {name}, frame {frame}"))
         return row
 
-    def _draw(self, image: Image, frame: int, number: int, *, truth: bool, close: bool) -> Image:
+    def _draw(self, image: Image, frame: int, number: int, *, worst: bool) -> Image:
         cameras, motion = self._cameras[number], self._material.reconstruction.motion
         camera = None if cameras is None else cameras[frame]
         tracked = motion is not None and self._body is not None and bool(motion.valid[frame])
-        if not close or camera is None or self._body is None:
-            pictures.draw_outline(image, self._material.outlines.get((frame, number), ()))
+        if not worst or camera is None or self._body is None:
+            pictures.draw_strips(image, self._material.outlines.get((frame, number), ()), OUTLINE_COLOUR)
         elif tracked:
             around = self._body[frame] if self._true is None else np.vstack([self._body[frame], self._true[frame]])
             image, camera = pictures.close_up(image, camera, around, THUMBNAIL_PX)
         if camera is None or self._body is None or not tracked:
             return image
-        if truth and self._true is not None:
+        if worst and self._true is not None:
             pictures.draw_figure(image, camera, self._true[frame], TRUTH_COLOUR, 2)
         pictures.draw_figure(image, camera, self._body[frame], None, 2)
         return image

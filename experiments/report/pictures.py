@@ -10,10 +10,20 @@ import cv2
 import numpy as np
 
 from pzcap.geometry import camera as geometry
+from pzcap.geometry import cylinder
 from pzcap.types import Array, CalibrationObject, Camera, Image, Panorama, PanZoomCamera, ReferenceCamera
-from pzcap.viewer.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR, OUTLINE_COLOUR, Colour, footprint, project_edges
+from pzcap.viewer.drawing import (
+    BONE_COLOURS,
+    BONES,
+    KEYFRAME_COLOUR,
+    Colour,
+    image_border,
+    project_edges,
+)
 
 _SHIFT = 4  # cv2 draws at 1/16 px
+PANORAMA_PX = 1500  # across a picture of a panorama, at most
+EMPTY = np.uint8(70)  # where a panorama shows nothing
 
 
 def data_uri(image: Image, width: int | None = None, quality: int = 82) -> str:
@@ -49,14 +59,9 @@ def draw_figure(image: Image, camera: Camera, figure: Array, colour: Colour | No
 
 
 def visible(camera: Camera, points_m: Array) -> Array:
-    """Project world points (N, 3), kept inside the image: (N, 2) px."""
+    """Pixels (N, 2) of world points (N, 3), kept inside the image."""
     pixels, _ = geometry.project(camera, points_m)
     return np.clip(pixels, 0.0, [camera.width - 1.0, camera.height - 1.0])
-
-
-def draw_outline(image: Image, strips: Sequence[Array]) -> None:
-    """The outline of a silhouette."""
-    draw_strips(image, strips, OUTLINE_COLOUR)
 
 
 def reference_picture(image: Image, reference: ReferenceCamera, target: CalibrationObject) -> Image:
@@ -106,61 +111,55 @@ def panorama_picture(
     cameras: Sequence[Camera],
     colours: Sequence[Colour],
     figures: Sequence[tuple[Array, bool]],
-    width: int = 1500,
 ) -> Image:
     """The part of the panorama that the frames look at, their borders, and figures (21, 3) (Fig. 10).
 
     A figure that is flagged is a keyframe's and drawn red.
     """
-    azimuths = [np.concatenate(_unwrapped(panorama, camera, at)) for at in cameras]
-    centre = float(np.mean([columns[:, 0].mean() for columns in azimuths]))
-    azimuths = [columns + _turns(panorama, centre - columns[:, 0].mean()) for columns in azimuths]
-    margin = 0.06 * panorama.px_per_rad
-    left = min(columns[:, 0].min() for columns in azimuths) - margin
-    right = max(columns[:, 0].max() for columns in azimuths) + margin
-    wider = max(0.0, (2.6 * panorama.image.shape[0] - (right - left)) / 2)  # a strip, not a tower, where little panned
-    left, right = left - wider, right + wider
-    image = _window(panorama, round(left), round(right))
-    scale = min(1.0, width / image.shape[1]) if image.shape[1] > width else 1.0
+    ahead = np.array([at.world_T_cam[:3, 2] for at in cameras]) @ camera.world_T_head[:3, :3]
+    middle = np.arctan2(ahead[:, 1].sum(), ahead[:, 0].sum())
+    pans = middle + geometry.wrapped(np.arctan2(ahead[:, 1], ahead[:, 0]) - middle)
+    borders = [border_on_panorama(panorama, camera, at, pan) for at, pan in zip(cameras, pans, strict=True)]
+    columns = np.concatenate(borders)[:, 0]
+    tall = panorama.image.shape[0]
+    # a strip, not a tower, where little panned
+    half = max(np.ptp(columns) / 2 + 0.06 * panorama.px_per_rad, 1.3 * tall) / panorama.px_per_rad
+    centre = (panorama.origin_px[0] - (columns.min() + columns.max()) / 2) / panorama.px_per_rad
+    image, corner = window(panorama, centre - half, centre + half, (0, tall))
+    scale = min(1.0, PANORAMA_PX / image.shape[1])
     image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-    offset = np.array([round(left), 0.0])
-    for columns, colour in zip(azimuths, colours, strict=True):
-        draw_strips(image, [(columns - offset) * scale], colour, 2)
+    for border, colour in zip(borders, colours, strict=True):
+        draw_strips(image, [(border - corner) * scale], colour, 2)
     for figure, is_keyframe in figures:
-        pixels = _on_panorama(panorama, camera, figure)
-        pixels += _turns(panorama, (left + right) / 2 - pixels[:, 0].mean())
+        pixels = (on_panorama(panorama, camera, figure, centre) - corner) * scale
         for (near, far), own in zip(BONES, BONE_COLOURS, strict=True):
-            draw_strips(image, [(pixels[[near, far]] - offset) * scale], KEYFRAME_COLOUR if is_keyframe else own, 2)
+            draw_strips(image, [pixels[[near, far]]], KEYFRAME_COLOUR if is_keyframe else own, 2)
     return image
 
 
-def _unwrapped(panorama: Panorama, camera: PanZoomCamera, at: Camera) -> list[Array]:
-    """`footprint` with its parts put side by side again."""
-    parts = footprint(panorama, camera, at)
-    joined = parts[:1]
-    for part in parts[1:]:
-        joined.append(part + _turns(panorama, joined[-1][-1, 0] - part[0, 0]))
-    return joined
+def window(panorama: Panorama, low_rad: float, high_rad: float, rows: tuple[float, float]) -> tuple[Image, Array]:
+    """The part of a panorama between two azimuths (wrapping round) and two rows, and its top left corner's pixel (2,).
+
+    Grey where nothing was pasted.
+    """
+    left, right = (round(float(panorama.origin_px[0] - a * panorama.px_per_rad)) for a in (high_rad, low_rad))
+    top, bottom = max(int(rows[0]), 0), min(int(rows[1]), panorama.image.shape[0] - 1)
+    if not panorama.full_turn:
+        left, right = max(left, 0), min(right, panorama.image.shape[1] - 1)
+    image = np.where(panorama.valid[..., None], panorama.image, EMPTY)[top : bottom + 1]
+    return np.take(image, np.arange(left, right + 1), axis=1, mode="wrap"), np.array([left, top], float)
 
 
-def _turns(panorama: Panorama, distance_px: float) -> Array:
-    """(2,) The whole turns nearest to a distance along the panorama; none if it does not wrap."""
-    width = panorama.image.shape[1]
-    return np.array([width * np.round(distance_px / width) if panorama.full_turn else 0.0, 0.0])
+def on_panorama(panorama: Panorama, camera: PanZoomCamera, points_m: Array, near_rad: float = 0.0) -> Array:
+    """World points (N, 3) to columns and rows (N, 2), unwrapped to lie within half a turn of ``near_rad``."""
+    return _unwrapped(panorama, (points_m - camera.world_T_head[:3, 3]) @ camera.world_T_head[:3, :3], near_rad)
 
 
-def _window(panorama: Panorama, left: int, right: int) -> Image:
-    """Columns ``left`` to ``right`` - 1, wrapped round where the panorama is, grey where it ends or is empty."""
-    image = np.where(panorama.valid[..., None], panorama.image, np.uint8(40))
-    if panorama.full_turn:
-        return np.take(image, np.arange(left, right), axis=1, mode="wrap")
-    left, right = max(left, 0), min(right, image.shape[1])
-    return np.ascontiguousarray(image[:, left:right])
+def border_on_panorama(panorama: Panorama, camera: PanZoomCamera, at: Camera, near_rad: float = 0.0) -> Array:
+    """(N, 2) the border of a frame on the panorama, unwrapped."""
+    return _unwrapped(panorama, geometry.rays(at, image_border(at)) @ camera.world_T_head[:3, :3], near_rad)
 
 
-def _on_panorama(panorama: Panorama, camera: PanZoomCamera, points_m: Array) -> Array:
-    """World points (N, 3) to columns and rows of the panorama (N, 2)."""
-    head = (points_m - camera.world_T_head[:3, 3]) @ camera.world_T_head[:3, :3]
-    azimuth = np.unwrap(np.arctan2(head[:, 1], head[:, 0]))
-    slope = head[:, 2] / np.hypot(head[:, 0], head[:, 1])
-    return panorama.origin_px - panorama.px_per_rad * np.column_stack([azimuth, slope])
+def _unwrapped(panorama: Panorama, head: Array, near_rad: float) -> Array:
+    azimuth = near_rad + geometry.wrapped(np.arctan2(head[:, 1], head[:, 0]) - near_rad)
+    return cylinder.to_unwrapped(panorama, azimuth, head[:, 2] / np.hypot(head[:, 0], head[:, 1]))

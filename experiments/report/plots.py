@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from functools import wraps
+from typing import Any, Concatenate, Final, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
@@ -20,6 +21,7 @@ from experiments.silhouette_score import Series
 from pzcap.types import JOINTS, Array, Mask, PanZoomCamera, Reconstruction
 from sim.truth import Truth
 
+P = ParamSpec("P")
 STYLE: Final[Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "pzcap",
@@ -67,181 +69,173 @@ def svg(width: float, height: float, draw: Callable[[Figure], None]) -> Markup:
     return Markup(scaling)  # Matplotlib has escaped what is written in it
 
 
+def _as_svg(draw: Callable[Concatenate[Figure, P], None]) -> Callable[P, Markup]:
+    """``draw(figure, ...)``, which sets the figure's size, as a function of the others that returns the SVG."""
+
+    @wraps(draw)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> Markup:
+        return svg(1.0, 1.0, lambda figure: draw(figure, *args, **kwargs))
+
+    return drawn
+
+
 def literal(text: str) -> str:
     """Text that Matplotlib is to draw as it is: between dollars it reads formulas, and gives up on those it cannot."""
     return text.replace("$", r"\$")
 
 
-def pan_zoom(reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> Markup:
+@_as_svg
+def pan_zoom(figure: Figure, reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> None:
     """A column a camera: pan, focal length (Fig. 12), and their errors with the sigma that the estimate claims."""
     names, count = reconstruction.camera_names, len(reconstruction.camera_names)
     rows = 2 if result is None else 4
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots(rows, count, sharex=True, sharey="row", squeeze=False)
-        for number, name in enumerate(names):
-            track, camera, colour = reconstruction.tracks[number], reconstruction.cameras[number], COLOURS[number % 4]
-            column: list[Axes] = list(axes[:, number])
-            column[0].set_title(f"Camera {literal(name)}")
-            column[-1].set_xlabel("frame")
-            if track is None:
-                column[0].text(0.5, 0.5, "not reconstructed", transform=column[0].transAxes, ha="center", color=MUTED)
-                continue
-            frames = np.arange(len(track.valid))
-            if truth is not None and result is not None:
-                at = truth.camera_names.index(name)
-                column[0].plot(
-                    frames, np.degrees(truth.pan_rad[at, result.truth_frames]), color=INK, lw=3.2, alpha=0.22
-                )
-                column[1].plot(
-                    frames, truth.focal_px[at, result.truth_frames], color=INK, lw=3.2, alpha=0.22, label="truth"
-                )
-            _line(column[0], Series(np.degrees(track.pan_rad), track.valid), colour)
-            _line(column[1], Series(track.focal_px.copy(), track.valid), colour, label="estimate")
-            if camera is not None:
-                column[1].axhline(camera.lens.reference_focal_px, color=MUTED, ls=":", lw=1.2, label="reference")
-            if result is not None:
-                errors = result.cameras[number]
-                _error(column[2], errors.pan_rad, errors.pan_sigma_rad, np.degrees(1.0), colour)
-                _error(column[3], errors.focal, errors.focal_sigma, 100.0, colour)
-        for row, label in zip(
-            axes, ("pan [deg]", "focal length [px]", "pan error [deg]", "focal error [%]"), strict=False
-        ):
-            row[0].set_ylabel(label)
-        drawn = next((plot for plot in axes[1] if plot.get_legend_handles_labels()[0]), None)
-        if drawn is not None:
-            drawn.legend(loc="best", handlelength=1.4)
-
-    return svg(11.5, 1.75 * rows + 0.5, draw)
+    figure.set_size_inches(11.5, 1.75 * rows + 0.5)
+    axes = figure.subplots(rows, count, sharex=True, sharey="row", squeeze=False)
+    for number, name in enumerate(names):
+        track, camera, colour = reconstruction.tracks[number], reconstruction.cameras[number], COLOURS[number % 4]
+        column: list[Axes] = list(axes[:, number])
+        column[0].set_title(f"Camera {literal(name)}")
+        column[-1].set_xlabel("frame")
+        if track is None:
+            column[0].text(0.5, 0.5, "not reconstructed", transform=column[0].transAxes, ha="center", color=MUTED)
+            continue
+        frames = np.arange(len(track.valid))
+        if truth is not None and result is not None:
+            at = truth.camera_names.index(name)
+            column[0].plot(frames, np.degrees(truth.pan_rad[at, result.truth_frames]), color=INK, lw=3.2, alpha=0.22)
+            column[1].plot(
+                frames, truth.focal_px[at, result.truth_frames], color=INK, lw=3.2, alpha=0.22, label="truth"
+            )
+        _line(column[0], Series(np.degrees(track.pan_rad), track.valid), colour)
+        _line(column[1], Series(track.focal_px.copy(), track.valid), colour, label="estimate")
+        if camera is not None:
+            column[1].axhline(camera.lens.reference_focal_px, color=MUTED, ls=":", lw=1.2, label="reference")
+        if result is not None:
+            errors = result.cameras[number]
+            _error(column[2], errors.pan_rad, errors.pan_sigma_rad, np.degrees(1.0), colour)
+            _error(column[3], errors.focal, errors.focal_sigma, 100.0, colour)
+    for row, label in zip(axes, ("pan [deg]", "focal length [px]", "pan error [deg]", "focal error [%]"), strict=False):
+        row[0].set_ylabel(label)
+    drawn = next((plot for plot in axes[1] if plot.get_legend_handles_labels()[0]), None)
+    if drawn is not None:
+        drawn.legend(loc="best", handlelength=1.4)
 
 
-def honesty(reconstruction: Reconstruction, result: Score) -> Markup:
+@_as_svg
+def honesty(figure: Figure, reconstruction: Reconstruction, result: Score) -> None:
     """A column a camera: the size of the errors between the bound and the claimed sigma; and whether the claim holds.
 
     Below, each frame is a dot: its errors of pan and log focal in units of their own covariance. If that is honest,
     half of the dots lie within the inner circle and 95 % within the outer one.
     """
     names, count = reconstruction.camera_names, len(reconstruction.camera_names)
-
-    def draw(figure: Figure) -> None:
-        rows: Any = figure.subfigures(2, 1, height_ratios=[2.0, 1.15])
-        axes = rows[0].subplots(2, count, sharex=True, sharey="row", squeeze=False)
-        clouds = rows[1].subplots(1, count, squeeze=False)[0]
-        for number, name in enumerate(names):
-            errors, colour = result.cameras[number], COLOURS[number % 4]
-            axes[0, number].set_title(f"Camera {literal(name)}")
-            axes[1, number].set_xlabel("frame")
-            pan, focal = np.degrees(1.0), 100.0
-            _size(axes[0, number], errors.pan_rad, errors.pan_sigma_rad, errors.pan_bound_rad, pan, colour)
-            _size(axes[1, number], errors.focal, errors.focal_sigma, errors.focal_bound, focal, colour)
-            _cloud(clouds[number], errors, colour)
-        axes[0, 0].set_ylabel("size of pan error [deg]")
-        axes[1, 0].set_ylabel("size of focal error [%]")
-        clouds[0].set_ylabel("focal error / sigma")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        if handles:
-            rows[0].legend(handles, labels, loc="outside upper left", ncols=3, handlelength=1.6)
-
-    return svg(11.5, 6.6, draw)
+    figure.set_size_inches(11.5, 6.6)
+    rows: Any = figure.subfigures(2, 1, height_ratios=[2.0, 1.15])
+    axes = rows[0].subplots(2, count, sharex=True, sharey="row", squeeze=False)
+    clouds = rows[1].subplots(1, count, squeeze=False)[0]
+    for number, name in enumerate(names):
+        errors, colour = result.cameras[number], COLOURS[number % 4]
+        axes[0, number].set_title(f"Camera {literal(name)}")
+        axes[1, number].set_xlabel("frame")
+        pan, focal = np.degrees(1.0), 100.0
+        _size(axes[0, number], errors.pan_rad, errors.pan_sigma_rad, errors.pan_bound_rad, pan, colour)
+        _size(axes[1, number], errors.focal, errors.focal_sigma, errors.focal_bound, focal, colour)
+        _cloud(clouds[number], errors, colour)
+    axes[0, 0].set_ylabel("size of pan error [deg]")
+    axes[1, 0].set_ylabel("size of focal error [%]")
+    clouds[0].set_ylabel("focal error / sigma")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    if handles:
+        rows[0].legend(handles, labels, loc="outside upper left", ncols=3, handlelength=1.6)
 
 
-def top_view(reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> Markup:
+@_as_svg
+def top_view(figure: Figure, reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> None:
     """The athlete's path and the cameras from above at four instants, on a grid of 2 m (Fig. 11)."""
     frames = len(reconstruction.timecodes)
     instants = np.unique(np.linspace(0, frames - 1, 4).astype(int))
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots(1, len(instants), sharey=True, squeeze=False)[0]
-        for plot, frame in zip(axes, instants, strict=True):
-            _hall(plot, reconstruction, int(frame))
-            if truth is not None and result is not None:
-                path = truth.joints_m[result.truth_frames, 0]
-                plot.plot(path[:, 0], path[:, 1], color=INK, lw=3.0, alpha=0.2)
-            motion = reconstruction.motion
-            if motion is not None:
-                path = motion.joints_m[motion.valid, 0]
-                plot.plot(path[:, 0], path[:, 1], color="#34a853", lw=1.6)
-                if motion.valid[frame]:
-                    plot.plot(*motion.joints_m[frame, 0, :2], "o", color=KEY, ms=5)
-            plot.set_title(f"frame {frame}")
-
-    return svg(11.5, 2.9, draw)
+    figure.set_size_inches(11.5, 2.9)
+    axes = figure.subplots(1, len(instants), sharey=True, squeeze=False)[0]
+    for plot, frame in zip(axes, instants, strict=True):
+        _hall(plot, reconstruction, int(frame))
+        if truth is not None and result is not None:
+            path = truth.joints_m[result.truth_frames, 0]
+            plot.plot(path[:, 0], path[:, 1], color=INK, lw=3.0, alpha=0.2)
+        motion = reconstruction.motion
+        if motion is not None:
+            path = motion.joints_m[motion.valid, 0]
+            plot.plot(path[:, 0], path[:, 1], color="#34a853", lw=1.6)
+            if motion.valid[frame]:
+                plot.plot(*motion.joints_m[frame, 0, :2], "o", color=KEY, ms=5)
+        plot.set_title(f"frame {frame}")
 
 
-def body_error(body: BodyErrors, contradicted: Sequence[int], suggested: int | None) -> Markup:
+@_as_svg
+def body_error(figure: Figure, body: BodyErrors, contradicted: Sequence[int], suggested: int | None) -> None:
     """Joint errors over time, and what made each stretch hard. The keyframes that the images contradict are crossed,
     and a line stands where another keyframe would help most."""
-
-    def draw(figure: Figure) -> None:
-        plot = figure.subplots()
-        frames = np.arange(len(body.valid))
-        millimetres = 1000.0 * body.joints_m
-        _shade(plot, body.airborne, AIRBORNE, "airborne")
-        _shade(plot, body.inverted, INVERTED, "inverted")
-        mean, worst = millimetres.mean(axis=1), millimetres.max(axis=1)
-        _line(plot, Series(worst.copy(), body.valid), MUTED, label="worst joint", lw=1.0)
-        _line(plot, Series(mean.copy(), body.valid), INK, label="mean of the 16 joints", lw=1.8)
-        keys = np.flatnonzero(body.keyframe)
-        plot.plot(keys, np.zeros(len(keys)), "^", color=KEY, ms=6, clip_on=False, label="keyframe", zorder=5)
-        if contradicted:
-            crosses = np.zeros(len(contradicted))
-            plot.plot(contradicted, crosses, "x", color=INK, ms=9, mew=2, clip_on=False, label="contradicted", zorder=6)
-        if suggested is not None:
-            plot.axvline(suggested, color=KEY, ls=":", lw=1.4, label="next keyframe")
-        plot.set(xlabel="frame", ylabel="joint error [mm]", xlim=(0, max(frames[-1], 1)))
-        # A single joint that is lost for a moment shall not flatten all the rest.
-        plot.set_ylim(0, max(1.3 * mean.max(), float(np.percentile(worst, 97)), 10.0))
-        plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=7, borderaxespad=0.2)
-
-    return svg(11.5, 3.2, draw)
+    figure.set_size_inches(11.5, 3.2)
+    plot = figure.subplots()
+    frames = np.arange(len(body.valid))
+    millimetres = 1000.0 * body.joints_m
+    _shade(plot, body.airborne, AIRBORNE, "airborne")
+    _shade(plot, body.inverted, INVERTED, "inverted")
+    mean, worst = millimetres.mean(axis=1), millimetres.max(axis=1)
+    _line(plot, Series(worst.copy(), body.valid), MUTED, label="worst joint", lw=1.0)
+    _line(plot, Series(mean.copy(), body.valid), INK, label="mean of the 16 joints", lw=1.8)
+    keys = np.flatnonzero(body.keyframe)
+    plot.plot(keys, np.zeros(len(keys)), "^", color=KEY, ms=6, clip_on=False, label="keyframe", zorder=5)
+    if contradicted:
+        crosses = np.zeros(len(contradicted))
+        plot.plot(contradicted, crosses, "x", color=INK, ms=9, mew=2, clip_on=False, label="contradicted", zorder=6)
+    if suggested is not None:
+        plot.axvline(suggested, color=KEY, ls=":", lw=1.4, label="next keyframe")
+    plot.set(xlabel="frame", ylabel="joint error [mm]", xlim=(0, max(frames[-1], 1)))
+    # A single joint that is lost for a moment shall not flatten all the rest.
+    plot.set_ylim(0, max(1.3 * mean.max(), float(np.percentile(worst, 97)), 10.0))
+    plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=7, borderaxespad=0.2)
 
 
-def joint_bars(body: BodyErrors) -> Markup:
+@_as_svg
+def joint_bars(figure: Figure, body: BodyErrors) -> None:
     """Mean and 95th percentile of every joint."""
-
-    def draw(figure: Figure) -> None:
-        plot = figure.subplots()
-        millimetres = 1000.0 * body.joints_m[body.scored]
-        at = np.arange(len(JOINTS))
-        plot.bar(at, np.percentile(millimetres, 95, axis=0), color="#dadce0", width=0.72, label="95th percentile")
-        plot.bar(at, millimetres.mean(axis=0), color="#3b8ec2", width=0.72, label="mean")
-        plot.set_xticks(at, [name.replace("_", "\n") for name in JOINTS])
-        plot.set_ylabel("joint error [mm]")
-        plot.grid(axis="x", visible=False)
-        plot.legend(loc="upper left")
-
-    return svg(11.5, 2.8, draw)
+    figure.set_size_inches(11.5, 2.8)
+    plot = figure.subplots()
+    millimetres = 1000.0 * body.joints_m[body.scored]
+    at = np.arange(len(JOINTS))
+    plot.bar(at, np.percentile(millimetres, 95, axis=0), color="#dadce0", width=0.72, label="95th percentile")
+    plot.bar(at, millimetres.mean(axis=0), color="#3b8ec2", width=0.72, label="mean")
+    plot.set_xticks(at, [name.replace("_", "\n") for name in JOINTS])
+    plot.set_ylabel("joint error [mm]")
+    plot.grid(axis="x", visible=False)
+    plot.legend(loc="upper left")
 
 
-def silhouettes(reconstruction: Reconstruction, result: Score) -> Markup:
+@_as_svg
+def silhouettes(figure: Figure, reconstruction: Reconstruction, result: Score) -> None:
     """Intersection over union and outline error of every camera over time."""
-
-    def draw(figure: Figure) -> None:
-        one, two = figure.subplots(1, 2, sharex=True)
-        for number, (name, view) in enumerate(zip(reconstruction.camera_names, result.foreground or (), strict=True)):
-            _line(one, view.iou, COLOURS[number % 4], label=f"camera {literal(name)}")
-            _line(two, view.outline_px, COLOURS[number % 4])
-        one.set(xlabel="frame", ylabel="intersection over union")
-        two.set(xlabel="frame", ylabel="distance of the outlines [px]")
-        two.set_ylim(0, None)
-        one.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2, handlelength=1.4)
-
-    return svg(11.5, 2.6, draw)
+    figure.set_size_inches(11.5, 2.6)
+    one, two = figure.subplots(1, 2, sharex=True)
+    for number, (name, view) in enumerate(zip(reconstruction.camera_names, result.foreground or (), strict=True)):
+        _line(one, view.iou, COLOURS[number % 4], label=f"camera {literal(name)}")
+        _line(two, view.outline_px, COLOURS[number % 4])
+    one.set(xlabel="frame", ylabel="intersection over union")
+    two.set(xlabel="frame", ylabel="distance of the outlines [px]")
+    two.set_ylim(0, None)
+    one.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2, handlelength=1.4)
 
 
-def stage_times(stage_s: Mapping[str, float]) -> Markup:
+@_as_svg
+def stage_times(figure: Figure, stage_s: Mapping[str, float]) -> None:
     """Wall time of each stage."""
-
-    def draw(figure: Figure) -> None:
-        plot = figure.subplots()
-        names, seconds = list(stage_s), list(stage_s.values())
-        bars = plot.barh(names, seconds, color="#3b8ec2", height=0.62)
-        plot.bar_label(bars, [f"{value:.1f} s" for value in seconds], padding=4, color=INK)
-        plot.invert_yaxis()
-        plot.grid(axis="y", visible=False)
-        plot.set(xlabel="wall time [s]", xlim=(0, 1.12 * max(seconds)))
-
-    return svg(8.0, 0.5 + 0.32 * len(stage_s), draw)
+    figure.set_size_inches(8.0, 0.5 + 0.32 * len(stage_s))
+    plot = figure.subplots()
+    names, seconds = list(stage_s), list(stage_s.values())
+    bars = plot.barh(names, seconds, color="#3b8ec2", height=0.62)
+    plot.bar_label(bars, [f"{value:.1f} s" for value in seconds], padding=4, color=INK)
+    plot.invert_yaxis()
+    plot.grid(axis="y", visible=False)
+    plot.set(xlabel="wall time [s]", xlim=(0, 1.12 * max(seconds)))
 
 
 # --------------------------------------------------------------------------------------------------------------

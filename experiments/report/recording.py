@@ -1,4 +1,4 @@
-"""Additions to a recording: the truth under /truth, errors under /error, totals, the layout."""
+"""Parts of a recording that only the experiments know: the truth under /truth, errors under /error, totals, layout."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Variants, in each of which one thing is changed: named settings of the tracker and of what it is given."""
+"""One change at a time: a list of named variants of the tracker and of what it is given."""
 
 from __future__ import annotations
 

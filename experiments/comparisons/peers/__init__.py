@@ -126,7 +126,7 @@ def _columns() -> tuple[Column, ...]:
     """Errors where there is a truth; agreement, of which the table shows the same, where there is none."""
     quantities = (("pan", "deg", "{:.2g}"), ("focal", "%", "{:.2g}"))
     errors = [
-        Column(f"{what}{quantity}.{name}", f"{quantity} {name} {unit}", unit, form)
+        Column(f"{what}{quantity}.{name}", f"{quantity}\n{name} {unit}", unit, form)
         for what in ("", "agreement.")
         for quantity, unit, form in quantities
         for name in bench.STATISTICS

@@ -6,10 +6,11 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from experiments.comparisons.peers.material import Background, Estimate, Shot
-from pzcap.imaging.colour import grey
-from pzcap.types import Array, Image
+from pzcap.calibration.sweep import grey
+from pzcap.types import Image
 
 FEATURES: Final = 2000  # a frame
 LINKS: Final = 200  # matches between two frames that are adjusted: time grows with them
@@ -67,12 +68,10 @@ class RayAdjustment:
 
     def _placed(self, adjusted: Any, known: list[tuple[float, float]]) -> Estimate:
         """Turn and scale the whole so that the sweep's frames lie where they are known to be."""
-        product: Array = np.zeros((3, 3))
-        for camera, (pan, _) in zip(adjusted[:-1], known, strict=True):
-            product += self._background.rotation(pan) @ np.asarray(camera.R, np.float64).T
-        u, _, vt = np.linalg.svd(product)
-        turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-        scale = np.mean([np.log(focal / camera.focal) for camera, (_, focal) in zip(adjusted[:-1], known, strict=True)])
+        frames = list(zip(adjusted[:-1], known, strict=True))
+        turns = [self._background.rotation(pan) @ np.asarray(camera.R, np.float64).T for camera, (pan, _) in frames]
+        turn = Rotation.from_matrix(turns).mean().as_matrix()
+        scale = np.mean([np.log(focal / camera.focal) for camera, (_, focal) in frames])
         pan = self._background.pan_of(turn @ np.asarray(adjusted[-1].R, np.float64))
         return Estimate(pan, float(adjusted[-1].focal * np.exp(scale)))
 

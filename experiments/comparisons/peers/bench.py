@@ -54,11 +54,6 @@ class Ours:
         return Estimate(found.pan_rad, found.focal_px) if found.valid else None
 
 
-def _always(material: Material) -> str | None:
-    del material
-    return None
-
-
 def _lacks_paper(material: Material) -> str | None:
     return None if all(b.paper is not None for b in material.backgrounds) else "needs a capture"
 
@@ -72,15 +67,11 @@ def _lacks_sweep(material: Material) -> str | None:
     return None if all(len(b.sweep) > 1 for b in material.backgrounds) else "needs a sweep"
 
 
-def _lacks_hugin(material: Material) -> str | None:
-    return hugin.missing() or _lacks_sweep(material)
-
-
 @dataclass(frozen=True, slots=True)
 class Method:
     label: str
     make: Callable[[Background], Peer]
-    lacks: Callable[[Material], str | None] = _always  # why it cannot run
+    lacks: Callable[[Material], str | None] = lambda _: None  # why it cannot run
     starts: bool = False  # it needs a good start
     tracks: bool = False  # it must see every frame, the scored and the others
 
@@ -96,13 +87,13 @@ METHODS: Final[dict[str, Method]] = {
     "ecc_difference": Method("findTransformECC, own mask", lambda b: Ecc(b, "difference"), starts=True),
     "ecc_known": Method("findTransformECC, true mask", lambda b: Ecc(b, "known"), _lacks_masks, starts=True),
     "rays": Method("cv2.detail ray bundle adjustment", RayAdjustment, _lacks_sweep, starts=True),
-    "hugin": Method("Hugin", hugin.Hugin, _lacks_hugin, starts=True),
+    "hugin": Method("Hugin", hugin.Hugin, lambda m: hugin.missing() or _lacks_sweep(m), starts=True),
 }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """Answer of one method about one view."""
+    """Answer of one method to one view."""
 
     camera: int
     frame: int
@@ -118,7 +109,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """Answers of one method about all views."""
+    """Answers of one method to all views."""
 
     name: str
     answers: tuple[Answer, ...]
@@ -243,14 +234,13 @@ def _summary(result: Result, consensus: dict[tuple[int, int], Estimate] | None) 
     if not result.answers:
         return None
     if consensus is None:
-        judged = [answer for answer in result.answers if answer.truth is not None]
-        errors = [answer.errors for answer in judged]
-        good = [e for e in errors if e is not None and abs(e[0]) <= LOST_RAD and abs(e[1]) <= LOST_FOCAL]
+        judged = [answer.errors for answer in result.answers if answer.truth is not None]
+        good = [e for e in judged if e is not None and abs(e[0]) <= LOST_RAD and abs(e[1]) <= LOST_FOCAL]
     else:
-        judged = list(result.answers)
-        found = [answer for answer in judged if answer.estimate is not None]
-        apart = [difference(answer.estimate, consensus[answer.camera, answer.frame]) for answer in found]
-        good = [e for e in apart if e is not None]
+        judged = [
+            None if a.estimate is None else difference(a.estimate, consensus[a.camera, a.frame]) for a in result.answers
+        ]
+        good = [apart for apart in judged if apart is not None]
     pan, focal = np.array(good, np.float64).reshape(-1, 2).T
     ms = 1000.0 * float(np.median([answer.seconds for answer in result.answers]))
     return Summary(pan, focal, len(judged) - len(good), ms, len(judged))

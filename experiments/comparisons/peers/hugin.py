@@ -20,7 +20,7 @@ SECONDS: Final = 300.0  # one tool may take
 
 
 def missing() -> str | None:
-    """List what is not installed of it."""
+    """Reason why it cannot run, None where all of it is installed."""
     return None if all(shutil.which(tool) for tool in TOOLS) else "not installed"
 
 

@@ -190,7 +190,7 @@ def _solved(residuals: Callable[[Array], Array], start: Estimate) -> Estimate:
 
 
 def _densest(azimuth_rad: Array, width_rad: float) -> Mask:
-    """Mark the azimuths (N,) that lie in the window of the turn that holds most of them."""
+    """Mask (N,) of the azimuths (N,) in that window of the turn which holds most of them."""
     order = np.sort(np.mod(azimuth_rad, 2 * np.pi))
     twice = np.concatenate([order, order + 2 * np.pi])
     counts = np.searchsorted(twice, order + width_rad, side="right") - np.arange(len(order))

@@ -1,4 +1,4 @@
-"""Material that the methods of the bench are given: a calibrated background of each camera, and frames."""
+"""Input of the methods of the bench: a calibrated background of each camera, and frames."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Background:
         return float(np.arctan2(ahead[1], ahead[0]))
 
     def around(self, pan_rad: float, focal_px: float) -> list[int]:
-        """The frames of the sweep that show most of what a frame of this pan and focal length shows: up to four."""
+        """Up to four frames of the sweep that show most of what a frame of this pan and focal length shows."""
         reach = np.arctan(self.camera.lens.width / 2 / self.camera.lens.reference_focal_px)
         apart = np.abs([geometry.wrapped(view.pan_rad - pan_rad) for view in self.sweep])
         field = np.arctan(self.camera.lens.width / 2 / focal_px)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -58,8 +59,8 @@ def errors_of(found: Frames, true: Frames, seconds: float) -> Errors:
     for _ in range(2):  # once more without what the first shows to be far off
         if good.sum() < LEAST_FRAMES:
             break
-        u, _, vt = np.linalg.svd(np.einsum("fij,fkj->ik", true.rotation[good], found.rotation[good]))
-        common = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        turns = true.rotation[good] @ found.rotation[good].transpose(0, 2, 1)
+        common = Rotation.from_matrix(turns).mean().as_matrix()
         apart = (common @ found.rotation) @ true.rotation.transpose(0, 2, 1)
         pan = np.abs(Rotation.from_matrix(apart).as_rotvec()[:, 2])  # about the world's vertical
         good &= pan < FAILED_PAN_RAD
@@ -94,12 +95,8 @@ def ours(prepared: CalibratedCamera, config: AppConfig, footage: Footage, masked
 def corrected(hall: Shots, calibrated: Frames, model: ZoomModel, filmed: Shots) -> Frames:
     """Wu and Radke's frames, one after the other, by a library made of those of the hall."""
     library = Library(hall, calibrated, model)
-    located = [library.locate(each) for each in filmed.found]
-    return Frames(
-        np.array([rotation for rotation, _, _ in located]),
-        np.array([lens for _, lens, _ in located]),
-        np.array([valid for _, _, valid in located]),
-    )
+    rotation, lens, valid = zip(*(library.locate(each) for each in filmed.found), strict=True)
+    return Frames(np.array(rotation), np.array(lens), np.array(valid))
 
 
 def compare(
@@ -118,7 +115,7 @@ def compare(
             found = Frames(np.tile(np.eye(3), (len(true.valid), 1, 1)), true.lens, np.zeros(len(true.valid), bool))
         result[method, condition].append(errors_of(found, true, before_s + time.perf_counter() - started))
 
-    done = 0
+    steps = itertools.count(1)
     for files, motion in zip(capture.cameras, motions, strict=True):
         if files.sweep is None or files.zoom is None or files.reference is None or capture.calibration_object is None:
             raise PzcapError(
@@ -132,8 +129,7 @@ def compare(
         for condition, shown in (("empty", hall), ("athlete", motion), ("masked", motion)):
             work = partial(ours, prepared, config, shown, condition == "masked")
             timed("ours", condition, shown.true, work, spent)
-        done += 1
-        report_step(f"camera {files.name}: compare", done, total)
+        report_step(f"camera {files.name}: compare", next(steps), total)
 
         shots = shots_of(hall, False, sweep, capture.full_turn)
         started = time.perf_counter()
@@ -145,8 +141,7 @@ def compare(
         calibrated, model = wu_radke(shots, pairs)
         spent += time.perf_counter() - started
         result["wu_radke", "empty"].append(errors_of(calibrated, hall.true, spent))
-        done += 1
-        report_step(f"camera {files.name}: compare", done, total)
+        report_step(f"camera {files.name}: compare", next(steps), total)
 
         for condition in ("athlete", "masked"):
             filmed = shots_of(motion, condition == "masked")
@@ -159,8 +154,7 @@ def compare(
             matching = time.perf_counter() - started
             for method, mosaic in (("shum_szeliski", shum_szeliski), ("sinha_pollefeys", sinha_pollefeys)):
                 timed(method, condition, motion.true, partial(_mosaic, mosaic, filmed, linked), matching)
-            done += 1
-            report_step(f"camera {files.name}: compare", done, total)
+            report_step(f"camera {files.name}: compare", next(steps), total)
     return result
 
 

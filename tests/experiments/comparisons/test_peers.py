@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import shutil
 from collections.abc import Callable
@@ -15,9 +16,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rich.console import Console
 
 from experiments import footage
 from experiments.compare import main
+from experiments.comparisons.harness import Row, print_rows
 from experiments.comparisons.peers import COMPARISON, bench, folder
 from experiments.comparisons.peers.matching import decompose, fit
 from experiments.comparisons.peers.material import Background, Estimate, Material, from_capture
@@ -321,3 +324,12 @@ def test_results_of_an_earlier_bench_do_not_outlive_a_failure(
         (tmp_path / name).write_text("old")
     refused(monkeypatch, capfd, f"capture={frames_folder}", "every=0", f"hydra.run.dir={tmp_path}")
     assert not any((tmp_path / name).exists() for name in COMPARISON.results)
+
+
+def test_no_label_or_reason_is_cut_however_narrow_the_console() -> None:
+    out = io.StringIO()
+    rows = [Row(name, method.label, bench.figures(None, "")) for name, method in bench.METHODS.items()]
+    print_rows(Console(file=out, width=40), COMPARISON, "title", [*rows, Row("x", "X", {}, missing="not installed")])
+    lines = out.getvalue().splitlines()
+    assert all(sum(method.label in line for line in lines) == 1 for method in bench.METHODS.values())
+    assert any("not installed" in line for line in lines)

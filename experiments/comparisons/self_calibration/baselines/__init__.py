@@ -6,10 +6,13 @@ of their day, and the camera model is that of `pzcap.types` (one coefficient of 
 was simplified stands with each method.
 """
 
-from experiments.comparisons.self_calibration.baselines.complete import ZoomModel, wu_radke
 from experiments.comparisons.self_calibration.baselines.library import Library
-from experiments.comparisons.self_calibration.baselines.mosaic import shum_szeliski
-from experiments.comparisons.self_calibration.baselines.outwards import sinha_pollefeys
+from experiments.comparisons.self_calibration.baselines.methods import (
+    ZoomModel,
+    shum_szeliski,
+    sinha_pollefeys,
+    wu_radke,
+)
 from experiments.comparisons.self_calibration.baselines.rotations import Frames, Pair
 from experiments.comparisons.self_calibration.baselines.shots import Shots, link
 

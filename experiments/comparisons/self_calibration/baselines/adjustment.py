@@ -8,7 +8,7 @@ seen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +16,18 @@ from scipy.spatial.transform import Rotation
 
 from experiments.comparisons.self_calibration.baselines.rotations import Frames, Pair
 from pzcap.geometry.lens import Distortion, distort, jacobian, undistort
+from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
 from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array
 
-LENS: int = 4  # log focal, principal point (x, y), k1
+LENS = 4  # log focal, principal point (x, y), k1
+MEDIAN_LENGTH = 1.1774  # of a plane's standard normal distribution
+DAMPING = 1e-6  # of the normal matrix' diagonal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LensModel:
-    """Dependence of the frames' lenses (F, 4) on unknowns (U,), and what is believed of these.
+    """Lenses (F, 4) of the frames by unknowns (U,), and prior of these.
 
     ``lens = constant + design @ unknowns``, where ``rows @ unknowns`` should be ``values``, to within ``sigmas``.
     """
@@ -37,7 +40,7 @@ class LensModel:
 
 
 def transfer(first: Array, second: Array, turn: Array, points_px: Array) -> tuple[Array, Array]:
-    """Transfer points (N, 2) of a frame to another, (N, 2), with the derivatives (N, 2, 14).
+    """Pixels (N, 2) in another frame of points (N, 2) of a frame, and the derivatives (N, 2, 14).
 
     ``first`` and ``second`` (4,) are the lenses, ``turn`` (3, 3) goes from the first camera to the second. The
     derivatives are with respect to the first frame's rotation (3, about its own axes) and lens (4), then the second's.
@@ -83,53 +86,56 @@ def adjust(
     *,
     moving: NDArray[np.bool_] | None = None,
     scale_px: float = 30.0,
-    iterations: int = 30,
-) -> tuple[Frames, Array, float]:
-    """Rotations and lenses by Levenberg and Marquardt; the frames, the unknowns (U,) and the spread of the residuals.
+) -> tuple[Frames, Array]:
+    """Rotations and lenses by Gauss-Newton, a step limited to 0.3 rad: the frames, and the unknowns (U,).
 
     Frames that are not ``moving`` keep their rotation; the first valid one always does. Weights fall with the residual
     (Geman and McClure, 1987), by a scale that follows the residuals down from ``scale_px``.
     """
     count, size = len(start.valid), len(unknowns)
+    turns = 3 * count
     used = [pair for pair in pairs if start.valid[pair.first] and start.valid[pair.second]]
     turning = start.valid.copy() if moving is None else start.valid & moving
     if moving is None and turning.any():
         turning[int(np.argmax(turning))] = False
-    free = np.concatenate([np.repeat(turning, 3), np.ones(size, bool)])
-    frames, scale, spread, damping = start, scale_px, scale_px, 1e-6
-    frames = replace(frames, lens=model.constant + model.design @ unknowns)
-    for _ in range(iterations):
-        normal, gradient = np.zeros((3 * count + size, 3 * count + size)), np.zeros(3 * count + size)
-        lengths = []
+    held = np.concatenate([np.repeat(~turning, 3), np.zeros(size, bool)])
+
+    def linearise(state: tuple[Array, Array], scale: float) -> NormalEquations:
+        rotation, unknowns = state
+        lens = model.constant + model.design @ unknowns
+        normal, gradient = np.zeros((turns + size, turns + size)), np.zeros(turns + size)
+        lengths, cost = [], 0.0
         for pair in used:
             i, j = pair.first, pair.second
-            turn = frames.rotation[j].T @ frames.rotation[i]
-            seen, by = transfer(frames.lens[i], frames.lens[j], turn, pair.first_px)
+            seen, by = transfer(lens[i], lens[j], rotation[j].T @ rotation[i], pair.first_px)
             residual = seen - pair.second_px
             length = np.hypot(*residual.T)
-            lengths.append(length)
             weight = geman_mcclure(length, scale)
-            jacobian = np.zeros((len(length), 2, 6 + size))
-            jacobian[:, :, :3], jacobian[:, :, 3:6] = by[:, :, :3], by[:, :, 7:10]
-            jacobian[:, :, 6:] = by[:, :, 3:7] @ model.design[i] + by[:, :, 10:] @ model.design[j]
-            flat = jacobian.reshape(-1, 6 + size)
+            by_lens = by[:, :, 3:7] @ model.design[i] + by[:, :, 10:] @ model.design[j]
+            flat = np.concatenate([by[:, :, :3], by[:, :, 7:10], by_lens], axis=2).reshape(-1, 6 + size)
             weighted = flat * np.repeat(weight, 2)[:, None]
-            columns = np.concatenate([3 * i + np.arange(3), 3 * j + np.arange(3), 3 * count + np.arange(size)])
+            columns = np.concatenate([3 * i + np.arange(3), 3 * j + np.arange(3), turns + np.arange(size)])
             normal[np.ix_(columns, columns)] += weighted.T @ flat
             gradient[columns] += weighted.T @ residual.ravel()
-        spread = max(float(np.median(np.concatenate(lengths))) / 1.1774, 0.01)
-        believed = model.rows / model.sigmas[:, None] * spread
-        normal[3 * count :, 3 * count :] += believed.T @ believed
-        gradient[3 * count :] += believed.T @ ((model.rows @ unknowns - model.values) / model.sigmas * spread)
-        normal, gradient = normal[np.ix_(free, free)], gradient[free]
-        normal[np.diag_indices_from(normal)] *= 1.0 + damping
-        step = np.zeros(len(free))
-        step[free] = -np.linalg.lstsq(normal, gradient, rcond=1e-14)[0]
-        step = step * min(1.0, 0.3 / max(float(np.abs(step[: 3 * count]).max(initial=0.0)), 1e-12))
-        unknowns = unknowns + step[3 * count :]
-        rotation = frames.rotation @ Rotation.from_rotvec(step[: 3 * count].reshape(count, 3)).as_matrix()
-        frames = Frames(rotation, model.constant + model.design @ unknowns, frames.valid)
-        if np.abs(step[: 3 * count]).max(initial=0.0) < 1e-7 and scale < 1.05 * max(3.0 * spread, 0.3):
-            break
-        scale = max(3.0 * spread, scale / 2.0, 0.3)
-    return frames, unknowns, spread
+            lengths.append(length)
+            cost += float(weight @ length**2)
+        sigma = max(float(np.median(np.concatenate(lengths))) / MEDIAN_LENGTH, 0.01)
+        believed = model.rows / model.sigmas[:, None] * sigma
+        normal[turns:, turns:] += believed.T @ believed
+        gradient[turns:] += believed.T @ ((model.rows @ unknowns - model.values) / model.sigmas * sigma)
+        normal[np.diag_indices_from(normal)] *= 1.0 + DAMPING
+        normal[held], normal[:, held], gradient[held] = 0.0, 0.0, 0.0
+        normal[held, held] = 1.0
+        return NormalEquations(normal, gradient, sigma, cost)
+
+    def retract(state: tuple[Array, Array], step: Array) -> tuple[Array, Array]:
+        step = step * min(1.0, 0.3 / max(float(np.abs(step[:turns]).max(initial=0.0)), 1e-12))
+        rotation = state[0] @ Rotation.from_rotvec(step[:turns].reshape(count, 3)).as_matrix()
+        return rotation, state[1] + step[turns:]
+
+    def settled(step: Array) -> bool:
+        return bool(np.abs(step[:turns]).max(initial=0.0) < 1e-7)
+
+    schedule = Schedule(30, scale_px, least_scale=0.3, fall=2.0, steady=0.05)
+    rotation, unknowns = minimise((start.rotation, unknowns), linearise, retract, settled, schedule).state
+    return Frames(rotation, model.constant + model.design @ unknowns, start.valid), unknowns

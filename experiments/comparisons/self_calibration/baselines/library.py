@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.comparisons.self_calibration.baselines.adjustment import transfer
-from experiments.comparisons.self_calibration.baselines.complete import ZoomModel
+from experiments.comparisons.self_calibration.baselines.adjustment import LENS, MEDIAN_LENGTH, transfer
+from experiments.comparisons.self_calibration.baselines.methods import ZoomModel
 from experiments.comparisons.self_calibration.baselines.rotations import Frames, Pair, initial, match_pairs, turn_of
 from experiments.comparisons.self_calibration.baselines.shots import Shots
 from pzcap.calibration import features
 from pzcap.calibration.features import Features
 from pzcap.geometry.lens import Distortion, distort, undistort
+from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
 from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Mask
 
@@ -60,7 +61,7 @@ class Library:
         return rotation, lens, True
 
     def _seen(self, rotation: Array, lens: Array) -> tuple[Array, Mask]:
-        """Project the library's features; mark those that are in the picture."""
+        """Pixels of the library's features, and which are in the picture."""
         points = self._directions @ rotation
         front = points[:, 2] > 0.1
         flat = points[:, :2] / np.where(front, points[:, 2], 1.0)[:, None]
@@ -132,25 +133,29 @@ def resect(
     directions: Array, points_px: Array, rotation: Array, log_focal: float, model: ZoomModel
 ) -> tuple[Array, float, int]:
     """Rotation and log focal of a frame that sees ``directions`` (N, 3) at ``points_px`` (N, 2), and how many agree."""
-    scale = 20.0
-    length = np.zeros(len(points_px))
-    for _ in range(15):
-        lens = model.lens(log_focal)
-        x = log_focal - model.reference_log_focal
+
+    def seen(rotation: Array, log_focal: float) -> tuple[Array, Array]:
+        """Residuals (N, 2) and their derivatives (N, 2, 14), from a camera of focal length 1 looking the same way."""
+        rays = directions @ rotation
+        pixels, by = transfer(np.zeros(LENS), model.lens(log_focal), np.eye(3), rays[:, :2] / rays[:, 2:])
+        return pixels - points_px, by
+
+    def linearise(state: tuple[Array, float], scale: float) -> NormalEquations:
+        residual, by = seen(*state)
+        x = state[1] - model.reference_log_focal
         bend = float(model.k1[1:] @ (np.arange(1, len(model.k1)) * x ** np.arange(len(model.k1) - 1)))
-        seen = directions @ rotation
-        virtual = np.array([0.0, 0.0, 0.0, 0.0])  # a camera of focal length 1 looking the same way
-        pixels, by = transfer(virtual, lens, np.eye(3), seen[:, :2] / seen[:, 2:])
-        residual = pixels - points_px
         length = np.hypot(*residual.T)
         weight = geman_mcclure(length, scale)
         jacobian = np.concatenate([by[:, :, 7:10], by[:, :, 10:11] + bend * by[:, :, 13:14]], axis=2).reshape(-1, 4)
         weighted = jacobian * np.repeat(weight, 2)[:, None]
-        step = -np.linalg.solve(weighted.T @ jacobian + 1e-9 * np.eye(4), weighted.T @ residual.ravel())
-        rotation = rotation @ Rotation.from_rotvec(np.clip(step[:3], -0.2, 0.2)).as_matrix()
-        log_focal = float(log_focal + np.clip(step[3], -0.3, 0.3))
-        spread = float(np.median(length)) / 1.1774
-        if np.abs(step).max() < 1e-7 and scale < 1.05 * max(3.0 * spread, 0.5):
-            break
-        scale = max(3.0 * spread, scale / 2.0, 0.5)
-    return rotation, log_focal, int(np.sum(length < 2.0 * scale))
+        normal, gradient = weighted.T @ jacobian + 1e-9 * np.eye(4), weighted.T @ residual.ravel()
+        return NormalEquations(normal, gradient, float(np.median(length)) / MEDIAN_LENGTH, float(weight @ length**2))
+
+    def retract(state: tuple[Array, float], step: Array) -> tuple[Array, float]:
+        turn = Rotation.from_rotvec(np.clip(step[:3], -0.2, 0.2)).as_matrix()
+        return state[0] @ turn, float(state[1] + np.clip(step[3], -0.3, 0.3))
+
+    schedule = Schedule(15, 20.0, least_scale=0.5, fall=2.0, steady=0.05)
+    found = minimise((rotation, log_focal), linearise, retract, lambda step: bool(np.abs(step).max() < 1e-7), schedule)
+    length = np.hypot(*seen(*found.state)[0].T)
+    return *found.state, int(np.sum(length < 2.0 * found.scale))

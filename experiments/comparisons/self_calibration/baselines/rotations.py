@@ -16,6 +16,9 @@ from pzcap.calibration import features
 from pzcap.calibration.features import Features
 from pzcap.types import Array
 
+RATIO = 0.8  # of Lowe's test
+LEAST = 20  # matches of a pair
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
@@ -41,14 +44,12 @@ class Frames:
         return np.exp(self.lens[:, 0])
 
 
-def match_pairs(
-    found: Sequence[Features], candidates: Sequence[tuple[int, int]], ratio: float = 0.8, least: int = 20
-) -> list[Pair]:
-    """Pairs of frames, of ``candidates``, with ``least`` matches or more that agree on a homography to 3 px."""
+def match_pairs(found: Sequence[Features], candidates: Sequence[tuple[int, int]]) -> list[Pair]:
+    """Pairs of frames, of ``candidates``, with ``LEAST`` matches or more that agree on a homography to 3 px."""
     pairs = []
     for first, second in candidates:
-        matched = features.match(found[first], found[second], ratio)
-        if len(matched) < least:
+        matched = features.match(found[first], found[second], RATIO)
+        if len(matched) < LEAST:
             continue
         a, b = found[first].points_px[matched[:, 0]], found[second].points_px[matched[:, 1]]
         model, inlier = cv2.findHomography(a, b, cv2.USAC_MAGSAC, 3.0, maxIters=3000, confidence=0.999)
@@ -58,13 +59,13 @@ def match_pairs(
         if not _plausible(homography, a):
             continue
         agree = inlier.ravel() > 0
-        if agree.sum() >= max(least, 0.25 * len(matched)):
+        if agree.sum() >= max(LEAST, 0.25 * len(matched)):
             pairs.append(Pair(first, second, a[agree], b[agree], homography))
     return pairs
 
 
 def _plausible(homography: Array, points: Array) -> bool:
-    """Tell if ``homography`` keeps the points in front of the camera and does not mirror."""
+    """True if ``homography`` keeps the points in front of the camera and does not mirror."""
     depth = points @ homography[2, :2] + homography[2, 2]
     return bool((depth > 0).all() or (depth < 0).all()) and bool(np.linalg.det(homography / homography[2, 2]) > 1e-3)
 
@@ -112,8 +113,12 @@ def initial(pairs: Sequence[Pair], count: int, centre_px: Array, guess_px: float
 
     ``guess_px`` is the focal length taken where no homography shows one.
     """
-    near = [(_change(pair, centre_px), pair) for pair in pairs]
-    tree = _tree([(len(pair.first_px) / (1.0 + 20.0 * change), pair) for change, pair in near], count)
+    weighted, degree = [], np.zeros(count)
+    for pair in pairs:
+        weight = len(pair.first_px) / (1.0 + 20.0 * abs(zoom_between(pair.homography, centre_px)))
+        weighted.append((weight, pair))
+        degree[[pair.first, pair.second]] += weight
+    tree = spanning(weighted, {int(np.argmax(degree))})  # from the best linked frame on
     valid = np.zeros(count, bool)
     log_zoom = np.zeros(count)
     for known, new, pair in tree:
@@ -151,18 +156,6 @@ def turn_of(pair: Pair, frames: Frames) -> Array:
 def _matrix(lens: Array) -> Array:
     focal = np.exp(lens[0])
     return np.array([[focal, 0.0, lens[1]], [0.0, focal, lens[2]], [0.0, 0.0, 1.0]])
-
-
-def _change(pair: Pair, centre_px: Array) -> float:
-    return abs(zoom_between(pair.homography, centre_px))
-
-
-def _tree(weighted: Sequence[tuple[float, Pair]], count: int) -> list[tuple[int, int, Pair]]:
-    """The best tree of pairs from the best linked frame on: frame reached, new frame, pair."""
-    degree = np.zeros(count)
-    for weight, pair in weighted:
-        degree[[pair.first, pair.second]] += weight
-    return spanning(weighted, {int(np.argmax(degree))})
 
 
 def spanning(weighted: Sequence[tuple[float, Pair]], reached: set[int]) -> list[tuple[int, int, Pair]]:
