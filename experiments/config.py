@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class OutputConfig:
-    """Files that a run leaves beside metrics.json."""
+    """Files that a run leaves behind, beside metrics.json."""
 
     recording: bool = True
     """Recording.rrd, for the Rerun viewer."""
@@ -35,10 +35,8 @@ class OutputConfig:
     """Of the images in the recording."""
     captures: str = "outputs/captures"
     """Folder in which shoots are kept for the next run of the same shoot config."""
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.jpeg_quality <= 100:
-            raise PzcapError(f"jpeg_quality is {self.jpeg_quality}; give 1 to 100")
+    light_gb: Annotated[float, Range(0.0, 1e6)] = 10.0
+    """Light kept there, GB: that of a dozen captures of five seconds. Other noise is developed from it in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +113,7 @@ def structured(tree: Any, kind: type[T], what: str) -> T:
 
 
 def plain(composed: DictConfig) -> dict[str, Any]:
-    """The composed configuration as dicts and lists, everything resolved."""
+    """Hydra's composed configuration as dicts and lists, everything resolved."""
     tree: dict[str, Any] = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)  # type: ignore[assignment]
     return tree
 

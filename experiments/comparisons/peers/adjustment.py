@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.comparisons.peers.material import Background, Estimate, Shot
-from pzcap.calibration.sweep import grey
+from pzcap.imaging.colour import grey
 from pzcap.types import Image
 
 FEATURES: Final = 2000  # a frame
