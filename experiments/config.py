@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from typing import Annotated, Any, TypeVar
 
 import cattrs
@@ -107,7 +107,7 @@ def structured(tree: Any, kind: type[T], what: str) -> T:
         if not complaints:
             raise
         raise PzcapError(f"{what}: " + "; ".join(complaints)) from error
-    if misfits := list(out_of_range(config)):
+    if is_dataclass(config) and (misfits := list(out_of_range(config))):
         raise PzcapError(f"{what}: " + "; ".join(misfits))
     return config
 
