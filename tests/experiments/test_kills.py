@@ -185,11 +185,13 @@ def test_a_run_that_is_asked_to_end_while_it_shoots_leaves_nothing(tmp_path: Pat
     run = [sys.executable, "-m", "experiments.run", f"hydra.run.dir={tmp_path / 'run'}"]
     line = [*run, f"output.captures={tmp_path / 'captures'}"]
     with subprocess.Popen(line, cwd=ROOT, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True) as process:
-        while process.poll() is None and not list(tmp_path.glob("captures/.*/capture/*")):
+        while process.poll() is None and not list(tmp_path.glob("captures/.*/camera*/sweep.mkv")):
             time.sleep(0.05)
+        filming = psutil.Process(process.pid).children(recursive=True)
         process.terminate()
         assert process.communicate(timeout=20.0)[1].endswith("interrupted\n")
     assert process.returncode == 130
+    assert not psutil.wait_procs(filming, timeout=5.0)[1]
     assert not list((tmp_path / "captures").iterdir())
     assert {path.name for path in (tmp_path / "run").iterdir()} == {".hydra"}
 
