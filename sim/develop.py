@@ -38,7 +38,7 @@ def develop(config: ShootConfig, light: Path, folder: Path) -> Iterator[Progress
     recorded = [_recorded(session, c) for c in range(CAMERAS)]
     hall = 1 + len(session.sweep(0).times_s) + config.zoom_frames
     total = CAMERAS * hall + sum(int(frames.sum()) for frames in recorded)
-    yield from side_by_side("develop", total, develop_cameras, config, light, folder / "capture")
+    yield from side_by_side("develop", total, develop_cameras, session, light, folder / "capture")
     if config.detector.enabled:
         yield from _detect(session, folder / "capture")
     truth = load(light / "truth")
@@ -48,12 +48,9 @@ def develop(config: ShootConfig, light: Path, folder: Path) -> Iterator[Progress
     save(replace(truth, config=json.dumps(asdict(config)), recorded=filmed), folder / "truth")
 
 
-def develop_cameras(
-    cameras: Sequence[int], config: ShootConfig, light: Path, capture: Path
-) -> Generator[int, None, None]:
+def develop_cameras(cameras: Sequence[int], session: Session, light: Path, capture: Path) -> Generator[int, None, None]:
     """Write the picture and the videos of some of the cameras; yield how many pictures are done."""
-    session = assemble(config)
-    done = 0
+    config, done = session.config, 0
     for c in cameras:
         files, reel, clock = session.files(capture)[c], reels(light)[c], session.clock()
         sensor = Sensor(config.sensor, vignette(session.rigs[c]), stream(config.seed, "sensor", c))

@@ -88,7 +88,7 @@ def film(config: ShootConfig, folder: Path) -> Iterator[Progress]:
     frames = len(session.times_s)
     lengths = [(session.sweep(c).times_s, session.zoom(c).times_s, session.exposed_s(c)) for c in range(CAMERAS)]
     total = CAMERAS * (1 + frames) + sum(len(times_s) for camera in lengths for times_s in camera)
-    groups = yield from side_by_side("film", total, film_cameras, config, folder)
+    groups = yield from side_by_side("film", total, film_cameras, session, folder)
     shadow_frames = np.arange(0, frames, _SHADOW_EVERY)
     filmed = [camera for cameras, _ in groups for camera in cameras]
     save(collect_truth(session, filmed, groups[0][1], shadow_frames), folder / "truth")
@@ -110,11 +110,10 @@ def operate(session: Session, c: int, outline_m: Array) -> Trajectory:
 
 
 def film_cameras(
-    cameras: Sequence[int], config: ShootConfig, folder: Path
+    cameras: Sequence[int], session: Session, folder: Path
 ) -> Generator[int, None, tuple[list[FilmedCamera], Array]]:
     """Film some of the cameras; yield how many pictures are done. Return what they saw, and the joints (F, 16, 3)."""
-    session = assemble(config)
-    stage = session.stage()
+    config, stage = session.config, session.stage()
     try:
         filming = {c: FilmCamera(stage, session.rigs[c], config.sensor) for c in cameras}
         done = count(1)

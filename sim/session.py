@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
@@ -177,8 +178,10 @@ class Session:
 
 def assemble(config: ShootConfig) -> Session:
     """Draw from the seed all that chance decides about athlete, motion and tripods."""
-    measurements = draw_measurements(stream(config.seed, "measurements"))
-    clip = motion.make(config.motion, measurements, stream(config.seed, "motion"))
+    content, file = b"", motion.file_of(config.motion)
+    if file is not None and file.is_file():  # else what reads it says so
+        content = file.read_bytes()
+    measurements, clip = _draw_motion(config.seed, config.motion, content)
     rigs = [
         build_rig(c, config.width, config.height, config.optics, stream(config.seed, "rig", c)) for c in range(CAMERAS)
     ]
@@ -187,4 +190,13 @@ def assemble(config: ShootConfig) -> Session:
     given = config.operator.trajectories
     named = dict(zip(CAMERA_NAMES, rigs, strict=True))
     given_trajectories = read_trajectories(Path(given), named, config.frame_rate, float(times_s[-1])) if given else []
-    return Session(config, measurements, clip, rigs, times_s, given_trajectories)
+    return Session(config, dict(measurements), clip, rigs, times_s, given_trajectories)
+
+
+@lru_cache(maxsize=4)
+def _draw_motion(seed: int, name: str, content: bytes) -> tuple[dict[str, float], MotionClip]:
+    """Athlete and motion, which take seconds to fit and are the same for the light and all that is developed from it.
+    ``content`` is that of a BVH file: with another it is another motion."""
+    del content
+    measurements = draw_measurements(stream(seed, "measurements"))
+    return measurements, motion.make(name, measurements, stream(seed, "motion"))

@@ -22,7 +22,7 @@ _REPORT_S: Final = 0.25
 
 T = TypeVar("T")
 Work = Callable[..., Generator[int, None, T]]
-"""``work(config, cameras, ...)`` yields the number of pictures that are done, and returns what it found."""
+"""``work(cameras, ...)`` yields the number of pictures that are done, and returns what it found."""
 
 
 class Progress(NamedTuple):
