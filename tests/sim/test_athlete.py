@@ -16,7 +16,6 @@ from sim import motion
 from sim.cameras.render import Stage
 from sim.people.anthropometry import body_tree, draw_measurements, joint_limit_rad
 from sim.people.athlete import GEOM_GROUP, AthleteConfig, add_athlete, set_pose
-from sim.people.athlete import draw_measurements as draw
 
 SEEDS = st.integers(min_value=0, max_value=99)
 IDENTITY = Rotation.identity(16).as_quat(scalar_first=True)
@@ -25,7 +24,7 @@ IDENTITY = Rotation.identity(16).as_quat(scalar_first=True)
 def scene(seed: int, config: AthleteConfig | None = None) -> tuple[mujoco.MjSpec, dict[str, float]]:
     rng = np.random.default_rng(seed)
     config = config or AthleteConfig()
-    measurements = draw(config, rng)
+    measurements = draw_measurements(rng)
     spec = mujoco.MjSpec()
     spec.visual.headlight.ambient = [1.0, 1.0, 1.0]
     spec.visual.headlight.diffuse = [0.0, 0.0, 0.0]
