@@ -1,4 +1,4 @@
-"""Work on the cameras by as many processes as there are cores: rendering keeps no more than one core busy."""
+"""Work on the cameras by as many processes as there are cores: developing and encoding keep one core busy each."""
 
 from __future__ import annotations
 
