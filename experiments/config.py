@@ -18,6 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 from pzcap.extras import reconstruct as extras
 from pzcap.ranges import Range, out_of_range
 from pzcap.types import PzcapError
+from sim.capture_cache import LIGHT_GB
 from sim.session import ShootConfig
 
 T = TypeVar("T")
@@ -35,7 +36,7 @@ class OutputConfig:
     """Of the images in the recording."""
     captures: str = "outputs/captures"
     """Folder in which shoots are kept for the next run of the same shoot config."""
-    light_gb: Annotated[float, Range(0.0, 1e6)] = 10.0
+    light_gb: Annotated[float, Range(0.0, 1e6)] = LIGHT_GB
     """Light kept there, GB: that of a dozen captures of five seconds. Other noise is developed from it in seconds."""
 
 

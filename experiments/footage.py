@@ -10,7 +10,7 @@ from experiments.config import AppConfig
 from pzcap.calibration.calibrate import no_report
 from sim import truth as truth_files
 from sim.cameras.optics import OpticsConfig
-from sim.capture_cache import shoot_cached
+from sim.capture_cache import LIGHT_GB, shoot_cached
 from sim.hall.gym import GymConfig
 from sim.session import ShootConfig
 from sim.truth import Truth
@@ -48,7 +48,7 @@ def capture_of(config: AppConfig, report: Callable[[str, int, int], None]) -> Pa
 
 
 def shot(
-    config: ShootConfig, root: Path, report: Callable[[str, int, int], None] = no_report, light_gb: float = 10.0
+    config: ShootConfig, root: Path, report: Callable[[str, int, int], None] = no_report, light_gb: float = LIGHT_GB
 ) -> Path:
     """The folder of a shoot in ``root``, ``capture/`` and ``truth/`` in it: shot now, or kept from before."""
     shooting = shoot_cached(config, root, light_gb)

@@ -30,6 +30,9 @@ VERSION: Final = 6
 """Version of the simulator. Raise it with every change of a default or of pixels, so that captures are shot again."""
 
 _TEMPORARY: Final = re.compile(r"\..+-\d+-[0-9a-f]{12}-\w{8}(\.lock)?")  # of a shoot at work, and its lock
+LIGHT_GB: Final = 10.0
+"""Light that is kept by default, GB: that of a dozen captures of five seconds."""
+
 _LIGHT: Final = "light-"  # begins the names of its folders
 _IN_USE_S: Final = 3600.0
 _COMPLETE: Final = "complete"  # stands in a cached folder when its shoot has come to the end
@@ -44,7 +47,7 @@ class Kept(NamedTuple):
     used_s: float  # seconds since it was last asked for
 
 
-def shoot_cached(config: ShootConfig, root: Path, light_gb: float = 10.0) -> Generator[Progress, None, Path]:
+def shoot_cached(config: ShootConfig, root: Path, light_gb: float = LIGHT_GB) -> Generator[Progress, None, Path]:
     """Shoot into a folder of ``root`` named by a hash of config and files, or find it there; return the folder.
 
     Light is kept, too, beside the captures that were developed from it, up to ``light_gb``. A shoot that was killed
