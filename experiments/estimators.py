@@ -33,6 +33,7 @@ _SHAPES: Final[dict[str, tuple[tuple[int, ...], Any]]] = {
     # PanZoomTrack
     "pan_rad": ((), np.float64),
     "tilt_rad": ((), np.float64),
+    "roll_rad": ((), np.float64),
     "focal_px": ((), np.float64),
     "covariance": ((2, 2), np.float64),
     "inliers": ((), np.int64),

@@ -230,7 +230,7 @@ def _reprojection(
         inside &= np.all((seen >= 0) & (seen <= [width - 1, height - 1]), axis=1)
         if not inside.any():
             continue
-        estimated = geometry.at(camera, track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame])
+        estimated = geometry.of_track(camera, track, int(frame))
         pixels, depth = geometry.project(estimated, points_m[inside])
         distance = np.minimum(np.linalg.norm(pixels - seen[inside], axis=1), diagonal)
         distance[depth <= 0.0] = diagonal

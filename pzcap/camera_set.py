@@ -178,6 +178,7 @@ def _panzoom_track(history: Sequence[Localisation | None]) -> PanZoomTrack:
     return PanZoomTrack(
         pan_rad=column(lambda found: found.pan_rad),
         tilt_rad=column(lambda found: found.tilt_rad),
+        roll_rad=column(lambda found: found.roll_rad),
         focal_px=column(lambda found: found.focal_px),
         covariance=np.stack([found.covariance if found else np.zeros((2, 2)) for found in history]),
         inliers=column(lambda found: len(found.frame_points_px)).astype(np.int64),

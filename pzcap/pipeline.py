@@ -10,7 +10,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import partial
 from typing import Any, Final, TypeAlias
 
@@ -32,13 +33,27 @@ from pzcap.geometry.camera import at
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.io.detections import NOBODY
 from pzcap.localisation.localise import Localiser, predicted
+from pzcap.localisation.panorama_sampler import place_of
+from pzcap.localisation.readout import History, Readout
+from pzcap.localisation.rectification import is_sheared, rectified, rectified_keypoints
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
-from pzcap.types import Camera, Capture, FrameSet, Image, Localisation, Mask, PzcapError, Reconstruction, Silhouette
+from pzcap.types import (
+    Camera,
+    Capture,
+    FrameSet,
+    Image,
+    Localisation,
+    Mask,
+    PanZoomCamera,
+    PzcapError,
+    Reconstruction,
+    Silhouette,
+)
 
 TIDY_EVERY: Final = 8
 """Frame sets after which free memory is given back to the system."""
@@ -144,7 +159,7 @@ def stages(
         for files, taken, track in zip(capture.cameras, known, tracks, strict=False)
         if taken and files.motion and track and not track.valid.any()
     ]
-    heads = tuple(None if one is None else one.camera for one in calibrated)
+    heads = localise.heads(capture.frame_rate)
     yield Finished(Reconstruction(
         capture_name=capture.name,
         method=config.panzoom.method,
@@ -212,30 +227,50 @@ class ViewLocaliser:
         ]
         give_back()
         self._pool = pool
-        self._before: list[Localisation | None] = [None] * len(cameras)
-        self._last: list[Localisation | None] = [None] * len(cameras)
+        self.histories = [History(Readout(0.0, config.beliefs.readout)) for _ in cameras]
 
     def __call__(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
-        """Localise ``frames``; ``tracker``, where there is one, says where it expects the body."""
+        """Localise ``frames``, and put their rows right; ``tracker``, where there is one, says where it expects the
+        body."""
         started = time.perf_counter()
         one = partial(self._one, frames.index, tracker)
-        localisations = tuple(self._pool.map(one, range(len(frames.images)), frames.images))
-        return FrameLocalised(frames, localisations, time.perf_counter() - started)
+        found = tuple(self._pool.map(one, range(len(frames.images)), frames.images))
+        upright = self._rectified(frames, found)
+        return FrameLocalised(upright, found, time.perf_counter() - started)
+
+    def heads(self, frame_rate: Fraction) -> tuple[PanZoomCamera | None, ...]:
+        """The cameras, with the read-out time that their frames have shown by now."""
+        period_s = float(1 / frame_rate)
+        return tuple(
+            None if head is None
+            else replace(head, readout_s=each.readout.share * period_s, readout_sigma_s=each.readout.sigma * period_s)
+            for head, each in zip(self._heads, self.histories, strict=True)
+        )  # fmt: skip
+
+    def _rectified(self, frames: FrameSet, found: tuple[Localisation | None, ...]) -> FrameSet:
+        """``frames`` as if all rows of an image had been exposed at once."""
+        images, keypoints = list(frames.images), list(frames.keypoints)
+        for index, (image, head, one) in enumerate(zip(images, self._heads, found, strict=True)):
+            if image is None or head is None or one is None or not is_sheared(head, one):
+                continue
+            images[index] = rectified(image, head, one)
+            if keypoints:
+                keypoints[index] = rectified_keypoints(keypoints[index], head, one)
+        return replace(frames, images=tuple(images), keypoints=tuple(keypoints))
 
     def _one(self, frame: int, tracker: Tracker | None, index: int, image: Image | None) -> Localisation | None:
-        localiser, head = self.localisers[index], self._heads[index]
+        localiser, head, history = self.localisers[index], self._heads[index], self.histories[index]
         if localiser is None or head is None or image is None:
             return None
 
         def hidden(prior: Localisation) -> Mask | None:
-            camera = at(head, prior.pan_rad, prior.tilt_rad, prior.focal_px)
+            camera = at(head, *place_of(prior)[:4])
             expected = None if tracker is None else tracker.expect(frame, camera)
             return None if expected is None else expected.covered(camera.height, camera.width)
 
-        prior = predicted(self._before[index], self._last[index])
+        prior = predicted(history)
         localisation: Localisation = localiser.localise(image, prior, hidden)
-        self._before[index] = self._last[index]
-        self._last[index] = localisation if localisation.valid else None
+        self.histories[index] = history.followed_by(localisation, prior)
         return localisation
 
 
@@ -251,7 +286,7 @@ def segment_views(
         image, found, known = seen.frames.images[index], seen.localisations[index], cameras[index]
         if known is None or image is None or found is None or not found.valid:
             return None, None, None
-        camera = at(known.camera, found.pan_rad, found.tilt_rad, found.focal_px)
+        camera = at(known.camera, *place_of(found)[:4])
         expected = None if tracker is None else tracker.expect(seen.frames.index, camera)
         silhouette = foreground.separate(image, known.panorama, known.camera, found, config.foreground, expected)
         return camera, silhouette, camera_prior(config.panzoom, known.camera, found)

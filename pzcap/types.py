@@ -224,6 +224,9 @@ class PanZoomCamera:
     focal_sigma: float = field(default=0.0, kw_only=True)
     # of the projection centre, forward along the optical axis, for each unit of log focal
     travel_m: float = field(default=0.0, kw_only=True)
+    # read-out of a rolling shutter: how long after the top edge the bottom edge is exposed, and its standard deviation
+    readout_s: float = field(default=0.0, kw_only=True)
+    readout_sigma_s: float = field(default=0.0, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -286,6 +289,10 @@ class Localisation:
     valid: bool
     frame_points_px: Array  # (N, 2) inlier matches in the frame
     panorama_points_px: Array  # (N, 2) and in the panorama
+    roll_rad: float = 0.0  # beyond the camera's own
+    # change of pan and log focal from the top edge to the bottom edge, with a rolling shutter
+    shear: Array = field(default_factory=lambda: np.zeros(2))  # (2,)
+    shear_sigma: Array = field(default_factory=lambda: np.ones(2))  # (2,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -294,6 +301,7 @@ class PanZoomTrack:
 
     pan_rad: Array  # (F,)
     tilt_rad: Array  # (F,)
+    roll_rad: Array  # (F,) beyond the camera's own
     focal_px: Array  # (F,)
     covariance: Array  # (F, 2, 2) of (pan_rad, log focal)
     inliers: NDArray[np.int64]  # (F,)

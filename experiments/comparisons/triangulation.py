@@ -72,9 +72,7 @@ def triangulate(capture: Capture, reconstruction: Reconstruction) -> Motion:
 def cameras_at(reconstruction: Reconstruction, frame: int) -> list[Camera | None]:
     """The cameras of one instant; None where one is lost."""
     return [
-        None
-        if camera is None or track is None or not track.valid[frame]
-        else geometry.at(camera, track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame])
+        None if camera is None or track is None or not track.valid[frame] else geometry.of_track(camera, track, frame)
         for camera, track in zip(reconstruction.cameras, reconstruction.tracks, strict=True)
     ]
 

@@ -16,6 +16,7 @@ from experiments.report.plots import literal
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry import camera as geometry
 from pzcap.localisation.localise import Localiser
+from pzcap.localisation.panorama_sampler import place_of
 from pzcap.types import Array, CalibrationObject, Camera, Image, Localisation, PzcapError
 from pzcap.viewer.drawing import project_edges
 from sim.restage import Hall
@@ -63,7 +64,7 @@ def _locate(run: Run, one: Located, image: Image, true: Camera | None, what: str
     found = localiser.localise(image, None)
     if not found.valid:
         raise PzcapError(f"{run.reconstruction.capture_name}: camera {one.name} was not found after pan and zoom")
-    camera = geometry.at(one.camera, found.pan_rad, found.tilt_rad, found.focal_px)
+    camera = geometry.at(one.camera, *place_of(found)[:4])
     return Shot(one, image, found, camera, true, what)
 
 

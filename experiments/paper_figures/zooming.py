@@ -27,7 +27,7 @@ from experiments.paper_figures.material import Located, Run
 from experiments.report.plots import literal, triangle
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.lens import at as lens_at
-from pzcap.localisation.panorama_sampler import warp_background
+from pzcap.localisation.panorama_sampler import ViewPlace, warp_background
 from pzcap.types import Camera, Image, PanZoomCamera, PzcapError
 
 INSTANTS: Final = 4
@@ -185,7 +185,7 @@ def at_fixed_focus(image: Image, one: Located, pan_rad: float, tilt_rad: float, 
     soft = cv2.GaussianBlur(image, (0, 0), 0.4 / ratio) if ratio < 0.8 else image  # or it would alias
     moved = cv2.warpAffine(soft, warp, size, flags=cv2.INTER_LINEAR)
     seen_there = cv2.warpAffine(np.ones(image.shape[:2], np.uint8), warp, size, flags=cv2.INTER_NEAREST) > 0
-    hall, _ = warp_background(one.panorama, camera, pan_rad, tilt_rad, reference)
+    hall, _ = warp_background(one.panorama, camera, ViewPlace(pan_rad, tilt_rad, reference))
     faded = (FADED * hall + (1 - FADED) * 235.0).astype(np.uint8)
     return np.where(seen_there[..., None], moved, faded)
 

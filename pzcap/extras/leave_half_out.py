@@ -33,7 +33,7 @@ from pzcap.extras.superresolved_alignment import SUPERRESOLVED, SuperresolvedAli
 from pzcap.geometry.cylinder import to_unwrapped
 from pzcap.imaging.bspline import smoothed
 from pzcap.imaging.colour import grey
-from pzcap.localisation.panorama_sampler import axis_directions
+from pzcap.localisation.panorama_sampler import ViewPlace, axis_directions
 from pzcap.localisation.tuning import ALIGNMENT
 from pzcap.types import Array, Image, Panorama, PanZoomCamera
 
@@ -60,9 +60,9 @@ def pans(
         aligner = _aligner(panorama, camera, level, np.flatnonzero(half != which), images[0].size, report)
         for k in np.flatnonzero(half == which).tolist():
             pan_rad = float(panorama.sweep_pan_rad[k])
-            one = aligner.align(images[k], pan_rad, camera.tilt_rad, focal_px, 1.5)
+            one = aligner.align(images[k], ViewPlace(pan_rad, camera.tilt_rad, focal_px), 1.5)
             if one.report.converged and one.agreement > ALIGNMENT.sure_agreement:
-                found[k], trust[k] = (one.pan_rad - pan_rad, np.log(one.focal_px / focal_px)), 1.0
+                found[k], trust[k] = (one.at.pan_rad - pan_rad, np.log(one.at.focal_px / focal_px)), 1.0
             report("align sweep", k // 2 + 1, (count + 1 - which) // 2)
     beside = _beside(_told(panorama, camera), half, found, trust, panorama.full_turn)
     return np.asarray(panorama.sweep_pan_rad - beside)
@@ -105,7 +105,7 @@ def _told(panorama: Panorama, camera: PanZoomCamera) -> list[_Told]:
     points = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64)
     told = []
     for pan_rad in panorama.sweep_pan_rad.tolist():
-        looks = axis_directions(panorama, camera, points, pan_rad, camera.tilt_rad, lens.reference_focal_px)
+        looks = axis_directions(panorama, camera, points, ViewPlace(pan_rad, camera.tilt_rad, lens.reference_focal_px))
         places = np.rint(to_unwrapped(panorama, pan_rad + looks[:, 0], looks[:, 1])).astype(np.int64)
         column = np.mod(places[:, 0], width) if panorama.full_turn else np.clip(places[:, 0], 0, width - 1)
         row = np.clip(places[:, 1], 0, height - 1)

@@ -72,9 +72,13 @@ def smooth(track: PanZoomTrack, frame_rate: Fraction, config: SmoothConfig, comm
 
     kept = seen | _short(~seen, config.max_gap_s / step_s)
     filled = np.flatnonzero(kept & ~seen) + found[0]
-    valid, tilt = track.valid.copy(), track.tilt_rad.copy()
+    valid = track.valid.copy()
     valid[filled] = True
-    tilt[filled] = np.interp(filled, found, track.tilt_rad[found])
+
+    def bridged(values: Array) -> Array:
+        result = values.copy()
+        result[filled] = np.interp(filled, found, values[found])
+        return result
 
     def merged(old: Array, new: Array) -> Array:
         result = old.copy()
@@ -82,8 +86,8 @@ def smooth(track: PanZoomTrack, frame_rate: Fraction, config: SmoothConfig, comm
         return result
 
     return replace(
-        track, pan_rad=merged(track.pan_rad, wrapped(values[:, 0])), tilt_rad=tilt,
-        focal_px=merged(track.focal_px, np.exp(values[:, 1])),
+        track, pan_rad=merged(track.pan_rad, wrapped(values[:, 0])), tilt_rad=bridged(track.tilt_rad),
+        roll_rad=bridged(track.roll_rad), focal_px=merged(track.focal_px, np.exp(values[:, 1])),
         covariance=merged(track.covariance, covariance + common), valid=valid,
     )  # fmt: skip
 

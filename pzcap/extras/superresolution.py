@@ -24,7 +24,7 @@ from pzcap.calibration.stitching import agreement
 from pzcap.extras.superresolved_alignment import half_extents
 from pzcap.geometry.cylinder import smooth_map, to_unwrapped
 from pzcap.imaging.bspline import STEPS, Stored, smoothed
-from pzcap.localisation.panorama_sampler import axis_directions
+from pzcap.localisation.panorama_sampler import ViewPlace, axis_directions
 from pzcap.localisation.tuning import ALIGNMENT
 from pzcap.types import Array, Mask, Panorama, PanZoomCamera
 
@@ -142,9 +142,8 @@ class _Block:
         lens, tilt_rad = self._camera.lens, self._camera.tilt_rad
 
         def to_block(points_px: Array) -> Array:
-            looks = axis_directions(
-                self._panorama, self._camera, points_px.reshape(-1, 2), pan_rad, tilt_rad, lens.reference_focal_px
-            )
+            at = ViewPlace(pan_rad, tilt_rad, lens.reference_focal_px)
+            looks = axis_directions(self._panorama, self._camera, points_px.reshape(-1, 2), at)
             places = to_unwrapped(self._panorama, pan_rad + looks[:, 0], looks[:, 1]).reshape(points_px.shape)
             return (places - np.array([self._left, 0.0]) + 0.5) * np.array([ACROSS, DOWN])
 

@@ -11,7 +11,18 @@ from numba import njit
 from pzcap.geometry import lens as lenses
 from pzcap.imaging.bspline import STEPS, Stored, smoothed
 from pzcap.localisation.frame_pixels import FramePixels, shading
-from pzcap.localisation.panorama_sampler import BY_LOG_FOCAL, BY_PAN, BY_TILT, COLUMN, KNOWN, PanTiltZoom, Rays
+from pzcap.localisation.panorama_sampler import (
+    BY_LOG_FOCAL,
+    BY_PAN,
+    BY_PAN_SHEAR,
+    BY_ROLL,
+    BY_TILT,
+    BY_ZOOM_SHEAR,
+    COLUMN,
+    KNOWN,
+    Rays,
+    ViewPlace,
+)
 from pzcap.localisation.photometric_alignment import Aligner, Fit, Limits, NothingToCompare
 from pzcap.localisation.tuning import ALIGNMENT
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
@@ -36,10 +47,8 @@ SUPERRESOLVED: Final = SuperresolvedTuning()
 class SuperresolvedAligner(Aligner):
     """An `Aligner` whose last fit is to the super-resolved panorama, where there is one, by all pixels of the frame."""
 
-    def __init__(
-        self, panorama: Panorama, camera: PanZoomCamera, *, pixels: int = 4000, free_tilt: bool = False
-    ) -> None:
-        super().__init__(panorama, camera, pixels=pixels, free_tilt=free_tilt)
+    def __init__(self, panorama: Panorama, camera: PanZoomCamera, *, pixels: int = 4000) -> None:
+        super().__init__(panorama, camera, pixels=pixels)
         self._fine: Stored | None = None
         if panorama.fine.size:
             down, across = np.array(panorama.fine.shape) // np.array(panorama.image.shape[:2])
@@ -78,7 +87,7 @@ class SuperresolvedAligner(Aligner):
         points = np.stack([columns.ravel(), rows.ravel()], axis=1).astype(np.float64)
         half = half_extents(self.camera, points, focal_px) * self.sampler.px_per_rad * self._cells
 
-        def look(rays: Rays, at: PanTiltZoom) -> Array:
+        def look(rays: Rays, at: ViewPlace) -> Array:
             samples = self._sampled(fine, half, rays, at)
             for column in range(KNOWN):  # value and derivatives
                 image = samples[:, column].reshape(soft.shape).astype(np.float32)
@@ -88,18 +97,19 @@ class SuperresolvedAligner(Aligner):
             return samples
 
         pixels = FramePixels(points, soft.ravel().astype(np.float64), shading(points, self.camera.lens, focal_px))
-        return self.fit(look, pixels, fit.solution.state, limits)
+        return self.fit(look, pixels, fit.solution.state, fit.cost.belief, limits)
 
-    def _sampled(self, fine: Stored, half: Array, rays: Rays, at: PanTiltZoom) -> Array:
-        """Samples (N, 7), as `PanoramaSampler.sample` has them, of the means over boxes of cells, ``half`` (N, 2) of
-        which they extend to either side."""
+    def _sampled(self, fine: Stored, half: Array, rays: Rays, at: ViewPlace) -> Array:
+        """Samples (N, SAMPLE), as `PanoramaSampler.sample` has them, of the means over boxes of cells, ``half``
+        (N, 2) of which they extend to either side."""
         samples = self.sampler.sample(self.sampler.levels[-1], rays, at)  # for where they are
         samples[:, KNOWN] = _means(fine, self._known, (samples[:, COLUMN:] + 0.5) * self._cells, half, samples)
         by_azimuth, by_slope = (samples[:, 1:3] * (-self.sampler.px_per_rad * self._cells)).T
-        by_focal, by_tilt = rays.directions[:, 2:4], rays.directions[:, 4:6]
         samples[:, BY_PAN] = by_azimuth
-        samples[:, BY_LOG_FOCAL] = by_azimuth * by_focal[:, 0] + by_slope * by_focal[:, 1]
-        samples[:, BY_TILT] = by_azimuth * by_tilt[:, 0] + by_slope * by_tilt[:, 1]
+        for column, k in ((BY_LOG_FOCAL, 2), (BY_TILT, 4), (BY_ROLL, 6)):
+            samples[:, column] = by_azimuth * rays.directions[:, k] + by_slope * rays.directions[:, k + 1]
+        samples[:, BY_PAN_SHEAR] = by_azimuth * rays.row_time
+        samples[:, BY_ZOOM_SHEAR] = samples[:, BY_LOG_FOCAL] * rays.row_time
         return samples
 
 

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.geometry import lens
 from pzcap.geometry.lens import Distortion, by_coefficients, distort_point, jacobian_at, undistort_point
-from pzcap.types import Array, Camera, PanZoomCamera
+from pzcap.types import Array, Camera, PanZoomCamera, PanZoomTrack
 
 HEAD_R_CAM: Final[Array] = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Camera axes in the head frame at pan, tilt and roll 0."""
@@ -56,12 +56,12 @@ PARAMETERS: Final[tuple[str, ...]] = ("pan", "tilt", "log_focal", "roll", "princ
 """Columns of `derivatives`."""
 
 
-def view_at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) -> View:
-    """The view of ``camera`` panned, tilted and zoomed."""
+def view_at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float, rolled_rad: float = 0.0) -> View:
+    """The view of ``camera`` panned, tilted and zoomed, and rolled beyond its own roll."""
     principal_px, distortion = lens.at(camera.lens, focal_px)
     travel_m = camera.travel_m * np.log(focal_px / camera.lens.reference_focal_px)
     centre_m = centre(camera.offset_m, travel_m, tilt_rad)
-    return View(pan_rad, tilt_rad, camera.roll_rad, focal_px, principal_px, distortion, centre_m)
+    return View(pan_rad, tilt_rad, camera.roll_rad + rolled_rad, focal_px, principal_px, distortion, centre_m)
 
 
 def centre(offset: Array, travel: float, tilt_rad: float) -> Array:
@@ -69,12 +69,19 @@ def centre(offset: Array, travel: float, tilt_rad: float) -> Array:
     return np.array([offset[0] + travel * np.cos(tilt_rad), offset[1], travel * np.sin(tilt_rad)])
 
 
-def at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float) -> Camera:
-    """The camera of an instant: ``world_T_cam = world_T_head Rz(pan) T(centre) Ry(-tilt) HEAD_R_CAM Rz(roll)``."""
-    view = view_at(camera, pan_rad, tilt_rad, focal_px)
-    world_T_cam = camera.world_T_head @ head_T_cam(pan_rad, tilt_rad, camera.roll_rad, view.centre_m)
+def at(camera: PanZoomCamera, pan_rad: float, tilt_rad: float, focal_px: float, rolled_rad: float = 0.0) -> Camera:
+    """The camera of an instant, rolled beyond its own roll:
+    ``world_T_cam = world_T_head Rz(pan) T(centre) Ry(-tilt) HEAD_R_CAM Rz(roll)``."""
+    view = view_at(camera, pan_rad, tilt_rad, focal_px, rolled_rad)
+    world_T_cam = camera.world_T_head @ head_T_cam(pan_rad, tilt_rad, view.roll_rad, view.centre_m)
     size = camera.lens.width, camera.lens.height
     return Camera(*size, world_T_cam, focal_px, view.principal_px, *view.distortion)
+
+
+def of_track(camera: PanZoomCamera, track: PanZoomTrack, frame: int) -> Camera:
+    """The ``camera`` in a frame of its ``track``, where that is valid."""
+    place = (track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame], track.roll_rad[frame])
+    return at(camera, *map(float, place))
 
 
 def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float, centre_m: Array = ON_AXIS) -> Array:

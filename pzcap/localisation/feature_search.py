@@ -20,7 +20,7 @@ from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View, wrapped
 from pzcap.imaging.colour import grey
-from pzcap.localisation.panorama_sampler import PanTiltZoom
+from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
 from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
@@ -152,14 +152,14 @@ def solve_eq11(
 ) -> Solution:  # fmt: skip
     """Pan, log focal, and tilt if that is free, of a frame whose ``points_px`` (N, 2) show directions of the panorama
     (N,), from a start at the camera's tilt: the least Geman-McClure cost of their distances, in pixels of the frame."""
-    at, free = PanTiltZoom(pan_rad, camera.tilt_rad, focal_px), 3 if free_tilt else 2
+    at, free = ViewPlace(pan_rad, camera.tilt_rad, focal_px), 3 if free_tilt else 2
     if free_tilt:
-        seen = geometry.pixel_to_direction(geometry.view_at(camera, *at), points_px)[1]
+        seen = geometry.pixel_to_direction(geometry.view_at(camera, *at[:4]), points_px)[1]
         at = at._replace(tilt_rad=at.tilt_rad + float(np.median(slope - seen)))
     length, weight = np.empty(len(points_px)), np.empty(len(points_px))
 
-    def linearise(at: PanTiltZoom, scale: float) -> NormalEquations:
-        view = geometry.view_at(camera, *at)
+    def linearise(at: ViewPlace, scale: float) -> NormalEquations:
+        view = geometry.view_at(camera, *at[:4])
         directions = cylinder.from_centre(panorama, view, azimuth_rad, slope)
         residual = geometry.direction_to_pixel(view, *directions)[0] - points_px
         length[:] = np.hypot(*residual.T)
@@ -177,4 +177,4 @@ def solve_eq11(
     )  # fmt: skip
     variance = solution.report.cost / float(2 * weight.sum())
     covariance = np.asarray(variance * np.linalg.inv(solution.normal)[:2, :2], np.float64)
-    return Solution(*solution.state, covariance, length < 2.0 * solution.scale)
+    return Solution(*solution.state[:3], covariance, length < 2.0 * solution.scale)

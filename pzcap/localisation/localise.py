@@ -17,9 +17,11 @@ from pzcap.geometry.camera import wrapped
 from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.feature_search import Candidate, FeatureSearch
-from pzcap.localisation.photometric_alignment import Aligner, Alignment
-from pzcap.localisation.tuning import ALIGNMENT
-from pzcap.types import Image, Localisation, Mask, Panorama, PanZoomCamera
+from pzcap.localisation.panorama_sampler import ViewPlace, place_of
+from pzcap.localisation.photometric_alignment import Aligner, Alignment, Belief
+from pzcap.localisation.readout import History, rate_between
+from pzcap.localisation.tuning import ALIGNMENT, READOUT
+from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
 
 
 class Localiser:
@@ -32,7 +34,7 @@ class Localiser:
         self._camera = camera
         self._config = config
         low, high = (zoom * camera.lens.reference_focal_px for zoom in config.zoom_range)
-        self._aligner = aligner(panorama, camera, pixels=config.pixels, free_tilt=config.free_tilt)
+        self._aligner = aligner(panorama, camera, pixels=config.pixels)
         self._correlator = Correlator(panorama, camera, (low, high), free_tilt=config.free_tilt)
         self._features = FeatureSearch(panorama, camera, config)
 
@@ -50,7 +52,7 @@ class Localiser:
         if expected is not None and (found := self._align_near(image, expected, hidden)) is not None:
             return found
         for place in self._correlator.places(image):
-            aligned = self._aligner.align(image, place.pan_rad, place.tilt_rad, place.focal_px, 4.0)
+            aligned = self._align(image, ViewPlace(place.pan_rad, place.tilt_rad, place.focal_px), 4.0)
             if self._is_reliable(aligned):
                 return self._localisation(aligned)
         for near in (None,) if expected is None else (expected, None):
@@ -65,7 +67,7 @@ class Localiser:
         """The frame, aligned from where it is expected; None where it is not reliably there."""
 
         def align(off_px: float, body: Mask | None = None) -> Alignment:
-            return self._aligner.align(image, prior.pan_rad, prior.tilt_rad, prior.focal_px, off_px, body)
+            return self._align(image, place_of(prior), off_px, body, prior.shear_sigma)
 
         if self._is_reliable(near := align(1.5)):  # most often it is where it was expected
             return self._localisation(near)
@@ -77,10 +79,22 @@ class Localiser:
         # noise and a bare wall agree less, however well the frame is found
         return self._localisation(far) if self._coincide(near, far) else None
 
+    def _align(
+        self, image: Image, start: ViewPlace, off_px: float, body: Mask | None = None, shear_sigma: Array | None = None
+    ) -> Alignment:
+        """Align from a ``start`` whose shear is known to ``shear_sigma`` (2,), by default to what a frame's may be."""
+        beliefs, camera = self._config.beliefs, self._camera
+        sway_rad = float(np.deg2rad(beliefs.sway_deg))
+        shear = beliefs.readout * np.array(READOUT.fastest) if shear_sigma is None else shear_sigma
+        locked = not self._config.free_tilt
+        mean = start._replace(tilt_rad=camera.tilt_rad if locked else start.tilt_rad, roll_rad=0.0)
+        belief = Belief(mean, sway_rad if locked else ALIGNMENT.free_tilt_rad, sway_rad, *shear.tolist())
+        return self._aligner.align(image, start, off_px, body, belief)
+
     def _coincide(self, near: Alignment, far: Alignment) -> bool:
         """True if a fit on all levels, which could have gone elsewhere, has come to where one on the finest has."""
-        moved_px = abs(near.pan_rad - far.pan_rad) * self._panorama.px_per_rad
-        edges_px = abs(np.log(near.focal_px / far.focal_px)) * self._camera.lens.width / 2
+        moved_px = abs(near.at.pan_rad - far.at.pan_rad) * self._panorama.px_per_rad
+        edges_px = abs(np.log(near.at.focal_px / far.at.focal_px)) * self._camera.lens.width / 2
         converged = near.report.converged and far.report.converged
         same = max(moved_px, edges_px) < ALIGNMENT.same_px
         return bool(converged and same and far.agreement > self._config.same_agreement)
@@ -88,10 +102,10 @@ class Localiser:
     def _verified(self, image: Image, found: Candidate) -> Localisation | None:
         """The place that features ``found``, aligned; None where the grey values do not agree with it."""
         off_px = 1.5 if found.determined else 4.0
-        aligned = self._aligner.align(image, found.pan_rad, found.tilt_rad, found.focal_px, off_px)
+        aligned = self._align(image, ViewPlace(found.pan_rad, found.tilt_rad, found.focal_px), off_px)
         if not found.determined:  # few matches, as at a zoom far from the sweep's: grey values have to do alone
             return self._localisation(aligned) if self._is_reliable(aligned) else None
-        moved_px = abs(aligned.pan_rad - found.pan_rad) * self._panorama.px_per_rad
+        moved_px = abs(aligned.at.pan_rad - found.pan_rad) * self._panorama.px_per_rad
         if aligned.agreement <= self._config.min_agreement or moved_px >= ALIGNMENT.features_moved_px:
             return None
         frame_px, panorama_px = found.frame_points_px, found.panorama_points_px
@@ -101,12 +115,15 @@ class Localiser:
         return aligned.report.converged and aligned.agreement > self._config.sure_agreement
 
     def _localisation(self, aligned: Alignment) -> Localisation:
-        (low, high), lens = self._config.zoom_range, self._camera.lens
-        shared = systematic(self._config, self._camera, np.array(aligned.pan_rad), np.array(aligned.focal_px))
+        (low, high), lens, at = self._config.zoom_range, self._camera.lens, aligned.at
+        shared = systematic(self._config, self._camera, np.array(at.pan_rad), np.array(at.focal_px))
+        shear_sigma = np.ones(2)
+        if len(aligned.covariance) == 6:
+            shear_sigma = np.sqrt(np.diag(aligned.covariance)[4:])
         return Localisation(
-            float(wrapped(aligned.pan_rad)), aligned.tilt_rad, aligned.focal_px, aligned.covariance + shared,
-            low < aligned.focal_px / lens.reference_focal_px < high, aligned.frame_points_px,
-            aligned.panorama_points_px,
+            float(wrapped(at.pan_rad)), at.tilt_rad, at.focal_px, aligned.covariance[:2, :2] + shared,
+            low < at.focal_px / lens.reference_focal_px < high, aligned.frame_points_px, aligned.panorama_points_px,
+            at.roll_rad, np.array([at.pan_shear_rad, at.zoom_shear]), shear_sigma,
         )  # fmt: skip
 
 
@@ -124,17 +141,25 @@ def count_from_reference(
     """The panorama, its azimuths counted from where the reference ``image``, of ``focal_px``, lies on it. The bundle
     adjustment has determined that already; but found as each frame's pan is later, an error that all share cancels."""
     # an error of this one pan is all frames' error, so all pixels are compared
-    reference = aligner(panorama, camera, pixels=image.size).align(image, 0.0, camera.tilt_rad, focal_px, 1.5)
+    start = ViewPlace(0.0, camera.tilt_rad, focal_px)
+    reference = aligner(panorama, camera, pixels=image.size).align(image, start, 1.5)
     if reference.agreement < ALIGNMENT.sure_agreement:
         return panorama
-    origin_px = panorama.origin_px - np.array([reference.pan_rad * panorama.px_per_rad, 0.0])
-    return replace(panorama, origin_px=origin_px, sweep_pan_rad=panorama.sweep_pan_rad - reference.pan_rad)
+    origin_px = panorama.origin_px - np.array([reference.at.pan_rad * panorama.px_per_rad, 0.0])
+    return replace(panorama, origin_px=origin_px, sweep_pan_rad=panorama.sweep_pan_rad - reference.at.pan_rad)
 
 
-def predicted(before: Localisation | None, last: Localisation | None) -> Localisation | None:
-    """The next frame's place if head and zoom ring turn on at the same speed; None if the last frame was lost."""
-    if before is None or last is None:
-        return last
-    turned = float(wrapped(last.pan_rad - before.pan_rad))
-    pan_rad, tilt_rad = float(wrapped(last.pan_rad + turned)), 2 * last.tilt_rad - before.tilt_rad
-    return replace(last, pan_rad=pan_rad, tilt_rad=tilt_rad, focal_px=last.focal_px**2 / before.focal_px)
+def predicted(history: History) -> Localisation | None:
+    """The next frame's place, if head and zoom ring turn on at the same speed, and the shear that is expected then;
+    None if the last frame was lost."""
+    before, last, readout = history.before, history.last, history.readout
+    if last is None:
+        return None
+    if before is None:
+        return replace(last, shear=np.zeros(2), shear_sigma=readout.sigma * np.array(READOUT.fastest))
+    rate = rate_between(before, last)
+    shear, shear_sigma = readout.shear(rate)
+    return replace(
+        last, pan_rad=float(wrapped(last.pan_rad + rate[0])), tilt_rad=2 * last.tilt_rad - before.tilt_rad,
+        focal_px=last.focal_px * float(np.exp(rate[1])), shear=shear, shear_sigma=shear_sigma,
+    )  # fmt: skip

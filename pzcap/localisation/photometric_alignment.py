@@ -1,12 +1,17 @@
-"""Pan, tilt and focal length of a frame from its grey values and the panorama's (direct alignment).
+"""Place of a frame from its grey values and the panorama's (direct alignment).
 
 Grey values tell a place more exactly than features do, since all edges count. The residual of a pixel is
 
-    r = grey - (g_0 + g_1 rho^2 + g_2 rho^4) P(direction(pixel; pan, tilt, log focal)),
+    r = grey - b(row) (g_0 + g_1 rho^2 + g_2 rho^4) P(direction(pixel; place)),
 
-with P the panorama and the polynomial in the distance rho from the principal point for gain and vignetting. Place and
-gains minimise the Geman-McClure cost of all residuals by Gauss-Newton steps, so that pixels that do not fit (the
-athlete, a shadow) lose their weight. From coarse to fine, so that the frame before is a good enough start for the next.
+with P the panorama, the polynomial in the distance rho from the principal point for gain and vignetting, and b the
+bands that mains light leaves in rows that are not exposed at once (`row_bands`). Place and gains minimise the
+Geman-McClure cost of all residuals by Gauss-Newton steps, so that pixels that do not fit (the athlete, a shadow) lose
+their weight. From coarse to fine, so that the frame before is a good enough start for the next.
+
+The place (`ViewPlace`) is pan and focal length, and beside these what a tripod on a sprung floor and a rolling shutter
+add: a little tilt and roll, and a shear of pan and focal length from row to row. What is believed of them before
+(`Belief`) counts as a prior; what is believed to be 0 exactly costs nothing.
 """
 
 from __future__ import annotations
@@ -14,30 +19,63 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from pzcap.imaging.colour import grey
 from pzcap.localisation.frame_pixels import FramePixels, level_pixels
-from pzcap.localisation.panorama_sampler import BY_PAN, KNOWN, VALUE, PanoramaSampler, PanTiltZoom, Rays
+from pzcap.localisation.panorama_sampler import BY_PAN, KNOWN, VALUE, PanoramaSampler, Rays, ViewPlace
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.solver import robust
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, Solution, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
-Look = Callable[[Rays, PanTiltZoom], Array]
-"""Samples (N, 7) of the panorama along rays (N), extrapolated to a pan, tilt and focal length."""
+Look = Callable[[Rays, ViewPlace], Array]
+"""Samples (N, SAMPLE) of the panorama along rays (N), extrapolated to a place."""
+
+
+class Belief(NamedTuple):
+    """Belief about a frame before it is seen: standard deviations of tilt, roll, pan shear and zoom shear about those
+    of a place. With 0 they are held there."""
+
+    mean: ViewPlace
+    tilt_rad: float = 0.0
+    roll_rad: float = 0.0
+    pan_shear_rad: float = 0.0
+    zoom_shear: float = 0.0
+
+    @property
+    def free(self) -> int:
+        """Number of unknowns of the place, the first of those that `ViewPlace.stepped` steps."""
+        sigmas = self[1:]
+        return 2 + max((k + 1 for k, sigma in enumerate(sigmas) if sigma > 0.0), default=0)
+
+    def information(self) -> Array:
+        """(free,) inverse variances; 0 of pan and log focal, which nobody knows."""
+        sigma = np.maximum(np.array(self[1 : self.free - 1]), _HELD)
+        return np.concatenate([np.zeros(2), sigma**-2.0])
+
+    def departure(self, at: ViewPlace) -> Array:
+        """(free,) unknowns of a place minus the mean; 0 of pan and log focal."""
+        mean = self.mean
+        off = np.array([
+            0.0, 0.0, at.tilt_rad - mean.tilt_rad, at.roll_rad - mean.roll_rad,
+            at.pan_shear_rad - mean.pan_shear_rad, at.zoom_shear - mean.zoom_shear,
+        ])  # fmt: skip
+        return off[: self.free]
+
+
+_HELD: Final = 1e-9
+"""Standard deviation, radians, of what is held though an unknown after it is free."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    pan_rad: float
-    tilt_rad: float
-    focal_px: float
-    covariance: Array  # (2, 2) of (pan, log focal), from the residuals alone
+    at: ViewPlace
+    covariance: Array  # (free, free) of what `ViewPlace.stepped` steps, from the residuals and the belief
     agreement: float  # 1 - median residual / median contrast: near 1 in the right place, else about 0
     report: SolveReport  # a fit that did not converge may agree as well, where a fast pan smears all edges
     frame_points_px: Array  # (N, 2) some pixels that fit, on edges
@@ -53,7 +91,7 @@ class Limits(NamedTuple):
 
 
 class State(NamedTuple):
-    at: PanTiltZoom
+    at: ViewPlace
     gains: Array | None  # (K,) of the shading; None: not known yet
 
 
@@ -62,16 +100,18 @@ class NothingToCompare(Exception):
 
 
 class _Cost:
-    """Photometric cost of some pixels; ``sampled`` (N, 7), ``residual`` and ``weight`` (N,) of its last
+    """Photometric cost of some pixels; ``sampled`` (N, SAMPLE), ``residual`` and ``weight`` (N,) of its last
     linearisation."""
 
-    def __init__(self, aligner: Aligner, look: Look, pixels: FramePixels, start: PanTiltZoom, limits: Limits) -> None:
-        self._aligner, self._look, self._limits, self.pixels = aligner, look, limits, pixels
+    def __init__(
+        self, aligner: Aligner, look: Look, pixels: FramePixels, start: ViewPlace, belief: Belief, limits: Limits
+    ) -> None:
+        self._aligner, self._look, self._limits, self.pixels, self.belief = aligner, look, limits, pixels, belief
         self._rays = aligner.sampler.rays(pixels.points, start)
 
     def linearise(self, state: State, _: float) -> NormalEquations:
         """Normal equations at ``state``; the scale of the weights follows from the residuals there."""
-        pixels, free = self.pixels, self._aligner.free
+        pixels, free = self.pixels, self.belief.free
         if self._rays.far_from(state.at):
             self._rays = self._aligner.sampler.rays(pixels.points, state.at)
         self.sampled = self._look(self._rays, state.at)
@@ -90,12 +130,15 @@ class _Cost:
         self.weight, normal, gradient, self._curvature = normal_equations(
             self.sampled, pixels.shading, brightness, self.residual, self._scale, free
         )
-        regularised = normal + 1e-9 * np.diag(np.diag(normal))  # can be solved, whatever is left open
-        return NormalEquations(regularised, gradient, noise, float(self.weight @ self.residual**2))
+        normal += 1e-9 * np.diag(np.diag(normal))  # can be solved, whatever is left open
+        information = noise**2 * self.belief.information()
+        normal[range(free), range(free)] += information
+        gradient[:free] += information * self.belief.departure(state.at)
+        return NormalEquations(normal, gradient, noise, float(self.weight @ self.residual**2))
 
     def retract(self, state: State, step: Array) -> State:
         """``state`` after a step, which is lengthened near the end by what Gauss-Newton steps are too short by."""
-        free = self._aligner.free
+        free = self.belief.free
         moved_px = max(abs(step[0]) * state.at.focal_px, abs(step[1]) * self._aligner.camera.lens.width / 2)
         if moved_px < ALIGNMENT.near_px:
             step = step / max(self._curvature, ALIGNMENT.least_curvature)
@@ -114,54 +157,52 @@ class Fit(NamedTuple):
 
 
 class Aligner:
-    """Aligns frames of one camera with its panorama by about ``pixels`` of each frame; in tilt as well with
-    ``free_tilt``, else the camera's is kept."""
+    """Aligns frames of one camera with its panorama by about ``pixels`` of each frame."""
 
-    def __init__(
-        self, panorama: Panorama, camera: PanZoomCamera, *, pixels: int = 4000, free_tilt: bool = False
-    ) -> None:
-        self.free = 3 if free_tilt else 2
+    def __init__(self, panorama: Panorama, camera: PanZoomCamera, *, pixels: int = 4000) -> None:
         self.camera = camera
         self.sampler = PanoramaSampler(panorama, camera, pixels)
 
     def align(
-        self, image: Image, pan_rad: float, tilt_rad: float, focal_px: float, off_px: float, hidden: Mask | None = None
+        self, image: Image, start: ViewPlace, off_px: float, hidden: Mask | None = None, belief: Belief | None = None
     ) -> Alignment:
-        """Refine a pan and a focal length, and a tilt if that is free, from a start off by up to ``off_px`` pixels of
-        the panorama, 15 at most; the less, the faster. Pixels that are ``hidden`` (H, W) are not compared. The
-        agreement is 0 where the panorama is unknown, or the frame dark."""
-        frame, state = grey(image), State(PanTiltZoom(pan_rad, tilt_rad, focal_px), None)
+        """Refine the place of a frame from a ``start`` off by up to ``off_px`` pixels of the panorama, 15 at most; the
+        less, the faster. Without a ``belief`` all but pan and focal length are held where the start has them. Pixels
+        that are ``hidden`` (H, W) are not compared. The agreement is 0 where the panorama is unknown, or the frame
+        dark."""
+        frame, state, belief = grey(image), State(start, None), belief or Belief(start)
         try:
             for index in range(max(sum(level.reach_px >= off_px for level in LEVELS), 1) - 1, len(LEVELS)):
-                fit = self._fit_level(index, frame, hidden, state.at)
+                fit = self._fit_level(index, frame, hidden, state.at, belief)
                 state = fit.solution.state
             return self._alignment(self.refined(fit, frame, hidden))
         except NothingToCompare:
             nothing = np.empty((0, 2))
-            return Alignment(*state.at, np.eye(2), 0.0, SolveReport(False, 0, 0.0), nothing, nothing)
+            return Alignment(state.at, np.eye(2), 0.0, SolveReport(False, 0, 0.0), nothing, nothing)
 
-    def _fit_level(self, index: int, frame: Image, hidden: Mask | None, at: PanTiltZoom) -> Fit:
+    def _fit_level(self, index: int, frame: Image, hidden: Mask | None, at: ViewPlace, belief: Belief) -> Fit:
         """Fit to one of `LEVELS`."""
         level, steps = self.sampler.levels[index], LEVELS[index].steps
         pixels = level_pixels(frame, hidden, self.camera.lens, at.focal_px, self.sampler.px_per_rad, level)
         look, start = partial(self.sampler.sample, level), State(at, None)
-        if level.scale > 1:
-            return self.fit(look, pixels, start, Limits(steps, 0.0))
-        near = self.fit(look, pixels.thinned(ALIGNMENT.sparse), start, Limits(steps, ALIGNMENT.near_px))
-        return self.fit(look, pixels, near.solution.state, Limits(steps, ALIGNMENT.settled_px))
+        if level.scale > 1:  # too coarse to tell rows apart
+            return self.fit(look, pixels, start, Belief(belief.mean, belief.tilt_rad), Limits(steps, 0.0))
+        near = self.fit(look, pixels.thinned(ALIGNMENT.sparse), start, belief, Limits(steps, ALIGNMENT.near_px))
+        return self.fit(look, pixels, near.solution.state, belief, Limits(steps, ALIGNMENT.settled_px))
 
     def refined(self, fit: Fit, frame: Image, hidden: Mask | None) -> Fit:  # noqa: ARG002
         """Result of the last level as it is; `pzcap.extras.superresolved_alignment` goes on from there."""
         return fit
 
-    def fit(self, look: Look, pixels: FramePixels, start: State, limits: Limits) -> Fit:
-        cost = _Cost(self, look, pixels, start.at, limits)
+    def fit(self, look: Look, pixels: FramePixels, start: State, belief: Belief, limits: Limits) -> Fit:
+        cost = _Cost(self, look, pixels, start.at, belief, limits)
         return Fit(cost, minimise(start, cost.linearise, cost.retract, cost.settled, Schedule(limits.steps, 1.0)))
 
     def _alignment(self, fit: Fit) -> Alignment:
         cost, solution = fit
         variance = solution.report.cost / float(cost.weight.sum())
-        covariance = np.asarray(variance * np.linalg.inv(solution.normal)[:2, :2], np.float64)
+        free = cost.belief.free
+        covariance = np.asarray(variance * np.linalg.inv(solution.normal)[:free, :free], np.float64)
         usable = cost.sampled[:, KNOWN] > 0
         value = cost.sampled[usable, VALUE]
         contrast = robust.median(np.abs(value - robust.median(value)))
@@ -171,7 +212,7 @@ class Aligner:
         shown = np.flatnonzero(strength >= np.partition(strength, -strongest)[-strongest])[::5]
         places = self.sampler.panorama_px(cost.sampled[shown])
         points = cost.pixels.points[shown]
-        return Alignment(*solution.state.at, covariance, agreement, solution.report, points, places)
+        return Alignment(solution.state.at, covariance, agreement, solution.report, points, places)
 
 
 def _first_gains(ratio: Array, squared: Array, count: int) -> Array:
@@ -189,7 +230,7 @@ def normal_equations(
     sampled: Array, shading: Array, brightness: Array, residual: Array, scale: float, free: int
 ) -> tuple[Array, Array, Array, float]:
     """Geman-McClure weights (N,) of residuals (N,) and the normal equations: their matrix (P + K, P + K) and gradient
-    (P + K,), for the first ``free`` of pan, log focal and tilt and the K gains of the ``shading`` (N, K).
+    (P + K,), for the first ``free`` unknowns of the place and the K gains of the ``shading`` (N, K).
 
     A pixel's residual is its grey value less ``brightness`` (N,) times the panorama's. At last the cost's mean second
     derivative as a share of the weight that stands for it in the matrix: weights fall as residuals grow.

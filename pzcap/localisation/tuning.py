@@ -43,6 +43,8 @@ class AlignmentTuning(NamedTuple):
     """Compared where the panorama is known; with fewer there is no fit."""
     linear: float = 1e-3
     """Change of log focal, or radians of tilt, up to which rays are linear in it, to 0.001 pixels."""
+    free_tilt_rad: float = 0.5
+    """Radians, standard deviation, of a tilt that is free: as good as unknown."""
     sure_agreement: float = 0.5
     """Agreement from which on a reference image, or a frame of the sweep, is where it was looked for."""
     same_px: float = 0.1
@@ -64,6 +66,22 @@ class SearchTuning(NamedTuple):
     """Grey levels, standard deviation: a frame of less correlates with anything."""
 
 
+class ReadoutTuning(NamedTuple):
+    """Read-out time from successive frames."""
+
+    rate_sigma: tuple[float, float] = (6e-4, 2e-3)
+    """Change of the rates of pan (radians) and of log focal from one frame to the next, a frame period: a hand's."""
+    central_sigma: tuple[float, float] = (6e-5, 2e-4)
+    """Errors of the same rates from the frames before and after."""
+    doubt: float = 4.0
+    """So many times the variance that a frame's shear claims: pixels of one edge do not err by themselves."""
+    negligible_px: float = 0.02
+    """Pixels of the frame by which rows may be displaced without being put right."""
+    fastest: tuple[float, float] = (0.04, 0.05)
+    """Rates a frame period, standard deviation, of a frame that is searched for without one before it."""
+
+
 LEVELS: Final = (LevelTuning(3, 4, 15.0, 1500), LevelTuning(1, 2, 4.0, 2000), LevelTuning(0, 12, 1.5))
 ALIGNMENT: Final = AlignmentTuning()
 SEARCH: Final = SearchTuning()
+READOUT: Final = ReadoutTuning()

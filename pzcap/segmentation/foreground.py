@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from pzcap.geometry.camera import at
-from pzcap.localisation.panorama_sampler import Window, warp_background
+from pzcap.localisation.panorama_sampler import Window, place_of, warp_background
 from pzcap.segmentation import boundary_refinement
 from pzcap.segmentation.background_model import Compared, ForegroundConfig, compare, double, shrink
 from pzcap.segmentation.tuning import BODY
@@ -62,13 +62,13 @@ def separate(
     )  # fmt: skip
     if not localisation.valid:
         return whole
-    pan_rad, tilt_rad, focal_px = localisation.pan_rad, localisation.tilt_rad, localisation.focal_px
+    place = place_of(localisation)
     left, top, right, bottom = (0, 0, width, height) if expected is None else expected.window
     part, half = np.s_[top:bottom, left:right], np.s_[top // 2 : bottom // 2, left // 2 : right // 2]
-    background, known = warp_background(panorama, camera, pan_rad, tilt_rad, focal_px, (left, top, right, bottom))
-    view = at(camera, pan_rad, tilt_rad, focal_px)
+    background, known = warp_background(panorama, camera, place, (left, top, right, bottom))
+    view = at(camera, *place[:4])
     # the panorama is blurred by the sweep's pixels (variance 1/12), interpolated twice (1/6 each)
-    blur_px = float(np.sqrt(5 / 12) * focal_px / panorama.px_per_rad)
+    blur_px = float(np.sqrt(5 / 12) * place.focal_px / panorama.px_per_rad)
     found = subtract(image[part], background, known, view, blur_px, config, expected)
     whole.probability[part], whole.background[part] = found.probability, found.background
     whole.evidence[half] = found.evidence

@@ -49,10 +49,7 @@ def figures(joints_m: Array, rotations: Array) -> Array:
 
 def instants(camera: PanZoomCamera, track: PanZoomTrack) -> list[Camera | None]:
     """The camera of every frame set; None where it was not found."""
-    return [
-        geometry.at(camera, float(pan), float(tilt), float(focal)) if valid else None
-        for pan, tilt, focal, valid in zip(track.pan_rad, track.tilt_rad, track.focal_px, track.valid, strict=True)
-    ]
+    return [geometry.of_track(camera, track, frame) if valid else None for frame, valid in enumerate(track.valid)]
 
 
 def project_edges(camera: Camera, edges_m: Array) -> list[Array]:

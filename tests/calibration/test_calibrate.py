@@ -20,6 +20,7 @@ from pzcap.camera_set import calibrate_camera
 from pzcap.geometry.camera import at
 from pzcap.io.video import VideoReader
 from pzcap.localisation.localise import count_from_reference
+from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.types import Camera, InverseDepthMap, Panorama
 from sim.cameras.film import FilmCamera
@@ -82,8 +83,8 @@ def test_pan_0_is_where_the_reference_image_lies_on_the_panorama() -> None:
     panorama, camera = shrunk(), camera_of(OPTICS)
     image = synthetic.render(OPTICS, 0.8 / FOCAL, FOCAL)
     counted = count_from_reference(panorama, camera, image, FOCAL)
-    again = Aligner(counted, camera).align(image, 0.0, camera.tilt_rad, FOCAL, 1.5)
-    assert again.pan_rad == pytest.approx(0.0, abs=0.01 / FOCAL)
+    again = Aligner(counted, camera).align(image, ViewPlace(0.0, camera.tilt_rad, FOCAL), 1.5)
+    assert again.at.pan_rad == pytest.approx(0.0, abs=0.01 / FOCAL)
     np.testing.assert_allclose(counted.sweep_pan_rad, panorama.sweep_pan_rad - 0.8 / FOCAL, atol=0.05 / FOCAL)
 
 

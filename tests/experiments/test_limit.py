@@ -19,6 +19,7 @@ from pzcap.calibration import stitching
 from pzcap.geometry.camera import View, wrapped
 from pzcap.geometry.lens import NONE
 from pzcap.imaging.colour import grey
+from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.types import FAR_AWAY, Array, Image, Lens, Panorama, PanZoomCamera
 from tests.scenes import synthetic
@@ -81,12 +82,12 @@ def test_pan_and_focal_length_come_within_twice_their_bounds(background: Panoram
 
     def one(frame: tuple[int, float, float]) -> tuple[Array, Array]:
         seed, pan, focal = frame
-        found = aligner.align(photograph(pan, focal, seed), pan + 5e-5, 0.0, focal * 1.0002, 1.5)
+        found = aligner.align(photograph(pan, focal, seed), ViewPlace(pan + 5e-5, 0.0, focal * 1.0002), 1.5)
         scene = build_scene(background, sensor, blur_level(background, focal), WIDTH)
         view = View(pan, 0.0, 0.0, focal, MIDDLE, NONE)
         bound = least_covariance(information(scene, LENS, view, np.zeros((HEIGHT, WIDTH), bool)))
         assert bound is not None
-        return np.array([wrapped(found.pan_rad - pan), np.log(found.focal_px / focal)]), np.sqrt(np.diag(bound))
+        return np.array([wrapped(found.at.pan_rad - pan), np.log(found.at.focal_px / focal)]), np.sqrt(np.diag(bound))
 
     frames = [(1000 + k, rng.uniform(-0.5, 0.5), FOCAL * np.exp(rng.uniform(0.0, 1.0))) for k in range(24)]
     with ThreadPoolExecutor(2) as pool:

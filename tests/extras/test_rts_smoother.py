@@ -48,7 +48,8 @@ def drawn(seed: int, frames: int = 120, sigma: tuple[float, float] = (2e-4, 1e-3
 def track_of(values: Array, covariance: Array) -> PanZoomTrack:
     frames = len(values)
     return PanZoomTrack(
-        pan_rad=(values[:, 0] + np.pi) % (2 * np.pi) - np.pi, tilt_rad=np.full(frames, -0.07),
+        pan_rad=(values[:, 0] + np.pi) % (2 * np.pi) - np.pi,
+        tilt_rad=np.full(frames, -0.07), roll_rad=np.zeros(frames),
         focal_px=np.exp(values[:, 1]), covariance=covariance, inliers=np.full(frames, 50), valid=np.ones(frames, bool),
     )  # fmt: skip
 
@@ -202,7 +203,8 @@ def test_time_has_no_direction(seed: int, missing: set[int]) -> None:
     _, track = drawn(seed, 40)
     track = without(track, *missing)
     back = replace(
-        track, pan_rad=track.pan_rad[::-1], tilt_rad=track.tilt_rad[::-1], focal_px=track.focal_px[::-1],
+        track, pan_rad=track.pan_rad[::-1], tilt_rad=track.tilt_rad[::-1], roll_rad=track.roll_rad[::-1],
+        focal_px=track.focal_px[::-1],
         covariance=track.covariance[::-1], inliers=track.inliers[::-1], valid=track.valid[::-1],
     )  # fmt: skip
     one, two = smooth(track, RATE, GIVEN, NONE), smooth(back, RATE, GIVEN, NONE)

@@ -10,6 +10,7 @@ import pytest
 from pzcap.extras.superresolution import ACROSS, DOWN, super_resolve
 from pzcap.extras.superresolved_alignment import SuperresolvedAligner, box
 from pzcap.imaging import bspline
+from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.types import Array, Image, Panorama
 from tests.scenes.upright_bars import CAMERA, FOCAL, HEIGHT, MIDDLE, WIDTH, level, photograph, stitched, swept
 
@@ -32,10 +33,13 @@ def some() -> Panorama:
 def errors(background: Panorama, pans_rad: Array, zoom: float) -> Array:
     """(N, 2) of pan, in pixels of the frame, and of log focal, in pixels at its edges."""
     aligner, focal = SuperresolvedAligner(background, CAMERA, pixels=WIDTH * HEIGHT), FOCAL * zoom
-    found = [aligner.align(photograph(pan, focal), pan + 1e-4, 0.0, focal * 1.0003, 1.5) for pan in pans_rad.tolist()]
+    found = [
+        aligner.align(photograph(pan, focal), ViewPlace(pan + 1e-4, 0.0, focal * 1.0003), 1.5)
+        for pan in pans_rad.tolist()
+    ]
     assert all(one.report.converged for one in found)
     return np.array([
-        [(one.pan_rad - pan) * focal, np.log(one.focal_px / focal) * WIDTH / 2]
+        [(one.at.pan_rad - pan) * focal, np.log(one.at.focal_px / focal) * WIDTH / 2]
         for one, pan in zip(found, pans_rad, strict=True)
     ])  # fmt: skip
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import direction_to_pixel, head_T_cam, pixel_to_direction, view_at
-from pzcap.localisation.panorama_sampler import axis_directions, warp_background
+from pzcap.localisation.panorama_sampler import ViewPlace, axis_directions, warp_background
 from pzcap.types import InverseDepthMap
 from tests.scenes import synthetic
 from tests.scenes.cylinders import camera_of, whole_turn
@@ -44,7 +44,7 @@ def test_parallax_is_what_three_dimensions_give(pan: float, alpha: float, slope:
     off = np.array([np.angle(np.exp(1j * (seen[0][0] - there[0]))), seen[1][0] - there[1]])
     assert np.abs(off).max() < 1e-5  # second order: a hundredth of a pixel
     pixel, _ = direction_to_pixel(view, *seen)
-    back = axis_directions(panorama, camera, pixel, pan, -0.07, 700.0)[0]
+    back = axis_directions(panorama, camera, pixel, ViewPlace(pan, -0.07, 700.0))[0]
     np.testing.assert_allclose([pan + back[0], back[1]], [azimuth, slope], atol=1e-5)
 
 
@@ -77,7 +77,7 @@ def test_the_warped_background_is_what_the_camera_sees() -> None:
     panorama = whole_turn(0)
     optics = synthetic.Optics(noise=0.0, vignetting=0.0)
     for pan, focal in ((0.3, 440.0), (np.pi - 0.1, 400.0), (-2.0, 900.0)):
-        image, valid = warp_background(panorama, camera_of(optics), pan, optics.tilt_rad, focal)
+        image, valid = warp_background(panorama, camera_of(optics), ViewPlace(pan, optics.tilt_rad, focal))
         seen = synthetic.render(optics, pan, focal)
         assert valid.mean() > 0.99
         difference = np.abs(image.astype(float) - seen)[valid]
@@ -88,7 +88,7 @@ def test_the_warped_background_is_what_the_camera_sees() -> None:
 
 def test_beyond_the_panorama_nothing_is_known() -> None:
     panorama, optics = whole_turn(0), synthetic.Optics()
-    image, valid = warp_background(panorama, camera_of(optics), 0.0, 0.9, 440.0)
+    image, valid = warp_background(panorama, camera_of(optics), ViewPlace(0.0, 0.9, 440.0))
     assert not valid[:40].any()
     assert valid[-40:].any()
     assert (image[~valid] == 0).all()

@@ -14,12 +14,16 @@ from pzcap.geometry.cylinder import from_centre, from_panorama
 from pzcap.localisation.panorama_sampler import (
     BY_LOG_FOCAL,
     BY_PAN,
+    BY_PAN_SHEAR,
+    BY_ROLL,
     BY_TILT,
+    BY_ZOOM_SHEAR,
     COLUMN,
     KNOWN,
+    SAMPLE,
     VALUE,
     PanoramaSampler,
-    PanTiltZoom,
+    ViewPlace,
 )
 from pzcap.localisation.photometric_alignment import Aligner, normal_equations
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS
@@ -59,7 +63,7 @@ def sampler(panorama: Panorama) -> PanoramaSampler:
 HALL = InverseDepthMap(1.7, np.linspace(0.05, 0.6, 12), np.linspace(0, 0.1, 24).reshape(2, 12), np.array([-0.4, 0.3]))
 
 
-def finest(sampler: PanoramaSampler, at: PanTiltZoom) -> Array:
+def finest(sampler: PanoramaSampler, at: ViewPlace) -> Array:
     """What the panorama shows at PIXELS."""
     return sampler.sample(sampler.levels[-1], sampler.rays(PIXELS, at), at)
 
@@ -76,7 +80,7 @@ def test_samples_stand_where_the_camera_looks(panorama: Panorama) -> None:
     panorama = replace(panorama, surroundings=HALL)
     beside = PanoramaSampler(panorama, camera, 4000)
     for pan in (-3.0, 0.2, 3.1):
-        sampled = finest(beside, PanTiltZoom(pan, camera.tilt_rad, 500.0))
+        sampled = finest(beside, ViewPlace(pan, camera.tilt_rad, 500.0))
         view = view_at(camera, pan, camera.tilt_rad, 500.0)
         azimuth, slope = from_panorama(panorama, beside.panorama_px(sampled))
         seen, _ = direction_to_pixel(view, *from_centre(panorama, view, azimuth, slope))
@@ -84,12 +88,12 @@ def test_samples_stand_where_the_camera_looks(panorama: Panorama) -> None:
 
 
 def test_rays_may_be_taken_as_straight_so_near(sampler: PanoramaSampler) -> None:
-    there, layer, linear = PanTiltZoom(0.2, OPTICS.tilt_rad, 500.0), sampler.levels[-1], ALIGNMENT.linear
+    there, layer, linear = ViewPlace(0.2, OPTICS.tilt_rad, 500.0), sampler.levels[-1], ALIGNMENT.linear
     rays = sampler.rays(PIXELS, there)
     assert not rays.far_from(there)
     for by_tilt, by_focal in ((linear, 0.0), (0.0, -linear), (linear, linear)):
-        moved = PanTiltZoom(0.2, there.tilt_rad + by_tilt, there.focal_px * np.exp(by_focal))
-        assert rays.far_from(PanTiltZoom(0.2, there.tilt_rad + 1.01 * by_tilt, 500.0 * np.exp(1.01 * by_focal)))
+        moved = ViewPlace(0.2, there.tilt_rad + by_tilt, there.focal_px * np.exp(by_focal))
+        assert rays.far_from(ViewPlace(0.2, there.tilt_rad + 1.01 * by_tilt, 500.0 * np.exp(1.01 * by_focal)))
         straight, exact = sampler.sample(layer, rays, moved), finest(sampler, moved)
         np.testing.assert_allclose(straight[:, COLUMN:], exact[:, COLUMN:], atol=1e-3)
 
@@ -101,14 +105,18 @@ def test_derivatives_match_finite_differences() -> None:
     waves = 127 + 60 * np.sin(column / 9.0) + 60 * np.cos(row / 7.0 + column / 40.0)
     smooth = replace(whole, image=np.repeat(np.rint(waves).astype(np.uint8)[..., None], 3, axis=2))
     sampler = PanoramaSampler(smooth, camera_of(OPTICS), 4000)
-    there, step = np.array([0.3, OPTICS.tilt_rad, np.log(600.0)]), 2e-3
-
-    def at(place: Array) -> Array:
-        return finest(sampler, PanTiltZoom(place[0], place[1], np.exp(place[2])))
-
-    here = at(there)
-    for column, along in ((BY_PAN, 0), (BY_TILT, 1), (BY_LOG_FOCAL, 2)):
-        numeric = at(there + step * np.eye(3)[along]) - at(there - step * np.eye(3)[along])
+    there, step = ViewPlace(0.3, OPTICS.tilt_rad, 600.0, 0.002, 0.004, 0.01), 2e-3
+    here = finest(sampler, there)
+    for column, along in (
+        (BY_PAN, 0),
+        (BY_LOG_FOCAL, 1),
+        (BY_TILT, 2),
+        (BY_ROLL, 3),
+        (BY_PAN_SHEAR, 4),
+        (BY_ZOOM_SHEAR, 5),
+    ):
+        there_and_back = [finest(sampler, there.stepped(sign * step * np.eye(6)[along], 0.1)) for sign in (1.0, -1.0)]
+        numeric = there_and_back[0] - there_and_back[1]
         numeric_grey = numeric[:, VALUE] / (2 * step)
         assert np.corrcoef(here[:, column], numeric_grey)[0, 1] > 0.99
         assert np.polyfit(numeric_grey, here[:, column], 1)[0] == pytest.approx(1.0, abs=0.05)
@@ -118,9 +126,9 @@ def test_derivatives_match_finite_differences() -> None:
 def test_pulls_in_from_the_frame_before(aligner: Aligner, pan: float, zoom: float) -> None:
     focal = FOCAL * zoom
     image = synthetic.render(OPTICS, pan, focal, gain=0.9)
-    found = aligner.align(image, pan + 6.0 / FOCAL, TILT, focal * 1.02, 15.0)
-    assert np.rad2deg(found.pan_rad - pan) == pytest.approx(0.0, abs=0.005)
-    assert found.focal_px == pytest.approx(focal, rel=5e-4)
+    found = aligner.align(image, ViewPlace(pan + 6.0 / FOCAL, TILT, focal * 1.02), 15.0)
+    assert np.rad2deg(found.at.pan_rad - pan) == pytest.approx(0.0, abs=0.005)
+    assert found.at.focal_px == pytest.approx(focal, rel=5e-4)
     assert found.agreement > 0.7
     assert found.report.converged
 
@@ -129,10 +137,10 @@ def test_where_a_frame_is_does_not_hang_on_where_it_was_expected(aligner: Aligne
     """Most steps are made on some of the pixels, and the last ones are lengthened: they end where all pixels say."""
     image = synthetic.render(OPTICS, 0.3, 1.3 * FOCAL)
     starts = [(off / FOCAL, 1.3 * FOCAL * zoom) for off in (-1.4, 0.0, 0.9) for zoom in (0.998, 1.001)]
-    found = [aligner.align(image, 0.3 + off, TILT, focal, 1.5) for off, focal in starts]
+    found = [aligner.align(image, ViewPlace(0.3 + off, TILT, focal), 1.5) for off, focal in starts]
     assert all(each.report.converged for each in found)
-    assert np.ptp([each.pan_rad for each in found]) * 1.3 * FOCAL < 0.01  # pixels
-    assert np.ptp([np.log(each.focal_px) for each in found]) * OPTICS.width / 2 < 0.01
+    assert np.ptp([each.at.pan_rad for each in found]) * 1.3 * FOCAL < 0.01  # pixels
+    assert np.ptp([np.log(each.at.focal_px) for each in found]) * OPTICS.width / 2 < 0.01
 
 
 @pytest.mark.parametrize("focal", [FOCAL, 3.0 * FOCAL, 4.8 * FOCAL])
@@ -141,14 +149,14 @@ def test_a_fit_is_not_at_rest_before_its_vignetting_is(aligner: Aligner, focal: 
     for pan in np.arange(-2.5, 3.0, 0.5):
         dark = synthetic.render(replace(OPTICS, vignetting=0.4), pan, focal)
         even = synthetic.render(replace(OPTICS, vignetting=0.0), pan, focal)
-        expected = aligner.align(even, pan, TILT, focal, 1.5).agreement
-        assert aligner.align(dark, pan, TILT, focal, 1.5).agreement > expected - 0.03
+        expected = aligner.align(even, ViewPlace(pan, TILT, focal), 1.5).agreement
+        assert aligner.align(dark, ViewPlace(pan, TILT, focal), 1.5).agreement > expected - 0.03
 
 
 def weighed(seed: int, unknown: int) -> tuple[Array, Array, Array, Array, Array, float]:
     """(rows, residual, weights, normal, gradient, flatness) of 500 pixels; pan, focal and two gains are fitted."""
     rng = np.random.default_rng(seed)
-    sampled, shading = rng.normal(0.0, 1.0, (500, 7)), rng.normal(0.0, 1.0, (500, 2))
+    sampled, shading = rng.normal(0.0, 1.0, (500, SAMPLE)), rng.normal(0.0, 1.0, (500, 2))
     sampled[:, KNOWN] = np.arange(500) >= unknown
     brightness, residual = rng.uniform(0.5, 1.5, 500), rng.normal(0.0, 1.0, 500)
     weights, normal, gradient, flatness = normal_equations(sampled, shading, brightness, residual, SCALE, 2)
@@ -178,8 +186,11 @@ def test_steps_are_lengthened_by_what_falling_weights_hide_of_the_curvature() ->
 def test_a_fit_that_was_stopped_on_its_way_says_so(aligner: Aligner) -> None:
     """A fast pan smears all edges: grey values agree from pixels away, and the steps towards the place are short."""
     smeared = np.asarray(cv2.blur(synthetic.render(OPTICS, 0.3, 2 * FOCAL), (11, 1)), np.uint8)
-    found = [aligner.align(smeared, 0.3 + off / FOCAL, TILT, 2 * FOCAL, 4.0) for off in np.linspace(-14.0, 14.0, 15)]
-    off_px = np.array([abs(each.pan_rad - 0.3) * FOCAL for each in found])
+    found = [
+        aligner.align(smeared, ViewPlace(0.3 + off / FOCAL, TILT, 2 * FOCAL), 4.0)
+        for off in np.linspace(-14.0, 14.0, 15)
+    ]
+    off_px = np.array([abs(each.at.pan_rad - 0.3) * FOCAL for each in found])
     settled = np.array([each.report.converged for each in found])
     sure = np.array([each.agreement > PanZoomConfig().sure_agreement for each in found])
     assert settled.any()
@@ -192,9 +203,9 @@ def test_a_person_with_a_shadow_is_left_out(aligner: Aligner) -> None:
     image = synthetic.render(OPTICS, 0.3, FOCAL)
     image[50:220, 130:200] = np.random.default_rng(0).integers(0, 255, (170, 70, 3))
     image[200:230, 100:240] = image[200:230, 100:240] // 2
-    found = aligner.align(image, 0.3 + 3.0 / FOCAL, TILT, FOCAL * 1.01, 15.0)
-    assert np.rad2deg(found.pan_rad - 0.3) == pytest.approx(0.0, abs=0.01)
-    assert found.focal_px == pytest.approx(FOCAL, rel=1e-3)
+    found = aligner.align(image, ViewPlace(0.3 + 3.0 / FOCAL, TILT, FOCAL * 1.01), 15.0)
+    assert np.rad2deg(found.at.pan_rad - 0.3) == pytest.approx(0.0, abs=0.01)
+    assert found.at.focal_px == pytest.approx(FOCAL, rel=1e-3)
     inside = (np.abs(found.frame_points_px - (165, 135)) < (33, 83)).all(axis=1)
     assert inside.mean() < 0.1
 
@@ -206,8 +217,8 @@ def test_what_covers_a_third_of_a_view_does_not_set_its_gain(aligner: Aligner, b
     mats = synthetic.render(OPTICS, -1.9, FOCAL)[:, :112].astype(float)
     image[:, 208:] = np.clip(brighter * mats + (60.0 if brighter > 1.0 else 0.0), 0, 255).astype(np.uint8)
     for off_px in (1.5, 15.0):
-        found = aligner.align(image, 0.3 + 1.0 / FOCAL, TILT, FOCAL, off_px)
-        assert np.rad2deg(found.pan_rad - 0.3) == pytest.approx(0.0, abs=0.01)
+        found = aligner.align(image, ViewPlace(0.3 + 1.0 / FOCAL, TILT, FOCAL), off_px)
+        assert np.rad2deg(found.at.pan_rad - 0.3) == pytest.approx(0.0, abs=0.01)
         assert found.agreement > 0.6
         assert found.report.converged
 
@@ -215,14 +226,14 @@ def test_what_covers_a_third_of_a_view_does_not_set_its_gain(aligner: Aligner, b
 def test_the_wrong_place_does_not_agree(aligner: Aligner) -> None:
     image = synthetic.render(OPTICS, 0.3, FOCAL)
     for pan in (1.3, -2.0, 0.9):
-        assert aligner.align(image, pan, TILT, FOCAL, 15.0).agreement < 0.4
+        assert aligner.align(image, ViewPlace(pan, TILT, FOCAL), 15.0).agreement < 0.4
 
 
 def test_where_nothing_is_known_nothing_agrees(panorama: Panorama) -> None:
     nothing = Aligner(replace(panorama, valid=np.zeros_like(panorama.valid)), camera_of(OPTICS))
-    found = nothing.align(synthetic.render(OPTICS, 0.3, FOCAL), 0.3, TILT, FOCAL, 15.0)
+    found = nothing.align(synthetic.render(OPTICS, 0.3, FOCAL), ViewPlace(0.3, TILT, FOCAL), 15.0)
     assert found.agreement == 0.0
-    assert found.pan_rad == 0.3
+    assert found.at.pan_rad == 0.3
     assert len(found.frame_points_px) == 0
     assert np.isfinite(found.covariance).all()
 
@@ -231,7 +242,7 @@ def test_the_covariance_is_of_the_size_of_the_errors(aligner: Aligner) -> None:
     errors, sigmas = [], []
     for seed in range(8):
         image = synthetic.render(OPTICS, 0.3, FOCAL, noise_seed=seed)
-        found = aligner.align(image, 0.3, TILT, FOCAL, 1.5)
-        errors.append(found.pan_rad)
+        found = aligner.align(image, ViewPlace(0.3, TILT, FOCAL), 1.5)
+        errors.append(found.at.pan_rad)
         sigmas.append(np.sqrt(found.covariance[0, 0]))
     assert 0.1 < np.std(errors) / np.mean(sigmas) < 10.0

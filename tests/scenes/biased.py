@@ -28,6 +28,7 @@ def perfect_tracks(capture: Capture) -> list[PanZoomTrack | None]:
         PanZoomTrack(
             pan_rad=truth.pan_rad[camera],
             tilt_rad=truth.tilt_rad[camera],
+            roll_rad=np.zeros(len(truth.timecodes)),
             focal_px=truth.focal_px[camera],
             covariance=np.tile(np.diag([1e-8, 1e-8]), (len(truth.timecodes), 1, 1)),
             inliers=np.zeros(len(truth.timecodes), np.int64),

@@ -81,6 +81,7 @@ def reconstruction(seed: int = 0, cameras: int = 4, frames: int = 12) -> Reconst
             PanZoomTrack(
                 pan_rad=(heading + np.pi) % (2 * np.pi) - np.pi,
                 tilt_rad=np.full(frames, -0.07),
+                roll_rad=np.zeros(frames),
                 focal_px=FOCAL_PX * (1.0 + 0.5 * time),
                 covariance=np.tile(np.diag([1e-4, 1e-3]) ** 2, (frames, 1, 1)),
                 inliers=rng.integers(50, 200, frames),

@@ -18,10 +18,7 @@ def truth_of(whole: Reconstruction) -> Truth:
     frames = len(whole.timecodes)
     cameras = [c for c in whole.cameras if c is not None]
     tracks = [t for t in whole.tracks if t is not None]
-    instants = [
-        [geometry.at(c, t.pan_rad[f], t.tilt_rad[f], t.focal_px[f]) for f in range(frames)]
-        for c, t in zip(cameras, tracks, strict=True)
-    ]
+    instants = [[geometry.of_track(c, t, f) for f in range(frames)] for c, t in zip(cameras, tracks, strict=True)]
     references = [r.camera for r in whole.references if r is not None]
     panoramas = [p for p in whole.panoramas if p is not None]
     assert whole.motion is not None

@@ -134,7 +134,7 @@ def test_cameras_pan_and_zoom(recording: tuple[Path, Reconstruction]) -> None:
     camera, track = whole.cameras[0], whole.tracks[0]
     assert camera is not None
     assert track is not None
-    at = geometry.at(camera, track.pan_rad[7], track.tilt_rad[7], track.focal_px[7])
+    at = geometry.of_track(camera, track, 7)
     matrix = np.reshape(rows(path, "/world/camera/1/view", "Pinhole:image_from_camera")[7][1], (3, 3)).T
     np.testing.assert_allclose(matrix[[0, 1], [0, 1]], at.focal_px, rtol=1e-6)
     np.testing.assert_allclose(matrix[:2, 2], at.principal_px + 0.5, rtol=1e-6)

@@ -162,7 +162,7 @@ class _Stages:
         pan_rad = float(track.pan_rad[frame]) + shaken_rad * stream(SEED, "shaken", camera, frame).standard_normal()
         covariance, none = track.covariance[frame] + np.diag([shaken_rad**2, 0.0]), np.empty((0, 2))
         place = pan_rad, float(track.tilt_rad[frame]), float(track.focal_px[frame])
-        return Localisation(*place, covariance, True, none, none)
+        return Localisation(*place, covariance, True, none, none, float(track.roll_rad[frame]))
 
     def segment(self, seen: FrameLocalised, tracker: Tracker | None) -> FrameSegmented:
         """The silhouettes; masks and cameras true where the variant knows them."""

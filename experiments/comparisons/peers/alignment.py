@@ -11,7 +11,7 @@ from experiments.comparisons.peers import matching
 from experiments.comparisons.peers.material import Background, Estimate, Shot
 from pzcap.geometry import camera as geometry
 from pzcap.imaging.colour import grey
-from pzcap.localisation.panorama_sampler import warp_background
+from pzcap.localisation.panorama_sampler import ViewPlace, warp_background
 from pzcap.types import Image, Mask
 
 STOP: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-7)
@@ -37,9 +37,8 @@ class Ecc:
         if start is None:
             return None
         camera = self._background.camera
-        rendered, known = warp_background(
-            self._background.panorama, camera, start.pan_rad, camera.tilt_rad, start.focal_px
-        )
+        place = ViewPlace(start.pan_rad, camera.tilt_rad, start.focal_px)
+        rendered, known = warp_background(self._background.panorama, camera, place)
         frame, template = grey(shot.image), grey(rendered)
         inside = np.asarray(cv2.erode(known.astype(np.uint8), np.ones((5, 5), np.uint8)), np.uint8)
         away = np.asarray(~self._person(shot, frame, template, known), np.uint8)

@@ -28,7 +28,7 @@ from experiments.metrics import read_metrics
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry import camera as geometry
 from pzcap.io.capture import read_capture
-from pzcap.localisation.panorama_sampler import warp_background
+from pzcap.localisation.panorama_sampler import ViewPlace, warp_background
 from pzcap.types import PzcapError
 
 pytestmark = pytest.mark.xdist_group("peers")
@@ -144,7 +144,7 @@ def write_folder(where: Path, background: Background, pans: list[float], *, swee
 
     def render(path: Path, pan: float, focal_px: float) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        image, _ = warp_background(background.panorama, plain, pan, camera.tilt_rad, focal_px)
+        image, _ = warp_background(background.panorama, plain, ViewPlace(pan, camera.tilt_rad, focal_px))
         cv2.imwrite(str(path), image)
 
     for number, pan in enumerate(pans):

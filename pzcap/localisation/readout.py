@@ -1,0 +1,66 @@
+"""Read-out time of a camera: how long after its top row the bottom row of a frame is exposed (rolling shutter).
+
+In a frame whose camera turns by ``w`` a frame period, rows differ in pan by the shear ``s = rho w`` from top to bottom,
+rho being the read-out as a share of the frame period; so it is with the log focal length. A frame shows its shear
+(`photometric_alignment`), its neighbours show ``w``: rho follows by recursive least squares, and with it what shear to
+expect of the next frame. rho is negative in a camera that hangs upside down, and 0 with a global shutter.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pzcap.geometry.camera import wrapped
+from pzcap.localisation.tuning import READOUT
+from pzcap.types import Array, Localisation
+
+
+class Readout(NamedTuple):
+    """Estimate of the read-out."""
+
+    share: float  # of the frame period
+    sigma: float
+
+    def shear(self, rate: Array) -> tuple[Array, Array]:
+        """Expected shear (2,) of pan and log focal of a frame, and its standard deviation, from their ``rate`` (2,) a
+        frame period, as it was a frame before."""
+        off = np.array(READOUT.rate_sigma)
+        variance = (self.share**2 + self.sigma**2) * off**2 + self.sigma**2 * rate**2
+        return self.share * rate, np.sqrt(variance)
+
+    def updated(self, found: Localisation, expected: Localisation, rate: Array) -> Readout:
+        """The estimate after the shear of a frame in which pan and log focal change by ``rate`` (2,) a frame period.
+        What counts is the information that was ``found`` beyond what was ``expected``."""
+        posterior, prior = found.shear_sigma**-2.0, expected.shear_sigma**-2.0
+        gained = np.maximum(posterior - prior, 1e-12 * posterior)
+        seen = (posterior * found.shear - prior * expected.shear) / gained
+        variance = READOUT.doubt / gained + self.share**2 * np.array(READOUT.central_sigma) ** 2
+        information = self.sigma**-2.0 + float(np.sum(rate**2 / variance))
+        share = (self.share * self.sigma**-2.0 + float(np.sum(rate * seen / variance))) / information
+        return Readout(share, information**-0.5)
+
+
+class History(NamedTuple):
+    """A camera's frames so far, as far as the next needs them."""
+
+    readout: Readout
+    before: Localisation | None = None  # the last frame but one; None: it was not found
+    last: Localisation | None = None
+    expected: Localisation | None = None  # what had been expected of the last frame
+
+    def followed_by(self, found: Localisation, expected: Localisation | None) -> History:
+        """With one more frame, of which something was ``expected``."""
+        if not found.valid:
+            return History(self.readout)
+        readout = self.readout
+        if self.before is not None and self.last is not None and self.expected is not None:
+            rate = rate_between(self.before, found) / 2.0
+            readout = readout.updated(self.last, self.expected, rate)
+        return History(readout, self.last, found, expected)
+
+
+def rate_between(before: Localisation, after: Localisation) -> Array:
+    """Change (2,) of pan and log focal."""
+    return np.array([float(wrapped(after.pan_rad - before.pan_rad)), np.log(after.focal_px / before.focal_px)])

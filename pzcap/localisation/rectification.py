@@ -1,0 +1,59 @@
+"""Frames of a rolling shutter as if all their rows had been exposed at once, in the middle of the read-out.
+
+What stands at a pixel then is seen from where the camera was at that time; that the athlete moved meanwhile is left to
+the tracker, which knows the time of a row.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pzcap.geometry import camera as geometry
+from pzcap.geometry.cylinder import smooth_map
+from pzcap.localisation.panorama_sampler import row_time
+from pzcap.localisation.tuning import READOUT
+from pzcap.types import Array, Image, Localisation, PanZoomCamera
+
+
+def is_sheared(camera: PanZoomCamera, found: Localisation) -> bool:
+    """True if rows of a frame are displaced by more than can be neglected."""
+    across, edge = abs(found.shear[0]) * found.focal_px / 2, abs(found.shear[1]) * camera.lens.width / 4
+    return bool(found.valid and max(across, edge) > READOUT.negligible_px)
+
+
+def rectified(image: Image, camera: PanZoomCamera, found: Localisation) -> Image:
+    """The frame (H, W, 3) with all rows as they are seen at mid-exposure."""
+    height, width = image.shape[:2]
+
+    def exposed(points_px: Array) -> Array:
+        return _sheared(camera, found, points_px)
+
+    column, row = smooth_map(exposed, width, height)
+    return np.asarray(cv2.remap(image, column, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+def rectified_points(points_px: Array, camera: PanZoomCamera, found: Localisation) -> Array:
+    """Where pixels (..., 2) of the frame as it was exposed stand in the rectified one."""
+    there = points_px
+    for _ in range(2):
+        there = points_px - (_sheared(camera, found, there) - there)
+    return np.asarray(there)
+
+
+def _sheared(camera: PanZoomCamera, found: Localisation, points_px: Array) -> Array:
+    """Pixels (..., 2) of the frame as it was exposed that show what stands at ``points_px`` (..., 2) of the rectified
+    one. The lens's change with the zoom from row to row is left out."""
+    view = geometry.view_at(camera, found.pan_rad, found.tilt_rad, found.focal_px, found.roll_rad)
+    azimuth, slope = geometry.pixel_to_direction(view, points_px)
+    there = points_px
+    for _ in range(2):  # the row that shows it, and so the time, follows from where it is seen
+        time = row_time(there[..., 1], camera.lens.height)
+        turned, _ = geometry.direction_to_pixel(view, azimuth - found.shear[0] * time, slope)
+        there = view.principal_px + (turned - view.principal_px) * np.exp(found.shear[1] * time)[..., None]
+    return np.asarray(there)
+
+
+def rectified_keypoints(people: Array, camera: PanZoomCamera, found: Localisation) -> Array:
+    """Keypoints (P, 26, 3) of a frame as they stand in the rectified one."""
+    return np.concatenate([rectified_points(people[..., :2], camera, found), people[..., 2:]], axis=-1)
