@@ -40,6 +40,7 @@ from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
+from pzcap.tracking.pixel_time import Exposure
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
 from pzcap.types import (
@@ -271,7 +272,7 @@ class ViewLocaliser:
         prior = predicted(history)
         localisation: Localisation = localiser.localise(image, prior, hidden)
         self.histories[index] = history.followed_by(localisation, prior)
-        return localisation
+        return replace(localisation, readout=history.readout.share)
 
 
 def segment_views(
@@ -316,6 +317,8 @@ def _track_input(segmented: FrameSegmented) -> TrackInput:
         image, camera, silhouette = frames.images[index], segmented.cameras[index], segmented.silhouettes[index]
         if image is None or camera is None or silhouette is None or not silhouette.valid:
             return None
-        return ViewInput(image, camera, silhouette, people[index], segmented.priors[index])
+        prior = segmented.priors[index]
+        exposure = Exposure(readout=0.0 if prior is None else prior.readout)
+        return ViewInput(image, camera, silhouette, people[index], prior, exposure)
 
     return TrackInput(frames.index, tuple(view(index) for index in range(len(frames.images))))

@@ -293,6 +293,7 @@ class Localisation:
     # change of pan and log focal from the top edge to the bottom edge, with a rolling shutter
     shear: Array = field(default_factory=lambda: np.zeros(2))  # (2,)
     shear_sigma: Array = field(default_factory=lambda: np.ones(2))  # (2,)
+    readout: float = 0.0  # frame periods from the top edge to the bottom edge, as known by then
 
 
 @dataclass(frozen=True, slots=True, eq=False)

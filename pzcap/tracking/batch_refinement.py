@@ -22,13 +22,14 @@ from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.camera_refinement import MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
 from pzcap.tracking.observation import Placed, Views
-from pzcap.tracking.pose_objective import PosedBody, PoseObjective
+from pzcap.tracking.pixel_time import ClockEstimate, ClockSystem
+from pzcap.tracking.pose_objective import PosedBody, PoseObjective, in_motion
 from pzcap.tracking.reacquisition import PassResults, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
 from pzcap.tracking.tuning import REACQUISITION
-from pzcap.types import Keyframe, Mask, Pose
+from pzcap.types import Array, Keyframe, Mask, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,23 +37,25 @@ class RefinedBatch:
     """The frames of an interval, and how well the images of each determine it."""
 
     frames: list[PoseEstimate]
-    objectives: list[PoseObjective]  # their cameras corrected
+    objectives: list[PoseObjective]  # their cameras and clocks corrected
+    clocks: ClockEstimate
     cameras: list[list[MarginalisedCamera | None]]
     report: SolveReport
 
 
 def refine_batch(
     body: Body, poses: Sequence[Pose], views: Sequence[Views], before: Sequence[Pose], key: Keyframe | None,
-    passes: PassResults | None, config: TrackingConfig,
+    passes: PassResults | None, clocks: ClockEstimate, config: TrackingConfig,
 ) -> RefinedBatch:  # fmt: skip
-    """Refine the ``poses`` of consecutive frames; in the frames ``before`` them the body is held fast. Where the last
-    is a ``key``, the pose that the hand gave it counts there beside the images.
+    """Refine the ``poses`` of consecutive frames, and the ``clocks`` of the cameras as they are known before; in the
+    frames ``before`` them the body is held fast. Where the last is a ``key``, the pose that the hand gave it counts
+    there beside the images.
 
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
     (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
     """
-    batch = _Batch(body, before, key, config)
-    objectives = [PoseObjective(body, each) for each in views]
+    batch = _Batch(body, before, key, clocks, config)
+    objectives = in_motion(body, poses, views)
     posed, placed = _placed(objectives, poses)
     found = batch.sweep(objectives, posed, placed, mean_appearances(body, views, placed))
     if passes is None or not config.reacquisition:
@@ -82,21 +85,25 @@ class _Batch:
     body: Body
     before: Sequence[Pose]
     key: Keyframe | None  # of the last of them
+    clocks: ClockEstimate  # as they are known from other intervals
     config: TrackingConfig
 
     def sweep(
         self, objectives: Sequence[PoseObjective], posed: Sequence[PosedBody], placed: Sequence[Placed],
         appearances: Appearances,
     ) -> RefinedBatch:  # fmt: skip
-        """Some Gauss-Newton steps of the poses and the cameras, visibility staying as ``placed``."""
+        """Some Gauss-Newton steps of the poses, the cameras and the clocks, visibility staying as ``placed``."""
         config, objectives, poses = self.config, list(objectives), [each.pose for each in posed]
         hessians, contours = [np.zeros((DOF, DOF)) for _ in poses], [NO_CONTOUR for _ in poses]
         cameras: list[list[MarginalisedCamera | None]] = [[None] * len(each.views) for each in objectives]
-        steps, cost = np.zeros((len(poses), DOF)), 0.0
+        steps, cost, clock = np.zeros((len(poses), DOF)), 0.0, clocks_of(objectives)
+        known = self.clocks
         for count in range(config.polishing_sweeps):
             if count:
+                objectives = in_motion(self.body, poses, [each.views for each in objectives])
                 posed = [each.posed(pose) for each, pose in zip(objectives, poses, strict=True)]
             gradients, cost = [], 0.0
+            system, crosses, told = ClockSystem(self.clocks), [], []
             for t, (objective, here, where) in enumerate(zip(objectives, posed, placed, strict=True)):
                 normal = objective.normal(here, where, appearances, config.schedule[-1].terms)
                 stiffness, pull = constraints(
@@ -105,22 +112,40 @@ class _Batch:
                 hessians[t] = normal.hessian + stiffness
                 gradients.append(normal.gradient + pull)
                 contours[t], cameras[t], cost = normal.contour, normal.cameras, cost + normal.cost
+                told.append(normal.clocks)
             if self.key is not None:
                 hand = 1.0 / config.hand_sigma**2
                 hessians[-1] += np.diag(hand)
                 gradients[-1] += hand * difference(self.key.pose, poses[-1])
+            weak = np.diag(1.0 / config.prediction_sigma**2)  # what no view shows still moves as other frames do
+            for hessian, gradient, own in zip(hessians, gradients, told, strict=True):
+                crosses.append(system.add(own, hessian + weak, gradient))
+            known = system.solve(clock)
+            ticked, clock = known.clock - clock, known.clock
+            gradients = [each - cross @ ticked for each, cross in zip(gradients, crosses, strict=True)]
             chain = [*self.before, *poses]
             ties = contacts(self.body, chain) if config.contacts else []
             steps = smooth_step(poses, hessians, gradients, config.acceleration_sigma, self.before, ties)
             steps = steps.clip(-0.5, 0.5)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
             objectives = [
-                each.with_cameras(free, step) for each, free, step in zip(objectives, cameras, steps, strict=True)
+                each.with_cameras(free, step).with_clocks(clock)
+                for each, free, step in zip(objectives, cameras, steps, strict=True)
             ]
         seen = [any(view is not None for view in each.views) for each in objectives]
         frames = [PoseEstimate(*each) for each in zip(poses, hessians, contours, seen, strict=True)]
         converged = bool(np.abs(steps).max(initial=0.0) < config.step_tolerance)
-        return RefinedBatch(frames, objectives, cameras, SolveReport(converged, config.polishing_sweeps, cost))
+        return RefinedBatch(frames, objectives, known, cameras, SolveReport(converged, config.polishing_sweeps, cost))
+
+
+def clocks_of(objectives: Sequence[PoseObjective]) -> Array:
+    """(C,) the clocks that the views were exposed by; 0 of a camera without a view."""
+    clocks = np.zeros(len(objectives[0].views))
+    for each in objectives:
+        for c, view in enumerate(each.views):
+            if view is not None:
+                clocks[c] = view.exposure.clock
+    return clocks
 
 
 def _chosen(

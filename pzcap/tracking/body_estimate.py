@@ -20,7 +20,7 @@ from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import Terms, TrackingConfig
 from pzcap.tracking.skin_appearance import mean_appearances
 from pzcap.tracking.tuning import SHAPE
-from pzcap.types import SEGMENTS, Keyframe, Pose
+from pzcap.types import SEGMENTS, Array, Keyframe, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,11 +39,14 @@ class BodyEstimate:
         known = Shape(shape.amounts_m, np.full(len(SEGMENTS), 2 * body.sigma_m**2))
         return BodyEstimate(body, shape, known, LandmarkEstimate.of(body.landmarks))
 
-    def with_keyframe(self, key: Keyframe, fitted: Pose, views: Views, config: TrackingConfig) -> BodyEstimate:
-        """The estimate after a keyframe, whose pose was ``fitted`` to the images."""
+    def with_keyframe(
+        self, key: Keyframe, fitted: Pose, views: Views, speed: Array, config: TrackingConfig
+    ) -> BodyEstimate:
+        """The estimate after a keyframe, whose pose was ``fitted`` to the images; ``speed`` (16, 6) is that of the
+        segments there."""
         shape, landmarks, frames = self.shape, self.landmarks, forward(self.body, fitted)
         if config.shape_weight:
-            objective, hand = PoseObjective(self.body, views), np.diag(1.0 / config.hand_sigma**2)
+            objective, hand = PoseObjective(self.body, views, speed), np.diag(1.0 / config.hand_sigma**2)
             contour = objective.contour(*objective.place(fitted), _terms(config))
             pull = hand @ difference(key.pose, fitted)
             shape = shape.commit(shape.accumulate([FrameResiduals(frames, contour, None, hand, pull)]))
@@ -53,11 +56,13 @@ class BodyEstimate:
         body = replace(self.body, landmarks=landmarks.solve())
         return replace(self, body=body, shape=shape, landmarks=landmarks)
 
-    def accumulate(self, poses: Sequence[Pose], views: Sequence[Views], config: TrackingConfig) -> ShapeEquations:
+    def accumulate(
+        self, poses: Sequence[Pose], objectives: Sequence[PoseObjective], config: TrackingConfig
+    ) -> ShapeEquations:
         """Normal equations of the shape from some frames of an interval, tracked with the ``body``."""
-        objectives = [PoseObjective(self.body, each) for each in views]
+        objectives = [replace(each, body=self.body) for each in objectives]
         frames = [objective.place(pose) for objective, pose in zip(objectives, poses, strict=True)]
-        appearances = mean_appearances(self.body, views, [where for _, where in frames])
+        appearances = mean_appearances(self.body, [each.views for each in objectives], [where for _, where in frames])
         prior = config.shape_weight / config.start_widening**2 * np.eye(DOF)
         residuals = []
         for objective, (posed, where) in zip(objectives, frames, strict=True):

@@ -40,6 +40,7 @@ class CameraPrior:
     pan_axis: Array  # (3,) unit vector of the world
     information: Array  # (2, 2) of (pan_rad, log focal), of the error of this frame alone
     correction: Array  # (2,) since then
+    readout: float = 0.0  # of the view, frame periods
 
 
 class MarginalisedCamera(NamedTuple):
@@ -74,7 +75,9 @@ def camera_prior(config: PanZoomConfig, head: PanZoomCamera, found: Localisation
     """
     shared = systematic(config, head, np.array(found.pan_rad), np.array(found.focal_px))
     alone = found.covariance - shared + VIEW.least_camera_sigma**2 * np.eye(CAMERA_DOF)
-    return CameraPrior(head.world_T_head[:3, 2], np.asarray(np.linalg.inv(alone), np.float64), np.zeros(CAMERA_DOF))
+    return CameraPrior(
+        head.world_T_head[:3, 2], np.asarray(np.linalg.inv(alone), np.float64), np.zeros(CAMERA_DOF), found.readout
+    )
 
 
 def corrected(camera: Camera, prior: CameraPrior, step: Array) -> tuple[Camera, CameraPrior]:

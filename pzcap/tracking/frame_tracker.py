@@ -20,6 +20,7 @@ from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.observation import Views
+from pzcap.tracking.pixel_time import velocities
 from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, misfit_px2
 from pzcap.tracking.settings import Round, TrackingConfig
 from pzcap.tracking.skin_appearance import SomeAppearances, learn, mean_appearances
@@ -60,21 +61,29 @@ class PoseFit:
 
 
 class FrameTracker:
-    """Tracks the body in one direction of time from a keyframe."""
+    """Tracks the body in one direction of time from a keyframe: forward, or by ``direction`` -1 backward."""
 
-    def __init__(self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, views: Views) -> None:
-        self.body, self.config = body, config
+    def __init__(
+        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, views: Views, direction: int = 1
+    ) -> None:
+        self.body, self.config, self._direction = body, config, direction
         self.pose, self.velocity, self.age = pose, velocity, 0
         self.prediction_error_m = config.prediction_position_sigma_m  # of the joints, lately
         self._velocity_known = velocity != 0.0  # of each degree of freedom
         self._persistence = np.where(DOF_SEGMENT > 0, config.joint_persistence, 1.0)  # the body as a whole moves on
-        self.appearances = mean_appearances(body, [views], [PoseObjective(body, views).place(pose)[1]])
+        placed = PoseObjective(body, views, self.speed(pose)).place(pose)[1]
+        self.appearances = mean_appearances(body, [views], [placed])
         # the adaptive appearance drifts with a limb that is lost; the reference is of frames beside the keyframe alone
         self.reference = [each.copy() for each in self.appearances]
 
     def predict(self) -> Pose:
         """The pose of the next frame."""
         return retract(self.pose, self.velocity)
+
+    def speed(self, pose: Pose) -> Array:
+        """Velocities (16, 6) of the segments, forward in time, if they go on through a ``pose`` as they did so far."""
+        came_from = forward(self.body, retract(pose, -self.velocity))
+        return velocities(came_from, forward(self.body, pose), self._direction)
 
     def step(self, views: Views) -> FrameEstimate:
         """Move on by one frame."""
@@ -89,8 +98,8 @@ class FrameTracker:
         expected = retract(self.pose, self._persistence * self.velocity)
         schedule = [each for each in config.schedule if self.prediction_error_m >= each.surprise_m]
         fit = fit_pose(
-            PoseObjective(self.body, views), predicted, np.diag(1.0 / sigma**2), self.appearances, config, schedule,
-            expected,
+            PoseObjective(self.body, views, self.speed(predicted)), predicted, np.diag(1.0 / sigma**2),
+            self.appearances, config, schedule, expected,
         )  # fmt: skip
         pose, placed = fit.posed.pose, fit.objective.visibility(fit.posed)
         learn(views, placed, self.appearances, config.appearance_rate)

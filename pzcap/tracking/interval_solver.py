@@ -24,7 +24,8 @@ from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose
 from pzcap.tracking.observation import ViewCrop, Views
-from pzcap.tracking.pose_objective import PoseObjective, misfit_px2
+from pzcap.tracking.pixel_time import ClockEstimate
+from pzcap.tracking.pose_objective import PoseObjective, in_motion, misfit_px2
 from pzcap.tracking.reacquisition import PassResults
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, shared
@@ -62,6 +63,7 @@ class Anchor:
     views: Views
     fit: PoseEstimate
     velocity: Array  # (43,) with which the forward pass arrives at it
+    speed: Array  # (16, 6) the same of the segments, as in `pixel_time.velocities`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +71,7 @@ class IntervalProblem:
     """The frames between two keyframes, for `solved`."""
 
     estimate: BodyEstimate
+    clocks: ClockEstimate
     before: Sequence[Pose]  # of up to two frames before the first of them
     instants: Sequence[Instant]
     reference: Appearances  # of the skin beside the keyframe that the interval began with, a view each
@@ -82,6 +85,7 @@ class IntervalResult:
 
     tracked: list[Tracked]  # the frames, and the keyframe that ends them
     estimate: BodyEstimate
+    clocks: ClockEstimate
     before: Sequence[Pose]  # of the last two frames
     report: SolveReport
 
@@ -90,13 +94,13 @@ def solved(problem: IntervalProblem) -> IntervalResult:
     """Solve an interval; without any frames, its keyframe by itself, with the body as corrected by then."""
     anchor, config = problem.anchor, problem.config
     if anchor is not None and anchor.fit.seen:
-        estimate = problem.estimate.with_keyframe(anchor.key, anchor.fit.pose, anchor.views, config)
+        estimate = problem.estimate.with_keyframe(anchor.key, anchor.fit.pose, anchor.views, anchor.speed, config)
         problem = replace(problem, estimate=estimate)
     if not problem.instants:
         assert anchor is not None, "an interval has a frame or a keyframe"
-        fit, report = fit_keyframe(problem.estimate.body, anchor.key.pose, anchor.views, config)
+        fit, report = fit_keyframe(problem.estimate.body, anchor.key.pose, anchor.views, anchor.speed, config)
         keyframe = tracked(problem.estimate, config, anchor.key.frame, by_hand(fit))
-        return IntervalResult([keyframe], problem.estimate, [fit.pose], report)
+        return IntervalResult([keyframe], problem.estimate, problem.clocks, [fit.pose], report)
     poses, disagreement, passes = _passes(problem)
     numbers, views = [each.frame for each in problem.instants], [each.views for each in problem.instants]
     if anchor is not None:  # a frame like the others, with the hand's pose as prior
@@ -112,15 +116,20 @@ def solved(problem: IntervalProblem) -> IntervalResult:
             numbers, frames, disagreement, batch.objectives, batch.cameras, strict=True
         )
     ]
-    return IntervalResult(done, estimate, [*problem.before, *(found.pose for found in frames)][-2:], batch.report)
+    return IntervalResult(
+        done, estimate, batch.clocks, [*problem.before, *(found.pose for found in frames)][-2:], batch.report
+    )
 
 
-def fit_keyframe(body: Body, pose: Pose, views: Views, config: TrackingConfig) -> tuple[PoseEstimate, SolveReport]:
-    """A keyframe's pose, fitted to the images with the hand's error as prior."""
+def fit_keyframe(
+    body: Body, pose: Pose, views: Views, speed: Array, config: TrackingConfig
+) -> tuple[PoseEstimate, SolveReport]:
+    """A keyframe's pose, fitted to the images with the hand's error as prior; ``speed`` (16, 6) is that of the segments
+    there."""
     hand = np.diag(1.0 / config.hand_sigma**2)
     if all(view is None for view in views):
         return PoseEstimate(pose, hand, NO_CONTOUR, False), SolveReport(True, 0, 0.0)
-    fit = fit_pose(PoseObjective(body, views), pose, hand, [None] * len(views), config, config.schedule)
+    fit = fit_pose(PoseObjective(body, views, speed), pose, hand, [None] * len(views), config, config.schedule)
     return PoseEstimate(fit.posed.pose, fit.normal.hessian + hand, fit.normal.contour, True), fit.report
 
 
@@ -169,14 +178,15 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:
         poses, agreed = [each.pose for each in ahead], np.zeros((len(ahead), len(SEGMENTS)))
         nowhere: Mask = agreed > 0.0
         return poses, agreed, PassResults([poses], nowhere, nowhere, shared(problem.reference))
-    tracker = FrameTracker(body, problem.config, anchor.fit.pose, -anchor.velocity, anchor.views)
+    tracker = FrameTracker(body, problem.config, anchor.fit.pose, -anchor.velocity, anchor.views, -1)
     back = [tracker.step(instant.views) for instant in reversed(problem.instants)][::-1]
     pairs = zip(problem.reference, tracker.reference, strict=True)
     reference = shared([one.with_other(other) for one, other in pairs])
     limbs = LimbAppearance(body, problem.config.appearance_score)
+    moving = in_motion(body, [each.pose for each in ahead], [instant.views for instant in problem.instants])
 
     def score(t: int, pose: Pose) -> Array:
-        return limbs.score(pose, PoseObjective(body, problem.instants[t].views), reference)
+        return limbs.score(pose, moving[t], reference)
 
     poses, disagreement = fuse(body, before, ahead, back, anchor.fit.pose, score)
     doubtful = discontinuous(body, before, poses, anchor.fit.pose, disagreement)
@@ -191,13 +201,13 @@ def _refined(
     config, estimate, before = problem.config, problem.estimate, problem.before
     key = None if problem.anchor is None else problem.anchor.key
     if not config.shape_weight:
-        return refine_batch(estimate.body, poses, views, before, key, passes, config), estimate
+        return refine_batch(estimate.body, poses, views, before, key, passes, problem.clocks, config), estimate
     some = slice(None, None if key is None else -1, SHAPE.stride)
     for left in reversed(range(config.shape_rounds)):
-        equations = estimate.accumulate(poses[some], views[some], config)
+        equations = estimate.accumulate(poses[some], in_motion(estimate.body, poses, views)[some], config)
         estimate = estimate.solve(equations)
         # to reacquire limbs takes long: in the last round alone
-        batch = refine_batch(estimate.body, poses, views, before, key, None if left else passes, config)
+        batch = refine_batch(estimate.body, poses, views, before, key, None if left else passes, problem.clocks, config)
         poses, views = [each.pose for each in batch.frames], [each.views for each in batch.objectives]
     return batch, estimate.commit(equations)
 

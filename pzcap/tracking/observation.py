@@ -21,6 +21,7 @@ from pzcap.localisation.panorama_sampler import Window
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking import keypoint_residuals, visibility
 from pzcap.tracking.camera_refinement import CameraPrior, corrected
+from pzcap.tracking.pixel_time import AT_ONCE, Exposure
 from pzcap.tracking.residuals import CropImage
 from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.tracking.tuning import VIEW
@@ -40,6 +41,7 @@ class ViewInput:
     silhouette: Silhouette
     people: Array = field(default_factory=lambda: NOBODY)  # (P, 26, 3) a detector's, as in `pzcap.io.detections`
     camera_prior: CameraPrior | None = None  # None: the camera is not to be corrected
+    exposure: Exposure = AT_ONCE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +57,7 @@ class ViewCrop:
     belief: Float32  # (h / 4, w / 4) -1 hall .. 1 body, of `ViewTuning.belief_scale`
     person: Array | None = None  # (26, 3) what a detector found of the body, as in `pzcap.io.detections`
     camera_prior: CameraPrior | None = None  # None: the camera is not to be corrected
+    exposure: Exposure = AT_ONCE
 
     def image_at(self, level: int) -> CropImage:
         """The grey image of a pyramid level."""
@@ -109,7 +112,7 @@ def crop_view(body: Body, view: ViewInput, pose: Pose, margin: float, skin_colou
     image, probability = view.image[part], silhouette.probability[part]
     crop = prepare(image, probability, skin_colours.arms(image, probability), belief, camera, (left, top))
     person = keypoint_residuals.nearest(keypoint_residuals.in_world(body.landmarks, frames), camera, view.people)
-    return replace(crop, person=person, camera_prior=view.camera_prior)
+    return replace(crop, person=person, camera_prior=view.camera_prior, exposure=view.exposure)
 
 
 def expect(body: Body, pose: Pose, sigma_m: float, camera: Camera, margin: float) -> Expected | None:

@@ -16,10 +16,18 @@ from pzcap.body import landmarks
 from pzcap.body.kinematics import forward, place, screws
 from pzcap.body.segment_equations import PointResiduals, SegmentSums, accumulate, lift
 from pzcap.body.skeleton import Body
-from pzcap.geometry.pinhole import pinhole
+from pzcap.geometry.pinhole import pinhole, projected
 from pzcap.tracking import keypoint_residuals, residuals
 from pzcap.tracking.camera_refinement import MarginalisedCamera, eliminate, segment_twists
 from pzcap.tracking.observation import PYRAMID_LEVELS, Placed, PlacedView, ViewCrop, Views, place_view, project
+from pzcap.tracking.pixel_time import (
+    AT_ONCE,
+    ClockEquations,
+    clock_equations,
+    moved,
+    moved_frames,
+    sequence_velocities,
+)
 from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, Template
 from pzcap.tracking.settings import Terms
 from pzcap.tracking.skin_appearance import SomeAppearances
@@ -37,6 +45,7 @@ class PoseEquations:
     contour: Array  # (16, 3) squared distances (px2), edges found, edges sought
     brightness: Array  # (16, 2) weighted squares, weights
     cameras: list[MarginalisedCamera | None]  # a view each: its camera, which has been eliminated
+    clocks: list[ClockEquations | None]  # a view each; None where the body's velocity is not known
 
     @property
     def cost(self) -> float:
@@ -54,11 +63,11 @@ def misfit_px2(contour: Array, unseen_px2: float) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedBody:
-    """The body in a pose, and its skin in every view."""
+    """The body in a pose, and its skin in every view, at the time when that was exposed."""
 
     pose: Pose
     frames: Array  # world_T_segment (16, 4, 4)
-    skin: SkinPoints
+    skins: tuple[SkinPoints, ...]  # a view each
     projected: tuple[ProjectedSkin | None, ...]  # a view each
 
     @property
@@ -73,6 +82,7 @@ class PoseObjective:
 
     body: Body
     views: Views
+    velocity: Array | None = None  # (16, 6) of the segments, as in `pixel_time.velocities`; None: it is not known
 
     @property
     def detected(self) -> bool:
@@ -86,18 +96,44 @@ class PoseObjective:
             for view, camera in zip(self.views, cameras, strict=True)
         ))  # fmt: skip
 
+    def with_clocks(self, clock: Array) -> PoseObjective:
+        """The objective with the views exposed by ``clock`` (C,), frame periods."""
+        return replace(self, views=tuple(
+            view if view is None else replace(view, exposure=view.exposure._replace(clock=float(one)))
+            for view, one in zip(self.views, clock, strict=True)
+        ))  # fmt: skip
+
     def posed(self, pose: Pose) -> PosedBody:
         """Put the body in a ``pose``."""
         frames = forward(self.body, pose)
         skin = SkinPoints(*place(self.body, frames), self.body.surface.segment)
-        views = (None if view is None else project(skin.points, skin.normals, view.camera) for view in self.views)
-        return PosedBody(pose, frames, skin, tuple(views))
+        skins = tuple(self._exposed(view, skin, frames) for view in self.views)
+        views = (
+            None if view is None else project(each.points, each.normals, view.camera)
+            for view, each in zip(self.views, skins, strict=True)
+        )  # fmt: skip
+        return PosedBody(pose, frames, skins, tuple(views))
+
+    def _exposed(self, view: ViewCrop | None, skin: SkinPoints, frames: Array) -> SkinPoints:
+        """The ``skin`` where it was when the ``view`` was exposed."""
+        if view is None or self.velocity is None or view.exposure == AT_ONCE:
+            return skin
+        rows = projected(skin.points, view.camera)[0][:, 1]
+        time = view.exposure.times(rows, view.camera.height)
+        return skin._replace(points=moved(skin.points, skin.segment, frames, self.velocity, time))
+
+    def _landmark_frames(self, view: ViewCrop, frames: Array) -> Array:
+        """The segments (16, 4, 4) where they were when the ``view`` was exposed."""
+        if self.velocity is None or view.exposure == AT_ONCE:
+            return frames
+        rows = projected(frames[:, :3, 3], view.camera)[0][:, 1]
+        return moved_frames(frames, self.velocity, view.exposure.times(rows, view.camera.height))
 
     def visibility(self, posed: PosedBody) -> list[PlacedView | None]:
         """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
         return [
-            None if view is None or skin is None else place_view(self.body, posed.skin.points, skin, view.camera)
-            for view, skin in zip(self.views, posed.projected, strict=True)
+            None if view is None or skin is None else place_view(self.body, own.points, skin, view.camera)
+            for view, own, skin in zip(self.views, posed.skins, posed.projected, strict=True)
         ]
 
     def place(self, pose: Pose) -> tuple[PosedBody, list[PlacedView | None]]:
@@ -112,15 +148,20 @@ class PoseObjective:
         twists = screws(posed.frames, posed.centre)
         hessian, gradient = lift(sum_of(sums), twists)
         cameras: list[MarginalisedCamera | None] = []
+        clocks: list[ClockEquations | None] = []
         for view, own in zip(self.views, sums, strict=True):
-            if view is None or view.camera_prior is None:
-                cameras.append(None)
-                continue
-            prior = view.camera_prior
-            moves = segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, own.centre)
-            known = prior.information, prior.correction
-            cameras.append(eliminate(own, moves, *known, twists, hessian, gradient))
-        return PoseEquations(hessian, gradient, contour, brightness, cameras)
+            camera = None
+            if view is not None and view.camera_prior is not None:
+                prior = view.camera_prior
+                moves = segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, own.centre)
+                known = prior.information, prior.correction
+                camera = eliminate(own, moves, *known, twists, hessian, gradient), moves
+            cameras.append(None if camera is None else camera[0])
+            if view is None or self.velocity is None:
+                clocks.append(None)
+            else:
+                clocks.append(clock_equations(own, self.velocity, posed.frames, twists, camera))
+        return PoseEquations(hessian, gradient, contour, brightness, cameras, clocks)
 
     def texture(self, posed: PosedBody, placed: Placed, appearances: SomeAppearances, terms: Terms) -> SegmentSums:
         """The residuals of brightness alone, segment by segment."""
@@ -134,8 +175,8 @@ class PoseObjective:
         it."""
         contour, brightness = np.zeros((16, 3)), np.zeros((16, 2))
         every = [SegmentSums.zero(posed.centre) for _ in self.views]
-        for view, where, seen, appearance, sums in zip(
-            self.views, placed, posed.projected, appearances, every, strict=True
+        for view, where, skin, seen, appearance, sums in zip(
+            self.views, placed, posed.skins, posed.projected, appearances, every, strict=True
         ):
             if view is None or where is None or seen is None:
                 continue
@@ -146,15 +187,19 @@ class PoseObjective:
                 thick = (residuals.SEGMENT_WIDTH_M * magnification > BRIGHTNESS.thinnest_px * image.scale).astype(float)
                 weights = 1.0 / terms.shading_sigma**2, terms.brightness_weight * thick
                 residuals.photometric(
-                    posed.skin, seen.pixels, where.facing, pinhole(view.camera), image, template,
+                    skin, seen.pixels, where.facing, pinhole(view.camera), image, template,
                     BrightnessTerms(terms.brightness_sigma, *weights), sums, brightness,
                 )  # fmt: skip
             if terms.contour_weight > 0:
-                rows, segment = self._contour(view, where, posed.skin, seen, terms, contour)
+                rows, segment = self._contour(view, where, skin, seen, terms, contour)
                 accumulate(rows, segment, sums)
             if view.person is not None and terms.keypoint_weight > 0:
                 rows, keypoint = keypoint_residuals.residuals(
-                    self.body.landmarks, posed.frames, view.camera, view.person, terms.keypoint_scale
+                    self.body.landmarks,
+                    self._landmark_frames(view, posed.frames),
+                    view.camera,
+                    view.person,
+                    terms.keypoint_scale,
                 )
                 rows[:, 0] *= terms.keypoint_weight
                 accumulate(rows, landmarks.SEGMENT[keypoint], sums)
@@ -163,9 +208,9 @@ class PoseObjective:
     def contour(self, posed: PosedBody, placed: Placed, terms: Terms) -> PointResiduals:
         """The residuals of the contour alone, one by one, each owned by a segment."""
         found = [PointResiduals.empty(0)]
-        for view, where, seen in zip(self.views, placed, posed.projected, strict=True):
+        for view, where, skin, seen in zip(self.views, placed, posed.skins, posed.projected, strict=True):
             if view is not None and where is not None and seen is not None:
-                found.append(self._contour(view, where, posed.skin, seen, terms, np.zeros((16, 3))))
+                found.append(self._contour(view, where, skin, seen, terms, np.zeros((16, 3))))
         rows, segment = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return PointResiduals(rows, segment)
 
@@ -179,6 +224,12 @@ class PoseObjective:
             skin, edges, seen, camera, where.z_buffer, view.silhouette, view.arms, sought, found, cost
         )
         return found.first(count)
+
+
+def in_motion(body: Body, poses: Sequence[Pose], views: Sequence[Views]) -> list[PoseObjective]:
+    """The objectives of successive instants, the body moving as the ``poses`` say."""
+    speeds = sequence_velocities([forward(body, pose) for pose in poses])
+    return [PoseObjective(body, each, speed) for each, speed in zip(views, speeds, strict=True)]
 
 
 def sum_of(sums: Sequence[SegmentSums]) -> SegmentSums:

@@ -116,6 +116,9 @@ class TrackingConfig:
     """Keep the arms out of the trunk: a hidden forearm could as well be inside it."""
     skin_colours: bool = True
     """Learn the colours of the lower arms at the keyframes, to see an arm before the trunk."""
+    clock_sigma: float = 0.3
+    """Frame periods, standard deviation, by which the cameras' clocks are off from each other: timecode alone leaves up
+    to half a frame. 0: they are locked to each other."""
     contacts: bool = True
     """Tie points at rest on the floor to where they are: a standing foot trembles otherwise."""
     appearance_score: bool = True

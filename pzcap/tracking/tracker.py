@@ -33,6 +33,7 @@ from pzcap.tracking.interval_solver import (
     warm_up,
 )
 from pzcap.tracking.observation import ViewCrop, ViewInput, crop_view, expect
+from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_shape
@@ -66,6 +67,7 @@ class Tracker:
         self._keys = {key.frame: key for key in keyframes}
         self._last_key = max(self._keys)
         self._estimate = BodyEstimate.of(body)
+        self.clocks: ClockEstimate | None = None  # None: before the first instant
         self._before: Sequence[Pose] = ()  # the last frames before those that wait
         self._solving: Future[IntervalResult] | None = None
         self._ahead: FrameTracker | None = None
@@ -125,13 +127,14 @@ class Tracker:
     def _reach_keyframe(self, item: TrackInput, key: Keyframe) -> list[Tracked]:
         done = self._solved()
         views = self._crop(item.views, key.pose)
-        fit, _ = fit_keyframe(self._estimate.body, key.pose, views, self.config)
+        speed = np.zeros((len(SEGMENTS), 6)) if self._ahead is None else self._ahead.speed(key.pose)
+        fit, _ = fit_keyframe(self._estimate.body, key.pose, views, speed, self.config)
         if self.config.skin_colours:
-            for view, where in zip(item.views, PoseObjective(self.body, views).place(fit.pose)[1], strict=True):
+            for view, where in zip(item.views, PoseObjective(self.body, views, speed).place(fit.pose)[1], strict=True):
                 if view is not None and where is not None:
                     self._skin_colours.learn(view.image, self.body.surface.segment, where.skin.pixels, where.facing)
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, views, fit.pose)
-        anchor = Anchor(key, views, fit, velocity)
+        anchor = Anchor(key, views, fit, velocity, speed)
         if self._ahead is None:
             first = solved(self._problem([], anchor))
             self._estimate, self._before = first.estimate, first.before
@@ -143,7 +146,11 @@ class Tracker:
 
     def _problem(self, instants: Sequence[Instant], anchor: Anchor | None) -> IntervalProblem:
         reference = () if self._ahead is None else self._ahead.reference
-        return IntervalProblem(self._estimate, self._before, instants, reference, anchor, self.config)
+        return IntervalProblem(self._estimate, self._clocks(), self._before, instants, reference, anchor, self.config)
+
+    def _clocks(self) -> ClockEstimate:
+        assert self.clocks is not None, "there has been an instant"
+        return self.clocks.after(len(self._waiting) + 1)
 
     def _solve(self, anchor: Anchor | None) -> None:
         """Start to solve what waits, up to ``anchor``. What was being solved has been taken before."""
@@ -156,11 +163,12 @@ class Tracker:
             return []
         result, self._solving = runtime.taken(self._solving), None
         self._estimate, self._before, self.body = result.estimate, result.before, result.estimate.body
+        self.clocks = result.clocks
         return result.tracked
 
     def _lead_in(self, anchor: Anchor) -> list[Tracked]:
         """The frames before the first keyframe, tracked backward from it."""
-        back = FrameTracker(self.body, self.config, anchor.fit.pose, np.zeros(DOF), anchor.views)
+        back = FrameTracker(self.body, self.config, anchor.fit.pose, np.zeros(DOF), anchor.views, -1)
         done: list[Tracked] = []
         for item in reversed(self._lead):
             done.insert(0, self._tracked(item.frame, back.step(self._crop(item.views, back.predict()))))
@@ -173,12 +181,20 @@ class Tracker:
         return self._tracked(item.frame, nowhere)
 
     def _crop(self, views: Sequence[ViewInput | None], pose: Pose) -> list[ViewCrop | None]:
-        def crop(view: ViewInput) -> ViewCrop | None:
+        if self.clocks is None:
+            self.clocks = ClockEstimate.of(len(views), self.config.clock_sigma)
+        clocks = self.clocks.clock.tolist()
+
+        def crop(view: ViewInput, clock: float) -> ViewCrop | None:
+            view = replace(view, exposure=view.exposure._replace(clock=clock))
             if not self.config.camera_refinement:
                 view = replace(view, camera_prior=None)
             return crop_view(self.body, view, pose, self.config.cut_out_margin, self._skin_colours)
 
-        return [None if view is None or not view.silhouette.valid else crop(view) for view in views]
+        return [
+            None if view is None or not view.silhouette.valid else crop(view, clock)
+            for view, clock in zip(views, clocks, strict=True)
+        ]
 
 
 def _carried(arriving: FrameTracker, views: Sequence[ViewCrop | None], pose: Pose) -> Array:

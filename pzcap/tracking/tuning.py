@@ -142,7 +142,15 @@ class ReacquisitionTuning(NamedTuple):
     least_gain_m2: float = 0.002  # of a limb that is taken as reacquired: a search finds what looks a little better
 
 
+class ClockTuning(NamedTuple):
+    """Clocks of the cameras from the moving body."""
+
+    doubt: float = 100.0  # so many residuals tell as much as one would: the skin errs alike in all frames of a camera
+    drift: float = 1e-4  # standard deviation of a clock's rate, a share of it
+
+
 VIEW = ViewTuning()
+CLOCK = ClockTuning()
 CONTOUR = ContourTuning()
 BRIGHTNESS = BrightnessTuning()
 KEYPOINT = KeypointTuning()

@@ -1,0 +1,173 @@
+"""Time of a pixel: views are not exposed at one instant, and the athlete moves meanwhile.
+
+A camera's clock is off from the others' by ``d``, and with a rolling shutter row v of H is exposed ``r tau`` after the
+middle row, tau = (v + 1/2) / H - 1/2. A point that moves with the velocity ``u`` is seen where it is at
+
+    x + (d + r tau) u                                                     (times in frame periods)
+
+`Exposure` holds d and r of a view; `moved` puts the skin there. The derivative by d is the segments' velocity, a twist
+``M_s`` of each, so that the normal equations of the clocks follow from those of the segments as the cameras' do
+(`pzcap.tracking.camera_refinement`): ``C = sum_s M_s' H_s M_s``, ``c = sum_s M_s' g_s``, ``B = sum_s T_s' H_s M_s``.
+All frames of an interval share the clocks (`ClockEstimate`). What shifts all of them alike is a shift of the motion in
+time, which no image shows: it stays at the prior's mean of 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation
+
+from pzcap.body.segment_equations import SegmentSums
+from pzcap.body.skeleton import DOF, DOF_SEGMENT
+from pzcap.localisation.panorama_sampler import row_time
+from pzcap.tracking.camera_refinement import MarginalisedCamera
+from pzcap.tracking.tuning import CLOCK
+from pzcap.types import PARENTS, Array, Indices
+
+
+class Exposure(NamedTuple):
+    """Times of a view, in frame periods."""
+
+    clock: float = 0.0  # after the instant that the frame set stands for
+    readout: float = 0.0  # from its top edge to its bottom edge
+
+    def times(self, rows: Array, height: int) -> Array:
+        """Time (N,) of pixel ``rows`` (N,) of an image that is ``height`` high."""
+        return np.asarray(self.clock + self.readout * np.clip(row_time(rows, height), -0.5, 0.5))
+
+
+AT_ONCE: Final = Exposure()
+
+
+def velocities(before: Array, after: Array, periods: float) -> Array:
+    """(16, 6) Velocity of each segment's joint and angular velocity, world, a frame period, between ``before`` and
+    ``after`` (16, 4, 4), which are so many ``periods`` apart."""
+    turned = Rotation.from_matrix(after[:, :3, :3] @ before[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
+    return np.asarray(np.hstack([after[:, :3, 3] - before[:, :3, 3], turned]) / periods)
+
+
+def sequence_velocities(frames: Sequence[Array]) -> list[Array]:
+    """`velocities` (16, 6) at each of successive instants (16, 4, 4): from the one before to the one after."""
+    last = len(frames) - 1
+    pairs = [(max(t - 1, 0), min(t + 1, last)) for t in range(len(frames))]
+    return [velocities(frames[a], frames[b], max(b - a, 1)) for a, b in pairs]
+
+
+def moved(points: Array, segment: Indices, world_T_segment: Array, velocity: Array, time: Array) -> Array:
+    """Points (V, 3) of segments (V,) after ``time`` (V,), a coordinate after the other in memory; ``velocity`` (16, 6)
+    as in `velocities`."""
+    out = np.empty_like(points)
+    _move(points, segment, world_T_segment[:, :3, 3], velocity, time, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _move(points: Array, segment: Indices, joints: Array, velocity: Array, time: Array, out: Array) -> None:
+    for n in range(len(points)):
+        s, t = segment[n], time[n]
+        x, y, z = points[n, 0] - joints[s, 0], points[n, 1] - joints[s, 1], points[n, 2] - joints[s, 2]
+        wx, wy, wz = velocity[s, 3], velocity[s, 4], velocity[s, 5]
+        out[n, 0] = points[n, 0] + t * (velocity[s, 0] + wy * z - wz * y)
+        out[n, 1] = points[n, 1] + t * (velocity[s, 1] + wz * x - wx * z)
+        out[n, 2] = points[n, 2] + t * (velocity[s, 2] + wx * y - wy * x)
+
+
+def moved_frames(world_T_segment: Array, velocity: Array, time: Array) -> Array:
+    """Segments (16, 4, 4) after ``time`` (16,)."""
+    out = world_T_segment.copy()
+    out[:, :3, 3] += time[:, None] * velocity[:, :3]
+    turns = Rotation.from_rotvec(time[:, None] * velocity[:, 3:]).as_matrix()
+    out[:, :3, :3] = turns @ world_T_segment[:, :3, :3]
+    return out
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Clocks
+
+
+class ClockEquations(NamedTuple):
+    """Normal equations of one view's clock at one instant."""
+
+    information: float  # C
+    pull: float  # c
+    cross: Array  # (43,) B
+
+
+def clock_equations(
+    view: SegmentSums, velocity: Array, world_T_segment: Array, twists: Array,
+    camera: tuple[MarginalisedCamera, Array] | None,
+) -> ClockEquations:  # fmt: skip
+    """Normal equations of the clock of a view that has made the normal equations ``view`` of the segments. ``velocity``
+    (16, 6) as in `velocities`, ``twists`` (43, 6) those by the pose. Where the view's ``camera`` is eliminated from the
+    pose's equations, it is given with its `segment_twists`, and eliminated from these, too."""
+    about_centre = velocity.copy()
+    about_centre[:, :3] += np.cross(velocity[:, 3:], view.centre - world_T_segment[:, :3, 3])
+    moved = np.einsum("sij,sj->si", view.hessians, about_centre)
+    information, pull = float(np.sum(moved * about_centre)), float(np.sum(about_centre * view.gradients))
+    with_camera = np.zeros(2) if camera is None else np.einsum("sik,si->k", camera[1], moved)
+    for s in range(len(moved) - 1, 0, -1):  # parents come before their children
+        moved[PARENTS[s]] += moved[s]
+    cross = np.einsum("di,di->d", twists, moved[DOF_SEGMENT])
+    if camera is not None:
+        free = camera[0]
+        information -= float(with_camera @ free.covariance @ with_camera)
+        pull -= float(with_camera @ free.pull)
+        cross -= with_camera @ free.give
+    return ClockEquations(information, pull, cross)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClockEstimate:
+    """Clocks of the cameras, frame periods, about the instant that a frame set stands for."""
+
+    clock: Array  # (C,)
+    information: Array  # (C, C)
+
+    @staticmethod
+    def of(cameras: int, sigma: float) -> ClockEstimate:
+        """Estimate before any image."""
+        return ClockEstimate(np.zeros(cameras), np.eye(cameras) / max(sigma, 1e-9) ** 2)
+
+    def after(self, periods: int) -> ClockEstimate:
+        """The estimate so many frame periods later: clocks drift."""
+        drifted = np.linalg.inv(self.information) + (CLOCK.drift * periods) ** 2 * np.eye(len(self.clock))
+        return replace(self, information=np.asarray(np.linalg.inv(drifted), np.float64))
+
+    @property
+    def sigma(self) -> Array:
+        """(C,) standard deviations."""
+        return np.sqrt(np.diag(np.linalg.inv(self.information)))
+
+
+class ClockSystem:
+    """Normal equations of all clocks, gathered from instants whose poses are eliminated."""
+
+    def __init__(self, prior: ClockEstimate) -> None:
+        self._prior = prior
+        self._information = np.zeros_like(prior.information)
+        self._pull = np.zeros_like(prior.clock)
+
+    def add(self, clocks: Sequence[ClockEquations | None], hessian: Array, gradient: Array) -> Array:
+        """Add an instant with the normal equations of its pose, (43, 43) and (43,); return the cross terms (43, C)."""
+        cross = np.zeros((DOF, len(clocks)))
+        for c, one in enumerate(clocks):
+            if one is not None:
+                cross[:, c] = one.cross
+                self._information[c, c] += one.information
+                self._pull[c] += one.pull
+        solved = np.linalg.solve(hessian, np.column_stack([cross, gradient]))
+        self._information -= cross.T @ solved[:, :-1]
+        self._pull -= cross.T @ solved[:, -1]
+        return cross
+
+    def solve(self, clock: Array) -> ClockEstimate:
+        """The clocks, which are at ``clock`` (C,) now."""
+        prior, worth = self._prior, 1.0 / CLOCK.doubt
+        information = prior.information + worth * self._information
+        pull = worth * self._pull - prior.information @ (clock - prior.clock)
+        return ClockEstimate(clock + np.linalg.solve(information, pull), information)
