@@ -138,7 +138,7 @@ class Detector:
         ends = []
         for at_s in (time_s - shutter_s / 2, time_s + shutter_s / 2, time_s):
             aim = trajectory.at(at_s)
-            pose = rig.world_T_cam(aim.pan_rad, aim.focal_px, aim.raised_rad)
+            pose = rig.world_T_cam(aim.pan_rad, aim.focal_px, aim.raised_rad, aim.rolled_rad)
             points = self._place(person(at_s))
             ends.append(rig.project(pose, aim.focal_px, points))
         (start, _), (end, _), (pixels, depth) = ends
