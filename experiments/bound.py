@@ -136,8 +136,9 @@ def _bound(
     for at in np.argsort(shrinking, kind="stable"):  # so that there is one scene at a time
         frame = frames[at]
         true = truth.camera(camera, int(frame))
+        instant = camera, int(frame)
         view = View(
-            float(truth.pan_rad[camera, frame]), float(truth.tilt_rad[camera, frame]), float(truth.roll_rad[camera]),
+            float(truth.pan_rad[instant]), float(truth.tilt_rad[instant]), float(truth.roll_rad[instant]),
             true.focal_px, true.principal_px, lens_of(true),
         )  # fmt: skip
         if scene is None or scene.shrinking != shrinking[at]:

@@ -34,13 +34,15 @@ def collect_truth(
 ) -> Truth:
     """The truth about a capture without a dropped frame. joints_m: (F, 16, 3)."""
     config, rigs, times_s = session.config, session.rigs, session.times_s
-    pan_rad, focal_px, raised_rad = _sampled([one.way for one in filmed], times_s)
+    own_s = np.array([session.own_s(c, times_s) for c in range(CAMERAS)])
+    pan_rad, focal_px, raised_rad, rolled_rad = _sampled([one.way for one in filmed], own_s)
+    clock_offset_s, clock_drift = session.own_clocks()
     frames, start = len(times_s), session.clock().start
     sweeps, zooms = [[run(c) for c in range(CAMERAS)] for run in (session.sweep, session.zoom)]
-    sweep_pan_rad = _sampled(sweeps, sweeps[0].times_s)[0]
+    sweep_pan_rad = _sampled(sweeps, [run.times_s for run in sweeps])[0]
     zoom_pan_rad, zoom_focal_px = np.zeros((CAMERAS, 1)), np.zeros((CAMERAS, 0))
     if config.zoom_frames:
-        zoom_pan_rad, zoom_focal_px, _ = _sampled(zooms, zooms[0].times_s)
+        zoom_pan_rad, zoom_focal_px, *_ = _sampled(zooms, [run.times_s for run in zooms])
     reference_px = rigs[0].reference_focal_px
     fewest = min(len(one.scene_points_m) for one in filmed)
     poses = [session.clip.at(t) for t in times_s.tolist()]
@@ -54,20 +56,21 @@ def collect_truth(
         height=config.height,
         pan_rad=pan_rad,
         tilt_rad=np.array([[rig.tilt_rad] for rig in rigs]) + raised_rad,
-        roll_rad=np.array([rig.roll_rad for rig in rigs]),
+        roll_rad=np.array([[rig.roll_rad] for rig in rigs]) + rolled_rad,
         focal_px=focal_px,
         principal_px=np.repeat([[rig.principal_px] for rig in rigs], frames, axis=1),
         k1=np.array([[rig.k1(f) for f in row] for rig, row in zip(rigs, focal_px, strict=True)]),
-        world_T_cam=_poses(rigs, pan_rad, focal_px, raised_rad),
+        world_T_cam=_poses(rigs, pan_rad, focal_px, raised_rad, rolled_rad),
         recorded=np.ones((CAMERAS, frames), bool),
+        clock_offset_s=clock_offset_s,
+        clock_drift=clock_drift,
+        readout_s=np.full(CAMERAS, config.sensor.readout_s),
         reference_focal_px=np.full(CAMERAS, reference_px),
         reference_principal_px=np.array([rig.principal_px for rig in rigs]),
         reference_k1=np.array([rig.k1(reference_px) for rig in rigs]),
         reference_world_T_cam=np.stack([rig.world_T_cam(0.0, reference_px) for rig in rigs]),
         sweep_pan_rad=sweep_pan_rad,
-        sweep_world_T_cam=_poses(
-            rigs, sweep_pan_rad, np.full_like(sweep_pan_rad, reference_px), np.zeros_like(sweep_pan_rad)
-        ),
+        sweep_world_T_cam=_poses(rigs, sweep_pan_rad, np.full_like(sweep_pan_rad, reference_px)),
         zoom_focal_px=zoom_focal_px,
         zoom_pan_rad=zoom_pan_rad[:, 0],
         scene_points_m=np.stack([one.scene_points_m[:fewest] for one in filmed]),
@@ -83,14 +86,16 @@ def collect_truth(
     )
 
 
-def _sampled(trajectories: Sequence[Trajectory | Run], times_s: Array) -> tuple[Array, Array, Array]:
-    """Pan, focal length and tilt above the locked one, (C, N) each, at these times."""
-    values = np.array([[one.at(t) for t in times_s.tolist()] for one in trajectories])
-    return values[..., 0], values[..., 1], values[..., 2]
+def _sampled(
+    trajectories: Sequence[Trajectory | Run], times_s: Array | Sequence[Array]
+) -> tuple[Array, Array, Array, Array]:
+    """Pan, focal length, and tilt and roll beyond the locked ones, (C, N) each, at these times (C, N)."""
+    values = np.array([[one.at(t) for t in own_s.tolist()] for one, own_s in zip(trajectories, times_s, strict=True)])
+    return values[..., 0], values[..., 1], values[..., 2], values[..., 3]
 
 
 def _poses(rigs: list[Rig], *aims: Array) -> Array:
-    """(C, N, 4, 4) for pan, focal length and tilt (C, N) each."""
+    """(C, N, 4, 4) for pan, focal length, tilt and roll (C, N) each; without the last they are as locked."""
     return np.array(
         [[rig.world_T_cam(*aim) for aim in zip(*row, strict=True)] for rig, *row in zip(rigs, *aims, strict=True)]
     )

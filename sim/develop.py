@@ -15,7 +15,7 @@ from pzcap.io.video import frames_to_timecode
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask
 from sim import motion
 from sim.cameras.optics import vignette
-from sim.cameras.sensor import Exposure, Sensor, draw_dropped
+from sim.cameras.sensor import Exposure, Sensor, draw_dropped, row_delay_s
 from sim.capture_writer import write_capture, write_video
 from sim.hall import gym
 from sim.light import operate, read_light, reels
@@ -54,7 +54,7 @@ def develop_cameras(cameras: Sequence[int], session: Session, light: Path, captu
     for c in cameras:
         files, reel, clock = session.files(capture)[c], reels(light)[c], session.clock()
         sensor = Sensor(config.sensor, vignette(session.rigs[c]), stream(config.seed, "sensor", c))
-        [reference] = _developed(session, sensor, reel.reference, np.zeros(1), stream(config.seed, "reference", c))
+        [reference] = _developed(session, c, sensor, reel.reference, np.zeros(1), "reference")
         _write_png(files.reference, reference)
         done += 1
         yield done
@@ -64,13 +64,12 @@ def develop_cameras(cameras: Sequence[int], session: Session, light: Path, captu
             (files.zoom, reel.zoom, session.zoom(c), "zoom"),
         ):
             if path is not None:
-                pictures = _developed(session, sensor, film, run.times_s, stream(config.seed, purpose, c))
+                pictures = _developed(session, c, sensor, film, run.times_s, purpose)
                 write_video(path, pictures, rate, crf=config.sensor.crf_still)
                 done += len(run.times_s)
                 yield done
         rate, kept = Fraction(config.frame_rate), _recorded(session, c)
-        rng = stream(config.seed, "motion video", c)
-        pictures = _developed(session, sensor, reel.motion, session.exposed_s(c), rng, kept, config.gym.lights_on)
+        pictures = _developed(session, c, sensor, reel.motion, session.exposed_s(c), "motion video", kept)
         timecode, indices = frames_to_timecode(clock.start - clock.early[c], rate), np.flatnonzero(kept).tolist()
         write_video(files.motion, pictures, rate, crf=config.sensor.crf_motion, timecode=timecode, indices=indices)
         done += len(indices)
@@ -78,15 +77,19 @@ def develop_cameras(cameras: Sequence[int], session: Session, light: Path, captu
 
 
 def _developed(
-    session: Session, sensor: Sensor, film: Path, times_s: Array, rng: np.random.Generator,
-    kept: Mask | None = None, brightness: float = 1.0,
-) -> Iterator[Image]:  # fmt: skip
-    """Pictures of ``film``, exposed at ``times_s`` (N,), but for those that are not ``kept`` (N,)."""
-    exposure = Exposure(session.config.sensor.exposure_drift, rng)
+    session: Session, c: int, sensor: Sensor, film: Path, times_s: Array, purpose: str, kept: Mask | None = None
+) -> Iterator[Image]:
+    """Pictures of ``film`` by camera ``c``, exposed at ``times_s`` (N,), but for those that are not ``kept`` (N,)."""
+    config = session.config
+    rng = stream(config.seed, purpose, c)
+    exposure, mains = Exposure(config.sensor.exposure_drift, rng), session.mains(c, purpose)
+    brightness = config.gym.lights_on if purpose == "motion video" else 1.0
+    delays_s = row_delay_s(np.arange(float(config.height)), config.height, config.sensor.readout_s)[:, None, None]
     keeps = np.ones(len(times_s), bool) if kept is None else kept
     for light, time_s, keep in zip(read_light(film), times_s.tolist(), keeps.tolist(), strict=True):
         if keep:
-            yield sensor.develop(light, brightness * exposure(time_s), rng)
+            gain = brightness * exposure(time_s)
+            yield sensor.develop(light, gain if mains is None else gain * mains(time_s + delays_s), rng)
 
 
 def _recorded(session: Session, c: int) -> Mask:
@@ -104,7 +107,7 @@ def _detect(session: Session, capture: Path) -> Iterator[Progress]:
         assert files.keypoints is not None
         way, times_s = operate(session, c, outline_m), session.exposed_s(c)[_recorded(session, c)]
         rng = stream(config.seed, "detector", c)
-        found = detector.watch(session.rigs[c], way, session.clip.at, times_s, config.sensor.shutter_s, rng)
+        found = detector.watch(session.rigs[c], way, session.clip.at, times_s, config.sensor, rng)
         write_openpose(files.keypoints, files.motion.stem, found)
         yield Progress("detect", c + 1, CAMERAS)
 

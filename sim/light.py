@@ -58,7 +58,13 @@ def light_of(config: ShootConfig) -> ShootConfig:
     sensor, default = config.sensor, SensorConfig()
     return replace(
         config,
-        gym=replace(config.gym, lights_on=GymConfig().lights_on),
+        gym=replace(
+            config.gym,
+            lights_on=GymConfig().lights_on,
+            mains_share=GymConfig().mains_share,
+            mains_hz=GymConfig().mains_hz,
+            mains_phases=GymConfig().mains_phases,
+        ),
         optics=replace(config.optics, vignetting=OpticsConfig().vignetting),
         sensor=replace(
             sensor,
@@ -95,7 +101,12 @@ def film(config: ShootConfig, folder: Path) -> Iterator[Progress]:
 
 
 def operate(session: Session, c: int, outline_m: Array) -> Trajectory:
-    """The way of camera ``c`` while the motion is recorded: its operator follows the body. outline_m: (F, 21, 3)."""
+    """The way of camera ``c`` while the motion is recorded, with its tripod's unrest. outline_m: (F, 21, 3)."""
+    return replace(_operated(session, c, outline_m), unrest=session.unrest(c))
+
+
+def _operated(session: Session, c: int, outline_m: Array) -> Trajectory:
+    """What the operator makes of it, who follows the body."""
     if session.given_trajectories:
         return session.given_trajectories[c]
     seed, rig, config, times_s = session.config.seed, session.rigs[c], session.config.operator, session.times_s
@@ -128,7 +139,7 @@ def film_cameras(
             way = operate(session, c, outline_m)
             lights = (camera.exposure(way.at, t, session.clip.at) for t in session.exposed_s(c).tolist())
             yield from _write(reels(folder)[c].motion, lights, done)
-            masks, shadows = yield from _silhouettes(session, way, camera, done)
+            masks, shadows = yield from _silhouettes(session, c, way, camera, done)
             swept = session.sweep(c)
             pan_rad = np.array([swept.at(t).pan_rad for t in swept.times_s.tolist()])
             seen = scene_points(stage, session.rigs[c], pan_rad, _SCENE_POINTS, stream(config.seed, "points", c))
@@ -147,11 +158,11 @@ def _film_hall(session: Session, c: int, camera: FilmCamera, reel: Reel, done: I
 
 
 def _silhouettes(
-    session: Session, way: Trajectory, camera: FilmCamera, done: Iterator[int]
+    session: Session, c: int, way: Trajectory, camera: FilmCamera, done: Iterator[int]
 ) -> Generator[int, None, tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
     """Masks of the athlete in every frame, and of the shadow in every tenth, a bit a pixel."""
     masks, shadows = [], []
-    for f, time_s in enumerate(session.times_s.tolist()):
+    for f, time_s in enumerate(session.own_s(c, session.times_s).tolist()):
         mask = camera.mask(way.at, time_s, session.clip.at)
         masks.append(np.packbits(mask))
         if f % _SHADOW_EVERY == 0:

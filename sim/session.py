@@ -20,10 +20,12 @@ from sim.cameras.film import Person, finest_plate
 from sim.cameras.operator import OperatorConfig, PanTiltZoom, Trajectory, sweep, through
 from sim.cameras.optics import OpticsConfig, Rig, build_rig
 from sim.cameras.render import LARGEST_PICTURE_PX, Stage
-from sim.cameras.sensor import SensorConfig, rolls
+from sim.cameras.sensor import SensorConfig, draw_clocks, rolls
 from sim.cameras.trajectories import read_trajectories
+from sim.cameras.tripod import Unrest
 from sim.hall import gym
 from sim.hall.gym import GymConfig
+from sim.hall.mains import Mains, draw_mains
 from sim.motion import MotionClip
 from sim.people.anthropometry import draw_measurements
 from sim.people.athlete import GEOM_GROUP, AthleteConfig
@@ -139,7 +141,45 @@ class Session:
         """(N,) the middle of each exposure of the motion by camera ``c``; 0 at the first frame that all have."""
         clock = self.clock()
         frames = np.arange(clock.early[c] + len(self.times_s) + clock.late[c])
-        return (frames - clock.early[c]) / self.config.frame_rate
+        return self.own_s(c, (frames - clock.early[c]) / self.config.frame_rate)
+
+    def own_s(self, c: int, times_s: Array) -> Array:
+        """(N,) when camera ``c`` exposes what its timecode says is of ``times_s`` (N,)."""
+        offset_s, drift = (each[c] for each in self.own_clocks())
+        return np.asarray(times_s + offset_s + drift * times_s)
+
+    def own_clocks(self) -> tuple[Array, Array]:
+        """Offset (C,), s, and drift (C,) of the cameras' clocks; 0 where they are genlocked."""
+        sensor = self.config.sensor
+        return draw_clocks(CAMERAS, sensor, 1 / self.config.frame_rate, stream(self.config.seed, "own clocks"))
+
+    def mains(self, c: int, purpose: str) -> Mains | None:
+        """Flicker of the hall's lamps in what camera ``c`` films for some purpose; None: they burn steadily."""
+        gym, seed = self.config.gym, self.config.seed
+        if not gym.mains_share:
+            return None
+        # all film the motion at one time, and the hall each at its own
+        taken = stream(seed, "mains", purpose, *([] if purpose == "motion video" else [c]))
+        return draw_mains(gym, self.config.sensor.shutter_s, taken, stream(seed, "lamps", c))
+
+    def unrest(self, c: int) -> Unrest | None:
+        """How the tripod of camera ``c`` moves while the motion is recorded; None: it stands still."""
+        optics, seed = self.config.optics, self.config.seed
+        if not (optics.settled_deg or optics.sprung_deg or optics.bump_deg):
+            return None
+        landings_s = self.clip.landings_s
+        bumped = stream(seed, "bump")
+        hit, when, towards = bumped.integers(CAMERAS), bumped.uniform(0.3, 0.7), bumped.normal(size=3)
+        towards *= np.deg2rad(optics.bump_deg) * (hit == c) / np.linalg.norm(towards)
+        return Unrest(
+            settled_rad=float(np.deg2rad(optics.settled_deg) * stream(seed, "settled", c).choice([-1.0, 1.0])),
+            landings_s=landings_s,
+            rings_rad=np.deg2rad(optics.sprung_deg)
+            * stream(seed, "sprung", c).choice([-1.0, 1.0], (len(landings_s), 2)),
+            ring_hz=optics.sprung_hz,
+            bump_s=float(when * self.times_s[-1]),
+            bump_rad=towards,
+        )
 
     def sweep(self, c: int) -> Run:
         """Way of camera ``c`` through the sweep."""

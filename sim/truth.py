@@ -23,19 +23,24 @@ from pzcap.types import Array, Camera, Lens, Mask, Pose, PzcapError
 _MASKS = ("mask_bits", "shadow_bits")
 _LARGEST_BYTES: Final = 8e9
 _SHAPES: Final = {
-    "pan_rad": "C F", "tilt_rad": "C F", "roll_rad": "C", "focal_px": "C F", "principal_px": "C F 2", "k1": "C F",
+    "pan_rad": "C F", "tilt_rad": "C F", "roll_rad": "C F", "focal_px": "C F", "principal_px": "C F 2", "k1": "C F",
     "world_T_cam": "C F 4 4", "recorded": "C F", "reference_focal_px": "C", "reference_principal_px": "C 2",
     "reference_k1": "C", "reference_world_T_cam": "C 4 4", "sweep_pan_rad": "C M", "sweep_world_T_cam": "C M 4 4",
     "zoom_focal_px": "C Z", "zoom_pan_rad": "C", "scene_points_m": "C P 3", "root_position_m": "F 3",
     "rotations": "F 16 4", "joints_m": "F 16 3", "contact": "F 4", "airborne": "F", "mask_bits": "C F B",
-    "shadow_frames": "S", "shadow_bits": "C S B",
+    "shadow_frames": "S", "shadow_bits": "C S B", "clock_offset_s": "C", "clock_drift": "C", "readout_s": "C",
 }  # fmt: skip
 """Shapes of the arrays: C cameras, F frames, B bytes of a mask; M, Z, P and S are as many as there are."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """F frames (the frame sets of the capture, in order), C cameras, at mid-exposure. Conventions: `pzcap.types`."""
+    """F frames (the frame sets of the capture, in order), C cameras, at mid-exposure. Conventions: `pzcap.types`.
+
+    A frame set has a common time, frame over frame rate, of which the athlete is. A camera exposes its middle row at
+    its own time, which is the common one plus ``clock_offset_s + clock_drift * common time``, and of which all else is:
+    where it points, and what it sees. Row v is exposed ``((v + 0.5) / height - 0.5) * readout_s`` after the middle row.
+    """
 
     config: str  # JSON of the ShootConfig
     frame_rate: Fraction
@@ -47,12 +52,15 @@ class Truth:
     # cameras while the motion is recorded
     pan_rad: Array  # (C, F)
     tilt_rad: Array  # (C, F)
-    roll_rad: Array  # (C,)
+    roll_rad: Array  # (C, F)
     focal_px: Array  # (C, F)
     principal_px: Array  # (C, F, 2)
     k1: Array  # (C, F)
     world_T_cam: Array  # (C, F, 4, 4)
     recorded: Mask  # (C, F) False where the frame was dropped
+    clock_offset_s: Array  # (C,)
+    clock_drift: Array  # (C,) seconds a second
+    readout_s: Array  # (C,) negative: from the bottom
     # at the reference pose
     reference_focal_px: Array  # (C,)
     reference_principal_px: Array  # (C, 2)
@@ -85,7 +93,7 @@ class Truth:
         return np.asarray(self.joints_m[:, 3, 2] < self.joints_m[:, 0, 2])
 
     def camera(self, camera: int, frame: int) -> Camera:
-        """The camera at the mid-exposure of a frame."""
+        """The camera at the mid-exposure of a frame's middle row."""
         at = camera, frame
         return self._camera(self.world_T_cam[at], self.focal_px[at], self.principal_px[at], self.k1[at])
 
@@ -111,7 +119,7 @@ class Truth:
         return Lens(self.width, self.height, reference, lines[:, :2], lines[:, 2])
 
     def pose(self, frame: int) -> Pose:
-        """The athlete's pose at the mid-exposure of a frame."""
+        """The athlete's pose at the common time of a frame set."""
         return Pose(self.root_position_m[frame], self.rotations[frame])
 
     def mask(self, camera: int, frame: int) -> Mask:
@@ -149,6 +157,7 @@ def load(folder: Path) -> Truth:
     values = _read(folder / "truth.json", lambda path: _plain(json.loads(path.read_text(encoding="utf-8"))))
     for name in ("truth.npz", "masks.npz"):
         values |= _read(folder / name, _arrays)
+    _complete(values)
     try:
         truth = Truth(**values)
     except TypeError as error:
@@ -171,6 +180,14 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
     values["width"], values["height"] = int(values["width"]), int(values["height"])
     json.loads(values["config"])
     return values
+
+
+def _complete(values: dict[str, Any]) -> None:
+    """Add what the truth did not hold before cameras had clocks, a rolling shutter and a roll for every frame."""
+    pan_rad, roll_rad = (np.asarray(values.get(name, 0.0)) for name in ("pan_rad", "roll_rad"))
+    if pan_rad.ndim == 2 and roll_rad.shape == pan_rad.shape[:1]:
+        values["roll_rad"] = np.repeat(roll_rad[:, None], pan_rad.shape[1], axis=1)
+        values |= {name: np.zeros(len(pan_rad)) for name in ("clock_offset_s", "clock_drift", "readout_s")}
 
 
 def _arrays(path: Path) -> dict[str, Any]:

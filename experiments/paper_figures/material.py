@@ -113,7 +113,7 @@ class Run:
         if reference is None or self.truth is None:
             return None
         c = self.truth.camera_names.index(name)
-        tilt, roll = float(np.median(self.truth.tilt_rad[c])), float(self.truth.roll_rad[c])
+        tilt, roll = float(np.median(self.truth.tilt_rad[c])), float(np.median(self.truth.roll_rad[c]))
         return mount(reference, PanZoomCamera(self.truth.lens(c), np.eye(4), tilt, roll))
 
 

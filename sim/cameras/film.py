@@ -2,26 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pzcap.types import Array, Image, Mask, Pose
 from sim.cameras.operator import PanTiltZoom
-from sim.cameras.optics import Plate, Rig, lens_maps, plate_for, through_lens
+from sim.cameras.optics import (
+    Moment,
+    Plate,
+    Rig,
+    fine_size,
+    lens_maps,
+    plate_for,
+    plate_under,
+    rolled_maps,
+    sampled,
+    shrunk,
+    through_lens,
+)
 from sim.cameras.render import Stage
-from sim.cameras.sensor import SensorConfig
+from sim.cameras.sensor import SensorConfig, row_delay_s
 from sim.people.athlete import set_pose
 
 _AVERAGED: Final = 0.75  # share of the supersampling that pictures averaged over several moments need
 _SHADOW_LEVELS: Final = 6  # grey levels by which a shadow darkens a pixel, at least
+_PLATES_S: Final = 3.3e-3  # between plates of a rolling shutter: a limb of 10 m/s steps by 17 mm at most, at the hand
+_INSTANT: Final = np.zeros(1)
 
 Look = Callable[[float], PanTiltZoom]
 """Pan, zoom and tilt of the camera at a time (s)."""
 Person = Callable[[float], Pose]
 """Pose of the person in the hall at a time (s)."""
+Draw = Callable[[tuple[int, int]], Image]
+"""Picture, or mask, of so many pixels (width, height) of the scene that is set."""
 
 
 def finest_plate(rig: Rig, config: SensorConfig, zoom: float) -> tuple[int, int]:
@@ -41,13 +60,13 @@ class FilmCamera:
         """The calibration object at the reference pose, or with another ``aim``; nobody is in the hall."""
         scale = self._config.supersampling_still
         aim = aim or PanTiltZoom(0.0, self._rig.reference_focal_px)
-        plate = self._aim(lambda _: aim, 0.0, None)
+        plate = self._plate(self._moment(aim))
         picture = self._stage.picture(plate.size(scale), athlete=False, calibration_object=True)
         return through_lens(picture, lens_maps(self._rig, plate, aim.focal_px, scale), self._rig)
 
     def instant(self, look: Look, time_s: float, person: Person | None) -> Image:
         """One moment, as frames of the sweep and the zoom run are rendered. person: None if nobody is in the hall."""
-        return self._exposed(look, time_s, np.zeros(1), person, self._config.supersampling_still)
+        return self._exposed(look, time_s, _INSTANT, person, self._config.supersampling_still)
 
     def exposure(self, look: Look, time_s: float, person: Person) -> Image:
         """The mean over the open shutter, whose middle is ``time_s``: a frame of the motion."""
@@ -58,45 +77,109 @@ class FilmCamera:
 
     def mask(self, look: Look, time_s: float, person: Person) -> Mask:
         """(height, width) the pixels that show the person."""
-        plate = self._aim(look, time_s, person)
         # finer than the image, as pictures are: else an edge would stand up to half a pixel beside itself
-        maps = lens_maps(self._rig, plate, look(time_s).focal_px, self._averaged_scale)
-        return np.asarray(through_lens(self._stage.mask(plate.size(self._averaged_scale)), maps, self._rig) > 127)
+        seen = self._through(look, time_s, _INSTANT, person, self._averaged_scale, self._stage.mask)
+        return np.asarray(seen > 127)
 
     def shadow(self, look: Look, time_s: float, person: Person, mask: Mask) -> Mask:
         """(height, width) the pixels that the person's shadow darkens, off the person's own ``mask``."""
-        plate = self._aim(look, time_s, person)
-        maps = lens_maps(self._rig, plate, look(time_s).focal_px, self._averaged_scale)
         lit, dark = (
-            through_lens(self._stage.picture(plate.size(self._averaged_scale), athlete=shown), maps, self._rig)
-            for shown in (False, True)
+            self._through(
+                look, time_s, _INSTANT, person, self._averaged_scale, partial(self._stage.picture, athlete=on)
+            )
+            for on in (False, True)
         )
         darker = lit.mean(axis=2) - dark.mean(axis=2) > _SHADOW_LEVELS
         body = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8))
         return np.asarray(darker & (body == 0))
 
-    def _aim(self, look: Look, time_s: float, person: Person | None, focal_px: float | None = None) -> Plate:
-        """Set the scene for one moment; return the plate to render. ``focal_px`` overrules what the trajectory says."""
-        aim = look(time_s)
-        focal_px = focal_px or aim.focal_px
-        if person is not None:
-            set_pose(self._stage.model, self._stage.data, person(time_s))
-        plate = plate_for(self._rig, focal_px, np.deg2rad(self._config.grid_turn_deg))
-        world_T_cam = self._rig.world_T_cam(aim.pan_rad, focal_px, aim.raised_rad)
-        self._stage.aim(plate.turn(world_T_cam), plate.vertical_view_deg(focal_px))
-        return plate
-
     def _exposed(self, look: Look, time_s: float, offsets_s: Array, person: Person | None, scale: float) -> Image:
-        """The mean of the pictures at these offsets (N,) from ``time_s``, whose focal length they all have."""
-        focal_px = look(time_s).focal_px
+        """The mean of the pictures at these offsets (N,) from ``time_s``. person: None if nobody is in the hall."""
+        draw = partial(self._stage.picture, athlete=person is not None)
+        return self._through(look, time_s, offsets_s, person, scale, draw)
+
+    def _through(
+        self, look: Look, time_s: float, offsets_s: Array, person: Person | None, scale: float, draw: Draw
+    ) -> Image:
+        """The mean of what is drawn at these offsets (N,) from ``time_s``, through the lens."""
+        if self._config.readout_s:
+            return self._rolled(look, time_s, offsets_s, person, scale, draw)
+        focal_px = look(time_s).focal_px  # all pictures have it
         pictures = []
         for moment_s in (time_s + offsets_s).tolist():
-            plate = self._aim(look, moment_s, person, focal_px)
-            pictures.append(self._stage.picture(plate.size(scale), athlete=person is not None))
-        light = pictures[0]
-        if len(pictures) > 1:
-            total = light.astype(np.uint16)
-            for picture in pictures[1:]:
-                cv2.add(total, picture, dst=total, dtype=cv2.CV_16U)
-            light = np.asarray(cv2.convertScaleAbs(total, alpha=1 / len(pictures)), np.uint8)
-        return through_lens(light, lens_maps(self._rig, plate, focal_px, scale), self._rig)
+            self._pose(person, moment_s)
+            plate = self._plate(self._moment(look(moment_s)._replace(focal_px=focal_px)))
+            pictures.append(draw(plate.size(scale)))
+        return through_lens(_mean(pictures), lens_maps(self._rig, plate, focal_px, scale), self._rig)
+
+    def _rolled(
+        self, look: Look, time_s: float, offsets_s: Array, person: Person | None, scale: float, draw: Draw
+    ) -> Image:
+        """The same, each row at its own time.
+
+        Plates are drawn at a few moments, where the hall is empty at one. A row takes the nearest, through the camera
+        of its own time (`rolled_maps`): the hall is exact in every row, and of a body alone the motion is in steps.
+        """
+        rig, readout_s, turned_rad = self._rig, self._config.readout_s, np.deg2rad(self._config.grid_turn_deg)
+        width, height = fine_size(rig, scale).tolist()
+        delays_s = row_delay_s((np.arange(height) + 0.5) / scale - 0.5, rig.height, readout_s)
+        span_s = abs(readout_s) + np.ptp(offsets_s)
+        plates = 1 if person is None else math.ceil(span_s / _PLATES_S)
+        middle_s = time_s + (offsets_s.min() + offsets_s.max()) / 2
+        total = None
+        for k, plate_s in enumerate((middle_s + ((np.arange(plates) + 0.5) / plates - 0.5) * span_s).tolist()):
+            camera = self._moment(look(plate_s))
+            pieces = []
+            for exposed_s in (time_s + offsets_s).tolist():
+                nearest = np.floor(((exposed_s + delays_s - middle_s) / span_s + 0.5) * plates)
+                rows = np.flatnonzero(np.clip(nearest, 0, plates - 1) == k)
+                if len(rows):
+                    part = range(int(rows[0]), int(rows[-1]) + 1)
+                    at = partial(self._moments_of_rows, look, exposed_s)
+                    pieces.append((part, rolled_maps(rig, camera, at, part, turned_rad, scale)))
+            if not pieces:
+                continue
+            plate = plate_under([maps for _, maps in pieces], turned_rad, scale)
+            self._pose(person, plate_s)
+            self._stage.aim(plate.turn(camera.world_T_cam), plate.vertical_view_deg(camera.focal_px))
+            picture = draw(plate.size(scale))
+            if total is None:
+                total = np.zeros((height, width, *picture.shape[2:]), np.uint16)
+            columns, rows_up = (side / 2 - 0.5 for side in plate.size(scale))
+            for part, (right, up) in pieces:
+                total[part.start : part.stop] += sampled(picture, (right + columns, up + rows_up))
+        assert total is not None
+        return shrunk(_share(total, len(offsets_s)), rig)
+
+    def _moments_of_rows(self, look: Look, exposed_s: float, rows: Array) -> Sequence[Moment]:
+        """The camera as it exposes each of the image's ``rows`` (N,)."""
+        delays_s = row_delay_s(rows, self._rig.height, self._config.readout_s)
+        return [self._moment(look(t)) for t in (exposed_s + delays_s).tolist()]
+
+    def _moment(self, aim: PanTiltZoom) -> Moment:
+        world_T_cam = self._rig.world_T_cam(aim.pan_rad, aim.focal_px, aim.raised_rad, aim.rolled_rad)
+        return Moment(world_T_cam, aim.focal_px)
+
+    def _pose(self, person: Person | None, time_s: float) -> None:
+        if person is not None:
+            set_pose(self._stage.model, self._stage.data, person(time_s))
+
+    def _plate(self, camera: Moment) -> Plate:
+        """Aim at what a camera sees; return the plate to draw."""
+        plate = plate_for(self._rig, camera.focal_px, np.deg2rad(self._config.grid_turn_deg))
+        self._stage.aim(plate.turn(camera.world_T_cam), plate.vertical_view_deg(camera.focal_px))
+        return plate
+
+
+def _mean(pictures: Sequence[Image]) -> Image:
+    if len(pictures) == 1:
+        return pictures[0]
+    total = pictures[0].astype(np.uint16)
+    for picture in pictures[1:]:
+        cv2.add(total, picture, dst=total, dtype=cv2.CV_16U)
+    return _share(total, len(pictures))
+
+
+def _share(total: NDArray[np.uint16], pictures: int) -> Image:
+    """The mean of so many pictures from their sum."""
+    return np.asarray(cv2.convertScaleAbs(total, alpha=1 / pictures), np.uint8)

@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 from pzcap.ranges import Degrees, Range, Seconds
 from pzcap.types import Array, PzcapError
 from sim.cameras.optics import Rig
+from sim.cameras.tripod import Unrest
 
 _RATE_HZ = 240  # at which trajectories are simulated
 _SETTLE_S = 3.0  # an operator finds the athlete this long before the recording begins
@@ -65,24 +66,30 @@ class OperatorConfig:
 
 
 class PanTiltZoom(NamedTuple):
-    """Pan, zoom and tilt of a camera at one moment."""
+    """Pan, zoom, tilt and roll of a camera at one moment."""
 
     pan_rad: float
     focal_px: float
     raised_rad: float = 0.0  # above the tilt at which the head was locked
+    rolled_rad: float = 0.0  # beyond the roll that the camera has on its head
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Pan, focal length and tilt of a camera over time."""
+    """Pan, focal length, tilt and roll of a camera over time."""
 
     pan: PPoly  # s -> rad
     log_focal: PPoly  # s -> log px
     raised: PPoly | None = None  # s -> rad above the locked tilt; None: it stays locked
+    unrest: Unrest | None = None  # of the tripod, which adds to that; None: it stands still
 
     def at(self, time_s: float) -> PanTiltZoom:
         raised_rad = 0.0 if self.raised is None else float(self.raised(time_s))
-        return PanTiltZoom(float(self.pan(time_s)), float(np.exp(self.log_focal(time_s))), raised_rad)
+        aim = PanTiltZoom(float(self.pan(time_s)), float(np.exp(self.log_focal(time_s))), raised_rad)
+        if self.unrest is None:
+            return aim
+        pan_rad, raised_rad, rolled_rad = self.unrest.at(time_s).tolist()
+        return PanTiltZoom(aim.pan_rad + pan_rad, aim.focal_px, aim.raised_rad + raised_rad, rolled_rad)
 
 
 def follow(rig: Rig, times_s: Array, points_m: Array, config: OperatorConfig, rng: np.random.Generator) -> Trajectory:

@@ -6,8 +6,9 @@ Written independently of `pzcap.geometry.camera`: the two have the conventions o
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
@@ -64,6 +65,16 @@ class OpticsConfig:
     """Lean of the pan axis from the vertical, degrees, at most: what a spirit level leaves."""
     position_sigma_m: Annotated[float, Range(0.0, 2.0)] = 0.2
     """Standard deviation of a tripod's place about its corner of the hall, m, along x and y."""
+    settled_deg: Annotated[float, Range(0.0, 5.0)] = 0.0
+    """Tilt by which each head has settled, up or down, between the hall's footage and the motion, degrees. 0: none;
+    0.05 is what a quick release plate gives way under a heavy lens."""
+    sprung_deg: Annotated[float, Range(0.0, 5.0)] = 0.0
+    """Amplitude with which tilt and roll ring after each landing of the athlete, degrees; 0: the floor is rigid."""
+    sprung_hz: Annotated[float, Range(0.5, 50.0)] = 8.0
+    """Frequency at which they ring, Hz: that of a tripod on a sprung floor. It dies away within half a second."""
+    bump_deg: Annotated[float, Range(0.0, 20.0)] = 0.0
+    """Angle by which somebody bumps one of the tripods in mid-take, for good, degrees: heading, tilt and roll change at
+    once. 0: nobody does."""
 
     def __post_init__(self) -> None:
         if self.zoom_min >= self.zoom_max:
@@ -96,14 +107,15 @@ class Rig:
         c = self.config
         return float(c.k1_wide + (c.k1_long - c.k1_wide) * self.zoom_share(focal_px))
 
-    def world_T_cam(self, pan_rad: float, focal_px: float, raised_rad: float = 0.0) -> Array:
+    def world_T_cam(self, pan_rad: float, focal_px: float, raised_rad: float = 0.0, rolled_rad: float = 0.0) -> Array:
         """(4, 4). The projection centre circles the pan axis and travels along the optical axis as the lens zooms.
 
-        ``raised_rad`` is how far the head is tilted above where it was locked, about the reference pose's centre.
+        ``raised_rad`` is how far the head is tilted above where it was locked, about the reference pose's centre, and
+        ``rolled_rad`` how far it is rolled beyond that.
         """
         c = self.config
         optical = _transform(Rotation.from_euler("y", -(self.tilt_rad + raised_rad)).as_matrix() @ _HEAD_R_CAM)
-        optical = optical @ _transform(Rotation.from_euler("z", self.roll_rad).as_matrix())
+        optical = optical @ _transform(Rotation.from_euler("z", self.roll_rad + rolled_rad).as_matrix())
         travel = c.centre_travel_m * (self.zoom_share(focal_px) - self.zoom_share(self.reference_focal_px))
         axis = _transform(np.eye(3), [-c.axis_behind_m, self.beside_m, 0.0])
         pan = _transform(Rotation.from_euler("z", pan_rad).as_matrix())
@@ -182,9 +194,9 @@ def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float) -> Maps:
 
     Both (scale * height, scale * width). Rows count from the *bottom*, as OpenGL hands pictures over.
     """
-    size = np.round(np.array([rig.width, rig.height]) * scale).astype(int)
+    size = fine_size(rig, scale)
     cells = -(-size // _GRID_PX) + 2  # one more on each side, so that none of the image is extrapolated
-    coarse = [((np.arange(n) - 0.5) * _GRID_PX) / scale - 0.5 for n in cells]
+    coarse = [_coarse_px(np.arange(n), scale) for n in cells]
     x, y = np.meshgrid(*((axis - p) / focal_px for axis, p in zip(coarse, rig.principal_px, strict=True)))
     radius = np.maximum(np.hypot(x, y), 1e-12)
     factor = _undistorted(radius, rig.k1(focal_px)) / radius * focal_px * scale
@@ -192,17 +204,87 @@ def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float) -> Maps:
     x, y = (cos * x + sin * y) * factor, (cos * y - sin * x) * factor
     columns, rows = (side / 2 - 0.5 for side in plate.size(scale))
     grid = np.stack([x + columns, rows - y], axis=-1).astype(np.float32)
-    whole = cv2.resize(grid, (int(cells[0]) * _GRID_PX, int(cells[1]) * _GRID_PX), interpolation=cv2.INTER_LINEAR)
-    whole = whole[_GRID_PX : _GRID_PX + size[1], _GRID_PX : _GRID_PX + size[0]]
+    return _refined(grid, size, 0)
+
+
+def fine_size(rig: Rig, scale: float) -> NDArray[np.int64]:
+    """(2,) width and height of the image, made ``scale`` times finer."""
+    return np.round(np.array([rig.width, rig.height]) * scale).astype(int)
+
+
+def _coarse_px(cells: NDArray[np.int64], scale: float) -> Array:
+    """Columns, or rows, of the image at which the grid's ``cells`` stand; the second is the image's first."""
+    return np.asarray(((cells - 0.5) * _GRID_PX) / scale - 0.5)
+
+
+def _refined(grid: NDArray[np.float32], size: NDArray[np.int64], skipped: int) -> Maps:
+    """Maps of ``size`` (width, height) from a grid (n, m, 2), which begin ``skipped`` rows below its second cell."""
+    whole = cv2.resize(grid, (grid.shape[1] * _GRID_PX, grid.shape[0] * _GRID_PX), interpolation=cv2.INTER_LINEAR)
+    first = _GRID_PX + skipped
+    whole = whole[first : first + size[1], _GRID_PX : _GRID_PX + size[0]]
     return np.ascontiguousarray(whole[..., 0]), np.ascontiguousarray(whole[..., 1])
+
+
+class Moment(NamedTuple):
+    """A camera at one moment."""
+
+    world_T_cam: Array  # (4, 4)
+    focal_px: float
+
+
+def rolled_maps(
+    rig: Rig, plate: Moment, at: Callable[[Array], Sequence[Moment]], rows: range, turned_rad: float, scale: float
+) -> Maps:
+    """As `lens_maps`, for some ``rows`` of the finer image, each of which has a camera of its own.
+
+    ``at`` gives the cameras of rows (N,) of the image, ``plate`` is that of the plate. Both maps, (rows, columns),
+    count from the plate's *centre*, right and up, so that its size can be chosen by them. What tells the cameras apart
+    is their rotation, focal length and distortion; the millimetres that the centre moves meanwhile are left out.
+    """
+    width = fine_size(rig, scale)[0]
+    # of the grid, the cells between whose centres the rows lie
+    above = (2 * rows.start + 1 + _GRID_PX) // (2 * _GRID_PX)
+    below = (2 * rows.stop - 1 + _GRID_PX) // (2 * _GRID_PX) + 1
+    u = _coarse_px(np.arange(-(-width // _GRID_PX) + 2), scale)
+    v = _coarse_px(np.arange(above, below + 1), scale)
+    cameras = at(v)
+    focal_px = np.array([[camera.focal_px] for camera in cameras])
+    k1 = np.array([[rig.k1(camera.focal_px)] for camera in cameras])
+    x, y = np.broadcast_arrays((u - rig.principal_px[0]) / focal_px, (v[:, None] - rig.principal_px[1]) / focal_px)
+    radius = np.maximum(np.hypot(x, y), 1e-12)
+    straight = _undistorted(radius, k1) / radius
+    rays = np.stack([x * straight, y * straight, np.ones_like(x)], axis=-1)
+    turns = plate.world_T_cam[:3, :3].T @ np.stack([camera.world_T_cam[:3, :3] for camera in cameras])
+    seen = np.einsum("rij,rcj->rci", turns, rays)
+    x, y = np.moveaxis(seen[..., :2] / seen[..., 2:] * (plate.focal_px * scale), -1, 0)
+    cos, sin = math.cos(turned_rad), math.sin(turned_rad)
+    grid = np.stack([cos * x + sin * y, sin * x - cos * y], axis=-1).astype(np.float32)
+    return _refined(grid, np.array([width, len(rows)]), rows.start - above * _GRID_PX)
+
+
+def plate_under(maps: Sequence[Maps], turned_rad: float, scale: float) -> Plate:
+    """The smallest plate that has data under all that `rolled_maps` gave."""
+    reach = [max(float(np.abs(one[axis]).max()) for one in maps) for axis in (0, 1)]
+    width, height = (4 * math.ceil((2 * side + 1) / scale / 4) for side in reach)
+    return Plate(width, height, turned_rad)
 
 
 def through_lens(plate: Image, maps: Maps, rig: Rig) -> Image:
     """Distort a plate and bring it to the image's size, (height, width, ...)."""
+    return shrunk(sampled(plate, maps), rig)
+
+
+def sampled(plate: Image, maps: Maps) -> Image:
+    """What the ``maps`` see on a plate."""
     seen = cv2.remap(plate, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    if seen.shape[1] != rig.width:
-        seen = cv2.resize(seen, (rig.width, rig.height), interpolation=cv2.INTER_AREA)
     return np.asarray(seen, np.uint8)
+
+
+def shrunk(fine: Image, rig: Rig) -> Image:
+    """A picture that is finer than the image, brought to its size."""
+    if fine.shape[1] != rig.width:
+        fine = np.asarray(cv2.resize(fine, (rig.width, rig.height), interpolation=cv2.INTER_AREA), np.uint8)
+    return fine
 
 
 def vignette(rig: Rig) -> NDArray[np.float32]:
@@ -213,7 +295,7 @@ def vignette(rig: Rig) -> NDArray[np.float32]:
     return (1 - (1 - rig.config.vignetting) * r2 / corner).astype(np.float32)[..., None]
 
 
-def _undistorted(radius: Array, k1: float) -> Array:
+def _undistorted(radius: Array, k1: float | Array) -> Array:
     """Solve ``r (1 + k1 r^2) = radius`` by Newton's method."""
     r = radius.copy()
     for _ in range(6):

@@ -46,7 +46,7 @@ class Stage:
     """A compiled scene with one camera that can be put anywhere.
 
     The athlete's geoms are in ``athlete_group``, the calibration object's in ``object_group``, the hall's in group 0.
-    No picture may be larger than ``width`` x ``height``.
+    Pictures up to ``width`` x ``height`` need no further memory.
 
     Textures that are seen small are blurred beforehand (``mipmaps``), by as much across as along: a floor that is seen
     at a flat angle is blurred sideways, too, and stands some thousandths of an image pixel elsewhere at another zoom.
@@ -149,8 +149,20 @@ class Stage:
             self.model, self.data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL, self._scene
         )  # fmt: skip
 
+    def _enlarge(self, width: int, height: int) -> None:
+        """Make room for pictures larger than was foreseen: of cameras that turn while they read a frame."""
+        if max(width, height) > LARGEST_PICTURE_PX:
+            raise PzcapError(
+                f"a picture of {width} x {height} px would be rendered, and {LARGEST_PICTURE_PX} is the most; let the "
+                "cameras turn slower, or give a smaller shoot.width, shoot.height or supersampling"
+            )
+        mujoco.mjr_resizeOffscreen(width, height, self._gpu)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
+
     def _draw(self, width: int, height: int) -> NDArray[np.uint8]:
         self._context.make_current()  # another stage may have drawn since
+        if width > self._gpu.offWidth or height > self._gpu.offHeight:
+            self._enlarge(max(width, self._gpu.offWidth), max(height, self._gpu.offHeight))
         rectangle = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(rectangle, self._scene, self._gpu)
         pixels = np.empty((height, width, 3), np.uint8)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.ranges import Range
-from pzcap.types import Image, Mask
+from pzcap.types import Array, Image, Mask
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +49,22 @@ class SensorConfig:
     """Constant rate factor of the sweep's and the zoom run's H.264: docs/capture.md asks for 12 or better."""
     largest_roll: Annotated[int, Range(0, 10_000)] = 5
     """Frames that a camera starts early or stops late, at most: nobody presses four buttons at once."""
+    readout_s: Annotated[float, Range(-0.1, 0.1)] = 0.0
+    """Time in which a rolling shutter reads a frame, s, from the first row to beyond the last: row v of H is exposed
+    ((v + 0.5) / H - 0.5) times that later than the frame. Negative: the camera hangs upside down and reads from the
+    bottom. 0: a global shutter; 0.016 is common."""
+    clock_offset: Annotated[float, Range(0.0, 0.5)] = 0.0
+    """Largest offset of a camera's clock from the common time, share of the frame period. 0: all are genlocked; 0.5: by
+    timecode alone, which is true to half a frame."""
+    clock_drift_ppm: Annotated[float, Range(0.0, 1000.0)] = 0.0
+    """Largest drift of a camera's clock against the common time, millionths; 50 is what a quartz in the cold has."""
     dropped_share: Annotated[float, Range(0.0, 0.95)] = 0.0
     """Share of the motion's frames that a camera loses, at random; 0: recorders do not drop frames unless they fail."""
+
+
+def row_delay_s(rows: Array, height: int, readout_s: float) -> Array:
+    """Time (N,) from the exposure of a frame, which is that of its middle, to that of its ``rows`` (N,)."""
+    return ((rows + 0.5) / height - 0.5) * readout_s
 
 
 class Exposure:
@@ -79,13 +93,25 @@ class Sensor:
         self._vignette = vignette
         self._table = rng.standard_normal(vignette.size * 3 + self._SPARE, dtype=np.float32)
 
-    def develop(self, light: NDArray[np.uint8] | NDArray[np.uint16], gain: float, rng: np.random.Generator) -> Image:
-        """(H, W, 3) red-green-blue light in grey levels, times ``gain``, to the image that is recorded."""
-        level = light[..., ::-1] * (self._vignette * np.float32(gain))
+    def develop(
+        self, light: NDArray[np.uint8] | NDArray[np.uint16], gain: float | Array, rng: np.random.Generator
+    ) -> Image:
+        """(H, W, 3) red-green-blue light in grey levels, times ``gain``, to the image that is recorded.
+
+        gain: of all pixels, or (H, 1, 1) of each row.
+        """
+        level = light[..., ::-1] * (self._vignette * np.asarray(gain, np.float32))
         noise = self._table[(start := int(rng.integers(self._SPARE))) : start + level.size].reshape(level.shape)
         sigma = np.sqrt(level * np.float32(self._config.shot_noise) + np.float32(self._config.read_noise**2))
         level += sigma * noise
         return np.rint(np.clip(level, 0, 255)).astype(np.uint8)
+
+
+def draw_clocks(cameras: int, config: SensorConfig, period_s: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Offset (cameras,), s, and drift (cameras,), s/s, of each camera's clock; the common time is the mean of all."""
+    offset, drift = rng.uniform(-1.0, 1.0, (2, cameras))
+    offset, drift = offset - offset.mean(), drift - drift.mean()
+    return offset * config.clock_offset * period_s, drift * config.clock_drift_ppm * 1e-6
 
 
 def rolls(cameras: int, largest: int, rng: np.random.Generator) -> tuple[list[int], list[int]]:

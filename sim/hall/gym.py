@@ -42,6 +42,14 @@ class GymConfig:
     off is as large as a pixel at the longest focal length."""
     lights_on: Annotated[float, Range(0.05, 20.0)] = 1.0
     """Brightness while the motion is recorded, over that of all before; 1: nobody touches the lights."""
+    mains_share: Annotated[float, Range(0.0, 1.0)] = 0.0
+    """Amplitude of the lamps' flicker, share of their mean brightness, before the open shutter averages it. 0: they
+    burn steadily; 0.2 to 0.4 is what tubes and halide lamps on plain ballasts have."""
+    mains_hz: Annotated[float, Range(1.0, 1000.0)] = 100.0
+    """Frequency of the flicker, Hz, which is twice that of the mains, give or take a two thousandth."""
+    mains_phases: Annotated[int, Range(1, 3)] = 1
+    """Phases of the mains that the lamps hang on by turns. With three, what a camera sees is lit by all in a mixture of
+    its own, which flickers less."""
     wall_pictures: str = ""
     """Folder of pictures that cover walls: north, east, south, west, as PNG or JPEG; empty: the painted hall."""
     rearranged: bool = False

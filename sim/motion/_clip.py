@@ -51,6 +51,12 @@ class MotionClip:
         knot = int(np.clip(np.searchsorted(self.knots_s, t_s, side="right") - 1, 0, len(self.knots_s) - 1))
         return dict(zip(END_POINTS, map(bool, self.contact[knot]), strict=True))
 
+    @property
+    def landings_s(self) -> Array:
+        """(L,) the times at which the first of `END_POINTS` comes down after none stood on the floor."""
+        stands = np.asarray(self.contact.any(axis=1))
+        return self.knots_s[1:][stands[1:] & ~stands[:-1]]
+
     def airborne(self, t_s: float) -> bool:
         """Tell whether nothing stands on the floor at a time."""
         return not any(self.contacts(t_s).values())

@@ -21,6 +21,7 @@ from pzcap.ranges import Pixels, Range, Share
 from pzcap.types import PARENTS, SEGMENTS, Array, Mask, Pose
 from sim.cameras.operator import Trajectory
 from sim.cameras.optics import Rig
+from sim.cameras.sensor import SensorConfig, row_delay_s
 from sim.people.athlete import GEOM_GROUP, set_pose
 
 BODY_25: Final = (
@@ -88,12 +89,12 @@ class Detector:
         self._segment_of = {body: s for s, body in enumerate(bodies)}
 
     def watch(
-        self, rig: Rig, trajectory: Trajectory, person: Callable[[float], Pose], times_s: Array, shutter_s: float,
+        self, rig: Rig, trajectory: Trajectory, person: Callable[[float], Pose], times_s: Array, sensor: SensorConfig,
         rng: np.random.Generator,
     ) -> Array:  # fmt: skip
         """Keypoints (T, 25, 3) of pictures exposed at ``times_s`` (T,): x, y, confidence; 0 where not found."""
         config, pictures = self._config, len(times_s)
-        seen = np.array([self._look(rig, trajectory, person, t, shutter_s) for t in times_s.tolist()])
+        seen = np.array([self._look(rig, trajectory, person, t, sensor) for t in times_s.tolist()])
         pixels, size_px, blur_px, hidden, upside = (
             seen[..., :2], seen[..., 2], seen[..., 3], seen[..., 4] > 0, seen[..., 5] > 0
         )  # fmt: skip
@@ -132,16 +133,22 @@ class Detector:
         return swapped
 
     def _look(
-        self, rig: Rig, trajectory: Trajectory, person: Callable[[float], Pose], time_s: float, shutter_s: float
+        self, rig: Rig, trajectory: Trajectory, person: Callable[[float], Pose], time_s: float, sensor: SensorConfig
     ) -> Array:  # fmt: skip
         """True keypoints (25, 6): pixel, the body's height and the blur's length (px), hidden, upside down."""
-        ends = []
-        for at_s in (time_s - shutter_s / 2, time_s + shutter_s / 2, time_s):
+
+        def seen(at_s: float) -> tuple[Array, Array]:
             aim = trajectory.at(at_s)
-            pose = rig.world_T_cam(aim.pan_rad, aim.focal_px, aim.raised_rad)
-            points = self._place(person(at_s))
-            ends.append(rig.project(pose, aim.focal_px, points))
-        (start, _), (end, _), (pixels, depth) = ends
+            return rig.project(rig.world_T_cam(*aim), aim.focal_px, self._place(person(at_s)))
+
+        half_s = sensor.shutter_s / 2
+        start, end, pixels = (
+            _by_rows(lambda t: seen(t)[0], at_s, rig.height, sensor.readout_s)
+            for at_s in (time_s - half_s, time_s + half_s, time_s)
+        )
+        aim = trajectory.at(time_s)
+        pose, points = rig.world_T_cam(*aim), self._place(person(time_s))
+        _, depth = rig.project(pose, aim.focal_px, points)
         size = np.where(depth > 0.1, self._stature_m * aim.focal_px / np.maximum(depth, 0.1), 0.0)
         hidden = [self._hidden(pose[:3, 3], k, point) for k, point in enumerate(points)]
         data, head = self._data, self._bodies[SEGMENTS.index("head")]
@@ -166,6 +173,19 @@ class Detector:
             return False
         other, own = self._segment_of[int(self._model.geom_bodyid[geom[0]])], int(self._segment[keypoint])
         return other != own and PARENTS[own] != other and PARENTS[other] != own
+
+
+def _by_rows(seen: Callable[[float], Array], time_s: float, height: int, readout_s: float) -> Array:
+    """Pixels (N, 2) in a frame of which each row sees at its own time; ``seen`` gives those of a time."""
+    if not readout_s:
+        return seen(time_s)
+    half_s = abs(readout_s) / 2
+    before, now, after = (seen(time_s + by_s) for by_s in (-half_s, 0.0, half_s))
+    pixels = now
+    for _ in range(4):  # a fixed point: a row is read in less time than it takes to cross
+        share = np.clip(row_delay_s(pixels[:, 1:], height, readout_s) / half_s, -1.0, 1.0)
+        pixels = now + share * (after - before) / 2 + share**2 * ((after + before) / 2 - now)
+    return pixels
 
 
 def write_openpose(folder: Path, name: str, people: Array) -> None:

@@ -18,6 +18,7 @@ from pzcap.types import Array, Subject
 from sim.cameras.operator import Trajectory, through
 from sim.cameras.optics import OpticsConfig, Rig, build_rig
 from sim.cameras.render import Stage
+from sim.cameras.sensor import SensorConfig, row_delay_s
 from sim.people import athlete, detector
 from sim.people.anthropometry import draw_measurements
 from sim.people.detector import Detector, DetectorConfig
@@ -46,7 +47,7 @@ def scene() -> tuple[Stage, dict[str, float], Rig, Trajectory]:
 def watch(config: DetectorConfig, seed: int = 0, camera: int = 0) -> Array:
     stage, measurements, rig, trajectory = scene()
     found = Detector(stage.model, measurements, config, np.random.default_rng(seed))
-    return found.watch(rig, trajectory, swing, TIMES_S, 0.004, np.random.default_rng([seed, camera]))
+    return found.watch(rig, trajectory, swing, TIMES_S, SensorConfig(), np.random.default_rng([seed, camera]))
 
 
 def ideal() -> Array:
@@ -105,6 +106,21 @@ def test_left_and_right_are_swapped_for_some_frames(names: tuple[str, ...]) -> N
         swapped = np.all(found[:, left, :2] == ideal()[:, right], axis=1)
         assert 3 <= swapped.sum() <= 45
         np.testing.assert_array_equal(swapped, np.all(found[:, right, :2] == ideal()[:, left], axis=1))
+
+
+def test_a_rolling_shutter_shows_each_keypoint_as_it_is_when_its_row_is_read() -> None:
+    stage, measurements, rig, trajectory = scene()
+    found = Detector(stage.model, measurements, PERFECT, np.random.default_rng(0))
+    sensor = SensorConfig(shutter_s=0.0, readout_s=-0.02)
+    times_s = TIMES_S[5:15:3]
+    rolled = found.watch(rig, trajectory, swing, times_s, sensor, np.random.default_rng(1))[..., :2]
+    at_once = replace(sensor, readout_s=0.0)
+    for k, time_s in enumerate(times_s.tolist()):
+        own_s = time_s + row_delay_s(rolled[k, :, 1], rig.height, sensor.readout_s)
+        own = found.watch(rig, trajectory, swing, own_s, at_once, np.random.default_rng(1))[..., :2]
+        np.testing.assert_allclose(rolled[k], own[np.arange(25), np.arange(25)], atol=0.01)
+    still = found.watch(rig, trajectory, swing, times_s, at_once, np.random.default_rng(1))[..., :2]
+    assert np.abs(still - rolled).max() > 0.5
 
 
 def test_what_it_writes_is_read(tmp_path: Path) -> None:

@@ -135,4 +135,4 @@ def test_a_partial_sweep_is_centred_on_the_reference() -> None:
 def test_hands_pass_through_what_they_are_given() -> None:
     times_s, pan_rad = np.arange(5) / 5, np.array([0.0, 0.1, 0.25, 0.3, 0.31])
     trajectory = through(times_s, pan_rad, np.geomspace(600, 2600, 5))
-    assert trajectory.at(0.4) == pytest.approx((0.25, np.sqrt(600 * 2600), 0.0))
+    assert trajectory.at(0.4) == pytest.approx((0.25, np.sqrt(600 * 2600), 0.0, 0.0))

@@ -32,8 +32,8 @@ def read(path: Path, table: str, end_s: float = 5 / 30) -> list[Trajectory]:
 def test_the_hands_do_what_the_table_says(tmp_path: Path) -> None:
     first, second = read(tmp_path / "hands.csv", TABLE)
     for frame, pan_deg, focal_px in ((0, -3.5, 880.0), (2, -1.0, 900.0), (5, 4.0, 1800.0)):
-        assert first.at(frame / 30) == pytest.approx((np.deg2rad(pan_deg), focal_px, 0.0))
-    assert second.at(0.1) == pytest.approx((0.0, 700.0, 0.0))
+        assert first.at(frame / 30) == pytest.approx((np.deg2rad(pan_deg), focal_px, 0.0, 0.0))
+    assert second.at(0.1) == pytest.approx((0.0, 700.0, 0.0, 0.0))
 
 
 def test_between_the_rows_nothing_overshoots_and_beyond_them_it_keeps_still(tmp_path: Path) -> None:
@@ -47,8 +47,8 @@ def test_between_the_rows_nothing_overshoots_and_beyond_them_it_keeps_still(tmp_
 def test_seconds_tilt_and_any_order_of_columns(tmp_path: Path) -> None:
     table = "tilt_deg, focal_px, time_s, camera, pan_deg\n1,800,0,1,0\n2,800,1,1,5\n0,900,-0.5,2,0\n0,900,1.5,2,0\n"
     first, second = read(tmp_path / "hands.csv", table, 1.0)
-    assert first.at(1.0) == pytest.approx((np.deg2rad(5.0), 800.0, np.deg2rad(2.0)))
-    assert second.at(1.0) == pytest.approx((0.0, 900.0, 0.0))
+    assert first.at(1.0) == pytest.approx((np.deg2rad(5.0), 800.0, np.deg2rad(2.0), 0.0))
+    assert second.at(1.0) == pytest.approx((0.0, 900.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
