@@ -35,7 +35,7 @@ from pzcap.io.detections import NOBODY
 from pzcap.localisation.localise import Localiser, predicted
 from pzcap.localisation.panorama_sampler import place_of
 from pzcap.localisation.readout import History, Readout
-from pzcap.localisation.rectification import is_sheared, rectified, rectified_keypoints
+from pzcap.localisation.rectification import is_sheared, rectified_keypoints, upright
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
@@ -160,7 +160,7 @@ def stages(
         for files, taken, track in zip(capture.cameras, known, tracks, strict=False)
         if taken and files.motion and track and not track.valid.any()
     ]
-    heads = localise.heads(capture.frame_rate)
+    heads = with_clocks(localise.heads(capture.frame_rate), tracker, capture.frame_rate)
     yield Finished(Reconstruction(
         capture_name=capture.name,
         method=config.panzoom.method,
@@ -236,8 +236,8 @@ class ViewLocaliser:
         started = time.perf_counter()
         one = partial(self._one, frames.index, tracker)
         found = tuple(self._pool.map(one, range(len(frames.images)), frames.images))
-        upright = self._rectified(frames, found)
-        return FrameLocalised(upright, found, time.perf_counter() - started)
+        frames = self._rectified(frames, found)
+        return FrameLocalised(frames, found, time.perf_counter() - started)
 
     def heads(self, frame_rate: Fraction) -> tuple[PanZoomCamera | None, ...]:
         """The cameras, with the read-out time that their frames have shown by now."""
@@ -252,10 +252,10 @@ class ViewLocaliser:
         """``frames`` as if all rows of an image had been exposed at once."""
         images, keypoints = list(frames.images), list(frames.keypoints)
         for index, (image, head, one) in enumerate(zip(images, self._heads, found, strict=True)):
-            if image is None or head is None or one is None or not is_sheared(head, one):
+            if image is None or head is None or one is None:
                 continue
-            images[index] = rectified(image, head, one)
-            if keypoints:
+            images[index] = upright(image, head, one)
+            if keypoints and is_sheared(head, one):
                 keypoints[index] = rectified_keypoints(keypoints[index], head, one)
         return replace(frames, images=tuple(images), keypoints=tuple(keypoints))
 
@@ -307,6 +307,19 @@ def body_tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[
     model = skeleton.build(capture.subject)
     notes += keyframes.check(sets.keyframes, model, len(sets))
     return Tracker(model, sets.keyframes, config.tracking)
+
+
+def with_clocks(
+    heads: tuple[PanZoomCamera | None, ...], tracker: Tracker | None, frame_rate: Fraction
+) -> tuple[PanZoomCamera | None, ...]:
+    """The cameras with their clocks, as the body has shown them by now."""
+    if tracker is None or tracker.clocks is None:
+        return heads
+    period_s, clocks = float(1 / frame_rate), tracker.clocks
+    return tuple(
+        None if head is None else replace(head, clock_s=float(clock) * period_s, clock_sigma_s=float(sigma) * period_s)
+        for head, clock, sigma in zip(heads, clocks.clock, clocks.sigma, strict=True)
+    )
 
 
 def _track_input(segmented: FrameSegmented) -> TrackInput:

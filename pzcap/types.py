@@ -227,6 +227,9 @@ class PanZoomCamera:
     # read-out of a rolling shutter: how long after the top edge the bottom edge is exposed, and its standard deviation
     readout_s: float = field(default=0.0, kw_only=True)
     readout_sigma_s: float = field(default=0.0, kw_only=True)
+    # how long after the instant of a frame set the camera exposes it, by its own clock, and the standard deviation
+    clock_s: float = field(default=0.0, kw_only=True)
+    clock_sigma_s: float = field(default=0.0, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -293,6 +296,7 @@ class Localisation:
     # change of pan and log focal from the top edge to the bottom edge, with a rolling shutter
     shear: Array = field(default_factory=lambda: np.zeros(2))  # (2,)
     shear_sigma: Array = field(default_factory=lambda: np.ones(2))  # (2,)
+    bands: Array = field(default_factory=lambda: np.zeros(0))  # (K,) of mains light, `pzcap.localisation.row_bands`
     readout: float = 0.0  # frame periods from the top edge to the bottom edge, as known by then
 
 

@@ -123,7 +123,7 @@ class Localiser:
         return Localisation(
             float(wrapped(at.pan_rad)), at.tilt_rad, at.focal_px, aligned.covariance[:2, :2] + shared,
             low < at.focal_px / lens.reference_focal_px < high, aligned.frame_points_px, aligned.panorama_points_px,
-            at.roll_rad, np.array([at.pan_shear_rad, at.zoom_shear]), shear_sigma,
+            at.roll_rad, np.array([at.pan_shear_rad, at.zoom_shear]), shear_sigma, aligned.bands,
         )  # fmt: skip
 
 

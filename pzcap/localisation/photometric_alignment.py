@@ -17,7 +17,7 @@ add: a little tilt and roll, and a shear of pan and focal length from row to row
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Final, NamedTuple
 
@@ -25,8 +25,10 @@ import numpy as np
 from numba import njit
 
 from pzcap.imaging.colour import grey
+from pzcap.localisation import row_bands
 from pzcap.localisation.frame_pixels import FramePixels, level_pixels
 from pzcap.localisation.panorama_sampler import BY_PAN, KNOWN, VALUE, PanoramaSampler, Rays, ViewPlace
+from pzcap.localisation.row_bands import NO_BANDS
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.solver import robust
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, Solution, SolveReport, minimise
@@ -80,6 +82,7 @@ class Alignment:
     report: SolveReport  # a fit that did not converge may agree as well, where a fast pan smears all edges
     frame_points_px: Array  # (N, 2) some pixels that fit, on edges
     panorama_points_px: Array  # (N, 2) where these lie on the panorama
+    bands: Array = field(default_factory=lambda: NO_BANDS)  # as in `row_bands`
 
 
 class Limits(NamedTuple):
@@ -93,6 +96,7 @@ class Limits(NamedTuple):
 class State(NamedTuple):
     at: ViewPlace
     gains: Array | None  # (K,) of the shading; None: not known yet
+    bands: Array = NO_BANDS  # as in `row_bands`
 
 
 class NothingToCompare(Exception):
@@ -118,17 +122,20 @@ class _Cost:
         usable = self.sampled[:, KNOWN] > 0
         if usable.sum() < ALIGNMENT.least_pixels:
             raise NothingToCompare
-        gains = state.gains
+        gains, self._bands = state.gains, state.bands
         if gains is None:
             ratio = pixels.grey[usable] / np.maximum(self.sampled[usable, VALUE], 1.0)
+            self._bands = row_bands.fit(ratio, self._rays.row_time[usable], pixels.shading[usable, 1])
+            ratio /= row_bands.gain(self._bands, self._rays.row_time[usable])
             gains = _first_gains(ratio, pixels.shading[usable, 1], pixels.shading.shape[1])
         self._gains = gains
-        brightness = pixels.shading @ gains
+        shading = pixels.shading * row_bands.gain(self._bands, self._rays.row_time)[:, None]
+        brightness = shading @ gains
         self.residual = pixels.grey - brightness * self.sampled[:, VALUE]
         noise = max(1.4826 * robust.median_absolute(self.residual[usable]), self._limits.least_noise)
         self._scale = ALIGNMENT.scale_sigmas * noise
         self.weight, normal, gradient, self._curvature = normal_equations(
-            self.sampled, pixels.shading, brightness, self.residual, self._scale, free
+            self.sampled, shading, brightness, self.residual, self._scale, free
         )
         normal += 1e-9 * np.diag(np.diag(normal))  # can be solved, whatever is left open
         information = noise**2 * self.belief.information()
@@ -144,7 +151,7 @@ class _Cost:
             step = step / max(self._curvature, ALIGNMENT.least_curvature)
         brightened = np.abs((self.pixels.shading @ step[free:]) * self.sampled[:, VALUE]).max() / self._scale
         self._settled = bool(moved_px < self._limits.settled_px and brightened < ALIGNMENT.settled_share)
-        return State(state.at.stepped(step[:free], 0.1), self._gains + step[free:])
+        return State(state.at.stepped(step[:free], 0.1), self._gains + step[free:], self._bands)
 
     def settled(self, _: Array) -> bool:
         """True if the last step was short enough."""
@@ -188,7 +195,10 @@ class Aligner:
         if level.scale > 1:  # too coarse to tell rows apart
             return self.fit(look, pixels, start, Belief(belief.mean, belief.tilt_rad), Limits(steps, 0.0))
         near = self.fit(look, pixels.thinned(ALIGNMENT.sparse), start, belief, Limits(steps, ALIGNMENT.near_px))
-        return self.fit(look, pixels, near.solution.state, belief, Limits(steps, ALIGNMENT.settled_px))
+        start = near.solution.state
+        if start.bands.size:  # all pixels tell them better
+            start = State(start.at, None)
+        return self.fit(look, pixels, start, belief, Limits(steps, ALIGNMENT.settled_px))
 
     def refined(self, fit: Fit, frame: Image, hidden: Mask | None) -> Fit:  # noqa: ARG002
         """Result of the last level as it is; `pzcap.extras.superresolved_alignment` goes on from there."""
@@ -212,7 +222,9 @@ class Aligner:
         shown = np.flatnonzero(strength >= np.partition(strength, -strongest)[-strongest])[::5]
         places = self.sampler.panorama_px(cost.sampled[shown])
         points = cost.pixels.points[shown]
-        return Alignment(solution.state.at, covariance, agreement, solution.report, points, places)
+        return Alignment(
+            solution.state.at, covariance, agreement, solution.report, points, places, solution.state.bands
+        )
 
 
 def _first_gains(ratio: Array, squared: Array, count: int) -> Array:

@@ -1,4 +1,5 @@
-"""Frames of a rolling shutter as if all their rows had been exposed at once, in the middle of the read-out.
+"""Frames of a rolling shutter as if all their rows had been exposed at once, in the middle of the read-out, and in
+the same light.
 
 What stands at a pixel then is seen from where the camera was at that time; that the athlete moved meanwhile is left to
 the tracker, which knows the time of a row.
@@ -12,8 +13,16 @@ import numpy as np
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.cylinder import smooth_map
 from pzcap.localisation.panorama_sampler import row_time
+from pzcap.localisation.row_bands import without_bands
 from pzcap.localisation.tuning import READOUT
 from pzcap.types import Array, Image, Localisation, PanZoomCamera
+
+
+def upright(image: Image, camera: PanZoomCamera, found: Localisation) -> Image:
+    """The frame (H, W, 3) with its rows put right, in place and in brightness."""
+    if found.bands.size:
+        image = without_bands(image, found.bands)
+    return rectified(image, camera, found) if is_sheared(camera, found) else image
 
 
 def is_sheared(camera: PanZoomCamera, found: Localisation) -> bool:
