@@ -28,7 +28,7 @@ from pzcap.tracking.reacquisition import PassResults, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
-from pzcap.tracking.tuning import REACQUISITION
+from pzcap.tracking.tuning import CLOCK, REACQUISITION
 from pzcap.types import Array, Keyframe, Mask, Pose
 
 
@@ -58,6 +58,12 @@ def refine_batch(
     objectives = in_motion(body, poses, views)
     posed, placed = _placed(objectives, poses)
     found = batch.sweep(objectives, posed, placed, mean_appearances(body, views, placed))
+    for _ in range(CLOCK.rounds):  # a skin that was sampled at wrong poses, or by wrong clocks, holds these back
+        clock = found.clocks.clock
+        posed, placed = _placed(found.objectives, [each.pose for each in found.frames])
+        found = batch.sweep(found.objectives, posed, placed, mean_appearances(body, views, placed))
+        if np.abs(found.clocks.clock - clock).max() < CLOCK.settled:
+            break
     if passes is None or not config.reacquisition:
         return found
     inner, after = (len(poses), None) if key is None else (len(poses) - 1, poses[-1])

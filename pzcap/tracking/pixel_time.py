@@ -140,8 +140,9 @@ class ClockEstimate:
 
     @property
     def sigma(self) -> Array:
-        """(C,) standard deviations."""
-        return np.sqrt(np.diag(np.linalg.inv(self.information)))
+        """(C,) standard deviations from the mean of all: what all have in common no image shows."""
+        apart = np.eye(len(self.clock)) - 1.0 / len(self.clock)
+        return np.sqrt(np.diag(apart @ np.linalg.inv(self.information) @ apart))
 
 
 class ClockSystem:

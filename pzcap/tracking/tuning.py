@@ -147,6 +147,8 @@ class ClockTuning(NamedTuple):
 
     doubt: float = 100.0  # so many residuals tell as much as one would: the skin errs alike in all frames of a camera
     drift: float = 1e-4  # standard deviation of a clock's rate, a share of it
+    settled: float = 0.003  # frame periods; a smaller change ends the rounds of an interval
+    rounds: int = 6  # of an interval, at most
 
 
 VIEW = ViewTuning()
