@@ -28,6 +28,9 @@ class SensorConfig:
     never quite constant."""
     shutter_s: Annotated[float, Range(0.0, 1.0)] = 1 / 250
     """Time that the shutter is open for a frame, s; 0: an instant. Short, as docs/capture.md asks for."""
+    hall_shutter_s: Annotated[float, Range(0.0, 1.0)] = 0.0
+    """Time that the shutter is open for a frame of the sweep and the zoom run, s; 0: as short as for the motion, which
+    does not show in so slow a pan."""
     sub_exposures: Annotated[int, Range(1, 64)] = 2
     """Moments that a frame of the motion averages over the open shutter. More make the blur of a fast pan smooth; the
     sweep is too slow to need any."""

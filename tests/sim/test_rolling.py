@@ -56,11 +56,11 @@ def test_the_maps_are_of_the_camera_of_the_rows_time(
     part = range(*(int(share * height) for share in rows))
     plate_s = FRAME_S + 0.001
 
-    def at(v: Array) -> list[Moment]:
+    def cameras_of(v: Array) -> list[Moment]:
         return [moment(rig, FRAME_S + delay) for delay in row_delay_s(v, rig.height, readout_s).tolist()]
 
     camera = moment(rig, plate_s)
-    right, up = rolled_maps(rig, camera, at, part, turned_rad, scale)
+    right, up = rolled_maps(rig, camera, cameras_of, part, turned_rad, scale)
     assert right.shape == up.shape == (len(part), width)
     plate_width, plate_height = plate_under([(right, up)], turned_rad, scale).size(scale)
     assert np.abs(right).max() <= plate_width / 2 - 0.5
