@@ -32,7 +32,7 @@ class FilmedCamera:
 def collect_truth(
     session: Session, filmed: Sequence[FilmedCamera], joints_m: Array, shadow_frames: NDArray[np.int64]
 ) -> Truth:
-    """The truth about a capture without a dropped frame. joints_m: (F, 16, 3)."""
+    """The truth about a capture without a dropped frame, before it is developed. joints_m: (F, 16, 3)."""
     config, rigs, times_s = session.config, session.rigs, session.times_s
     own_s = np.array([session.own_s(c, times_s) for c in range(CAMERAS)])
     pan_rad, focal_px, raised_rad, rolled_rad = _sampled([one.way for one in filmed], own_s)
@@ -67,6 +67,8 @@ def collect_truth(
         clock_offset_s=clock_offset_s,
         clock_drift=clock_drift,
         readout_s=np.full(CAMERAS, config.sensor.readout_s),
+        field_s=np.full(CAMERAS, 0.0 if config.sensor.bob else config.sensor.field_s),
+        gain=np.ones((CAMERAS, frames, 3)),
         reference_focal_px=np.full(CAMERAS, reference_px),
         reference_principal_px=np.array([rig.principal_px for rig in rigs]),
         reference_k1=np.array([rig.k1(reference_px) for rig in rigs]),

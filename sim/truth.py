@@ -29,7 +29,7 @@ _SHAPES: Final = {
     "zoom_focal_px": "C Z", "zoom_pan_rad": "C", "scene_points_m": "C P 3", "root_position_m": "F 3",
     "rotations": "F 16 4", "joints_m": "F 16 3", "contact": "F 4", "airborne": "F", "mask_bits": "C F B",
     "shadow_frames": "S", "shadow_bits": "C S B", "sweep_focal_px": "C M", "clock_offset_s": "C", "clock_drift": "C",
-    "readout_s": "C", "k2": "C", "p1": "C",
+    "readout_s": "C", "field_s": "C", "k2": "C", "p1": "C", "gain": "C F 3",
 }  # fmt: skip
 """Shapes of the arrays: C cameras, F frames, B bytes of a mask; M, Z, P and S are as many as there are."""
 
@@ -40,7 +40,8 @@ class Truth:
 
     A frame set has a common time, frame over frame rate, of which the athlete is. A camera exposes its middle row at
     its own time, which is the common one plus ``clock_offset_s + clock_drift * common time``, and of which all else is:
-    where it points, and what it sees. Row v is exposed ``((v + 0.5) / height - 0.5) * readout_s`` after the middle row.
+    where it points, and what it sees. Row v is exposed ``((v + 0.5) / height - 0.5) * readout_s`` after the middle row,
+    and half of ``field_s`` before that if v is even, after it if v is odd.
     """
 
     config: str  # JSON of the ShootConfig
@@ -64,6 +65,8 @@ class Truth:
     clock_offset_s: Array  # (C,)
     clock_drift: Array  # (C,) seconds a second
     readout_s: Array  # (C,) negative: from the bottom
+    field_s: Array  # (C,) from the field of the even rows to that of the odd ones; 0: frames are whole
+    gain: Array  # (C, F, 3) of the light in blue, green and red, the mean of all rows
     # at the reference pose
     reference_focal_px: Array  # (C,)
     reference_principal_px: Array  # (C, 2)
@@ -199,7 +202,8 @@ def _complete(values: dict[str, Any]) -> None:
     if roll_rad.shape == shape[:1]:
         values["roll_rad"] = np.repeat(roll_rad[:, None], shape[1], axis=1)
     values.setdefault("sweep_focal_px", np.repeat(focal_px[:, None], sweep[1], axis=1))
-    for name in ("clock_offset_s", "clock_drift", "readout_s", "k2", "p1"):
+    values.setdefault("gain", np.ones((*shape, 3)))
+    for name in ("clock_offset_s", "clock_drift", "readout_s", "field_s", "k2", "p1"):
         values.setdefault(name, np.zeros(shape[0]))
 
 

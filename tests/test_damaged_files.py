@@ -109,7 +109,7 @@ def test_arrays_that_do_not_fit(
 def test_a_truth_of_before_cameras_had_clocks_is_read(truth: Truth, tmp_path: Path) -> None:
     save(truth, tmp_path)
     with np.load(tmp_path / "truth.npz") as found:
-        late = ("clock_offset_s", "clock_drift", "readout_s", "sweep_focal_px", "k2", "p1")
+        late = ("clock_offset_s", "clock_drift", "readout_s", "field_s", "gain", "sweep_focal_px", "k2", "p1")
         arrays = {name: value for name, value in found.items() if name not in late}
     np.savez(tmp_path / "truth.npz", **(arrays | {"roll_rad": arrays["roll_rad"][:, 0]}))
     read = load(tmp_path)

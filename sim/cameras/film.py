@@ -35,6 +35,8 @@ _AVERAGED: Final = 0.75  # share of the supersampling that pictures averaged ove
 _SHADOW_LEVELS: Final = 6  # grey levels by which a shadow darkens a pixel, at least
 _PLATES_S: Final = 3.3e-3  # between plates of a rolling shutter: a limb of 10 m/s steps by 17 mm at most, at the hand
 _INSTANT: Final = np.zeros(1)
+_ALONE: Final = np.ones((1, 1))
+_ROWS: Final = np.array([[0.25], [0.5], [0.25]])
 _HALL_MOMENTS: Final = 4  # of an open shutter in the sweep: half a pixel from one to the next where it blurs two
 
 Look = Callable[[float], PanTiltZoom]
@@ -105,7 +107,17 @@ class FilmCamera:
     def _through(
         self, look: Look, time_s: float, offsets_s: Array, person: Person | None, scale: float, draw: Draw
     ) -> Image:
-        """The mean of what is drawn at these offsets (N,) from ``time_s``, through the lens."""
+        """The mean of what is drawn at these offsets (N,) from ``time_s``, through the lens; woven of two fields."""
+        field_s = self._config.field_s
+        if not field_s:
+            return self._whole(look, time_s, offsets_s, person, scale, draw)
+        times_s = [time_s] if self._config.bob else [time_s - field_s / 2, time_s + field_s / 2]
+        return _woven([self._whole(look, t, offsets_s, person, scale, draw) for t in times_s])
+
+    def _whole(
+        self, look: Look, time_s: float, offsets_s: Array, person: Person | None, scale: float, draw: Draw
+    ) -> Image:
+        """The same of all rows in one go."""
         if self._config.readout_s or (person is None and len(offsets_s) > 1):  # of an empty hall a plate is enough
             return self._rolled(look, time_s, offsets_s, person, scale, draw)
         focal_px = look(time_s).focal_px  # all pictures have it
@@ -178,6 +190,21 @@ class FilmCamera:
         plate = plate_for(self._rig, camera.focal_px, np.deg2rad(self._config.grid_turn_deg))
         self._stage.aim(plate.turn(camera.world_T_cam), plate.vertical_view_deg(camera.focal_px))
         return plate
+
+
+def _woven(pictures: Sequence[Image]) -> Image:
+    """A frame with the even rows of the first picture and the odd ones of the second, or what is between those.
+
+    Of a field each row is the mean of a row and half of either neighbour, as interlaced sensors read them.
+    """
+    fields = [np.asarray(cv2.sepFilter2D(one, -1, _ALONE, _ROWS, borderType=cv2.BORDER_REPLICATE)) for one in pictures]
+    woven = fields[0].copy()
+    if len(fields) == 2:
+        woven[1::2] = fields[1][1::2]
+    else:
+        below = np.concatenate([woven[2::2], woven[-2:-1]])[: len(woven[1::2])]
+        woven[1::2] = cv2.addWeighted(np.ascontiguousarray(woven[:-1:2]), 0.5, below, 0.5, 0.0)
+    return np.asarray(woven, np.uint8)
 
 
 def _moments(count: int) -> Array:

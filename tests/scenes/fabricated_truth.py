@@ -50,6 +50,8 @@ def truth_of(whole: Reconstruction) -> Truth:
         clock_offset_s=np.zeros(4),
         clock_drift=np.zeros(4),
         readout_s=np.zeros(4),
+        field_s=np.zeros(4),
+        gain=np.ones((4, frames, 3)),
         reference_focal_px=np.array([c.focal_px for c in references]),
         reference_principal_px=np.array([c.principal_px for c in references]),
         reference_k1=np.array([c.k1 for c in references]),
