@@ -16,7 +16,18 @@ from numpy.typing import NDArray
 from experiments import bound
 from experiments.silhouette_score import ForegroundErrors, Series
 from pzcap.geometry import camera as geometry
-from pzcap.types import PARENTS, Array, Mask, Motion, Panorama, PanZoomCamera, PanZoomTrack, PzcapError, Reconstruction
+from pzcap.types import (
+    PARENTS,
+    Array,
+    Camera,
+    Mask,
+    Motion,
+    Panorama,
+    PanZoomCamera,
+    PanZoomTrack,
+    PzcapError,
+    Reconstruction,
+)
 from sim.truth import Truth
 
 
@@ -137,20 +148,21 @@ def _within(reconstruction: Reconstruction, known: Mask) -> Reconstruction:
 # Cameras
 
 
-def project_true(
-    world_T_cam: Array, focal_px: float, principal_px: Array, k1: float, points_m: Array
-) -> tuple[Array, Mask]:
+def project_true(camera: Camera, points_m: Array) -> tuple[Array, Mask]:
     """World points (N, 3) to pixels (N, 2), and which of them can be seen at all (N,).
 
     The lens of pzcap.types, written out a second time. With barrel distortion the radius grows to a largest value and
     then folds back: what lies beyond is never seen, though the formula puts it into the image.
     """
-    cam = (np.linalg.inv(world_T_cam) @ np.column_stack([points_m, np.ones(len(points_m))]).T)[:3]
+    k1, k2, p1, p2 = camera.k1, camera.k2, camera.p1, camera.p2
+    cam = (np.linalg.inv(camera.world_T_cam) @ np.column_stack([points_m, np.ones(len(points_m))]).T)[:3]
     x, y = cam[0] / cam[2], cam[1] / cam[2]
     squared = x * x + y * y
-    factor = focal_px * (1.0 + k1 * squared)
-    pixels = np.column_stack([principal_px[0] + factor * x, principal_px[1] + factor * y])
-    return pixels, (cam[2] > 0.1) & (1.0 + 3.0 * k1 * squared > 0.0)
+    factor = 1.0 + k1 * squared + k2 * squared**2
+    aside = factor * x + 2.0 * p1 * x * y + p2 * (squared + 2.0 * x * x)
+    down = factor * y + p1 * (squared + 2.0 * y * y) + 2.0 * p2 * x * y
+    pixels = camera.principal_px + camera.focal_px * np.column_stack([aside, down])
+    return pixels, (cam[2] > 0.1) & (1.0 + 3.0 * k1 * squared + 5.0 * k2 * squared**2 > 0.0)
 
 
 def _camera_errors(
@@ -226,7 +238,7 @@ def _reprojection(
     rms, valid, distances = np.zeros(len(frames)), np.zeros(len(frames), bool), []
     for frame in np.flatnonzero(track.valid):
         there = truth.camera(true, int(frames[frame]))
-        seen, inside = project_true(there.world_T_cam, there.focal_px, there.principal_px, there.k1, points_m)
+        seen, inside = project_true(there, points_m)
         inside &= np.all((seen >= 0) & (seen <= [width - 1, height - 1]), axis=1)
         if not inside.any():
             continue

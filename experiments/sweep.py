@@ -1,6 +1,6 @@
 """Run what is missing of a study, on as many cores or machines as the launcher has, and show it.
 
-    python -m experiments.sweep study=noise|zoom_range|noise_x_zoom|keyframes|parallax|frame_size
+    python -m experiments.sweep study=noise|zoom_range|readout|...   # a file of conf/study
     python -m experiments.sweep study=noise method=exact,paper hydra/launcher=joblib  # any override of experiments.run
 
 leaves in outputs/study/NAME a folder a job, runs.parquet and index.html. It is `python -m experiments.run -m`: what was

@@ -32,14 +32,14 @@ class FilmedCamera:
 def collect_truth(
     session: Session, filmed: Sequence[FilmedCamera], joints_m: Array, shadow_frames: NDArray[np.int64]
 ) -> Truth:
-    """The truth about a capture without a dropped frame. joints_m: (F, 16, 3)."""
+    """The truth about a capture without a dropped frame, before it is developed. joints_m: (F, 16, 3)."""
     config, rigs, times_s = session.config, session.rigs, session.times_s
     own_s = np.array([session.own_s(c, times_s) for c in range(CAMERAS)])
     pan_rad, focal_px, raised_rad, rolled_rad = _sampled([one.way for one in filmed], own_s)
     clock_offset_s, clock_drift = session.own_clocks()
     frames, start = len(times_s), session.clock().start
     sweeps, zooms = [[run(c) for c in range(CAMERAS)] for run in (session.sweep, session.zoom)]
-    sweep_pan_rad = _sampled(sweeps, [run.times_s for run in sweeps])[0]
+    sweep_pan_rad, sweep_focal_px, *_ = _sampled(sweeps, [run.times_s for run in sweeps])
     zoom_pan_rad, zoom_focal_px = np.zeros((CAMERAS, 1)), np.zeros((CAMERAS, 0))
     if config.zoom_frames:
         zoom_pan_rad, zoom_focal_px, *_ = _sampled(zooms, [run.times_s for run in zooms])
@@ -60,17 +60,22 @@ def collect_truth(
         focal_px=focal_px,
         principal_px=np.repeat([[rig.principal_px] for rig in rigs], frames, axis=1),
         k1=np.array([[rig.k1(f) for f in row] for rig, row in zip(rigs, focal_px, strict=True)]),
+        k2=np.full(CAMERAS, config.optics.k2),
+        p1=np.full(CAMERAS, config.optics.p1),
         world_T_cam=_poses(rigs, pan_rad, focal_px, raised_rad, rolled_rad),
         recorded=np.ones((CAMERAS, frames), bool),
         clock_offset_s=clock_offset_s,
         clock_drift=clock_drift,
         readout_s=np.full(CAMERAS, config.sensor.readout_s),
+        field_s=np.full(CAMERAS, 0.0 if config.sensor.bob else config.sensor.field_s),
+        gain=np.ones((CAMERAS, frames, 3)),
         reference_focal_px=np.full(CAMERAS, reference_px),
         reference_principal_px=np.array([rig.principal_px for rig in rigs]),
         reference_k1=np.array([rig.k1(reference_px) for rig in rigs]),
         reference_world_T_cam=np.stack([rig.world_T_cam(0.0, reference_px) for rig in rigs]),
         sweep_pan_rad=sweep_pan_rad,
-        sweep_world_T_cam=_poses(rigs, sweep_pan_rad, np.full_like(sweep_pan_rad, reference_px)),
+        sweep_world_T_cam=_poses(rigs, sweep_pan_rad, sweep_focal_px),
+        sweep_focal_px=sweep_focal_px,
         zoom_focal_px=zoom_focal_px,
         zoom_pan_rad=zoom_pan_rad[:, 0],
         scene_points_m=np.stack([one.scene_points_m[:fewest] for one in filmed]),

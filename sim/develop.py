@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import asdict, replace
 from fractions import Fraction
 from pathlib import Path
@@ -15,7 +15,7 @@ from pzcap.io.video import frames_to_timecode
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask
 from sim import motion
 from sim.cameras.optics import vignette
-from sim.cameras.sensor import Exposure, Sensor, draw_dropped, row_delay_s
+from sim.cameras.sensor import Automatics, Exposure, Sensor, draw_dropped, field_delay_s, row_delay_s
 from sim.capture_writer import write_capture, write_video
 from sim.hall import gym
 from sim.light import operate, read_light, reels
@@ -45,7 +45,8 @@ def develop(config: ShootConfig, light: Path, folder: Path) -> Iterator[Progress
     _write_papers(session, folder / "capture", truth.timecodes)
     clock, frames = session.clock(), len(session.times_s)
     filmed = np.array([recorded[c][clock.early[c] : clock.early[c] + frames] for c in range(CAMERAS)])
-    save(replace(truth, config=json.dumps(asdict(config)), recorded=filmed), folder / "truth")
+    gain = np.array([_true_gain(session, c) for c in range(CAMERAS)])
+    save(replace(truth, config=json.dumps(asdict(config)), recorded=filmed, gain=gain), folder / "truth")
 
 
 def develop_cameras(cameras: Sequence[int], session: Session, light: Path, capture: Path) -> Generator[int, None, None]:
@@ -80,16 +81,40 @@ def _developed(
     session: Session, c: int, sensor: Sensor, film: Path, times_s: Array, purpose: str, kept: Mask | None = None
 ) -> Iterator[Image]:
     """Pictures of ``film`` by camera ``c``, exposed at ``times_s`` (N,), but for those that are not ``kept`` (N,)."""
-    config = session.config
-    rng = stream(config.seed, purpose, c)
-    exposure, mains = Exposure(config.sensor.exposure_drift, rng), session.mains(c, purpose)
-    brightness = config.gym.lights_on if purpose == "motion video" else 1.0
-    delays_s = row_delay_s(np.arange(float(config.height)), config.height, config.sensor.readout_s)[:, None, None]
+    rng = stream(session.config.seed, purpose, c)
+    gain_at = _gain(session, c, purpose, rng)
     keeps = np.ones(len(times_s), bool) if kept is None else kept
     for light, time_s, keep in zip(read_light(film), times_s.tolist(), keeps.tolist(), strict=True):
         if keep:
-            gain = brightness * exposure(time_s)
-            yield sensor.develop(light, gain if mains is None else gain * mains(time_s + delays_s), rng)
+            yield sensor.develop(light, gain_at(time_s), rng)
+
+
+def _gain(session: Session, c: int, purpose: str, rng: np.random.Generator) -> Callable[[float], Array | float]:
+    """Gain over time of what camera ``c`` films for some purpose, as `Sensor.develop` takes it."""
+    config, sensor = session.config, session.config.sensor
+    exposure, mains = Exposure(sensor.exposure_drift, rng), session.mains(c, purpose)
+    brightness = config.gym.lights_on if purpose == "motion video" else 1.0
+    rows = np.arange(float(config.height))
+    delays_s = (row_delay_s(rows, config.height, sensor.readout_s) + field_delay_s(rows, sensor))[:, None, None]
+    automatics = None
+    if sensor.auto_exposure or sensor.white_drift:
+        rate = config.frame_rate if purpose == "motion video" else config.sweep_frame_rate
+        automatics = Automatics(sensor, 1 / rate, stream(config.seed, "automatics", purpose, c))
+
+    def at(time_s: float) -> Array | float:
+        gain: Array | float = brightness * exposure(time_s)
+        gain = gain if automatics is None else gain * automatics(time_s)
+        return gain if mains is None else gain * mains(time_s + delays_s)
+
+    return at
+
+
+def _true_gain(session: Session, c: int) -> Array:
+    """(F, 3) gain of blue, green and red in the frames of the motion by camera ``c``, the mean of all rows."""
+    purpose = "motion video"
+    gain_at = _gain(session, c, purpose, stream(session.config.seed, purpose, c))
+    gains = [np.broadcast_to(gain_at(t), (session.config.height, 1, 3)) for t in session.own_s(c, session.times_s)]
+    return np.array(gains).mean(axis=(1, 2))
 
 
 def _recorded(session: Session, c: int) -> Mask:

@@ -71,6 +71,8 @@ def light_of(config: ShootConfig) -> ShootConfig:
             read_noise=default.read_noise,
             shot_noise=default.shot_noise,
             exposure_drift=default.exposure_drift,
+            auto_exposure=default.auto_exposure,
+            white_drift=default.white_drift,
             crf_motion=default.crf_motion,
             crf_still=default.crf_still,
             dropped_share=default.dropped_share,

@@ -37,9 +37,11 @@ class Hall:
 
     def camera(self, camera: int, pan_rad: float, focal_px: float) -> Camera:
         """The true camera, so panned and zoomed."""
-        config, rig = self._config, self._session.rigs[camera]
+        config, rig, optics = self._config, self._session.rigs[camera], self._config.optics
         pose = rig.world_T_cam(pan_rad, focal_px)
-        return Camera(config.width, config.height, pose, focal_px, rig.principal_px, rig.k1(focal_px))
+        return Camera(
+            config.width, config.height, pose, focal_px, rig.principal_px, rig.k1(focal_px), optics.k2, optics.p1
+        )
 
     def portray(self, camera: Camera, pose: Pose) -> Image:
         """The athlete as an ideal ``camera`` would see them, which no tripod carries; its lens does not distort."""

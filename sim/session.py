@@ -17,7 +17,7 @@ from pzcap.ranges import Range
 from pzcap.types import Array, PzcapError
 from sim import motion
 from sim.cameras.film import Person, finest_plate
-from sim.cameras.operator import OperatorConfig, PanTiltZoom, Trajectory, sweep, through
+from sim.cameras.operator import OperatorConfig, PanTiltZoom, Trajectory, faltering, sweep, through
 from sim.cameras.optics import OpticsConfig, Rig, build_rig
 from sim.cameras.render import LARGEST_PICTURE_PX, Stage
 from sim.cameras.sensor import SensorConfig, draw_clocks, rolls
@@ -160,7 +160,9 @@ class Session:
             return None
         # all film the motion at one time, and the hall each at its own
         taken = stream(seed, "mains", purpose, *([] if purpose == "motion video" else [c]))
-        return draw_mains(gym, self.config.sensor.shutter_s, taken, stream(seed, "lamps", c))
+        sensor = self.config.sensor
+        open_s = sensor.shutter_s if purpose == "motion video" else sensor.hall_shutter_s or sensor.shutter_s
+        return draw_mains(gym, open_s, taken, stream(seed, "lamps", c))
 
     def unrest(self, c: int) -> Unrest | None:
         """How the tripod of camera ``c`` moves while the motion is recorded; None: it stands still."""
@@ -183,8 +185,11 @@ class Session:
 
     def sweep(self, c: int) -> Run:
         """Way of camera ``c`` through the sweep."""
-        pan_rad = sweep(self.config.sweep_deg, self.config.operator, stream(self.config.seed, "sweep", c))
-        return self._run(pan_rad, np.full(len(pan_rad), self.rigs[c].reference_focal_px))
+        operator, seed = self.config.operator, self.config.seed
+        pan_rad = sweep(self.config.sweep_deg, operator, stream(seed, "sweep", c))
+        if operator.sweep_uneven or operator.sweep_stop_frames or operator.sweep_back_frames:
+            pan_rad = faltering(pan_rad, operator, stream(seed, "faltering", c))
+        return self._run(pan_rad, np.full(len(pan_rad), self.rigs[c].reference_focal_px * operator.sweep_zoom))
 
     def zoom(self, c: int) -> Run:
         """Way of camera ``c`` through the zoom run, which may have no frame."""

@@ -28,7 +28,8 @@ _SHAPES: Final = {
     "reference_k1": "C", "reference_world_T_cam": "C 4 4", "sweep_pan_rad": "C M", "sweep_world_T_cam": "C M 4 4",
     "zoom_focal_px": "C Z", "zoom_pan_rad": "C", "scene_points_m": "C P 3", "root_position_m": "F 3",
     "rotations": "F 16 4", "joints_m": "F 16 3", "contact": "F 4", "airborne": "F", "mask_bits": "C F B",
-    "shadow_frames": "S", "shadow_bits": "C S B", "clock_offset_s": "C", "clock_drift": "C", "readout_s": "C",
+    "shadow_frames": "S", "shadow_bits": "C S B", "sweep_focal_px": "C M", "clock_offset_s": "C", "clock_drift": "C",
+    "readout_s": "C", "field_s": "C", "k2": "C", "p1": "C", "gain": "C F 3",
 }  # fmt: skip
 """Shapes of the arrays: C cameras, F frames, B bytes of a mask; M, Z, P and S are as many as there are."""
 
@@ -39,7 +40,8 @@ class Truth:
 
     A frame set has a common time, frame over frame rate, of which the athlete is. A camera exposes its middle row at
     its own time, which is the common one plus ``clock_offset_s + clock_drift * common time``, and of which all else is:
-    where it points, and what it sees. Row v is exposed ``((v + 0.5) / height - 0.5) * readout_s`` after the middle row.
+    where it points, and what it sees. Row v is exposed ``((v + 0.5) / height - 0.5) * readout_s`` after the middle row,
+    and half of ``field_s`` before that if v is even, after it if v is odd.
     """
 
     config: str  # JSON of the ShootConfig
@@ -56,11 +58,15 @@ class Truth:
     focal_px: Array  # (C, F)
     principal_px: Array  # (C, F, 2)
     k1: Array  # (C, F)
+    k2: Array  # (C,) at all focal lengths
+    p1: Array  # (C,) at all focal lengths
     world_T_cam: Array  # (C, F, 4, 4)
     recorded: Mask  # (C, F) False where the frame was dropped
     clock_offset_s: Array  # (C,)
     clock_drift: Array  # (C,) seconds a second
     readout_s: Array  # (C,) negative: from the bottom
+    field_s: Array  # (C,) from the field of the even rows to that of the odd ones; 0: frames are whole
+    gain: Array  # (C, F, 3) of the light in blue, green and red, the mean of all rows
     # at the reference pose
     reference_focal_px: Array  # (C,)
     reference_principal_px: Array  # (C, 2)
@@ -68,6 +74,7 @@ class Truth:
     reference_world_T_cam: Array  # (C, 4, 4)
     # during the sweep and the zoom run
     sweep_pan_rad: Array  # (C, M)
+    sweep_focal_px: Array  # (C, M)
     sweep_world_T_cam: Array  # (C, M, 4, 4)
     zoom_focal_px: Array  # (C, Z)
     zoom_pan_rad: Array  # (C,)
@@ -95,12 +102,12 @@ class Truth:
     def camera(self, camera: int, frame: int) -> Camera:
         """The camera at the mid-exposure of a frame's middle row."""
         at = camera, frame
-        return self._camera(self.world_T_cam[at], self.focal_px[at], self.principal_px[at], self.k1[at])
+        return self._camera(camera, self.world_T_cam[at], self.focal_px[at], self.principal_px[at], self.k1[at])
 
     def reference_camera(self, camera: int) -> Camera:
         """The camera as it took the image of the calibration object."""
         return self._camera(
-            self.reference_world_T_cam[camera], self.reference_focal_px[camera],
+            camera, self.reference_world_T_cam[camera], self.reference_focal_px[camera],
             self.reference_principal_px[camera], self.reference_k1[camera],
         )  # fmt: skip
 
@@ -116,7 +123,8 @@ class Truth:
         k1 = np.concatenate([[self.reference_k1[camera]], self.k1[camera]])
         system = np.log(focal / reference)[:, None] ** np.arange(2)
         lines = np.linalg.lstsq(system, np.column_stack([principal, k1]), rcond=None)[0]
-        return Lens(self.width, self.height, reference, lines[:, :2], lines[:, 2])
+        others = self.k2[[camera]], self.p1[[camera]]
+        return Lens(self.width, self.height, reference, lines[:, :2], lines[:, 2], *others)
 
     def pose(self, frame: int) -> Pose:
         """The athlete's pose at the common time of a frame set."""
@@ -131,8 +139,11 @@ class Truth:
         at = np.flatnonzero(self.shadow_frames == frame)
         return self._unpack(self.shadow_bits[camera, at[0]]) if len(at) else None
 
-    def _camera(self, world_T_cam: Array, focal_px: float, principal_px: Array, k1: float) -> Camera:
-        return Camera(self.width, self.height, world_T_cam, float(focal_px), principal_px, float(k1))
+    def _camera(self, camera: int, world_T_cam: Array, focal_px: float, principal_px: Array, k1: float) -> Camera:
+        return Camera(
+            self.width, self.height, world_T_cam, float(focal_px), principal_px,
+            float(k1), float(self.k2[camera]), float(self.p1[camera]),
+        )  # fmt: skip
 
     def _unpack(self, bits: NDArray[np.uint8]) -> Mask:
         return np.unpackbits(bits, count=self.height * self.width).reshape(self.height, self.width).astype(bool)
@@ -183,11 +194,17 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _complete(values: dict[str, Any]) -> None:
-    """Add what the truth did not hold before cameras had clocks, a rolling shutter and a roll for every frame."""
-    pan_rad, roll_rad = (np.asarray(values.get(name, 0.0)) for name in ("pan_rad", "roll_rad"))
-    if pan_rad.ndim == 2 and roll_rad.shape == pan_rad.shape[:1]:
-        values["roll_rad"] = np.repeat(roll_rad[:, None], pan_rad.shape[1], axis=1)
-        values |= {name: np.zeros(len(pan_rad)) for name in ("clock_offset_s", "clock_drift", "readout_s")}
+    """Add what a truth did not hold before cameras had the troubles that it is about: none, then."""
+    shape, sweep = (np.shape(values.get(name, 0.0)) for name in ("pan_rad", "sweep_pan_rad"))
+    roll_rad, focal_px = (np.asarray(values.get(name, 0.0)) for name in ("roll_rad", "reference_focal_px"))
+    if len(shape) != 2 or len(sweep) != 2 or focal_px.shape != shape[:1]:
+        return  # damaged, as is said elsewhere
+    if roll_rad.shape == shape[:1]:
+        values["roll_rad"] = np.repeat(roll_rad[:, None], shape[1], axis=1)
+    values.setdefault("sweep_focal_px", np.repeat(focal_px[:, None], sweep[1], axis=1))
+    values.setdefault("gain", np.ones((*shape, 3)))
+    for name in ("clock_offset_s", "clock_drift", "readout_s", "field_s", "k2", "p1"):
+        values.setdefault(name, np.zeros(shape[0]))
 
 
 def _arrays(path: Path) -> dict[str, Any]:

@@ -26,8 +26,28 @@ TRIALS = {
     "crew_in_sweep": {"crew.walks_in_sweep"},
     "tilting": {"operator.tilts"},
     "partial_sweep": {"sweep_deg", "zoom_frames"},
+    "rolling_shutter": {"sensor.readout_s"},
+    "own_clocks": {"sensor.clock_offset", "sensor.clock_drift_ppm"},
+    "mains_light": {"gym.mains_share"},
+    "sprung_floor": {"optics.settled_deg", "optics.sprung_deg", "optics.bump_deg"},
+    "hand_sweep": {
+        "operator.sweep_uneven",
+        "operator.sweep_stop_frames",
+        "operator.sweep_back_frames",
+        "operator.sweep_zoom",
+        "sensor.hall_shutter_s",
+    },
+    "lens_beyond": {"optics.k2", "optics.p1", "optics.lateral_colour_px"},
+    "auto_exposure": {"sensor.auto_exposure", "sensor.white_drift"},
+    "interlaced": {"sensor.field_s"},
 }
 """What each departs in from the default shoot."""
+TRIALS["rolling_clocks_mains"] = set().union(
+    *(TRIALS[name] for name in ("rolling_shutter", "own_clocks", "mains_light"))
+)
+TRIALS["all_cameras"] = TRIALS["rolling_clocks_mains"].union(
+    *(TRIALS[name] for name in ("sprung_floor", "hand_sweep", "lens_beyond", "auto_exposure", "interlaced"))
+)
 
 
 def leaf(tree: dict[str, Any], key: str) -> Any:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pzcap.types import Array, Image, Mask, Pose
 from sim.cameras.operator import PanTiltZoom
 from sim.cameras.optics import (
+    Maps,
     Moment,
     Plate,
     Rig,
@@ -34,6 +35,9 @@ _AVERAGED: Final = 0.75  # share of the supersampling that pictures averaged ove
 _SHADOW_LEVELS: Final = 6  # grey levels by which a shadow darkens a pixel, at least
 _PLATES_S: Final = 3.3e-3  # between plates of a rolling shutter: a limb of 10 m/s steps by 17 mm at most, at the hand
 _INSTANT: Final = np.zeros(1)
+_ALONE: Final = np.ones((1, 1))
+_ROWS: Final = np.array([[0.25], [0.5], [0.25]])
+_HALL_MOMENTS: Final = 4  # of an open shutter in the sweep: half a pixel from one to the next where it blurs two
 
 Look = Callable[[float], PanTiltZoom]
 """Pan, zoom and tilt of the camera at a time (s)."""
@@ -62,16 +66,18 @@ class FilmCamera:
         aim = aim or PanTiltZoom(0.0, self._rig.reference_focal_px)
         plate = self._plate(self._moment(aim))
         picture = self._stage.picture(plate.size(scale), athlete=False, calibration_object=True)
-        return through_lens(picture, lens_maps(self._rig, plate, aim.focal_px, scale), self._rig)
+        return through_lens(picture, self._maps(plate, aim.focal_px, scale), self._rig)
 
     def instant(self, look: Look, time_s: float, person: Person | None) -> Image:
-        """One moment, as frames of the sweep and the zoom run are rendered. person: None if nobody is in the hall."""
-        return self._exposed(look, time_s, _INSTANT, person, self._config.supersampling_still)
+        """A frame of the sweep or the zoom run, most often of one moment. person: None if nobody is in the hall."""
+        open_s = self._config.hall_shutter_s
+        offsets_s = _moments(_HALL_MOMENTS) * open_s if open_s else _INSTANT
+        return self._exposed(look, time_s, offsets_s, person, self._config.supersampling_still)
 
     def exposure(self, look: Look, time_s: float, person: Person) -> Image:
         """The mean over the open shutter, whose middle is ``time_s``: a frame of the motion."""
         moments = self._config.sub_exposures if self._config.shutter_s > 0 else 1
-        offsets_s = ((np.arange(moments) + 0.5) / moments - 0.5) * self._config.shutter_s
+        offsets_s = _moments(moments) * self._config.shutter_s
         scale = self._config.supersampling if moments == 1 else self._averaged_scale
         return self._exposed(look, time_s, offsets_s, person, scale)
 
@@ -101,8 +107,18 @@ class FilmCamera:
     def _through(
         self, look: Look, time_s: float, offsets_s: Array, person: Person | None, scale: float, draw: Draw
     ) -> Image:
-        """The mean of what is drawn at these offsets (N,) from ``time_s``, through the lens."""
-        if self._config.readout_s:
+        """The mean of what is drawn at these offsets (N,) from ``time_s``, through the lens; woven of two fields."""
+        field_s = self._config.field_s
+        if not field_s:
+            return self._whole(look, time_s, offsets_s, person, scale, draw)
+        times_s = [time_s] if self._config.bob else [time_s - field_s / 2, time_s + field_s / 2]
+        return _woven([self._whole(look, t, offsets_s, person, scale, draw) for t in times_s])
+
+    def _whole(
+        self, look: Look, time_s: float, offsets_s: Array, person: Person | None, scale: float, draw: Draw
+    ) -> Image:
+        """The same of all rows in one go."""
+        if self._config.readout_s or (person is None and len(offsets_s) > 1):  # of an empty hall a plate is enough
             return self._rolled(look, time_s, offsets_s, person, scale, draw)
         focal_px = look(time_s).focal_px  # all pictures have it
         pictures = []
@@ -110,7 +126,10 @@ class FilmCamera:
             self._pose(person, moment_s)
             plate = self._plate(self._moment(look(moment_s)._replace(focal_px=focal_px)))
             pictures.append(draw(plate.size(scale)))
-        return through_lens(_mean(pictures), lens_maps(self._rig, plate, focal_px, scale), self._rig)
+        return through_lens(_mean(pictures), self._maps(plate, focal_px, scale), self._rig)
+
+    def _maps(self, plate: Plate, focal_px: float, scale: float) -> list[Maps]:
+        return [lens_maps(self._rig, plate, focal_px, scale, stretch) for stretch in self._rig.stretches]
 
     def _rolled(
         self, look: Look, time_s: float, offsets_s: Array, person: Person | None, scale: float, draw: Draw
@@ -135,19 +154,21 @@ class FilmCamera:
                 rows = np.flatnonzero(np.clip(nearest, 0, plates - 1) == k)
                 if len(rows):
                     part = range(int(rows[0]), int(rows[-1]) + 1)
-                    at = partial(self._moments_of_rows, look, exposed_s)
-                    pieces.append((part, rolled_maps(rig, camera, at, part, turned_rad, scale)))
+                    own = partial(self._moments_of_rows, look, exposed_s)
+                    maps = [rolled_maps(rig, camera, own, part, turned_rad, scale, one) for one in rig.stretches]
+                    pieces.append((part, maps))
             if not pieces:
                 continue
-            plate = plate_under([maps for _, maps in pieces], turned_rad, scale)
+            plate = plate_under([one for _, maps in pieces for one in maps], turned_rad, scale)
             self._pose(person, plate_s)
             self._stage.aim(plate.turn(camera.world_T_cam), plate.vertical_view_deg(camera.focal_px))
             picture = draw(plate.size(scale))
             if total is None:
                 total = np.zeros((height, width, *picture.shape[2:]), np.uint16)
             columns, rows_up = (side / 2 - 0.5 for side in plate.size(scale))
-            for part, (right, up) in pieces:
-                total[part.start : part.stop] += sampled(picture, (right + columns, up + rows_up))
+            for part, maps in pieces:
+                seen = sampled(picture, [(right + columns, up + rows_up) for right, up in maps])
+                total[part.start : part.stop] += seen
         assert total is not None
         return shrunk(_share(total, len(offsets_s)), rig)
 
@@ -169,6 +190,26 @@ class FilmCamera:
         plate = plate_for(self._rig, camera.focal_px, np.deg2rad(self._config.grid_turn_deg))
         self._stage.aim(plate.turn(camera.world_T_cam), plate.vertical_view_deg(camera.focal_px))
         return plate
+
+
+def _woven(pictures: Sequence[Image]) -> Image:
+    """A frame with the even rows of the first picture and the odd ones of the second, or what is between those.
+
+    Of a field each row is the mean of a row and half of either neighbour, as interlaced sensors read them.
+    """
+    fields = [np.asarray(cv2.sepFilter2D(one, -1, _ALONE, _ROWS, borderType=cv2.BORDER_REPLICATE)) for one in pictures]
+    woven = fields[0].copy()
+    if len(fields) == 2:
+        woven[1::2] = fields[1][1::2]
+    else:
+        below = np.concatenate([woven[2::2], woven[-2:-1]])[: len(woven[1::2])]
+        woven[1::2] = cv2.addWeighted(np.ascontiguousarray(woven[:-1:2]), 0.5, below, 0.5, 0.0)
+    return np.asarray(woven, np.uint8)
+
+
+def _moments(count: int) -> Array:
+    """(count,) moments spread evenly over an open shutter, from -1/2 to 1/2."""
+    return np.asarray((np.arange(count) + 0.5) / count - 0.5)
 
 
 def _mean(pictures: Sequence[Image]) -> Image:

@@ -46,6 +46,15 @@ class OperatorConfig:
     """Step between frames of the sweep, degrees: neighbours overlap by 95 % of the image."""
     sweep_speed_variation: Annotated[float, Range(0.0, 0.3)] = 0.05
     """Standard deviation of a step of the sweep, share of the step: it is panned by hand."""
+    sweep_uneven: Annotated[float, Range(0.0, 0.9)] = 0.0
+    """Largest departure of the sweep's speed from its mean, share of it, in slow waves; the turn stays as wide. 0: none
+    but `sweep_speed_variation`; 0.5: a hurried hand."""
+    sweep_stop_frames: Annotated[int, Range(0, 100)] = 0
+    """Frames for which the sweep stands still once, in its first half; 0: it goes on."""
+    sweep_back_frames: Annotated[int, Range(0, 100)] = 0
+    """Frames for which the sweep turns back once, in its second half, before it goes on; 0: it never does."""
+    sweep_zoom: Annotated[float, Range(0.5, 2.0)] = 1.0
+    """Focal length of the sweep over that of the reference image. 1: the zoom's mark was met."""
     swing_deg_s: Annotated[float, Range(0.0, 1000.0)] = 0.0
     """Peak speed of a swing to and fro about the athlete, degrees per second; 0: none."""
     swing_hz: Annotated[float, Range(0.01, 20.0)] = 1.9
@@ -162,6 +171,21 @@ def sweep(degrees: float, config: OperatorConfig, rng: np.random.Generator) -> A
     speed = 1 + config.sweep_speed_variation * speed / max(float(np.std(speed)), 1e-9)
     pan_deg = config.sweep_step_deg * np.concatenate([[0.0], np.cumsum(np.maximum(speed, 0.2))])
     return np.deg2rad(pan_deg - pan_deg[-1] / 2)
+
+
+def faltering(pan_rad: Array, config: OperatorConfig, rng: np.random.Generator) -> Array:
+    """The pan (M,) of a sweep at an uneven speed, with a stop and a step back: as many frames longer as those take."""
+    steps = np.arange(float(len(pan_rad)))
+    cycles = np.arange(1, 7)  # in all of the sweep
+    wave = np.sin(2 * np.pi * (np.outer(steps[:-1] / len(steps[:-1]), cycles) + rng.uniform(size=6))).sum(axis=1)
+    speed = 1 + config.sweep_uneven * (wave - wave.mean()) / np.abs(wave - wave.mean()).max()
+    pan_rad = np.interp(np.concatenate([[0.0], np.cumsum(speed)]), steps, pan_rad)
+    stop, turn = (float(share * (len(pan_rad) - 1)) for share in rng.uniform([0.2, 0.6], [0.4, 0.8]))
+    back = 0.8 * np.arange(1, config.sweep_back_frames + 1)  # somewhat slower than forward
+    # places on the way of an even sweep, in steps; the fraction keeps it from showing the same picture twice
+    way = [steps[steps < stop], np.full(config.sweep_stop_frames, stop), steps[(steps >= stop) & (steps < turn)]]
+    way += [turn - back, (turn - back)[::-1][1:], np.full(min(len(back), 1), turn), steps[steps >= turn]]
+    return np.interp(np.concatenate(way), steps, pan_rad)
 
 
 def _sight(rig: Rig, points_m: Array, config: OperatorConfig) -> tuple[Array, Array]:

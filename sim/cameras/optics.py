@@ -20,6 +20,7 @@ from pzcap.types import Array, Image, PzcapError
 
 _CORNERS_M = ((-10.5, -8.0), (10.5, -8.0), (10.5, 8.0), (-10.5, 8.0))
 _HEAD_R_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_FIXED_POINTS = 25  # of the distortion beyond k1: each step takes off nine tenths of the error, at least
 _GRID_PX = 8  # spacing of the points whose distortion is computed; between them it is interpolated, to 0.006 px
 
 
@@ -45,6 +46,12 @@ class OpticsConfig:
     """Radial distortion k1 at the widest focal length: barrel, as of wide zoom lenses. Linear in log focal."""
     k1_long: Annotated[float, Range(-0.5, 0.5)] = 0.02
     """Radial distortion k1 at the longest focal length: pincushion."""
+    k2: Annotated[float, Range(-0.5, 0.5)] = 0.0
+    """Radial distortion k2 at all focal lengths; 0.05 is what a wide zoom lens has beyond k1."""
+    p1: Annotated[float, Range(-0.05, 0.05)] = 0.0
+    """Tangential distortion p1 at all focal lengths: a lens element that sits askew. 0.001 is that of a consumer's."""
+    lateral_colour_px: Annotated[float, Range(0.0, 10.0)] = 0.0
+    """Distance by which red stands further out in the corners than green, and blue less far, px: lateral colour."""
     principal_offset: Annotated[float, Range(0.0, 0.2)] = 0.00625
     """Distance of the principal point from the image's centre, image widths (4 px of 640), in a random direction."""
     vignetting: Annotated[float, Range(0.05, 1.0)] = 0.8
@@ -126,8 +133,30 @@ class Rig:
         """World points (N, 3) to pixels (N, 2) and depth (N,) in metres, which is above 0 where a point can be seen."""
         x, y, depth = ((points_m - world_T_cam[:3, 3]) @ world_T_cam[:3, :3]).T
         xy = np.column_stack([x, y]) / np.where(depth > 0.1, depth, 0.1)[:, None]
-        factor = 1 + self.k1(focal_px) * np.sum(xy**2, axis=1, keepdims=True)
-        return self.principal_px + focal_px * factor * xy, depth
+        squared = np.sum(xy**2, axis=1, keepdims=True)
+        factor = 1 + (self.k1(focal_px) + self.config.k2 * squared) * squared
+        tangential = self.config.p1 * np.column_stack([2 * xy[:, 0] * xy[:, 1], squared[:, 0] + 2 * xy[:, 1] ** 2])
+        return self.principal_px + focal_px * factor * xy + focal_px * tangential, depth
+
+    def by_k1_alone(self, x: Array, y: Array, k1: float | Array) -> tuple[Array, Array]:
+        """Where in the image, normalised, a lens without k2 and p1 would show what this one shows at (x, y)."""
+        k2, p1 = self.config.k2, self.config.p1
+        if not (k2 or p1):
+            return x, y
+        straight_x, straight_y = x, y
+        for _ in range(_FIXED_POINTS):
+            squared = straight_x**2 + straight_y**2
+            factor = 1 + (k1 + k2 * squared) * squared
+            aside, down = 2 * p1 * straight_x * straight_y, p1 * (squared + 2 * straight_y**2)
+            straight_x, straight_y = (x - aside) / factor, (y - down) / factor
+        factor = 1 + k1 * (straight_x**2 + straight_y**2)
+        return straight_x * factor, straight_y * factor
+
+    @property
+    def stretches(self) -> tuple[float, ...]:
+        """Sizes of the image in red, green and blue against that in green; one where all are alike."""
+        aside = self.config.lateral_colour_px / (math.hypot(self.width, self.height) / 2)
+        return (1 + aside, 1.0, 1 - aside) if aside else (1.0,)
 
 
 def build_rig(camera: int, width: int, height: int, config: OpticsConfig, rng: np.random.Generator) -> Rig:
@@ -182,6 +211,8 @@ def plate_for(rig: Rig, focal_px: float, turned_rad: float = 0.0) -> Plate:
     """The smallest plate, so turned, that has data under every pixel of the image."""
     corner = np.hypot(rig.width, rig.height) / 2 / focal_px
     reach = max(float(_undistorted(np.array(corner), rig.k1(focal_px))) / corner, 1.0)
+    if rig.config.k2 or rig.config.p1 or len(rig.stretches) > 1:
+        reach = max(reach, _reach_beyond(rig, focal_px))
     shift = np.abs(rig.principal_px - (np.array([rig.width, rig.height]) - 1) / 2)
     sides = np.array([rig.width, rig.height]) * reach + 2 * reach * shift
     cos, sin = math.cos(turned_rad), abs(math.sin(turned_rad))
@@ -189,15 +220,26 @@ def plate_for(rig: Rig, focal_px: float, turned_rad: float = 0.0) -> Plate:
     return Plate(width, height, turned_rad)
 
 
-def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float) -> Maps:
+def _reach_beyond(rig: Rig, focal_px: float) -> float:
+    """How much larger than the image what it shows is, at most, through a lens that k1 does not describe."""
+    edges = np.linspace(-1.0, 1.0, 33)
+    rim = np.array([place for along in edges for side in (-1.0, 1.0) for place in ((along, side), (side, along))])
+    x, y = rim.T * np.array([[rig.width], [rig.height]]) / 2 / focal_px
+    seen = _undistorted(np.hypot(*rig.by_k1_alone(x, y, rig.k1(focal_px))), rig.k1(focal_px))
+    return float((seen / np.hypot(x, y)).max()) * max(rig.stretches)
+
+
+def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float, stretch: float = 1.0) -> Maps:
     """For each pixel of the image, made ``scale`` times finer, the column and row that it sees on a plate as fine.
 
-    Both (scale * height, scale * width). Rows count from the *bottom*, as OpenGL hands pictures over.
+    Of light whose image is larger than that of green by the factor ``stretch``. Both (scale * height, scale * width).
+    Rows count from the *bottom*, as OpenGL hands pictures over.
     """
     size = fine_size(rig, scale)
     cells = -(-size // _GRID_PX) + 2  # one more on each side, so that none of the image is extrapolated
     coarse = [_coarse_px(np.arange(n), scale) for n in cells]
-    x, y = np.meshgrid(*((axis - p) / focal_px for axis, p in zip(coarse, rig.principal_px, strict=True)))
+    x, y = np.meshgrid(*((axis - p) / (focal_px * stretch) for axis, p in zip(coarse, rig.principal_px, strict=True)))
+    x, y = rig.by_k1_alone(x, y, rig.k1(focal_px))
     radius = np.maximum(np.hypot(x, y), 1e-12)
     factor = _undistorted(radius, rig.k1(focal_px)) / radius * focal_px * scale
     cos, sin = math.cos(plate.turned_rad), math.sin(plate.turned_rad)
@@ -233,13 +275,15 @@ class Moment(NamedTuple):
 
 
 def rolled_maps(
-    rig: Rig, plate: Moment, at: Callable[[Array], Sequence[Moment]], rows: range, turned_rad: float, scale: float
-) -> Maps:
+    rig: Rig, plate: Moment, cameras_of: Callable[[Array], Sequence[Moment]], rows: range, turned_rad: float,
+    scale: float, stretch: float = 1.0,
+) -> Maps:  # fmt: skip
     """As `lens_maps`, for some ``rows`` of the finer image, each of which has a camera of its own.
 
-    ``at`` gives the cameras of rows (N,) of the image, ``plate`` is that of the plate. Both maps, (rows, columns),
-    count from the plate's *centre*, right and up, so that its size can be chosen by them. What tells the cameras apart
-    is their rotation, focal length and distortion; the millimetres that the centre moves meanwhile are left out.
+    ``cameras_of`` gives the cameras of rows (N,) of the image, ``plate`` is that of the plate. Both maps, (rows,
+    columns), count from the plate's *centre*, right and up, so that its size can be chosen by them. What tells the
+    cameras apart is their rotation, focal length and distortion; the millimetres that the centre moves meanwhile are
+    left out.
     """
     width = fine_size(rig, scale)[0]
     # of the grid, the cells between whose centres the rows lie
@@ -247,10 +291,12 @@ def rolled_maps(
     below = (2 * rows.stop - 1 + _GRID_PX) // (2 * _GRID_PX) + 1
     u = _coarse_px(np.arange(-(-width // _GRID_PX) + 2), scale)
     v = _coarse_px(np.arange(above, below + 1), scale)
-    cameras = at(v)
+    cameras = cameras_of(v)
     focal_px = np.array([[camera.focal_px] for camera in cameras])
     k1 = np.array([[rig.k1(camera.focal_px)] for camera in cameras])
-    x, y = np.broadcast_arrays((u - rig.principal_px[0]) / focal_px, (v[:, None] - rig.principal_px[1]) / focal_px)
+    x, y = (aside / (focal_px * stretch) for aside in (u - rig.principal_px[0], v[:, None] - rig.principal_px[1]))
+    x, y = np.broadcast_arrays(x, y)
+    x, y = rig.by_k1_alone(x, y, k1)
     radius = np.maximum(np.hypot(x, y), 1e-12)
     straight = _undistorted(radius, k1) / radius
     rays = np.stack([x * straight, y * straight, np.ones_like(x)], axis=-1)
@@ -269,15 +315,19 @@ def plate_under(maps: Sequence[Maps], turned_rad: float, scale: float) -> Plate:
     return Plate(width, height, turned_rad)
 
 
-def through_lens(plate: Image, maps: Maps, rig: Rig) -> Image:
-    """Distort a plate and bring it to the image's size, (height, width, ...)."""
+def through_lens(plate: Image, maps: Sequence[Maps], rig: Rig) -> Image:
+    """Distort a plate and bring it to the image's size, (height, width, ...). maps: as of `sampled`."""
     return shrunk(sampled(plate, maps), rig)
 
 
-def sampled(plate: Image, maps: Maps) -> Image:
-    """What the ``maps`` see on a plate."""
-    seen = cv2.remap(plate, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(seen, np.uint8)
+def sampled(plate: Image, maps: Sequence[Maps]) -> Image:
+    """What ``maps`` see on a plate: those of all light, or of red, green and blue. A mask is seen as green is."""
+    if len(maps) == 1 or plate.ndim == 2:
+        columns, rows = maps[len(maps) // 2]
+        seen = cv2.remap(plate, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(seen, np.uint8)
+    channels = zip(cv2.split(plate), maps, strict=True)
+    return np.stack([sampled(np.asarray(channel, np.uint8), [one]) for channel, one in channels], axis=-1)
 
 
 def shrunk(fine: Image, rig: Rig) -> Image:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.ranges import Range
-from pzcap.types import Array, Image, Mask
+from pzcap.types import Array, Image, Mask, PzcapError
+
+_RAMP_FRAMES: Final = 5  # in which an automatic exposure is where it wants to be
+_STEPS: Final = 1000  # of an automatic exposure: more than any video has
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +29,17 @@ class SensorConfig:
     exposure_drift: Annotated[float, Range(0.0, 0.9)] = 0.03
     """Largest departure of the brightness from its mean, share of it, in waves of 4 to 60 s: lamps and exposure are
     never quite constant."""
+    auto_exposure: Annotated[float, Range(0.0, 0.9)] = 0.0
+    """Largest step by which the exposure's automatics change the brightness, share of it, each within five frames;
+    0: the exposure is locked, as docs/capture.md asks for."""
+    white_drift: Annotated[float, Range(0.0, 0.5)] = 0.0
+    """Largest departure of each colour's brightness from its mean, share of it, by an automatic white balance; 0: it is
+    locked."""
     shutter_s: Annotated[float, Range(0.0, 1.0)] = 1 / 250
     """Time that the shutter is open for a frame, s; 0: an instant. Short, as docs/capture.md asks for."""
+    hall_shutter_s: Annotated[float, Range(0.0, 1.0)] = 0.0
+    """Time that the shutter is open for a frame of the sweep and the zoom run, s; 0: as short as for the motion, which
+    does not show in so slow a pan."""
     sub_exposures: Annotated[int, Range(1, 64)] = 2
     """Moments that a frame of the motion averages over the open shutter. More make the blur of a fast pan smooth; the
     sweep is too slow to need any."""
@@ -53,6 +65,11 @@ class SensorConfig:
     """Time in which a rolling shutter reads a frame, s, from the first row to beyond the last: row v of H is exposed
     ((v + 0.5) / H - 0.5) times that later than the frame. Negative: the camera hangs upside down and reads from the
     bottom. 0: a global shutter; 0.016 is common."""
+    field_s: Annotated[float, Range(0.0, 0.5)] = 0.0
+    """Time between the two fields of which each frame is woven, s: even rows are seen by half of it before the frame,
+    odd rows after. Half the frame period is interlaced video; 0: frames are whole."""
+    bob: bool = False
+    """Of interlaced video the first field alone is kept, at the frame's time, and the rows between are interpolated."""
     clock_offset: Annotated[float, Range(0.0, 0.5)] = 0.0
     """Largest offset of a camera's clock from the common time, share of the frame period. 0: all are genlocked; 0.5: by
     timecode alone, which is true to half a frame."""
@@ -61,10 +78,36 @@ class SensorConfig:
     dropped_share: Annotated[float, Range(0.0, 0.95)] = 0.0
     """Share of the motion's frames that a camera loses, at random; 0: recorders do not drop frames unless they fail."""
 
+    def __post_init__(self) -> None:
+        if self.bob and not self.field_s:
+            raise PzcapError(
+                "bob takes one field of interlaced video, and there is none; give field_s, or leave it out"
+            )
+
 
 def row_delay_s(rows: Array, height: int, readout_s: float) -> Array:
     """Time (N,) from the exposure of a frame, which is that of its middle, to that of its ``rows`` (N,)."""
     return ((rows + 0.5) / height - 0.5) * readout_s
+
+
+def field_delay_s(rows: Array, config: SensorConfig) -> Array:
+    """Time (N,) from that of a frame to that of the fields which its ``rows`` (N,) are of."""
+    return (rows % 2 - 0.5) * (0.0 if config.bob else config.field_s)
+
+
+class Automatics:
+    """Brightness over time by an automatic exposure and white balance, 1 in the mean: (3,) blue, green and red."""
+
+    def __init__(self, config: SensorConfig, frame_s: float, rng: np.random.Generator) -> None:
+        self._steps_s = frame_s * np.cumsum(rng.uniform(15.0, 60.0, _STEPS))
+        self._ramp_s = _RAMP_FRAMES * frame_s
+        signs = rng.choice([-1.0, 1.0]) * (-1.0) ** np.arange(_STEPS + 1)
+        self._levels = 1 + signs * config.auto_exposure / 2 * rng.uniform(0.5, 1.0, _STEPS + 1)
+        self._white = [Exposure(config.white_drift, rng) for _ in range(3)]
+
+    def __call__(self, time_s: float) -> Array:
+        share = np.clip((time_s - self._steps_s) / self._ramp_s, 0.0, 1.0)
+        return float(self._levels[0] + np.diff(self._levels) @ share) * np.array([one(time_s) for one in self._white])
 
 
 class Exposure:
@@ -98,7 +141,7 @@ class Sensor:
     ) -> Image:
         """(H, W, 3) red-green-blue light in grey levels, times ``gain``, to the image that is recorded.
 
-        gain: of all pixels, or (H, 1, 1) of each row.
+        gain: of all pixels, or by row, column and channel of the image that is recorded, as far as they differ.
         """
         level = light[..., ::-1] * (self._vignette * np.asarray(gain, np.float32))
         noise = self._table[(start := int(rng.integers(self._SPARE))) : start + level.size].reshape(level.shape)

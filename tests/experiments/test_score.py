@@ -280,16 +280,17 @@ def test_an_empty_silhouette_is_as_wrong_as_the_body_is_tall() -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(0, 2**31), st.floats(-0.1, 0.1))
-def test_the_score_projects_as_the_library_does(seed: int, k1: float) -> None:
+@given(st.integers(0, 2**31), st.floats(-0.1, 0.1), st.floats(-0.05, 0.05), st.floats(-0.002, 0.002))
+def test_the_score_projects_as_the_library_does(seed: int, k1: float, k2: float, p: float) -> None:
     """Two programs, one lens: the independent projection agrees with pzcap.geometry.camera wherever the lens does not
     fold."""
     rng = np.random.default_rng(seed)
     transform = fabricated.world_T_head(0) @ np.diag([1.0, 1.0, 1.0, 1.0])
     transform[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     points, principal = rng.uniform(-15, 15, (50, 3)), rng.uniform(100, 200, 2)
-    pixels, seen = project_true(transform, 500.0, principal, k1, points)
-    other, depth = geometry.project(Camera(320, 240, transform, 500.0, principal, k1), points)
+    camera = Camera(320, 240, transform, 500.0, principal, k1, k2, p, -2 * p)
+    pixels, seen = project_true(camera, points)
+    other, depth = geometry.project(camera, points)
     assert np.all(depth[seen] > 0.1)
     np.testing.assert_allclose(pixels[seen], other[seen], atol=1e-6)
 

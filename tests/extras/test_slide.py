@@ -184,7 +184,7 @@ def film(stage: Stage, slid_m: Array, beside_m: float, behind_m: float) -> list[
     rig = replace(rig, beside_m=-(beside_m + slid_m[1]), world_T_head=world_T_head)
     focal = rig.reference_focal_px
     plate = plate_for(rig, focal)
-    maps = lens_maps(rig, plate, focal, 1.0)
+    maps = [lens_maps(rig, plate, focal, 1.0)]
     rng = np.random.default_rng(1)
     images = []
     for pan in np.deg2rad(np.linspace(-12.0, 12.0, 7)):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pzcap.types import Array
-from sim.cameras.operator import OperatorConfig, Trajectory, follow, sweep, sweep_length, through
+from sim.cameras.operator import OperatorConfig, Trajectory, faltering, follow, sweep, sweep_length, through
 from sim.cameras.optics import OpticsConfig, Rig, build_rig
 
 CONFIG = OperatorConfig()
@@ -136,3 +136,22 @@ def test_hands_pass_through_what_they_are_given() -> None:
     times_s, pan_rad = np.arange(5) / 5, np.array([0.0, 0.1, 0.25, 0.3, 0.31])
     trajectory = through(times_s, pan_rad, np.geomspace(600, 2600, 5))
     assert trajectory.at(0.4) == pytest.approx((0.25, np.sqrt(600 * 2600), 0.0, 0.0))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_hand_that_falters_sweeps_as_wide(seed: int) -> None:
+    config = replace(CONFIG, sweep_speed_variation=0.0, sweep_uneven=0.5, sweep_stop_frames=5, sweep_back_frames=4)
+    even_rad = sweep(360.0, config, np.random.default_rng(seed))
+    pan_rad = faltering(even_rad, config, np.random.default_rng([seed, 1]))
+    assert len(pan_rad) == len(even_rad) + 5 + 2 * 4
+    np.testing.assert_allclose(pan_rad[[0, -1]], even_rad[[0, -1]], atol=1e-9)
+    steps = np.diff(pan_rad) / np.deg2rad(config.sweep_step_deg)
+    assert np.sum(np.abs(steps) < 1e-9) == 4  # five frames of the same place
+    assert np.sum(steps < 0) == 4
+    assert 0.45 < np.abs(steps[steps > 1e-9] - 1).max() < 1.3
+    assert len(np.unique(pan_rad)) == len(pan_rad) - 4 - 3  # of the way back and forth again, all but its end
+
+
+def test_nothing_falters_by_default() -> None:
+    even_rad = sweep(120.0, CONFIG, np.random.default_rng(3))
+    np.testing.assert_allclose(faltering(even_rad, CONFIG, np.random.default_rng(4)), even_rad, atol=1e-12)

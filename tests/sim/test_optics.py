@@ -93,7 +93,7 @@ def test_effects_of_size_zero_are_exactly_absent() -> None:
     plate = plate_for(rig, 700.0)
     assert plate.size(1.0) == (640, 480)
     picture = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
-    seen = through_lens(picture[::-1], lens_maps(rig, plate, 700.0, 1.0), rig)
+    seen = through_lens(picture[::-1], [lens_maps(rig, plate, 700.0, 1.0)], rig)
     np.testing.assert_array_equal(seen, picture)
     np.testing.assert_allclose(rig.world_T_cam(0.7, 700.0)[:3, 3], rig.world_T_cam(0.0, 1900.0)[:3, 3], atol=1e-12)
     np.testing.assert_allclose(rig.world_T_head[:3, 2], [0, 0, 1], atol=1e-12)
@@ -148,7 +148,7 @@ def test_mujoco_sees_points_where_the_formulas_put_them() -> None:
         plate = plate_for(rig, focal_px)
         stage.aim(rig.world_T_cam(pan_rad, focal_px), plate.vertical_view_deg(focal_px))
         image = through_lens(
-            stage.picture(plate.size(2.0), athlete=True), lens_maps(rig, plate, focal_px, 2.0), rig
+            stage.picture(plate.size(2.0), athlete=True), [lens_maps(rig, plate, focal_px, 2.0)], rig
         )  # fmt: skip
         _, _, _, centroids = cv2.connectedComponentsWithStats((image[..., 0] > 0).astype(np.uint8))
         weights = image[..., 0].astype(float)
@@ -166,3 +166,65 @@ def test_mujoco_sees_points_where_the_formulas_put_them() -> None:
     assert len(errors) > 15
     assert np.abs(np.mean(errors, axis=0)).max() < 0.03
     assert np.abs(errors).max() < 0.15
+
+
+BEYOND = OpticsConfig(k2=0.05, p1=0.001)
+
+
+def seen_by_opencv(rig: Rig, world_T_cam: Array, focal_px: float, points_m: Array) -> Array:
+    """(N, 2) pixels, by OpenCV's own program."""
+    cam_T_world = np.linalg.inv(world_T_cam)
+    turn, _ = cv2.Rodrigues(cam_T_world[:3, :3])
+    inside = np.array([[focal_px, 0, rig.principal_px[0]], [0, focal_px, rig.principal_px[1]], [0, 0, 1]])
+    lens = np.array([rig.k1(focal_px), rig.config.k2, rig.config.p1, 0.0])
+    return np.asarray(cv2.projectPoints(points_m, turn, cam_T_world[:3, 3], inside, lens)[0][:, 0])
+
+
+@pytest.mark.parametrize("zoom", ZOOMS)
+def test_the_lens_beyond_k1_is_that_of_opencv(zoom: float) -> None:
+    rig = make_rig(BEYOND)
+    focal_px = 880 * zoom
+    world_T_cam = rig.world_T_cam(0.1, focal_px)
+    rng = np.random.default_rng(0)
+    points_m = np.column_stack([rng.uniform(-0.36, 0.36, (50, 2)) * 880 / focal_px, np.ones(50)]) * 9.0
+    points_m = world_T_cam[:3, 3] + points_m @ world_T_cam[:3, :3].T
+    seen, depth = rig.project(world_T_cam, focal_px, points_m)
+    np.testing.assert_allclose(depth, 9.0)
+    np.testing.assert_allclose(seen, seen_by_opencv(rig, world_T_cam, focal_px, points_m), atol=1e-9)
+    assert np.abs(seen - project(rig, 0.1, focal_px, points_m)).max() > 0.05
+
+
+@pytest.mark.parametrize("zoom", ZOOMS)
+@pytest.mark.parametrize("stretch", [1.0, 1.0012])
+def test_the_maps_invert_the_lens_beyond_k1(zoom: float, stretch: float) -> None:
+    rig = make_rig(replace(BEYOND, lateral_colour_px=0.5))
+    focal_px = 880 * zoom
+    plate = plate_for(rig, focal_px)
+    columns, rows = lens_maps(rig, plate, focal_px, 1.0, stretch)
+    width, height = plate.size(1.0)
+    assert min(columns.min(), rows.min()) >= -0.5
+    assert columns.max() <= width - 0.5
+    assert rows.max() <= height - 0.5
+    v, u = (axis.ravel()[::97] for axis in np.mgrid[:480, :640])
+    x, y = columns[v, u] - (width - 1) / 2, (height - 1) / 2 - rows[v, u]
+    ahead = np.column_stack([x, y, np.full(len(x), focal_px)])
+    green, _ = rig.project(np.eye(4), focal_px, ahead)
+    seen = rig.principal_px + stretch * (green - rig.principal_px)
+    np.testing.assert_allclose(seen, np.column_stack([u, v]), atol=0.006)
+
+
+def test_lateral_colour_parts_red_from_blue_in_the_corners() -> None:
+    rig = make_rig(replace(CLEAN, lateral_colour_px=0.5))
+    assert [round(float(1e6 * (stretch - 1))) for stretch in rig.stretches] == [1250, 0, -1250]
+    plate = plate_for(rig, 880.0)
+    maps = [lens_maps(rig, plate, 880.0, 1.0, stretch) for stretch in rig.stretches]
+    width, height = plate.size(1.0)
+    v, u = np.mgrid[:height, :width]
+    wave = (127 + 100 * np.sin(np.hypot(u - (width - 1) / 2, v - (height - 1) / 2) / 6)).astype(np.uint8)
+    seen = through_lens(np.dstack([wave] * 3), maps, rig).astype(float)
+    red, green, blue = (seen[30:60, 30:60, k] for k in range(3))
+    outward = np.gradient(green)
+    slope = np.sqrt(0.5) * -(outward[0] + outward[1]) + 1e-9  # to the upper left, roughly
+    assert np.mean((green - red) * slope) / np.mean(slope**2) == pytest.approx(0.43, abs=0.12)
+    assert np.mean((green - blue) * slope) / np.mean(slope**2) == pytest.approx(-0.43, abs=0.12)
+    np.testing.assert_array_equal(through_lens(wave, maps, rig), seen[..., 1])  # a mask is green

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 import pytest
 
-from pzcap.types import Array, Image, Pose
+from pzcap.types import Array, Image, Indices, Pose, PzcapError
 from sim.cameras.film import FilmCamera
 from sim.cameras.operator import PanTiltZoom
 from sim.cameras.optics import Moment, Rig, fine_size, plate_under, rolled_maps
 from sim.cameras.render import Stage
-from sim.cameras.sensor import SensorConfig, row_delay_s
+from sim.cameras.sensor import SensorConfig, field_delay_s, row_delay_s
 from tests.sim.test_optics import make_rig
 
 READOUTS = (0.016, -0.025)
@@ -56,11 +56,11 @@ def test_the_maps_are_of_the_camera_of_the_rows_time(
     part = range(*(int(share * height) for share in rows))
     plate_s = FRAME_S + 0.001
 
-    def at(v: Array) -> list[Moment]:
+    def cameras_of(v: Array) -> list[Moment]:
         return [moment(rig, FRAME_S + delay) for delay in row_delay_s(v, rig.height, readout_s).tolist()]
 
     camera = moment(rig, plate_s)
-    right, up = rolled_maps(rig, camera, at, part, turned_rad, scale)
+    right, up = rolled_maps(rig, camera, cameras_of, part, turned_rad, scale)
     assert right.shape == up.shape == (len(part), width)
     plate_width, plate_height = plate_under([(right, up)], turned_rad, scale).size(scale)
     assert np.abs(right).max() <= plate_width / 2 - 0.5
@@ -125,8 +125,74 @@ def test_an_open_shutter_is_the_mean_of_moments_of_the_same_rolling_frame() -> N
 @pytest.mark.parametrize("readout_s", [0.016, -0.016])
 def test_a_body_moves_by_the_row_to_within_a_step(readout_s: float) -> None:
     """Of a pole that flies sideways past a locked camera, each row shows the place of its own time."""
+    rows, seen, crossed = flying_pole(SensorConfig(readout_s=readout_s, shutter_s=0.0))
+    delays_s = row_delay_s(rows.astype(float), crossed.height, readout_s)
+    expected = crossed.expected_px(rows, delays_s)
+    assert np.abs(seen - expected).max() < crossed.px_per_s * 3.3e-3 / 2 + 0.5
+    slope = np.polyfit(delays_s, seen - expected, 1)[0]
+    assert abs(slope) < 0.1 * crossed.px_per_s
+
+
+def test_rows_of_woven_video_are_of_two_times() -> None:
+    config = SensorConfig(field_s=1 / 60, shutter_s=0.0)
+    rows, seen, crossed = flying_pole(config)
+    expected = crossed.expected_px(rows, field_delay_s(rows.astype(float), config))
+    comb = crossed.px_per_s / 60
+    assert comb > 3.0
+    assert np.abs(seen - expected).max() < 0.8
+    teeth = np.diff(seen) * np.where(rows[:-1] % 2, -1.0, 1.0)
+    assert teeth.mean() == pytest.approx(-comb, abs=0.4)  # to the left
+
+
+def test_half_of_the_rows_is_of_the_frames_time_and_between_them_is_interpolated() -> None:
+    config = SensorConfig(field_s=1 / 60, bob=True, shutter_s=0.0)
+    rows, seen, crossed = flying_pole(config)
+    assert not field_delay_s(rows.astype(float), config).any()
+    assert np.abs(seen - crossed.expected_px(rows, np.zeros(len(rows)))).max() < 0.8
+    picture = crossed.picture.astype(float)
+    between = picture[1:-2:2] - (picture[:-3:2] + picture[2:-1:2]) / 2
+    assert np.abs(between).max() <= 0.5
+
+
+def test_a_field_without_another_is_refused() -> None:
+    with pytest.raises(PzcapError, match="field_s"):
+        SensorConfig(bob=True)
+
+
+@dataclass(frozen=True)
+class Pole:
+    """What a locked camera sees of a pole that flies sideways."""
+
+    rig: Rig
+    picture: Image
+
+    @property
+    def height(self) -> int:
+        return self.rig.height
+
+    @property
+    def px_per_s(self) -> float:
+        return 5.0 / 9.0 * self.rig.reference_focal_px
+
+    def expected_px(self, rows: Indices, delays_s: Array) -> Array:
+        """Columns (N,) of the pole's axis in ``rows`` (N,) that are exposed so long after the frame (N,)."""
+        focal_px = self.rig.reference_focal_px
+        expected = []
+        for v, delay_s in zip(rows.tolist(), delays_s.tolist(), strict=True):
+            along = pole_m(self.rig, FRAME_S + delay_s) + np.linspace(1.5, -1.5, 200)[:, None] * [0.0, 0.0, 1.0]
+            pixels, _ = self.rig.project(self.rig.world_T_cam(0.0, focal_px), focal_px, along)
+            expected.append(np.interp(v, pixels[:, 1], pixels[:, 0]))
+        return np.array(expected)
+
+
+def pole_m(rig: Rig, time_s: float) -> Array:
+    forward, left = rig.world_T_head[:3, 0], rig.world_T_head[:3, 1]
+    return np.asarray(rig.world_T_head[:3, 3] + 9.0 * forward + 5.0 * (time_s - FRAME_S) * left)
+
+
+def flying_pole(config: SensorConfig) -> tuple[Indices, Array, Pole]:
+    """Rows (N,) that show the pole, the columns (N,) of its middle there, and the picture."""
     rig = make_rig(width=320)
-    focal_px = rig.reference_focal_px
     spec = mujoco.MjSpec()
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [1, 1, 1], [0, 0, 0]
     spec.stat.extent = 10.0
@@ -134,27 +200,14 @@ def test_a_body_moves_by_the_row_to_within_a_step(readout_s: float) -> None:
     body.add_freejoint()
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 1.5], rgba=[1, 1, 1, 1], group=1)
     stage = Stage(spec, 800, 600, athlete_group=1, object_group=3)
-    forward, left = rig.world_T_head[:3, 0], rig.world_T_head[:3, 1]
-
-    def place(time_s: float) -> Array:
-        return np.asarray(rig.world_T_head[:3, 3] + 9.0 * forward + 5.0 * (time_s - FRAME_S) * left)
-
-    camera = FilmCamera(stage, rig, SensorConfig(readout_s=readout_s, shutter_s=0.0))
-    camera._pose = lambda _, t: stage.data.qpos.__setitem__(slice(0, 3), place(t))  # type: ignore[method-assign]
-    white = camera.exposure(lambda _: PanTiltZoom(0.0, focal_px), FRAME_S, nobody)[..., 0] > 127
+    camera = FilmCamera(stage, rig, config)
+    camera._pose = lambda _, t: stage.data.qpos.__setitem__(slice(0, 3), pole_m(rig, t))  # type: ignore[method-assign]
+    picture = camera.exposure(lambda _: PanTiltZoom(0.0, rig.reference_focal_px), FRAME_S, nobody)
     stage.close()
-    rows = np.flatnonzero(white.any(axis=1))[5:-5]
-    seen = np.array([np.flatnonzero(white[v]).mean() for v in rows.tolist()])
-    delays_s = row_delay_s(rows.astype(float), rig.height, readout_s)
-    expected = []
-    for v, delay_s in zip(rows.tolist(), delays_s.tolist(), strict=True):
-        along = place(FRAME_S + delay_s) + np.linspace(1.5, -1.5, 200)[:, None] * [0.0, 0.0, 1.0]
-        pixels, _ = rig.project(rig.world_T_cam(0.0, focal_px), focal_px, along)
-        expected.append(np.interp(v, pixels[:, 1], pixels[:, 0]))
-    step_px = 5.0 * 3.3e-3 / 2 / 9.0 * focal_px
-    assert np.abs(seen - expected).max() < step_px + 0.5
-    slope = np.polyfit(delays_s, seen - np.polyval(np.polyfit(delays_s, expected, 1), delays_s), 1)[0]
-    assert abs(slope) < 0.1 * 5.0 / 9.0 * focal_px
+    light = picture[..., 0].astype(float)
+    rows = np.flatnonzero(light.max(axis=1) > 200)[5:-5]
+    columns = np.arange(light.shape[1])
+    return rows, light[rows] @ columns / light[rows].sum(axis=1), Pole(rig, picture)
 
 
 def nobody(_: float) -> Pose:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.cameras.sensor import Exposure, Sensor, SensorConfig, draw_dropped, rolls
+from sim.cameras.sensor import Automatics, Exposure, Sensor, SensorConfig, draw_dropped, rolls
 
 QUIET = SensorConfig(read_noise=0.0, shot_noise=0.0, exposure_drift=0.0)
 FLAT = np.ones((120, 160, 1), np.float32)
@@ -64,3 +64,27 @@ def test_dropped_frames_are_never_the_first_or_the_last() -> None:
     dropped = draw_dropped(1000, 0.1, np.random.default_rng(0))
     assert dropped.mean() == pytest.approx(0.1, abs=0.03)
     assert draw_dropped(9, 1.0, np.random.default_rng(0)).tolist() == [False] + [True] * 7 + [False]
+
+
+def test_an_automatic_exposure_steps_within_five_frames() -> None:
+    config = SensorConfig(auto_exposure=0.2)
+    automatics = Automatics(config, 1 / 30, np.random.default_rng(0))
+    gains = np.array([automatics(t) for t in np.arange(0, 20, 1 / 30).tolist()])
+    assert gains.shape == (600, 3)
+    np.testing.assert_array_equal(gains[:, 0], gains[:, 2])
+    assert np.abs(gains - 1).max() <= 0.1 + 1e-9
+    step = np.abs(np.diff(gains[:, 1]))
+    assert step.max() <= 0.2 / 5 + 1e-9
+    assert step.max() > 0.1 / 5
+    moving = step > 1e-9
+    starts = np.flatnonzero(moving & ~np.roll(moving, 1))
+    assert 10 < len(starts) < 40
+    assert all(5 <= moving[start : start + 8].sum() <= 6 for start in starts[1:-1].tolist())
+
+
+def test_a_white_balance_drifts_by_the_colour() -> None:
+    automatics = Automatics(SensorConfig(white_drift=0.05), 1 / 30, np.random.default_rng(0))
+    gains = np.array([automatics(t) for t in np.arange(0, 60, 0.1).tolist()])
+    assert np.abs(gains - 1).max() <= 0.05
+    assert np.ptp(gains[:, 0] / gains[:, 2]) > 0.02
+    assert np.abs(np.diff(gains, axis=0)).max() < 0.01
