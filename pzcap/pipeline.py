@@ -15,6 +15,8 @@ from fractions import Fraction
 from functools import partial
 from typing import Any, Final, TypeAlias
 
+import numpy as np
+
 from pzcap.body import skeleton
 from pzcap.calibration.calibrate import CalibratedCamera, no_report
 from pzcap.calibration.settings import PanZoomConfig
@@ -34,7 +36,7 @@ from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.io.detections import NOBODY
 from pzcap.localisation.localise import Localiser, predicted
 from pzcap.localisation.panorama_sampler import place_of
-from pzcap.localisation.readout import History, Readout
+from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import is_sheared, rectified_keypoints, upright
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
@@ -228,7 +230,11 @@ class ViewLocaliser:
         ]
         give_back()
         self._pool = pool
-        self.histories = [History(Readout(0.0, config.beliefs.readout)) for _ in cameras]
+        sway = np.full(2, np.deg2rad(config.beliefs.sway_deg) ** 2)
+        self.histories = [
+            History(Readout(0.0, config.beliefs.readout), Sway(0.0 if one is None else one.camera.tilt_rad, sway))
+            for one in cameras
+        ]
 
     def __call__(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
         """Localise ``frames``, and put their rows right; ``tracker``, where there is one, says where it expects the

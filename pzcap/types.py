@@ -293,6 +293,7 @@ class Localisation:
     frame_points_px: Array  # (N, 2) inlier matches in the frame
     panorama_points_px: Array  # (N, 2) and in the panorama
     roll_rad: float = 0.0  # beyond the camera's own
+    sway_sigma: Array = field(default_factory=lambda: np.ones(2))  # (2,) of tilt and roll
     # change of pan and log focal from the top edge to the bottom edge, with a rolling shutter
     shear: Array = field(default_factory=lambda: np.zeros(2))  # (2,)
     shear_sigma: Array = field(default_factory=lambda: np.ones(2))  # (2,)

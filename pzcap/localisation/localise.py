@@ -21,7 +21,7 @@ from pzcap.localisation.panorama_sampler import ViewPlace, place_of
 from pzcap.localisation.photometric_alignment import Aligner, Alignment, Belief
 from pzcap.localisation.readout import History, rate_between
 from pzcap.localisation.tuning import ALIGNMENT, READOUT
-from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
+from pzcap.types import Image, Localisation, Mask, Panorama, PanZoomCamera
 
 
 class Localiser:
@@ -67,7 +67,7 @@ class Localiser:
         """The frame, aligned from where it is expected; None where it is not reliably there."""
 
         def align(off_px: float, body: Mask | None = None) -> Alignment:
-            return self._align(image, place_of(prior), off_px, body, prior.shear_sigma)
+            return self._align(image, place_of(prior), off_px, body, prior)
 
         if self._is_reliable(near := align(1.5)):  # most often it is where it was expected
             return self._localisation(near)
@@ -80,15 +80,18 @@ class Localiser:
         return self._localisation(far) if self._coincide(near, far) else None
 
     def _align(
-        self, image: Image, start: ViewPlace, off_px: float, body: Mask | None = None, shear_sigma: Array | None = None
-    ) -> Alignment:
-        """Align from a ``start`` whose shear is known to ``shear_sigma`` (2,), by default to what a frame's may be."""
+        self, image: Image, start: ViewPlace, off_px: float, body: Mask | None = None,
+        expected: Localisation | None = None,
+    ) -> Alignment:  # fmt: skip
+        """Align from a ``start`` whose sway and shear are known as well as ``expected``, else as a frame's are."""
         beliefs, camera = self._config.beliefs, self._camera
-        sway_rad = float(np.deg2rad(beliefs.sway_deg))
-        shear = beliefs.readout * np.array(READOUT.fastest) if shear_sigma is None else shear_sigma
+        sway, shear = np.full(2, np.deg2rad(beliefs.sway_deg)), beliefs.readout * np.array(READOUT.fastest)
+        if expected is not None:
+            sway, shear = expected.sway_sigma, expected.shear_sigma
         locked = not self._config.free_tilt
         mean = start._replace(tilt_rad=camera.tilt_rad if locked else start.tilt_rad, roll_rad=0.0)
-        belief = Belief(mean, sway_rad if locked else ALIGNMENT.free_tilt_rad, sway_rad, *shear.tolist())
+        tilt_sigma = float(sway[0]) if locked else ALIGNMENT.free_tilt_rad
+        belief = Belief(mean, tilt_sigma, float(sway[1]), *shear.tolist())
         return self._aligner.align(image, start, off_px, body, belief)
 
     def _coincide(self, near: Alignment, far: Alignment) -> bool:
@@ -117,13 +120,11 @@ class Localiser:
     def _localisation(self, aligned: Alignment) -> Localisation:
         (low, high), lens, at = self._config.zoom_range, self._camera.lens, aligned.at
         shared = systematic(self._config, self._camera, np.array(at.pan_rad), np.array(at.focal_px))
-        shear_sigma = np.ones(2)
-        if len(aligned.covariance) == 6:
-            shear_sigma = np.sqrt(np.diag(aligned.covariance)[4:])
+        sigma = np.sqrt(ALIGNMENT.doubt * np.diag(aligned.covariance))
         return Localisation(
             float(wrapped(at.pan_rad)), at.tilt_rad, at.focal_px, aligned.covariance[:2, :2] + shared,
             low < at.focal_px / lens.reference_focal_px < high, aligned.frame_points_px, aligned.panorama_points_px,
-            at.roll_rad, np.array([at.pan_shear_rad, at.zoom_shear]), shear_sigma, aligned.bands,
+            at.roll_rad, sigma[2:4], np.array([at.pan_shear_rad, at.zoom_shear]), sigma[4:], aligned.bands,
         )  # fmt: skip
 
 
@@ -155,11 +156,14 @@ def predicted(history: History) -> Localisation | None:
     before, last, readout = history.before, history.last, history.readout
     if last is None:
         return None
+    sway = np.sqrt(history.sway.variance)
     if before is None:
-        return replace(last, shear=np.zeros(2), shear_sigma=readout.sigma * np.array(READOUT.fastest))
+        fastest = readout.sigma * np.array(READOUT.fastest)
+        return replace(last, sway_sigma=sway, shear=np.zeros(2), shear_sigma=fastest)
     rate = rate_between(before, last)
     shear, shear_sigma = readout.shear(rate)
     return replace(
         last, pan_rad=float(wrapped(last.pan_rad + rate[0])), tilt_rad=2 * last.tilt_rad - before.tilt_rad,
-        focal_px=last.focal_px * float(np.exp(rate[1])), shear=shear, shear_sigma=shear_sigma,
+        focal_px=last.focal_px * float(np.exp(rate[1])), sway_sigma=sway,
+        shear=shear, shear_sigma=shear_sigma,
     )  # fmt: skip

@@ -138,7 +138,7 @@ class _Cost:
             self.sampled, shading, brightness, self.residual, self._scale, free
         )
         normal += 1e-9 * np.diag(np.diag(normal))  # can be solved, whatever is left open
-        information = noise**2 * self.belief.information()
+        information = ALIGNMENT.doubt * noise**2 * self.belief.information()
         normal[range(free), range(free)] += information
         gradient[:free] += information * self.belief.departure(state.at)
         return NormalEquations(normal, gradient, noise, float(self.weight @ self.residual**2))

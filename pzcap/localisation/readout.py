@@ -36,16 +36,33 @@ class Readout(NamedTuple):
         posterior, prior = found.shear_sigma**-2.0, expected.shear_sigma**-2.0
         gained = np.maximum(posterior - prior, 1e-12 * posterior)
         seen = (posterior * found.shear - prior * expected.shear) / gained
-        variance = READOUT.doubt / gained + self.share**2 * np.array(READOUT.central_sigma) ** 2
+        variance = 1.0 / gained + self.share**2 * np.array(READOUT.central_sigma) ** 2
+        variance += np.array(READOUT.systematic) ** 2
         information = self.sigma**-2.0 + float(np.sum(rate**2 / variance))
         share = (self.share * self.sigma**-2.0 + float(np.sum(rate * seen / variance))) / information
         return Readout(share, information**-0.5)
+
+
+class Sway(NamedTuple):
+    """How far a head tilts and rolls about where it was locked, lately: most do not at all, and what a frame seems to
+    show of it then is noise."""
+
+    tilt_rad: float  # at which it was locked
+    variance: Array  # (2,) of tilt and roll
+
+    def updated(self, found: Localisation) -> Sway:
+        """The estimate after one more frame, by an expectation-maximisation step of the variance."""
+        off = np.array([found.tilt_rad - self.tilt_rad, found.roll_rad])
+        share = READOUT.sway_share
+        variance = (1.0 - share) * self.variance + share * (off**2 + found.sway_sigma**2)
+        return Sway(self.tilt_rad, np.maximum(variance, READOUT.least_sway_rad**2))
 
 
 class History(NamedTuple):
     """A camera's frames so far, as far as the next needs them."""
 
     readout: Readout
+    sway: Sway
     before: Localisation | None = None  # the last frame but one; None: it was not found
     last: Localisation | None = None
     expected: Localisation | None = None  # what had been expected of the last frame
@@ -53,12 +70,12 @@ class History(NamedTuple):
     def followed_by(self, found: Localisation, expected: Localisation | None) -> History:
         """With one more frame, of which something was ``expected``."""
         if not found.valid:
-            return History(self.readout)
+            return History(self.readout, self.sway)
         readout = self.readout
         if self.before is not None and self.last is not None and self.expected is not None:
             rate = rate_between(self.before, found) / 2.0
             readout = readout.updated(self.last, self.expected, rate)
-        return History(readout, self.last, found, expected)
+        return History(readout, self.sway.updated(found), self.last, found, expected)
 
 
 def rate_between(before: Localisation, after: Localisation) -> Array:

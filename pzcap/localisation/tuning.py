@@ -33,6 +33,8 @@ class AlignmentTuning(NamedTuple):
     """One of so many pixels is compared until then."""
     scale_sigmas: float = 4.0
     """Scale of the Geman-McClure weight, standard deviations of the residuals; smaller ones are less exact."""
+    doubt: float = 4.0
+    """So many pixels tell as much against a belief as one independent one would: those of one edge err alike."""
     least_noise: float = 1.0
     """Grey levels. Residuals have no smaller standard deviation."""
     least_curvature: float = 0.6
@@ -73,8 +75,12 @@ class ReadoutTuning(NamedTuple):
     """Change of the rates of pan (radians) and of log focal from one frame to the next, a frame period: a hand's."""
     central_sigma: tuple[float, float] = (6e-5, 2e-4)
     """Errors of the same rates from the frames before and after."""
-    doubt: float = 4.0
-    """So many times the variance that a frame's shear claims: pixels of one edge do not err by themselves."""
+    systematic: tuple[float, float] = (3e-5, 3e-5)
+    """Standard deviation of what the panorama's own errors do to the shear of a frame."""
+    sway_share: float = 0.15
+    """Share of a frame in what is believed of the sway of the next."""
+    least_sway_rad: float = 2e-5
+    """Standard deviation of the sway, at least: a thousandth of a degree. It grows as soon as a head moves."""
     negligible_px: float = 0.02
     """Pixels of the frame by which rows may be displaced without being put right."""
     fastest: tuple[float, float] = (0.04, 0.05)
