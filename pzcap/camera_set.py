@@ -14,11 +14,14 @@ import numpy as np
 from pzcap.calibration import reference_camera
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
 from pzcap.calibration.settings import PanZoomConfig
+from pzcap.calibration.stitching import SweptFrames
 from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.localise import count_from_reference
+from pzcap.localisation.sweep_readout import put_right, remaining_readout
+from pzcap.localisation.tuning import READOUT
 from pzcap.runtime import give_back
 from pzcap.tracking.tracker import Tracked
 from pzcap.types import (
@@ -73,10 +76,26 @@ def taken_over(
 
 def calibrate_camera(footage: Footage, config: PanZoomConfig, report: Report = no_report) -> CalibratedCamera:
     """Calibrate one camera, and count its pans from the reference image. Raises PzcapError as `calibrate` does."""
-    found, _ = calibrate(footage, config, report)
+    found, _ = calibrate_rolling(footage, config, report)
     focal_px = found.reference.camera.focal_px
     panorama = count_from_reference(found.panorama, found.camera, footage.reference_image, focal_px)
     return replace(found, panorama=panorama)
+
+
+def calibrate_rolling(
+    footage: Footage, config: PanZoomConfig, report: Report = no_report
+) -> tuple[CalibratedCamera, SweptFrames]:
+    """Calibrate one camera as `calibrate` does; if its shutter rolls, again by frames of the sweep that are put right
+    (`pzcap.localisation.sweep_readout`)."""
+    found, swept, zoomed = calibrate(footage, config, report)
+    readout = 0.0
+    for _ in range(READOUT.sweep_rounds):
+        more = remaining_readout(footage, found, swept)
+        if more == 0.0:
+            break
+        readout += more
+        found, swept, zoomed = calibrate(put_right(footage, readout, found, swept, zoomed), config, report)
+    return found, swept
 
 
 def calibrate_cameras(

@@ -55,8 +55,8 @@ def no_report(stage: str, done: int, total: int) -> None:
 
 def calibrate(
     footage: Footage, config: PanZoomConfig, report: Report = no_report
-) -> tuple[CalibratedCamera, stitching.SweptFrames]:
-    """Calibrate one camera at its reference pose, and stitch its panorama. Raises PzcapError when the calibration
+) -> tuple[CalibratedCamera, stitching.SweptFrames, stitching.ZoomedFrames]:
+    """Calibrate one camera at its reference pose, and stitch its panorama; the frames that it is made of. Raises PzcapError when the calibration
     object is not found or the sweep does not hold together."""
     reference_image, calibration_object, sweep, zoom, full_turn = footage
     first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
@@ -81,14 +81,15 @@ def calibrate(
     camera = replace(camera, focal_sigma=float(np.sqrt(fitted.covariance[scale, scale] + doubt**2)))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     view = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
-    swept = stitching.SweptFrames(chained.images, brightness, view)
+    swept = stitching.SweptFrames(chained.images, chained.kept, brightness, view)
     pasted = stitching.stitch(
-        sweep, chained.kept, swept, sweep_pan_rad, full_turn, surroundings,
+        sweep, swept, sweep_pan_rad, full_turn, surroundings,
         lambda done: report("paste sweep", done, 2 * count),
     )  # fmt: skip
     inliers = _sweep_inliers(adjusted, matched.links, count)
     panorama = replace(pasted, sweep_inliers=inliers, closure_rad=chained.closure_rad, residual_px=adjusted.residual_px)
-    return CalibratedCamera(refined, panorama, camera), swept
+    zoomed = stitching.ZoomedFrames(np.array(matched.zoom_numbers, np.int64), model.log_focal[2:])
+    return CalibratedCamera(refined, panorama, camera), swept, zoomed
 
 
 def _fit_grey_values(

@@ -32,6 +32,7 @@ class Matched:
 
     chained: Chain
     other_images: list[Image]  # grey: the reference image, then the frames of the zoom run
+    zoom_numbers: list[int]  # where the latter stand in the run
     sweep_links: list[Link]  # between frames of the sweep
     links: list[Link]  # these and all others
     start: CalibrationParameters  # first values
@@ -60,7 +61,8 @@ def match(
     links = [*sweep_links, *links]
     pans, focals = [*coarse.pan_rad, pan], [coarse.log_focal[0]] * 2
     pan_of, focal_of = [*range(count), count], [0] * count + [1]
-    zoomed = _zoom_frames(zoom, config)
+    chosen = _zoom_frames(zoom, config)
+    zoomed = [image for _, image in chosen]
     if zoomed:
         for done, image in enumerate(zoomed):
             report("match zoom run", done, len(zoomed) + 1)
@@ -79,7 +81,7 @@ def match(
     )  # fmt: skip
     others = [grey(image) for image in [reference_image, *zoomed]]
     sigmas = sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
-    return Matched(chained, others, sweep_links, links, start, sigmas)
+    return Matched(chained, others, [number for number, _ in chosen], sweep_links, links, start, sigmas)
 
 
 def _start(view: View, pan_rad: Array) -> CalibrationParameters:
@@ -190,13 +192,13 @@ def _link_to_sweep(
     return [link for link in links if link is not None]
 
 
-def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[Image]:
-    """Some frames of the zoom run, evenly spaced."""
+def _zoom_frames(zoom: Frames | None, config: PanZoomConfig) -> list[tuple[int, Image]]:
+    """Some frames of the zoom run, evenly spaced, with their numbers."""
     if zoom is None:
         return []
     count = sum(1 for _ in zoom)
     chosen = set(np.round(np.linspace(0, count - 1, min(count, config.sweep.zoom_frames))).astype(int).tolist())
-    return [image for number, (_, image) in enumerate(zoom) if number in chosen]
+    return [frame for number, frame in enumerate(zoom) if number in chosen]
 
 
 def height_of(camera: Camera) -> float:

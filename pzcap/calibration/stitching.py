@@ -35,10 +35,18 @@ class Brightness:
     vignetting: Array  # (2,) of r^2 and r^4 in the log of the brightness, r = 1 in the image's corner
 
 
+class ZoomedFrames(NamedTuple):
+    """Frames of the zoom run that the calibration used."""
+
+    numbers: NDArray[np.int64]  # (Z,) where they stand in the run
+    log_focal: Array  # (Z,)
+
+
 class SweptFrames(NamedTuple):
     """The sweep's grey frames as the panorama is stitched from them."""
 
-    images: Sequence[Image]  # (H, W) each
+    images: Sequence[Image]  # (H, W) each, M of them
+    kept: NDArray[np.int64]  # (M,) where they stand in the sweep
     brightness: Brightness
     view: View  # of the sweep, at pan 0
 
@@ -77,10 +85,10 @@ def _radial(points_px: Array, view: View, width: int, height: int) -> Array:
 
 
 def stitch(
-    frames: Frames, kept: NDArray[np.int64], swept: SweptFrames, pan_rad: Array, full_turn: bool,
+    frames: Frames, swept: SweptFrames, pan_rad: Array, full_turn: bool,
     surroundings: InverseDepthMap, report: Callable[[int], None],
 ) -> Panorama:  # fmt: skip
-    """Paste the frames ``kept`` (M,) of a sweep, taken at ``pan_rad`` (M,), on the cylinder about the pan axis.
+    """Paste those ``frames`` of a sweep that ``swept`` has kept, taken at ``pan_rad`` (M,), on the cylinder about the pan axis.
 
     Twice: what differs from the first result, made of the M grey frames of ``swept``, is somebody who walked through
     the sweep, and counts little in the second. The panorama is as fine as the sweep in the middle of its frames, its
@@ -93,7 +101,7 @@ def stitch(
         report(number + 1)
     before = canvas.finish()[0][..., 0]
     canvas = _Canvas(swept, pan_rad, full_turn, 3, surroundings)
-    numbers = {int(index): number for number, index in enumerate(kept)}
+    numbers = {int(index): number for number, index in enumerate(swept.kept)}
     for number, image in ((numbers[index], image) for index, image in frames if index in numbers):
         canvas.paste(image, *places[number], before)
         report(len(swept.images) + number + 1)

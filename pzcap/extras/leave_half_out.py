@@ -140,7 +140,7 @@ def _beside(told: Sequence[_Told], half: NDArray[np.int64], found: Array, trust:
 
 def super_resolved(panorama: Panorama, camera: PanZoomCamera, swept: SweptFrames, report: Report) -> Panorama:
     """The panorama super-resolved from the sweep's grey frames, whose pans are found again for that."""
-    images, brightness, view = swept
+    images, brightness, view = swept.images, swept.brightness, swept.view
     height, width = images[0].shape
     flat = stitching.flatness(brightness, view, width, height)
     gains = np.exp(-brightness.log_gain).astype(np.float32)

@@ -13,8 +13,9 @@ from typing import Final
 
 from pzcap import pipeline
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
+from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, no_report
 from pzcap.calibration.settings import PanZoomConfig
+from pzcap.camera_set import calibrate_rolling
 from pzcap.events import Event, Finished
 from pzcap.extras import keyframe_diagnostics, rts_smoother
 from pzcap.extras.leave_half_out import super_resolved
@@ -28,7 +29,7 @@ from pzcap.types import Capture, PanZoomCamera, PanZoomTrack, Reconstruction
 
 def calibrate_finer(footage: Footage, config: PanZoomConfig, report: Report = no_report) -> CalibratedCamera:
     """Calibrate one camera as `pzcap.camera_set.calibrate_camera` does, its panorama super-resolved."""
-    found, swept = calibrate(footage, config, report)
+    found, swept = calibrate_rolling(footage, config, report)
     panorama = super_resolved(found.panorama, found.camera, swept, report)
     image, focal_px = footage.reference_image, found.reference.camera.focal_px
     counted = count_from_reference(panorama, found.camera, image, focal_px, SuperresolvedAligner)

@@ -81,6 +81,13 @@ class ReadoutTuning(NamedTuple):
     """Share of a frame in what is believed of the sway of the next."""
     least_sway_rad: float = 2e-5
     """Standard deviation of the sway, at least: a thousandth of a degree. It grows as soon as a head moves."""
+    panorama_rad: float = 0.01
+    """Standard deviation of tilt, roll and shear of a panorama before it is compared with the reference image."""
+    least_shear_rad: float = 1e-4
+    """Shear of a panorama from which on its frames are put right: 0.006 degrees, a few hundredths of a pixel in most
+    rows."""
+    sweep_rounds: int = 3
+    """Times that a sweep is put right, at most."""
     negligible_px: float = 0.02
     """Pixels of the frame by which rows may be displaced without being put right."""
     fastest: tuple[float, float] = (0.04, 0.05)

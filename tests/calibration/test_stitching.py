@@ -29,8 +29,8 @@ def silent(done: int) -> None:
 
 def stitched(taken: list[tuple[int, Image]], pans: Array, full_turn: bool, bright: stitching.Brightness) -> Panorama:
     greys = [grey(image) for _, image in taken]
-    swept = stitching.SweptFrames(greys, bright, VIEW)
-    return stitching.stitch(taken, np.arange(len(pans)), swept, pans, full_turn, FAR_AWAY, silent)
+    swept = stitching.SweptFrames(greys, np.arange(len(pans)), bright, VIEW)
+    return stitching.stitch(taken, swept, pans, full_turn, FAR_AWAY, silent)
 
 
 def test_a_partial_sweep_is_pasted_where_it_belongs() -> None:

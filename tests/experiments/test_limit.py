@@ -69,9 +69,10 @@ def background() -> Panorama:
         sweep = list(pool.map(lambda k: photograph(SWEPT[k], FOCAL, k), range(len(SWEPT))))
     even = stitching.Brightness(np.zeros(len(SWEPT)), np.zeros(2))
     return stitching.stitch(
-        list(enumerate(sweep)), np.arange(len(SWEPT)),
-        stitching.SweptFrames([grey(i) for i in sweep], even, View(0.0, 0.0, 0.0, FOCAL, MIDDLE, NONE)), SWEPT, False,
-        FAR_AWAY, lambda _: None,
+        list(enumerate(sweep)),
+        stitching.SweptFrames(
+            [grey(i) for i in sweep], np.arange(len(SWEPT)), even, View(0.0, 0.0, 0.0, FOCAL, MIDDLE, NONE)
+        ), SWEPT, False, FAR_AWAY, lambda _: None,
     )  # fmt: skip
 
 

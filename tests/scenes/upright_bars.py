@@ -38,9 +38,9 @@ def stitched(pans_rad: Array, full_turn: bool) -> Panorama:
     frames = [photograph(pan) for pan in pans_rad]
     even = stitching.Brightness(np.zeros(len(pans_rad)), np.zeros(2))
     return stitching.stitch(
-        [(k, np.dstack([image] * 3)) for k, image in enumerate(frames)], np.arange(len(pans_rad)),
-        stitching.SweptFrames(frames, even, View(0.0, 0.0, 0.0, FOCAL, MIDDLE, NONE)), pans_rad, full_turn, FAR_AWAY,
-        lambda _: None,
+        [(k, np.dstack([image] * 3)) for k, image in enumerate(frames)],
+        stitching.SweptFrames(frames, np.arange(len(pans_rad)), even, View(0.0, 0.0, 0.0, FOCAL, MIDDLE, NONE)),
+        pans_rad, full_turn, FAR_AWAY, lambda _: None,
     )  # fmt: skip
 
 

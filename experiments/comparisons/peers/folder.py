@@ -195,7 +195,7 @@ def _stitched(
     pan_rad = _adjusted(chained.pan_rad, links, view)
     brightness = stitching.fit_brightness(links, len(pan_rad), view, camera.lens.width, camera.lens.height)
     panorama = stitching.stitch(
-        numbered, chained.kept, stitching.SweptFrames(chained.images, brightness, view), pan_rad, full_turn, FAR_AWAY,
+        numbered, stitching.SweptFrames(chained.images, chained.kept, brightness, view), pan_rad, full_turn, FAR_AWAY,
         lambda done: report("paste sweep", done, 2 * len(pan_rad)),
     )  # fmt: skip
     return panorama, chained.kept

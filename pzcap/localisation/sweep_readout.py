@@ -1,0 +1,80 @@
+"""A sweep by a rolling shutter: its frames put right, so that the panorama is not sheared.
+
+A head that turns evenly shears all frames of the sweep alike, and so the panorama: rows stand beside each other by what
+the head turns meanwhile. Nothing within the sweep contradicts that. The reference image does: its camera stands still,
+and it shows no shear, but the opposite of the panorama's when it is aligned with that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.calibration.calibrate import CalibratedCamera, Footage
+from pzcap.calibration.stitching import SweptFrames, ZoomedFrames
+from pzcap.calibration.sweep import Frames
+from pzcap.localisation.panorama_sampler import ViewPlace
+from pzcap.localisation.photometric_alignment import Aligner, Belief
+from pzcap.localisation.rectification import rectified
+from pzcap.localisation.tuning import ALIGNMENT, READOUT
+from pzcap.types import Array, Image, Localisation, PanZoomCamera
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RectifiedFrames:
+    """The ``frames`` of a sweep or a zoom run as if all rows of each had been exposed at once."""
+
+    frames: Frames
+    camera: PanZoomCamera
+    numbers: NDArray[np.int64]  # (M,) of those frames whose shear is known
+    shear: Array  # (M, 2) of pan and log focal
+
+    def __iter__(self) -> Iterator[tuple[int, Image]]:
+        for number, image in self.frames:
+            shear = np.array([np.interp(number, self.numbers, one) for one in self.shear.T])
+            yield number, rectified(image, self.camera, _sheared(self.camera, shear))
+
+
+def put_right(
+    footage: Footage, readout: float, found: CalibratedCamera, swept: SweptFrames, zoomed: ZoomedFrames
+) -> Footage:
+    """The ``footage`` with all rows of its frames exposed at once. Sweep and zoom run have a ``readout`` of so many
+    frame periods; how fast the camera turned and zoomed is as it was ``found`` by the frames as they are."""
+    pan_rate = np.gradient(np.unwrap(found.panorama.sweep_pan_rad), swept.kept)
+    shear = readout * np.column_stack([pan_rate, np.zeros_like(pan_rate)])
+    sweep, zoom = RectifiedFrames(footage.sweep, found.camera, swept.kept, shear), footage.zoom
+    if zoom is not None and len(zoomed.numbers) > 1:
+        zoom_rate = np.gradient(zoomed.log_focal, zoomed.numbers)
+        shear = readout * np.column_stack([np.zeros_like(zoom_rate), zoom_rate])
+        zoom = RectifiedFrames(zoom, found.camera, zoomed.numbers, shear)
+    return footage._replace(sweep=sweep, zoom=zoom)
+
+
+def _sheared(camera: PanZoomCamera, shear: Array) -> Localisation:
+    """Place of a frame with a ``shear`` (2,); all else does not matter."""
+    nothing = np.empty((0, 2))
+    return Localisation(
+        0.0, camera.tilt_rad, camera.lens.reference_focal_px, np.eye(2), True, nothing, nothing, shear=shear
+    )
+
+
+def remaining_readout(footage: Footage, found: CalibratedCamera, swept: SweptFrames) -> float:
+    """Read-out, frame periods of the sweep, that its frames show beyond what they were put right by: 0 where the
+    reference image shows none, or cannot be aligned."""
+    panorama, camera, image = found.panorama, found.camera, footage.reference_image
+    focal_px = found.reference.camera.focal_px
+    start = ViewPlace(0.0, camera.tilt_rad, focal_px)
+    belief = Belief(start, *([READOUT.panorama_rad] * 3))
+    aligned = Aligner(panorama, camera, pixels=image.size).align(image, start, 4.0, None, belief)
+    if aligned.agreement < ALIGNMENT.sure_agreement or not aligned.report.converged:
+        return 0.0
+    shear_rad, sigma_rad = aligned.at.pan_shear_rad, np.sqrt(ALIGNMENT.doubt * aligned.covariance[4, 4])
+    if abs(shear_rad) < max(READOUT.least_shear_rad, 3.0 * sigma_rad):
+        return 0.0
+    # a frame of the sweep shows what it had around where the reference image looks
+    near = np.argsort(np.abs(panorama.sweep_pan_rad))[:5]
+    pan_rate = np.gradient(np.unwrap(panorama.sweep_pan_rad), swept.kept)
+    return -float(shear_rad) / float(np.median(pan_rate[near]))
