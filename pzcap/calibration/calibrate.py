@@ -56,8 +56,10 @@ def no_report(stage: str, done: int, total: int) -> None:
 def calibrate(
     footage: Footage, config: PanZoomConfig, report: Report = no_report
 ) -> tuple[CalibratedCamera, stitching.SweptFrames, stitching.ZoomedFrames]:
-    """Calibrate one camera at its reference pose, and stitch its panorama; the frames that it is made of. Raises PzcapError when the calibration
-    object is not found or the sweep does not hold together."""
+    """Calibrate one camera at its reference pose, and stitch its panorama; the frames that it is made of.
+
+    Raises PzcapError when the calibration object is not found or the sweep does not hold together.
+    """
     reference_image, calibration_object, sweep, zoom, full_turn = footage
     first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
     height, width = reference_image.shape[:2]

@@ -88,7 +88,8 @@ def stitch(
     frames: Frames, swept: SweptFrames, pan_rad: Array, full_turn: bool,
     surroundings: InverseDepthMap, report: Callable[[int], None],
 ) -> Panorama:  # fmt: skip
-    """Paste those ``frames`` of a sweep that ``swept`` has kept, taken at ``pan_rad`` (M,), on the cylinder about the pan axis.
+    """Paste those ``frames`` of a sweep that ``swept`` has kept, taken at ``pan_rad`` (M,), on the cylinder about
+    the pan axis.
 
     Twice: what differs from the first result, made of the M grey frames of ``swept``, is somebody who walked through
     the sweep, and counts little in the second. The panorama is as fine as the sweep in the middle of its frames, its
