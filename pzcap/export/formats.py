@@ -13,6 +13,7 @@ from pzcap.export import (
     c3d,
     chan,
     colmap,
+    fbx,
     freed,
     gltf,
     opentrackio,
@@ -34,7 +35,7 @@ class Format:
     write: Callable[[Take, Path], list[Path]]
     body: bool
     cameras: bool
-    library: str | None = None  # the package that it is written by, where that is not the standard library
+    library: str | None = None  # the package that it is written by, where that is none that pzcap needs
 
 
 FORMATS: Final[dict[str, Format]] = {
@@ -43,6 +44,7 @@ FORMATS: Final[dict[str, Format]] = {
     "bvh": Format("BVH, skeleton: Blender, MotionBuilder, Unity", bvh.write, True, False),
     "usd": Format("USD, skinned body and cameras: Houdini, Maya, Omniverse", usd.write, True, True, "usd-core"),
     "gltf": Format("glTF, skinned body and cameras: Blender, three.js", gltf.write, True, True, "pygltflib"),
+    "fbx": Format("FBX, skinned body and cameras: Unreal, Unity, MotionBuilder", fbx.write, True, True, "usd-core"),
     "opentrackio": Format("OpenTrackIO 1.0.1, cameras: Unreal, Aximmetry", opentrackio.write, False, True),
     "freed": Format("FreeD D1, cameras: virtual studios", freed.write, False, True),
     "colmap": Format("COLMAP text, cameras: COLMAP, NeRF and splatting tools", colmap.write, False, True),

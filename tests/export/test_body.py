@@ -62,7 +62,7 @@ def test_c3d(tmp_path: Path) -> None:
     assert np.isnan(points[:3, :, GAP]).all()
     own, motion = file["parameters"]["PZCAP"], exported.reconstruction().motion
     assert motion is not None
-    assert own["TIMECODE"]["value"] == ["01:00:00:20"]
+    assert own["TIMECODE"]["value"] == ["01:00:00:05"]
     for frame in VALID:
         assert (residuals[0, :, frame] >= 0).all()
         places = np.vstack([exported.joints(frame), exported.ends(frame)])
@@ -134,6 +134,16 @@ def test_a_take_without_a_body_is_told_what_can_be_written(tmp_path: Path) -> No
 def test_a_format_that_is_not_known(tmp_path: Path) -> None:
     with pytest.raises(PzcapError, match="no format 'fbxx'; there are trc, c3d, bvh"):
         formats.write(exported.take(), "fbxx", tmp_path)
+
+
+def test_fbx_is_written_by_blender_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(PzcapError, match="no program 'blender' is on the PATH; install it, or write bvh"):
+        formats.write(exported.take(), "fbx", tmp_path)
+    (tmp_path / "blender").write_text("#!/bin/sh\necho 'Error: of version 2.49' >&2\nexit 1\n")
+    (tmp_path / "blender").chmod(0o755)
+    with pytest.raises(PzcapError, match=r"wrote no FBX, and said: Error: of version 2.49; Blender 4.2"):
+        formats.write(exported.take(), "fbx", tmp_path)
 
 
 def test_a_library_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

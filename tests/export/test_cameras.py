@@ -94,7 +94,7 @@ def test_opentrackio_by_its_schema(tmp_path: Path) -> None:
         assert "static" in lines[0]
         assert lines[0]["static"]["camera"]["label"] == NAMES[number]
         assert lines[0]["timing"]["sampleRate"] == {"num": RATE.numerator, "denom": RATE.denominator}
-        assert lines[-1]["timing"]["timecode"]["frames"] == 20 + FRAMES - 1
+        assert lines[-1]["timing"]["timecode"]["frames"] == 5 + FRAMES - 1
     assert len(ids) == len(SEEN)
 
 

@@ -66,7 +66,7 @@ def test_usd_keeps_what_it_has_no_place_for(tmp_path: Path) -> None:
     prim = stage.GetPrimAtPath("/World/camera_4")
     assert prim.GetAttribute("pzcap:k1").Get(3) == pytest.approx(exported.true_camera(3, 3).k1)
     assert prim.GetAttribute("pzcap:panSigmaDegrees").Get(3) == pytest.approx(np.rad2deg(1e-4))
-    assert stage.GetDefaultPrim().GetCustomDataByKey("pzcap:timecode") == "01:00:00:20"
+    assert stage.GetDefaultPrim().GetCustomDataByKey("pzcap:timecode") == "01:00:00:05"
 
 
 def test_usd_body(tmp_path: Path) -> None:

@@ -12,17 +12,13 @@ import numpy as np
 import pytest
 
 from pzcap.export import formats
-from pzcap.export import virtual_cameras as module
 from pzcap.export.take import Take
 from pzcap.export.virtual_cameras import athlete, carried, virtual_cameras
 from pzcap.geometry.camera import project
-from pzcap.io.detections import KEYPOINTS
-from pzcap.types import JOINTS, Array
-from tests.scenes import exported, fabricated
+from pzcap.types import Array
+from tests.scenes import exported, fabricated, seen_keypoints
 from tests.scenes.exported import FRAMES, LOST, NAMES
-
-SHARED = [name for name in KEYPOINTS if name in JOINTS]
-ROWS, OWN = ([names.index(name) for name in SHARED] for names in (KEYPOINTS, JOINTS))
+from tests.scenes.seen_keypoints import OWN, ROWS
 
 
 def opencv(table: dict[str, list[float]], points: Array) -> Array:
@@ -84,21 +80,7 @@ def test_without_a_body_the_axes_tell_where_the_athlete_is() -> None:
 
 def test_keypoints_are_carried_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two people in every picture, one of them the athlete; the lost camera has nobody in its lost frame."""
-    rng = np.random.default_rng(0)
-
-    class Sets:
-        def people(self, frame: int) -> tuple[Array, ...]:
-            rows = []
-            for number in range(4):
-                person = np.zeros((26, 3))
-                person[ROWS, :2] = project(exported.true_camera(number, frame), exported.joints(frame)[OWN])[0]
-                person[ROWS, 2] = 0.9
-                other = np.add(person, [60.0, 0.0, 0.0])
-                rows.append(np.stack([other, person]) if rng.random() < 0.5 else np.stack([person, other]))
-            return tuple(rows)
-
-    monkeypatch.setattr(module, "frame_sets", lambda _: Sets())
-    take = Take(exported.reconstruction(), capture=object())  # type: ignore[arg-type]
+    take = seen_keypoints.take(monkeypatch, np.array([60.0, 0.0, 0.0]))
     formats.write(take, "pose2sim", tmp_path / "p")
     formats.write(take, "aniposelib", tmp_path / "a")
     arrays = np.load(tmp_path / "a" / "keypoints.npz")

@@ -16,7 +16,7 @@ from pzcap.types import Array, Camera, Lens, Motion, PanZoomCamera, Reconstructi
 from tests.scenes import fabricated
 from tests.scenes.bodies import BODY, random_pose
 
-FRAMES, GAP, LOST = 9, 4, 6
+FRAMES, GAP, LOST = 24, 4, 6
 """Frame sets; the one without a body; the one in which the first camera is lost."""
 RATE = Fraction(30000, 1001)
 NAMES = ("Süd 1", "b/c", "b c", "4")
@@ -60,7 +60,7 @@ def reconstruction(k1: float = K1) -> Reconstruction:
         whole,
         capture_name="Kür, Nr. 3",
         frame_rate=RATE,
-        timecodes=tuple(f"01:00:00:{20 + frame:02d}" for frame in range(FRAMES)),
+        timecodes=tuple(f"01:00:00:{5 + frame:02d}" for frame in range(FRAMES)),
         camera_names=NAMES,
         cameras=tuple(heads),
         tracks=tuple(tracks),
