@@ -24,6 +24,20 @@ def parser() -> argparse.ArgumentParser:
     )
     parts = whole.add_subparsers(dest="part", required=True, metavar="PART")
 
+    one = parts.add_parser("new", help="write a capture.json that names a crew's own files where they lie")
+    one.add_argument("folder", type=Path, metavar="FOLDER", help="holds a folder of files for each camera")
+    one.add_argument("--name", help="of the take (that of the folder)")
+    one.add_argument("--partial-sweep", action="store_true", help="the sweeps do not go all the way round")
+    for role in ("reference", "sweep", "zoom", "motion"):
+        one.add_argument(f"--{role}", metavar="NAME", help=f"name, or pattern, of each camera's {role}")
+    one.add_argument("--replace", action="store_true", help="write capture.json anew where there is one")
+    one.set_defaults(run=_new)
+
+    one = parts.add_parser("marker-cube", help="write the calibration object: a PDF to print, and its object.json")
+    one.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    one.add_argument("--edge", type=float, default=2.0, metavar="METRES", help="edge of the cube (2)")
+    one.set_defaults(run=_marker_cube)
+
     one = parts.add_parser("reconstruct", help="find cameras and body in a capture folder")
     one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json (pzcap new writes one)")
     one.add_argument("--out", type=Path, required=True, metavar="RESULTS", help="folder for what is found")
@@ -77,6 +91,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _said(problem: str) -> int:
     print(f"pzcap: {' '.join(problem.split())}", file=sys.stderr, flush=True)
     return 1
+
+
+def _new(given: argparse.Namespace) -> int:
+    from pzcap.command.new_capture import write_capture
+
+    roles = {role: getattr(given, role) for role in ("reference", "sweep", "zoom", "motion")}
+    patterns = {role: name for role, name in roles.items() if name is not None}
+    full_turn = not given.partial_sweep
+    return write_capture(given.folder, name=given.name, full_turn=full_turn, patterns=patterns, replace=given.replace)
+
+
+def _marker_cube(given: argparse.Namespace) -> int:
+    from pzcap.command.marker_cube import Cube, write_cube
+
+    return write_cube(Cube(given.edge), given.out)
 
 
 def _reconstruct(given: argparse.Namespace) -> int:
