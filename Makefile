@@ -6,9 +6,10 @@ VENV := .venv
 RUN := $(VENV)/bin
 LAB := $(VENV)/.lab
 DEV := $(VENV)/.dev
+CLIENTS := .clients/.done
 INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --progress-bar off --constraint constraints.txt
 
-.PHONY: demo test gate baseline docs check setup clean
+.PHONY: demo test test-clients gate baseline docs check setup clean
 .DEFAULT_GOAL := demo
 
 demo: $(LAB)  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
@@ -25,6 +26,9 @@ baseline: $(LAB)  ## make what is reached now the baseline, on purpose
 
 docs: $(DEV)  ## the pages of docs/ as a site: outputs/docs/index.html
 	$(RUN)/python -m sphinx -q -n -W -b html docs outputs/docs
+
+test-clients: $(CLIENTS)  ## the programs that we write for read what we write: three gigabytes of them
+	$(RUN)/python -m pytest tests/clients
 
 check: $(DEV)  ## style, types, and the arrows between the rooms
 	$(RUN)/ruff check .
@@ -45,5 +49,11 @@ $(DEV): $(LAB)
 	$(INSTALL) --editable '.[dev]'
 	@touch $@
 
+$(CLIENTS): $(DEV)  # each in an environment of its own: they want other versions of what pzcap is made of
+	for client in aniposelib==0.8.0 pose2sim==0.10.49 bpy==5.0.1; do \
+	  $(PYTHON) -m venv .clients/$${client%%=*} && \
+	  .clients/$${client%%=*}/bin/python -m pip install --progress-bar off $$client || exit 1; done
+	@touch $@
+
 clean:  ## forget the environment and everything that was made
-	rm -rf $(VENV) outputs multirun
+	rm -rf $(VENV) .clients outputs multirun

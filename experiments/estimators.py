@@ -146,10 +146,10 @@ def _not_a_track(found: Any) -> str | None:
 
 def _checked(part: T, frames: int, where: str) -> T:
     """``part`` with arrays of the right type. PzcapError where a shape is wrong or a valid number not finite."""
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, Any] = {}
     inner: tuple[int, ...]
     for field in fields(part):
-        if field.name == "keyframes":
+        if field.name in ("keyframes", "body"):
             continue
         inner, kind = _SHAPES[field.name]
         try:

@@ -79,6 +79,14 @@ JOINTS: Final[tuple[str, ...]] = (
 """Joint centres, in the order of SEGMENTS: joint ``i`` is the origin of segment ``i``. These are what is scored.
 Zero pose: standing upright, arms hanging, every segment frame x forward, y left, z up."""
 
+ENDS: Final[dict[str, str]] = {
+    "head_top": "head",
+    "left_fingertip": "left_hand", "right_fingertip": "right_hand",
+    "left_toe": "left_foot", "right_toe": "right_foot",
+    "left_heel": "left_foot", "right_heel": "right_foot",
+}  # fmt: skip
+"""Ends of the body beyond its last joints, and the segment that each is fixed to."""
+
 MEASUREMENTS: Final[tuple[str, ...]] = (
     # lengths: stature; mid-hip to neck joint (C7); neck joint to vertex; neck joint down to shoulder joints
     "stature", "trunk", "head", "shoulder_drop",
@@ -325,6 +333,18 @@ class Silhouette:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MovedBody:
+    """The body that a `Motion` moves, in the zero pose: all that a rig is made of. Every vertex is carried by one
+    segment, as the tracker has it."""
+
+    offsets_m: Array  # (16, 3) joint of each segment in its parent's frame; zero for the root
+    ends_m: Array  # (7, 3) ENDS, each in the frame of its segment
+    skin_m: Array  # (V, 3) vertices, each in the frame of its segment
+    skin_segment: Indices  # (V,) index into SEGMENTS
+    skin_faces: Indices  # (T, 3) triangles, counter-clockwise seen from outside
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """The athlete's motion (section 5)."""
 
@@ -334,6 +354,7 @@ class Motion:
     sigma_m: Array  # (F, 16) standard deviation of a joint's distance from the truth
     keyframes: NDArray[np.int64]  # (K,) frame indices that a person posed
     valid: Mask  # (F,)
+    body: MovedBody | None = None  # None where joints alone were found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,6 +14,7 @@ from pzcap.body import landmarks
 from pzcap.body.landmarks import Landmarks
 from pzcap.body.mesh import Surface, build_surface
 from pzcap.types import (
+    ENDS,
     HINGE_AXES,
     LUMBAR_FRACTION,
     MEASUREMENTS,
@@ -23,6 +24,7 @@ from pzcap.types import (
     Array,
     Indices,
     Mask,
+    MovedBody,
     PzcapError,
     Subject,
 )
@@ -105,6 +107,25 @@ def build(subject: Subject) -> Body:
         raise PzcapError(f"subject: {absurd[0]} = {m[absurd[0]]} m cannot be; measurements are in metres")
     offsets, surface = _offsets(m), build_surface(m)
     return Body(offsets, surface, subject.sigma_m, landmarks.usual(offsets, surface))
+
+
+def moved(body: Body) -> MovedBody:
+    """What of ``body`` goes into a result."""
+    surface = body.surface
+    return MovedBody(
+        body.offsets_m, _ends(surface), np.ascontiguousarray(surface.points_m), surface.segment, surface.faces
+    )
+
+
+def _ends(surface: Surface) -> Array:
+    """(7, 3) The outermost vertex of the skin at each of ENDS, in the frame of its segment."""
+    ways = {"head_top": (2, 1.0), "fingertip": (2, -1.0), "toe": (0, 1.0), "heel": (0, -1.0)}
+    found = []
+    for name, segment in ENDS.items():
+        axis, sign = ways[name.removeprefix("left_").removeprefix("right_")]
+        own = surface.points_m[surface.segment == SEGMENTS.index(segment)]
+        found.append(own[np.argmax(sign * own[:, axis])])
+    return np.array(found)
 
 
 def _offsets(m: dict[str, float]) -> Array:

@@ -10,17 +10,20 @@ from __future__ import annotations
 import dataclasses
 import json
 import zipfile
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Final, TypeVar, cast, get_type_hints
+from typing import Any, Final, TypeVar, cast, get_args, get_type_hints
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.io.files import checked, leads_out, written_whole
+from pzcap.io.record_checks import check_array, check_record
 from pzcap.types import (
+    ENDS,
     JOINTS,
     SEGMENTS,
     Camera,
@@ -35,7 +38,9 @@ from pzcap.types import (
 )
 
 FORMAT: Final = "pzcap-reconstruction"
-VERSION: Final = 1
+VERSION: Final = 2
+READABLE: Final = (1, 2)
+"""Versions that are read. The first has no ``motion.body``."""
 MANIFEST: Final = "reconstruction.json"
 ARRAYS: Final = "reconstruction.npz"
 
@@ -92,6 +97,7 @@ def save(reconstruction: Reconstruction, folder: Path) -> None:
         ],
         "joints": list(JOINTS),
         "segments": list(SEGMENTS),
+        "ends": list(ENDS),
         "notes": list(reconstruction.notes),
         "timecodes": list(reconstruction.timecodes),
     }
@@ -103,41 +109,29 @@ def save(reconstruction: Reconstruction, folder: Path) -> None:
 
 
 def load(folder: Path) -> Reconstruction:
-    """Read what `save` wrote. PzcapError where the folder is not a whole reconstruction of a version known here."""
+    """Read what `save` wrote. PzcapError, naming file and array, where the folder is not a whole reconstruction of a
+    version known here, or is damaged."""
     manifest = _read_manifest(folder)
-    arrays = _read_arrays(folder / ARRAYS)
-    try:
-        cameras = manifest["cameras"]
-        timecodes = tuple(manifest["timecodes"])
-        per_camera: dict[str, tuple[Any, ...]] = {}
-        for field, (name, kind) in PER_CAMERA.items():
-            parts: list[Any] = []
-            for number, camera in enumerate(cameras, start=1):
-                images = {}
-                if kind is Panorama and camera["panorama"] is not None:
-                    images = _decode_panorama(folder, camera["panorama"])
-                parts.append(_unflatten(kind, f"camera{number}.{name}", arrays, images))
-            per_camera[field] = tuple(parts)
-        motion = _unflatten(Motion, "motion", arrays, {})
-        frames = {len(track.valid) for track in per_camera["tracks"] if track is not None}
-        frames |= set() if motion is None else {len(motion.valid)}
-        if frames - {len(timecodes)}:
-            raise PzcapError(
-                f"{folder}: tracks of {sorted(frames)} frames beside {len(timecodes)} timecodes; "
-                "the files are of different reconstructions, save it again"
-            )
-        return Reconstruction(
-            capture_name=manifest["capture"],
-            method=manifest["method"],
-            frame_rate=Fraction(manifest["frame_rate"]),
-            timecodes=timecodes,
-            camera_names=tuple(camera["name"] for camera in cameras),
-            motion=motion,
-            notes=tuple(manifest["notes"]),
-            **per_camera,
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise PzcapError(f"{folder}: {error} is missing or malformed; see docs/reconstruction.md") from error
+    arrays = _Arrays(folder / ARRAYS, len(manifest["timecodes"]))
+    per_camera: dict[str, tuple[Any, ...]] = {}
+    for field, (name, kind) in PER_CAMERA.items():
+        parts: list[Any] = []
+        for number, camera in enumerate(manifest["cameras"], start=1):
+            images = {}
+            if kind is Panorama and camera["panorama"] is not None:
+                images = _decode_panorama(folder, camera["panorama"])
+            parts.append(arrays.record(kind, f"camera{number}.{name}", images))
+        per_camera[field] = tuple(parts)
+    return Reconstruction(
+        capture_name=manifest["capture"],
+        method=manifest["method"],
+        frame_rate=Fraction(manifest["frame_rate"]),
+        timecodes=tuple(manifest["timecodes"]),
+        camera_names=tuple(camera["name"] for camera in manifest["cameras"]),
+        motion=arrays.record(Motion, "motion", {}),
+        notes=tuple(manifest["notes"]),
+        **per_camera,
+    )
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -148,6 +142,8 @@ def _flatten(part: Any, prefix: str) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {}
     for field in dataclasses.fields(part):
         value, key = getattr(part, field.name), f"{prefix}.{field.name}"
+        if value is None:
+            continue
         if isinstance(part, Camera | Lens) and field.name in HIGHER and not np.any(value):
             continue
         if dataclasses.is_dataclass(value):
@@ -157,28 +153,46 @@ def _flatten(part: Any, prefix: str) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _unflatten(
-    kind: type[T], prefix: str, arrays: Mapping[str, NDArray[Any]], images: Mapping[str, NDArray[Any]]
-) -> T | None:
-    """The inverse of `_flatten`; None where nothing stands under ``prefix``."""
-    if not any(key.startswith(prefix + ".") for key in arrays):
-        return None
-    values: dict[str, Any] = dict(images)
-    hints = get_type_hints(kind)
-    for field in dataclasses.fields(cast(Any, kind)):  # not all that is annotated is a field
-        name = field.name
-        key, hint = f"{prefix}.{name}", hints[name]
-        missing = key not in arrays and not dataclasses.is_dataclass(hint)
-        has_default = not (field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING)
-        if name in images or (missing and has_default):
-            continue  # not known when this was saved, or zero
-        if dataclasses.is_dataclass(hint):
-            values[name] = _unflatten(cast(type[Any], hint), key, arrays, {})
-        elif hint in (int, float, bool):
-            values[name] = hint(arrays[key])
-        else:
-            values[name] = arrays[key]
-    return kind(**values)
+class _Arrays:
+    """The numbers of a reconstruction, read and checked record by record: the inverse of `_flatten`."""
+
+    def __init__(self, path: Path, frames: int) -> None:
+        self._path, self._frames = path, frames
+        self._arrays = _read_arrays(path)
+
+    def record(self, kind: type[T], prefix: str, images: Mapping[str, NDArray[Any]]) -> T | None:
+        """The ``kind`` that stands under ``prefix``, with its ``images``; None where nothing does."""
+        if not any(key.startswith(prefix + ".") for key in self._arrays):
+            return None
+        values: dict[str, Any] = dict(images)
+        own: dict[str, NDArray[Any]] = {}
+        hints = get_type_hints(kind)
+        for field in dataclasses.fields(cast(Any, kind)):  # not all that is annotated is a field
+            name = field.name
+            key, hint = f"{prefix}.{name}", hints[name]
+            has_default = not (field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING)
+            if name in images:
+                continue
+            inner = _record_type(hint)
+            if inner is not None:
+                values[name] = self.record(inner, key, {})
+            elif key in self._arrays:
+                own[name] = self._arrays[key]
+                check_array(kind, name, own[name], f"{self._path}: {key}")
+                values[name] = hint(own[name]) if hint in (int, float, bool) else own[name]
+            if values.get(name) is None:
+                values.pop(name, None)
+                if not has_default:
+                    raise PzcapError(f"{self._path}: {key} is missing; save the reconstruction again")
+        record = kind(**values)
+        check_record(record, own, f"{self._path}: {prefix}", self._frames)
+        return record
+
+
+def _record_type(hint: Any) -> type[Any] | None:
+    """The dataclass that a field holds, be it optional; None where it holds none."""
+    kinds = (hint, *get_args(hint))
+    return next((kind for kind in kinds if isinstance(kind, type) and dataclasses.is_dataclass(kind)), None)
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -189,8 +203,11 @@ def _decode_panorama(folder: Path, name: str) -> dict[str, NDArray[Any]]:
     if leads_out(name):
         raise PzcapError(f"{folder / MANIFEST}: {name} leads out of the folder; save the reconstruction again")
     path = folder / name
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if checked(path).is_file() else None
-    if image is None or image.ndim != 3 or image.shape[2] != 4:
+    try:
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if checked(path).is_file() else None
+    except cv2.error:  # of a size that cannot be
+        image = None
+    if image is None or image.ndim != 3 or image.shape[2] != 4 or image.dtype != np.uint8:
         raise PzcapError(f"{path}: no readable PNG with an alpha channel; save the reconstruction again")
     return {"image": np.ascontiguousarray(image[:, :, :3]), "valid": image[:, :, 3] > 0}
 
@@ -201,13 +218,44 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise PzcapError(f"{folder}: no {MANIFEST}; not a reconstruction, or one that was never finished")
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise PzcapError(f"{path}: not valid JSON ({error}); save the reconstruction again") from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise PzcapError(f"{path}: not valid JSON ({_one_line(error)}); save the reconstruction again") from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise PzcapError(f'{path}: its "format" is not "{FORMAT}"')
-    if manifest.get("version") != VERSION:
-        raise PzcapError(f"{path}: version {manifest.get('version')}; this pzcap reads version {VERSION}")
+    version = manifest.get("version")
+    if version not in READABLE:
+        cure = "install a newer pzcap" if isinstance(version, int) and version > VERSION else "reconstruct it again"
+        raise PzcapError(f"{path}: version {version}; this pzcap reads versions 1 and {VERSION}; {cure}")
+    for fault in _manifest_faults(manifest):
+        raise PzcapError(f"{path}: {fault}; see docs/reconstruction.md")
     return manifest
+
+
+def _manifest_faults(manifest: dict[str, Any]) -> Iterator[str]:
+    """What of a manifest is missing or malformed."""
+    for key in ("capture", "method", "frame_rate"):
+        if not isinstance(manifest.get(key), str):
+            yield f'"{key}" is missing or no text'
+    try:
+        if Fraction(manifest["frame_rate"]) <= 0:
+            yield '"frame_rate" is not above 0'
+    except (ValueError, ZeroDivisionError):
+        yield '"frame_rate" is no fraction such as "30/1"'
+    for key in ("timecodes", "notes"):
+        texts = manifest.get(key)
+        if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+            yield f'"{key}" is missing or no list of texts'
+    for key, names in (("joints", JOINTS), ("segments", SEGMENTS), ("ends", ENDS)):
+        if key in manifest and manifest[key] != list(names):
+            yield f'"{key}" is not the list that this pzcap knows'
+    cameras = manifest.get("cameras")
+    if not isinstance(cameras, list) or not cameras:
+        yield '"cameras" is missing or no list of cameras'
+        return
+    for number, camera in enumerate(cameras, start=1):
+        picture = camera.get("panorama", 0) if isinstance(camera, dict) else 0
+        if not isinstance(picture, str | None) or not isinstance(camera.get("name"), str):
+            yield f'"cameras": entry {number} is no "name" and "panorama"'
 
 
 def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
@@ -216,5 +264,10 @@ def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
             return {key: file[key] for key in file.files}
     except FileNotFoundError as error:
         raise PzcapError(f"{path} is missing; save the reconstruction again") from error
-    except (ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise PzcapError(f"{path}: truncated or no npz ({error}); save the reconstruction again") from error
+    except (OSError, ValueError, EOFError, KeyError, TypeError, OverflowError, MemoryError, RuntimeError,
+            zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+        raise PzcapError(f"{path}: truncated or no npz ({_one_line(error)}); save the reconstruction again") from error
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())

@@ -17,7 +17,7 @@ import numpy as np
 
 from pzcap import runtime
 from pzcap.body.kinematics import difference
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, moved
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate
@@ -119,7 +119,7 @@ class Tracker:
     def motion(self, results: Iterable[Tracked]) -> Motion:
         """Gather all ``results``, with the body as it is known when they have come to their end."""
         found = refit_shape(self._estimate, results) if self.config.shape_refit else results
-        return collect(found, list(self._keys.values()))
+        return collect(found, list(self._keys.values()), self._estimate.body)
 
     def _tracked(self, frame: int, found: PoseEstimate) -> Tracked:
         return tracked(self._estimate, self.config, frame, found)
@@ -209,8 +209,8 @@ def _carried(arriving: FrameTracker, views: Sequence[ViewCrop | None], pose: Pos
     return np.where(lost[DOF_SEGMENT], 0.0, arrived.velocity)
 
 
-def collect(results: Iterable[Tracked], keyframes: Sequence[Keyframe]) -> Motion:
-    """Gather the results of `track`."""
+def collect(results: Iterable[Tracked], keyframes: Sequence[Keyframe], body: Body) -> Motion:
+    """Gather the results of `Tracker`, by which ``body`` is moved."""
     found = list(results)
     return Motion(
         root_position_m=np.array([t.pose.root_position_m for t in found]).reshape(-1, 3),
@@ -219,4 +219,5 @@ def collect(results: Iterable[Tracked], keyframes: Sequence[Keyframe]) -> Motion
         sigma_m=np.array([t.sigma_m for t in found]).reshape(-1, len(SEGMENTS)),
         keyframes=np.array(sorted({k.frame for k in keyframes} & {t.frame for t in found}), np.int64),
         valid=np.array([t.valid for t in found], bool),
+        body=moved(body),
     )

@@ -92,11 +92,11 @@ def test_what_the_images_do_not_tell_contradicts_nothing() -> None:
 def test_the_tracker_is_not_led_astray_by_a_wrong_arm() -> None:
     """On rendered views: what is found beside a keyframe with a wrong arm contradicts it, and it alone."""
     keys = [rendered.by_hand(0), turned(rendered.by_hand(6), "left_upper_arm", 40.0), rendered.by_hand(12)]
-    found = tracker.collect(rendered.run(keys, rendered.inputs()), keys)
+    found = tracker.collect(rendered.run(keys, rendered.inputs()), keys, rendered.taped())
     (only,) = keyframe_diagnostics.contradictions(found, keys, rendered.taped(), HAND)
     assert (only.frame, only.parts) == (6, ("left arm",))
     sound = [rendered.by_hand(frame) for frame in (0, 6, 12)]
-    found = tracker.collect(rendered.run(sound, rendered.inputs()), sound)
+    found = tracker.collect(rendered.run(sound, rendered.inputs()), sound, rendered.taped())
     assert keyframe_diagnostics.contradictions(found, sound, rendered.taped(), HAND) == ()
 
 

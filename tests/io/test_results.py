@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import random
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,6 +17,7 @@ import pytest
 from pzcap.io import results
 from pzcap.types import PzcapError
 from tests.scenes import fabricated
+from tests.test_damaged_files import damaged, mutated
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "reconstruction.md"
 
@@ -95,6 +97,19 @@ def test_what_an_earlier_version_did_not_know_may_be_missing(tmp_path: Path) -> 
     assert_same(before, results.load(tmp_path))
 
 
+def test_the_first_version_had_no_body(tmp_path: Path) -> None:
+    before = fabricated.reconstruction()
+    results.save(before, tmp_path)
+    numbers = {k: v for k, v in np.load(tmp_path / "reconstruction.npz").items() if not k.startswith("motion.body.")}
+    np.savez(tmp_path / "reconstruction.npz", **numbers)
+    manifest = json.loads((tmp_path / "reconstruction.json").read_text()) | {"version": 1}
+    del manifest["ends"]
+    (tmp_path / "reconstruction.json").write_text(json.dumps(manifest))
+    assert before.motion is not None
+    without = dataclasses.replace(before, motion=dataclasses.replace(before.motion, body=None))
+    assert_same(without, results.load(tmp_path))
+
+
 def test_a_second_save_replaces_the_first(tmp_path: Path) -> None:
     results.save(fabricated.reconstruction(0), tmp_path)
     other = fabricated.without_a_camera(fabricated.reconstruction(1))
@@ -104,7 +119,7 @@ def test_a_second_save_replaces_the_first(tmp_path: Path) -> None:
 
 def damage_version(folder: Path) -> None:
     path = folder / "reconstruction.json"
-    path.write_text(path.read_text().replace('"version": 1', '"version": 9'))
+    path.write_text(path.read_text().replace('"version": 2', '"version": 9'))
 
 
 def damage_timecodes(folder: Path) -> None:
@@ -126,8 +141,8 @@ def damage_key(folder: Path) -> None:
         (lambda f: (f / "reconstruction.json").unlink(), "never finished"),
         (lambda f: (f / "reconstruction.json").write_text("{"), "not valid JSON"),
         (lambda f: (f / "reconstruction.json").write_text("{}"), "format"),
-        (damage_version, "version 9"),
-        (damage_timecodes, "11 timecodes"),
+        (damage_version, "version 9; this pzcap reads versions 1 and 2; install a newer pzcap"),
+        (damage_timecodes, "track.pan_rad has 12 rows beside 11 of the timecodes"),
         (damage_key, "camera1.track.focal_px"),
         (lambda f: (f / "reconstruction.npz").unlink(), "missing"),
         (lambda f: (f / "reconstruction.npz").write_bytes(b"PK\x03\x04 cut short"), "truncated"),
@@ -155,3 +170,69 @@ def test_a_save_that_is_cut_off_leaves_no_half_result(tmp_path: Path, monkeypatc
     assert not list(tmp_path.glob(".*"))
     with pytest.raises(PzcapError, match="never finished"):
         results.load(tmp_path)
+
+
+def nan(value: Any) -> Any:
+    value = value.copy()
+    value.flat[0] = np.nan
+    return value
+
+
+@pytest.mark.parametrize(
+    ("key", "change", "says"),
+    [
+        ("camera1.track.pan_rad", nan, "pan_rad holds what is no number"),
+        ("camera1.track.pan_rad", lambda v: v[:-1], "pan_rad has 11 rows beside 12 of the timecodes"),
+        ("camera1.track.valid", lambda v: v.astype(float), "valid holds float64"),
+        ("camera1.track.covariance", lambda v: v[:, 0], r"covariance has the shape (12, 2), not (F, 2, 2)"),
+        ("camera2.track.focal_px", lambda v: -v, "focal_px is -660.0; it must be above 0"),
+        ("camera1.camera.world_T_head", lambda v: 2 * v, "world_T_head is no rotation and translation"),
+        ("camera1.camera.lens.k1", lambda v: v[:0], "k1 holds no coefficient"),
+        ("camera1.camera.lens.width", lambda v: v + 0.5, "width holds float64"),
+        ("camera1.panorama.px_per_rad", lambda v: 0 * v, "px_per_rad is 0.0; it must be above 0"),
+        ("motion.rotations", lambda v: 2 * v, "rotations holds a quaternion whose length is not 1"),
+        ("motion.sigma_m", lambda v: -v, "sigma_m holds what is below 0"),
+        ("motion.keyframes", lambda v: v + 1, "keyframes names a frame that is not there"),
+        ("motion.joints_m", lambda v: v[:, :15], "joints_m has the shape (12, 15, 3), not (F, 16, 3)"),
+        ("motion.joints_m", lambda v: v.astype(str), "joints_m holds <U32"),
+        ("motion.body.skin_segment", lambda v: v + 1, "skin_segment names a segment that is not there"),
+        ("motion.body.skin_segment", lambda v: v[:-1], "skin_segment has 63 rows beside 64 of skin_m"),
+        ("motion.body.skin_faces", lambda v: v - 1, "skin_faces names a vertex that is not there"),
+        ("motion.body.ends_m", lambda v: v[:6], "ends_m has the shape (6, 3), not (7, 3)"),
+    ],
+)
+def test_a_value_that_cannot_be_is_named(tmp_path: Path, key: str, change: Callable[[Any], Any], says: str) -> None:
+    results.save(fabricated.reconstruction(), tmp_path)
+    numbers = dict(np.load(tmp_path / "reconstruction.npz"))
+    np.savez(tmp_path / "reconstruction.npz", **{**numbers, key: change(numbers[key])})
+    with pytest.raises(PzcapError) as error:
+        results.load(tmp_path)
+    assert f"{tmp_path / 'reconstruction.npz'}: {key.rpartition('.')[0]}" in str(error.value)
+    assert says in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["reconstruction.json", "reconstruction.npz", "panorama1.png"])
+def test_damaged_bytes_are_told_in_one_line(name: str, tmp_path: Path) -> None:
+    results.save(fabricated.reconstruction(), tmp_path)
+    content = (tmp_path / name).read_bytes()
+    for seed in range(60):
+        (tmp_path / name).write_bytes(damaged(content, random.Random(seed)))
+        loaded_or_one_line(tmp_path)
+
+
+def test_damaged_values_are_told_in_one_line(tmp_path: Path) -> None:
+    results.save(fabricated.reconstruction(), tmp_path)
+    plain = json.loads((tmp_path / "reconstruction.json").read_text())
+    for seed in range(200):
+        (tmp_path / "reconstruction.json").write_text(json.dumps(mutated(plain, random.Random(seed))))
+        loaded_or_one_line(tmp_path)
+
+
+def loaded_or_one_line(folder: Path) -> None:
+    said = f"{folder}: nothing"
+    try:
+        results.load(folder)
+    except PzcapError as error:
+        said = str(error)
+    assert str(folder) in said
+    assert "\n" not in said

@@ -13,6 +13,7 @@ from pzcap.types import (
     Camera,
     Lens,
     Motion,
+    MovedBody,
     Panorama,
     PanZoomCamera,
     PanZoomTrack,
@@ -63,6 +64,15 @@ def standing_joints(position: Array) -> Array:
     for index, parent in enumerate(PARENTS):
         joints[index] = position if parent < 0 else joints[parent] + OFFSETS[index]
     return joints
+
+
+def moved_body() -> MovedBody:
+    """The body of `standing_joints`; its skin is a tetrahedron in each segment."""
+    corners = 0.05 * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+    faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    ends = np.array([[0, 0, 0.2], *[[0, 0, -0.18]] * 2, *[[0.18, 0, -0.07]] * 2, *[[-0.06, 0, -0.07]] * 2])
+    segment = np.repeat(np.arange(16), 4)
+    return MovedBody(OFFSETS, ends, np.tile(corners, (16, 1)), segment, np.vstack([faces + 4 * s for s in range(16)]))
 
 
 def reconstruction(seed: int = 0, cameras: int = 4, frames: int = 12) -> Reconstruction:
@@ -131,6 +141,7 @@ def reconstruction(seed: int = 0, cameras: int = 4, frames: int = 12) -> Reconst
             sigma_m=np.full((frames, 16), 0.01),
             keyframes=np.array([0, frames - 1]),
             valid=np.ones(frames, bool),
+            body=moved_body(),
         ),
         notes=(),
     )

@@ -54,9 +54,11 @@ def test_between_two_keyframes() -> None:
     error = errors_m(results)
     assert error.mean() < 0.020
     assert error.max() < 0.10
-    motion = collect(results, [by_hand(0), by_hand(FRAMES - 1)])
+    motion = collect(results, [by_hand(0), by_hand(FRAMES - 1)], taped())
     assert motion.keyframes.tolist() == [0, FRAMES - 1]
     np.testing.assert_array_equal(motion.joints_m[3], results[3].joints_m)
+    assert motion.body is not None
+    np.testing.assert_array_equal(motion.body.offsets_m, taped().offsets_m)
 
 
 def test_the_body_does_not_jump_to_where_a_hand_has_set_it() -> None:

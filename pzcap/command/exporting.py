@@ -1,0 +1,37 @@
+"""`pzcap export`: results in the formats of other tools."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pzcap.command.places import load_results
+from pzcap.export import formats, freed
+from pzcap.export.take import Take
+from pzcap.io.capture import read_capture
+from pzcap.types import PzcapError
+
+
+def export_results(results: Path, names: Sequence[str], out: Path, capture: Path | None, udp: str | None) -> int:
+    """Write ``results`` in each of the formats, a folder each where there are several; the exit status."""
+    unknown = [name for name in names if name not in formats.FORMATS]
+    if unknown:
+        raise PzcapError(f"no format '{unknown[0]}'; there are {', '.join(formats.FORMATS)}")
+    address = None if udp is None else _address(udp, names)
+    take = Take(load_results(results), None if capture is None else read_capture(capture))
+    for name in dict.fromkeys(names):
+        files = formats.write(take, name, out / name if len(set(names)) > 1 else out)
+        listed = [str(path) for path in files[:8]] + ([f"... {len(files)} files in all"] if len(files) > 8 else [])
+        print("\n".join(listed))
+    if address is not None:
+        print(f"{freed.send(take, *address)} frames sent to {udp}")
+    return 0
+
+
+def _address(udp: str, names: Sequence[str]) -> tuple[str, int]:
+    host, _, port = udp.rpartition(":")
+    if "freed" not in names:
+        raise PzcapError("--udp goes with --to freed alone")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise PzcapError(f"--udp {udp}: give HOST:PORT, such as 127.0.0.1:40000")
+    return host, int(port)

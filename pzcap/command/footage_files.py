@@ -1,0 +1,202 @@
+"""A crew's own files: which camera they are of, what each is for, and what its container says of itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from fractions import Fraction
+from pathlib import Path
+from typing import Final
+
+import av
+from av.error import FFmpegError
+
+from pzcap.io.capture import FOOTAGE, read_image
+from pzcap.io.files import checked
+from pzcap.io.video import VideoReader
+from pzcap.types import PzcapError
+
+STILLS: Final = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
+VIDEOS: Final = {".mp4", ".mov", ".mkv", ".mxf", ".avi", ".m4v", ".mts", ".m2ts"}
+WORDS: Final[dict[str, frozenset[str]]] = {
+    "reference": frozenset(
+        {"ref", "reference", "object", "cube", "calib", "calibration", "marker", "markers", "still"}
+    ),
+    "sweep": frozenset({"sweep", "pan", "pano", "panorama", "turn", "swing"}),
+    "zoom": frozenset({"zoom", "zooms", "zooming"}),
+    "motion": frozenset({"motion", "take", "action", "move", "movement", "performance", "exercise", "run", "routine"}),
+}
+"""Words in the name of a file that say what it is for."""
+ORDER: Final[dict[int, tuple[str, ...]]] = {1: ("motion",), 2: ("sweep", "motion"), 3: ("sweep", "zoom", "motion")}
+"""Of so many videos without such words, in the order of their names: as they are shot."""
+
+
+@dataclass(frozen=True, slots=True)
+class File:
+    """A file of a camera, what it is for, and what it says of itself. What cannot be read has a ``trouble`` alone."""
+
+    path: Path
+    role: str
+    known_by: str
+    width: int = 0
+    height: int = 0
+    rate: Fraction | None = None
+    timecode: str | None = None
+    frames: int = 1
+    interlaced: bool = False
+    rotation_deg: int = 0
+    trouble: str | None = None
+
+
+def cameras_in(folder: Path, patterns: Mapping[str, str]) -> dict[str, list[File]]:
+    """The files of each camera in ``folder``, by the camera's name: that of the folder they lie in, or what is left of
+    their names without the word for what they are. ``patterns``: role to a pattern that names the file outright.
+
+    Raises PzcapError where there is no footage, or where nothing tells what a file is for.
+    """
+    groups: dict[str, list[Path]] = {}
+    for inner in sorted((path for path in folder.iterdir() if path.is_dir()), key=_natural):
+        found = sorted((path for path in inner.rglob("*") if _is_footage(path)), key=_natural)
+        if any(path.suffix.lower() in VIDEOS for path in found) and not inner.name.startswith("."):
+            groups[inner.name] = found
+    if not groups:
+        for path in sorted((path for path in folder.iterdir() if _is_footage(path)), key=_natural):
+            groups.setdefault(_without_role(path.stem), []).append(path)
+    if not any(path.suffix.lower() in VIDEOS for paths in groups.values() for path in paths):
+        raise PzcapError(f"{folder}: no videos in it; put those of each camera into a folder of the camera's name")
+    return {
+        name: [_described(*each) for each in _roles(name, paths, patterns).values()] for name, paths in groups.items()
+    }
+
+
+def _is_footage(path: Path) -> bool:
+    return path.suffix.lower() in STILLS | VIDEOS and not path.name.startswith(".") and path.is_file()
+
+
+def _words(stem: str) -> list[str]:
+    """Words of a name: cam1_sweepA is cam, sweep, A."""
+    return re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", stem)
+
+
+def _role_of(stem: str) -> str | None:
+    """What a name says that its file is for."""
+    words = {word.lower() for word in _words(stem)}
+    roles = [role for role, known in WORDS.items() if words & known]
+    return roles[0] if len(roles) == 1 else None
+
+
+def _without_role(stem: str) -> str:
+    known = frozenset().union(*WORDS.values())
+    kept = [part for part in re.split(r"[ _.-]+", stem) if part.lower() not in known]
+    return "_".join(kept) or "camera"
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Key that sorts GX2 before GX10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", str(path).lower())]
+
+
+def _roles(camera: str, paths: Sequence[Path], patterns: Mapping[str, str]) -> dict[str, tuple[Path, str, str]]:
+    """Role -> (file, role, how it is known)."""
+    found: dict[str, tuple[Path, str, str]] = {}
+    left = list(paths)
+    for role in FOOTAGE:
+        named = [path for path in paths if role in patterns and fnmatch(path.name, patterns[role])]
+        how = f"--{role} {patterns.get(role)}"
+        if not named:
+            named = [path for path in left if _role_of(path.stem) == role]
+            how = "its name"
+        if len(named) > 1:
+            listed = ", ".join(path.name for path in named)
+            raise PzcapError(f"camera {camera}: {listed} could each be its {role}; say which by --{role} NAME")
+        if named:
+            found[role] = (named[0], role, how)
+            left = [path for path in left if path != named[0]]
+    stills = [path for path in left if path.suffix.lower() in STILLS]
+    videos = [path for path in left if path.suffix.lower() in VIDEOS]
+    if stills and "reference" not in found:
+        if len(stills) > 1:
+            listed = ", ".join(path.name for path in stills)
+            raise PzcapError(f"camera {camera}: {listed} could each be its reference; say which by --reference NAME")
+        found["reference"] = (stills[0], "reference", "the only still")
+    for path, role in zip(videos, _order(camera, videos, found), strict=True):
+        found[role] = (path, role, "its place in the order")
+    return {role: found[role] for role in FOOTAGE if role in found}
+
+
+def _order(camera: str, videos: Sequence[Path], found: Mapping[str, object]) -> Sequence[str]:
+    """Roles of videos whose names say nothing."""
+    if not videos:
+        return ()
+    wanted = [role for role in ("sweep", "zoom", "motion") if role not in found]
+    if len(videos) == len(wanted):
+        return wanted
+    if not set(found) - {"reference"} and len(videos) in ORDER:
+        return ORDER[len(videos)]
+    listed = ", ".join(path.name for path in videos)
+    raise PzcapError(f"camera {camera}: nothing tells what {listed} are for; say so by --sweep, --zoom, --motion NAME")
+
+
+def _described(path: Path, role: str, known_by: str) -> File:
+    """What a file says of itself."""
+    try:
+        if path.suffix.lower() in STILLS:
+            height, width = read_image(path).shape[:2]
+            return File(path, role, known_by, width, height)
+        reader = VideoReader(path)
+        interlaced, rotation = _first_frame(path)
+    except PzcapError as error:
+        return File(path, role, known_by, trouble=str(error))
+    size = reader.width, reader.height
+    return File(
+        path, role, known_by, *size, reader.frame_rate, reader.timecode, reader.frame_count, interlaced, rotation
+    )
+
+
+def _first_frame(path: Path) -> tuple[bool, int]:
+    """Whether a video is interlaced, and by how many degrees its container says that it is to be turned."""
+    try:
+        with av.open(str(checked(path))) as container:
+            frame = next(container.decode(container.streams.video[0]))
+            return bool(frame.interlaced_frame), int(frame.rotation)
+    except (FFmpegError, StopIteration) as error:
+        raise PzcapError(f"{path}: its first frame cannot be decoded; copy it again from the camera") from error
+
+
+def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
+    """What of the files stands against a reconstruction, and what to do about it."""
+    for name, files in cameras.items():
+        roles = {file.role: file for file in files}
+        for file in files:
+            if file.trouble:
+                yield file.trouble
+            if file.interlaced:
+                yield f"{file.path}: is interlaced; deinterlace it to full frames, or record progressive"
+            if file.rotation_deg % 360:
+                yield (
+                    f"{file.path}: its container turns it by {file.rotation_deg} degrees, which is not done here; "
+                    "remove that tag (ffmpeg -display_rotation 0 -i IN -c copy OUT)"
+                )
+        sizes = {(file.width, file.height) for file in files if not file.trouble}
+        if len(sizes) > 1:
+            listed = ", ".join(f"{file.path.name} {file.width}x{file.height}" for file in files if not file.trouble)
+            yield f"camera {name}: one size is needed for all its files, not {listed}"
+        if "reference" not in roles:
+            yield (
+                f"camera {name}: no still of the calibration object; take one out of a video "
+                "(ffmpeg -i VIDEO -frames:v 1 reference.png)"
+            )
+        if "sweep" not in roles:
+            yield f"camera {name}: no sweep; its frames cannot be located"
+        if "motion" not in roles:
+            yield f"camera {name}: no motion; the body is tracked in the other views"
+        elif not roles["motion"].trouble and roles["motion"].timecode is None:
+            yield (
+                f"{roles['motion'].path}: no timecode; give it one "
+                "(ffmpeg -i IN -c copy -timecode 10:20:30:00 OUT), counted on a common clock"
+            )
+    rates = {file.rate for files in cameras.values() for file in files if file.role == "motion" and file.rate}
+    if len(rates) > 1:
+        yield f"the motion videos have {', '.join(map(str, sorted(rates)))} frames/s; one rate is needed"

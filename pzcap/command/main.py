@@ -1,0 +1,132 @@
+"""Entry of the command `pzcap`: what may be asked for, and errors as one line."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from pzcap.types import PzcapError
+
+FORMATS_HELP = "see pzcap doctor for the list; several are given one after the other"
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line. What a part does is imported when it is asked for: a help text comes at once."""
+    whole = argparse.ArgumentParser(
+        prog="pzcap",
+        description="Motion capture with cameras that stand still, pan and zoom: footage in, cameras and bodies out.",
+        epilog="exit status: 0 all is well, 1 something is wrong and a line says what, 2 the line cannot be read",
+    )
+    parts = whole.add_subparsers(dest="part", required=True, metavar="PART")
+
+    one = parts.add_parser("new", help="write a capture.json that names a crew's own files where they lie")
+    one.add_argument("folder", type=Path, metavar="FOLDER", help="holds a folder of files for each camera")
+    one.add_argument("--name", help="of the take (that of the folder)")
+    one.add_argument("--partial-sweep", action="store_true", help="the sweeps do not go all the way round")
+    for role in ("reference", "sweep", "zoom", "motion"):
+        one.add_argument(f"--{role}", metavar="NAME", help=f"name, or pattern, of each camera's {role}")
+    one.add_argument("--replace", action="store_true", help="write capture.json anew where there is one")
+    one.set_defaults(run=_new)
+
+    one = parts.add_parser("marker-cube", help="write the calibration object: a PDF to print, and its object.json")
+    one.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    one.add_argument("--edge", type=float, default=2.0, metavar="METRES", help="edge of the cube (2)")
+    one.set_defaults(run=_marker_cube)
+
+    one = parts.add_parser("reconstruct", help="find cameras and body in a capture folder")
+    one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json (pzcap new writes one)")
+    one.add_argument("--out", type=Path, required=True, metavar="RESULTS", help="folder for what is found")
+    one.add_argument(
+        "--cameras", type=Path, metavar="RESULTS", help="of another take by the same cameras, not moved since"
+    )
+    one.add_argument("--threads", type=int, default=2, help="views that are worked on side by side (2)")
+    one.set_defaults(run=_reconstruct)
+
+    one = parts.add_parser("export", help="write results in the formats of other tools")
+    one.add_argument("results", type=Path, metavar="RESULTS", help="what pzcap reconstruct left")
+    one.add_argument("--to", required=True, nargs="+", metavar="FORMAT", help=FORMATS_HELP)
+    one.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    one.add_argument(
+        "--capture", type=Path, metavar="FOLDER", help="the capture, for formats that take its keypoints along"
+    )
+    one.add_argument("--udp", metavar="HOST:PORT", help="freed: send the messages as well, at the rate of the take")
+    one.set_defaults(run=_export)
+
+    one = parts.add_parser("review", help="open the recording of results in the Rerun viewer")
+    one.add_argument("results", type=Path, metavar="RESULTS")
+    one.set_defaults(run=_review)
+
+    one = parts.add_parser("doctor", help="say what is installed, what is missing, and the line to type")
+    one.set_defaults(run=_doctor)
+    return whole
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; the exit status."""
+    given = parser().parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what is half done is cleared away
+    try:
+        status: int = given.run(given)
+        sys.stdout.flush()
+    except PzcapError as error:
+        return _said(str(error))
+    except KeyboardInterrupt:
+        _said("interrupted")
+        return 130
+    except BrokenPipeError:  # whoever read has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        cure = "; free some space" if error.errno == errno.ENOSPC else ""
+        return _said(f"{where}{error.strerror or error}{cure}")
+    return status
+
+
+def _said(problem: str) -> int:
+    print(f"pzcap: {' '.join(problem.split())}", file=sys.stderr, flush=True)
+    return 1
+
+
+def _new(given: argparse.Namespace) -> int:
+    from pzcap.command.new_capture import write_capture
+
+    roles = {role: getattr(given, role) for role in ("reference", "sweep", "zoom", "motion")}
+    patterns = {role: name for role, name in roles.items() if name is not None}
+    full_turn = not given.partial_sweep
+    return write_capture(given.folder, name=given.name, full_turn=full_turn, patterns=patterns, replace=given.replace)
+
+
+def _marker_cube(given: argparse.Namespace) -> int:
+    from pzcap.command.marker_cube import Cube, write_cube
+
+    return write_cube(Cube(given.edge), given.out)
+
+
+def _reconstruct(given: argparse.Namespace) -> int:
+    from pzcap.command.reconstructing import reconstruct_folder
+
+    return reconstruct_folder(given.capture, given.out, given.cameras, given.threads)
+
+
+def _export(given: argparse.Namespace) -> int:
+    from pzcap.command.exporting import export_results
+
+    return export_results(given.results, given.to, given.out, given.capture, given.udp)
+
+
+def _review(given: argparse.Namespace) -> int:
+    from pzcap.command.reviewing import review_results
+
+    return review_results(given.results)
+
+
+def _doctor(_: argparse.Namespace) -> int:
+    from pzcap.command.doctor import report
+
+    return report()

@@ -1,0 +1,87 @@
+"""`pzcap new`: a capture.json that names a crew's own files where they lie. Nothing is copied, moved or renamed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
+
+from pzcap.command.footage_files import File, cameras_in, troubles
+from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, VERSION, read_capture
+from pzcap.io.files import written_whole
+from pzcap.types import PzcapError
+
+TABLE = ("camera", "is its", "file", "known by", "size", "frames", "frames/s", "timecode", "scan")
+TEXTS = ("object", "subject", "keyframes")
+
+
+def write_capture(
+    folder: Path, *, name: str | None, full_turn: bool, patterns: Mapping[str, str], replace: bool
+) -> int:
+    """Write capture.json into ``folder`` and print what was found; the exit status, 1 where something is in the way."""
+    if not folder.is_dir():
+        raise PzcapError(f"{folder}: no such folder; give the one that the cameras' folders lie in")
+    manifest = folder / MANIFEST
+    if manifest.exists() and not replace:
+        raise PzcapError(f"{manifest}: is there already; give --replace to write it anew")
+    cameras = cameras_in(folder, patterns)
+    print("\n".join(table(cameras)))
+    texts = {key: f"{key}.json" if (folder / f"{key}.json").is_file() else None for key in TEXTS}
+    for key, file in texts.items():
+        print(f"{key}.json: {'found' if file else 'missing, see docs/capture.md'}")
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": name or folder.resolve().name or "take",
+        "frame_rate": _rate(cameras),
+        "full_turn": full_turn,
+        "cameras": [_entry(camera, files, folder) for camera, files in cameras.items()],
+        **texts,
+    }
+    with written_whole(manifest) as partial:
+        partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    print(f"{manifest}: written; the sweeps {'go' if full_turn else 'do not go'} all the way round")
+    found = list(troubles(cameras))
+    if not found:
+        try:
+            read_capture(folder)
+        except PzcapError as error:
+            found = [str(error)]
+    for trouble in found:
+        print(f"  to mend: {trouble}")
+    return int(bool(found))
+
+
+def table(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
+    """What was found, a line a file."""
+    rows = [TABLE] + [_row(camera, file) for camera, files in cameras.items() for file in files]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(TABLE))]
+    for row in rows:
+        yield "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def _row(camera: str, file: File) -> tuple[str, ...]:
+    if file.trouble:
+        return (camera, file.role, file.path.name, file.known_by, "unreadable", "", "", "", "")
+    scan = ("interlaced" if file.interlaced else "progressive") if file.rate else "still"
+    turned = f", turned by {file.rotation_deg}" if file.rotation_deg % 360 else ""
+    rate = "" if file.rate is None else f"{float(file.rate):.6g}"
+    frames = "" if file.rate is None else str(file.frames)
+    size = f"{file.width}x{file.height}"
+    stamp = (file.timecode or "none") if file.role == "motion" else ""
+    return (camera, file.role, file.path.name, file.known_by, size, frames, rate, stamp, scan + turned)
+
+
+def _rate(cameras: Mapping[str, Sequence[File]]) -> str:
+    """The rate that most motion videos have, as a fraction."""
+    rates: list[Fraction] = [f.rate for files in cameras.values() for f in files if f.role == "motion" and f.rate]
+    if not rates:
+        raise PzcapError("no camera has a motion video that can be read; name one by --motion NAME")
+    rate = max(rates, key=rates.count)
+    return f"{rate.numerator}/{rate.denominator}"
+
+
+def _entry(camera: str, files: Sequence[File], folder: Path) -> dict[str, str | None]:
+    paths = {file.role: file.path.relative_to(folder).as_posix() for file in files}
+    return {"name": camera, **{role: paths.get(role) for role in FOOTAGE}}

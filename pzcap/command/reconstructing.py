@@ -1,0 +1,94 @@
+"""`pzcap reconstruct`: a capture folder in, a folder of results out: `reconstruction/`, and `recording.rrd` where the
+viewer is installed."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from pzcap.command.places import NO_RERUN, RECONSTRUCTION, RECORDING, load_results
+from pzcap.command.progress import ProgressLine
+from pzcap.events import Event, Finished, Progress
+from pzcap.extras.reconstruct import Config, stages
+from pzcap.io import results
+from pzcap.io.capture import read_capture
+from pzcap.types import Capture, Reconstruction
+
+
+def reconstruct_folder(folder: Path, out: Path, cameras: Path | None, threads: int) -> int:
+    """Reconstruct the capture in ``folder`` into ``out``, and print what was found; the exit status."""
+    config = Config(threads=threads)
+    known = None if cameras is None else load_results(cameras)
+    capture = read_capture(folder)
+    (out / RECONSTRUCTION / results.MANIFEST).unlink(missing_ok=True)  # one that fails is not mistaken for the last
+    (out / RECORDING).unlink(missing_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
+    found = _finished(capture, stages(capture, config, known), out)
+    results.save(found, out / RECONSTRUCTION)
+    print("\n".join(summary(found)))
+    return 0
+
+
+def _finished(capture: Capture, events: Iterator[Event], out: Path) -> Reconstruction:
+    """What ``events`` end with; they are recorded where the viewer is installed."""
+    with ExitStack() as stack:
+        recorder = None
+        if importlib.util.find_spec("rerun") is None:
+            print(f"pzcap: no {RECORDING}: {NO_RERUN}", file=sys.stderr)
+        else:
+            from pzcap.viewer.recording import Recorder
+
+            recorder = stack.enter_context(Recorder(out / RECORDING, capture, name=capture.name))
+        with ProgressLine() as line:
+            for event in events:
+                if recorder is not None:
+                    recorder.event(event)
+                match event:
+                    case Progress(stage, done, total):
+                        line.update(stage, done, total)
+                    case Finished(reconstruction):
+                        if recorder is not None:
+                            _complete(recorder, reconstruction, capture)
+                        return reconstruction
+    raise AssertionError("stages end with Finished")
+
+
+def _complete(recorder: object, reconstruction: Reconstruction, capture: Capture) -> None:
+    """Send what is known at the end, and the layout."""
+    from pzcap.viewer import columns, layouts
+    from pzcap.viewer.recording import Recorder
+
+    assert isinstance(recorder, Recorder)
+    recorder.drain()
+    with recorder.timed() as rec:
+        columns.send_reconstruction(rec, reconstruction, capture.subject)
+        rec.send_blueprint(layouts.whole(layouts.overview(reconstruction, scored=False), reconstruction))
+
+
+def summary(found: Reconstruction) -> Iterator[str]:
+    """Lines that say what was found and how certain it is."""
+    frames = len(found.timecodes)
+    yield f"{found.capture_name}: {frames} frame sets from {found.timecodes[0]} to {found.timecodes[-1]}"
+    for name, track in zip(found.camera_names, found.tracks, strict=True):
+        if track is None:
+            yield f"  camera {name}: not calibrated"
+            continue
+        seen = track.valid
+        sigma = np.sqrt(track.covariance[seen])
+        certain = ""
+        if seen.any():
+            pan, focal = np.rad2deg(np.median(sigma[:, 0, 0])), 100.0 * np.median(sigma[:, 1, 1])
+            certain = f"; pan to {pan:.4f} degrees, focal length to {focal:.3f} %"
+        yield f"  camera {name}: located in {seen.sum()} of {frames} frames{certain}"
+    if found.motion is None:
+        yield "  body: not tracked"
+    else:
+        valid = found.motion.valid
+        certain = f"; joints to {1000.0 * np.median(found.motion.sigma_m[valid]):.0f} mm" if valid.any() else ""
+        yield f"  body: tracked in {valid.sum()} of {frames} frames{certain}"
+    yield from (f"  note: {note}" for note in found.notes)

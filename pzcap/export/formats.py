@@ -1,0 +1,72 @@
+"""The formats that results are written in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from pzcap.export import (
+    aniposelib,
+    bvh,
+    c3d,
+    chan,
+    colmap,
+    fbx,
+    freed,
+    gltf,
+    opentrackio,
+    pose2sim,
+    soccernet,
+    trc,
+    uncertainty,
+    usd,
+)
+from pzcap.export.take import Take
+from pzcap.types import PzcapError
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format: how it is written, and what of a take it holds."""
+
+    title: str
+    write: Callable[[Take, Path], list[Path]]
+    body: bool
+    cameras: bool
+    library: str | None = None  # the package that it is written by, where that is none that pzcap needs
+
+
+FORMATS: Final[dict[str, Format]] = {
+    "trc": Format("TRC, joints as markers: OpenSim, Pose2Sim", trc.write, True, False),
+    "c3d": Format("C3D, joints as markers: Mokka, Visual3D, Vicon", c3d.write, True, False, "ezc3d"),
+    "bvh": Format("BVH, skeleton: Blender, MotionBuilder, Unity", bvh.write, True, False),
+    "usd": Format("USD, skinned body and cameras: Houdini, Maya, Omniverse", usd.write, True, True, "usd-core"),
+    "gltf": Format("glTF, skinned body and cameras: Blender, three.js", gltf.write, True, True, "pygltflib"),
+    "fbx": Format("FBX, skinned body and cameras: Unreal, Unity, MotionBuilder", fbx.write, True, True, "usd-core"),
+    "opentrackio": Format("OpenTrackIO 1.0.1, cameras: Unreal, Aximmetry", opentrackio.write, False, True),
+    "freed": Format("FreeD D1, cameras: virtual studios", freed.write, False, True),
+    "colmap": Format("COLMAP text, cameras: COLMAP, NeRF and splatting tools", colmap.write, False, True),
+    "soccernet": Format("SoccerNet camera JSON", soccernet.write, False, True),
+    "chan": Format("Nuke .chan, cameras: Nuke, Blender, Houdini", chan.write, False, True),
+    "aniposelib": Format("aniposelib calibration of virtual fixed cameras, keypoints", aniposelib.write, False, True),
+    "pose2sim": Format("Pose2Sim project of virtual fixed cameras, keypoints", pose2sim.write, False, True),
+}
+
+
+def write(take: Take, name: str, folder: Path) -> list[Path]:
+    """Write ``take`` in the format ``name`` into ``folder``, and beside it how certain its numbers are; the files.
+
+    Raises PzcapError where the format is not known, the take holds nothing for it, or its library is not installed.
+    """
+    if name not in FORMATS:
+        raise PzcapError(f"no format '{name}'; there are {', '.join(FORMATS)}")
+    form = FORMATS[name]
+    folder.mkdir(parents=True, exist_ok=True)
+    files = form.write(take, folder)
+    if form.body and take.reconstruction.motion is not None:
+        files.append(uncertainty.write_joints(take, folder))
+    if form.cameras:
+        files += uncertainty.write_cameras(take, folder)
+    return files

@@ -1,0 +1,51 @@
+"""Pose2Sim: a project of virtual fixed cameras: calibration, keypoints carried over to them, and Config.toml.
+
+Its reader ignores distortion, which virtual cameras do not have. Metres; world to camera; pixel (0, 0) the centre of
+the top-left pixel, as ours; the world keeps z up, and Pose2Sim turns its results to y up itself.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from pzcap.export.take import Take, write_text
+from pzcap.export.toml import toml
+from pzcap.export.virtual_cameras import carried_keypoints, virtual_cameras
+
+
+def write(take: Take, folder: Path) -> list[Path]:
+    """Write the project, with keypoints where the capture has any; the files."""
+    virtual = virtual_cameras(take)
+    names = [f"cam{k:02d}" for k in range(1, len(virtual) + 1)]  # sorted by the last number in them
+    cameras = {name: each.opencv(name) for name, each in zip(names, virtual, strict=True)}
+    calibration = toml({**cameras, "metadata": {"adjusted": False, "error": 0.0}})
+    files = [write_text(folder / "calibration" / "Calib_pzcap.toml", calibration)]
+    files.append(write_text(folder / "Config.toml", toml(_settings(take))))
+    for name, rows in zip(names, carried_keypoints(take, virtual), strict=False):
+        for frame, people in enumerate(rows):
+            persons = [{"person_id": [-1], "pose_keypoints_2d": person.ravel().tolist()} for person in people]
+            text = json.dumps({"version": 1.3, "people": persons})
+            files.append(write_text(folder / "pose" / f"{name}_json" / f"{name}_{frame:06d}.json", text))
+    return files
+
+
+def _settings(take: Take) -> dict[str, dict[str, object]]:
+    """What Pose2Sim would ask videos for, or ask on a screen. Its own defaults hold for all else."""
+    return {
+        "project": {
+            "multi_person": False,
+            "frame_rate": float(take.reconstruction.frame_rate),
+            "frame_range": "all",
+        },
+        "pose": {"pose_model": "Body_with_feet", "vid_img_extension": "mp4"},
+        "triangulation": {
+            "reproj_error_threshold_triangulation": 15,
+            "likelihood_threshold_triangulation": 0.3,
+            "min_cameras_for_triangulation": 2,
+            "interpolation": "linear",
+            "interp_if_gap_smaller_than": 20,
+            "make_c3d": False,
+        },
+        "filtering": {"display_figures": False, "save_filt_plots": False, "make_c3d": False},
+    }

@@ -1,0 +1,171 @@
+"""The command as a user types it: what it leaves, what it says, its exit status."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pzcap.command import doctor, reviewing
+from pzcap.command.main import main
+from pzcap.command.progress import ProgressLine
+from pzcap.export.formats import FORMATS
+from pzcap.io import results
+from tests.scenes import exported, fabricated
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("results")
+    results.save(exported.reconstruction(), folder / "reconstruction")
+    return folder
+
+
+def test_from_a_capture_to_a_skeleton(small_capture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["reconstruct", str(small_capture / "capture"), "--out", str(tmp_path / "r")]) == 0
+    said = capsys.readouterr()
+    assert re.search(r": 8 frame sets from 11:05:53:03 to 11:05:53:10", said.out)
+    assert re.search(r"camera 1: located in [78] of 8 frames; pan to 0\.0\d+ degrees", said.out)
+    assert re.search(r"body: tracked in 8 of 8 frames; joints to \d+ mm", said.out)
+    assert (tmp_path / "r" / "recording.rrd").stat().st_size > 10_000
+    assert main(["export", str(tmp_path / "r"), "--to", "bvh", "--out", str(tmp_path / "e")]) == 0
+    written = [Path(line) for line in capsys.readouterr().out.splitlines()]
+    assert [path.suffix for path in written] == [".bvh", ".csv"]
+    assert written[0].read_text().count("\n") > 8
+
+
+def test_several_formats_have_a_folder_each(saved: Path, tmp_path: Path) -> None:
+    assert main(["export", str(saved), "--to", "trc", "chan", "--out", str(tmp_path)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"trc", "chan"}
+    assert main(["export", str(saved / "reconstruction"), "--to", "trc", "--out", str(tmp_path / "one")]) == 0
+    assert list((tmp_path / "one").glob("*.trc"))
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (["export", "nowhere", "--to", "bvh", "--out", "x"], "nowhere: no reconstruction.json"),
+        (["export", "SAVED", "--to", "bvhh", "--out", "x"], "no format 'bvhh'; there are trc, c3d, bvh"),
+        (["export", "SAVED", "--to", "bvh", "--out", "x", "--udp", "127.0.0.1:1"], "--udp goes with --to freed alone"),
+        (["export", "SAVED", "--to", "freed", "--out", "x", "--udp", "here"], "--udp here: give HOST:PORT"),
+        (["reconstruct", "nowhere", "--out", "x"], "nowhere/capture.json"),
+        (["reconstruct", "nowhere", "--out", "x", "--threads", "0"], "threads is 0"),
+        (["reconstruct", "nowhere", "--out", "x", "--cameras", "there"], "there: no reconstruction.json"),
+        (["review", "SAVED"], "no recording.rrd in it"),
+        (["export", "SAVED", "--to", "bvh", "--out", "FILE"], "File exists"),
+    ],
+)
+def test_what_is_wrong_is_one_line(
+    line: list[str], says: str, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    Path("FILE").touch()
+    assert main([str(saved) if word == "SAVED" else word for word in line]) == 1
+    said = capsys.readouterr()
+    assert said.err.startswith("pzcap: ")
+    assert said.err.count("\n") == 1
+    assert says in said.err
+    assert said.out == ""
+
+
+def test_without_the_viewer_a_review_says_what_to_install(
+    saved: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(reviewing.importlib.util, "find_spec", lambda _: None)
+    assert main(["review", str(saved)]) == 1
+    assert capsys.readouterr().err == "pzcap: the viewer is not installed; pip install 'pzcap[rerun]'\n"
+
+
+def test_the_doctor_names_what_is_missing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"numpy +2\.\d", said)
+    assert all(re.search(rf"^  {name} ", said, re.M) for name in FORMATS)
+    find = doctor.importlib.util.find_spec
+    for gone, status, says in (
+        ("ezc3d", 0, r"ezc3d +missing +pzcap export --to c3d; pip install 'pzcap\[export\]'"),
+        ("av", 1, r"av +MISSING +video; pip install pzcap"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                doctor.importlib.util, "find_spec", lambda name, gone=gone: None if name == gone else find(name)
+            )
+            assert main(["doctor"]) == status
+        assert re.search(says, capsys.readouterr().out)
+
+
+def test_every_library_of_a_format_is_one_the_doctor_knows() -> None:
+    known = {part.package for part in doctor.PARTS}
+    assert {form.library for form in FORMATS.values()} - {None} <= known
+
+
+def test_it_runs_without_simulator_and_frameworks(saved: Path, tmp_path: Path) -> None:
+    """As after `pip install pzcap` alone."""
+    gone = (
+        "mujoco",
+        "hydra",
+        "omegaconf",
+        "cattrs",
+        "rich",
+        "matplotlib",
+        "jinja2",
+        "rerun",
+        "ezc3d",
+        "pxr",
+        "pygltflib",
+    )
+    script = (
+        f"import sys\nfor name in {gone}: sys.modules[name] = None\n"
+        "from pzcap.command.main import main\n"
+        f"assert main(['export', {str(saved)!r}, '--to', 'bvh', 'colmap', 'freed', '--out', {str(tmp_path)!r}]) == 0\n"
+        f"assert main(['export', {str(saved)!r}, '--to', 'usd', '--out', {str(tmp_path)!r}]) == 1\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == (
+        "pzcap: USD is written by the package usd-core, which is not installed; pip install 'pzcap[export]'\n"
+    )
+
+
+def test_a_reader_that_has_had_enough_is_no_error() -> None:
+    line = f"{sys.executable} -m pzcap.command doctor | head -n 1"
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", line], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert done.stderr == ""
+
+
+def test_progress_is_one_line_on_a_terminal_and_a_few_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    import io
+
+    from pzcap.command import progress
+
+    clock = iter(range(0, 1000, 4))
+    monkeypatch.setattr(progress.time, "monotonic", lambda: float(next(clock)))
+    terminal, file = io.StringIO(), io.StringIO()
+    terminal.isatty = lambda: True  # type: ignore[method-assign]
+    with ProgressLine(terminal) as line:
+        line.update("camera 1: a long stage", 1, 3)
+        line.update("motion", 2, 0)
+    drawn = terminal.getvalue()
+    assert "\n" not in drawn
+    assert "[##########....................] 1/3 camera 1: a long stage" in drawn
+    assert drawn.endswith("\r")
+    with ProgressLine(file) as line:
+        for done in range(9):
+            line.update("motion", done, 9)
+    assert len(file.getvalue().splitlines()) == 3
+    assert json.dumps(file.getvalue().splitlines()[0]).endswith('motion 2/9"')
+
+
+def test_a_summary_without_a_body() -> None:
+    from pzcap.command.reconstructing import summary
+
+    lines = list(summary(fabricated.without_a_camera(fabricated.reconstruction())))
+    assert lines[2] == "  camera 2: not calibrated"
+    assert "  body: not tracked" in lines
+    assert lines[-1] == "  note: camera 2: no motion video"

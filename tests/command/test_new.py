@@ -1,0 +1,210 @@
+"""`pzcap new` on a crew's own folders: names of cameras, what a file is for, what stands in the way."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from pzcap.command.footage_files import cameras_in
+from pzcap.command.main import main
+from pzcap.io.capture import read_capture
+from pzcap.types import PzcapError
+
+
+def video(
+    path: Path, *, size: tuple[int, int] = (64, 48), rate: Fraction = Fraction(30), timecode: str | None = None,
+    interlaced: bool = False,
+) -> None:  # fmt: skip
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(path), "w") as container:
+        options = {"flags": "+ildct+ilme"} if interlaced else {}
+        stream = container.add_stream("mpeg2video" if interlaced else "libx264", rate=rate, options=options)
+        stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
+        if timecode:
+            container.metadata["timecode"] = timecode
+        rng = np.random.default_rng(0)
+        for _ in range(4):
+            frame = av.VideoFrame.from_ndarray(rng.integers(0, 255, (size[1], size[0], 3), np.uint8), format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+def still(path: Path, size: tuple[int, int] = (64, 48)) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.zeros((size[1], size[0], 3), np.uint8))
+
+
+def crew(folder: Path, cameras: Sequence[str] = ("GoPro 1", "GoPro 2"), timecode: str | None = "10:20:30:00") -> None:
+    """Cameras that number their files."""
+    for camera in cameras:
+        card = folder / camera / "DCIM" / "100GOPRO"
+        still(card / "GOPR0033.PNG")
+        for number in (34, 35, 36):
+            video(card / f"GX01{number:04d}.MP4", timecode=timecode)
+
+
+def entries(folder: Path) -> list[dict[str, str]]:
+    manifest = json.loads((folder / "capture.json").read_text())
+    return list(manifest["cameras"])
+
+
+def test_files_that_a_camera_has_numbered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    crew(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["new", str(tmp_path), "--name", "Kür"]) == 0
+    assert sorted(tmp_path.rglob("*")) == sorted([*before, tmp_path / "capture.json"])
+    assert entries(tmp_path)[0] == {
+        "name": "GoPro 1",
+        "reference": "GoPro 1/DCIM/100GOPRO/GOPR0033.PNG",
+        "sweep": "GoPro 1/DCIM/100GOPRO/GX010034.MP4",
+        "zoom": "GoPro 1/DCIM/100GOPRO/GX010035.MP4",
+        "motion": "GoPro 1/DCIM/100GOPRO/GX010036.MP4",
+    }
+    capture = read_capture(tmp_path)
+    assert (capture.name, capture.frame_rate, capture.full_turn) == ("Kür", Fraction(30), True)
+    table = capsys.readouterr().out.splitlines()
+    row = next(line for line in table if "GX010036" in line).split()
+    assert row[:4] == ["GoPro", "1", "motion", "GX010036.MP4"]
+    assert row[-5:] == ["64x48", "4", "30", "10:20:30:00", "progressive"]
+
+
+@pytest.mark.parametrize(
+    ("names", "roles"),
+    [
+        (("A001_sweep.MP4", "A002_ZoomRun.MP4", "A003_take3.MP4"), ("sweep", "zoom", "motion")),
+        (("motionA.MP4", "pan-left.MP4"), ("motion", "sweep")),
+        (("C9.MP4", "C10.MP4"), ("sweep", "motion")),
+        (("C1.MP4",), ("motion",)),
+        (("a_zoom.MP4", "b.MP4", "c.MP4"), ("zoom", "sweep", "motion")),
+    ],
+)
+def test_what_a_file_is_for_is_told_by_its_name_or_its_place(
+    names: Sequence[str], roles: Sequence[str], tmp_path: Path
+) -> None:
+    for name in names:
+        video(tmp_path / "cam" / name)
+    [files] = cameras_in(tmp_path, {}).values()
+    assert {file.path.name: file.role for file in files} == dict(zip(names, roles, strict=True))
+
+
+def test_files_of_all_cameras_in_one_folder(tmp_path: Path) -> None:
+    for camera in ("left", "right"):
+        still(tmp_path / f"{camera}_reference.png")
+        video(tmp_path / f"{camera}_sweep.mp4")
+        video(tmp_path / f"{camera}_motion.mp4", timecode="01:00:00:00")
+    assert main(["new", str(tmp_path), "--partial-sweep"]) == 0
+    assert [entry["name"] for entry in entries(tmp_path)] == ["left", "right"]
+    assert entries(tmp_path)[1]["sweep"] == "right_sweep.mp4"
+    assert read_capture(tmp_path).full_turn is False
+
+
+def test_patterns_say_what_names_do_not(tmp_path: Path) -> None:
+    for number in range(5):
+        video(tmp_path / "cam" / f"{number}.mp4", timecode="01:00:00:00")
+    with pytest.raises(PzcapError, match=r"nothing tells what 0\.mp4, 1\.mp4, 2\.mp4, 3\.mp4, 4\.mp4 are for"):
+        cameras_in(tmp_path, {})
+    for number in (0, 3):
+        (tmp_path / "cam" / f"{number}.mp4").unlink()
+    main(["new", str(tmp_path), "--sweep", "4*", "--zoom", "1.mp4", "--motion", "2.mp4"])
+    assert [entries(tmp_path)[0][role] for role in ("sweep", "zoom", "motion")] == [
+        "cam/4.mp4",
+        "cam/1.mp4",
+        "cam/2.mp4",
+    ]
+
+
+def test_two_files_for_one_purpose(tmp_path: Path) -> None:
+    video(tmp_path / "cam" / "sweep1.mp4")
+    video(tmp_path / "cam" / "sweep2.mp4")
+    with pytest.raises(PzcapError, match=r"sweep1\.mp4, sweep2\.mp4 could each be its sweep; say which by --sweep"):
+        cameras_in(tmp_path, {})
+
+
+def broken(folder: Path) -> None:
+    (folder / "GoPro 1/DCIM/100GOPRO/GX010034.MP4").write_bytes(b"no video")
+
+
+def other_size(folder: Path) -> None:
+    video(folder / "GoPro 1/DCIM/100GOPRO/GX010035.MP4", size=(96, 48))
+
+
+def interlaced(folder: Path) -> None:
+    video(folder / "GoPro 1/DCIM/100GOPRO/GX010036.MP4", timecode="10:20:30:00", interlaced=True)
+
+
+def turned(folder: Path) -> None:
+    """As a phone that was held upright says it: by the matrix of the track's header."""
+    path = folder / "GoPro 1/DCIM/100GOPRO/GX010036.MP4"
+    content = bytearray(path.read_bytes())
+    matrix = content.index(b"tkhd") + 4 + 40
+    content[matrix : matrix + 36] = struct.pack(">9i", 0, 0x10000, 0, -0x10000, 0, 0, 0, 0, 0x40000000)
+    path.write_bytes(content)
+
+
+def other_rate(folder: Path) -> None:
+    video(folder / "GoPro 1/DCIM/100GOPRO/GX010036.MP4", timecode="10:20:30:00", rate=Fraction(25))
+
+
+def no_still(folder: Path) -> None:
+    (folder / "GoPro 2/DCIM/100GOPRO/GOPR0033.PNG").unlink()
+
+
+def bad_text(folder: Path) -> None:
+    (folder / "subject.json").write_text("{}")
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (broken, "GX010034.MP4: the video is truncated or damaged"),
+        (other_size, "camera GoPro 1: one size is needed for all its files, not"),
+        (interlaced, "GX010036.MP4: is interlaced; deinterlace it"),
+        (turned, "GX010036.MP4: its container turns it by -90 degrees"),
+        (other_rate, "the motion videos have 25, 30 frames/s; one rate is needed"),
+        (no_still, "camera GoPro 2: no still of the calibration object"),
+        (bad_text, "subject.json"),
+    ],
+)
+def test_what_stands_in_the_way_is_listed(
+    damage: object, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crew(tmp_path)
+    assert callable(damage)
+    damage(tmp_path)
+    assert main(["new", str(tmp_path)]) == 1
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  to mend: ")]
+    assert len(lines) == 1
+    assert says in lines[0]
+
+
+def test_a_video_without_timecode(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    crew(tmp_path, timecode=None)
+    assert main(["new", str(tmp_path)]) == 1
+    said = capsys.readouterr().out
+    assert said.count("no timecode; give it one") == 2
+
+
+def test_a_capture_json_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    crew(tmp_path)
+    (tmp_path / "capture.json").write_text("mine")
+    assert main(["new", str(tmp_path)]) == 1
+    assert "is there already; give --replace" in capsys.readouterr().err
+    assert (tmp_path / "capture.json").read_text() == "mine"
+    assert main(["new", str(tmp_path), "--replace"]) == 0
+
+
+@pytest.mark.parametrize("kind", ["nothing", "empty"])
+def test_a_folder_without_footage(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / kind
+    if kind == "empty":
+        folder.mkdir()
+    assert main(["new", str(folder)]) == 1
+    assert ("no videos in it" if kind == "empty" else "no such folder") in capsys.readouterr().err
