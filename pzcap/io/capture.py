@@ -110,10 +110,15 @@ def _frame_rate(entry: Json) -> Fraction:
 
 
 def _read_camera(entry: Json, folder: Path) -> CameraFiles:
-    entry.only("name", *FOOTAGE, "keypoints")
+    entry.only("name", *FOOTAGE, "keypoints", "keypoints_from")
+    name = entry["name"].text()
     reference, sweep, zoom, motion = (entry.file(kind, folder) for kind in FOOTAGE)
     keypoints = entry.file("keypoints", folder, or_folder=True)
-    return CameraFiles(entry["name"].text(), reference, sweep, zoom, motion, keypoints)
+    first = entry["keypoints_from"] if entry.value.get("keypoints_from") is not None else None
+    if first is not None and (type(first.value) is not int or first.value not in (0, 1)):
+        raise first.error("must be 0 or 1: the number of the first picture")
+    counted_from = None if first is None else int(first.value)
+    return CameraFiles(name, reference, sweep, zoom, motion, keypoints, counted_from)
 
 
 def _check_videos(camera: CameraFiles, rate: Fraction) -> None:
@@ -234,7 +239,9 @@ def frame_sets(capture: Capture) -> FrameSets:
             f"{capture.folder}: the motion videos have no timecode in common; check that the clocks were synchronised"
         )
     keypoints = [
-        {} if reader is None or camera.keypoints is None else read_keypoints(camera.keypoints, reader.indices)
+        {}
+        if reader is None or camera.keypoints is None
+        else _keypoints(camera.keypoints, camera.keypoints_from, reader)
         for camera, reader in zip(capture.cameras, readers, strict=True)
     ]
     timecodes = tuple(frames_to_timecode(clock, capture.frame_rate, drop) for clock in range(first, stop))
@@ -250,6 +257,10 @@ def frame_sets(capture: Capture) -> FrameSets:
         keyframes.append(Keyframe(frame=index, pose=pose))
     sets.keyframes = tuple(sorted(keyframes, key=lambda keyframe: keyframe.frame))
     return sets
+
+
+def _keypoints(path: Path, first: int | None, reader: VideoReader) -> dict[int, Array]:
+    return read_keypoints(path, reader.indices, (reader.width, reader.height), first)
 
 
 def _drop_frame(folder: Path, recorded: Sequence[VideoReader]) -> bool:
