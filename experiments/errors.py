@@ -9,7 +9,7 @@ import shlex
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -79,6 +79,12 @@ def guard(main: Callable[[], object], config: type[AppConfig] = AppConfig) -> in
         print(f"error: {line}", file=sys.stderr)
         return 1
     return 0
+
+
+def flags_first(arguments: Sequence[str]) -> list[str]:
+    """A Hydra application's arguments, -m before the overrides: it refuses overrides on both sides of it."""
+    flags = ("-m", "--multirun")
+    return [*(a for a in arguments if a in flags), *(a for a in arguments if a not in flags)]
 
 
 @contextmanager

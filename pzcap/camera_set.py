@@ -13,6 +13,7 @@ import numpy as np
 
 from pzcap.calibration import reference_camera
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
+from pzcap.calibration.other_dictionaries import find_other
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
@@ -149,9 +150,16 @@ def _find_object(capture: Capture, cameras: Sequence[CameraFiles]) -> None:
     for files in cameras:
         if capture.calibration_object is None or files.reference is None:
             continue
+        image = read_image(files.reference)
         try:
-            reference_camera.detect(read_image(files.reference), capture.calibration_object)
+            reference_camera.detect(image, capture.calibration_object)
         except PzcapError as error:
+            said = capture.calibration_object.dictionary
+            if other := find_other(image, said):
+                raise PzcapError(
+                    f"camera {files.name}: {files.reference}: {other[1]} markers are of {other[0]}, where object.json "
+                    f"says {said}; correct it there"
+                ) from error
             raise PzcapError(f"camera {files.name}: {files.reference}: {error}") from error
 
 
