@@ -170,7 +170,7 @@ def _read(path: Path, read: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
     try:
         return read(checked(path))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, RecursionError, OverflowError,
-            ZeroDivisionError, MemoryError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:  # fmt: skip
+            ZeroDivisionError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:  # fmt: skip
         raise PzcapError(f"{path}: damaged ({error}); {_REMEDY}") from error
 
 

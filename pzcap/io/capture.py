@@ -76,7 +76,8 @@ def read_image(path: Path) -> Image:
     try:
         data = checked(path).read_bytes()
     except OSError as error:
-        raise PzcapError(f"{path}: no such image ({error.strerror}); copy it again from the camera") from error
+        what = "no such image" if isinstance(error, FileNotFoundError) else "the image cannot be read"
+        raise PzcapError(f"{path}: {what} ({error.strerror}); copy it again from the camera") from error
     size = picture_size(data)
     if size is not None and (problem := limits.picture_problem(*size)):
         raise PzcapError(f"{path}: {problem}")
@@ -91,7 +92,9 @@ def read_image(path: Path) -> Image:
 def _decoded(data: bytes) -> Image | None:
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error:  # a header that says one thing and another
+    except cv2.error as error:  # a header that says one thing and another
+        if error.code == cv2.Error.StsNoMem:
+            raise MemoryError("a picture") from error
         return None
     return None if image is None else np.asarray(image, np.uint8)
 

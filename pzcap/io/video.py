@@ -7,6 +7,7 @@ as a player shows them: turned upright as the file says, in the colours that it 
 
 from __future__ import annotations
 
+import errno
 import re
 import struct
 from collections.abc import Iterator
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 
 from pzcap.io import limits
 from pzcap.io.edit_list import read_edit
-from pzcap.io.files import checked
+from pzcap.io.files import checked, memory_ran_out
 from pzcap.types import Image, PzcapError
 
 _TIMECODE: Final = re.compile(r"(\d\d):(\d\d):(\d\d)([:;])(\d{2,3})")
@@ -158,7 +159,7 @@ class VideoReader:
                     if done == len(numbers):
                         return
             except FFmpegError as error:
-                raise self._broken(int(self.indices[numbers[done]])) from error
+                raise self._failed(error, int(self.indices[numbers[done]])) from error
         raise self._broken(int(self.indices[numbers[done]]))
 
     def _list(self, container: av.container.InputContainer, stream: VideoStream) -> _Listed:
@@ -172,7 +173,7 @@ class VideoReader:
                 if len(found) > limits.FRAMES:
                     raise PzcapError(f"{self.path}: more than {limits.FRAMES} frames; cut it into takes")
         except FFmpegError as error:
-            raise self._broken() from error
+            raise self._failed(error) from error
         if len(found) < stream.frames:
             raise self._broken()
         if not found:
@@ -228,12 +229,17 @@ class VideoReader:
         except FFmpegError as error:
             if not self.path.is_file():
                 raise PzcapError(f"{self.path}: no such video; copy it from the camera") from error
-            raise self._broken() from error
+            raise self._failed(error) from error
 
     def _stream(self, container: av.container.InputContainer) -> VideoStream:
         if not container.streams.video:
             raise PzcapError(f"{self.path}: the file holds no video; copy it again from the camera")
         stream = container.streams.video[0]
+        if stream.codec_context is None:
+            raise PzcapError(
+                f"{self.path}: FFmpeg does not know its codec, or it is damaged; convert it to H.264 where it was "
+                "recorded, or copy it again"
+            )
         # A damaged frame must raise, not be patched up with what stood there before.
         stream.codec_context.options = {"err_detect": "explode"}
         return stream
@@ -243,6 +249,16 @@ class VideoReader:
             f"{self.path}: it is interlaced; make whole pictures of its fields, in all that this camera recorded: "
             f"ffmpeg -i {self.path.name} -vf bwdif=mode=send_frame -crf 10 OUT"
         )
+
+    def _failed(self, error: Exception, index: int | None = None) -> Exception:
+        """What to raise where FFmpeg fails: not every failure is a damage of the file."""
+        if isinstance(error, MemoryError) or memory_ran_out():
+            return MemoryError(f"{self.path} cannot be decoded")
+        if isinstance(error, PermissionError):
+            return PzcapError(f"{self.path}: may not be read ({error.strerror}); change its permissions")
+        if isinstance(error, OSError) and error.errno in (errno.EIO, errno.EMFILE, errno.ENFILE):
+            return PzcapError(f"{self.path}: cannot be read ({error.strerror})")
+        return self._broken(index)
 
     def _broken(self, index: int | None = None) -> PzcapError:
         where = "" if index is None else f" at frame {index}"
