@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from pzcap.calibration import reference_camera
+from pzcap.calibration.blame import sweep_is_foreign
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
 from pzcap.calibration.other_dictionaries import find_other
 from pzcap.calibration.settings import PanZoomConfig
@@ -98,9 +99,15 @@ def calibrate_cameras(
             news.put(Progress(f"camera {files.name}: {stage}", done, total))
 
         started = time.perf_counter()
+        footage = footage_of(capture, files)
         try:
-            calibrated = calibrate_one(footage_of(capture, files), report=report)
+            calibrated = calibrate_one(footage, report=report)
         except PzcapError as error:
+            if _foreign_sweep(footage):
+                raise PzcapError(
+                    f"camera {files.name}: {files.sweep}: shows nothing of what the reference image and the zoom run "
+                    "show, which agree; it is another camera's, or was shot elsewhere"
+                ) from error
             raise PzcapError(f"camera {files.name}: {error}") from error
         news.put(CameraCalibrated(index, calibrated, time.perf_counter() - started))
         give_back()
@@ -133,6 +140,14 @@ def calibrate_cameras(
                 raise error
         else:
             yield event
+
+
+def _foreign_sweep(footage: Footage) -> bool:
+    """True where a calibration failed since the sweep is another camera's."""
+    try:
+        return sweep_is_foreign(footage, PanZoomConfig())
+    except PzcapError:
+        return False
 
 
 def _missing(capture: Capture, files: CameraFiles) -> str | None:
