@@ -22,6 +22,7 @@ import rerun as rr
 
 from experiments.config import nearest
 from experiments.errors import guard
+from experiments.recordings import readable
 from experiments.review import RECORDING, runs_in
 from experiments.terminal import print_whole, table, terminal
 from pzcap.types import PzcapError
@@ -66,7 +67,9 @@ def _command() -> None:
             importlib.import_module(library)
     except ImportError:
         raise PzcapError("a catalog needs more of Rerun; say: pip install 'pzcap[catalog]'") from None
-    recordings = [run / RECORDING for run in runs_in(given.folder)]
+    recordings = readable([run / RECORDING for run in runs_in(given.folder)])
+    if not recordings:
+        raise PzcapError(f"{given.folder}: none of its recordings can be read; make the runs again")
     begun = _clocks()
     with served(recordings) as dataset:
         opened = _clocks()

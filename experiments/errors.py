@@ -9,10 +9,11 @@ import shlex
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from typing import Any, TextIO, cast
 
+import cv2
 from hydra.conf import HydraConf
 from hydra.core.utils import JobReturn, JobStatus
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
@@ -38,6 +39,9 @@ def explain(error: BaseException, config: type[AppConfig] = AppConfig) -> str | 
         return _explain_syntax(error.override)
     if isinstance(error, HydraException | OmegaConfBaseException):
         return _explain_override(error, config)
+    if _is_short_of_memory(error):
+        what = f" ({_one_line(str(error))})" if str(error) else ""
+        return f"memory ran out{what}; close other programs, or give fewer reconstruct.threads or a smaller picture"
     if isinstance(error, OSError):
         where = f" while writing {error.filename}" if error.filename else ""
         if error.errno == errno.ENOSPC:
@@ -46,6 +50,14 @@ def explain(error: BaseException, config: type[AppConfig] = AppConfig) -> str | 
             return f"{error.filename or 'a file'}: no permission; choose another folder (hydra.run.dir=FOLDER)"
         return _one_line(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     return None
+
+
+def _is_short_of_memory(error: BaseException) -> bool:
+    if isinstance(error, cv2.error):
+        return error.code == cv2.Error.StsNoMem
+    if isinstance(error, RuntimeError):
+        return "can't start new thread" in str(error)
+    return isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM)
 
 
 def _value_or_error(job: JobReturn) -> Any:
@@ -65,8 +77,9 @@ def guard(main: Callable[[], object], config: type[AppConfig] = AppConfig) -> in
     os.environ["HYDRA_FULL_ERROR"] = "1"
     setattr(JobReturn, "return_value", property(_value_or_error, _keep))  # noqa: B010
     try:
-        with _terminable():
+        with _terminable(), redirect_stdout(cast(TextIO, _Output(sys.stdout))):
             main()
+            sys.stdout.flush()
     except AlreadyReported:
         return 1
     except KeyboardInterrupt:
@@ -79,6 +92,42 @@ def guard(main: Callable[[], object], config: type[AppConfig] = AppConfig) -> in
         print(f"error: {line}", file=sys.stderr)
         return 1
     return 0
+
+
+class _Output:
+    """Standard output; where it takes no more, that is said of it, and not of the disk that the results are on."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        with self._said():
+            return self._stream.write(text)
+
+    def flush(self) -> None:
+        with self._said():
+            self._stream.flush()
+
+    @contextmanager
+    def _said(self) -> Iterator[None]:
+        try:
+            yield
+        except BrokenPipeError:  # of `| head`: rich knows what to do
+            raise
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())  # or Python complains again as it ends
+            raise PzcapError(
+                f"the output takes no more ({error.strerror}); what was to be printed is lost, what was made is not"
+            ) from error
+
+
+def flags_first(arguments: Sequence[str]) -> list[str]:
+    """A Hydra application's arguments, -m before the overrides: it refuses overrides on both sides of it."""
+    flags = ("-m", "--multirun")
+    return [*(a for a in arguments if a in flags), *(a for a in arguments if a not in flags)]
 
 
 @contextmanager

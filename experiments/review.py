@@ -11,6 +11,7 @@ that list in it, RUN/review.rrd or RUN/comparison.rrd, which `rerun` opens anywh
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 import uuid
 from collections.abc import Sequence
@@ -20,9 +21,10 @@ from typing import Final
 
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.chunk import Chunk, LazyChunkStream, RrdReader
+from rerun.chunk import Chunk, LazyChunkStream
 
 from experiments.errors import guard
+from experiments.recordings import check, each, opened
 from experiments.report import bookmarks
 from experiments.report.bookmarks import Bookmark
 from pzcap.io import results
@@ -73,7 +75,8 @@ def review(run: Path) -> Review:
     blueprint = layouts.whole(_beside(rrb.Tabs(*purposes, active_tab=first)), whole)
     path = run / "review.rrd"
     page = _page(marks, "In brackets: how many times its target.")
-    _write(path, RrdReader(run / RECORDING).store().stream(), run.name, marks, page, blueprint)
+    with opened(run / RECORDING) as reader:
+        _write(path, reader.store().stream(), run.name, marks, page, blueprint)
     return Review(path, run.name, tuple(marks))
 
 
@@ -81,13 +84,15 @@ def compare(first: Path, second: Path) -> Review:
     """Write FIRST/comparison.rrd: both runs in one recording, and where they differ."""
     marks = bookmarks.differing(*(bookmarks.errors(run / RECORDING) for run in (first, second)))
     whole = results.load(first / "reconstruction")
-    others = RrdReader(second / RECORDING).store().stream().drop(content=LEFT_OUT).map(_under_other)
-    both = LazyChunkStream.merge(RrdReader(first / RECORDING).store().stream(), others)
     titles = told_apart(first.name, second.name)
     content = rrb.Tabs(layouts.comparison(whole, titles), layouts.overview(whole, scored=True), active_tab=0)
     path, title = first / "comparison.rrd", " and ".join(titles)
     page = _page(marks, f"By how much {titles[1]} is above {titles[0]}. In brackets: in times of the target.")
-    _write(path, both, title, marks, page, layouts.whole(_beside(content), whole))
+    check(second / RECORDING)
+    with opened(first / RECORDING) as one, opened(second / RECORDING) as other:
+        others = other.store().stream().drop(content=LEFT_OUT).map(_under_other)
+        both = LazyChunkStream.merge(one.store().stream(), others)
+        _write(path, both, title, marks, page, layouts.whole(_beside(content), whole))
     return Review(path, title, tuple(marks))
 
 
@@ -146,12 +151,19 @@ def reviews(folders: Sequence[Path]) -> list[Review]:
             raise PzcapError("two runs can be compared, not studies; give the folder of one job of each")
         return [compare(first[0], second[0])]
     found = runs_in(folders[0])
-    ranked = sorted(found, key=lambda run: -_gravest(run))
-    return [review(run) for run in ranked[:AT_ONCE]]
+    if len(found) == 1:
+        return [review(found[0])]
+    ranked = sorted(each(_graded, found), key=lambda graded: -graded[0])
+    made = list(itertools.islice(each(review, (run for _, run in ranked)), AT_ONCE))
+    if not made:
+        raise PzcapError(f"{folders[0]}: none of its {len(found)} runs can be shown; make them again")
+    return made
 
 
-def _gravest(run: Path) -> float:
-    return max((mark.severity for mark in bookmarks.worst(bookmarks.errors(run / RECORDING))), default=0.0)
+def _graded(run: Path) -> tuple[float, Path]:
+    """A run, and how grave its worst frame is."""
+    marks = bookmarks.worst(bookmarks.errors(run / RECORDING))
+    return max((mark.severity for mark in marks), default=0.0), run
 
 
 def _open(folders: Sequence[Path]) -> None:

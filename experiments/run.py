@@ -31,7 +31,7 @@ from rich.text import Text
 
 from experiments import estimators, footage, memory
 from experiments.config import AppConfig, build, default_tree, plain
-from experiments.errors import guard, reported
+from experiments.errors import flags_first, guard, reported
 from experiments.metrics import Metric, format_value, meets_target, run_info, write_metrics
 from experiments.progress import Bars
 from experiments.report import recording
@@ -260,6 +260,7 @@ def _job(composed: DictConfig) -> None:
 def main() -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
     command: Callable[[], object] = _job
+    sys.argv[1:] = flags_first(sys.argv[1:])
     return guard(command)
 
 

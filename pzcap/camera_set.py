@@ -12,7 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from pzcap.calibration import reference_camera
+from pzcap.calibration.blame import sweep_is_foreign
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
+from pzcap.calibration.other_dictionaries import find_other
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.stitching import SweptFrames
 from pzcap.events import CameraCalibrated, Progress
@@ -116,9 +118,15 @@ def calibrate_cameras(
             news.put(Progress(f"camera {files.name}: {stage}", done, total))
 
         started = time.perf_counter()
+        footage = footage_of(capture, files)
         try:
-            calibrated = calibrate_one(footage_of(capture, files), report=report)
+            calibrated = calibrate_one(footage, report=report)
         except PzcapError as error:
+            if _foreign_sweep(footage):
+                raise PzcapError(
+                    f"camera {files.name}: {files.sweep}: shows nothing of what the reference image and the zoom run "
+                    "show, which agree; it is another camera's, or was shot elsewhere"
+                ) from error
             raise PzcapError(f"camera {files.name}: {error}") from error
         news.put(CameraCalibrated(index, calibrated, time.perf_counter() - started))
         give_back()
@@ -153,6 +161,14 @@ def calibrate_cameras(
             yield event
 
 
+def _foreign_sweep(footage: Footage) -> bool:
+    """True where a calibration failed since the sweep is another camera's."""
+    try:
+        return sweep_is_foreign(footage, PanZoomConfig())
+    except PzcapError:
+        return False
+
+
 def _missing(capture: Capture, files: CameraFiles) -> str | None:
     """The first file that a camera cannot be calibrated without and the capture does not hold."""
     needed = {
@@ -168,9 +184,16 @@ def _find_object(capture: Capture, cameras: Sequence[CameraFiles]) -> None:
     for files in cameras:
         if capture.calibration_object is None or files.reference is None:
             continue
+        image = read_image(files.reference)
         try:
-            reference_camera.detect(read_image(files.reference), capture.calibration_object)
+            reference_camera.detect(image, capture.calibration_object)
         except PzcapError as error:
+            said = capture.calibration_object.dictionary
+            if other := find_other(image, said):
+                raise PzcapError(
+                    f"camera {files.name}: {files.reference}: {other[1]} markers are of {other[0]}, where object.json "
+                    f"says {said}; correct it there"
+                ) from error
             raise PzcapError(f"camera {files.name}: {files.reference}: {error}") from error
 
 

@@ -38,6 +38,7 @@ from pzcap.localisation.localise import Localiser, predicted
 from pzcap.localisation.panorama_sampler import place_of
 from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import is_sheared, rectified_keypoints, upright
+from pzcap.plausibility import SeenViews, lens_moved, unseen_keyframes
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
@@ -140,6 +141,9 @@ def stages(
         for calibration in calibrate_cameras(capture, one, pool, notes, known):
             if isinstance(calibration, CameraCalibrated):
                 calibrated[calibration.index] = calibration.calibrated
+                if calibration.calibrated and method is EXACT:
+                    name = capture.cameras[calibration.index].name
+                    notes += filter(None, [lens_moved(name, calibration.calibrated)])
             yield calibration
         if tracker:
             tracker.make_ready()  # not before: cameras being calibrated take most of the memory that there is
@@ -149,13 +153,19 @@ def stages(
         segment = partial(segment_views, calibrated, config, pool)
         located: list[tuple[Localisation | None, ...]] = []
         poses: list[Tracked] = []
+        set_by_hand = {keyframe.frame for keyframe in sets.keyframes}
+        views: dict[int, SeenViews] = {}  # of the keyframes
         for event in follow(sets, localise, segment, tracker):
             match event:
                 case FrameLocalised(_, localisations):
                     located.append(localisations)
+                case FrameSegmented(frames, cameras_then, silhouettes) if frames.index in set_by_hand:
+                    views[frames.index] = SeenViews(cameras_then, silhouettes)
                 case BodyTracked(tracked):
                     poses += tracked
             yield event
+    if capture.subject is not None:
+        notes += unseen_keyframes(sets.keyframes, skeleton.build(capture.subject), views, sets.timecodes)
     tracks = panzoom_tracks(calibrated, located)
     notes += [
         f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"

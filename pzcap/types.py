@@ -159,6 +159,7 @@ class CameraFiles:
     zoom: Path | None  # zoom run with the head locked
     motion: Path | None  # the motion, with timecode
     keypoints: Path | None = None  # what a detector found in the motion: a folder or a file
+    keypoints_from: int | None = None  # number that it gave to the first picture, 0 or 1; None: its numbers tell
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,7 +35,8 @@ def write_capture(capture: Capture) -> None:
         "frame_rate": f"{capture.frame_rate.numerator}/{capture.frame_rate.denominator}",
         "full_turn": capture.full_turn,
         "cameras": [
-            {"name": c.name, **{kind: relative(getattr(c, kind)) for kind in _places(c)}} for c in capture.cameras
+            {"name": c.name, **{kind: relative(getattr(c, kind)) for kind in _places(c)}, **_counted_from(c)}
+            for c in capture.cameras
         ],
     }
     if capture.calibration_object is not None:
@@ -54,6 +55,10 @@ def _places(camera: CameraFiles) -> tuple[str, ...]:
     """Entries that are written of a camera: all its footage, with null for what is missing, and keypoints if it has
     them."""
     return (*FOOTAGE, "keypoints") if camera.keypoints else FOOTAGE
+
+
+def _counted_from(camera: CameraFiles) -> dict[str, int]:
+    return {} if camera.keypoints_from is None else {"keypoints_from": camera.keypoints_from}
 
 
 def write_object(path: Path, definition: CalibrationObject) -> None:

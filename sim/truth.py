@@ -17,11 +17,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.io import limits
+from pzcap.io.arrays import announced, read_arrays
 from pzcap.io.files import checked
 from pzcap.types import Array, Camera, Lens, Mask, Pose, PzcapError
 
-_MASKS = ("mask_bits", "shadow_bits")
-_LARGEST_BYTES: Final = 8e9
+ARRAYS: Final = ("truth.npz", "masks.npz")
+_MASKS: Final = ("mask_bits", "shadow_bits")
+_MOST: Final = 100_000
+"""Frames of a sweep, points of a hall: what no other file says the number of."""
+_LONGEST_RATE: Final = 40  # characters of a frame rate
+_REMEDY: Final = "remove the truth to go on without a score"
 _SHAPES: Final = {
     "pan_rad": "C F", "tilt_rad": "C F", "roll_rad": "C F", "focal_px": "C F", "principal_px": "C F 2", "k1": "C F",
     "world_T_cam": "C F 4 4", "recorded": "C F", "reference_focal_px": "C", "reference_principal_px": "C 2",
@@ -165,68 +171,61 @@ def save(truth: Truth, folder: Path) -> None:
 
 def load(folder: Path) -> Truth:
     """Read what `save` wrote. Raises PzcapError, with the file, if it is damaged or one part does not fit another."""
-    values = _read(folder / "truth.json", lambda path: _plain(json.loads(path.read_text(encoding="utf-8"))))
-    for name in ("truth.npz", "masks.npz"):
-        values |= _read(folder / name, _arrays)
-    _complete(values)
+    values = _read(folder / "truth.json", _plain)
+    _check_headers(values, folder)
+    for name in ARRAYS:
+        values |= _read(folder / name, read_arrays)
     try:
         truth = Truth(**values)
     except TypeError as error:
         raise PzcapError(f"{folder}: not a truth of this version ({error}); shoot the capture again") from error
-    _check(truth, folder)
+    for name in _SHAPES:
+        if not np.all(np.isfinite(getattr(truth, name))):
+            raise PzcapError(f"{folder}: {name} holds what is no number; {_REMEDY}")
     return truth
 
 
 def _read(path: Path, read: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
     try:
         return read(checked(path))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, RecursionError, ZeroDivisionError,
-            zipfile.BadZipFile, zlib.error, NotImplementedError) as error:  # fmt: skip
-        raise PzcapError(f"{path}: damaged ({error}); remove the truth to go on without a score") from error
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, RecursionError, OverflowError,
+            ZeroDivisionError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:  # fmt: skip
+        raise PzcapError(f"{path}: damaged ({error}); {_REMEDY}") from error
 
 
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
+def _plain(path: Path) -> dict[str, Any]:
+    if path.stat().st_size > limits.PAPER_BYTES:
+        raise ValueError(f"{path.stat().st_size / 2**20:.0f} MiB")
+    values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    if len(str(values["frame_rate"])) > _LONGEST_RATE:
+        raise ValueError("its frame_rate")
     values["frame_rate"] = Fraction(values["frame_rate"])
     values["camera_names"], values["timecodes"] = tuple(values["camera_names"]), tuple(values["timecodes"])
     values["width"], values["height"] = int(values["width"]), int(values["height"])
+    if problem := limits.picture_problem(values["width"], values["height"]):
+        raise ValueError(problem)
     json.loads(values["config"])
     return values
 
 
-def _complete(values: dict[str, Any]) -> None:
-    """Add what a truth did not hold before cameras had the troubles that it is about: none, then."""
-    shape, sweep = (np.shape(values.get(name, 0.0)) for name in ("pan_rad", "sweep_pan_rad"))
-    roll_rad, focal_px = (np.asarray(values.get(name, 0.0)) for name in ("roll_rad", "reference_focal_px"))
-    if len(shape) != 2 or len(sweep) != 2 or focal_px.shape != shape[:1]:
-        return  # damaged, as is said elsewhere
-    if roll_rad.shape == shape[:1]:
-        values["roll_rad"] = np.repeat(roll_rad[:, None], shape[1], axis=1)
-    values.setdefault("sweep_focal_px", np.repeat(focal_px[:, None], sweep[1], axis=1))
-    values.setdefault("gain", np.ones((*shape, 3)))
-    for name in ("clock_offset_s", "clock_drift", "readout_s", "field_s", "k2", "p1"):
-        values.setdefault(name, np.zeros(shape[0]))
-
-
-def _arrays(path: Path) -> dict[str, Any]:
-    with zipfile.ZipFile(path) as archive:
-        size = sum(member.file_size for member in archive.infolist())
-    if size > _LARGEST_BYTES:
-        raise ValueError(f"it holds {size / 1e9:.0f} GB, where {_LARGEST_BYTES / 1e9:.0f} GB is the most")
-    with np.load(path) as arrays:
-        return {key: arrays[key] for key in arrays}
-
-
-def _check(truth: Truth, folder: Path) -> None:
-    sizes = {"C": len(truth.camera_names), "F": len(truth.timecodes), "B": -(-truth.width * truth.height // 8)}
+def _check_headers(plain: dict[str, Any], folder: Path) -> None:
+    """Raise PzcapError unless the headers of all arrays fit the rest, and each other; no array is read for that."""
+    found: dict[str, Any] = {}
+    for name in ARRAYS:
+        found |= _read(folder / name, announced)
+    if missing := sorted(set(_SHAPES) - set(found)):
+        raise PzcapError(f"{folder}: not a truth of this version ({missing[0]} is missing); shoot the capture again")
+    sizes = {"C": len(plain["camera_names"]), "F": len(plain["timecodes"])}
+    sizes["B"] = -(-plain["width"] * plain["height"] // 8)
     for name, letters in _SHAPES.items():
-        value = getattr(truth, name)
-        if not isinstance(value, np.ndarray) or value.ndim != len(letters.split()):
-            raise PzcapError(f"{folder}: {name} is damaged; remove the truth to go on without a score")
+        shape, dtype = found[name]
+        if len(shape) != len(letters.split()):
+            raise PzcapError(f"{folder}: {name} has the shape {shape}, not {letters.replace(' ', ' x ')}; {_REMEDY}")
         wanted = tuple(
-            int(letter) if letter.isdigit() else sizes.setdefault(letter, length)
-            for letter, length in zip(letters.split(), value.shape, strict=True)
+            int(letter) if letter.isdigit() else sizes.setdefault(letter, min(length, _MOST))
+            for letter, length in zip(letters.split(), shape, strict=True)
         )
-        if value.shape != wanted:
-            raise PzcapError(f"{folder}: {name} has the shape {value.shape}, not {wanted}; remove the truth to go on")
-        if value.dtype.kind not in "fiub" or not np.all(np.isfinite(value)):
-            raise PzcapError(f"{folder}: {name} holds what is no number; remove the truth to go on without a score")
+        if shape != wanted:
+            raise PzcapError(f"{folder}: {name} has the shape {shape}, not {wanted}; {_REMEDY}")
+        if dtype.kind not in "fiub":
+            raise PzcapError(f"{folder}: {name} holds what is no number; {_REMEDY}")

@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments import recordings
 from experiments.metrics import read_metrics
+from experiments.report import bookmarks
 from experiments.studies import page, study
 from pzcap.types import PzcapError
 from sim.truth import Truth, load, save
 from tests.scenes import fabricated
 from tests.scenes.fabricated_truth import truth_of
-from tests.scenes.studies import NOISE, grid
+from tests.scenes.studies import NOISE, grid, record
 
 TRIES = 60
 VALUES: tuple[Any, ...] = (None, "", "x", -1, 0, 1e308, float("nan"), [], {}, [[]], {"value": {}}, True)
@@ -89,7 +91,10 @@ def test_a_truth_of_damaged_values(truth: Truth, tmp_path: Path) -> None:
         (lambda arrays: arrays.update(focal_px=arrays["focal_px"][:, :-1]), r"focal_px has the shape \(\d, \d+\), not"),
         (lambda arrays: arrays.update(pan_rad=arrays["pan_rad"] * np.nan), "pan_rad holds what is no number"),
         (lambda arrays: arrays.update(k1=arrays["k1"].astype(str)), "k1 holds what is no number"),
-        (lambda arrays: arrays.update(joints_m=arrays["joints_m"].ravel()), "joints_m is damaged"),
+        (
+            lambda arrays: arrays.update(joints_m=arrays["joints_m"].ravel()),
+            r"joints_m has the shape \(576,\), not F x 16 x 3",
+        ),
         (lambda arrays: arrays.pop("roll_rad"), "not a truth of this version .*roll_rad"),
         (lambda arrays: arrays.update(more=np.zeros(3)), "not a truth of this version .*more"),
     ],
@@ -142,6 +147,33 @@ def test_one_bad_file_costs_a_study_one_run(name: str, tmp_path: Path) -> None:
         assert set(found.failed) <= {places[2].name}
         assert page.write_study(tmp_path, places)
         assert (tmp_path / "runs.parquet").is_file()
+
+
+def test_a_recording_of_damaged_bytes(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "run" / "recording.rrd"
+    record(path, 1.0, 0)
+    content = path.read_bytes()
+    for seed in range(TRIES):
+        path.write_bytes(damaged(content, random.Random(seed)))
+        a_result_or_one_line(lambda: bookmarks.errors(path), path)
+        a_result_or_one_line(lambda: recordings.recording_id(path), path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_one_bad_recording_costs_a_catalog_one_run_and_a_copy_none(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    paths = [tmp_path / f"{k}" / "recording.rrd" for k in range(4)]
+    for k, path in enumerate(paths[:3]):
+        record(path, 1.0, k)
+    paths[1].write_bytes(paths[1].read_bytes()[:-5000])
+    paths[3].parent.mkdir()
+    paths[3].write_bytes(paths[0].read_bytes())
+    assert recordings.readable(paths) == [paths[0], paths[2]]
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert lines[0].startswith(f"error: {paths[1]}: damaged, or never finished (")
+    assert lines[1] == f"error: {paths[3]}: left out, since it is a copy of {paths[0]}; make the run again to have both"
 
 
 def test_a_pipe_in_the_place_of_a_result_is_not_waited_for(tmp_path: Path) -> None:

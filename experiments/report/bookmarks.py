@@ -9,9 +9,9 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rerun.chunk import RrdReader
 
 from experiments.metrics import TARGETS
+from experiments.recordings import opened
 from pzcap.types import Array
 from pzcap.viewer.columns import TIMELINE
 
@@ -71,16 +71,19 @@ class Bookmark:
 
 
 def errors(recording: Path) -> dict[tuple[Kind, str | None], Series]:
-    """(Kind, camera) -> its series, of everything that the recording knows the error of."""
+    """(Kind, camera) -> its series, of everything that the recording knows the error of.
+
+    Raises PzcapError if it is damaged.
+    """
     content = [f"{kind.entity}/**" for kind in KINDS]
-    stream = RrdReader(recording).store().stream().filter(content=content, components="Scalars:scalars")
     found: dict[tuple[Kind, str | None], list[tuple[int, float]]] = {}
-    for chunk in stream.to_chunks():
-        kind = next(kind for kind in KINDS if f"{chunk.entity_path}/".startswith(f"{kind.entity}/"))
-        camera = chunk.entity_path[len(kind.entity) + 1 :].replace("\\", "") or None
-        batch = chunk.to_record_batch()
-        rows = zip(batch[TIMELINE].to_pylist(), batch["Scalars:scalars"].to_pylist(), strict=True)
-        found.setdefault((kind, camera), []).extend((int(frame), float(value[0])) for frame, value in rows)
+    with opened(recording) as reader:
+        for chunk in reader.store().stream().filter(content=content, components="Scalars:scalars").to_chunks():
+            kind = next(kind for kind in KINDS if f"{chunk.entity_path}/".startswith(f"{kind.entity}/"))
+            camera = chunk.entity_path[len(kind.entity) + 1 :].replace("\\", "") or None
+            batch = chunk.to_record_batch()
+            rows = zip(batch[TIMELINE].to_pylist(), batch["Scalars:scalars"].to_pylist(), strict=True)
+            found.setdefault((kind, camera), []).extend((int(frame), float(value[0])) for frame, value in rows)
     columns = {key: zip(*sorted(rows), strict=True) for key, rows in found.items()}
     return {key: Series(np.array(frames, np.int64), np.array(values)) for key, (frames, values) in columns.items()}
 

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
@@ -14,9 +15,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from pzcap.io import limits
 from pzcap.io.detections import NOBODY, read_keypoints
 from pzcap.io.files import checked
 from pzcap.io.manifest import Json, load_json, read_keyframes, read_object, read_subject
+from pzcap.io.picture_header import is_whole, picture_size
 from pzcap.io.video import VideoReader, frames_per_day, frames_to_timecode, timecode_to_frames
 from pzcap.types import Array, CameraFiles, Capture, FrameSet, Image, Keyframe, PzcapError
 
@@ -25,6 +28,7 @@ VERSION = 1
 MANIFEST = "capture.json"
 _ENTRIES = ("format", "version", "name", "frame_rate", "full_turn", "cameras", "object", "subject", "keyframes")
 FOOTAGE = ("reference", "sweep", "zoom", "motion")
+_RATE = re.compile(r"\d{1,9}(\.\d{1,9}|/\d{1,9})?")
 _RATE_TOLERANCE = 1e-4  # containers round 30000/1001 to 29.97
 
 
@@ -40,7 +44,10 @@ def read_capture(folder: Path) -> Capture:
         raise manifest.error(f'this is not format "{FORMAT}", version {VERSION}; convert it (docs/capture.md)')
     manifest.only(*_ENTRIES)
     rate = _frame_rate(manifest["frame_rate"])
-    cameras = tuple(_read_camera(entry, folder) for entry in manifest["cameras"].list())
+    entries = manifest["cameras"].list()
+    if len(entries) > limits.CAMERAS:
+        raise manifest["cameras"].error(f"{len(entries)} cameras, where {limits.CAMERAS} are the most")
+    cameras = tuple(_read_camera(entry, folder) for entry in entries)
     names = [camera.name for camera in cameras]
     if not cameras or len(set(names)) < len(names):
         raise manifest["cameras"].error("list at least one camera, each with a name of its own")
@@ -62,42 +69,59 @@ def read_capture(folder: Path) -> Capture:
 
 
 def read_image(path: Path) -> Image:
-    """Read a still image (H, W, 3). Raises PzcapError if it is missing, truncated, or cannot be decoded."""
+    """Read a PNG or JPEG (H, W, 3), turned upright as its EXIF says.
+
+    Raises PzcapError if it is missing, truncated, neither, or larger than `pzcap.io.limits`.
+    """
     try:
         data = checked(path).read_bytes()
     except OSError as error:
-        raise PzcapError(f"{path}: no such image ({error.strerror}); copy it again from the camera") from error
+        what = "no such image" if isinstance(error, FileNotFoundError) else "the image cannot be read"
+        raise PzcapError(f"{path}: {what} ({error.strerror}); copy it again from the camera") from error
+    size = picture_size(data)
+    if size is not None and (problem := limits.picture_problem(*size)):
+        raise PzcapError(f"{path}: {problem}")
     # OpenCV fills up what is cut off with grey and a line on stderr
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if _is_whole(data) else None
+    whole = size is not None and is_whole(data)
+    image = _decoded(data) if whole else None
     if image is None:
         raise PzcapError(f"{path}: the image cannot be decoded; copy it again from the camera, as PNG or JPEG")
-    return np.asarray(image, np.uint8)
+    return image
 
 
-def _is_whole(still: bytes) -> bool:
-    """True where a PNG's or JPEG's last part is there. Within a JPEG's data, a marker is never met by chance."""
-    if still.startswith(b"\x89PNG"):
-        return b"IEND" in still[-64:]
-    if still.startswith(b"\xff\xd8"):
-        return still.rfind(b"\xff\xd9") > still.rfind(b"\xff\xda")
-    return len(still) > 0
+def _decoded(data: bytes) -> Image | None:
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:  # a header that says one thing and another
+        if error.code == cv2.Error.StsNoMem:
+            raise MemoryError("a picture") from error
+        return None
+    return None if image is None else np.asarray(image, np.uint8)
 
 
 def _frame_rate(entry: Json) -> Fraction:
+    if _RATE.fullmatch(entry.text()) is None:  # an exponent would make a number of a billion digits
+        raise entry.error('must be a fraction in quotes, such as "30/1"')
     try:
         rate = Fraction(entry.text())
-    except (ValueError, ZeroDivisionError) as error:
+    except ZeroDivisionError as error:
         raise entry.error('must be a fraction in quotes, such as "30/1"') from error
-    if rate <= 0:
-        raise entry.error("must be above 0")
+    slowest, fastest = limits.FRAME_RATE
+    if not slowest <= rate <= fastest:
+        raise entry.error(f"is {float(rate):g} frames a second; {slowest} to {fastest} are plausible")
     return rate
 
 
 def _read_camera(entry: Json, folder: Path) -> CameraFiles:
-    entry.only("name", *FOOTAGE, "keypoints")
+    entry.only("name", *FOOTAGE, "keypoints", "keypoints_from")
+    name = entry["name"].text()
     reference, sweep, zoom, motion = (entry.file(kind, folder) for kind in FOOTAGE)
     keypoints = entry.file("keypoints", folder, or_folder=True)
-    return CameraFiles(entry["name"].text(), reference, sweep, zoom, motion, keypoints)
+    first = entry["keypoints_from"] if entry.value.get("keypoints_from") is not None else None
+    if first is not None and (type(first.value) is not int or first.value not in (0, 1)):
+        raise first.error("must be 0 or 1: the number of the first picture")
+    counted_from = None if first is None else int(first.value)
+    return CameraFiles(name, reference, sweep, zoom, motion, keypoints, counted_from)
 
 
 def _check_videos(camera: CameraFiles, rate: Fraction) -> None:
@@ -112,6 +136,10 @@ def _check_videos(camera: CameraFiles, rate: Fraction) -> None:
         reader = VideoReader(path)
         sizes[path] = (reader.width, reader.height)
         if path == camera.motion:
+            if not reader.constant_rate:
+                raise PzcapError(
+                    f"{path}: the frame rate varies; make it constant: ffmpeg -i {path.name} -vf fps={rate} -crf 10 OUT"
+                )
             if abs(reader.frame_rate / rate - 1) > _RATE_TOLERANCE:
                 raise PzcapError(
                     f"{path}: has {reader.frame_rate} frames/s where {MANIFEST} says {rate}; correct one of them"
@@ -134,14 +162,13 @@ class FrameSets:
 
     def __init__(
         self, readers: Sequence[VideoReader | None], keypoints: Sequence[dict[int, Array]], starts: Sequence[int],
-        first: int, count: int,
+        first: int, timecodes: tuple[str, ...],
     ) -> None:  # fmt: skip
         self._readers = readers
         self._keypoints = keypoints  # of each camera, by its own index
         self._starts = starts  # of each camera's index 0, on the common clock
         self._first = first  # of the first frame set, on the common clock
-        rate = next(reader.frame_rate for reader in readers if reader is not None)
-        self.timecodes: tuple[str, ...] = tuple(frames_to_timecode(first + k, rate) for k in range(count))
+        self.timecodes = timecodes
         self.keyframes: tuple[Keyframe, ...] = ()
 
     def __len__(self) -> int:
@@ -198,7 +225,8 @@ def frame_sets(capture: Capture) -> FrameSets:
     recorded = [reader for reader in readers if reader is not None]
     if not recorded:
         raise PzcapError(f'{capture.folder / MANIFEST}: no camera has a "motion" video; name at least one')
-    day = frames_per_day(capture.frame_rate)
+    drop = _drop_frame(capture.folder, recorded)
+    day = frames_per_day(capture.frame_rate, drop)
     clocks = [_start(reader, capture.frame_rate) for reader in recorded]
     # A clock that passed midnight before another was started is a day ahead of it, not a day behind.
     unwrapped = iter([clocks[0] + (clock - clocks[0] + day // 2) % day - day // 2 for clock in clocks])
@@ -214,13 +242,16 @@ def frame_sets(capture: Capture) -> FrameSets:
             f"{capture.folder}: the motion videos have no timecode in common; check that the clocks were synchronised"
         )
     keypoints = [
-        {} if reader is None or camera.keypoints is None else read_keypoints(camera.keypoints, reader.indices)
+        {}
+        if reader is None or camera.keypoints is None
+        else _keypoints(camera.keypoints, camera.keypoints_from, reader)
         for camera, reader in zip(capture.cameras, readers, strict=True)
     ]
-    sets = FrameSets(readers, keypoints, starts, first, stop - first)
+    timecodes = tuple(frames_to_timecode(clock, capture.frame_rate, drop) for clock in range(first, stop))
+    sets = FrameSets(readers, keypoints, starts, first, timecodes)
     keyframes = []
     for timecode, pose in capture.keyframe_poses.items():
-        index = (timecode_to_frames(timecode, capture.frame_rate) - first) % day
+        index = (_clock_of(capture, timecode, drop) - first) % day
         if index >= len(sets):
             raise PzcapError(
                 f"{capture.folder}: the keyframe at {timecode} lies outside the recordings' common range"
@@ -229,6 +260,30 @@ def frame_sets(capture: Capture) -> FrameSets:
         keyframes.append(Keyframe(frame=index, pose=pose))
     sets.keyframes = tuple(sorted(keyframes, key=lambda keyframe: keyframe.frame))
     return sets
+
+
+def _keypoints(path: Path, first: int | None, reader: VideoReader) -> dict[int, Array]:
+    return read_keypoints(path, reader.indices, (reader.width, reader.height), first)
+
+
+def _drop_frame(folder: Path, recorded: Sequence[VideoReader]) -> bool:
+    """True where the recordings' timecodes are drop-frame. Raises PzcapError if those of some are."""
+    kinds = {";" in (reader.timecode or "") for reader in recorded}
+    if len(kinds) > 1:
+        listing = ", ".join(f"{reader.path.parent.name} {reader.timecode}" for reader in recorded)
+        raise PzcapError(
+            f"{folder}: some clocks count drop-frame (a semicolon before the frames) and some do not: {listing}; they "
+            "drift apart by 3.6 s an hour, set all alike"
+        )
+    return kinds.pop()
+
+
+def _clock_of(capture: Capture, timecode: str, drop: bool) -> int:
+    """Frames since midnight of a keyframe's timecode, which is read as the recordings count."""
+    try:
+        return timecode_to_frames(f"{timecode[:8]}{';' if drop else ':'}{timecode[9:]}", capture.frame_rate)
+    except PzcapError as error:
+        raise PzcapError(f"{capture.folder}: keyframe: {error}") from error
 
 
 def _start(reader: VideoReader, rate: Fraction) -> int:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import os
+import resource
 import stat
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
+from typing import Final
 
 from pzcap.types import PzcapError
+
+_ROOM_BYTES: Final = 2**28  # a decoder's threads ask for some hundred MiB at once
 
 
 def leads_out(name: str) -> bool:
@@ -32,6 +37,16 @@ def checked(path: Path) -> Path:
         kind = next((name for matches, name in kinds if matches(mode)), "a device")
         raise PzcapError(f"{path}: is {kind}, not a file; put the file itself in its place")
     return path
+
+
+def memory_ran_out() -> bool:
+    """True where the address space that this process may have (``ulimit -v``) is all but taken: libraries in C say
+    that a file is damaged when they cannot have more."""
+    if sys.platform != "linux":
+        return False
+    most = resource.getrlimit(resource.RLIMIT_AS)[0]
+    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    return most != resource.RLIM_INFINITY and taken > most - _ROOM_BYTES
 
 
 @contextmanager

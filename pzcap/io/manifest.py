@@ -12,10 +12,12 @@ from typing import Any
 import cv2
 import numpy as np
 
+from pzcap.io import limits
 from pzcap.io.files import checked, leads_out
 from pzcap.io.video import frames_to_timecode, timecode_to_frames
 from pzcap.types import MEASUREMENTS, SEGMENTS, Array, CalibrationObject, Marker, Pose, PzcapError, Subject
 
+_SQUARE = 1.25  # longest side of a marker by its shortest: a diagonal taken for a side is 1.41
 _UNIT_TOLERANCE = 1e-3  # quaternions are written with a few decimals; they are normalised after this check
 
 
@@ -60,21 +62,29 @@ class Json:
         return self.value
 
     def length(self) -> float:
-        """A positive number of metres."""
-        if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not 0 < self.value < 100:
-            raise self.error("must be a length in metres, above 0")
+        """A length of a body, in metres."""
+        longest = limits.MEASUREMENT_M
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not 0 < self.value <= longest:
+            raise self.error(f"must be a length in metres, above 0 and at most {longest:g}")
         return float(self.value)
 
     def array(self, *shape: int) -> Array:
         """Finite numbers; a -1 in ``shape`` stands for any length."""
         try:
             array = np.array(self.value, np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             array = np.empty(0)
         fits = array.ndim == len(shape) and all(w in (-1, n) for w, n in zip(shape, array.shape, strict=True))
         if not fits or not np.isfinite(array).all():
             raise self.error(f"must be {' x '.join('n' if n < 0 else str(n) for n in shape)} finite numbers")
         return array
+
+    def place(self, *shape: int) -> Array:
+        """Places in the world, in metres: finite numbers, none of them beyond the hall."""
+        places = self.array(*shape)
+        if places.size and np.abs(places).max() > limits.HALL_M:
+            raise self.error(f"{np.abs(places).max():g} m from the origin, where {limits.HALL_M:g} are the most")
+        return places
 
     def file(self, key: str, folder: Path, or_folder: bool = False) -> Path | None:
         """An optional file in ``folder``, which must exist if named; with ``or_folder`` it may be a folder of them.
@@ -94,10 +104,13 @@ class Json:
         return path
 
 
-def load_json(path: Path, remedy: str = "write it (docs/capture.md)") -> Json:
-    """Raises PzcapError, with the remedy, if the file cannot be read or is no JSON."""
+def load_json(path: Path, remedy: str = "write it (docs/capture.md)", most_bytes: int = limits.PAPER_BYTES) -> Json:
+    """Raises PzcapError, with the remedy, if the file cannot be read, is longer than ``most_bytes``, or is no JSON."""
     try:
-        return Json(json.loads(checked(path).read_text(encoding="utf-8")), path)
+        size = checked(path).stat().st_size
+        if size > most_bytes:
+            raise PzcapError(f"{path}: {size / 2**20:.0f} MiB, where {most_bytes / 2**20:.0f} MiB are the most")
+        return Json(json.loads(path.read_text(encoding="utf-8-sig")), path)
     except OSError as error:
         raise PzcapError(f"{path}: cannot be read ({error.strerror}); {remedy}") from error
     except (ValueError, RecursionError) as error:
@@ -110,16 +123,35 @@ def read_object(path: Path) -> CalibrationObject:
     dictionary = root["dictionary"].text()
     if not dictionary.startswith("DICT_") or not hasattr(cv2.aruco, dictionary):
         raise root["dictionary"].error(f'OpenCV knows no ArUco dictionary "{dictionary}"; such as "DICT_4X4_50"')
-    markers = []
-    for entry in root["markers"].list():
-        number = entry["id"].value
-        if isinstance(number, bool) or not isinstance(number, int) or number < 0:
-            raise entry["id"].error("must be a whole number, 0 or above")
-        markers.append(Marker(number, entry["corners_m"].array(4, 3)))
+    count = len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary)).bytesList)
+    entries = root["markers"].list()
+    if len(entries) > count:
+        raise root["markers"].error(f"{len(entries)} markers, where {dictionary} has {count}")
+    markers = [_read_marker(entry, dictionary, count) for entry in entries]
     if not markers or len({marker.id for marker in markers}) < len(markers):
         raise root["markers"].error("list at least one marker, each with an id of its own")
-    wireframe = root["wireframe_m"].array(-1, 2, 3) if root.value.get("wireframe_m") else np.zeros((0, 2, 3))
+    wireframe = root["wireframe_m"].place(-1, 2, 3) if root.value.get("wireframe_m") else np.zeros((0, 2, 3))
     return CalibrationObject(dictionary, tuple(markers), wireframe)
+
+
+def _read_marker(entry: Json, dictionary: str, count: int) -> Marker:
+    number = entry["id"].value
+    if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < count:
+        raise entry["id"].error(f"must be a whole number from 0 to {count - 1}: {dictionary} has no others")
+    corners = entry["corners_m"].place(4, 3)
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    smallest, largest = limits.MARKER_M
+    if sides.max() > largest or sides.min() < smallest:
+        wrong = sides.max() if sides.max() > largest else sides.min()
+        raise entry["corners_m"].error(
+            f"marker {number} has a side of {wrong:g} m; {smallest:g} to {largest:g} are plausible: give metres"
+        )
+    if sides.max() > _SQUARE * sides.min():
+        raise entry["corners_m"].error(
+            f"marker {number} has sides of {sides.min():.3f} to {sides.max():.3f} m, and is square; give its "
+            "corners in turn, in metres"
+        )
+    return Marker(number, corners)
 
 
 def read_subject(path: Path) -> Subject:
@@ -136,12 +168,16 @@ def read_subject(path: Path) -> Subject:
 
 
 def read_keyframes(path: Path, rate: Fraction) -> dict[str, Pose]:
-    """Read and check keyframes.json: the poses by timecode, quaternions normalised."""
+    """Read and check keyframes.json: the poses by timecode "hh:mm:ss:ff", quaternions normalised.
+
+    Drop-frame timecode is written with a colon or a semicolon: the recordings say how to count.
+    """
     root = load_json(path)
     poses: dict[str, Pose] = {}
     for entry in root.list():
         try:
-            timecode = frames_to_timecode(timecode_to_frames(entry["timecode"].text(), rate), rate)
+            colons = entry["timecode"].text().replace(";", ":")
+            timecode = frames_to_timecode(timecode_to_frames(colons, rate), rate)
         except PzcapError as error:
             raise entry.error(str(error)) from error
         if timecode in poses:
@@ -154,7 +190,7 @@ def read_keyframes(path: Path, rate: Fraction) -> dict[str, Pose]:
         norms = np.linalg.norm(rotations, axis=1, keepdims=True)
         if abs(norms[worst := int(np.argmax(np.abs(norms - 1))), 0] - 1) > _UNIT_TOLERANCE:
             raise table[SEGMENTS[worst]].error(f"the quaternion's length is {norms[worst, 0]:.4g}; it must be 1")
-        poses[timecode] = Pose(entry["root_position_m"].array(3), rotations / norms)
+        poses[timecode] = Pose(entry["root_position_m"].place(3), rotations / norms)
     if not poses:
         raise root.error('holds no keyframe; add one, or put null at "keyframes" in capture.json')
     return poses

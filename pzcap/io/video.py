@@ -1,90 +1,130 @@
 """Frame-accurate video and SMPTE timecode; anything that FFmpeg decodes is read.
 
 Time is counted in whole frames: a frame's *index* is its presentation time times the frame rate, rounded. A dropped
-frame is a gap in the indices, and the timecode of a frame is the video's start timecode plus its index.
+frame is a gap in the indices, and the timecode of a frame is the video's start timecode plus its index. Pictures come
+as a player shows them: turned upright as the file says, in the colours that it says.
 """
 
 from __future__ import annotations
 
+import errno
 import re
+import struct
 from collections.abc import Iterator
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
+from typing import Final, NamedTuple
 
 import av
 import cv2
 import numpy as np
 from av.error import FFmpegError
+from av.sidedata.sidedata import SideData
 from av.video.frame import VideoFrame
 from av.video.reformatter import Interpolation
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
-from pzcap.io.files import checked
+from pzcap.io import limits
+from pzcap.io.edit_list import read_edit
+from pzcap.io.files import checked, memory_ran_out
 from pzcap.types import Image, PzcapError
 
-_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d):(\d\d)")
+_TIMECODE: Final = re.compile(r"(\d\d):(\d\d):(\d\d)([:;])(\d{2,3})")
+_INTERLACED: Final = range(2, 6)  # AVFieldOrder: anything but unknown and progressive
+_SQUARE: Final = 2e-3  # departure of a pixel's width from its height that encoders write for square ones
+_BT601: Final = (2, 5, 6)  # AVColorSpace: unspecified, and the two that are BT.601
+_FULL_RANGE: Final = 2  # AVColorRange
+_TURN: Final = "DISPLAYMATRIX"  # av.sidedata.sidedata.Type
 
 
-def frames_per_day(rate: Fraction) -> int:
+def frames_per_day(rate: Fraction, drop: bool = False) -> int:
     """Timecodes repeat after this many frames. Non-drop timecode counts ``round(rate)`` frames a second."""
-    return 24 * 3600 * round(rate)
+    return 24 * 3600 * round(rate) - (24 * 54 * _dropped(rate) if drop else 0)
+
+
+def _dropped(rate: Fraction) -> int:
+    """Frame numbers that drop-frame timecode leaves out in each minute but every tenth (SMPTE 12M)."""
+    return round(rate) // 15
 
 
 def timecode_to_frames(timecode: str, rate: Fraction) -> int:
-    """Frames since midnight of a non-drop SMPTE ``timecode`` "hh:mm:ss:ff".
+    """Frames since midnight of an SMPTE ``timecode``: "hh:mm:ss:ff", or "hh:mm:ss;ff" if it is drop-frame.
 
-    Raises PzcapError if it is malformed or a drop-frame timecode ("hh:mm:ss;ff").
+    Raises PzcapError if it is malformed or does not exist at this frame rate.
     """
     match = _TIMECODE.fullmatch(timecode)
     if match is None:
-        raise PzcapError(f'timecode "{timecode}" is not "hh:mm:ss:ff" (non-drop); set the clock to non-drop timecode')
-    hours, minutes, seconds, frames = (int(group) for group in match.groups())
-    if hours > 23 or minutes > 59 or seconds > 59 or frames >= round(rate):
+        raise PzcapError(f'timecode "{timecode}" is not "hh:mm:ss:ff", nor "hh:mm:ss;ff" (drop-frame); correct it')
+    hours, minutes, seconds, frames = (int(match.group(number)) for number in (1, 2, 3, 5))
+    drop = match.group(4) == ";"
+    if drop and (rate.denominator != 1001 or round(rate) % 30):
+        raise PzcapError(f'timecode "{timecode}" is drop-frame, which {rate} frames/s have not; check the clock')
+    left_out = drop and seconds == 0 and minutes % 10 and frames < _dropped(rate)
+    if hours > 23 or minutes > 59 or seconds > 59 or frames >= round(rate) or left_out:
         raise PzcapError(f'timecode "{timecode}" does not exist at {rate} frames/s; check the clock\'s frame rate')
-    return ((hours * 60 + minutes) * 60 + seconds) * round(rate) + frames
+    total = ((hours * 60 + minutes) * 60 + seconds) * round(rate) + frames
+    minutes += 60 * hours
+    return total - (_dropped(rate) * (minutes - minutes // 10) if drop else 0)
 
 
-def frames_to_timecode(frames: int, rate: Fraction) -> str:
+def frames_to_timecode(frames: int, rate: Fraction, drop: bool = False) -> str:
     """The inverse of `timecode_to_frames`; wraps at midnight."""
-    seconds, frame = divmod(frames % frames_per_day(rate), round(rate))
-    return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}:{frame:02}"
+    frames %= frames_per_day(rate, drop)
+    if drop:
+        numbers = _dropped(rate)
+        minute = 60 * round(rate) - numbers
+        tens, rest = divmod(frames, 10 * minute + numbers)
+        frames += numbers * (9 * tens + max(0, rest - numbers) // minute)
+    seconds, frame = divmod(frames, round(rate))
+    return f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}{';' if drop else ':'}{frame:02}"
+
+
+class _Listed(NamedTuple):
+    """A video's packets: when each frame is presented, in the stream's time base, from the first shown on."""
+
+    times: NDArray[np.int64]  # (N,) ascending
+    origin: Fraction  # of index 0, in the same
+    frame: Fraction  # duration of one, in the same
 
 
 class VideoReader:
-    """A video file, opened and checked: its packets are listed (which is quick), none is decoded yet.
+    """A video file, opened and checked: its packets are listed (which is quick), and one frame is decoded.
 
-    Attributes: ``width``, ``height``, ``frame_rate`` (Fraction), ``timecode`` (str, or None if the file has none),
-    ``indices`` (frame_count,) int64 increasing, ``frame_count``.
+    Attributes: ``width``, ``height`` (upright), ``frame_rate`` (Fraction), ``timecode`` (str, or None if the file has
+    none), ``indices`` (frame_count,) int64 increasing, ``frame_count``, ``constant_rate``. Where the rate is not
+    constant, as phones film, the index of a frame is its number.
 
-    Raises PzcapError if the file is missing, is no video, is empty, truncated, or has a variable frame rate.
+    Raises PzcapError if the file is missing, is no video, is empty or truncated, if its pixels are not square or its
+    pictures interlaced, and for sizes beyond `pzcap.io.limits`.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         with self._open() as container:
             stream = self._stream(container)
-            self.width, self.height = stream.codec_context.width, stream.codec_context.height
             rate = stream.guessed_rate
-            if not rate or self.width == 0:
+            if not rate or stream.codec_context.width == 0 or not stream.time_base:
                 raise PzcapError(f"{path}: the video holds no decodable frame; copy it again from the camera")
+            self._check_format(stream)
             self.frame_rate = Fraction(rate)
             self.timecode = _find_timecode(container)
-            try:
-                packets = [(p.pts * p.time_base, p.is_discard) for p in container.demux(stream) if p.pts is not None]
-            except FFmpegError as error:
-                raise self._broken() from error
-            declared = stream.frames
-        if len(packets) < declared:
-            raise self._broken()
-        # What an edit list cuts off is decoded, but not shown.
-        times = [time for time, discard in packets if not discard]
-        if not times:
-            raise PzcapError(f"{path}: the video holds no frames; copy it again from the camera")
-        self.indices: NDArray[np.int64] = np.array(sorted(round(time * self.frame_rate) for time in times), np.int64)
-        if np.any(np.diff(self.indices) < 1):
-            raise PzcapError(f"{path}: the frame rate varies; convert it to a constant {self.frame_rate} frames/s")
-        self.frame_count = len(self.indices)
+            listed = self._list(container, stream)
+        self._times, self.frame_count = listed.times, len(listed.times)
+        indices = [round((int(time) - listed.origin) / listed.frame) for time in listed.times]
+        self.constant_rate = all(a < b for a, b in pairwise(indices))
+        if max(abs(indices[0]), indices[-1]) > limits.LATEST_FRAME or (
+            indices[-1] - indices[0] > limits.SPARSEST * (self.frame_count + limits.FEW)
+        ):
+            raise PzcapError(
+                f"{path}: {self.frame_count} frames are shown as frames {indices[0]} to {indices[-1]}; its "
+                "presentation times are damaged, copy it again from the camera"
+            )
+        self.indices: NDArray[np.int64] = np.array(indices if self.constant_rate else range(len(indices)), np.int64)
+        self._quarter_turns = self._turned()
+        size = stream.codec_context.width, stream.codec_context.height
+        self.width, self.height = size[::-1] if self._quarter_turns % 2 else size
 
     def __iter__(self) -> Iterator[tuple[int, Image]]:
         return self.read()
@@ -94,45 +134,131 @@ class VideoReader:
 
         Memory is constant in the length of the video. Raises PzcapError where a frame cannot be decoded.
         """
-        wanted = self.indices[(self.indices >= start) & (self.indices < (np.inf if stop is None else stop))]
-        if len(wanted) == 0:
+        for index, frame in self._decode(start, stop):
+            image = _to_bgr(frame)
+            yield index, np.ascontiguousarray(np.rot90(image, self._quarter_turns)) if self._quarter_turns else image
+
+    def _decode(self, start: int, stop: int | None) -> Iterator[tuple[int, VideoFrame]]:
+        within = (self.indices >= start) & (self.indices < (np.inf if stop is None else stop))
+        numbers, done = np.flatnonzero(within), 0
+        if len(numbers) == 0:
             return
-        done = 0
         with self._open() as container:
             stream = self._stream(container)
-            if wanted[0] > self.indices[0]:
-                offset = round(int(wanted[0]) / self.frame_rate / stream.time_base) if stream.time_base else 0
-                container.seek(offset, stream=stream)  # lands on the last intra frame before
+            if numbers[0] > 0:
+                container.seek(int(self._times[numbers[0]]), stream=stream)  # lands on the last intra frame before
             try:
                 for frame in container.decode(stream):
-                    index = round((frame.pts or 0) * (frame.time_base or 0) * self.frame_rate)
-                    if index < wanted[0]:
+                    time = 0 if frame.pts is None else frame.pts
+                    if time < self._times[numbers[0]]:
                         continue
-                    if index != wanted[done] or frame.is_corrupt:
+                    if time != self._times[numbers[done]] or frame.is_corrupt:
                         break
-                    yield index, _to_bgr(frame)
+                    yield int(self.indices[numbers[done]]), frame
                     done += 1
-                    if done == len(wanted):
+                    if done == len(numbers):
                         return
             except FFmpegError as error:
-                raise self._broken(int(wanted[done])) from error
-        raise self._broken(int(wanted[done]))
+                raise self._failed(error, int(self.indices[numbers[done]])) from error
+        raise self._broken(int(self.indices[numbers[done]]))
+
+    def _list(self, container: av.container.InputContainer, stream: VideoStream) -> _Listed:
+        """List the packets; what an edit list cuts off is left out."""
+        base = Fraction(stream.time_base or 1)
+        found: list[int] = []
+        try:
+            for packet in container.demux(stream):
+                if packet.pts is not None:
+                    found.append(packet.pts)
+                if len(found) > limits.FRAMES:
+                    raise PzcapError(f"{self.path}: more than {limits.FRAMES} frames; cut it into takes")
+        except FFmpegError as error:
+            raise self._failed(error) from error
+        if len(found) < stream.frames:
+            raise self._broken()
+        if not found:
+            raise PzcapError(f"{self.path}: the video holds no frames; copy it again from the camera")
+        times, frame = np.array(sorted(found), np.int64), 1 / (base * self.frame_rate)
+        if not container.format.name.startswith("mov"):
+            return _Listed(times, Fraction(0), frame)
+        edit = read_edit(self.path, stream.id)
+        if edit is None:  # without one, what is shown first is shown at once, however late decoding makes it
+            return _Listed(times, Fraction(int(times[0])), frame)
+        begin, rounded = edit.begin_s / base, edit.rounded_s / base
+        shown = times > float(begin - rounded)
+        if edit.shown_s is not None:
+            shown &= times < float(begin + edit.shown_s / base - rounded)
+        if not shown.any():
+            raise PzcapError(f"{self.path}: its edit list shows none of its frames; export it again")
+        return _Listed(times[shown], begin - edit.delay_s / base, frame)
+
+    def _check_format(self, stream: VideoStream) -> None:
+        context = stream.codec_context
+        if problem := limits.picture_problem(context.width, context.height):
+            raise PzcapError(f"{self.path}: {problem}")
+        wide = stream.sample_aspect_ratio or Fraction(1)
+        if wide > 0 and abs(float(wide) - 1) > _SQUARE:
+            raise PzcapError(
+                f"{self.path}: its pixels are {wide.numerator}:{wide.denominator}, not square; convert all that this "
+                f"camera recorded, the still too: ffmpeg -i {self.path.name} -vf scale=iw*sar:ih,setsar=1 -crf 10 OUT"
+            )
+        if int(context.field_order) in _INTERLACED:
+            raise self._interlaced()
+
+    def _turned(self) -> int:
+        """Quarter turns, anticlockwise, that show the pictures upright."""
+        _, frame = next(self._decode(int(self.indices[0]), None))
+        if frame.interlaced_frame:
+            raise self._interlaced()
+        matrix = frame.side_data.get(_TURN)
+        if not isinstance(matrix, SideData):
+            return 0
+        a, b, _, c, d = struct.unpack_from("=5i", bytes(matrix))
+        turns = {(1, 0, 0, 1): 0, (0, -1, 1, 0): 1, (-1, 0, 0, -1): 2, (0, 1, -1, 0): 3}
+        signs = tuple((value > 0) - (value < 0) for value in (a, b, c, d))
+        if signs not in turns:
+            raise PzcapError(
+                f"{self.path}: its metadata mirror it, or turn it by less than a right angle; make that part of the "
+                f"pictures: ffmpeg -i {self.path.name} -crf 10 OUT"
+            )
+        return turns[signs]
 
     def _open(self) -> av.container.InputContainer:
         try:
-            return av.open(str(checked(self.path)))
+            return av.open(str(checked(self.path)), options={"ignore_editlist": "1"}, metadata_errors="replace")
         except FFmpegError as error:
             if not self.path.is_file():
                 raise PzcapError(f"{self.path}: no such video; copy it from the camera") from error
-            raise self._broken() from error
+            raise self._failed(error) from error
 
     def _stream(self, container: av.container.InputContainer) -> VideoStream:
         if not container.streams.video:
             raise PzcapError(f"{self.path}: the file holds no video; copy it again from the camera")
         stream = container.streams.video[0]
+        if stream.codec_context is None:
+            raise PzcapError(
+                f"{self.path}: FFmpeg does not know its codec, or it is damaged; convert it to H.264 where it was "
+                "recorded, or copy it again"
+            )
         # A damaged frame must raise, not be patched up with what stood there before.
         stream.codec_context.options = {"err_detect": "explode"}
         return stream
+
+    def _interlaced(self) -> PzcapError:
+        return PzcapError(
+            f"{self.path}: it is interlaced; make whole pictures of its fields, in all that this camera recorded: "
+            f"ffmpeg -i {self.path.name} -vf bwdif=mode=send_frame -crf 10 OUT"
+        )
+
+    def _failed(self, error: Exception, index: int | None = None) -> Exception:
+        """What to raise where FFmpeg fails: not every failure is a damage of the file."""
+        if isinstance(error, MemoryError) or memory_ran_out():
+            return MemoryError(f"{self.path} cannot be decoded")
+        if isinstance(error, PermissionError):
+            return PzcapError(f"{self.path}: may not be read ({error.strerror}); change its permissions")
+        if isinstance(error, OSError) and error.errno in (errno.EIO, errno.EMFILE, errno.ENFILE):
+            return PzcapError(f"{self.path}: cannot be read ({error.strerror})")
+        return self._broken(index)
 
     def _broken(self, index: int | None = None) -> PzcapError:
         where = "" if index is None else f" at frame {index}"
@@ -140,7 +266,8 @@ class VideoReader:
 
 
 def _to_bgr(frame: VideoFrame) -> Image:
-    if frame.format.name == "yuv420p" and frame.width % 2 == frame.height % 2 == 0:
+    usual = frame.format.name == "yuv420p" and int(frame.colorspace) in _BT601 and int(frame.color_range) != _FULL_RANGE
+    if usual and frame.width % 2 == frame.height % 2 == 0:
         return np.asarray(cv2.cvtColor(frame.to_ndarray(), cv2.COLOR_YUV2BGR_I420), np.uint8)
     accurate = Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT | Interpolation.BITEXACT
     return np.asarray(frame.to_ndarray(format="bgr24", interpolation=accurate), np.uint8)

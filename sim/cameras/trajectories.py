@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, TextIO
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -70,26 +70,42 @@ def _read(path: Path, rigs: Mapping[str, Rig], frame_rate: float) -> tuple[dict[
     rows: dict[str, list[_Row]] = {name: [] for name in rigs}
     try:
         with checked(path).open(encoding="utf-8-sig", newline="") as file:
-            table = csv.reader(file)
-            columns = _columns(path, next(table, []))
-            for cells in table:
-                if cells:
-                    where = f"{path}: line {table.line_num}"
-                    if len(cells) != len(columns):
-                        raise PzcapError(f"{where}: {len(cells)} values where {len(columns)} belong")
-                    _add(rows, dict(zip(columns, cells, strict=True)), rigs, frame_rate, where, table.line_num)
+            table = _cells(file)
+            columns = _columns(path, *next(table, (1, [])))
+            for line, cells in table:
+                where = f"{path}: line {line}"
+                if len(cells) != len(columns):
+                    raise PzcapError(f"{where}: {len(cells)} values where {len(columns)} belong")
+                _add(rows, dict(zip(columns, cells, strict=True)), rigs, frame_rate, where, line)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not a table of text"
         raise PzcapError(f"{path}: cannot read the trajectories: {reason}") from error
     return rows, "tilt_deg" in columns
 
 
-def _columns(path: Path, header: list[str]) -> list[str]:
-    columns = [name.strip() for name in header]
+def _cells(file: TextIO) -> Iterator[tuple[int, list[str]]]:
+    """The lines that hold something, with their numbers; lines that begin with # are remarks.
+
+    What separates the cells is told by the first: a comma, a tab, or a semicolon, as spreadsheets write it where the
+    comma stands before decimals. Cells that are empty at the end of a line belong to no column.
+    """
+    separator = ""
+    for number, line in enumerate(file, start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        separator = separator or next((sign for sign in ";\t" if sign in line), ",")
+        cells = [cell.strip() for row in csv.reader([line], delimiter=separator) for cell in row]
+        while cells and not cells[-1]:
+            cells.pop()
+        if cells:
+            yield number, [cell if separator == "," else cell.replace(",", ".") for cell in cells]
+
+
+def _columns(path: Path, line: int, columns: list[str]) -> list[str]:
     clocks = [name for name in columns if name in _CLOCKS]
     if len(clocks) != 1 or not set(_REQUIRED) < set(columns) <= set(_COLUMNS) or len(set(columns)) < len(columns):
         raise PzcapError(
-            f"{path}: line 1: the columns must be camera, time_s or frame, pan_deg, focal_px, and tilt_deg if the "
+            f"{path}: line {line}: the columns must be camera, time_s or frame, pan_deg, focal_px, and tilt_deg if the "
             f"cameras tilt; they are {', '.join(columns) or 'missing'}"
         )
     return columns
@@ -104,7 +120,8 @@ def _add(
     line: int,
 ) -> None:
     """Check a row and append it to its camera's."""
-    name = cells.pop("camera").strip()
+    name = cells.pop("camera")
+    name = name if name in rigs else name.removesuffix(".0")  # a spreadsheet's number
     if name not in rigs:
         raise PzcapError(f"{where}: there is no camera '{name}'; there are {', '.join(rigs)}")
     value = {column: _number(cell, column, where) for column, cell in cells.items()}

@@ -151,9 +151,10 @@ def _read_motion(lines: _Lines, channels: int) -> tuple[float, Array]:
     (frame_s,) = lines.numbers(lines.expect("Frame", "Time:"), 1, "Frame Time")
     if frame_s <= 0.0:
         raise lines.wrong(f"Frame Time is {frame_s:g}; it must be more than 0")
-    if count != lines.left() or count < 2:
-        raise lines.wrong(f"{count:g} frames are announced and {lines.left()} follow; there must be as many, 2 or more")
-    return frame_s, np.array([lines.numbers(lines.take(), channels, "this frame") for _ in range(int(count))])
+    follow = lines.left()
+    if count not in (follow, follow - 1) or follow < 2:  # Rokoko counts the steps between them
+        raise lines.wrong(f"{count:g} frames are announced and {follow} follow; there must be as many, 2 or more")
+    return frame_s, np.array([lines.numbers(lines.take(), channels, "this frame") for _ in range(follow)])
 
 
 def _placed(path: Path, joints: list[_Joint], frame_s: float, values: Array) -> Bvh:
@@ -176,7 +177,8 @@ def _placed(path: Path, joints: list[_Joint], frame_s: float, values: Array) -> 
         if joint.parent < 0:
             places[:, j], turns[:, j] = moved, turned
         else:
-            rest[j] = rest[joint.parent] + joint.offset
+            placed_by_channels = not joint.offset.any() and set(_POSITIONS) <= set(own)
+            rest[j] = rest[joint.parent] + (moved[0] if placed_by_channels else joint.offset)
             places[:, j] = places[:, joint.parent] + np.einsum("tij,tj->ti", turns[:, joint.parent], moved)
             turns[:, j] = turns[:, joint.parent] @ turned
     names, parents = tuple(joint.name for joint in joints), tuple(joint.parent for joint in joints)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,14 +19,18 @@ _SYNONYMS: Final[dict[str, tuple[str, ...]]] = {
     # "shoulder" is the collar bone in most files, and the arm in those that know a collar beside it
     "upper_arm": ("arm", "upperarm", "uparm", "shldr", "shoulder"),
     "forearm": ("forearm", "lowerarm", "lowarm", "elbow"),
-    "hand": ("hand", "wrist"),
+    # where there are both, "hand" is the palm and "foot" the ball of the foot, as in SMPL
+    "hand": ("wrist", "hand"),
     "thigh": ("upleg", "upperleg", "thigh", "hip"),
     "shank": ("leg", "lowerleg", "lowleg", "shin", "shank", "calf", "knee"),
-    "foot": ("foot", "ankle"),
+    "foot": ("ankle", "foot"),
 }
-"""Names by CMU, Mixamo, Xsens, Rokoko, Poser, Blender and Unreal of the joint at a segment's near end, less "left" and
-"right". The first that is there is taken. The spine is found by what hangs from it."""
+"""Names by CMU, Mixamo, Xsens, Rokoko, Poser, Blender, Unreal and SMPL of the joint at a segment's near end,
+less "left" and "right". The first that is there is taken. The spine is found by what hangs from it."""
 _NAMESPACE: Final = re.compile(r"^(.*:|mixamorig\d*|bip\d+)")
+_AFFIXES: Final = (re.compile(r"^[^_.\- ]*[_.\- ]"), re.compile(r"[_.\- ][^_.\- ]*$"))
+_NUMBER: Final = re.compile(r"\d+$")
+_COMMON: Final = 0.6  # share of the joints that have an affix that says nothing; "left" stands in less than half
 _UPRIGHT: Final = np.cos(np.pi / 4)
 _SHORTEST: Final = 1e-3  # limb, of the figure's size
 
@@ -60,7 +66,7 @@ def match_joints(bvh: Bvh) -> Figure:
 
 def _named(bvh: Bvh) -> dict[str, int]:
     """The joints that go by a name: all but lumbar and thorax."""
-    keys = [re.sub(r"[^a-z0-9]", "", _NAMESPACE.sub("", name.lower())) for name in bvh.names]
+    keys = [re.sub(r"[^a-z0-9]", "", name) for name in _without_affixes(bvh.names)]
     found, missing = {}, []
     for segment in SEGMENTS:
         if segment in ("lumbar", "thorax"):
@@ -75,6 +81,19 @@ def _named(bvh: Bvh) -> dict[str, int]:
             f"{bvh.path}: there is no joint for {', '.join(missing)}; rename the joints that stand for them"
         )
     return found
+
+
+def _without_affixes(names: Sequence[str]) -> list[str]:
+    """Names in lower case without what most of them share before or behind: Character1_Hips, Hips_rig, Hips_07."""
+    bare = [_NAMESPACE.sub("", name.lower()) for name in names]
+    for affix in _AFFIXES:
+        while True:
+            kinds = [_NUMBER.sub("#", match.group()) if (match := affix.search(name)) else "" for name in bare]
+            most, count = Counter(kinds).most_common(1)[0]
+            if not most or count < _COMMON * len(bare):
+                break
+            bare = [affix.sub("", name) if kind == most else name for name, kind in zip(bare, kinds, strict=True)]
+    return bare
 
 
 def _spellings(segment: str) -> list[str]:

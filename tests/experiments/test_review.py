@@ -113,6 +113,22 @@ def test_of_a_study_the_worst_runs_are_opened_the_worst_one_first(tmp_path: Path
         review.reviews([tmp_path / "a", tmp_path])
 
 
+def test_a_damaged_run_of_a_study_costs_that_one(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for name, worst in (("a", 20.0), ("b", 90.0), ("c", 50.0)):
+        fabricate(tmp_path / name, {"/error/mpjpe": peaks(1.0, f9=worst)})
+    recording = tmp_path / "b" / "recording.rrd"
+    recording.write_bytes(recording.read_bytes()[:-3000])
+    (tmp_path / "c" / "reconstruction" / "reconstruction.json").write_text("{")
+    assert [one.title for one in review.reviews([tmp_path])] == ["a"]
+    lines = capfd.readouterr().err.splitlines()
+    assert [line.split(": ")[1] for line in lines] == [
+        str(recording), str(tmp_path / "c" / "reconstruction" / "reconstruction.json")
+    ]  # fmt: skip
+    with pytest.raises(PzcapError, match="damaged") as caught:
+        review.reviews([tmp_path / "a", tmp_path / "b"])
+    assert str(recording) in str(caught.value)
+
+
 def test_two_runs_are_one_recording_that_says_where_they_differ(run: Path, tmp_path: Path) -> None:
     errors = {"/error/mpjpe": peaks(8.0, f25=90.0, f38=30.0), "/error/pan/1": peaks(0.001)}
     other = fabricate(tmp_path / "second", errors)

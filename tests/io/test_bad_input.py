@@ -6,6 +6,7 @@ import errno
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,11 @@ import cv2
 import pytest
 
 import sim
+from experiments.footage import SMALL, shot
 from experiments.run import RESULTS, main
 from pzcap import pipeline
 from pzcap.io.video import VideoReader
+from pzcap.types import PzcapError
 from sim.capture_writer import write_video
 
 pytestmark = pytest.mark.xdist_group("experiments")
@@ -94,6 +97,11 @@ FAULTS: dict[str, tuple[str, Callable[[Path], object], str]] = {
     "a truncated picture": ("camera2/reference.png", cut, "cannot be decoded"),
     "no timecode": ("camera3/motion.mp4", lose_the_timecode, "no SMPTE timecode"),
     "no object in sight": ("camera4/reference.png", show_the_hall_only, "markers found"),
+    "another dictionary": (
+        "object.json",
+        lambda path: change(path, lambda o: o.update(dictionary="DICT_6X6_50")),
+        "markers are of DICT_4X4_50, where object.json says DICT_6X6_50; correct it there",
+    ),
     "an empty file of keyframes": ("keyframes.json", lambda path: path.write_text(""), "not valid JSON"),
     "no keyframe in the file": ("keyframes.json", lambda path: path.write_text("[]"), "no keyframe"),
     "endless keyframes": ("keyframes.json", lambda path: path.write_text("[" * 100_000), "not valid JSON"),
@@ -162,6 +170,22 @@ def test_no_such_folder(tmp_path: Path, refused: Callable[..., str]) -> None:
 )
 def test_a_wrong_argument(argument: str, expected: str, refused: Callable[..., str]) -> None:
     assert expected in refused(argument)
+
+
+def test_overrides_on_both_sides_of_the_flag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As people write them, and Hydra refuses them with its usage."""
+    arguments = ["method=exact", "-m", "seed=-1,-2", f"hydra.sweep.dir={tmp_path / 'study'}"]
+    monkeypatch.setattr("sys.argv", ["experiments.run", *arguments])
+    assert main() == 1
+    assert len(list((tmp_path / "study").rglob("failed.txt"))) == 2
+
+
+def test_pictures_that_no_graphics_library_holds(tmp_path: Path) -> None:
+    config = replace(SMALL, width=2560, height=1440, sensor=replace(SMALL.sensor, supersampling_still=8.0))
+    with pytest.raises(
+        PzcapError, match=r"\d+ x \d+ px would be rendered, and 16384 is the most; give a smaller shoot"
+    ):
+        shot(config, tmp_path)
 
 
 def test_cameras_of_another_take_and_an_estimator(refused: Callable[..., str]) -> None:

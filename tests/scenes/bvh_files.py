@@ -26,6 +26,13 @@ XSENS = {
     "pelvis": "Hips", "lumbar": "Chest", "thorax": "Chest4", "head": "Head",
     **{f"{s}_{kind}": f"{s.title()}{word}" for s in ("left", "right") for kind, word in _XSENS.items()},
 }  # fmt: skip
+_SMPL = {
+    "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist", "thigh": "hip", "shank": "knee", "foot": "ankle",
+}  # fmt: skip
+SMPL = {
+    "pelvis": "pelvis", "lumbar": "spine1", "thorax": "spine3", "head": "neck",
+    **{f"{s}_{kind}": f"{s}_{word}" for s in ("left", "right") for kind, word in _SMPL.items()},
+}  # fmt: skip
 
 Y_UP = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """(3, 3) our axes of the axes x left, y up, z forward."""

@@ -17,7 +17,7 @@ from sim.motion._fit import floor_points
 from sim.motion._kinematics import Frames, log
 from sim.motion._retarget import _limited
 from sim.people.anthropometry import body_tree, draw_measurements, joint_limit_rad
-from tests.scenes.bvh_files import MIXAMO, XSENS, Y_UP, Style, astride, t_pose, write_bvh
+from tests.scenes.bvh_files import MIXAMO, SMPL, XSENS, Y_UP, Style, astride, t_pose, write_bvh
 
 CMU = {name: joint.removeprefix("mixamorig:") for name, joint in MIXAMO.items()}
 STYLES = {
@@ -27,6 +27,10 @@ STYLES = {
     "cmu, legs astride, facing backwards": Style(
         names=CMU, rest=astride(), axes=np.diag([-1.0, -1.0, 1.0]), unit=39.37, order="XYZ"
     ),
+    "smpl": Style(names=SMPL, rest=t_pose(), axes=Y_UP),
+    "a character's prefix": Style(names={key: f"Character1_{name}" for key, name in CMU.items()}),
+    "a rig's suffix": Style(names={key: f"{name}_{k:02d}" for k, (key, name) in enumerate(CMU.items())}),
+    "two prefixes before smpl": Style(names={key: f"f_avg_{name}" for key, name in SMPL.items()}),
 }
 
 
@@ -158,6 +162,65 @@ def test_a_first_frame_at_rest_is_no_part_of_the_motion(tmp_path: Path) -> None:
     np.testing.assert_allclose(resting.at(1.0).rotations, plain.at(1.0).rotations, atol=1e-12)
 
 
+def test_smpl_has_feet_and_hands_beyond_ankles_and_wrists(tmp_path: Path) -> None:
+    """There left_foot is the ball of the foot and left_hand the palm: neither is a joint of ours."""
+    path = write_bvh(tmp_path / "own.bvh", ours("pedestrian"), measured(0), Style(names=SMPL, rest=t_pose(), axes=Y_UP))
+    plain = read(path)
+    lines = path.read_text().splitlines()
+    begins = []
+    for side in ("left", "right"):
+        for near, far in (("ankle", "foot"), ("wrist", "hand")):
+            begins.append((lines.index(f"JOINT {side}_{near}"), f"{side}_{far}"))
+    for at, name in sorted(begins, reverse=True):
+        end = next(k for k in range(at, len(lines)) if lines[k].startswith("End"))
+        offset = lines[end + 2]
+        lines[end : end + 4] = [
+            f"JOINT {name}",
+            "{",
+            offset,
+            "CHANNELS 0",
+            "End Site",
+            "{",
+            "OFFSET 0 0 0.03",
+            "}",
+            "}",
+        ]
+    path.write_text("\n".join(lines))
+    found = read(path)
+    for t in (0.0, 0.4, 0.9):
+        np.testing.assert_allclose(found.at(t).rotations, plain.at(t).rotations, atol=1e-9)
+
+
+def test_a_program_that_counts_the_steps_between_frames(tmp_path: Path) -> None:
+    path = write_bvh(tmp_path / "own.bvh", ours("pedestrian"), measured(0), Style(rest=t_pose(), rate=30.0))
+    plain, text = read(path), path.read_text()
+    count = int(text[text.index("Frames:") :].split()[1])
+    path.write_text(text.replace(f"Frames: {count}", f"Frames: {count - 1}"))
+    assert read(path).frame_count == plain.frame_count
+
+
+def test_joints_that_channels_place(tmp_path: Path) -> None:
+    """Every OFFSET is 0 0 0, and every joint has the place against its parent in its channels, frame by frame."""
+    path = write_bvh(tmp_path / "own.bvh", ours("pedestrian"), measured(0), Style(rest=t_pose(), axes=Y_UP))
+    plain = read(path)
+    lines = path.read_text().splitlines()
+    motion_at = lines.index("MOTION")
+    offsets: list[str] = []
+    for k, line in enumerate(lines[:motion_at]):
+        if line.startswith("CHANNELS 3"):
+            lines[k] = line.replace("CHANNELS 3", "CHANNELS 6 Xposition Yposition Zposition")
+            offsets.append(lines[k - 1].removeprefix("OFFSET "))
+            lines[k - 1] = "OFFSET 0 0 0"
+    for k in range(motion_at + 3, len(lines)):
+        words = lines[k].split()
+        turns = [" ".join(words[at : at + 3]) for at in range(6, len(words), 3)]
+        lines[k] = " ".join([*words[:6], *(f"{o} {t}" for o, t in zip(offsets, turns, strict=True))])
+    path.write_text("\n".join(lines))
+    found = read(path)
+    for t in (0.0, 0.4, 0.9):
+        np.testing.assert_allclose(found.at(t).rotations, plain.at(t).rotations, atol=1e-9)
+
+
 # What cannot be used --------------------------------------------------------------------------------------------------
 
 PLAIN = """HIERARCHY
@@ -193,6 +256,7 @@ Frame Time: 0.04
         ("JOINT Spine", "JOINT Hips", "line 6: a joint must have a name of its own"),
         ("JOINT Spine", "JONT Spine", "line 6: 'JOINT' must stand here, not 'JONT Spine'"),
         ("Frames: 2", "Frames: 3", "line 15: 3 frames are announced and 2 follow"),
+        ("Frames: 2", "Frames: 0", "line 15: 0 frames are announced and 2 follow"),
         ("Frame Time: 0.04", "Frame Time: 0", "line 15: Frame Time is 0"),
         ("0 0 0 0 0 0 0 0 0\n0", "0 0 0 0 0 0 0 0\n0", "line 16: this frame: 8 values where 9 belong"),
         ("0 0 0 0 0 0 0 0 0\n0", "0 0 nan 0 0 0 0 0 0\n0", "line 16: this frame: not every value is finite"),

@@ -128,6 +128,6 @@ def test_what_it_writes_is_read(tmp_path: Path) -> None:
     found = watch(DetectorConfig(True))
     found[3] = 0.0
     detector.write_openpose(tmp_path / "keypoints", "motion", found)
-    people = read_keypoints(tmp_path / "keypoints", np.arange(FRAMES))
+    people = read_keypoints(tmp_path / "keypoints", np.arange(FRAMES), (640, 480))
     assert sorted(people) == [frame for frame in range(FRAMES) if frame != 3]
     np.testing.assert_allclose(people[7][0][ROWS], found[7], atol=1e-3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,6 +50,31 @@ def test_seconds_tilt_and_any_order_of_columns(tmp_path: Path) -> None:
     first, second = read(tmp_path / "hands.csv", table, 1.0)
     assert first.at(1.0) == pytest.approx((np.deg2rad(5.0), 800.0, np.deg2rad(2.0), 0.0))
     assert second.at(1.0) == pytest.approx((0.0, 900.0, 0.0, 0.0))
+
+
+def decimal_commas(table: str) -> str:
+    return table.replace(",", ";").replace(".", ",")
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        decimal_commas,
+        lambda table: table.replace(",", "\t"),
+        lambda table: decimal_commas(table).replace(";", "\t"),
+        lambda table: "\ufeff" + table.replace("\n", ",\r\n") + ",,,,\r\n,,,,\r\n",
+        lambda table: table.replace("\n1,", "\n1.0,").replace("\n2,", "\n2.0,"),
+        lambda table: "# exported from a head with encoders; 25 Hz\n\n" + table,
+        lambda table: "\n".join(",".join(f'"{cell}"' for cell in row.split(",")) for row in table.split("\n") if row),
+        lambda table: table.replace(",", ", "),
+    ],
+    ids=["semicolons", "tabs", "tabs, decimal commas", "empty cells", "1.0", "a remark", "quoted", "spaces"],
+)
+def test_a_table_as_spreadsheets_and_trackers_write_it(write: Callable[[str], str], tmp_path: Path) -> None:
+    plain, other = read(tmp_path / "hands.csv", TABLE), read(tmp_path / "other.csv", write(TABLE))
+    for one, same in zip(plain, other, strict=True):
+        for t in (0.0, 0.05, 5 / 30):
+            assert same.at(t) == pytest.approx(one.at(t))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,57 @@
+"""Which file is wrong where two do not show the same: reference image, sweep and zoom run, compared in pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from pzcap.calibration import reference_camera
+from pzcap.calibration.calibrate import Footage
+from pzcap.calibration.features import Features
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.calibration.sweep import Frames, detect, place
+from pzcap.geometry.camera import View
+from pzcap.geometry.lens import NONE
+from pzcap.types import Array
+
+_SWEEP_FRAMES: Final = 90  # of a full turn, a tenth of a picture apart
+_ZOOM_FRAMES: Final = 8
+_MANY: Final = 60
+"""Matches of two pictures that one camera took of one place: in the halls here 400 and more; two cameras have 20."""
+_FEWER: Final = 0.2  # share of those, that pictures of two cameras have
+
+
+def sweep_is_foreign(footage: Footage, config: PanZoomConfig) -> bool:
+    """True where reference image and zoom run show the same, and the sweep nothing of it: it is another camera's.
+
+    Raises PzcapError where the reference image does not show the calibration object.
+    """
+    if footage.zoom is None:
+        return False
+    camera = reference_camera.calibrate(footage.reference_image, footage.calibration_object, config.reference).camera
+    view = View(0.0, 0.0, 0.0, camera.focal_px, camera.principal_px, NONE)
+    reference = [detect(footage.reference_image, config.sweep)]
+    low, high = np.log(config.zoom_range)
+    zoomed = _some(footage.zoom, _ZOOM_FRAMES, config)
+    beside = _agreed(zoomed, reference, view, np.arange(low, high, 0.04), config)
+    if beside < _MANY:
+        return False
+    swept = _some(footage.sweep, _SWEEP_FRAMES, config)
+    return _agreed(reference, swept, view, np.arange(-0.1, 0.101, 0.02), config) < min(_MANY, _FEWER * beside)
+
+
+def _agreed(
+    some: Sequence[Features], others: Sequence[Features], view: View, log_zooms: Array, config: PanZoomConfig
+) -> int:
+    """Matches of the two frames that agree best."""
+    focals = view.focal_px * np.exp(log_zooms)
+    return max(place(one, other, view, view, focals, config.sweep.ratio)[2] for one in some for other in others)
+
+
+def _some(frames: Frames, most: int, config: PanZoomConfig) -> list[Features]:
+    """Features of some frames, evenly spaced."""
+    count = sum(1 for _ in frames)
+    chosen = set(np.round(np.linspace(0, count - 1, min(count, most))).astype(int).tolist())
+    return [detect(image, config.sweep) for number, (_, image) in enumerate(frames) if number in chosen]

@@ -1,0 +1,49 @@
+"""What is plausible for a capture: sizes beyond which a file is refused before anything of it is decoded.
+
+A header of a few bytes can announce more than any machine holds. Each limit is some times what the largest take that
+anybody films needs; docs/capture.md lists them.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Final
+
+PICTURE_SIDE_PX: Final = 16_384
+"""Columns, or rows, of a still or a frame: twice those of 8K."""
+PICTURE_PX: Final = 2**26
+"""Pixels of a still or a frame: twice those of 8K."""
+FRAMES: Final = 1_000_000
+"""Frames of a video: nine hours at 30 a second."""
+SPARSEST: Final = 50
+"""One frame in so many is recorded at least, the others dropped."""
+FEW: Final = 20
+"""Frames by which a video may be sparser than that: a short one may have lost nearly all."""
+LATEST_FRAME: Final = 10**8
+"""Index of a frame, before and after 0: twice a day at 500 a second."""
+FRAME_RATE: Final = (Fraction(1), Fraction(1000))
+"""Frames a second of the motion."""
+CAMERAS: Final = 64
+"""Cameras of a capture."""
+PAPER_BYTES: Final = 2**24
+"""Bytes of a JSON file that a person or a program writes for a capture: 16 MiB."""
+KEYPOINTS_BYTES: Final = 2**28
+"""Bytes of a JSON file that a detector writes: 256 MiB."""
+ARRAYS_BYTES: Final = 8 * 2**30
+"""Bytes of the arrays of an npz file: 8 GiB."""
+MEASUREMENT_M: Final = 3.0
+"""A length of the body, metres."""
+MARKER_M: Final = (0.01, 5.0)
+"""A side of a marker, metres."""
+HALL_M: Final = 500.0
+"""Any place's distance from the origin of the world, along each axis, metres."""
+
+
+def picture_problem(width: int, height: int) -> str | None:
+    """A clause on a picture of this size, where it is not plausible."""
+    if width < 1 or height < 1:
+        return f"{width} x {height} pixels"
+    if max(width, height) > PICTURE_SIDE_PX or width * height > PICTURE_PX:
+        most = f"{PICTURE_SIDE_PX} a side, {PICTURE_PX / 1e6:.0f} million in all"
+        return f"{width} x {height} pixels, where {most} are the most"
+    return None

@@ -1,0 +1,126 @@
+"""Wrong footage and papers are named by their cause; right ones raise no note."""
+
+from __future__ import annotations
+
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pzcap.body import skeleton
+from pzcap.calibration.blame import sweep_is_foreign
+from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.camera_set import calibrate_camera, calibrate_cameras, footage_of
+from pzcap.io.capture import read_capture
+from pzcap.plausibility import SeenViews, lens_moved, unseen_keyframes
+from pzcap.types import Camera, Capture, Keyframe, Pose, PzcapError, Silhouette
+from tests.scenes import fabricated
+
+TIMECODES = tuple(f"10:00:00:{frame:02}" for frame in range(30))
+
+
+@pytest.fixture(scope="module")
+def capture(small_capture: Path) -> Capture:
+    return read_capture(small_capture / "capture")
+
+
+# --------------------------------------------------------------------------------------------------------------
+# A sweep of another camera
+
+
+def test_a_sweep_of_another_camera_is_blamed_and_not_the_zoom_run(
+    capture: Capture, small_capture: Path, tmp_path: Path
+) -> None:
+    first, second = (footage_of(capture, files) for files in capture.cameras[:2])
+    assert not sweep_is_foreign(first, PanZoomConfig())
+    assert sweep_is_foreign(first._replace(sweep=second.sweep), PanZoomConfig())
+    assert not sweep_is_foreign(first._replace(zoom=second.zoom), PanZoomConfig())
+    assert not sweep_is_foreign(first._replace(sweep=second.sweep, zoom=None), PanZoomConfig())
+    shutil.copytree(small_capture / "capture", tmp_path / "swapped")
+    shutil.copy(small_capture / "capture" / "camera2" / "sweep.mp4", tmp_path / "swapped" / "camera1" / "sweep.mp4")
+    whole = read_capture(tmp_path / "swapped")
+    swapped = replace(whole, cameras=whole.cameras[:1])
+
+    def calibrate(footage: Any, report: Any) -> Any:
+        return calibrate_camera(footage, PanZoomConfig(), report)
+
+    with (
+        ThreadPoolExecutor(1) as pool,
+        pytest.raises(PzcapError, match="it is another camera's, or was shot elsewh") as e,
+    ):
+        list(calibrate_cameras(swapped, calibrate, pool, []))
+    assert f"camera 1: {tmp_path / 'swapped' / 'camera1' / 'sweep.mp4'}: shows nothing of what the ref" in str(e.value)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# A lens that focused anew
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1.0, False), (1.00003, False), (0.99996, False), (1.0012, True), (0.999, True)]
+)
+def test_a_lens_that_was_moved_between_reference_and_sweep(factor: float, said: bool) -> None:
+    whole = fabricated.reconstruction()
+    reference, panorama, head = whole.references[0], whole.panoramas[0], whole.cameras[0]
+    assert reference is not None
+    assert panorama is not None
+    assert head is not None
+    still = replace(reference, camera=replace(reference.camera, focal_px=head.lens.reference_focal_px / factor))
+    note = lens_moved("1", CalibratedCamera(still, panorama, head))
+    assert (note is not None) == said
+    if note:
+        assert note.startswith("camera 1: the focal length of its sweep, ")
+        assert note.endswith("focus or zoom have moved; set both by hand and shoot the sweep again")
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Keyframes where nobody is
+
+
+def keyframe(frame: int, place: tuple[float, float, float]) -> Keyframe:
+    return Keyframe(frame, Pose(np.array(place), np.tile([1.0, 0.0, 0.0, 0.0], (16, 1))))
+
+
+@pytest.fixture(scope="module")
+def view() -> SeenViews:
+    """One camera at the origin's side, looking along +y; the athlete covers the middle of its picture."""
+    world_T_cam = np.eye(4)
+    world_T_cam[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    world_T_cam[:3, 3] = (0.0, -10.0, 1.0)
+    camera = Camera(640, 480, world_T_cam, 800.0, np.array([319.5, 239.5]), 0.0)
+    probability = np.zeros((480, 640), np.uint8)
+    probability[160:330, 280:360] = 255
+    outline = Silhouette(probability, np.zeros((480, 640, 3), np.uint8), np.zeros((240, 320), np.float32), True)
+    return SeenViews((camera, None), (outline, None))
+
+
+@pytest.mark.parametrize(
+    ("place", "seen"),
+    [((0.0, 0.0, 0.9), True), ((0.3, 0.0, 0.9), True), ((3.0, 0.0, 0.9), False), ((0.0, -30.0, 0.9), False),
+     ((300.0, 20.0, 0.9), False), ((8.0, 30.0, 0.9), False)],
+)  # fmt: skip
+def test_a_keyframe_stands_where_somebody_is_seen(
+    place: tuple[float, float, float], seen: bool, view: SeenViews, capture: Capture
+) -> None:
+    assert capture.subject is not None
+    body = skeleton.build(capture.subject)
+    keys = [keyframe(3, (0.0, 0.0, 0.9)), keyframe(7, place)]
+    notes = unseen_keyframes(keys, body, {3: view, 7: view}, TIMECODES)
+    assert len(notes) == (not seen)
+    if not seen:
+        assert notes[0].startswith("keyframe 7 (10:00:00:07): no view shows anybody where it stands, (")
+
+
+def test_where_all_are_elsewhere_the_frame_is_wrong_and_not_each(view: SeenViews, capture: Capture) -> None:
+    assert capture.subject is not None
+    body = skeleton.build(capture.subject)
+    keys = [keyframe(3, (0.0, 300.0, 900.0)), keyframe(7, (0.0, 310.0, 900.0))]
+    (note,) = unseen_keyframes(keys, body, {3: view, 7: view}, TIMECODES)
+    assert "not metres in the world frame that object.json sets, or object.json is wrong" in note
+    blind = SeenViews((None, None), (None, None))
+    assert unseen_keyframes(keys, body, {3: blind, 7: blind}, TIMECODES) == []
