@@ -14,6 +14,8 @@ from pzcap.types import Array, Mask
 
 JACCARD_PX: Final = (5, 10, 20)
 """Distances in pixels within which a point of the scene counts as found, JaC@5, @10, @20."""
+FAR_OFF_RAD: Final = np.deg2rad(1.0)
+"""Frames further off than this, and than three times the median, do not tell which common rotation there is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +34,7 @@ class CameraErrors:
     reprojection_points_px: Array | None = None  # (N,) distances of all points in all frames
     jaccard: tuple[Series, ...] | None = None  # of the static scene points, a threshold of ``JACCARD_PX`` each
     rotation_rad: Series | None = None  # angle between the estimated and the true camera axes
+    common_rad: Series | None = None  # angle to the true camera axes, after the one rotation that suits most frames
     centre_m: Series | None = None  # distance between the estimated and the true projection centre
 
 
@@ -57,6 +60,12 @@ def camera_errors(
         if bound is not None:
             found[name] = Series(bound.values[frames], bound.valid[frames] & known)
     return CameraErrors(**found)
+
+
+def own_world_errors(track: CameraTrack, true: TrueCamera, frames: NDArray[np.int64]) -> CameraErrors:
+    """The errors of a camera whose rotations are in a frame of its own: focal length, and what one rotation leaves."""
+    focal = np.where(track.valid, track.focal_px / true.track.focal_px[frames] - 1.0, 0.0)
+    return CameraErrors(focal=Series(focal, track.valid), common_rad=_after_common_rotation(track, true, frames))
 
 
 def pan_and_focal(track: CameraTrack, true: TrueCamera, frames: NDArray[np.int64]) -> tuple[Series, Series]:
@@ -90,8 +99,24 @@ def _pose_errors(track: CameraTrack, true: TrueCamera, frames: NDArray[np.int64]
     assert there is not None
     return {
         "rotation_rad": Series(angle_between(poses.rotation, there.rotation[frames]), track.valid),
+        "common_rad": _after_common_rotation(track, true, frames),
         "centre_m": Series(np.linalg.norm(poses.position_m - there.position_m[frames], axis=1), track.valid),
     }
+
+
+def _after_common_rotation(track: CameraTrack, true: TrueCamera, frames: NDArray[np.int64]) -> Series | None:
+    """Angles between true and found axes (F,), after the rotation of the world that suits most frames best."""
+    poses, there = track.poses, true.track.poses
+    if poses is None or there is None or not track.valid.any():
+        return None
+    found, wanted = poses.rotation, there.rotation[frames]
+    apart, counted = np.zeros(len(found)), track.valid
+    for _ in range(2):  # once more without what the first shows to be far off
+        u, _, vt = np.linalg.svd(np.sum(wanted[counted] @ found[counted].transpose(0, 2, 1), axis=0))
+        common = (u * [1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+        apart = angle_between(common @ found, wanted)
+        counted = track.valid & (apart <= max(FAR_OFF_RAD, 3.0 * float(np.median(apart[track.valid]))))
+    return Series(apart, track.valid)
 
 
 def _scene_errors(

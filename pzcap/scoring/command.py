@@ -21,6 +21,7 @@ from pzcap.scoring import truth_files
 from pzcap.scoring.metric import Metric
 from pzcap.scoring.readers.conventions import METRES, Conventions, joint_names
 from pzcap.scoring.readers.read import read
+from pzcap.scoring.records import thinned
 from pzcap.scoring.score import score
 from pzcap.scoring.suspicions import suspicions
 from pzcap.scoring.totals import metrics
@@ -54,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--joints", type=Path, help="of TRC, C3D, BVH: a table of names, columns theirs,joint")
     parser.add_argument("--axes", help="of TRC, C3D, BVH: our axis along each of the file's, such as y,z,x or x,z,-y")
     parser.add_argument("--unit", choices=[name for name in METRES if len(name) < 3], help="of TRC, C3D, BVH")
+    parser.add_argument("--every", type=int, default=1, help="of cameras, only each so many-th frame counts")
     parser.add_argument("--first-frame", type=int, default=0, help="of TRC, C3D, BVH: the frame that they begin with")
     return parser
 
@@ -69,7 +71,7 @@ def _run(options: argparse.Namespace) -> int:
     found: dict[str, list[Metric]] = {}
     status = 0
     for name, (results, folder) in pairs.items():
-        truth = truth_files.read_truth(folder)
+        truth = thinned(truth_files.read_truth(folder), options.every)
         if results is None:
             found[name] = []
             print(f"{name}: no results", file=sys.stderr)

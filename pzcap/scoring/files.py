@@ -34,7 +34,8 @@ VERSION: Final = 1
 HEADER: Final = "results.json"
 CAMERAS: Final = "cameras.csv"
 BODY: Final = "joints.csv"
-KEYS: Final = ("method", "capture", "frames", "timecodes", "image_size", "cameras", "keyframes", "about")
+KEYS: Final = ("method", "capture", "frames", "timecodes", "image_size", "cameras", "world", "keyframes", "about")
+WORLDS: Final = ("capture", "own")
 
 ROTATION: Final = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 POSITION: Final = ("x_m", "y_m", "z_m")
@@ -60,6 +61,7 @@ def read_results(folder: Path) -> Results:
     keyframes = field(path, header, "keyframes", counts, "a list of frames, counted from 0") or []
     for name in ("method", "capture"):
         field(path, header, name, lambda value: isinstance(value, str), "a text")
+    world = field(path, header, "world", lambda value: value in WORLDS, "capture, or own") or WORLDS[0]
     if timecodes is not None and len(timecodes) != frames:
         raise PzcapError(f"{path}: {len(timecodes)} timecodes for {frames} frames; give one a frame")
     if any(frame >= frames for frame in keyframes):
@@ -79,6 +81,7 @@ def read_results(folder: Path) -> Results:
         camera_names=tuple(names),
         cameras=tracks,
         body=_read_body(folder / BODY, frames, keyframes) if given[1] else None,
+        own_world=world == "own",
     )
 
 
@@ -232,6 +235,8 @@ def write_results(results: Results, folder: Path, about: Mapping[str, Any] | Non
     if results.body is not None:
         header["keyframes"] = [int(frame) for frame in np.flatnonzero(results.body.keyframe)]
         write_joints(folder / BODY, results.body.joints_m, results.body.valid, results.body.sigma_m)
+    if results.own_world:
+        header["world"] = WORLDS[1]
     if about is not None:
         header["about"] = dict(about)
     tracks = {

@@ -65,6 +65,7 @@ class Results:
     camera_names: tuple[str, ...]  # (C,)
     cameras: tuple[CameraTrack | None, ...]  # (C,)
     body: BodyTrack | None
+    own_world: bool = False  # rotations are in a frame of the method's own, one a camera, as of self-calibration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +122,14 @@ def by_timecode(timecodes: Sequence[str], true: Sequence[str]) -> tuple[NDArray[
     first = int(np.argmax(known))
     frames = np.arange(len(known)) - first + index[timecodes[first]]
     return np.clip(frames, 0, len(index) - 1), known
+
+
+def thinned(truth: TrueCapture, every: int) -> TrueCapture:
+    """``truth``, of whose cameras only each ``every``-th frame counts, from 0: for tracks that ask for no more."""
+    if every < 1:
+        raise PzcapError(f"every is {every}; give 1 or more")
+    counts = np.arange(len(truth.timecodes)) % every == 0
+    return replace(truth, cameras=tuple(replace(camera, recorded=camera.recorded & counts) for camera in truth.cameras))
 
 
 def within(track: CameraTrack, known: Mask) -> CameraTrack:

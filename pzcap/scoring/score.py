@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.scoring.body_errors import BodyErrors, body_errors
-from pzcap.scoring.camera_errors import CameraErrors, camera_errors
-from pzcap.scoring.records import CameraTrack, Results, TrueCamera, TrueCapture, matched, within
-from pzcap.types import Mask
+from pzcap.scoring.camera_errors import CameraErrors, camera_errors, own_world_errors
+from pzcap.scoring.records import Results, TrueCapture, matched, within
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,13 +36,18 @@ def score(results: Results, truth: TrueCapture) -> Errors:
     for name, track in zip(results.camera_names, results.cameras, strict=True):
         true = truth.cameras[truth.camera_names.index(name)]
         recorded = true.recorded[frames] & known  # dropped frames do not count
-        cameras.append(_errors(track, true, frames, known, truth.image_size))
+        if track is None:
+            cameras.append(CameraErrors())
+        elif results.own_world:
+            cameras.append(own_world_errors(within(track, recorded), true, frames))
+        else:
+            cameras.append(camera_errors(within(track, recorded), true, frames, known, truth.image_size))
         found = np.zeros(len(frames), bool) if track is None else track.valid
         lost += int(np.sum(recorded & ~found))
         answered += int(np.sum(recorded & found))
     body = None if results.body is None else body_errors(results.body, truth, frames, known)
-    hidden = int(truth.keyframe.sum() if body is None else np.union1d(frames[body.keyframe & known],
-                                                                      np.flatnonzero(truth.keyframe)).size)  # fmt: skip
+    posed = [] if body is None else frames[body.keyframe & known].tolist()
+    hidden = len({*posed, *np.flatnonzero(truth.keyframe).tolist()})
     return Errors(
         truth_frames=frames,
         cameras=tuple(cameras),
@@ -54,11 +58,3 @@ def score(results: Results, truth: TrueCapture) -> Errors:
         joints=(len(truth.timecodes) - hidden) * truth.joints_m.shape[1],
         answered_joints=0 if body is None else int(body.scored_joints.sum()),
     )
-
-
-def _errors(
-    track: CameraTrack | None, true: TrueCamera, frames: NDArray[np.int64], known: Mask, image_size: tuple[int, int]
-) -> CameraErrors:
-    if track is None:
-        return CameraErrors()
-    return camera_errors(within(track, known), true, frames, known, image_size)

@@ -38,7 +38,7 @@ def suspicions(results: Results, truth: TrueCapture | None) -> list[str]:
         if track is not None and np.any(track.valid & known):
             at = np.flatnonzero(track.valid & known)
             seen.append(Seen(name, track, truth.camera_names.index(name), at, frames[at]))
-    found += suspicious_cameras(seen, truth)
+    found += suspicious_cameras(seen, truth, results.own_world)
     if results.body is not None:
         found += suspicious_body(results.body, truth, frames, known)
     return list(dict.fromkeys(found))

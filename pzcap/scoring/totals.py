@@ -40,6 +40,7 @@ def scene_metrics(cameras: Sequence[CameraErrors], lost: int) -> list[Metric]:
     """The whole camera: where it shows the static scene, where it stands, and what it claims."""
     parts = [c.reprojection_points_px for c in cameras if c.reprojection_points_px is not None]
     points = np.concatenate(parts) if parts else np.zeros(0)
+    common = np.degrees(joined([c.common_rad for c in cameras]))
     jaccard = [
         100.0 * joined([None if c.jaccard is None else c.jaccard[row] for c in cameras])
         for row in range(len(JACCARD_PX))
@@ -53,8 +54,10 @@ def scene_metrics(cameras: Sequence[CameraErrors], lost: int) -> list[Metric]:
             for within, values in zip(JACCARD_PX, jaccard, strict=True)
         ),
         Metric("panzoom.rotation.rms", rms(np.degrees(joined([c.rotation_rad for c in cameras]))), "deg"),
+        Metric("panzoom.rotation.common.median", percentile(common, 50), "deg"),
+        Metric("panzoom.rotation.common.rms", rms(common), "deg"),
         Metric("panzoom.position.rms", rms(1000.0 * joined([c.centre_m for c in cameras])), "mm"),
-        Metric("panzoom.lost", float(lost) if any(c.pan_rad for c in cameras) else None, "frames"),
+        Metric("panzoom.lost", float(lost) if any(c.focal for c in cameras) else None, "frames"),
         Metric("panzoom.bound_ratio.pan", _over([(c.pan_rad, c.pan_bound_rad) for c in cameras]), "1"),
         Metric("panzoom.bound_ratio.focal", _over([(c.focal, c.focal_bound) for c in cameras]), "1"),
         Metric("panzoom.nees", mean(joined([c.nees for c in cameras])), "1"),

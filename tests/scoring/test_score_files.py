@@ -20,7 +20,7 @@ from pzcap.scoring import truth_files
 from pzcap.scoring.command import main, over
 from pzcap.scoring.files import read_results, write_results
 from pzcap.scoring.metric import Metric
-from pzcap.scoring.records import Results
+from pzcap.scoring.records import Results, thinned
 from pzcap.scoring.score import score
 from pzcap.scoring.suspicions import suspicions
 from pzcap.scoring.totals import metrics
@@ -262,3 +262,48 @@ def test_an_empty_table_is_a_method_that_found_nothing(tmp_path: Path) -> None:
     assert found["panzoom.completeness"] == 0.0
     assert found["panzoom.lost"] == 80.0
     assert "nothing is scored" in suspicions(read, None)[0]
+
+
+def test_in_a_world_of_its_own_a_method_is_scored_after_one_rotation(tmp_path: Path) -> None:
+    results, truth = plain.good()
+    tracks = [t for t in results.cameras if t is not None]
+    turn = rotation_z(1.0) @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    turned = tuple(
+        replace(t, pan_rad=None, covariance=None, poses=replace(t.poses, rotation=turn @ t.poses.rotation))
+        for t in tracks if t.poses is not None
+    )  # fmt: skip
+    own = replace(results, cameras=turned, own_world=True, body=None)
+    write_results(own, tmp_path)
+    again = read_results(tmp_path)
+    assert again.own_world
+    assert suspicions(again, truth) == []
+    found = values(metrics(score(again, truth)))
+    assert 0.0 < found["panzoom.rotation.common.rms"] < 0.02  # type: ignore[operator]
+    assert found["panzoom.pan.rms"] is found["panzoom.position.rms"] is found["panzoom.reprojection.rms"] is None
+    assert found["panzoom.focal.rms"] == values(metrics(score(results, truth)))["panzoom.focal.rms"]
+    assert found["panzoom.completeness"] == 100.0
+
+
+def test_a_few_frames_that_are_far_off_do_not_tell_the_common_rotation() -> None:
+    results, truth = plain.good()
+    track = results.cameras[0]
+    assert track is not None
+    assert track.poses is not None
+    rotation = track.poses.rotation.copy()
+    rotation[:3] = rotation_z(0.5) @ rotation[:3]
+    alone = replace(results, camera_names=("1",), own_world=True, body=None, cameras=(
+        replace(track, pan_rad=None, poses=replace(track.poses, rotation=rotation)),
+    ))  # fmt: skip
+    assert values(metrics(score(alone, truth)))["panzoom.rotation.common.median"] < 0.05  # type: ignore[operator]
+
+
+def test_a_track_may_ask_for_some_frames_only() -> None:
+    results, truth = plain.good()
+    some = np.arange(results.frames) % 5 == 0
+    tracks = tuple(None if t is None else replace(t, valid=t.valid & some) for t in results.cameras)
+    few, all_frames = replace(results, cameras=tracks), results
+    found, whole = (values(metrics(score(one, thinned(truth, 5)))) for one in (few, all_frames))
+    assert found["panzoom.completeness"] == 100.0
+    assert {k: v for k, v in found.items() if "panzoom" in k} == {k: v for k, v in whole.items() if "panzoom" in k}
+    with pytest.raises(PzcapError, match="every is 0"):
+        thinned(truth, 0)
