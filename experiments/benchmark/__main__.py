@@ -10,10 +10,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from experiments.benchmark import make
+from experiments.benchmark import board, make, score
 from experiments.config import nearest
 from experiments.errors import AlreadyReported, guard
 from pzcap.types import PzcapError
+
+WHERE: Final[dict[str, str]] = {"release": "1.0", "split": "mini", "out": str(make.OUT)}
 
 
 def _split(arguments: list[str], keys: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
@@ -28,8 +30,37 @@ def _split(arguments: list[str], keys: Mapping[str, str]) -> tuple[dict[str, str
     return values, others
 
 
+def _known(arguments: list[str], keys: Mapping[str, str]) -> dict[str, str]:
+    """The values of ``keys`` (key -> default). Raises PzcapError for any other argument."""
+    values, others = _split(arguments, keys)
+    if others:
+        key = others[0].partition("=")[0]
+        raise PzcapError(f"unknown argument '{others[0]}'; {nearest(key, keys)}")
+    return values
+
+
+def _score(arguments: list[str]) -> None:
+    values = _known(arguments, WHERE | {"methods": "", "again": "false", "results": "", "entry": ""})
+    folder = Path(values["out"]) / values["release"] / values["split"]
+    if bool(values["results"]) != bool(values["entry"]):
+        raise PzcapError("results=FOLDER and entry=DESCRIPTION.json go together (docs/benchmark.md); give both or none")
+    if values["results"]:
+        made = [score.score_results(folder, Path(values["results"]), Path(values["entry"]))]
+    else:
+        names = [name for name in values["methods"].strip("[]").split(",") if name]
+        made = score.score_methods(folder, names, values["again"] == "true")
+    for path in made:
+        print(path)
+
+
+def _board(arguments: list[str]) -> None:
+    values = _known(arguments, WHERE | {"entries": ""})
+    folder = Path(values["out"]) / values["release"] / values["split"]
+    print(board.write(folder, Path(values["entries"]) if values["entries"] else folder / "entries"))
+
+
 def _make(arguments: list[str]) -> None:
-    values, others = _split(arguments, {"release": "1.0", "split": "mini", "out": str(make.OUT), "freeze": "false"})
+    values, others = _split(arguments, WHERE | {"freeze": "false"})
     lines = make.make(values["release"], values["split"], others, Path(values["out"]), values["freeze"] == "true")
     for line in lines:
         print(f"error: {line}", file=sys.stderr)
@@ -37,7 +68,7 @@ def _make(arguments: list[str]) -> None:
         raise AlreadyReported("the footage is not that of the release")
 
 
-COMMANDS: Final[Mapping[str, Callable[[list[str]], None]]] = {"make": _make}
+COMMANDS: Final[Mapping[str, Callable[[list[str]], None]]] = {"make": _make, "score": _score, "board": _board}
 
 
 def main() -> int:

@@ -242,7 +242,7 @@ def write_results(results: Results, folder: Path, about: Mapping[str, Any] | Non
     tracks = {
         name: track for name, track in zip(results.camera_names, results.cameras, strict=True) if track is not None
     }
-    if tracks:
+    if tracks or results.body is None:  # a table without a row: asked for, and nothing found
         write_table(folder / CAMERAS, ("camera", *CAMERA_COLUMNS), camera_rows(tracks))
     with written_whole(folder / HEADER) as partial:
         partial.write_text(json.dumps(header, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
