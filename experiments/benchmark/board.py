@@ -30,7 +30,13 @@ PAGE: Final = "index.html"
 BREAKS: Final = "breaks.html"
 COLOURS: Final = (*plots.COLOURS, "#7c4dff", "#6d4c41", "#00838f", "#c62828", "#9e9d24", "#455a64")
 DASHES: Final = ("-", "--", ":")
-ANCHORS: Final = {"reproduced": "reproduced", "code public": "code public", "claimed": "claimed"}
+HEADS: Final = {
+    "panzoom.completeness": "views answered", "body.completeness": "joints answered", "body.lost": "frames lost",
+    "panzoom.jac5": "JaC@5", "panzoom.nees": "NEES", "panzoom.bound_ratio.pan": "pan over its bound",
+    "panzoom.rotation.common.median": "rotation* median", "panzoom.rotation.common.rms": "rotation* rms",
+    "body.mpjpe.similarity": "joints* mean", "body.covered": "within one sigma",
+}  # fmt: skip
+"""A star stands for: after the one rotation a camera, or the similarity of the motion, that suits it best."""
 CLAIMS: Final = {
     "reproduced": "run by whoever runs this board",
     "code public": "its code is there for anybody to run",
@@ -118,16 +124,16 @@ def _table(name: str, track: Track, entries: Sequence[Mapping[str, Any]], place:
             "memory": "–" if entry.get("memory_mib") is None else f"{entry['memory_mib']:.0f}",
         })  # fmt: skip
     columns = [{"key": column, "head": head(column), "unit": _unit(entered, column)} for column in track.columns]
-    chart = by_capture(entered, name, track) if entered else Markup("")
+    chart = by_capture(entered, name, track) if len(entered) > 1 else Markup("")
     return {"name": name, "track": track, "columns": columns, "rows": rows, "chart": chart}
 
 
 def head(metric: str) -> str:
     """What stands over a metric's column."""
-    words = (
-        metric.replace("panzoom.", "").replace("body.", "").replace("mpjpe.", "").replace("bound_ratio.", "x bound ")
-    )
-    return words.replace(".", " ").replace("_", " ").replace("common", "one rotation off").replace("mean", "mean")
+    if metric in HEADS:
+        return HEADS[metric]
+    words = metric.replace("panzoom.", "").replace("body.mpjpe.", "joints ").replace("body.", "")
+    return words.replace(".", " ").replace("_", " ")
 
 
 def _unit(entered: Sequence[Mapping[str, Any]], column: str) -> str:
@@ -167,7 +173,8 @@ def by_capture(entered: Sequence[Mapping[str, Any]], name: str, track: Track) ->
         axes: Axes = figure.subplots()
         for number, entry in enumerate(entered):
             values = [entry["scores"][name].get(capture, {}).get(metric) for capture in names]
-            _line(axes, np.arange(len(names)), values, entry["label"], number)
+            aside = 0.5 * ((number + 0.5) / len(entered) - 0.5)  # so that none hides another
+            _line(axes, np.arange(len(names)) + aside, values, entry["label"], number, joined=False)
         _finish(axes, names, f"{head(metric)} [{_unit(entered, metric) or '1'}]")
         figure.legend(loc="outside right upper", handlelength=2.4)
 
@@ -203,10 +210,12 @@ def _panels(name: str, entries: Sequence[Mapping[str, Any]], axis: Axis) -> dict
     return {"axis": axis.name, "track": track.label, "captures": axis.captures, "svg": plots.svg(12.5, 2.8, draw)}
 
 
-def _line(axes: Axes, x: np.ndarray, values: Sequence[float | None], label: str | None, number: int) -> None:
+def _line(
+    axes: Axes, x: np.ndarray, values: Sequence[float | None], label: str | None, number: int, *, joined: bool = True
+) -> None:
     y = np.array([np.nan if value is None or value <= 0.0 else value for value in values], np.float64)
     y = np.where([value == 0.0 for value in values], 0.0, y)
-    axes.plot(x, y, label=None if label is None else plots.literal(label), **_style(number))
+    axes.plot(x, y, label=None if label is None else plots.literal(label), **_style(number), lw=1.4 if joined else 0.0)
 
 
 def _finish(axes: Axes, names: Sequence[str], title: str, *, logarithmic: bool = True) -> None:

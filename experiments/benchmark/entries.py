@@ -32,7 +32,9 @@ from pzcap.types import Array, PzcapError
 FORMAT: Final = "pzcap-entry"
 VERSION: Final = 1
 WORST: Final = 3
-"""Frames that the board shows of an entry, each of another capture or camera where there is one."""
+"""Frames that the board shows of an entry."""
+APART: Final = 10
+"""Frames between two of the body's: what is next to the worst looks like it."""
 
 Claim = Literal["reproduced", "code public", "claimed"]
 
@@ -148,16 +150,23 @@ def sha256_of(folder: Path) -> str:
 def worst_frames(
     capture: str, track: str, errors: Errors, names: Sequence[str], truth: TrueCapture
 ) -> list[WorstFrame]:
-    """The worst frame of each camera, or of the body, seen by the camera that shows it largest."""
+    """The worst frame of each camera; or the worst of the body, each seen by the camera that shows it largest."""
     if TRACKS[track].columns[0].startswith("body"):
         body = errors.body
         if body is None or not body.scored.any():
             return []
         counted = body.scored_joints
         mean = np.sum(body.joints_m * counted, axis=1) / np.maximum(counted.sum(axis=1), 1)
-        frame = int(np.argmax(np.where(body.scored, mean, -1.0)))
-        at = int(errors.truth_frames[frame])
-        return [WorstFrame(capture, _nearest_camera(truth, at), at, float(1000.0 * mean[frame]), "mm")]
+        size = np.where(body.scored, mean, -1.0)
+        frames: list[int] = []
+        while len(frames) < WORST and size.max() >= 0.0:
+            frames.append(int(np.argmax(size)))
+            size[max(0, frames[-1] - APART) : frames[-1] + APART + 1] = -1.0
+        at = [int(errors.truth_frames[frame]) for frame in frames]
+        return [
+            WorstFrame(capture, _nearest_camera(truth, true), true, float(1000.0 * mean[frame]), "mm")
+            for frame, true in zip(frames, at, strict=True)
+        ]
     found = []
     for name, camera in zip(names, errors.cameras, strict=True):
         for series, scale, unit in (

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from experiments import memory
-from experiments.benchmark.tracks import SELF_CALIBRATION_EVERY
+from experiments.benchmark.tracks import PEERS_EVERY, SELF_CALIBRATION_EVERY
 from experiments.comparisons.ablation import trial as ablation
 from experiments.comparisons.ablation.variants import Known, Variant
 from experiments.comparisons.peers import bench
@@ -144,7 +144,7 @@ def run_peers(given: Given) -> dict[str, Answered]:
         given.capture, given.truth, given.job / "given" / "panorama", given.config.reconstruct.panzoom, False,
         given.report,
     )  # fmt: skip
-    found = bench.run(material, names, 1, given.report)
+    found = bench.run(material, names, PEERS_EVERY, given.report)
     return {f"peer_{result.name}": _of_peer(given, material, result) for result in found}
 
 

@@ -7,8 +7,9 @@ from typing import Final
 
 SELF_CALIBRATION_EVERY: Final = 7
 """Of the frames of the motion, those that a self-calibration has to link: each of them to all others."""
+PEERS_EVERY: Final = 10
+"""Of the frames of the motion, those that are to be found on a panorama that is given: some methods take seconds."""
 
-PAN, FOCAL, BODY = "panzoom.pan", "panzoom.focal", "body.mpjpe"
 CAMERAS: Final = (
     "panzoom.completeness", "panzoom.pan.median", "panzoom.pan.rms", "panzoom.focal.median", "panzoom.focal.rms",
     "panzoom.reprojection.rms", "panzoom.jac5", "panzoom.nees", "panzoom.bound_ratio.pan",
@@ -38,7 +39,7 @@ TRACKS: Final[dict[str, Track]] = {
     ),
     "cameras": Track("Cameras alone", "the capture folder", CAMERAS),
     "cameras_given_panorama": Track(
-        "Cameras, the panorama given", "our calibrated cameras and panoramas, as well", CAMERAS
+        "Cameras, the panorama given", "our calibrated cameras and panoramas, as well", CAMERAS, every=PEERS_EVERY
     ),
     "self_calibration": Track(
         "Self-calibration", "the motion's frames, or all footage, without the calibration object",

@@ -26,7 +26,8 @@ MAGNIFIED: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 ARROW_PX: Final = 25.0
 """Errors are drawn so much larger that the median arrow is about this long."""
 POINTS: Final = 120
-CROP: Final = 1.6  # of the body's size
+CROP: Final = 1.5  # of the body's size
+HEIGHT: Final = 380  # of a picture of the body, px, at least
 QUALITY: Final = 82
 BONES: Final = tuple((child, parent) for child, parent in enumerate(PARENTS) if parent >= 0)
 
@@ -42,7 +43,7 @@ def frame_image(capture: Path, camera: str, frame: int) -> Image | None:
 
 
 def picture(image: Image, results: Results, truth: TrueCapture, camera: str, frame: int, *, body: bool) -> Image:
-    """A view with what is true in green and what was found in orange; of cameras the errors, magnified."""
+    """A view with what is true in white and what was found in orange; of cameras the errors, magnified."""
     shown = image.copy()
     frames, _ = matched(results, truth)
     at = int(np.flatnonzero(frames == frame)[0])
@@ -75,15 +76,22 @@ def _body(image: Image, camera: CameraTrack, true_m: Array, found_m: Array, give
     focal = float(camera.focal_px[frame])
     true, seen = project(camera.poses, focal, frame, true_m)
     found, visible = project(camera.poses, focal, frame, found_m)
-    for pixels, known, colour in ((true, seen, TRUTH_COLOUR), (found, visible & given, FOUND_COLOUR)):
-        bones = [pixels[[near, far]] for near, far in BONES if known[near] and known[far]]
-        draw_strips(image, [bone for bone in bones if np.abs(bone).max() < 1e4], colour, 2)
     middle = true.mean(axis=0)
     half = max(40.0, 0.5 * CROP * float(np.ptp(true, axis=0).max()))
     height, width = image.shape[:2]
-    x0, x1 = (int(np.clip(v, 0, width)) for v in (middle[0] - 1.3 * half, middle[0] + 1.3 * half))
+    x0, x1 = (int(np.clip(v, 0, width)) for v in (middle[0] - half, middle[0] + half))
     y0, y1 = (int(np.clip(v, 0, height)) for v in (middle[1] - half, middle[1] + half))
-    return image[y0:y1, x0:x1] if x1 - x0 > 40 and y1 - y0 > 40 else image
+    if min(x1 - x0, y1 - y0) < 40:  # the athlete is out of this view
+        x0, y0, x1, y1 = 0, 0, width, height
+    scale = max(1.0, HEIGHT / (y1 - y0))
+    shown = np.asarray(
+        cv2.resize(image[y0:y1, x0:x1], None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC), np.uint8
+    )
+    for pixels, known, colour in ((true, seen, TRUTH_COLOUR), (found, visible & given, FOUND_COLOUR)):
+        here = scale * (pixels - [x0, y0] + 0.5) - 0.5
+        bones = [here[[near, far]] for near, far in BONES if known[near] and known[far]]
+        draw_strips(shown, [bone for bone in bones if np.abs(bone).max() < 1e4], colour, 2)
+    return shown
 
 
 def _write(image: Image, text: str) -> None:
