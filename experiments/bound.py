@@ -35,11 +35,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.silhouette_score import Series
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import of as lens_of
+from pzcap.scoring.records import Series
 from pzcap.types import Array, Lens, Mask, Panorama, PanZoomCamera, Reconstruction
 from sim.truth import Truth
 

@@ -1,4 +1,4 @@
-"""Numbers with a name, a unit and a direction, and the file that holds them."""
+"""The file that holds the metrics of a run, their targets, and how people read them."""
 
 from __future__ import annotations
 
@@ -6,26 +6,14 @@ import json
 import os
 import platform
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from pzcap.io.files import checked, written_whole
+from pzcap.scoring.metric import Direction as Direction
+from pzcap.scoring.metric import Metric as Metric
 from pzcap.types import PzcapError
-
-Direction = Literal["lower", "higher"]
-
-
-@dataclass(frozen=True, slots=True)
-class Metric:
-    """One number that a run is judged by. ``value`` is None where the run had not the material for it."""
-
-    key: str
-    value: float | None
-    unit: str
-    direction: Direction = "lower"
-
 
 TARGETS: Final[Mapping[str, float]] = {
     "panzoom.pan.rms": 0.003,

@@ -8,24 +8,14 @@ from typing import Final
 import cv2
 import numpy as np
 
-from pzcap.types import Array, Image, Mask
+from pzcap.scoring.records import Series
+from pzcap.types import Image, Mask
 from sim.truth import Truth
 
 MIN_BODY_PX: Final = 200
 """Silhouettes are scored in views where the body is at least this tall."""
 EVEN: Final = 128
 """A pixel counts as body if its probability (of 255) is more than this; at one half nothing is known."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Series:
-    """One number for each frame set; 0 where ``valid`` is False."""
-
-    values: Array  # (F,)
-    valid: Mask  # (F,)
-
-    def __post_init__(self) -> None:
-        self.values[~self.valid] = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,8 +27,9 @@ from experiments.comparisons.harness import Column, Comparison, Row
 from experiments.config import CONVERTER, AppConfig
 from experiments.report.plots import COLOURS
 from experiments.run import run as run_one
-from experiments.score import BodyErrors, body_errors, frames_of
+from experiments.score import body_errors, frames_of
 from pzcap.io.results import load
+from pzcap.scoring.body_errors import BodyErrors
 from pzcap.types import Array, Mask, PzcapError
 from sim.truth import Truth
 

@@ -6,6 +6,8 @@ Then each keypoint's way is filtered. It is what Pose2Sim and anipose do, here w
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import combinations
 from typing import Final
 
@@ -36,7 +38,12 @@ _TRIPOD: Final = {f"{side}_{name}" for side in ("left", "right") for name in ("s
 
 
 def triangulate(capture: Capture, reconstruction: Reconstruction) -> Motion:
-    """The joints, from the capture's keypoints and the cameras that were found; its rotations are none.
+    """`triangulated`, by the cameras that were found."""
+    return triangulated(capture, partial(cameras_at, reconstruction))
+
+
+def triangulated(capture: Capture, cameras: Callable[[int], Sequence[Camera | None]]) -> Motion:
+    """The joints, from the capture's keypoints and the ``cameras`` of each frame; its rotations are none.
 
     Joints of the trunk that no detector finds are put where they are in somebody who stands upright. Raises PzcapError
     where the capture has no keypoints, or a joint is never seen by two cameras.
@@ -50,7 +57,7 @@ def triangulate(capture: Capture, reconstruction: Reconstruction) -> Motion:
     for frame in range(len(sets)):
         views = [
             (camera, max(people, key=lambda person: person[:, 2].sum()))
-            for camera, people in zip(cameras_at(reconstruction, frame), sets.people(frame), strict=True)
+            for camera, people in zip(cameras(frame), sets.people(frame), strict=True)
             if camera is not None and len(people)
         ]
         points[frame], off[frame] = meet(views)

@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from experiments.score import BodyErrors, CameraErrors, Score
-from experiments.silhouette_score import Series
+from experiments.score import CameraErrors, Score
+from pzcap.scoring.body_errors import BodyErrors
+from pzcap.scoring.records import Series
 from pzcap.types import JOINTS, Array, Mask, PanZoomCamera, Reconstruction
 from sim.truth import Truth
 

@@ -12,7 +12,7 @@ import rerun as rr
 from experiments.config import CONVERTER, build, leaves
 from experiments.metrics import Metric, format_value, meets_target
 from experiments.score import Score
-from experiments.silhouette_score import Series
+from pzcap.scoring.records import Series
 from pzcap.types import JOINTS, Reconstruction
 from pzcap.viewer import columns, drawing, layouts
 from pzcap.viewer.columns import path_part, plain, view_path

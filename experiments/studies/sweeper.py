@@ -43,10 +43,19 @@ class Job:
 
 
 class Resuming(BasicSweeper):
-    """Hydra's own grid of ``a=1,2 b=3,4``, without the jobs that are done already."""
+    """Hydra's own grid of ``a=1,2 b=3,4``, or ``listed`` jobs, without those that are done already.
 
-    def __init__(self, max_batch_size: int | None = None, params: dict[str, str] | None = None) -> None:
+    ``listed`` are the overrides of each job, for sweeps that are no grid; those of the command line hold for all.
+    """
+
+    def __init__(
+        self,
+        max_batch_size: int | None = None,
+        params: dict[str, str] | None = None,
+        listed: Sequence[Sequence[str]] | None = None,
+    ) -> None:
         super().__init__(max_batch_size, params)
+        self._listed = listed
 
     def sweep(self, arguments: list[str]) -> Any:
         """Run what is missing, and show all. AlreadyReported if any job failed: each was said when it did."""
@@ -77,9 +86,12 @@ class Resuming(BasicSweeper):
     def _plan(self, arguments: list[str]) -> list[Job]:
         """Every job of the sweep, composed, so that one that cannot be is refused before any work."""
         assert self.hydra_context is not None
-        parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
-        parsed = parser.parse_overrides([*self._of_study(arguments), *arguments])
-        (batch,) = self.split_arguments(parsed, None)
+        if self._listed is None:
+            parser = OverridesParser.create(config_loader=self.hydra_context.config_loader)
+            parsed = parser.parse_overrides([*self._of_study(arguments), *arguments])
+            (batch,) = self.split_arguments(parsed, None)
+        else:
+            batch = [[*map(str, overrides), *arguments] for overrides in self._listed]
         plan = {job.folder: job for job in (self._job(number, overrides) for number, overrides in enumerate(batch))}
         return list(plan.values())
 

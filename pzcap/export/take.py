@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pzcap.body.kinematics import chain
-from pzcap.geometry.camera import at
+from pzcap.geometry.camera import of_track
 from pzcap.io.files import written_whole
 from pzcap.types import (
     ENDS,
@@ -52,7 +52,7 @@ class LocatedCamera:
         track = self.track
         if not track.valid[frame]:
             return None
-        return at(self.head, float(track.pan_rad[frame]), float(track.tilt_rad[frame]), float(track.focal_px[frame]))
+        return of_track(self.head, track, frame)
 
     def frames(self) -> Iterator[tuple[int, Camera]]:
         """The frames in which it was located, in order."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from experiments.report import plots
-from experiments.score import BodyErrors
+from pzcap.scoring.body_errors import BodyErrors
 
 
 def errors(frames: int = 40) -> BodyErrors:

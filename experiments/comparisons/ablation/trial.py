@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from experiments.comparisons.ablation.variants import Variant
 from experiments.config import CONVERTER
 from experiments.score import body_errors, frames_of
-from experiments.totals import body_metrics
 from pzcap import pipeline
 from pzcap.body import skeleton
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.extras.cpu_clock import cpu_clock
 from pzcap.io.capture import FrameSets, frame_sets
+from pzcap.scoring.totals import body_metrics
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import (
     Capture,

@@ -29,6 +29,7 @@ class Footage:
     images: tuple[Image, ...]
     masks: tuple[Mask | None, ...]  # what is to be left out
     true: Frames
+    numbers: tuple[int, ...] = ()  # of the motion's frames in the truth
 
 
 def hall_footage(files: CameraFiles, truth: Truth, camera: int) -> tuple[Footage, int]:
@@ -55,10 +56,10 @@ def hall_footage(files: CameraFiles, truth: Truth, camera: int) -> tuple[Footage
     return Footage(tuple(images), (None,) * len(images), _true(truth, camera, rotations, focals)), count
 
 
-def motion_footage(capture: Capture, truth: Truth) -> list[Footage]:
-    """Frames of the motion of each camera, and the true masks."""
+def motion_footage(capture: Capture, truth: Truth, every: int = 0) -> list[Footage]:
+    """Each ``every``-th frame of the motion of each camera, and the true masks; 0: as many as make eight or more."""
     sets = frame_sets(capture)
-    every = max(1, min(MOTION_EVERY, len(truth.timecodes) // 8))
+    every = every or max(1, min(MOTION_EVERY, len(truth.timecodes) // 8))
     taken: list[list[tuple[Image, int]]] = [[] for _ in capture.cameras]
     for frames in sets:
         if frames.index % every == 0 and frames.timecode in truth.timecodes:
@@ -75,7 +76,7 @@ def motion_footage(capture: Capture, truth: Truth) -> list[Footage]:
         true = _true(
             truth, camera, list(truth.world_T_cam[camera, indices, :3, :3]), list(truth.focal_px[camera, indices])
         )
-        result.append(Footage(tuple(image for image, _ in row), tuple(masks), true))
+        result.append(Footage(tuple(image for image, _ in row), tuple(masks), true, tuple(indices)))
     return result
 
 

@@ -17,6 +17,7 @@ ConfigStore.instance().store(
         "_target_": f"{ResumingSweeper.__module__}.{ResumingSweeper.__name__}",
         "max_batch_size": None,
         "params": None,
+        "listed": None,
     },
     provider="pzcap",
 )

@@ -1,0 +1,30 @@
+"""C3D, by ezc3d, which is needed for nothing else: `pip install ezc3d`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pzcap.io.files import checked
+from pzcap.scoring.readers.conventions import Z_UP, Conventions, body, metres
+from pzcap.scoring.records import BodyTrack
+from pzcap.types import PzcapError
+
+
+def read_c3d(path: Path, frames: int, said: Conventions) -> BodyTrack:
+    """The points of a C3D file. One with a negative residual, or NaN, is not given."""
+    try:
+        import ezc3d
+    except ImportError as error:
+        raise PzcapError(f"{path}: C3D is read by ezc3d; pip install ezc3d") from error
+    try:
+        file = ezc3d.c3d(str(checked(path)))
+    except (OSError, RuntimeError, ValueError) as error:
+        raise PzcapError(f"{path}: is no C3D file ({error}); write it again") from error
+    points = file["data"]["points"]  # (4, N, T)
+    residuals = file["data"]["meta_points"]["residuals"][0]
+    places = np.where(residuals[None] < 0.0, np.nan, points[:3]).transpose(2, 1, 0)
+    parameters = file["parameters"]["POINT"]
+    unit = said.unit or "".join(parameters["UNITS"]["value"][:1])
+    return body(path, parameters["LABELS"]["value"], metres(unit, path) * places, frames, said, Z_UP)

@@ -1,0 +1,87 @@
+"""What files of others leave open: axes, unit, names of joints, number of the first frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pzcap.scoring.records import BodyTrack
+from pzcap.scoring.tables import nearest, read_table
+from pzcap.types import JOINTS, Array, PzcapError
+
+METRES: Final = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
+Y_UP: Final = "y,z,x"
+"""The file's x is our y, its y our z, its z our x: y up, as Pose2Sim writes TRC and pzcap BVH."""
+Z_UP: Final = "x,y,z"
+
+
+@dataclass(frozen=True, slots=True)
+class Conventions:
+    """What the command line says of a file. None: what is customary for its kind."""
+
+    axes: str | None = None  # our axis along each of the file's, such as "x,z,-y"
+    unit: str | None = None  # of METRES
+    first_frame: int = 0  # the frame of the capture that the file begins with
+    names: Mapping[str, str] = field(default_factory=dict)  # the file's names of joints -> ours; none: they are ours
+
+
+def joint_names(path: Path) -> dict[str, str]:
+    """The table of joint names at ``path``: columns ``theirs`` and ``joint``."""
+    names: dict[str, str] = {}
+    for row in read_table(path, ("theirs", "joint"), ())[1]:
+        if row.cells["joint"] not in JOINTS:
+            raise row.wrong(f"no joint '{row.cells['joint']}'; {nearest(row.cells['joint'], JOINTS)}")
+        names[row.cells["theirs"]] = row.cells["joint"]
+    return names
+
+
+def axes(text: str) -> Array:
+    """(3, 3) the file's coordinates to ours, of a text such as "y,z,x" or "x,z,-y"."""
+    parts = [part.strip() for part in text.split(",")]
+    if sorted(part.lstrip("+-") for part in parts) != ["x", "y", "z"]:
+        raise PzcapError(f"axes {text}: name our axis along each of the file's, such as y,z,x or x,z,-y")
+    turn = np.zeros((3, 3))
+    for column, part in enumerate(parts):
+        turn["xyz".index(part.lstrip("+-")), column] = -1.0 if part.startswith("-") else 1.0
+    if np.linalg.det(turn) < 0.0:
+        raise PzcapError(f"axes {text}: these are mirrored; turn the sign of one")
+    return turn
+
+
+def metres(unit: str, path: Path) -> float:
+    """Metres to a unit of length."""
+    if unit.lower() not in METRES:
+        raise PzcapError(f"{path}: no unit '{unit}'; say --unit m, cm or mm")
+    return METRES[unit.lower()]
+
+
+def body(
+    path: Path, names: Sequence[str], places_m: Array, frames: int, said: Conventions, customary: str
+) -> BodyTrack:
+    """The joints of a file, of which ``places_m`` (T, N, 3) are named ``names``, in the capture's ``frames``.
+
+    Raises PzcapError if no name is known, or the file has frames beyond the capture's.
+    """
+    table = said.names or {name: name for name in JOINTS}
+    index = {name: number for number, name in enumerate(names)}
+    if not set(table) & set(index):
+        raise PzcapError(
+            f"{path}: none of its joints ({', '.join(list(names)[:4])}, ...) is known; map them with --joints TABLE.csv"
+        )
+    last = said.first_frame + len(places_m)
+    if last > frames:
+        raise PzcapError(f"{path}: {len(places_m)} frames from {said.first_frame} on, of {frames}; see --first-frame")
+    at = slice(said.first_frame, last)
+    joints, valid = np.zeros((frames, len(JOINTS), 3)), np.zeros((frames, len(JOINTS)), bool)
+    turned = places_m @ axes(said.axes or customary).T
+    for theirs, ours in table.items():
+        if theirs in index:
+            joint = JOINTS.index(ours)
+            place = turned[:, index[theirs]]
+            known = np.all(np.isfinite(place), axis=1)
+            joints[at, joint], valid[at, joint] = np.where(known[:, None], place, 0.0), known
+    return BodyTrack(joints, valid, None, np.zeros(frames, bool))

@@ -1,0 +1,40 @@
+"""TRC, the table of marker positions of OpenSim and Pose2Sim."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pzcap.io.files import checked
+from pzcap.scoring.readers.conventions import Y_UP, Conventions, body, metres
+from pzcap.scoring.records import BodyTrack
+from pzcap.types import PzcapError
+
+
+def read_trc(path: Path, frames: int, said: Conventions) -> BodyTrack:
+    """The joints of a TRC file. A blank cell, or NaN, is a joint that is not given."""
+    try:
+        lines = [line.rstrip("\r") for line in checked(path).read_text(encoding="utf-8-sig").split("\n")]
+    except (OSError, UnicodeDecodeError) as error:
+        raise PzcapError(f"{path}: cannot be read ({error}); write it again") from error
+    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
+        raise PzcapError(f"{path}: is no TRC file; its first word is PathFileType")
+    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    names = [name.strip() for name in lines[3].split("\t")[2:] if name.strip()]
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines[5:], start=6):
+        if not line.strip():
+            if rows:
+                break
+            continue  # a blank line between the names and the numbers is customary
+        cells = line.split("\t")[2:]
+        cells += [""] * (3 * len(names) - len(cells))
+        try:
+            rows.append([float(cell) if cell.strip() else np.nan for cell in cells[: 3 * len(names)]])
+        except ValueError as error:
+            raise PzcapError(f"{path} line {number}: {error}; write numbers, tabs between") from error
+    if not rows:
+        raise PzcapError(f"{path}: holds no frame; write it again")
+    scale = metres(said.unit or header.get("Units", ""), path)
+    return body(path, names, scale * np.array(rows).reshape(len(rows), -1, 3), frames, said, Y_UP)

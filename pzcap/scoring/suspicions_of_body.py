@@ -1,0 +1,99 @@
+"""Suspicions about joints, against the truth: each undoes one mistake, and speaks where that fits far better."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.scoring.records import BodyTrack, TrueCapture
+from pzcap.scoring.suspicions_of_cameras import SHIFTS, UNITS, UP_AXES, better
+from pzcap.types import JOINTS, Array, Mask
+
+NEAR_M: Final = 0.03
+"""Joints nearer to the truth than this, in the median, are meant as they are written."""
+SIDES: Final = tuple(
+    JOINTS.index(name.replace("left", "R").replace("right", "left").replace("R", "right")) for name in JOINTS
+)
+"""Index of each joint's counterpart on the other side of the body."""
+
+
+def suspicious_body(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], known: Mask) -> Iterator[str]:
+    """What is probably not meant as it is written."""
+    given = body.valid & known[:, None] & ~body.keyframe[:, None] & ~truth.keyframe[frames][:, None]
+    if not given.any():
+        return
+    true = truth.joints_m[frames]
+    off = _off(body.joints_m, true, given)
+    if off <= NEAR_M:
+        yield from _strange_claim(body, given, off)
+        return
+    size = [float(np.median(np.linalg.norm(joints[given], axis=1))) for joints in (body.joints_m, true)]
+    for scale, unit in UNITS.items():
+        if better(_off(body.joints_m / scale, true, given), off) or abs(size[0] / size[1] / scale - 1.0) < 0.1:
+            yield f"joints lie {scale:.0f} times too far from the origin: {unit}? write metres"
+            return
+    for words, axes in UP_AXES.items():
+        if better(_off(body.joints_m @ axes.T, true, given), off):
+            yield f"joints have other axes ({words}): write z up, as the calibration object has it"
+            return
+    best = min(SHIFTS, key=lambda shift: _shifted(body, truth, frames, given, shift))
+    if better(_shifted(body, truth, frames, given, best), off):
+        yield f"joints are those {abs(best)} frames {'later' if best > 0 else 'earlier'}: count frames from 0"
+        return
+    if better(_off(body.joints_m[:, SIDES], true, given & given[:, SIDES]), _sides_off(body, true, given)):
+        yield "left and right joints are exchanged: left is the athlete's own left"
+        return
+    yield from _wrong_order(body, true, given)
+
+
+def _off(joints_m: Array, true_m: Array, given: Mask) -> float:
+    """Median distance of the joints that are given, m; of none infinite."""
+    return float(np.median(np.linalg.norm((joints_m - true_m)[given], axis=1))) if given.any() else np.inf
+
+
+def _sides_off(body: BodyTrack, true_m: Array, given: Mask) -> float:
+    """Median distance of the joints that have a counterpart."""
+    paired = given & given[:, SIDES]
+    paired[:, [at for at, other in enumerate(SIDES) if at == other]] = False
+    return _off(body.joints_m, true_m, paired)
+
+
+def _shifted(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], given: Mask, shift: int) -> float:
+    there = frames + shift
+    inner = (there >= 0) & (there < len(truth.timecodes))
+    if inner.sum() < 3:
+        return np.inf
+    return _off(body.joints_m[inner], truth.joints_m[there[inner]], given[inner])
+
+
+def _wrong_order(body: BodyTrack, true: Array, given: Mask) -> Iterator[str]:
+    """Joints that lie where another one is, all the time."""
+    count = len(JOINTS)
+    apart = np.full((count, count), np.inf)
+    for joint in range(count):
+        at = given[:, joint]
+        if at.any():
+            apart[joint] = np.median(np.linalg.norm(body.joints_m[at, joint, None] - true[at], axis=2), axis=0)
+    nearest = np.argmin(apart, axis=1)
+    wrong = [
+        joint
+        for joint in range(count)
+        if np.isfinite(apart[joint, joint]) and apart[joint, nearest[joint]] < 0.3 * apart[joint, joint] - NEAR_M
+    ]
+    if len(wrong) > 1:
+        joint = wrong[0]
+        yield (
+            f"{len(wrong)} joints lie where others are ({JOINTS[joint]} at {JOINTS[nearest[joint]]}): name each as "
+            "docs/benchmark.md does"
+        )
+
+
+def _strange_claim(body: BodyTrack, given: Mask, off_m: float) -> Iterator[str]:
+    if body.sigma_m is None:
+        return
+    sigma = float(np.median(body.sigma_m[given]))
+    if sigma > 0.0 and sigma > 100.0 * max(off_m, 1e-4):
+        yield f"sigma_m claims {sigma:.2g} m where the error is {off_m:.2g}: millimetres? write metres"
