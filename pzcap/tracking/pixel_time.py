@@ -130,8 +130,8 @@ class ClockEstimate:
 
     @staticmethod
     def of(cameras: int, sigma: float) -> ClockEstimate:
-        """Estimate before any image."""
-        return ClockEstimate(np.zeros(cameras), np.eye(cameras) / max(sigma, 1e-9) ** 2)
+        """Estimate before any image: each known to ``sigma``, their mean to be 0."""
+        return ClockEstimate(np.zeros(cameras), np.eye(cameras) / max(sigma, 1e-6) ** 2 + CLOCK.together)
 
     def after(self, periods: int) -> ClockEstimate:
         """The estimate so many frame periods later: clocks drift."""

@@ -84,8 +84,16 @@ def _hall(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
     spec.visual.headlight.specular[:] = 0.0
 
 
-def shoot(frames: int, seed: int = 0, frame_rate: float = 30.0, noise: float = 2.0) -> Clip:
-    """Render ``frames`` instants of `swing`; noise is in grey levels."""
+AT_ONCE = (0.0, 0.0, 0.0, 0.0)
+
+
+def shoot(
+    frames: int, seed: int = 0, frame_rate: float = 30.0, noise: float = 2.0, clocks: tuple[float, ...] = AT_ONCE
+) -> Clip:
+    """Render ``frames`` instants of `swing`; noise is in grey levels.
+
+    Cameras expose ``clocks`` (4,) frame periods after the instants of poses and joints.
+    """
     rng = np.random.default_rng(seed)
     config = athlete.AthleteConfig()
     measurements = draw_measurements(rng)
@@ -95,13 +103,14 @@ def shoot(frames: int, seed: int = 0, frame_rate: float = 30.0, noise: float = 2
     stage = Stage(spec, 2 * WIDTH, 2 * HEIGHT, athlete.GEOM_GROUP, object_group=5)
     poses = [swing(k / frame_rate) for k in range(frames)]
     shots, joints = [], []
-    for pose in poses:
+    for frame, pose in enumerate(poses):
         athlete.set_pose(stage.model, stage.data, pose)
         mujoco.mj_kinematics(stage.model, stage.data)
         centres = np.array([stage.data.body(name).xpos.copy() for name in SEGMENTS])
         joints.append(centres)
         row = []
-        for position in POSITIONS:
+        for position, clock in zip(POSITIONS, clocks, strict=True):
+            athlete.set_pose(stage.model, stage.data, swing((frame + clock) / frame_rate))
             camera = aim(position, centres.mean(axis=0))
             stage.aim(camera.world_T_cam, float(np.rad2deg(2 * np.arctan(HEIGHT / 2 / camera.focal_px))))
             pictures = []

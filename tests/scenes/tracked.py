@@ -41,9 +41,14 @@ def taped() -> Body:
 
 @cache
 def inputs() -> tuple[TrackInput, ...]:
+    return inputs_of(clip())
+
+
+def inputs_of(filmed: Clip) -> tuple[TrackInput, ...]:
+    """What the tracker is given of a clip."""
     settings = foreground.ForegroundConfig()
     rows = []
-    for frame, row in enumerate(clip().shots):
+    for frame, row in enumerate(filmed.shots):
         views = []
         for shot in row:
             known = np.ones(shot.mask.shape, bool)

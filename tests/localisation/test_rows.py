@@ -1,0 +1,182 @@
+"""Rows of a frame that are not exposed at once: their places, their light, and the read-out that follows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pzcap.geometry import camera as geometry
+from pzcap.localisation import row_bands
+from pzcap.localisation.panorama_sampler import ViewPlace, row_time
+from pzcap.localisation.photometric_alignment import Aligner, Belief
+from pzcap.localisation.readout import History, Readout, Sway
+from pzcap.localisation.rectification import is_sheared, rectified, rectified_points
+from pzcap.types import Array, Image, Localisation, Panorama
+from tests.scenes import synthetic
+from tests.scenes.cylinders import camera_of, whole_turn
+
+OPTICS = synthetic.Optics()
+CAMERA = camera_of(OPTICS)
+FOCAL, HEIGHT = OPTICS.reference_focal_px, OPTICS.height
+
+
+def found(pan_rad: float, shear: Array, shear_sigma: Array, focal_px: float = FOCAL) -> Localisation:
+    nothing = np.empty((0, 2))
+    return Localisation(
+        pan_rad, OPTICS.tilt_rad, focal_px, 1e-10 * np.eye(2), True, nothing, nothing,
+        sway_sigma=np.full(2, 1e-5), shear=shear, shear_sigma=shear_sigma,
+    )  # fmt: skip
+
+
+def rolled(pan_rad: float, focal_px: float, shear: Array) -> Image:
+    """A frame each row of which is rendered by the camera of its own time, from a stack of whole frames."""
+    times = np.linspace(-0.5, 0.5, 25)
+    stack = [synthetic.render(OPTICS, pan_rad + shear[0] * t, focal_px * np.exp(shear[1] * t)) for t in times]
+    rows = row_time(np.arange(float(HEIGHT)), HEIGHT)
+    near = np.clip(np.searchsorted(times, rows) - 1, 0, len(times) - 2)
+    share = ((rows - times[near]) * (len(times) - 1))[:, None, None]
+    first = np.array([stack[k][v] for v, k in enumerate(near)], np.float64)
+    second = np.array([stack[k + 1][v] for v, k in enumerate(near)], np.float64)
+    return np.rint(first + share * (second - first)).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def panorama() -> Panorama:
+    return whole_turn(0)
+
+
+@pytest.fixture(scope="module")
+def sheared() -> Image:
+    return rolled(0.3, 1.3 * FOCAL, np.array([0.006, 0.004]))
+
+
+def test_a_frame_shows_its_shear(panorama: Panorama, sheared: Image) -> None:
+    """Pan and focal length are those of the middle row; taken for a frame without shear they are off."""
+    aligner, start = Aligner(panorama, CAMERA), ViewPlace(0.3, OPTICS.tilt_rad, 1.3 * FOCAL)
+    free = aligner.align(sheared, start, 1.5, None, Belief(start, 1e-3, 1e-3, 0.02, 0.02)).at
+    held = aligner.align(sheared, start, 1.5).at
+    assert free.pan_shear_rad == pytest.approx(0.006, abs=1.5e-4)
+    assert free.zoom_shear == pytest.approx(0.004, abs=4e-4)
+    assert abs(free.pan_rad - 0.3) < 5e-5
+    assert abs(held.pan_rad - 0.3) > 2 * abs(free.pan_rad - 0.3)
+
+
+def test_a_rectified_frame_is_the_one_that_is_exposed_at_once(sheared: Image) -> None:
+    where = found(0.3, np.array([0.006, 0.004]), np.ones(2), 1.3 * FOCAL)
+    whole = synthetic.render(OPTICS, 0.3, 1.3 * FOCAL).astype(np.float64)
+    inner = np.s_[10:-10, 10:-10]
+    off = [np.abs(one.astype(np.float64) - whole)[inner].mean() for one in (sheared, rectified(sheared, CAMERA, where))]
+    assert off[1] < 0.5 * off[0]  # what is left is the resampling
+
+
+@settings(deadline=None)
+@given(st.floats(-0.01, 0.01), st.floats(-0.01, 0.01), st.integers(0, 2**31))
+def test_rectified_points_are_seen_from_the_middle_of_the_read_out(pan: float, zoom: float, seed: int) -> None:
+    """A direction seen by the camera of its row's time, found by iteration, stands where the middle row's sees it."""
+    where, rng = found(0.2, np.array([pan, zoom]), np.ones(2)), np.random.default_rng(seed)
+    there = rng.uniform([30, 30], [OPTICS.width - 30, HEIGHT - 30], (20, 2))
+    view = geometry.view_at(CAMERA, 0.2, OPTICS.tilt_rad, FOCAL)
+    direction = geometry.pixel_to_direction(view, there)
+    exposed = there.copy()
+    for _ in range(6):
+        for n, time in enumerate(row_time(exposed[:, 1], HEIGHT).tolist()):
+            own = geometry.view_at(CAMERA, 0.2 + pan * time, OPTICS.tilt_rad, FOCAL * float(np.exp(zoom * time)))
+            exposed[n] = geometry.direction_to_pixel(own, direction[0][n], direction[1][n])[0]
+    np.testing.assert_allclose(rectified_points(exposed, CAMERA, where), there, atol=0.05)
+
+
+def test_only_what_is_displaced_is_put_right() -> None:
+    assert not is_sheared(CAMERA, found(0.0, np.array([1e-5, 1e-6]), np.ones(2)))
+    assert is_sheared(CAMERA, found(0.0, np.array([1e-3, 0.0]), np.ones(2)))
+
+
+def followed(readout: float, sigma: float, seed: int, frames: int = 60) -> Readout:
+    """The read-out after frames of a camera that is panned to and fro, their shear known to ``sigma``."""
+    rng, history = np.random.default_rng(seed), History(Readout(0.0, 0.6), Sway(OPTICS.tilt_rad, np.full(2, 1e-8)))
+    for k in range(frames):
+        pan, zoom = 0.2 * np.sin(0.1 * k), 1.0 + 0.1 * np.sin(0.07 * k)
+        rate = np.array([0.02 * np.cos(0.1 * k), 0.007 * np.cos(0.07 * k) / zoom])
+        expected = None
+        if history.last is not None and history.before is not None:
+            last = history.last.pan_rad - history.before.pan_rad
+            zoomed = float(np.log(history.last.focal_px / history.before.focal_px))
+            mean, spread = history.readout.shear(np.array([last, zoomed]))
+            expected = found(0.0, mean, spread)
+        shear, spread = readout * rate + rng.normal(0.0, sigma, 2), np.full(2, sigma)
+        if expected is not None:  # a posterior, as the alignment has it
+            information = spread**-2.0 + expected.shear_sigma**-2.0
+            shear = (spread**-2.0 * shear + expected.shear_sigma**-2.0 * expected.shear) / information
+            spread = information**-0.5
+        history = history.followed_by(found(pan, shear, spread, FOCAL * zoom), expected)
+    return history.readout
+
+
+@pytest.mark.parametrize("readout", [-0.7, 0.0, 0.5])
+def test_the_read_out_is_found_with_its_sign_and_a_sigma_that_holds(readout: float) -> None:
+    ratios = []
+    for seed in range(12):
+        estimate = followed(readout, 2e-4, seed)
+        assert estimate.share == pytest.approx(readout, abs=0.02)
+        ratios.append((estimate.share - readout) / estimate.sigma)
+    assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 2.0
+
+
+def test_sway_is_forgotten_while_the_head_stands_and_found_again_when_it_moves() -> None:
+    sway = Sway(OPTICS.tilt_rad, np.full(2, np.deg2rad(0.03) ** 2))
+    still = found(0.0, np.zeros(2), np.ones(2))
+    for _ in range(60):
+        sway = sway.updated(still)
+    assert (np.sqrt(sway.variance) < np.deg2rad(0.003)).all()
+    bumped = Localisation(
+        0.0, OPTICS.tilt_rad + np.deg2rad(0.05), FOCAL, np.eye(2), True, np.empty((0, 2)), np.empty((0, 2)),
+        sway_sigma=np.full(2, 1e-5),
+    )  # fmt: skip
+    assert np.sqrt(sway.updated(bumped).variance[0]) > np.deg2rad(0.015)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Light
+
+
+def ratios(bands: Array, seed: int, noise: float = 0.1) -> tuple[Array, Array, Array]:
+    """Ratio of frame to panorama, row time and squared distance of 3000 pixels, a tenth of them of somebody."""
+    rng = np.random.default_rng(seed)
+    time, squared = rng.uniform(-0.5, 0.5, 3000), rng.uniform(0.0, 1.0, 3000)
+    ratio = (0.9 - 0.1 * squared) * row_bands.gain(bands, time) * rng.normal(1.0, noise, 3000)
+    ratio[:300] *= rng.uniform(0.2, 3.0, 300)
+    return ratio, time, squared
+
+
+@settings(deadline=None)
+@given(st.floats(0.5, 3.0), st.floats(0.0, 2 * np.pi), st.integers(0, 100))
+def test_bands_of_any_frequency_and_phase_are_found(periods: float, phase: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    time, squared = rng.uniform(-0.5, 0.5, 4000), rng.uniform(0.0, 1.0, 4000)
+    true = 1.0 + 0.25 * np.sin(2 * np.pi * periods * time + phase)
+    bands = row_bands.fit(true * rng.normal(1.0, 0.05, 4000), time, squared)
+    at = np.linspace(-0.45, 0.45, 91)
+    here, wanted = row_bands.gain(bands, at), 1.0 + 0.25 * np.sin(2 * np.pi * periods * at + phase)
+    np.testing.assert_allclose(here / here.mean(), wanted / wanted.mean(), atol=0.06)
+
+
+def test_there_are_no_bands_where_the_light_is_even() -> None:
+    for seed in range(10):
+        assert row_bands.fit(*ratios(np.zeros(8), seed)).size == 0
+
+
+def test_a_banded_frame_is_aligned_and_evened(panorama: Panorama) -> None:
+    image, time = synthetic.render(OPTICS, 0.3, FOCAL), row_time(np.arange(float(HEIGHT)), HEIGHT)
+    gain = 0.75 * (1.0 + 0.3 * np.sin(2 * np.pi * 1.6 * time + 0.7))
+    banded = np.rint(image * gain[:, None, None]).astype(np.uint8)
+    start = ViewPlace(0.3 + 1.0 / FOCAL, OPTICS.tilt_rad, FOCAL)
+    aligner = Aligner(panorama, CAMERA)
+    aligned, even = aligner.align(banded, start, 1.5), aligner.align(image, start, 1.5)
+    assert aligned.bands.size
+    assert not even.bands.size
+    assert aligned.agreement > even.agreement - 0.05
+    assert abs(aligned.at.pan_rad - even.at.pan_rad) * FOCAL < 0.05
+    evened = row_bands.without_bands(banded, aligned.bands).astype(np.float64)
+    level = evened.mean(axis=(1, 2)) / np.maximum(image.mean(axis=(1, 2)), 1.0)
+    assert np.std(level[20:-20]) / np.mean(level) < 0.03
