@@ -38,7 +38,7 @@ from pzcap.localisation.localise import Localiser, predicted
 from pzcap.localisation.panorama_sampler import place_of
 from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import is_sheared, rectified_keypoints, upright
-from pzcap.plausibility import SeenViews, lens_moved, unseen_keyframes
+from pzcap.plausibility import SeenViews, camera_notes, lens_moved, unseen_keyframes
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
@@ -173,6 +173,10 @@ def stages(
         if taken and files.motion and track and not track.valid.any()
     ]
     heads = with_clocks(localise.heads(capture.frame_rate), tracker, capture.frame_rate)
+    if not config.panzoom.free_tilt:
+        for name, head, track in zip((files.name for files in capture.cameras), heads, tracks, strict=True):
+            if head is not None and track is not None:
+                notes += camera_notes(name, head, track)
     yield Finished(Reconstruction(
         capture_name=capture.name,
         method=config.panzoom.method,

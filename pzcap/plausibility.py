@@ -11,7 +11,7 @@ from pzcap.body.kinematics import joints
 from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.geometry.camera import project
-from pzcap.types import Camera, Keyframe, Silhouette
+from pzcap.types import Camera, Keyframe, PanZoomCamera, PanZoomTrack, Silhouette
 
 _FOCAL: Final = 2e-4
 """Difference of the focal lengths of reference image and sweep, which a locked lens keeps to 2e-5; a lens that focused
@@ -30,6 +30,44 @@ def lens_moved(name: str, calibrated: CalibratedCamera) -> str | None:
         f"camera {name}: the focal length of its sweep, {sweep_px:.2f} px, is not that of its reference image, "
         f"{still_px:.2f} px: focus or zoom have moved; set both by hand and shoot the sweep again"
     )
+
+
+_READOUT_S: Final = 1.5e-3
+"""Read-out time from which on a camera is said to have a rolling shutter."""
+_CLOCK_S: Final = 1.5e-3
+"""Offset from which on a clock is said to be off."""
+_SIGMAS: Final = 5.0
+"""Standard deviations from which on either is sure."""
+_TILT_RAD: Final = np.deg2rad(0.02)
+"""Tilt or roll, on average over the motion, from which on a tripod is said to have settled."""
+
+
+def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack) -> list[str]:
+    """What the motion has shown of camera ``name`` that a studio's would not do; all of it is corrected for."""
+    notes = []
+    if abs(head.readout_s) > max(_READOUT_S, _SIGMAS * head.readout_sigma_s):
+        upside_down = "" if head.readout_s > 0.0 else ", from the bottom up"
+        notes.append(
+            f"camera {name}: its shutter rolls: {1e3 * abs(head.readout_s):.1f} ms (standard deviation "
+            f"{1e3 * head.readout_sigma_s:.1f}) from the first row to the last{upside_down}"
+        )
+    if abs(head.clock_s) > max(_CLOCK_S, _SIGMAS * head.clock_sigma_s):
+        late = "after" if head.clock_s > 0.0 else "before"
+        notes.append(
+            f"camera {name}: it exposes {1e3 * abs(head.clock_s):.1f} ms (standard deviation "
+            f"{1e3 * head.clock_sigma_s:.1f}) {late} the mean of all: the cameras are not locked to each other"
+        )
+    if track.valid.any():
+        off = (
+            float(np.median(track.tilt_rad[track.valid])) - head.tilt_rad,
+            float(np.median(track.roll_rad[track.valid])),
+        )
+        if max(map(abs, off)) > _TILT_RAD:
+            notes.append(
+                f"camera {name}: in the motion it is tilted by {np.rad2deg(off[0]):+.3f} and rolled by "
+                f"{np.rad2deg(off[1]):+.3f} degrees against the sweep: the tripod has settled or was touched"
+            )
+    return notes
 
 
 class SeenViews(NamedTuple):
