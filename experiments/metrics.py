@@ -73,13 +73,18 @@ def machine() -> dict[str, Any]:
 
 
 def write_metrics(path: Path, metrics: Iterable[Metric], run: Mapping[str, Any]) -> None:
-    """Write metrics.json: key -> {value, unit, direction}, and ``_run``. Whole or not at all."""
+    """Write metrics.json. Whole or not at all."""
+    with written_whole(path) as partial:
+        partial.write_text(metrics_text(metrics, run), encoding="utf-8")
+
+
+def metrics_text(metrics: Iterable[Metric], run: Mapping[str, Any]) -> str:
+    """What metrics.json holds: key -> {value, unit, direction}, and ``_run``."""
     content: dict[str, Any] = {
         metric.key: {"value": metric.value, "unit": metric.unit, "direction": metric.direction} for metric in metrics
     }
     content["_run"] = dict(run)
-    with written_whole(path) as partial:
-        partial.write_text(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def read_metrics(path: Path) -> tuple[tuple[Metric, ...], dict[str, Any]]:

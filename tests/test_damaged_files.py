@@ -142,11 +142,12 @@ def test_one_bad_file_costs_a_study_one_run(name: str, tmp_path: Path) -> None:
     for seed in range(12):
         rng = random.Random(seed)
         (places[2] / name).write_bytes(damaged(good, rng) if seed % 3 else b"\xff\xfe{")
-        found = study.read(tmp_path, places)
-        assert len(found.runs) >= 5
+        found = study.collect(tmp_path, places)
+        assert found is not None
+        assert found.count >= 5
         assert set(found.failed) <= {places[2].name}
         assert page.write_study(tmp_path, places)
-        assert (tmp_path / "runs.parquet").is_file()
+        assert (tmp_path / "runs.parquet").is_dir()
 
 
 def test_a_recording_of_damaged_bytes(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -180,6 +181,7 @@ def test_a_pipe_in_the_place_of_a_result_is_not_waited_for(tmp_path: Path) -> No
     places = grid(tmp_path, {NOISE: (0, 1)})
     (places[0] / "metrics.json").unlink()
     os.mkfifo(places[0] / "metrics.json")
-    found = study.read(tmp_path, places)
-    assert [run.folder for run in found.runs] == [places[1]]
+    found = study.collect(tmp_path, places)
+    assert found is not None
+    assert [row["path"] for row in found.rows(["path"])] == [places[1].name]
     assert "is a pipe" in found.failed[places[0].name]

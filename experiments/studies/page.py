@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -18,7 +18,7 @@ from experiments import pages
 from experiments.metrics import Metric, format_value
 from experiments.report import plots
 from experiments.settings_reference import descriptions
-from experiments.studies.study import SEED, Run, Study, read, write_table
+from experiments.studies.study import SEED, Study, collect
 from pzcap.types import Array
 
 PAGE: Final = "index.html"
@@ -27,6 +27,10 @@ LOST: Final = "panzoom.lost"
 COLUMNS: Final = 3
 WIDTH_IN: Final = 11.8
 ROW_IN: Final = 3.3
+ROWS: Final = 1000
+"""Runs that have a row and points of their own on the page; the others are in the table, and in the means."""
+TICKS: Final = 24
+"""Most values on an axis, or lines in a legend, that are named one by one."""
 
 
 class Panel(NamedTuple):
@@ -47,79 +51,121 @@ PANELS: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+class Statistics:
+    """Number, mean and squared deviations of P quantities over runs that are added one by one (Welford)."""
+
+    def __init__(self, quantities: int) -> None:
+        self._count, self._mean, self._squares = np.zeros((3, quantities))
+
+    def add(self, values: Array) -> None:
+        """(P,), NaN where the run has none."""
+        known = np.isfinite(values)
+        self._count += known
+        away = np.where(known, values - self._mean, 0.0)
+        self._mean += away / np.maximum(self._count, 1)
+        self._squares += away * np.where(known, values - self._mean, 0.0)
+
+    @property
+    def mean(self) -> Array:
+        """(P,), NaN where no run has a value."""
+        return np.where(self._count > 0, self._mean, np.nan)
+
+    @property
+    def sigma(self) -> Array:
+        """(P,) standard deviation, 0 of one alone."""
+        return np.sqrt(self._squares / np.maximum(self._count - 1, 1))
+
+
+class Point(NamedTuple):
+    """A run as it is drawn."""
+
+    name: str
+    x: float
+    values: Array  # (P,) of the panels
+    lost: bool
+
+
+@dataclass(slots=True, eq=False)
 class Line:
     """Runs that are equal in everything but what stands on the x axis, and the seed."""
 
+    settings: tuple[Any, ...]  # of the other axes
     label: str
-    x: Array  # (N,) a value a run
-    runs: tuple[Run, ...]
+    found: dict[float, Statistics]  # place on the x axis -> panels, and their bounds behind them
+    points: list[Point]  # the runs that have a row on the page
 
-    def values(self, metric: str) -> Array:
-        """(N,), NaN where a run has none: matplotlib leaves that out."""
-        found = [run.value(metric) for run in self.runs]
-        return np.array([np.nan if value is None else value for value in found])
+    @property
+    def x(self) -> Array:
+        """(M,) places on the x axis."""
+        return np.array(sorted(self.found))
 
-    def bounds(self, panel: Panel) -> Array:
-        """(N,) the least that any estimator could reach."""
-        if panel.bound_ratio is None:
-            return np.full(len(self.runs), np.nan)
-        ratio = self.values(panel.bound_ratio)
-        return self.values(panel.metric) / np.where(ratio > 0, ratio, np.nan)
+    def means(self) -> tuple[Array, Array]:
+        """(M, 2 P) means over the seeds, and standard deviations; of the panels, and of their bounds behind them."""
+        found = [self.found[place] for place in self.x.tolist()]
+        return np.array([one.mean for one in found]), np.array([one.sigma for one in found])
 
 
-class Means(NamedTuple):
-    """Over the seeds: (M,) where, the mean, and the standard deviation (0 of one alone)."""
-
-    x: Array
-    mean: Array
-    sigma: Array
-
-
-def means(x: Array, values: Array) -> Means:
-    """Statistics of ``values`` at each ``x``."""
-    known = np.isfinite(values)
-    places = np.unique(x[known])
-    groups = [values[known & (x == place)] for place in places]
-    sigma = [group.std(ddof=1) if len(group) > 1 else 0.0 for group in groups]
-    return Means(places, np.array([group.mean() for group in groups]), np.array(sigma))
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """Places of variables in the plots of a study."""
 
     x: str
     others: tuple[str, ...]
     names: tuple[str, ...] | None  # of the places on the x axis, where they are no numbers
+    panels: tuple[Panel, ...]
     lines: tuple[Line, ...]
+    rows: tuple[dict[str, Any], ...]  # of the table, of the runs that have a row on the page
 
     @classmethod
     def of(cls, study: Study) -> Plan:
-        """The first axis of numbers lies along x; the runs that differ in any other are another line."""
-        numeric = [axis for axis in study.axes if all(_number(run.setting(axis)) for run in study.runs)]
+        """The first axis of numbers lies along x; the runs that differ in any other are another line.
+
+        The table is read once, and of most of its runs no more kept than what they add to the means.
+        """
+        axes, panels = tuple(dict.fromkeys((*study.axes, SEED))), tuple(p for p in PANELS if p.metric in study.metrics)
+        columns = {axis: study.column(axis) for axis in axes}
+        numeric = [axis for axis in study.axes if study.is_number(axis)]
         x = (numeric or study.axes)[0]
         others = tuple(axis for axis in study.axes if axis != x)
-        names = None if numeric else tuple(dict.fromkeys(str(run.setting(x)) for run in study.runs))
-        groups: dict[tuple[Any, ...], list[Run]] = {}
-        for run in study.runs:
-            groups.setdefault(tuple(str(run.setting(axis)) for axis in others), []).append(run)
-        lines = []
-        for values, runs in groups.items():
-            label = ", ".join(f"{_short(axis)} {value}" for axis, value in zip(others, values, strict=True))
-            places = [float(run.setting(x)) if names is None else names.index(str(run.setting(x))) for run in runs]
-            lines.append(Line(label, np.array(places, float), tuple(runs)))
-        return cls(x, others, names, tuple(lines))
+        ratios = [panel.bound_ratio for panel in panels if panel.bound_ratio is not None]
+        metrics = [f"metric.{name}" for name in (*(panel.metric for panel in panels), *ratios, LOST)]
+        names: dict[str, int] = {}
+        lines: dict[tuple[str, ...], Line] = {}
+        rows: list[dict[str, Any]] = []
+        for row in study.rows(["path", "command", *columns.values(), *metrics]):
+            settings = tuple(row[columns[axis]] for axis in others)
+            key = tuple(map(_plain, settings))
+            label = ", ".join(f"{_short(axis)} {value}" for axis, value in zip(others, key, strict=True))
+            line = lines.setdefault(key, Line(settings, label, {}, []))
+            value = row[columns[x]]
+            place = float(value) if numeric else float(names.setdefault(_plain(value), len(names)))
+            values = np.array([_or_nan(row[f"metric.{panel.metric}"]) for panel in panels])
+            ratio = np.array([_or_nan(row.get(f"metric.{panel.bound_ratio}")) for panel in panels])
+            bounds = values / np.where(ratio > 0, ratio, np.nan)
+            line.found.setdefault(place, Statistics(2 * len(panels))).add(np.r_[values, bounds])
+            if len(rows) < ROWS:
+                rows.append({**row, "settings": [_plain(row[columns[axis]]) for axis in axes]})
+                lost = bool(row[f"metric.{LOST}"])
+                line.points.append(Point(Path(row["path"]).name, place, values, lost))
+        return cls(x, others, None if numeric else tuple(names), panels, tuple(lines.values()), tuple(rows))
 
 
-def write_study(folder: Path, places: Sequence[Path]) -> bool:
+def write_study(folder: Path, places: Iterable[Path]) -> bool:
     """Table and page of the jobs in ``places``; False, and nothing is written, where none of them left metrics."""
-    study = read(folder, places)
-    if not study.runs:
+    study = collect(folder, places)
+    if study is None:
         return False
-    write_table(study)
     pages.write(folder / PAGE, "study.html.j2", _context(study))
     return True
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _plain(value: Any) -> str:
+    """A setting as people write it."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _phrase(text: str) -> str:
@@ -129,25 +175,27 @@ def _phrase(text: str) -> str:
 
 
 def _context(study: Study) -> dict[str, Any]:
-    panels = [panel for panel in PANELS if any(run.value(panel.metric) is not None for run in study.runs)]
     plan, axes, told = Plan.of(study), tuple(dict.fromkeys((*study.axes, SEED))), descriptions()
+    height_in = ROW_IN * math.ceil(len(plan.panels) / COLUMNS)
     return {
         "title": study.folder.name,
         "axes": [_short(axis) for axis in axes],
         "varied": [(axis, _phrase(told.get(axis, ""))) for axis in study.axes],
-        "panels": [panel.title for panel in panels],
-        "figure": plots.svg(WIDTH_IN, ROW_IN * math.ceil(len(panels) / COLUMNS), lambda f: _draw(f, plan, panels)),
-        "surface": _surfaces(plan, panels),
+        "panels": [panel.title for panel in plan.panels],
+        "figure": plots.svg(WIDTH_IN, height_in, lambda figure: _draw(figure, plan)),
+        "surface": _surfaces(plan),
+        "count": study.count,
         "rows": [
             {
-                "name": run.folder.name,
-                "settings": [run.setting(axis) for axis in axes],
-                "values": [_text(run, panel.metric) for panel in panels],
-                "links": [_place(study, run) + "/" + file for file in LINKS if (run.folder / file).is_file()],
-                "command": run.command,
+                "name": Path(row["path"]).name,
+                "settings": row["settings"],
+                "values": [_text(panel.metric, row[f"metric.{panel.metric}"]) for panel in plan.panels],
+                "links": [f"{row['path']}/{file}" for file in LINKS if (study.folder / row["path"] / file).is_file()],
+                "command": row["command"],
             }
-            for run in study.runs
+            for row in plan.rows
         ],
+        "failures": study.failures,
         "failed": study.failed,
     }  # fmt: skip
 
@@ -160,87 +208,88 @@ def _short(key: str) -> str:
     return key.rpartition(".")[2].replace("_", " ")
 
 
-def _place(study: Study, run: Run) -> str:
-    return run.folder.relative_to(study.folder).as_posix()
-
-
-def _text(run: Run, metric: str) -> str:
-    value = run.value(metric)
+def _text(metric: str, value: float | None) -> str:
     return "–" if value is None else format_value(Metric(metric, value, ""))
 
 
-def _draw(figure: Figure, plan: Plan, panels: Sequence[Panel]) -> None:
-    rows = math.ceil(len(panels) / COLUMNS)
-    for number, panel in enumerate(panels):
+def _draw(figure: Figure, plan: Plan) -> None:
+    rows = math.ceil(len(plan.panels) / COLUMNS)
+    for number, panel in enumerate(plan.panels):
         axes = figure.add_subplot(rows, COLUMNS, number + 1)
         for index, line in enumerate(plan.lines):
-            _curve(axes, line, panel, _colour(index, len(plan.lines)))
+            _curve(axes, line, number, _colour(index, len(plan.lines)))
         axes.set(title=panel.title, xlabel=_short(plan.x))
-        _scale(axes, plan, panel)
+        _scale(axes, plan, number)
         if number == 0:
-            _legend(axes, plan, panels)
+            _legend(axes, plan)
 
 
 def _colour(index: int, count: int) -> Any:
     return plots.COLOURS[index] if count <= len(plots.COLOURS) else mpl.colormaps["viridis"](0.85 * index / (count - 1))
 
 
-def _curve(axes: Axes, line: Line, panel: Panel, colour: Any) -> None:
+def _curve(axes: Axes, line: Line, panel: int, colour: Any) -> None:
     """Mean and standard deviation over the seeds, the runs as points that lead to their row, the bound dashed."""
-    values = line.values(panel.metric)
-    found = means(line.x, values)
+    mean, sigma = line.means()
     axes.errorbar(
-        found.x, found.mean, found.sigma, color=colour, capsize=3, elinewidth=1.0, label=plots.literal(line.label)
-    )
-    filled = ["white" if run.value(LOST) else colour for run in line.runs]
-    points = axes.scatter(line.x, values, 22, filled, edgecolors=[colour], zorder=3)
-    points.set_urls([f"#{run.folder.name}" for run in line.runs])
-    bound = means(line.x, line.bounds(panel))
-    axes.plot(bound.x, bound.mean, "--", color=colour, lw=1.2)
+        line.x, mean[:, panel], sigma[:, panel], color=colour, capsize=3, elinewidth=1.0,
+        label=plots.literal(line.label),
+    )  # fmt: skip
+    filled = ["white" if point.lost else colour for point in line.points]
+    places, values = ([point.x for point in line.points], [point.values[panel] for point in line.points])
+    points = axes.scatter(places, values, 22, filled, edgecolors=[colour], zorder=3)
+    points.set_urls([f"#{point.name}" for point in line.points])
+    axes.plot(line.x, mean[:, mean.shape[1] // 2 + panel], "--", color=colour, lw=1.2)
 
 
-def _scale(axes: Axes, plan: Plan, panel: Panel) -> None:
-    values = np.concatenate([np.r_[line.values(panel.metric), line.bounds(panel)] for line in plan.lines])
+def _scale(axes: Axes, plan: Plan, panel: int) -> None:
+    count = len(plan.panels)
+    drawn = [line.means()[0][:, [panel, count + panel]].ravel() for line in plan.lines]
+    drawn += [np.array([point.values[panel] for point in line.points]) for line in plan.lines]
+    values = np.concatenate(drawn)
     values = values[np.isfinite(values)]
     if values.min() > 0 and values.max() > 5 * values.min():
         axes.set_yscale("log")
     places = np.unique(np.concatenate([line.x for line in plan.lines]))
-    axes.set_xticks(places, [plots.literal(name) for name in plan.names or ()] or [f"{place:g}" for place in places])
+    if len(places) <= TICKS:
+        axes.set_xticks(places, [plots.literal(name) for name in plan.names or ()] or [f"{p:g}" for p in places])
 
 
-def _legend(axes: Axes, plan: Plan, panels: Sequence[Panel]) -> None:
-    if any(run.value(LOST) for line in plan.lines for run in line.runs):
+def _legend(axes: Axes, plan: Plan) -> None:
+    if any(point.lost for line in plan.lines for point in line.points):
         axes.plot([], [], "o", color=plots.MUTED, mfc="white", label="with frames lost")
-    if any(np.isfinite(line.bounds(panel)).any() for panel in panels for line in plan.lines):
+    if any(np.isfinite(line.means()[0][:, len(plan.panels) :]).any() for line in plan.lines):
         axes.plot([], [], "--", color=plots.MUTED, lw=1.2, label="Cramér-Rao bound")
-    if any(axes.get_legend_handles_labels()[1]):
+    if 0 < len(axes.get_legend_handles_labels()[1]) <= TICKS and any(axes.get_legend_handles_labels()[1]):
         axes.legend()
 
 
-def _surfaces(plan: Plan, panels: Sequence[Panel]) -> Markup | None:
+def _surfaces(plan: Plan) -> Markup | None:
     """Error and bound over two axes of numbers, as surfaces; None where the runs are no such grid."""
-    bounded = [panel for panel in panels if panel.bound_ratio is not None]
+    bounded = [number for number, panel in enumerate(plan.panels) if panel.bound_ratio is not None]
     if len(plan.others) != 1 or plan.names is not None or len(plan.lines) < 2 or not bounded:
         return None
-    second = [line.runs[0].setting(plan.others[0]) for line in plan.lines]
+    second = [line.settings[0] for line in plan.lines]
     x = np.unique(np.concatenate([line.x for line in plan.lines]))
     if len(x) < 2 or not all(map(_number, second)):
         return None
 
     def draw(figure: Figure) -> None:
-        for number, panel in enumerate(bounded):
-            plot: Any = figure.add_subplot(1, len(bounded), number + 1, projection="3d")
-            error = np.array([_on(x, means(line.x, line.values(panel.metric))) for line in plan.lines])
-            bound = np.array([_on(x, means(line.x, line.bounds(panel))) for line in plan.lines])
+        for place, number in enumerate(bounded):
+            plot: Any = figure.add_subplot(1, len(bounded), place + 1, projection="3d")
+            error = np.array([_on(x, line, number) for line in plan.lines])
+            bound = np.array([_on(x, line, len(plan.panels) + number) for line in plan.lines])
             _surface(plot, x, np.array(second, float), error, bound)
-            plot.set(xlabel=_short(plan.x), ylabel=_short(plan.others[0]), title=panel.title, xticks=x, yticks=second)
+            title = plan.panels[number].title
+            plot.set(xlabel=_short(plan.x), ylabel=_short(plan.others[0]), title=title, xticks=x, yticks=second)
 
     return plots.svg(WIDTH_IN, 1.4 * ROW_IN, draw)
 
 
-def _on(x: Array, found: Means) -> Array:
+def _on(x: Array, line: Line, quantity: int) -> Array:
     """(len(x),) the means at ``x``, NaN where there is none, or nothing to take a logarithm of."""
-    known = {place: mean for place, mean in zip(found.x, found.mean, strict=True) if mean > 0}
+    means = zip(line.x.tolist(), line.means()[0][:, quantity].tolist(), strict=True)
+    known = {place: mean for place, mean in means if mean > 0}
     return np.array([known.get(place, np.nan) for place in x])
 
 

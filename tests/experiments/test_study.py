@@ -69,29 +69,70 @@ def test_every_point_leads_to_its_run_and_to_the_command_that_made_it(tmp_path: 
         assert page.count(f'href="#{place.name}"') == 2  # a point in each of two panels
         assert f'<tr id="{place.name}">' in page
     for link in re.findall(r'href="([^#"]+)"', page):
-        assert (tmp_path / unquote(link)).is_file()
+        assert (tmp_path / unquote(link)).exists()
     assert page.count("<code>python -m experiments.run") == 6
     assert "Cramér-Rao bound" in page
     assert f"<code>{NOISE}</code>, standard deviation, grey levels." in page
 
 
+def plan_of(folder: Path, places: list[Path]) -> study_page.Plan:
+    found = study.collect(folder, places)
+    assert found is not None
+    return study_page.Plan.of(found)
+
+
 def test_seeds_give_the_error_bars_and_what_else_differs_another_line(tmp_path: Path) -> None:
-    places = grid(tmp_path, {NOISE: [0, 4], "method": ["exact", "paper"], "seed": [0, 1, 2]})
-    plan = study_page.Plan.of(study.read(tmp_path, places))
+    plan = plan_of(tmp_path, grid(tmp_path, {NOISE: [0, 4], "method": ["exact", "paper"], "seed": [0, 1, 2]}))
     assert (plan.x, plan.others, plan.names) == (NOISE, ("method",), None)
     assert [line.label for line in plan.lines] == ["method exact", "method paper"]
-    line = plan.lines[0]
-    found = study_page.means(line.x, line.values("panzoom.pan.rms"))
-    np.testing.assert_allclose(found.x, [0, 4])
-    np.testing.assert_allclose(found.mean, [1.1 / 3000, 5.1 / 3000])
-    np.testing.assert_allclose(found.sigma, 0.1 / 3000)
-    np.testing.assert_allclose(line.bounds(study_page.PANELS[0]), line.values("panzoom.pan.rms") / 3)
+    assert plan.panels[0].metric == "panzoom.pan.rms"
+    mean, sigma = plan.lines[0].means()
+    np.testing.assert_allclose(plan.lines[0].x, [0, 4])
+    np.testing.assert_allclose(mean[:, 0], [1.1 / 3000, 5.1 / 3000])
+    np.testing.assert_allclose(sigma[:, 0], 0.1 / 3000)
+    np.testing.assert_allclose(mean[:, len(plan.panels)], mean[:, 0] / 3)  # the bound
 
 
 def test_what_is_no_number_stands_side_by_side(tmp_path: Path) -> None:
-    plan = study_page.Plan.of(study.read(tmp_path, grid(tmp_path, {"experiment": ["pedestrian", "clean"]})))
+    plan = plan_of(tmp_path, grid(tmp_path, {"experiment": ["pedestrian", "clean"]}))
     assert (plan.x, plan.names) == ("experiment", ("pedestrian", "clean"))
     np.testing.assert_allclose(plan.lines[0].x, [0, 1])
+
+
+def test_the_table_is_written_in_parts_that_have_the_same_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = grid(tmp_path, {NOISE: [0, 2.5, 4], "seed": [0, 1]})
+    whole = study.collect(tmp_path, places)
+    expected = pq.read_table(tmp_path / study.TABLE)
+    monkeypatch.setattr(study, "PART", 2)  # the first part has whole noises, the second others
+    parted = study.collect(tmp_path, places)
+    parts = sorted((tmp_path / study.TABLE).iterdir())
+    assert [pq.read_metadata(part).num_rows for part in parts] == [2, 2, 2]
+    assert {str(pq.read_schema(part)) for part in parts} == {str(expected.schema)}
+    assert pq.read_table(tmp_path / study.TABLE).to_pylist() == expected.to_pylist()
+    assert parted == whole
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_setting_of_numbers_here_and_words_there_is_text_in_all_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(study, "PART", 1)
+    study.collect(tmp_path, [*grid(tmp_path, {"capture": ["null", "3"]}), *grid(tmp_path, {"capture": ["here"]})])
+    table = pq.read_table(tmp_path / study.TABLE)
+    assert sorted(map(str, table["config.capture"].to_pylist())) == ["3", "None", "here"]
+
+
+def test_the_page_names_the_first_runs_and_means_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study_page, "ROWS", 4)
+    places = grid(tmp_path, {NOISE: [0, 4], "seed": [0, 1, 2]})
+    study_page.write_study(tmp_path, places)
+    page = (tmp_path / study_page.PAGE).read_text()
+    assert page.count("<code>python -m experiments.run") == 4
+    assert "the first 4 of 6 runs" in page
+    plan = plan_of(tmp_path, places)
+    np.testing.assert_allclose(plan.lines[0].means()[0][:, 0], [1.1 / 3000, 5.1 / 3000])
 
 
 def test_two_axes_of_numbers_are_a_surface(tmp_path: Path) -> None:
