@@ -32,7 +32,7 @@ from pzcap.geometry.camera import at
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.io.detections import NOBODY
 from pzcap.localisation.localise import Localiser, predicted
-from pzcap.plausibility import SeenViews, lens_moved, unseen_keyframes
+from pzcap.plausibility import SeenViews, lens_moved, object_of_another_size, unseen_keyframes
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
@@ -147,7 +147,9 @@ def stages(
                     poses += tracked
             yield event
     if capture.subject is not None:
-        notes += unseen_keyframes(sets.keyframes, skeleton.build(capture.subject), views, sets.timecodes)
+        body = skeleton.build(capture.subject)
+        wrong_object = object_of_another_size(sets.keyframes, body, views)
+        notes += [wrong_object] if wrong_object else unseen_keyframes(sets.keyframes, body, views, sets.timecodes)
     tracks = panzoom_tracks(calibrated, located)
     notes += [
         f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"
