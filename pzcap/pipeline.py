@@ -38,7 +38,7 @@ from pzcap.localisation.localise import Localiser, predicted
 from pzcap.localisation.panorama_sampler import place_of
 from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import is_sheared, rectified_keypoints, upright
-from pzcap.plausibility import SeenViews, camera_notes, lens_moved, unseen_keyframes
+from pzcap.plausibility import SeenViews, camera_notes, lens_moved, object_of_another_size, unseen_keyframes
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
@@ -165,7 +165,9 @@ def stages(
                     poses += tracked
             yield event
     if capture.subject is not None:
-        notes += unseen_keyframes(sets.keyframes, skeleton.build(capture.subject), views, sets.timecodes)
+        body = skeleton.build(capture.subject)
+        wrong_object = object_of_another_size(sets.keyframes, body, views)
+        notes += [wrong_object] if wrong_object else unseen_keyframes(sets.keyframes, body, views, sets.timecodes)
     tracks = panzoom_tracks(calibrated, located)
     notes += [
         f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,6 +20,18 @@ anew in the middle of a sweep leaves 1e-3."""
 
 _EVEN: Final = 127
 """Of a silhouette, from which on a pixel shows the athlete rather than not."""
+
+_OBJECT: Final = "object.json: "  # begins a note
+_SCALES: Final = tuple(percent / 100 for percent in range(70, 141))
+"""Sizes of the hall that are tried, as shares of what object.json makes it."""
+_SAME_SIZE: Final = 0.025
+"""Departure that a hand's keyframes may mimic."""
+_FITS: Final = 0.5
+"""Share of the joints that lie on the athlete, at least: 0.9 where all is right, 0.65 where the object alone is not."""
+_ALIKE: Final = 0.02
+"""Difference of that share that says nothing: a limb is as wide as some steps."""
+_BETTER: Final = 0.25
+"""Gain of that share that chance does not bring."""
 
 
 def lens_moved(name: str, calibrated: CalibratedCamera) -> str | None:
@@ -95,6 +108,54 @@ def unseen_keyframes(
             "correct its root_position_m or its timecode"
         )
     return notes
+
+
+def object_of_another_size(keyframes: Sequence[Keyframe], body: Body, views: Mapping[int, SeenViews]) -> str | None:
+    """A note where the keyframes fit the pictures of a hall of another size, and not of this one.
+
+    All tripods stand at distances that object.json is the yardstick of, while a keyframe's place and the body's lengths
+    are metres of another tape. With the tripods moved along their lines to the world's origin by the right factor, the
+    joints lie on the athlete again; of a factor that is off by 0.05 half of them do not.
+    """
+    if len(views) < 2:  # one may be wrong itself
+        return None
+    shares = {scale: _share_on_athlete(keyframes, body, views, scale) for scale in _SCALES}
+    highest = max(shares.values())
+    best = round(float(np.mean([scale for scale, share in shares.items() if share > highest - _ALIKE])), 2)
+    if abs(best - 1.0) < _SAME_SIZE or highest < _FITS or highest - shares[1.0] < _BETTER:
+        return None
+    # tripods too far by so much: what is written is too large
+    kind = "smaller" if best < 1.0 else "larger"
+    return (
+        f"{_OBJECT}the calibration object is about {abs(best - 1.0):.0%} {kind} than it says: with every length in it "
+        f"times {best:.2f}, {highest:.0%} of the keyframes' joints lie on the athlete, and now {shares[1.0]:.0%}; "
+        "measure it again"
+    )
+
+
+def blames_object(notes: Sequence[str]) -> bool:
+    """True where the notes say that object.json is wrong, so that no keyframe need be."""
+    return any(note.startswith(_OBJECT) for note in notes)
+
+
+def _share_on_athlete(keyframes: Sequence[Keyframe], body: Body, views: Mapping[int, SeenViews], scale: float) -> float:
+    """Share of the keyframes' joints that lie on the athlete by the colours, in a hall so many times as large."""
+    hits: list[bool] = []
+    for key in keyframes:
+        if key.frame not in views:
+            continue
+        for camera, silhouette in zip(*views[key.frame], strict=True):
+            if camera is None or silhouette is None or not silhouette.valid:
+                continue
+            moved = camera.world_T_cam.copy()
+            moved[:3, 3] *= scale
+            pixels, depth = project(replace(camera, world_T_cam=moved), joints(body, key.pose))
+            inside = (depth > 0.0) & np.all((pixels >= 0.0) & (pixels < (camera.width - 1, camera.height - 1)), axis=1)
+            halved = np.minimum((pixels[inside] / 2).astype(int), np.array(silhouette.evidence.shape)[::-1] - 1)
+            on = np.zeros(len(inside), bool)
+            on[inside] = silhouette.evidence[halved[:, 1], halved[:, 0]] > 0.0
+            hits += on.tolist()
+    return float(np.mean(hits)) if hits else 0.0
 
 
 def _is_seen(key: Keyframe, body: Body, seen: SeenViews) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -12,12 +13,14 @@ import numpy as np
 import pytest
 
 from pzcap.body import skeleton
+from pzcap.body.kinematics import joints
 from pzcap.calibration.blame import sweep_is_foreign
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, footage_of
+from pzcap.geometry.camera import project
 from pzcap.io.capture import read_capture
-from pzcap.plausibility import SeenViews, lens_moved, unseen_keyframes
+from pzcap.plausibility import SeenViews, blames_object, lens_moved, object_of_another_size, unseen_keyframes
 from pzcap.types import Camera, Capture, Keyframe, Pose, PzcapError, Silhouette
 from tests.scenes import fabricated
 
@@ -124,3 +127,62 @@ def test_where_all_are_elsewhere_the_frame_is_wrong_and_not_each(view: SeenViews
     assert "not metres in the world frame that object.json sets, or object.json is wrong" in note
     blind = SeenViews((None, None), (None, None))
     assert unseen_keyframes(keys, body, {3: blind, 7: blind}, TIMECODES) == []
+
+
+# --------------------------------------------------------------------------------------------------------------
+# An object of another size
+
+
+def looking(place: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:
+    forward = np.subtract(target, place) / np.linalg.norm(np.subtract(target, place))
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    world_T_cam = np.eye(4)
+    world_T_cam[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    world_T_cam[:3, 3] = place
+    return Camera(640, 480, world_T_cam, 700.0, np.array([319.5, 239.5]), 0.0)
+
+
+def seen_at(key: Keyframe, body: skeleton.Body, size: float) -> SeenViews:
+    """Views of the body from four corners, where a calibration takes the hall for ``size`` times as large."""
+    cameras, outlines = [], []
+    for corner in ((-10.0, -8.0, 1.6), (10.0, -8.0, 1.7), (10.0, 8.0, 1.5), (-10.0, 8.0, 1.6)):
+        camera = looking(corner, tuple(key.pose.root_position_m))
+        evidence = np.full((240, 320), -4.0, np.float32)
+        for column, row in np.round(project(camera, joints(body, key.pose))[0] / 2).astype(int):
+            evidence[max(row - 4, 0) : row + 5, max(column - 4, 0) : column + 5] = 4.0
+        outlines.append(
+            Silhouette(np.full((480, 640), 255, np.uint8), np.zeros((480, 640, 3), np.uint8), evidence, True)
+        )
+        wrong = camera.world_T_cam.copy()
+        wrong[:3, 3] *= size
+        cameras.append(replace(camera, world_T_cam=wrong))
+    return SeenViews(tuple(cameras), tuple(outlines))
+
+
+@pytest.mark.parametrize(
+    ("size", "kind"), [(1.0, ""), (1.01, ""), (1.1, "smaller"), (0.9, "larger"), (1.25, "smaller")]
+)
+def test_an_object_of_another_size_is_blamed(size: float, kind: str, capture: Capture) -> None:
+    """A hall that is taken for too large has an object that is smaller than is written."""
+    assert capture.subject is not None
+    body = skeleton.build(capture.subject)
+    keys = [keyframe(3, (3.0, 1.0, 0.9)), keyframe(7, (-2.0, -3.0, 0.9)), keyframe(9, (1.0, 3.5, 0.9))]
+    note = object_of_another_size(keys, body, {key.frame: seen_at(key, body, size) for key in keys})
+    assert (note is not None) == bool(kind)
+    assert blames_object([note or ""]) == bool(kind)
+    if note is not None:
+        found = re.search(r"% (smaller|larger) than it says: with every length in it times ([0-9.]+),", note)
+        assert found is not None
+        assert found[1] == kind
+        assert float(found[2]) == pytest.approx(1.0 / size, abs=0.02)
+
+
+def test_keyframes_that_are_wrong_themselves_do_not_blame_the_object(capture: Capture) -> None:
+    assert capture.subject is not None
+    body = skeleton.build(capture.subject)
+    right = [keyframe(3, (3.0, 1.0, 0.9)), keyframe(7, (-2.0, -3.0, 0.9)), keyframe(9, (1.0, 3.5, 0.9))]
+    views = {key.frame: seen_at(key, body, 1.0) for key in right}
+    moved = [keyframe(3, (3.3, 1.5, 0.9)), keyframe(7, (-2.4, -2.6, 0.9)), keyframe(9, (1.6, 3.5, 0.9))]
+    assert object_of_another_size(moved, body, views) is None
+    assert object_of_another_size(right[:1], body, {3: seen_at(right[0], body, 1.1)}) is None

@@ -24,6 +24,7 @@ from pzcap.extras.superresolved_alignment import SuperresolvedAligner
 from pzcap.io.capture import frame_sets
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.localise import Localiser, count_from_reference
+from pzcap.plausibility import blames_object
 from pzcap.types import Capture, PanZoomCamera, PanZoomTrack, Reconstruction
 
 
@@ -75,7 +76,7 @@ def stages(capture: Capture, config: Config, cameras: Reconstruction | None = No
 def completed(found: Reconstruction, capture: Capture, config: Config) -> Reconstruction:
     """The result of the core with its tracks smoothed, where the config says so, and notes on the keyframes."""
     notes = found.notes
-    if found.motion is not None and capture.subject is not None:
+    if found.motion is not None and capture.subject is not None and not blames_object(notes):
         keyframes, body = frame_sets(capture).keyframes, skeleton.build(capture.subject)
         hand_sigma = config.tracking.hand_sigma
         notes += keyframe_diagnostics.notes(found.motion, keyframes, body, hand_sigma, found.timecodes)

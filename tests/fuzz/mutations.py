@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import struct
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ def changed_tree(draw: st.DrawFn, tree: Any) -> Any:
             key = draw(st.sampled_from(sorted(node) if isinstance(node, dict) else range(len(node))))
         kind = draw(st.sampled_from(("value", "value", "number", "out", "twice", "deeper", "renamed")))
         if kind == "value":
-            node[key] = draw(st.sampled_from(VALUES))
+            node[key] = deepcopy(draw(st.sampled_from(VALUES)))  # what comes next may change it
         elif kind == "number" and isinstance(node[key], int | float):
             node[key] = node[key] * draw(st.sampled_from((-1, 0, 10, 1000, 1e-6, 1e9)))
         elif kind == "out" and node is not copy:
