@@ -138,7 +138,7 @@ def _follow(
     nothing, besides."""
     sets = frame_sets(capture)
     tracker = pipeline.body_tracker(capture, sets, config, [])
-    localise = stages.index.time(pipeline.ViewLocaliser, cameras, config.panzoom, pool)
+    localise = stages.index.time(pipeline.ViewLocaliser, cameras, config.panzoom, pool, capture.frame_rate)
 
     def localise_timed(frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
         if frames.index % COLD_EVERY == WARM:

@@ -22,7 +22,7 @@ from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.localise import count_from_reference
-from pzcap.localisation.sweep_readout import put_right, remaining_readout
+from pzcap.localisation.sweep_readout import put_right, readout_sigma, remaining_readout
 from pzcap.localisation.tuning import READOUT
 from pzcap.runtime import give_back
 from pzcap.tracking.tracker import Tracked
@@ -97,7 +97,8 @@ def calibrate_rolling(
             break
         readout += more
         found, swept, zoomed = calibrate(put_right(footage, readout, found, swept, zoomed), config, report)
-    return found, swept
+    readout_s, sigma_s = (one * footage.sweep_period_s for one in (readout, readout_sigma(found, swept)))
+    return replace(found, camera=replace(found.camera, readout_s=readout_s, readout_sigma_s=sigma_s)), swept
 
 
 def calibrate_cameras(
@@ -204,7 +205,8 @@ def footage_of(capture: Capture, files: CameraFiles) -> Footage:
     assert files.sweep is not None
     zoom = None if files.zoom is None else VideoReader(files.zoom)
     image, sweep = read_image(files.reference), VideoReader(files.sweep)
-    return Footage(image, capture.calibration_object, sweep, zoom, capture.full_turn)
+    period_s = float(1 / sweep.frame_rate)
+    return Footage(image, capture.calibration_object, sweep, zoom, capture.full_turn, period_s)
 
 
 # --------------------------------------------------------------------------------------------------------------

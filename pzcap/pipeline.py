@@ -147,7 +147,7 @@ def stages(
             yield calibration
         if tracker:
             tracker.make_ready()  # not before: cameras being calibrated take most of the memory that there is
-        localise = ViewLocaliser(calibrated, config.panzoom, pool, method)
+        localise = ViewLocaliser(calibrated, config.panzoom, pool, capture.frame_rate, method)
         yield CamerasReady(time.perf_counter() - started)
 
         segment = partial(segment_views, calibrated, config, pool)
@@ -237,7 +237,7 @@ class ViewLocaliser:
 
     def __init__(
         self, cameras: Sequence[CalibratedCamera | None], config: PanZoomConfig, pool: ThreadPoolExecutor,
-        method: Method = EXACT,
+        frame_rate: Fraction, method: Method = EXACT,
     ) -> None:  # fmt: skip
         self._heads = [None if one is None else one.camera for one in cameras]
         # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
@@ -248,9 +248,10 @@ class ViewLocaliser:
         self._pool = pool
         sway = np.full(2, np.deg2rad(config.beliefs.sway_deg) ** 2)
         self.histories = [
-            History(Readout(0.0, config.beliefs.readout), Sway(0.0 if one is None else one.camera.tilt_rad, sway))
-            for one in cameras
-        ]
+            None if head is None
+            else History(Readout.of(head, float(frame_rate), config.beliefs.readout), Sway(head.tilt_rad, sway))
+            for head in self._heads
+        ]  # fmt: skip
 
     def __call__(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
         """Localise ``frames``, and put their rows right; ``tracker``, where there is one, says where it expects the
@@ -265,7 +266,7 @@ class ViewLocaliser:
         """The cameras, with the read-out time that their frames have shown by now."""
         period_s = float(1 / frame_rate)
         return tuple(
-            None if head is None
+            None if head is None or each is None
             else replace(head, readout_s=each.readout.share * period_s, readout_sigma_s=each.readout.sigma * period_s)
             for head, each in zip(self._heads, self.histories, strict=True)
         )  # fmt: skip
@@ -283,7 +284,7 @@ class ViewLocaliser:
 
     def _one(self, frame: int, tracker: Tracker | None, index: int, image: Image | None) -> Localisation | None:
         localiser, head, history = self.localisers[index], self._heads[index], self.histories[index]
-        if localiser is None or head is None or image is None:
+        if localiser is None or head is None or history is None or image is None:
             return None
 
         def hidden(prior: Localisation) -> Mask | None:

@@ -38,6 +38,7 @@ class Footage(NamedTuple):
     sweep: Frames  # iterated more than once, as the zoom run is
     zoom: Frames | None
     full_turn: bool  # the sweep's circle closes
+    sweep_period_s: float = 0.0  # from one frame of the sweep to the next; 0: not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +61,7 @@ def calibrate(
 
     Raises PzcapError when the calibration object is not found or the sweep does not hold together.
     """
-    reference_image, calibration_object, sweep, zoom, full_turn = footage
+    reference_image, calibration_object, sweep, zoom, full_turn, _ = footage
     first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
     height, width = reference_image.shape[:2]
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)

@@ -120,7 +120,8 @@ class Localiser:
     def _localisation(self, aligned: Alignment) -> Localisation:
         (low, high), lens, at = self._config.zoom_range, self._camera.lens, aligned.at
         shared = systematic(self._config, self._camera, np.array(at.pan_rad), np.array(at.focal_px))
-        sigma = np.sqrt(ALIGNMENT.doubt * np.diag(aligned.covariance))
+        sigma = np.zeros(6)  # of what is held
+        sigma[: len(aligned.covariance)] = np.sqrt(ALIGNMENT.doubt * np.diag(aligned.covariance))
         return Localisation(
             float(wrapped(at.pan_rad)), at.tilt_rad, at.focal_px, aligned.covariance[:2, :2] + shared,
             low < at.focal_px / lens.reference_focal_px < high, aligned.frame_points_px, aligned.panorama_points_px,

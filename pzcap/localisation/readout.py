@@ -14,7 +14,7 @@ import numpy as np
 
 from pzcap.geometry.camera import wrapped
 from pzcap.localisation.tuning import READOUT
-from pzcap.types import Array, Localisation
+from pzcap.types import Array, Localisation, PanZoomCamera
 
 
 class Readout(NamedTuple):
@@ -23,9 +23,26 @@ class Readout(NamedTuple):
     share: float  # of the frame period
     sigma: float
 
+    @staticmethod
+    def of(camera: PanZoomCamera, frame_rate: float, belief: float) -> Readout:
+        """What the sweep has shown of the ``camera``'s, or else ``belief``, a standard deviation. A head that stood
+        still for each frame of the sweep would have shown none, so that none is not taken for certain."""
+        if camera.readout_sigma_s == 0.0:
+            return Readout(0.0, belief)
+        sigma = min(max(camera.readout_sigma_s * frame_rate, READOUT.from_sweep), belief)
+        return Readout(camera.readout_s * frame_rate, sigma)
+
+    @property
+    def is_global(self) -> bool:
+        """True of a shutter that is known well enough to expose all rows at once, as most cameras' that seem to do so.
+        Errors of the panorama are no longer taken for a shear then."""
+        return self.sigma < READOUT.sure and abs(self.share) < READOUT.least_share
+
     def shear(self, rate: Array) -> tuple[Array, Array]:
         """Expected shear (2,) of pan and log focal of a frame, and its standard deviation, from their ``rate`` (2,) a
         frame period, as it was a frame before."""
+        if self.is_global:
+            return np.zeros(2), np.zeros(2)
         off = np.array(READOUT.rate_sigma)
         variance = (self.share**2 + self.sigma**2) * off**2 + self.sigma**2 * rate**2
         return self.share * rate, np.sqrt(variance)
@@ -72,7 +89,11 @@ class History(NamedTuple):
         if not found.valid:
             return History(self.readout, self.sway)
         readout = self.readout
-        if self.before is not None and self.last is not None and self.expected is not None:
+        known = self.before is not None and self.last is not None and self.expected is not None
+        if known and not readout.is_global:
+            assert self.before is not None
+            assert self.last is not None
+            assert self.expected is not None
             rate = rate_between(self.before, found) / 2.0
             readout = readout.updated(self.last, self.expected, rate)
         return History(readout, self.sway.updated(found), self.last, found, expected)

@@ -74,7 +74,16 @@ def remaining_readout(footage: Footage, found: CalibratedCamera, swept: SweptFra
     shear_rad, sigma_rad = aligned.at.pan_shear_rad, np.sqrt(ALIGNMENT.doubt * aligned.covariance[4, 4])
     if abs(shear_rad) < max(READOUT.least_shear_rad, 3.0 * sigma_rad):
         return 0.0
-    # a frame of the sweep shows what it had around where the reference image looks
-    near = np.argsort(np.abs(panorama.sweep_pan_rad))[:5]
-    pan_rate = np.gradient(np.unwrap(panorama.sweep_pan_rad), swept.kept)
-    return -float(shear_rad) / float(np.median(pan_rate[near]))
+    return -float(shear_rad) / _rate_at_reference(found, swept)
+
+
+def readout_sigma(found: CalibratedCamera, swept: SweptFrames) -> float:
+    """Standard deviation of the read-out, frame periods of the sweep, that `remaining_readout` leaves."""
+    return READOUT.least_shear_rad / abs(_rate_at_reference(found, swept))
+
+
+def _rate_at_reference(found: CalibratedCamera, swept: SweptFrames) -> float:
+    """Pan a frame period where the reference image looks: a frame of the sweep has shown there what it had of shear."""
+    pan_rad = found.panorama.sweep_pan_rad
+    rate = float(np.median(np.gradient(np.unwrap(pan_rad), swept.kept)[np.argsort(np.abs(pan_rad))[:5]]))
+    return float(np.copysign(max(abs(rate), 1e-9), rate))

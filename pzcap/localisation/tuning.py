@@ -88,9 +88,15 @@ class ReadoutTuning(NamedTuple):
     rows."""
     sweep_rounds: int = 3
     """Times that a sweep is put right, at most."""
+    from_sweep: float = 0.02
+    """Frame periods, standard deviation, at least, of a read-out that only the sweep has shown."""
+    sure: float = 0.01
+    """Frame periods, standard deviation from which on a read-out is known well enough to be told from none."""
+    least_share: float = 0.03
+    """Frame periods of a read-out, at least: a millisecond; the fastest sensors that roll take three."""
     negligible_px: float = 0.02
     """Pixels of the frame by which rows may be displaced without being put right."""
-    fastest: tuple[float, float] = (0.04, 0.05)
+    fastest: tuple[float, float] = (0.01, 0.01)
     """Rates a frame period, standard deviation, of a frame that is searched for without one before it."""
 
 
