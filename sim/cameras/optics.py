@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated
 
 import cv2
@@ -177,6 +178,7 @@ def plate_for(rig: Rig, focal_px: float, turned_rad: float = 0.0) -> Plate:
     return Plate(width, height, turned_rad)
 
 
+@lru_cache(maxsize=1)  # through a sweep they stay the same
 def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float) -> Maps:
     """For each pixel of the image, made ``scale`` times finer, the column and row that it sees on a plate as fine.
 
@@ -194,7 +196,10 @@ def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float) -> Maps:
     grid = np.stack([x + columns, rows - y], axis=-1).astype(np.float32)
     whole = cv2.resize(grid, (int(cells[0]) * _GRID_PX, int(cells[1]) * _GRID_PX), interpolation=cv2.INTER_LINEAR)
     whole = whole[_GRID_PX : _GRID_PX + size[1], _GRID_PX : _GRID_PX + size[0]]
-    return np.ascontiguousarray(whole[..., 0]), np.ascontiguousarray(whole[..., 1])
+    columns_seen, rows_seen = (np.ascontiguousarray(whole[..., k], np.float32) for k in range(2))
+    for seen in (columns_seen, rows_seen):
+        seen.setflags(write=False)
+    return columns_seen, rows_seen
 
 
 def through_lens(plate: Image, maps: Maps, rig: Rig) -> Image:
