@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, NamedTuple
 
 import cv2
@@ -229,6 +230,7 @@ def _reach_beyond(rig: Rig, focal_px: float) -> float:
     return float((seen / np.hypot(x, y)).max()) * max(rig.stretches)
 
 
+@lru_cache(maxsize=3)  # through a sweep they stay the same
 def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float, stretch: float = 1.0) -> Maps:
     """For each pixel of the image, made ``scale`` times finer, the column and row that it sees on a plate as fine.
 
@@ -246,7 +248,10 @@ def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float, stretch: fl
     x, y = (cos * x + sin * y) * factor, (cos * y - sin * x) * factor
     columns, rows = (side / 2 - 0.5 for side in plate.size(scale))
     grid = np.stack([x + columns, rows - y], axis=-1).astype(np.float32)
-    return _refined(grid, size, 0)
+    maps = _refined(grid, size, 0)
+    for seen in maps:
+        seen.setflags(write=False)
+    return maps
 
 
 def fine_size(rig: Rig, scale: float) -> NDArray[np.int64]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import sim
 from pzcap.types import Array, Image, Mask, PzcapError
+from sim.cameras.shading import ShadowedPass, casts_one_shadow
 
 LARGEST_PICTURE_PX: Final = 16384
 """Width and height of the largest picture that every OpenGL since 2010 can draw."""
@@ -79,6 +80,8 @@ class Stage:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
         if not mipmaps:
             self._disable_mipmaps()
+        self._pass = ShadowedPass(self.model, self._gpu) if casts_one_shadow(self.model) else None
+        self._world_T_eye = np.eye(4)
         self._scene = mujoco.MjvScene(self.model, maxgeom=2000)
         self._option = mujoco.MjvOption()
         self._view = mujoco.MjvCamera()
@@ -93,8 +96,9 @@ class Stage:
         """Put the camera at ``world_T_cam``. The athlete's pose is as `sim.people.athlete.set_pose` wrote it."""
         model = self.model
         model.cam_pos[self._camera_id] = world_T_cam[:3, 3]
-        axes = world_T_cam[:3, :3] * np.array([1.0, -1.0, -1.0])
-        mujoco.mju_mat2Quat(model.cam_quat[self._camera_id], np.ascontiguousarray(axes).ravel())
+        self._world_T_eye = world_T_cam * np.array([1.0, -1.0, -1.0, 1.0])
+        axes = np.ascontiguousarray(self._world_T_eye[:3, :3])
+        mujoco.mju_mat2Quat(model.cam_quat[self._camera_id], axes.ravel())
         model.cam_fovy[self._camera_id] = vertical_view_deg
         mujoco.mj_kinematics(model, self.data)
         mujoco.mj_camlight(model, self.data)
@@ -108,7 +112,7 @@ class Stage:
     def picture(self, size: tuple[int, int], *, athlete: bool, calibration_object: bool = False) -> Image:
         """Picture of ``size`` (width, height): red-green-blue, the *bottom* row first."""
         self._update(athlete, calibration_object)
-        return self._draw(*size)
+        return self._draw(*size, (np.array([athlete, calibration_object]), self.data.geom_xpos, self.data.geom_xmat))
 
     def mask(self, size: tuple[int, int]) -> Image:
         """Mask of the athlete, 0 or 255, of ``size`` (width, height), the *bottom* row first."""
@@ -159,12 +163,16 @@ class Stage:
         mujoco.mjr_resizeOffscreen(width, height, self._gpu)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gpu)
 
-    def _draw(self, width: int, height: int) -> NDArray[np.uint8]:
+    def _draw(self, width: int, height: int, lit: tuple[Array, ...] | None = None) -> NDArray[np.uint8]:
+        """Draw the scene. ``lit``: all that shadows depend on, or None for codes in the place of light."""
         self._context.make_current()  # another stage may have drawn since
         if width > self._gpu.offWidth or height > self._gpu.offHeight:
             self._enlarge(max(width, self._gpu.offWidth), max(height, self._gpu.offHeight))
         rectangle = mujoco.MjrRect(0, 0, width, height)
-        mujoco.mjr_render(rectangle, self._scene, self._gpu)
+        if self._pass is not None and lit is not None:
+            self._pass.draw(rectangle, self._scene, self._world_T_eye, lit)
+        else:
+            mujoco.mjr_render(rectangle, self._scene, self._gpu)
         pixels = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(pixels, None, rectangle, self._gpu)
         return pixels

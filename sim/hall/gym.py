@@ -6,7 +6,9 @@ group 0, those of the calibration object in group 3, so that `MjvOption.geomgrou
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Final
 
 import cv2
@@ -63,19 +65,22 @@ def build_gym(spec: mujoco.MjSpec, config: GymConfig, rng: np.random.Generator) 
     length, width, height = HALL_M
     ppm = config.texture_px_per_m
     pictures = wall_pictures(config.wall_pictures)
+    shell: list[Callable[[], None]] = []  # hung last: what stands before it need not be drawn over it
     for wall in WALLS.values():
         lower, upper = lower_wall(wall, ppm, rng), upper_wall(wall, 0.6 * ppm, rng)
         if wall.name in pictures:  # painted all the same, so that nothing else in the hall changes
             cover(pictures[wall.name], lower, upper)
         for name, part, z in (("lower", lower, LOWER_M / 2), ("upper", upper, (LOWER_M + height) / 2)):
-            scenery.panel(
-                f"wall_{wall.name}_{name}", part.image, wall.at(wall.length / 2, 0.0, z), wall.along, UP,
-                (part.width_m, part.height_m),
-            )  # fmt: skip
-    scenery.panel("floor", floor(0.5 * ppm, rng).image, (0, 0, 0), (1, 0, 0), (0, 1, 0), (length, width))
-    scenery.panel("carpet", carpet(ppm, rng).image, (0, 0, 0.003), (1, 0, 0), (0, 1, 0), (CARPET_M, CARPET_M))
-    scenery.panel("ceiling", ceiling(0.3 * ppm, rng).image, (0, 0, height), (1, 0, 0), (0, -1, 0), (length, width))
+            at, size_m = wall.at(wall.length / 2, 0.0, z), (part.width_m, part.height_m)
+            shell.append(partial(scenery.panel, f"wall_{wall.name}_{name}", part.image, at, wall.along, UP, size_m))
+    x, y = (1, 0, 0), (0, 1, 0)
+    ground = partial(scenery.panel, "floor", floor(0.5 * ppm, rng).image, (0, 0, 0), x, y, (length, width))
+    mat = partial(scenery.panel, "carpet", carpet(ppm, rng).image, (0, 0, 0.003), x, y, (CARPET_M, CARPET_M))
+    roof = ceiling(0.3 * ppm, rng).image
+    shell += [mat, ground, partial(scenery.panel, "ceiling", roof, (0, 0, height), x, (0, -1, 0), (length, width))]
     furnish(scenery, ppm, rng)
+    for hang in shell:
+        hang()
 
 
 def calibration_object() -> CalibrationObject:

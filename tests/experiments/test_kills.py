@@ -185,7 +185,7 @@ def test_a_run_that_is_asked_to_end_while_it_shoots_leaves_nothing(tmp_path: Pat
     run = [sys.executable, "-m", "experiments.run", f"hydra.run.dir={tmp_path / 'run'}"]
     line = [*run, f"output.captures={tmp_path / 'captures'}"]
     with subprocess.Popen(line, cwd=ROOT, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True) as process:
-        while process.poll() is None and not list(tmp_path.glob("captures/.*/camera*/sweep.mkv")):
+        while process.poll() is None and not list(tmp_path.glob("captures/.*/camera*/sweep.avi")):
             time.sleep(0.05)
         filming = psutil.Process(process.pid).children(recursive=True)
         process.terminate()
