@@ -33,6 +33,11 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--replace", action="store_true", help="write capture.json anew where there is one")
     one.set_defaults(run=_new)
 
+    one = parts.add_parser("check", help="say what to shoot again while the hall is still rented")
+    one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json")
+    one.add_argument("--page", type=Path, metavar="FILE", help="page with pictures (FOLDER/check.html)")
+    one.set_defaults(run=_check)
+
     one = parts.add_parser("marker-cube", help="write the calibration object: a PDF to print, and its object.json")
     one.add_argument("--out", type=Path, required=True, metavar="FOLDER")
     one.add_argument("--edge", type=float, default=2.0, metavar="METRES", help="edge of the cube (2)")
@@ -100,6 +105,12 @@ def _new(given: argparse.Namespace) -> int:
     patterns = {role: name for role, name in roles.items() if name is not None}
     full_turn = not given.partial_sweep
     return write_capture(given.folder, name=given.name, full_turn=full_turn, patterns=patterns, replace=given.replace)
+
+
+def _check(given: argparse.Namespace) -> int:
+    from pzcap.command.check.run import check_folder
+
+    return check_folder(given.capture, given.page or given.capture / "check.html")
 
 
 def _marker_cube(given: argparse.Namespace) -> int:

@@ -15,8 +15,9 @@ _SAY_S: Final = 10.0
 class ProgressLine:
     """Says how far long work is. Stages may run side by side: the line shows the one that was heard of last."""
 
-    def __init__(self, stream: TextIO = sys.stderr) -> None:
-        self._stream, self._terminal = stream, stream.isatty()
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._terminal = self._stream.isatty()
         self._start = self._said = time.monotonic()
         self._drawn = 0
 

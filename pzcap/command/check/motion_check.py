@@ -1,0 +1,133 @@
+"""Motion: whether its pictures fit the camera's own sweep, or another camera's, or a mirror; range of pan and zoom."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pzcap.command.check.findings import Finding, Level
+from pzcap.command.check.sweep_check import Sweep
+from pzcap.command.check.views import ENOUGH, Relation, best, mirrored, view
+from pzcap.command.check.zoom_check import ZoomRun
+from pzcap.io.video import VideoReader
+from pzcap.types import Array, Image, Mask
+
+SAMPLES: Final = 8
+_TILT_DEG: Final = 0.35
+_TURNED_DEG: Final = 20.0
+_SURE: Final = 80.0
+"""Features that agree, a picture, from which on nobody else's sweep has to be asked."""
+_BETTER: Final = 1.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Places:
+    """Where some pictures are on a sweep."""
+
+    images: tuple[Image, ...]
+    relations: tuple[Relation, ...]
+    angles_rad: Array  # (N,) on the sweep, to the left
+
+    @property
+    def found(self) -> Mask:
+        """(N,) that could be placed."""
+        return np.array([relation.found for relation in self.relations], bool)
+
+    @property
+    def strength(self) -> float:
+        """Features that agree, a picture; those of pictures that could not be placed do not count."""
+        return float(np.mean([relation.inliers if relation.found else 0 for relation in self.relations]))
+
+
+def place(images: Sequence[Image], sweep: Sweep) -> Places:
+    """Place pictures on a sweep."""
+    found = [best(view(image), sweep.keys) for image in images]
+    angles = [sweep.key_angles_rad[index] - np.arctan(relation.across / sweep.focal) for index, relation in found]
+    return Places(tuple(images), tuple(relation for _, relation in found), np.array(angles))
+
+
+def samples(path: Path, count: int = SAMPLES) -> list[Image]:
+    """Some pictures of a video, evenly over its length."""
+    reader = VideoReader(path)
+    wanted = reader.indices[
+        np.linspace(0, len(reader.indices) - 1, min(count, len(reader.indices))).round().astype(int)
+    ]
+    return [image for index in wanted.tolist() for _, image in reader.read(index, index + 1)]
+
+
+def check_belonging(
+    camera: str, subject: str, images: Sequence[Image], sweeps: Mapping[str, Sweep]
+) -> tuple[Places, list[Finding]]:
+    """Pictures of a camera on its own sweep; where they hardly fit, on those of others and in a mirror. Cameras in one
+    hall share walls, so that another's pictures may fit a little: they are of the camera that they fit best."""
+    own = place(images, sweeps[camera])
+    if own.strength < _SURE:
+        others = {name: place(images, sweep).strength for name, sweep in sweeps.items() if name != camera}
+        best_other = max(others, key=lambda name: others[name], default=camera)
+        if others and others[best_other] > max(ENOUGH, _BETTER * own.strength):
+            text = f"fits the sweep of camera {best_other}, not its own; were two cameras' files swapped?"
+            return own, [Finding(Level.FAIL, camera, subject, text)]
+    share = float(np.mean(own.found))
+    if share < 0.5:
+        text = "its pictures do not fit the sweep; was the tripod moved, or is it of another camera or hall?"
+        if place([mirrored(image) for image in images], sweeps[camera]).strength > ENOUGH:
+            text = "is mirrored against the sweep: it fits in a mirror; record it straight"
+        return own, [Finding(Level.FAIL, camera, subject, text)]
+    turned = float(np.median([abs(r.turn_deg) for r in own.relations if r.found]))
+    if turned > _TURNED_DEG:
+        text = f"stands turned by {turned:.0f} degrees against the sweep; record both the same way up"
+        return own, [Finding(Level.FAIL, camera, subject, text)]
+    level = Level.OK if share == 1.0 else Level.WARN
+    return own, [Finding(level, camera, subject, f"{own.found.sum()} of {len(images)} pictures fit the sweep")]
+
+
+def check_tilt(camera: str, subject: str, places: Places, sweep: Sweep) -> Iterator[Finding]:
+    """Whether the tilt is that of the sweep. Zoom moves the middle of the picture a little: only much is told."""
+    down = [r.down / max(r.scale, 1.0) for r in places.relations if r.found]
+    tilt = np.rad2deg(float(np.median(down)) / sweep.focal) if down else 0.0
+    if abs(tilt) > _TILT_DEG:
+        way = "lower" if tilt > 0 else "higher"
+        text = f"looks {abs(tilt):.2f} degrees {way} than the sweep; the tripod was moved, or settled"
+        yield Finding(Level.FAIL if abs(tilt) > 1.0 else Level.WARN, camera, subject, text)
+
+
+def check_ranges(camera: str, places: Places, sweep: Sweep, run: ZoomRun, full_turn: bool) -> Iterator[Finding]:
+    """Whether pan and zoom of the motion stay inside those of sweep and zoom run."""
+    found = places.found
+    if not found.any():
+        return
+    scales = 1.0 / np.array([r.scale for r in places.relations])[found]
+    angles = places.angles_rad[found]
+    half = np.arctan(0.5 / (sweep.focal * scales))
+    text = (
+        f"pans over {np.rad2deg(np.ptp(angles)):.0f} degrees at {scales.min():.2f} to {scales.max():.2f} times the"
+        " focal length of the sweep"
+    )
+    yield Finding(Level.OK, camera, "motion", text)
+    if not full_turn:
+        low, high = sweep.angles_rad.min(), sweep.angles_rad.max()
+        edge = np.arctan(0.5 / sweep.focal)
+        beyond = np.rad2deg(
+            max(0.0, float((low - edge - angles + half).max()), float((angles + half - high - edge).max()))
+        )
+        if beyond > 0.5:
+            text = f"shows {beyond:.0f} degrees that the sweep does not; sweep further on that side"
+            yield Finding(Level.WARN, camera, "motion", text)
+    if run.widest is None or run.longest is None:
+        return
+    if scales.max() > 1.08 * run.longest or scales.min() < run.widest / 1.08:
+        text = "zooms beyond the zoom run; distortion is not known there: zoom over the whole range"
+        yield Finding(Level.WARN, camera, "motion", text)
+
+
+def check_light(camera: str, places: Places, sweep: Sweep) -> Iterator[Finding]:
+    """Whether the motion is as bright as the sweep was."""
+    bright = float(np.mean([np.mean(image) for image in places.images]))
+    ratio = bright / max(sweep.brightness, 1.0)
+    if not 0.6 < ratio < 1.7:
+        text = f"is {ratio:.1f} times as bright as the sweep; keep exposure and gain, or light the hall as it was"
+        yield Finding(Level.WARN, camera, "motion", text)

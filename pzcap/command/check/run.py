@@ -1,0 +1,162 @@
+"""The whole check of a capture folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pzcap.command.check.findings import Finding, Level, worst
+from pzcap.command.check.motion_check import Places, check_belonging, check_light, check_ranges, check_tilt, samples
+from pzcap.command.check.page import Pictures, write_page
+from pzcap.command.check.reference_check import Reference, check_reference
+from pzcap.command.check.sweep_check import Sweep, check_sweep
+from pzcap.command.check.zoom_check import ZoomRun, check_zoom
+from pzcap.command.progress import ProgressLine
+from pzcap.io.capture import frame_sets, read_capture, read_image
+from pzcap.io.video import VideoReader
+from pzcap.runtime import one_thread_each
+from pzcap.types import CameraFiles, Capture, PzcapError
+
+_SAME_PLACE_M: Final = 0.5
+_OBJECT: Final = "no calibration object (object.json): no camera can be placed"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hall:
+    """What a camera recorded before the motion."""
+
+    reference: Reference | None
+    sweep: Sweep | None
+    zoom: ZoomRun
+    findings: tuple[Finding, ...]
+
+
+def check_folder(folder: Path, page: Path) -> int:
+    """Check the capture in ``folder``, write the ``page``, print what was found; the exit status, 1 where something has
+    to be shot again."""
+    capture = read_capture(folder)
+    with ProgressLine() as line, one_thread_each():
+        findings, pictures = check_capture(capture, line)
+    order = list(Level)
+    for finding in sorted(findings, key=lambda each: -order.index(each.level)):
+        print(finding.line())
+    page.parent.mkdir(parents=True, exist_ok=True)
+    write_page(page, f"Check of {capture.name}", findings, pictures)
+    print(page)
+    return int(worst(findings) is Level.FAIL)
+
+
+def check_capture(capture: Capture, line: ProgressLine) -> tuple[list[Finding], dict[str, Pictures]]:
+    """What there is to say about a capture, and what there is to see."""
+    halls: dict[str, Hall] = {}
+    motions: dict[str, tuple[Places | None, list[Finding]]] = {}
+    total = 2 * len(capture.cameras)
+    with ThreadPoolExecutor(2) as pool:
+        for files, hall in zip(
+            capture.cameras, pool.map(lambda files: _empty_hall(capture, files), capture.cameras), strict=True
+        ):
+            halls[files.name] = hall
+            line.update("hall", len(halls), total)
+        for files, motion in zip(
+            capture.cameras, pool.map(lambda files: _motion(capture, files, halls), capture.cameras), strict=True
+        ):
+            motions[files.name] = motion
+            line.update("motion", len(halls) + len(motions), total)
+    findings, pictures = list(_together(capture, halls)), {}
+    for name, hall in halls.items():
+        places, own = motions[name]
+        findings += [*hall.findings, *own]
+        pictures[name] = Pictures(hall.reference, hall.sweep, places)
+    return findings, pictures
+
+
+def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:
+    """Reference image, sweep and zoom run of one camera."""
+    findings: list[Finding] = []
+    reference, sweep, zoom = None, None, ZoomRun(None, None)
+    if files.reference is None:
+        findings.append(Finding(Level.FAIL, files.name, "reference", "there is none; the camera cannot be placed"))
+    else:
+        reference, found = check_reference(files.name, read_image(files.reference), capture.calibration_object)
+        findings += found
+    if files.sweep is None:
+        findings.append(Finding(Level.FAIL, files.name, "sweep", "there is none; no frame can be located"))
+    else:
+        focal = None if reference is None else reference.focal
+        sweep, found = check_sweep(files.name, files.sweep, focal, capture.full_turn)
+        findings += found
+    if files.zoom is None:
+        text = "there is none; distortion and principal point are less certain over the zoom range"
+        findings.append(Finding(Level.WARN, files.name, "zoom", text))
+    elif sweep is not None:
+        zoom, found = check_zoom(files.name, files.zoom, sweep)
+        findings += found
+    return Hall(reference, sweep, zoom, tuple(findings))
+
+
+def _motion(capture: Capture, files: CameraFiles, halls: Mapping[str, Hall]) -> tuple[Places | None, list[Finding]]:
+    """Reference image and motion of one camera against the sweeps of all."""
+    hall = halls[files.name]
+    sweeps = {name: each.sweep for name, each in halls.items() if each.sweep is not None}
+    if hall.sweep is None:
+        return None, []
+    findings: list[Finding] = []
+    if hall.reference is not None:
+        places, found = check_belonging(files.name, "reference", [hall.reference.image], sweeps)
+        findings += [*found, *check_tilt(files.name, "reference", places, hall.sweep)]
+    if files.zoom is not None:
+        _, found = check_belonging(files.name, "zoom", samples(files.zoom, 5), sweeps)
+        findings += [each for each in found if "swapped" in each.text]  # else `check_zoom` has said what there is
+    if files.motion is None:
+        return None, [*findings, Finding(Level.WARN, files.name, "motion", "there is none")]
+    places, found = check_belonging(files.name, "motion", samples(files.motion), sweeps)
+    findings += found
+    if found[0].level is not Level.FAIL:
+        findings += check_tilt(files.name, "motion", places, hall.sweep)
+        findings += check_ranges(files.name, places, hall.sweep, hall.zoom, capture.full_turn)
+        findings += check_light(files.name, places, hall.sweep)
+    return places, findings
+
+
+def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
+    """Synchronisation, what the capture lacks, and cameras against each other."""
+    try:
+        sets = frame_sets(capture)
+    except PzcapError as error:
+        yield Finding(Level.FAIL, "", "sync", str(error))
+    else:
+        seconds = len(sets) / float(capture.frame_rate)
+        text = f"{len(sets)} frame sets in common, {seconds:.1f} s, {sets.timecodes[0]} to {sets.timecodes[-1]}"
+        yield Finding(Level.OK if seconds >= 1.0 else Level.WARN, "", "sync", text)
+        if not sets.keyframes:
+            yield Finding(Level.WARN, "", "keyframes", "there are none yet: the body is tracked from them")
+    if capture.calibration_object is None:
+        yield Finding(Level.FAIL, "", "object", _OBJECT)
+    if capture.subject is None:
+        yield Finding(
+            Level.WARN, "", "subject", "no tape measurements (subject.json) yet: measure before the athlete goes"
+        )
+    for files in capture.cameras:
+        if files.motion is not None:
+            indices = VideoReader(files.motion).indices
+            missing = int(indices[-1] - indices[0]) + 1 - len(indices)
+            if missing:
+                share = missing / (len(indices) + missing)
+                text = f"{missing} frames were dropped ({100 * share:.1f} %)"
+                yield Finding(Level.FAIL if share > 0.05 else Level.WARN, files.name, "motion", text)
+    places = {
+        name: hall.reference.camera.camera.world_T_cam[:3, 3]
+        for name, hall in halls.items()
+        if hall.reference is not None and hall.reference.camera is not None
+    }
+    for one, other in combinations(places, 2):
+        apart = float(np.linalg.norm(places[one] - places[other]))
+        if apart < _SAME_PLACE_M:
+            text = f"cameras {one} and {other} stand {apart:.2f} m from each other; is one file there twice?"
+            yield Finding(Level.FAIL, "", "reference", text)

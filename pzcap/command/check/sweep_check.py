@@ -1,0 +1,147 @@
+"""Sweep: speed, evenness, overlap, how far round, closure, exposure, flicker, blur; and the views that all else of the
+camera is compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+
+from pzcap.command.check.findings import Finding, Level, graded
+from pzcap.command.check.views import View, overlap, relate, small, step, view
+from pzcap.io.video import VideoReader
+from pzcap.types import Array, Image
+
+KEY_DEG: Final = 7.0
+"""Degrees between the views that are kept."""
+THUMBNAIL: Final = 160
+_USUAL_FIELD: Final = 1.2
+"""Focal length over width, where no reference image tells it."""
+_UNSURE: Final = 0.03
+"""Response of the phase correlation, below which a step is not known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """A sweep, as far as other files of the camera are compared with it."""
+
+    focal: float  # over the width of the picture
+    angles_rad: Array  # (M,) of each frame from the first, to the left
+    keys: tuple[View, ...]
+    key_angles_rad: Array  # (K,)
+    thumbnails: tuple[Image, ...]  # (K)
+    brightness: float  # mean of all key views
+
+    @property
+    def span_rad(self) -> float:
+        """How far the camera was turned."""
+        return float(np.ptp(self.angles_rad))
+
+
+def check_sweep(camera: str, path: Path, focal: float | None, full_turn: bool) -> tuple[Sweep, list[Finding]]:
+    """The sweep of a camera, and what there is to say about it. ``focal``: over the width, of the reference image."""
+    reader, used = VideoReader(path), focal or _USUAL_FIELD
+    steps, small_before = [], None
+    keys: list[View] = []
+    angles, key_angles, thumbnails, last_key, gains = [0.0], [], [], np.inf, []
+    for _, image in reader:
+        here = small(image, 320)
+        if small_before is not None:
+            across, down, sure = step(small_before, here)
+            steps.append((across, down, sure))
+            angles.append(angles[-1] + float(np.arctan(across / used)))
+            one, other = overlap(small_before, here, across)
+            gains.append(float(np.log(max(other.mean(), 1.0) / max(one.mean(), 1.0))) if one.size else 0.0)
+        if abs(angles[-1] - last_key) > np.deg2rad(KEY_DEG) or not keys:
+            keys.append(view(image))
+            key_angles.append(angles[-1])
+            thumbnails.append(_thumbnail(image))
+            last_key = angles[-1]
+        small_before = here
+    brightness = float(np.mean([key.picture.mean() for key in keys]))
+    sweep = Sweep(used, np.array(angles), tuple(keys), np.array(key_angles), tuple(thumbnails), brightness)
+    moves = np.array(steps).reshape(-1, 3)
+    found = [*_motion(sweep, moves, float(reader.frame_rate)), *_light(np.array(gains), keys)]
+    found += _round(sweep, full_turn)
+    return sweep, [Finding(level, camera, "sweep", text) for level, text in found]
+
+
+def _motion(sweep: Sweep, moves: Array, rate: float) -> Iterator[tuple[Level, str]]:
+    """Speed and evenness."""
+    if len(moves) < 8:
+        yield Level.FAIL, f"has {len(moves) + 1} frames; turn the head slowly through the whole range"
+        return
+    across, down, sure = moves.T
+    turned = np.diff(sweep.angles_rad)
+    lost = float(np.mean(sure < _UNSURE))
+    shared = 1.0 - float(np.percentile(np.abs(across), 95))
+    speed = np.rad2deg(float(np.median(np.abs(turned)))) * rate
+    yield (
+        graded(1.0 - shared, 0.2, 0.4),
+        f"turns at {speed:.1f} degrees/s; neighbours share {100 * shared:.0f} % (90 % is good, 60 % the least)",
+    )
+    if lost > 0.1:
+        yield (
+            Level.WARN,
+            f"{100 * lost:.0f} % of its frames cannot be laid to the next; bare walls, blur or somebody in it?",
+        )
+    way = np.sign(np.median(turned))
+    back = float(np.sum(np.abs(turned[turned * way < 0]))) if way else 0.0
+    if back > np.deg2rad(5.0):
+        yield Level.FAIL, f"turns back by {np.rad2deg(back):.0f} degrees; turn the head one way throughout"
+    rise = float(np.abs(np.cumsum(down)).max()) / sweep.focal
+    if np.rad2deg(rise) > 3.0:
+        yield Level.WARN, f"rises or falls by {np.rad2deg(rise):.1f} degrees; lock the tilt, level the pan axis"
+
+
+def _light(gains: Array, keys: list[View]) -> Iterator[tuple[Level, str]]:
+    """Exposure and flicker."""
+    burnt = float(np.mean([np.mean(key.picture >= 252) for key in keys]))
+    if burnt > 0.03:
+        yield Level.WARN, f"{100 * burnt:.0f} % of it is burnt out; expose less"
+    if len(gains) < 8:
+        return
+    trend = np.convolve(gains, np.ones(5) / 5, mode="same")
+    flicker = float(1.4826 * np.median(np.abs(gains - trend)))
+    yield (
+        graded(flicker, 0.02, 0.08),
+        f"flickers by {100 * flicker:.1f} % from frame to frame"
+        + ("; a shutter of 1/50 or 1/100 s (1/60 or 1/120 s) fits the mains" if flicker > 0.02 else ""),
+    )
+    drift = float(np.ptp(np.cumsum(gains)))
+    if drift > 0.4:
+        yield Level.WARN, f"its exposure drifts by {100 * (np.exp(drift) - 1):.0f} %; fix exposure and gain"
+
+
+def _round(sweep: Sweep, full_turn: bool) -> Iterator[tuple[Level, str]]:
+    """How far round, and whether the circle closes."""
+    span = np.rad2deg(sweep.span_rad)
+    if not full_turn:
+        yield graded(-span, -110.0, -60.0), f"covers {span:.0f} degrees (120 or more is good)"
+        return
+    first, ends = sweep.keys[0], [k for k in range(len(sweep.keys)) if abs(sweep.key_angles_rad[k]) > np.deg2rad(300)]
+    relations = [(k, relate(first, sweep.keys[k])) for k in ends]
+    closing = max(relations, key=lambda pair: pair[1].inliers, default=None)
+    if closing is None or not closing[1].found:
+        yield (
+            Level.FAIL,
+            f"covers {span:.0f} degrees and does not come round to its start; turn by 380, or give --partial-sweep",
+        )
+        return
+    index, relation = closing
+    at = abs(sweep.key_angles_rad[index]) + np.sign(sweep.key_angles_rad[index]) * relation.across / sweep.focal
+    miss = np.rad2deg(abs(at)) / 360.0 - 1.0
+    yield (
+        graded(abs(miss), 0.06, 0.15),
+        f"comes round to its start; by the reference image's focal length that is {np.rad2deg(abs(at)):.0f} degrees"
+        + ("; was the zoom ring moved between the two?" if abs(miss) > 0.06 else ""),
+    )
+
+
+def _thumbnail(image: Image) -> Image:
+    height = round(THUMBNAIL * image.shape[0] / image.shape[1])
+    return np.asarray(cv2.resize(image, (THUMBNAIL, height), interpolation=cv2.INTER_AREA), np.uint8)

@@ -1,0 +1,118 @@
+"""`pzcap check`: right footage passes, and what is wrong with other footage is named, at the camera that has it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from pzcap.command.main import main
+from tests.scenes import wrong_footage as wrong
+
+
+def check(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
+    """The exit status, and the lines that are not ok."""
+    status = main(["check", str(folder), "--page", str(folder.parent / "check.html")])
+    lines = capsys.readouterr().out.splitlines()
+    return status, [line for line in lines[:-1] if not line.startswith("ok")]
+
+
+@pytest.fixture(scope="module")
+def usual() -> list[str]:
+    """What there is to say about right footage: it is little and short."""
+    return [
+        r"sync: 8 frame sets in common, 0\.3 s",
+        *(r"camera \d reference: its markers are 15 px wide",) * 2,
+        *(r"camera \d sweep: covers 8\d degrees \(120 or more is good\)",) * 2,
+        *(r"camera \d zoom: has 8 frames; 15 or more",) * 2,
+    ]
+
+
+def unusual(lines: list[str], usual: list[str]) -> list[str]:
+    return [line for line in lines if not any(re.search(pattern, line) for pattern in usual)]
+
+
+def test_right_footage_passes(
+    small_capture: Path, usual: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, lines = check(wrong.linked(small_capture / "capture", tmp_path / "c"), capsys)
+    assert status == 0
+    assert len(lines) == len(usual)
+    assert unusual(lines, usual) == []
+    page = (tmp_path / "check.html").read_text()
+    assert page.count("<img") == 6
+    assert "It can be worked with" in page
+    assert "http" not in page
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "says"),
+    [
+        (
+            wrong.swap("motion.mp4"),
+            1,
+            ["camera 1 motion: fits the sweep of camera 2", "camera 2 motion: fits the sweep"],
+        ),
+        (
+            wrong.swap("sweep.mp4"),
+            1,
+            ["camera 1 reference: fits the sweep of camera 2", "camera 2 motion: fits the sweep"],
+        ),
+        (wrong.swap("reference.png"), 1, ["camera 1 reference: fits the sweep of camera 2"]),
+        (
+            wrong.swap("zoom.mp4"),
+            1,
+            ["camera 1 zoom: fits the sweep of camera 2", "camera 2 zoom: fits the sweep of camera 1"],
+        ),
+        (wrong.drawn("motion.mp4", wrong.mirror), 1, ["camera 1 motion: is mirrored against the sweep"]),
+        (wrong.drawn("motion.mp4", wrong.upside_down), 1, [r"camera 1 motion: stands turned by 1\d\d degrees"]),
+        (
+            wrong.drawn("motion.mp4", wrong.lower(8)),
+            0,
+            [r"camera 1 motion: looks 0\.\d+ degrees higher than the sweep"],
+        ),
+        (
+            wrong.drawn("motion.mp4", wrong.brighter(0.3)),
+            0,
+            [r"camera 1 motion: is 0\.\d times as bright as the sweep"],
+        ),
+        (wrong.drawn("reference.png", wrong.mirror), 1, ["camera 1 reference: it is mirrored: 1. markers"]),
+        (
+            wrong.drawn("reference.png", wrong.upside_down),
+            1,
+            [r"camera 1 reference: the picture stands turned by -?1\d\d"],
+        ),
+        (wrong.drawn("sweep.mp4", wrong.flickering(0.06)), 0, [r"camera 1 sweep: flickers by \d\.\d %.*1/50"]),
+        (wrong.drawn("sweep.mp4", wrong.brighter(1.6)), 0, [r"camera 1 sweep: \d+ % of it is burnt out"]),
+        (wrong.manifest(full_turn=True), 1, ["camera 1 sweep: covers 8. degrees and does not come round to its start"]),
+        (wrong.manifest(object=None), 1, ["object: no calibration object"]),
+        (wrong.manifest(subject=None), 0, ["subject: no tape measurements"]),
+        (wrong.manifest(keyframes=None), 0, ["keyframes: there are none yet"]),
+        (wrong.without("sweep"), 1, ["camera 1 sweep: there is none; no frame can be located"]),
+        (wrong.without("zoom"), 0, ["camera 1 zoom: there is none; distortion"]),
+        (
+            wrong.other_object,
+            1,
+            [r"camera 1 reference: corners agree with the object to \d+\.\d+ px; is object.json of this"],
+        ),
+    ],
+)
+def test_wrong_footage_is_named(
+    change: wrong.Change, status: int, says: list[str], small_capture: Path, usual: list[str], tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    folder = wrong.linked(small_capture / "capture", tmp_path / "c")
+    change(folder)
+    found, lines = check(folder, capsys)
+    named = unusual(lines, usual)
+    for pattern in says:
+        assert any(re.search(pattern, line) for line in named), "\n".join(named)
+    assert found == status, "\n".join(named)
+
+
+def test_what_cannot_be_read_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(tmp_path)]) == 1
+    said = capsys.readouterr()
+    assert "no such file" in said.err or "capture.json" in said.err
+    assert said.err.count("\n") == 1
