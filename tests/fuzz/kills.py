@@ -76,11 +76,11 @@ WORK = {
     "run": Work(_run, _figures),
     "sweep": Work(
         lambda folder: command(folder, "value=1,2,3,4", "pause_s=0.1", launcher="joblib"),
-        lambda folder: _hashes(folder, "*.txt"),
+        lambda folder: _hashes(folder, "[abc].txt"),
     ),
     "ray": Work(
         lambda folder: command(folder, "value=1,2,3,4", "pause_s=0.1", launcher="ray"),
-        lambda folder: _hashes(folder, "*.txt"),
+        lambda folder: _hashes(folder, "[abc].txt"),
     ),
 }
 
