@@ -22,6 +22,7 @@ from sim.cameras.optics import (
     lens_maps,
     plate_for,
     plate_under,
+    roll,
     rolled_maps,
     sampled,
     shrunk,
@@ -137,7 +138,7 @@ class FilmCamera:
         """The same, each row at its own time.
 
         Plates are drawn at a few moments, where the hall is empty at one. A row takes the nearest, through the camera
-        of its own time (`rolled_maps`): the hall is exact in every row, and of a body alone the motion is in steps.
+        of its own time (`optics.roll`): the hall is exact in every row, and of a body alone the motion is in steps.
         """
         rig, readout_s, turned_rad = self._rig, self._config.readout_s, np.deg2rad(self._config.grid_turn_deg)
         width, height = fine_size(rig, scale).tolist()
@@ -153,29 +154,28 @@ class FilmCamera:
                 nearest = np.floor(((exposed_s + delays_s - middle_s) / span_s + 0.5) * plates)
                 rows = np.flatnonzero(np.clip(nearest, 0, plates - 1) == k)
                 if len(rows):
-                    part = range(int(rows[0]), int(rows[-1]) + 1)
-                    own = partial(self._moments_of_rows, look, exposed_s)
-                    maps = [rolled_maps(rig, camera, own, part, turned_rad, scale, one) for one in rig.stretches]
-                    pieces.append((part, maps))
+                    own = partial(self._cameras_of_rows, look, exposed_s)
+                    pieces.append(roll(rig, camera, own, range(rows[0], rows[-1] + 1), turned_rad, scale))
             if not pieces:
                 continue
-            plate = plate_under([one for _, maps in pieces for one in maps], turned_rad, scale)
+            plate = plate_under(pieces, turned_rad, scale)
             self._pose(person, plate_s)
-            self._stage.aim(plate.turn(camera.world_T_cam), plate.vertical_view_deg(camera.focal_px))
+            up = plate.up_px / plate.height
+            self._stage.aim(plate.turn(camera.world_T_cam), plate.vertical_view_deg(camera.focal_px), up)
             picture = draw(plate.size(scale))
             if total is None:
                 total = np.zeros((height, width, *picture.shape[2:]), np.uint16)
-            columns, rows_up = (side / 2 - 0.5 for side in plate.size(scale))
-            for part, maps in pieces:
-                seen = sampled(picture, [(right + columns, up + rows_up) for right, up in maps])
-                total[part.start : part.stop] += seen
+            for piece in pieces:
+                part, maps = total[piece.rows.start : piece.rows.stop], rolled_maps(piece, plate, scale, width)
+                cv2.add(part, sampled(picture, maps), dst=part, dtype=cv2.CV_16U)
         assert total is not None
         return shrunk(_share(total, len(offsets_s)), rig)
 
-    def _moments_of_rows(self, look: Look, exposed_s: float, rows: Array) -> Sequence[Moment]:
-        """The camera as it exposes each of the image's ``rows`` (N,)."""
+    def _cameras_of_rows(self, look: Look, exposed_s: float, rows: Array) -> tuple[Array, Array]:
+        """Rotation (N, 3, 3) and focal length (N,) of the camera as it exposes each of the image's ``rows`` (N,)."""
         delays_s = row_delay_s(rows, self._rig.height, self._config.readout_s)
-        return [self._moment(look(t)) for t in (exposed_s + delays_s).tolist()]
+        aims = np.array([look(t) for t in (exposed_s + delays_s).tolist()])
+        return self._rig.turns(aims[:, 0], aims[:, 2], aims[:, 3]), aims[:, 1]
 
     def _moment(self, aim: PanTiltZoom) -> Moment:
         world_T_cam = self._rig.world_T_cam(aim.pan_rad, aim.focal_px, aim.raised_rad, aim.rolled_rad)

@@ -22,6 +22,7 @@ from pzcap.types import Array, Image, PzcapError
 _CORNERS_M = ((-10.5, -8.0), (10.5, -8.0), (10.5, 8.0), (-10.5, 8.0))
 _HEAD_R_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _FIXED_POINTS = 25  # of the distortion beyond k1: each step takes off nine tenths of the error, at least
+_EXACT = 1e-9  # of the distance of the image plane: a millionth of a pixel
 _GRID_PX = 8  # spacing of the points whose distortion is computed; between them it is interpolated, to 0.006 px
 
 
@@ -130,6 +131,13 @@ class Rig:
         along = _transform(np.eye(3), [0.0, 0.0, float(travel)])
         return self.world_T_head @ axis @ pan @ np.linalg.inv(axis) @ optical @ along
 
+    def turns(self, pan_rad: Array, raised_rad: Array, rolled_rad: Array) -> Array:
+        """(N, 3, 3) rotations as of `world_T_cam` for pan, tilt and roll (N,) each."""
+        pan = Rotation.from_euler("z", pan_rad[:, None]).as_matrix()
+        tilt = Rotation.from_euler("y", -(self.tilt_rad + raised_rad)[:, None]).as_matrix()
+        roll = Rotation.from_euler("z", (self.roll_rad + rolled_rad)[:, None]).as_matrix()
+        return np.asarray(self.world_T_head[:3, :3] @ pan @ tilt @ _HEAD_R_CAM @ roll)
+
     def project(self, world_T_cam: Array, focal_px: float, points_m: Array) -> tuple[Array, Array]:
         """World points (N, 3) to pixels (N, 2) and depth (N,) in metres, which is above 0 where a point can be seen."""
         x, y, depth = ((points_m - world_T_cam[:3, 3]) @ world_T_cam[:3, :3]).T
@@ -146,10 +154,12 @@ class Rig:
             return x, y
         straight_x, straight_y = x, y
         for _ in range(_FIXED_POINTS):
-            squared = straight_x**2 + straight_y**2
+            squared, before = straight_x**2 + straight_y**2, straight_y
             factor = 1 + (k1 + k2 * squared) * squared
             aside, down = 2 * p1 * straight_x * straight_y, p1 * (squared + 2 * straight_y**2)
             straight_x, straight_y = (x - aside) / factor, (y - down) / factor
+            if np.abs(straight_y - before).max() < _EXACT:
+                break
         factor = 1 + k1 * (straight_x**2 + straight_y**2)
         return straight_x * factor, straight_y * factor
 
@@ -195,6 +205,7 @@ class Plate:
     width: int
     height: int
     turned_rad: float
+    up_px: float = 0.0  # of its middle above the optical axis
 
     def size(self, scale: float) -> tuple[int, int]:
         """Width and height in its own pixels."""
@@ -248,7 +259,8 @@ def lens_maps(rig: Rig, plate: Plate, focal_px: float, scale: float, stretch: fl
     x, y = (cos * x + sin * y) * factor, (cos * y - sin * x) * factor
     columns, rows = (side / 2 - 0.5 for side in plate.size(scale))
     grid = np.stack([x + columns, rows - y], axis=-1).astype(np.float32)
-    maps = _refined(grid, size, 0)
+    whole = _enlarged(grid)[_GRID_PX : _GRID_PX + size[1], _GRID_PX : _GRID_PX + size[0]]
+    maps = np.ascontiguousarray(whole[..., 0]), np.ascontiguousarray(whole[..., 1])
     for seen in maps:
         seen.setflags(write=False)
     return maps
@@ -264,14 +276,6 @@ def _coarse_px(cells: NDArray[np.int64], scale: float) -> Array:
     return np.asarray(((cells - 0.5) * _GRID_PX) / scale - 0.5)
 
 
-def _refined(grid: NDArray[np.float32], size: NDArray[np.int64], skipped: int) -> Maps:
-    """Maps of ``size`` (width, height) from a grid (n, m, 2), which begin ``skipped`` rows below its second cell."""
-    whole = cv2.resize(grid, (grid.shape[1] * _GRID_PX, grid.shape[0] * _GRID_PX), interpolation=cv2.INTER_LINEAR)
-    first = _GRID_PX + skipped
-    whole = whole[first : first + size[1], _GRID_PX : _GRID_PX + size[0]]
-    return np.ascontiguousarray(whole[..., 0]), np.ascontiguousarray(whole[..., 1])
-
-
 class Moment(NamedTuple):
     """A camera at one moment."""
 
@@ -279,45 +283,73 @@ class Moment(NamedTuple):
     focal_px: float
 
 
-def rolled_maps(
-    rig: Rig, plate: Moment, cameras_of: Callable[[Array], Sequence[Moment]], rows: range, turned_rad: float,
-    scale: float, stretch: float = 1.0,
-) -> Maps:  # fmt: skip
-    """As `lens_maps`, for some ``rows`` of the finer image, each of which has a camera of its own.
+class RolledRows(NamedTuple):
+    """Some rows of the image, made finer, each of which has a camera of its own; where they see on a plate."""
 
-    ``cameras_of`` gives the cameras of rows (N,) of the image, ``plate`` is that of the plate. Both maps, (rows,
-    columns), count from the plate's *centre*, right and up, so that its size can be chosen by them. What tells the
-    cameras apart is their rotation, focal length and distortion; the millimetres that the centre moves meanwhile are
-    left out.
+    rows: range
+    skipped: int  # rows of the grids' second cell that are above them
+    grids: list[tuple[Array, Array]]  # of each of `Rig.stretches`: px of the plate right and up from the optical axis
+
+
+def roll(
+    rig: Rig, plate: Moment, cameras_of: Callable[[Array], tuple[Array, Array]], rows: range, turned_rad: float,
+    scale: float,
+) -> RolledRows:  # fmt: skip
+    """What `lens_maps` is made of, for ``rows`` of the image, made ``scale`` times finer.
+
+    ``cameras_of`` gives rotation (N, 3, 3) and focal length (N,) of the cameras of rows (N,) of the image, ``plate`` is
+    the plate's camera. Rotation, focal length and distortion tell them apart; the millimetres that the centre moves
+    meanwhile are left out.
     """
-    width = fine_size(rig, scale)[0]
     # of the grid, the cells between whose centres the rows lie
     above = (2 * rows.start + 1 + _GRID_PX) // (2 * _GRID_PX)
     below = (2 * rows.stop - 1 + _GRID_PX) // (2 * _GRID_PX) + 1
-    u = _coarse_px(np.arange(-(-width // _GRID_PX) + 2), scale)
+    u = _coarse_px(np.arange(-(-fine_size(rig, scale)[0] // _GRID_PX) + 2), scale)
     v = _coarse_px(np.arange(above, below + 1), scale)
-    cameras = cameras_of(v)
-    focal_px = np.array([[camera.focal_px] for camera in cameras])
-    k1 = np.array([[rig.k1(camera.focal_px)] for camera in cameras])
-    x, y = (aside / (focal_px * stretch) for aside in (u - rig.principal_px[0], v[:, None] - rig.principal_px[1]))
-    x, y = np.broadcast_arrays(x, y)
-    x, y = rig.by_k1_alone(x, y, k1)
-    radius = np.maximum(np.hypot(x, y), 1e-12)
-    straight = _undistorted(radius, k1) / radius
-    rays = np.stack([x * straight, y * straight, np.ones_like(x)], axis=-1)
-    turns = plate.world_T_cam[:3, :3].T @ np.stack([camera.world_T_cam[:3, :3] for camera in cameras])
-    seen = np.einsum("rij,rcj->rci", turns, rays)
-    x, y = np.moveaxis(seen[..., :2] / seen[..., 2:] * (plate.focal_px * scale), -1, 0)
+    turns, focal_px = cameras_of(v)
+    turns = plate.world_T_cam[:3, :3].T @ turns
+    k1 = np.array([[rig.k1(each)] for each in focal_px.tolist()])
     cos, sin = math.cos(turned_rad), math.sin(turned_rad)
-    grid = np.stack([cos * x + sin * y, sin * x - cos * y], axis=-1).astype(np.float32)
-    return _refined(grid, np.array([width, len(rows)]), rows.start - above * _GRID_PX)
+    grids = []
+    for stretch in rig.stretches:
+        sides = u - rig.principal_px[0], v[:, None] - rig.principal_px[1]
+        x, y = np.broadcast_arrays(*(side / (focal_px[:, None] * stretch) for side in sides))
+        x, y = rig.by_k1_alone(x, y, k1)
+        radius = np.maximum(np.hypot(x, y), 1e-12)
+        straight = _undistorted(radius, k1) / radius
+        rays = np.stack([x * straight, y * straight, np.ones_like(x)], axis=-1)
+        seen = rays @ turns.transpose(0, 2, 1)
+        x, y = np.moveaxis(seen[..., :2] / seen[..., 2:] * (plate.focal_px * scale), -1, 0)
+        grids.append((cos * x + sin * y, sin * x - cos * y))
+    return RolledRows(rows, rows.start - above * _GRID_PX, grids)
 
 
-def plate_under(maps: Sequence[Maps], turned_rad: float, scale: float) -> Plate:
-    """The smallest plate that has data under all that `rolled_maps` gave."""
-    reach = [max(float(np.abs(one[axis]).max()) for one in maps) for axis in (0, 1)]
-    width, height = (4 * math.ceil((2 * side + 1) / scale / 4) for side in reach)
-    return Plate(width, height, turned_rad)
+def plate_under(pieces: Sequence[RolledRows], turned_rad: float, scale: float) -> Plate:
+    """The smallest plate that has data under all ``pieces``: a strip, if they are of few rows."""
+    right, up = ([grid[axis] for piece in pieces for grid in piece.grids] for axis in (0, 1))
+    aside = max(float(np.abs(each).max()) for each in right)
+    low, high = min(float(each.min()) for each in up), max(float(each.max()) for each in up)
+    middle = round((low + high) / 2)  # so that its pixels are those of a plate about the axis
+    width, height = (4 * math.ceil((2 * side + 1) / scale / 4) for side in (aside, max(high - middle, middle - low)))
+    return Plate(width, height, turned_rad, middle / scale)
+
+
+def rolled_maps(piece: RolledRows, plate: Plate, scale: float, width: int) -> list[Maps]:
+    """The maps of ``piece``, of ``width`` columns, on a plate, as `lens_maps` makes them of a whole image."""
+    columns, rows = (side / 2 - 0.5 for side in plate.size(scale))
+    shifts = columns, rows - plate.up_px * scale
+    maps = []
+    for grid in piece.grids:
+        whole = [_enlarged((axis + shift).astype(np.float32)) for axis, shift in zip(grid, shifts, strict=True)]
+        first = _GRID_PX + piece.skipped
+        part = slice(first, first + len(piece.rows)), slice(_GRID_PX, _GRID_PX + width)
+        maps.append((whole[0][part], whole[1][part]))
+    return maps
+
+
+def _enlarged(grid: NDArray[np.float32]) -> NDArray[np.float32]:
+    size = grid.shape[1] * _GRID_PX, grid.shape[0] * _GRID_PX
+    return np.asarray(cv2.resize(grid, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 def through_lens(plate: Image, maps: Sequence[Maps], rig: Rig) -> Image:

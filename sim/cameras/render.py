@@ -65,6 +65,7 @@ class Stage:
         mipmaps: bool = True,
     ) -> None:
         self._groups = (athlete_group, object_group)
+        self._up = 0.0  # of the picture's middle above the optical axis, picture heights
         spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
         spec.visual.quality.offsamples = 0  # the plate is finer than the image; that is smoothing enough
         # Twenty-eight sides leave a limb round to 0.1 px; 64 would double the time of every picture.
@@ -92,9 +93,13 @@ class Stage:
         self._gpu.free()
         self._context.free()
 
-    def aim(self, world_T_cam: Array, vertical_view_deg: float) -> None:
-        """Put the camera at ``world_T_cam``. The athlete's pose is as `sim.people.athlete.set_pose` wrote it."""
-        model = self.model
+    def aim(self, world_T_cam: Array, vertical_view_deg: float, up: float = 0.0) -> None:
+        """Put the camera at ``world_T_cam``. The athlete's pose is as `sim.people.athlete.set_pose` wrote it.
+
+        ``vertical_view_deg``: height of the picture as if the optical axis met its middle. ``up``: how far that middle
+        is above the axis, picture heights.
+        """
+        model, self._up = self.model, up
         model.cam_pos[self._camera_id] = world_T_cam[:3, 3]
         self._world_T_eye = world_T_cam * np.array([1.0, -1.0, -1.0, 1.0])
         axes = np.ascontiguousarray(self._world_T_eye[:3, :3])
@@ -152,6 +157,10 @@ class Stage:
         mujoco.mjv_updateScene(
             self.model, self.data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL, self._scene
         )  # fmt: skip
+        if self._up:
+            for eye in self._scene.camera:
+                shift = self._up * (eye.frustum_top - eye.frustum_bottom)
+                eye.frustum_bottom, eye.frustum_top = eye.frustum_bottom + shift, eye.frustum_top + shift
 
     def _enlarge(self, width: int, height: int) -> None:
         """Make room for pictures larger than was foreseen: of cameras that turn while they read a frame."""

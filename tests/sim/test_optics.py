@@ -228,3 +228,10 @@ def test_lateral_colour_parts_red_from_blue_in_the_corners() -> None:
     assert np.mean((green - red) * slope) / np.mean(slope**2) == pytest.approx(0.43, abs=0.12)
     assert np.mean((green - blue) * slope) / np.mean(slope**2) == pytest.approx(-0.43, abs=0.12)
     np.testing.assert_array_equal(through_lens(wave, maps, rig), seen[..., 1])  # a mask is green
+
+
+def test_many_rotations_at_once_are_those_of_each() -> None:
+    rig = make_rig()
+    angles = np.random.default_rng(0).normal(0, 0.3, (3, 5))
+    each = [rig.world_T_cam(pan, 700.0, raised, rolled)[:3, :3] for pan, raised, rolled in angles.T.tolist()]
+    np.testing.assert_allclose(rig.turns(*angles), each, atol=1e-12)

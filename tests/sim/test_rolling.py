@@ -11,7 +11,7 @@ import pytest
 from pzcap.types import Array, Image, Indices, Pose, PzcapError
 from sim.cameras.film import FilmCamera
 from sim.cameras.operator import PanTiltZoom
-from sim.cameras.optics import Moment, Rig, fine_size, plate_under, rolled_maps
+from sim.cameras.optics import Moment, Rig, fine_size, plate_under, roll, rolled_maps
 from sim.cameras.render import Stage
 from sim.cameras.sensor import SensorConfig, field_delay_s, row_delay_s
 from tests.sim.test_optics import make_rig
@@ -56,19 +56,26 @@ def test_the_maps_are_of_the_camera_of_the_rows_time(
     part = range(*(int(share * height) for share in rows))
     plate_s = FRAME_S + 0.001
 
-    def cameras_of(v: Array) -> list[Moment]:
-        return [moment(rig, FRAME_S + delay) for delay in row_delay_s(v, rig.height, readout_s).tolist()]
+    def cameras_of(v: Array) -> tuple[Array, Array]:
+        cameras = [moment(rig, FRAME_S + delay) for delay in row_delay_s(v, rig.height, readout_s).tolist()]
+        turns = np.array([camera.world_T_cam[:3, :3] for camera in cameras])
+        return turns, np.array([camera.focal_px for camera in cameras])
 
     camera = moment(rig, plate_s)
-    right, up = rolled_maps(rig, camera, cameras_of, part, turned_rad, scale)
-    assert right.shape == up.shape == (len(part), width)
-    plate_width, plate_height = plate_under([(right, up)], turned_rad, scale).size(scale)
-    assert np.abs(right).max() <= plate_width / 2 - 0.5
-    assert np.abs(up).max() <= plate_height / 2 - 0.5
+    piece = roll(rig, camera, cameras_of, part, turned_rad, scale)
+    plate = plate_under([piece], turned_rad, scale)
+    [(columns, lines)] = rolled_maps(piece, plate, scale, width)
+    assert columns.shape == lines.shape == (len(part), width)
+    plate_width, plate_height = plate.size(scale)
+    assert min(columns.min(), lines.min()) >= -0.5
+    assert columns.max() <= plate_width - 0.5
+    assert lines.max() <= plate_height - 0.5
+    assert (plate.height > 0.9 * rig.height) == (len(part) == height)
 
     rng = np.random.default_rng(1)
     row, column = rng.integers(0, len(part), 300), rng.integers(0, width, 300)
-    x, y = right[row, column] / scale, -up[row, column] / scale
+    x = (columns[row, column] - (plate_width - 1) / 2) / scale
+    y = -(lines[row, column] - (plate_height - 1) / 2) / scale - plate.up_px
     cos, sin = np.cos(turned_rad), np.sin(turned_rad)
     rays = np.column_stack([cos * x - sin * y, sin * x + cos * y, np.full(300, camera.focal_px)])
     points_m = camera.world_T_cam[:3, 3] + 0.015 * rays @ camera.world_T_cam[:3, :3].T  # 15 m off
