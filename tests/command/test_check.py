@@ -14,7 +14,9 @@ from tests.scenes import wrong_footage as wrong
 def check(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
     """The exit status, and the lines that are not ok."""
     status = main(["check", str(folder), "--page", str(folder.parent / "check.html")])
-    lines = capsys.readouterr().out.splitlines()
+    said = capsys.readouterr()
+    assert "pzcap: " not in said.err, said.err  # an error ends it before it has found anything
+    lines = said.out.splitlines()
     return status, [line for line in lines[:-1] if not line.startswith("ok")]
 
 
