@@ -66,7 +66,7 @@ class BeliefConfig:
     """Metres, of the projection centre beside the pan axis. A slide head leaves less, a bare tripod about as much."""
     travel_m: float = 0.003
     """Metres a unit of log focal, of the projection centre along the optical axis as the lens zooms."""
-    sway_deg: float = 0.03
+    sway_deg: float = 0.015
     """Degrees, of tilt and of roll in a single frame about the camera's: floors spring, and tripods settle."""
     readout: float = 0.6
     """Frame periods, of the read-out time of a rolling shutter about 0: it is no longer than a frame, and shorter in

@@ -88,7 +88,7 @@ class ReadoutTuning(NamedTuple):
     rows."""
     sweep_rounds: int = 3
     """Times that a sweep is put right, at most."""
-    from_sweep: float = 0.02
+    from_sweep: float = 0.015
     """Frame periods, standard deviation, at least, of a read-out that only the sweep has shown."""
     sure: float = 0.01
     """Frame periods, standard deviation from which on a read-out is known well enough to be told from none."""
