@@ -149,7 +149,7 @@ def _checked(part: T, frames: int, where: str) -> T:
     arrays: dict[str, Any] = {}
     inner: tuple[int, ...]
     for field in fields(part):
-        if field.name in ("keyframes", "body"):
+        if field.name in ("keyframes", "body", "shear", "readout"):
             continue
         inner, kind = _SHAPES[field.name]
         try:

@@ -227,6 +227,8 @@ def _panzoom_track(history: Sequence[Localisation | None]) -> PanZoomTrack:
         covariance=np.stack([found.covariance if found else np.zeros((2, 2)) for found in history]),
         inliers=column(lambda found: len(found.frame_points_px)).astype(np.int64),
         valid=column(lambda found: found.valid).astype(np.bool_),
+        shear=np.array([found.shear if found else np.zeros(2) for found in history]).reshape(-1, 2),
+        readout=column(lambda found: found.readout),
     )
 
 

@@ -37,7 +37,7 @@ from pzcap.io.detections import NOBODY
 from pzcap.localisation.localise import Localiser, predicted
 from pzcap.localisation.panorama_sampler import place_of
 from pzcap.localisation.readout import History, Readout, Sway
-from pzcap.localisation.rectification import is_sheared, rectified_keypoints, upright
+from pzcap.localisation.rectification import upright_views
 from pzcap.plausibility import SeenViews, camera_notes, lens_moved, object_of_another_size, unseen_keyframes
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
@@ -259,7 +259,7 @@ class ViewLocaliser:
         started = time.perf_counter()
         one = partial(self._one, frames.index, tracker)
         found = tuple(self._pool.map(one, range(len(frames.images)), frames.images))
-        frames = self._rectified(frames, found)
+        frames = upright_views(frames, self._heads, found)
         return FrameLocalised(frames, found, time.perf_counter() - started)
 
     def heads(self, frame_rate: Fraction) -> tuple[PanZoomCamera | None, ...]:
@@ -270,17 +270,6 @@ class ViewLocaliser:
             else replace(head, readout_s=each.readout.share * period_s, readout_sigma_s=each.readout.sigma * period_s)
             for head, each in zip(self._heads, self.histories, strict=True)
         )  # fmt: skip
-
-    def _rectified(self, frames: FrameSet, found: tuple[Localisation | None, ...]) -> FrameSet:
-        """``frames`` as if all rows of an image had been exposed at once."""
-        images, keypoints = list(frames.images), list(frames.keypoints)
-        for index, (image, head, one) in enumerate(zip(images, self._heads, found, strict=True)):
-            if image is None or head is None or one is None:
-                continue
-            images[index] = upright(image, head, one)
-            if keypoints and is_sheared(head, one):
-                keypoints[index] = rectified_keypoints(keypoints[index], head, one)
-        return replace(frames, images=tuple(images), keypoints=tuple(keypoints))
 
     def _one(self, frame: int, tracker: Tracker | None, index: int, image: Image | None) -> Localisation | None:
         localiser, head, history = self.localisers[index], self._heads[index], self.histories[index]

@@ -321,6 +321,10 @@ class PanZoomTrack:
     covariance: Array  # (F, 2, 2) of (pan_rad, log focal)
     inliers: NDArray[np.int64]  # (F,)
     valid: Mask  # (F,)
+    # with a rolling shutter: change of pan and log focal from the top edge to the bottom edge, and the read-out, frame
+    # periods, as it was known by then; none: all rows are exposed at once
+    shear: Array = field(default_factory=lambda: np.zeros((0, 2)))  # (F, 2)
+    readout: Array = field(default_factory=lambda: np.zeros(0))  # (F,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,7 +36,7 @@ SHAPES: Final[dict[type, dict[str, tuple[int | str, ...]]]] = {
     Panorama: {"origin_px": (2,), "sweep_pan_rad": ("M",), "sweep_inliers": ("M",), "fine": ("H", "W")},
     PanZoomTrack: {
         "pan_rad": ("F",), "tilt_rad": ("F",), "roll_rad": ("F",), "focal_px": ("F",), "covariance": ("F", 2, 2),
-        "inliers": ("F",), "valid": ("F",),
+        "inliers": ("F",), "valid": ("F",), "shear": ("S", 2), "readout": ("S",),
     },
     Motion: {
         "root_position_m": ("F", 3), "rotations": ("F", _S, 4), "joints_m": ("F", _S, 3), "sigma_m": ("F", _S),

@@ -7,6 +7,9 @@ the tracker, which knows the time of a row.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -15,7 +18,7 @@ from pzcap.geometry.cylinder import smooth_map
 from pzcap.localisation.panorama_sampler import row_time
 from pzcap.localisation.row_bands import without_bands
 from pzcap.localisation.tuning import READOUT
-from pzcap.types import Array, Image, Localisation, PanZoomCamera
+from pzcap.types import Array, FrameSet, Image, Localisation, PanZoomCamera
 
 
 def upright(image: Image, camera: PanZoomCamera, found: Localisation) -> Image:
@@ -23,6 +26,20 @@ def upright(image: Image, camera: PanZoomCamera, found: Localisation) -> Image:
     if found.bands.size:
         image = without_bands(image, found.bands)
     return rectified(image, camera, found) if is_sheared(camera, found) else image
+
+
+def upright_views(
+    frames: FrameSet, cameras: Sequence[PanZoomCamera | None], found: Sequence[Localisation | None]
+) -> FrameSet:
+    """``frames``, each view that was ``found`` with its rows put right, and its keypoints with them."""
+    images, keypoints = list(frames.images), list(frames.keypoints)
+    for index, (image, camera, one) in enumerate(zip(images, cameras, found, strict=True)):
+        if image is None or camera is None or one is None:
+            continue
+        images[index] = upright(image, camera, one)
+        if keypoints and is_sheared(camera, one):
+            keypoints[index] = rectified_keypoints(keypoints[index], camera, one)
+    return replace(frames, images=tuple(images), keypoints=tuple(keypoints))
 
 
 def is_sheared(camera: PanZoomCamera, found: Localisation) -> bool:

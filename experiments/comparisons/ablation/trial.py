@@ -24,6 +24,7 @@ from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.extras.cpu_clock import cpu_clock
 from pzcap.io.capture import FrameSets, frame_sets
+from pzcap.localisation.rectification import upright_views
 from pzcap.scoring.totals import body_metrics
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import (
@@ -153,7 +154,8 @@ class _Stages:
     def localise(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
         """The views where they were found, shaken where the variant says so."""
         del tracker
-        return FrameLocalised(frames, tuple(self._located(c, frames.index) for c in range(len(frames.images))))
+        found = tuple(self._located(c, frames.index) for c in range(len(frames.images)))
+        return FrameLocalised(upright_views(frames, self._material.found.cameras, found), found)
 
     def _located(self, camera: int, frame: int) -> Localisation | None:
         track, shaken_rad = self._material.found.tracks[camera], np.deg2rad(self._variant.shaken_deg)
@@ -162,7 +164,11 @@ class _Stages:
         pan_rad = float(track.pan_rad[frame]) + shaken_rad * stream(SEED, "shaken", camera, frame).standard_normal()
         covariance, none = track.covariance[frame] + np.diag([shaken_rad**2, 0.0]), np.empty((0, 2))
         place = pan_rad, float(track.tilt_rad[frame]), float(track.focal_px[frame])
-        return Localisation(*place, covariance, True, none, none, float(track.roll_rad[frame]))
+        return Localisation(
+            *place, covariance, True, none, none, float(track.roll_rad[frame]),
+            shear=track.shear[frame] if len(track.shear) else np.zeros(2),
+            readout=float(track.readout[frame]) if len(track.readout) else 0.0,
+        )  # fmt: skip
 
     def segment(self, seen: FrameLocalised, tracker: Tracker | None) -> FrameSegmented:
         """The silhouettes; masks and cameras true where the variant knows them."""
