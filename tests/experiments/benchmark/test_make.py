@@ -26,6 +26,8 @@ from pzcap.types import PzcapError
 from tests.scenes.captures import CAPTURES
 from tests.scenes.sweeps import ENVIRONMENT, ROOT
 
+pytestmark = pytest.mark.heavy
+
 RELEASE = {
     "release": "tiny",
     "common": [
