@@ -116,10 +116,11 @@ def without(kind: str, camera: int = 0) -> Change:
 
 
 def other_object(folder: Path) -> None:
-    """object.json of another object: one whose faces are twice as deep as they are wide."""
+    """object.json of another object: one whose markers, as large as these, stand twice as far apart along y."""
     path = folder / "object.json"
     content = json.loads(path.read_text())
     path.unlink()
     for marker in content["markers"]:
-        marker["corners_m"] = [[x, 2.0 * y, z] for x, y, z in marker["corners_m"]]
+        further = sum(y for _, y, _ in marker["corners_m"]) / 4.0
+        marker["corners_m"] = [[x, y + further, z] for x, y, z in marker["corners_m"]]
     path.write_text(json.dumps(content))
