@@ -155,10 +155,10 @@ def test_another_take_by_the_same_cameras_needs_their_recordings_alone(
         assert track is not None
         assert before is not None
         # read-outs are known from the first frame on, as the take before has shown them
-        np.testing.assert_allclose(track.pan_rad, before.pan_rad, atol=1e-6)
+        np.testing.assert_allclose(track.pan_rad, before.pan_rad, atol=1e-5)
     assert result.motion is not None
     assert reconstruction.motion is not None
-    np.testing.assert_allclose(result.motion.joints_m, reconstruction.motion.joints_m, atol=1e-4)
+    np.testing.assert_allclose(result.motion.joints_m, reconstruction.motion.joints_m, atol=1e-3)
 
 
 @pytest.mark.xdist_group("pipeline")

@@ -74,7 +74,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit status."""
     given = parser().parse_args(arguments)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what is half done is cleared away
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # what is half done is cleared away
     try:
         status: int = given.run(given)
         sys.stdout.flush()
@@ -90,6 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = f"{error.filename}: " if error.filename else ""
         cure = "; free some space" if error.errno == errno.ENOSPC else ""
         return _said(f"{where}{error.strerror or error}{cure}")
+    finally:
+        signal.signal(signal.SIGTERM, before)
     return status
 
 

@@ -79,10 +79,10 @@ def summary(found: Reconstruction) -> Iterator[str]:
             yield f"  camera {name}: not calibrated"
             continue
         seen = track.valid
-        sigma = np.sqrt(track.covariance[seen])
+        sigma = np.sqrt(np.einsum("fii->fi", track.covariance[seen]))
         certain = ""
         if seen.any():
-            pan, focal = np.rad2deg(np.median(sigma[:, 0, 0])), 100.0 * np.median(sigma[:, 1, 1])
+            pan, focal = np.rad2deg(np.median(sigma[:, 0])), 100.0 * np.median(sigma[:, 1])
             certain = f"; pan to {pan:.4f} degrees, focal length to {focal:.3f} %"
         yield f"  camera {name}: located in {seen.sum()} of {frames} frames{certain}"
     if found.motion is None:
