@@ -1,4 +1,4 @@
-"""How much a study may grow: a hundred thousand made-up results, collected, tabled and plotted.
+"""Growth of a study: a hundred thousand made-up results, collected, tabled and plotted.
 
     python -m experiments.large_study                     # 100,000 runs; some GB of small files while it works
     python -m experiments.large_study --runs 5000

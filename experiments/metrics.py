@@ -79,7 +79,7 @@ def write_metrics(path: Path, metrics: Iterable[Metric], run: Mapping[str, Any])
 
 
 def metrics_text(metrics: Iterable[Metric], run: Mapping[str, Any]) -> str:
-    """What metrics.json holds: key -> {value, unit, direction}, and ``_run``."""
+    """Contents of metrics.json: key -> {value, unit, direction}, and ``_run``."""
     content: dict[str, Any] = {
         metric.key: {"value": metric.value, "unit": metric.unit, "direction": metric.direction} for metric in metrics
     }

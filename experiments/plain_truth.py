@@ -50,7 +50,7 @@ def keyframes_of(timecodes: Sequence[str], truth: Truth) -> list[int]:
 
 
 def capture_name(capture: Path) -> str:
-    """What a capture folder is called: captures of a shoot are all named alike, and the folder above is the name."""
+    """Name of a capture folder: captures of a shoot are all named alike, and the folder above is the name."""
     return capture.resolve().parent.name if capture.name == "capture" else capture.resolve().name
 
 

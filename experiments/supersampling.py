@@ -1,4 +1,4 @@
-"""How finely pictures have to be rendered: what is wrong with them, and what they cost.
+"""Error and cost of pictures against how finely they are rendered.
 
     python -m experiments.supersampling                     # 2, 2.25, 2.5, 3 and 4 pixels for each of the image
     python -m experiments.supersampling 2 3 --views 30

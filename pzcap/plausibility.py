@@ -1,4 +1,4 @@
-"""What the footage itself says against the papers and the crew: notes, each with its likely cause."""
+"""Contradictions of the footage to the papers and the crew: notes, each with its likely cause."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _TILT_RAD: Final = np.deg2rad(0.02)
 
 
 def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack) -> list[str]:
-    """What the motion has shown of camera ``name`` that a studio's would not do; all of it is corrected for."""
+    """Notes on what the motion has shown of camera ``name`` and a studio's would not do; all of it is corrected for."""
     notes = []
     if abs(head.readout_s) > max(_READOUT_S, _SIGMAS * head.readout_sigma_s):
         upside_down = "" if head.readout_s > 0.0 else ", from the bottom up"

@@ -108,7 +108,7 @@ def operate(session: Session, c: int, outline_m: Array) -> Trajectory:
 
 
 def _operated(session: Session, c: int, outline_m: Array) -> Trajectory:
-    """What the operator makes of it, who follows the body."""
+    """Way of the camera by the operator, who follows the body."""
     if session.given_trajectories:
         return session.given_trajectories[c]
     seed, rig, config, times_s = session.config.seed, session.rigs[c], session.config.operator, session.times_s

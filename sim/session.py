@@ -165,7 +165,7 @@ class Session:
         return draw_mains(gym, open_s, taken, stream(seed, "lamps", c))
 
     def unrest(self, c: int) -> Unrest | None:
-        """How the tripod of camera ``c`` moves while the motion is recorded; None: it stands still."""
+        """Motion of the tripod of camera ``c`` while the athlete's is recorded; None: it stands still."""
         optics, seed = self.config.optics, self.config.seed
         if not (optics.settled_deg or optics.sprung_deg or optics.bump_deg):
             return None

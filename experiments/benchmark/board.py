@@ -129,7 +129,7 @@ def _table(name: str, track: Track, entries: Sequence[Mapping[str, Any]], place:
 
 
 def head(metric: str) -> str:
-    """What stands over a metric's column."""
+    """Heading of a metric's column."""
     if metric in HEADS:
         return HEADS[metric]
     words = metric.replace("panzoom.", "").replace("body.mpjpe.", "joints ").replace("body.", "")

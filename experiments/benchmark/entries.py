@@ -41,7 +41,7 @@ Claim = Literal["reproduced", "code public", "claimed"]
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What whoever enters a method says of it."""
+    """Statement about a method by whoever enters it."""
 
     key: str
     """Name of the entry's file, of letters, digits, _ and -."""

@@ -33,7 +33,7 @@ DEPENDS: Final = ("numpy", "opencv-python-headless", "av", "mujoco")
 
 @dataclass(frozen=True, slots=True)
 class Fingerprint:
-    """What is compared of one capture."""
+    """Features of one capture that are compared."""
 
     files: dict[str, str]
     """Path in the capture -> SHA-256."""
@@ -44,7 +44,7 @@ class Fingerprint:
 
 
 def kind() -> dict[str, Any]:
-    """What the bytes of a shoot depend on, besides its configuration."""
+    """Machine and libraries on which the bytes of a shoot depend, besides its configuration."""
     found = versions()
     return {"cpu": machine()["cpu"], "versions": {name: found.get(name, "") for name in DEPENDS}}
 
@@ -85,7 +85,7 @@ def _means(image: Image) -> list[float]:
 
 
 def differences(found: Fingerprint, frozen: Fingerprint, same_kind: bool) -> Iterator[str]:
-    """What is not as it was when the release was frozen, a line each."""
+    """Differences from the captures as they were when the release was frozen, a line each."""
     for missing in sorted(frozen.files.keys() ^ found.files.keys()):
         yield f"{missing}: {'missing' if missing in frozen.files else 'is not of the release'}"
     if same_kind:
@@ -122,7 +122,7 @@ def read_manifest(path: Path) -> tuple[dict[str, Any], dict[str, Fingerprint]]:
 
 
 def compared(found: Mapping[str, Fingerprint], frozen: Path) -> tuple[str, list[str]]:
-    """How the captures were compared with the frozen ones, and what differs."""
+    """Comparison of the captures with the frozen ones: by hash or tolerance, and the differences."""
     if not frozen.is_file():
         return "not frozen yet: nothing to compare with", []
     where, wanted = read_manifest(frozen)

@@ -232,7 +232,7 @@ def _linked(source: str, target: str) -> str:
 
 
 def _describe(path: Path, config: ReleaseConfig, split: str, captures: Sequence[BenchmarkCapture]) -> None:
-    """Which capture has which value of each axis: for the board, and for whoever reads the split."""
+    """Value of each axis that each capture has: for the board, and for whoever reads the split."""
     _write_json(
         path,
         {
@@ -246,7 +246,7 @@ def _describe(path: Path, config: ReleaseConfig, split: str, captures: Sequence[
 
 
 def described(folder: Path) -> dict[str, Any]:
-    """What `make` wrote of a split. Raises PzcapError where it has not been made."""
+    """Manifest of a split as `make` wrote it. Raises PzcapError where it has not been made."""
     try:
         content: dict[str, Any] = json.loads((folder / "captures.json").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -49,7 +49,7 @@ Report = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answered:
-    """What a method says of one capture, and what that took."""
+    """Answer of a method on one capture, with its time and memory."""
 
     results: Results | None  # None: it could not run
     seconds: float  # wall time of all frames; of those that are run together, CPU time of their own part

@@ -85,7 +85,7 @@ def _code() -> str:
 
 
 def _took(folder: Path, key: str, capture: str) -> dict[str, Any]:
-    """What a method took on a capture, and by which code; empty where it has not run."""
+    """Time and memory of a method on a capture, and the code it ran; empty where it has not run."""
     try:
         took: dict[str, Any] = json.loads((folder / "runs" / key / f"{capture}.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -110,7 +110,7 @@ def build(subject: Subject) -> Body:
 
 
 def moved(body: Body) -> MovedBody:
-    """What of ``body`` goes into a result."""
+    """Part of ``body`` that goes into a result."""
     surface = body.surface
     return MovedBody(
         body.offsets_m, _ends(surface), np.ascontiguousarray(surface.points_m), surface.segment, surface.faces

@@ -1,4 +1,4 @@
-"""Which file is wrong where two do not show the same: reference image, sweep and zoom run, compared in pairs."""
+"""The wrong file where two do not show the same: reference image, sweep and zoom run, compared in pairs."""
 
 from __future__ import annotations
 

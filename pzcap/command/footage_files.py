@@ -81,7 +81,7 @@ def _words(stem: str) -> list[str]:
 
 
 def _role_of(stem: str) -> str | None:
-    """What a name says that its file is for."""
+    """Role of a file by its name."""
     words = {word.lower() for word in _words(stem)}
     roles = [role for role, known in WORDS.items() if words & known]
     return roles[0] if len(roles) == 1 else None
@@ -140,7 +140,7 @@ def _order(camera: str, videos: Sequence[Path], found: Mapping[str, object]) -> 
 
 
 def _described(path: Path, role: str, known_by: str) -> File:
-    """What a file says of itself."""
+    """Properties of a file by its own header."""
     try:
         if path.suffix.lower() in STILLS:
             height, width = read_image(path).shape[:2]
@@ -156,7 +156,7 @@ def _described(path: Path, role: str, known_by: str) -> File:
 
 
 def _first_frame(path: Path) -> tuple[bool, int]:
-    """Whether a video is interlaced, and by how many degrees its container says that it is to be turned."""
+    """Scan type of a video, True if interlaced, and the degrees by which its container turns it."""
     try:
         with av.open(str(checked(path))) as container:
             frame = next(container.decode(container.streams.video[0]))
@@ -166,7 +166,7 @@ def _first_frame(path: Path) -> tuple[bool, int]:
 
 
 def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
-    """What of the files stands against a reconstruction, and what to do about it."""
+    """Faults of the files that stand against a reconstruction, each with its cure."""
     for name, files in cameras.items():
         roles = {file.role: file for file in files}
         for file in files:

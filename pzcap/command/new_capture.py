@@ -54,7 +54,7 @@ def write_capture(
 
 
 def table(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
-    """What was found, a line a file."""
+    """Report on the files that were found, a line each."""
     rows = [TABLE] + [_row(camera, file) for camera, files in cameras.items() for file in files]
     widths = [max(len(row[k]) for row in rows) for k in range(len(TABLE))]
     for row in rows:

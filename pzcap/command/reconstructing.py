@@ -35,7 +35,7 @@ def reconstruct_folder(folder: Path, out: Path, cameras: Path | None, threads: i
 
 
 def _finished(capture: Capture, events: Iterator[Event], out: Path) -> Reconstruction:
-    """What ``events`` end with; they are recorded where the viewer is installed."""
+    """Result that ``events`` end with; they are recorded where the viewer is installed."""
     with ExitStack() as stack:
         recorder = None
         if importlib.util.find_spec("rerun") is None:

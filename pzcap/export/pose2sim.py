@@ -31,7 +31,7 @@ def write(take: Take, folder: Path) -> list[Path]:
 
 
 def _settings(take: Take) -> dict[str, dict[str, object]]:
-    """What Pose2Sim would ask videos for, or ask on a screen. Its own defaults hold for all else."""
+    """Settings that Pose2Sim would take from videos, or ask on a screen. Its own defaults hold for all else."""
     return {
         "project": {
             "multi_person": False,

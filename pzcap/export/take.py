@@ -33,7 +33,7 @@ from pzcap.types import (
 )
 
 SENSOR_WIDTH_MM = 36.0
-"""How wide the sensor is taken to be where a format wants millimetres: footage does not tell. Only its ratio to the
+"""Width that the sensor is taken to have where a format wants millimetres: footage does not tell. Only its ratio to the
 focal length means anything."""
 
 

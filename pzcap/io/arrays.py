@@ -18,7 +18,7 @@ _HEADERS: Final = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_hea
 
 
 class Announced(NamedTuple):
-    """What the header of an array says."""
+    """Shape and type of an array by its header."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]

@@ -51,7 +51,7 @@ _ROWS: Final[dict[int, list[int]]] = {
         (133, (*KEYPOINTS[:17], *_COCO_FEET)), (136, KEYPOINTS),
     )
 }  # fmt: skip
-"""How many keypoints a person has says which they are, in order: COCO's with feet, and with face and hands behind that,
+"""Keypoints by how many a person has, in order: COCO's with feet, and with face and hands behind that,
 and Halpe's with these. Faces and hands are left out."""
 
 NOBODY: Final[Array] = np.zeros((0, len(KEYPOINTS), 3))

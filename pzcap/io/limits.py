@@ -1,4 +1,4 @@
-"""What is plausible for a capture: sizes beyond which a file is refused before anything of it is decoded.
+"""Limits of what is plausible for a capture: sizes beyond which a file is refused before anything of it is decoded.
 
 A header of a few bytes can announce more than any machine holds. Each limit is some times what the largest take that
 anybody films needs; docs/capture.md lists them.

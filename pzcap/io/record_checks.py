@@ -87,7 +87,7 @@ def check_record(record: Any, arrays: dict[str, NDArray[Any]], where: str, frame
 
 
 def _faults(record: Any) -> Iterator[str]:
-    """What of the values of a record cannot be."""
+    """Values of a record that cannot be, each as a fault."""
     for name in _POSITIVE.intersection(getattr(type(record), "__slots__", ())):
         value = np.asarray(getattr(record, name))
         if isinstance(record, PanZoomTrack):

@@ -232,7 +232,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def _manifest_faults(manifest: dict[str, Any]) -> Iterator[str]:
-    """What of a manifest is missing or malformed."""
+    """Entries of a manifest that are missing or malformed."""
     for key in ("capture", "method", "frame_rate"):
         if not isinstance(manifest.get(key), str):
             yield f'"{key}" is missing or no text'

@@ -251,7 +251,7 @@ class VideoReader:
         )
 
     def _failed(self, error: Exception, index: int | None = None) -> Exception:
-        """What to raise where FFmpeg fails: not every failure is a damage of the file."""
+        """Error to raise where FFmpeg fails: not every failure is a damage of the file."""
         if isinstance(error, MemoryError) or memory_ran_out():
             return MemoryError(f"{self.path} cannot be decoded")
         if isinstance(error, PermissionError):

@@ -25,8 +25,10 @@ class Readout(NamedTuple):
 
     @staticmethod
     def of(camera: PanZoomCamera, frame_rate: float, belief: float) -> Readout:
-        """What the sweep has shown of the ``camera``'s, or else ``belief``, a standard deviation. A head that stood
-        still for each frame of the sweep would have shown none, so that none is not taken for certain."""
+        """Read-out of the ``camera`` as the sweep has shown it, or else ``belief``, a standard deviation.
+
+        A head that stood still for each frame of the sweep would have shown none: none is not taken for certain.
+        """
         if camera.readout_sigma_s == 0.0:
             return Readout(0.0, belief)
         sigma = min(max(camera.readout_sigma_s * frame_rate, READOUT.from_sweep), belief)
@@ -61,7 +63,7 @@ class Readout(NamedTuple):
 
 
 class Sway(NamedTuple):
-    """How far a head tilts and rolls about where it was locked, lately: most do not at all, and what a frame seems to
+    """Tilt and roll of a head about where it was locked, lately: most do not at all, and what a frame seems to
     show of it then is noise."""
 
     tilt_rad: float  # at which it was locked

@@ -60,7 +60,7 @@ def rectified(image: Image, camera: PanZoomCamera, found: Localisation) -> Image
 
 
 def rectified_points(points_px: Array, camera: PanZoomCamera, found: Localisation) -> Array:
-    """Where pixels (..., 2) of the frame as it was exposed stand in the rectified one."""
+    """Places in the rectified frame of pixels (..., 2) of the frame as it was exposed."""
     there = points_px
     for _ in range(2):
         there = points_px - (_sheared(camera, found, there) - there)

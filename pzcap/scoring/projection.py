@@ -39,7 +39,7 @@ def project(poses: CameraPoses, focal_px: float, frame: int, points_m: Array) ->
 
 
 def inside(pixels: Array, image_size: tuple[int, int]) -> Mask:
-    """Which pixels (N, 2) lie within the image (N,)."""
+    """Mask (N,) of the pixels (N, 2) that lie within the image."""
     return np.asarray(np.all((pixels >= 0) & (pixels <= np.array(image_size) - 1), axis=1))
 
 

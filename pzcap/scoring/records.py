@@ -34,7 +34,7 @@ class CameraPoses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraTrack:
-    """What is said of one camera, a value a frame. Without ``poses`` there is ``pan_rad``."""
+    """Answer about one camera, a value a frame. Without ``poses`` there is ``pan_rad``."""
 
     valid: Mask  # (F,)
     focal_px: Array  # (F,)
@@ -45,7 +45,7 @@ class CameraTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyTrack:
-    """What is said of the athlete's joints, `pzcap.types.JOINTS`."""
+    """Answer about the athlete's joints, `pzcap.types.JOINTS`."""
 
     joints_m: Array  # (F, 16, 3) world
     valid: Mask  # (F, 16)
@@ -70,7 +70,7 @@ class Results:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueCamera:
-    """What is true of one camera while the motion is recorded."""
+    """Truth about one camera while the motion is recorded."""
 
     track: CameraTrack  # with poses and pan; valid everywhere
     recorded: Mask  # (F,) False where the frame was dropped
@@ -82,7 +82,7 @@ class TrueCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueCapture:
-    """What is true of one capture: F frames, C cameras, at mid-exposure."""
+    """Truth about one capture: F frames, C cameras, at mid-exposure."""
 
     name: str
     image_size: tuple[int, int]

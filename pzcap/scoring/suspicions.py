@@ -21,7 +21,10 @@ FARTHEST_M: Final = 100.0
 
 
 def suspicions(results: Results, truth: TrueCapture | None) -> list[str]:
-    """What is probably not meant as it is written. Raises PzcapError for what cannot be scored against ``truth``."""
+    """Suspicions: what is probably not meant as it is written.
+
+    Raises PzcapError for what cannot be scored against ``truth``.
+    """
     found = [*_by_themselves(results)]
     if truth is None:
         return found

@@ -21,7 +21,7 @@ SIDES: Final = tuple(
 
 
 def suspicious_body(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], known: Mask) -> Iterator[str]:
-    """What is probably not meant as it is written."""
+    """Suspicions: what is probably not meant as it is written."""
     given = body.valid & known[:, None] & ~body.keyframe[:, None] & ~truth.keyframe[frames][:, None]
     if not given.any():
         return

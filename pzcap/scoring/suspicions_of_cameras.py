@@ -42,7 +42,7 @@ class Seen:
 
 
 def suspicious_cameras(seen: Sequence[Seen], truth: TrueCapture, own_world: bool) -> Iterator[str]:
-    """What is probably not meant as it is written. Of rotations in an ``own_world`` nothing can be said."""
+    """Suspicions: what is probably not meant as it is written. Of rotations in an ``own_world`` nothing can be said."""
     if own_world:
         for one in seen:
             yield from _strange_focal(one, truth)

@@ -103,7 +103,7 @@ def _check_columns(path: Path, columns: Sequence[str], required: Collection[str]
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """What was probably meant, for the end of a message."""
+    """Guess of what was meant, for the end of a message."""
     names = list(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"

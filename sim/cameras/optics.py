@@ -148,7 +148,7 @@ class Rig:
         return self.principal_px + focal_px * factor * xy + focal_px * tangential, depth
 
     def by_k1_alone(self, x: Array, y: Array, k1: float | Array) -> tuple[Array, Array]:
-        """Where in the image, normalised, a lens without k2 and p1 would show what this one shows at (x, y)."""
+        """Place in the image, normalised, where a lens without k2 and p1 would show what this one shows at (x, y)."""
         k2, p1 = self.config.k2, self.config.p1
         if not (k2 or p1):
             return x, y
@@ -233,7 +233,7 @@ def plate_for(rig: Rig, focal_px: float, turned_rad: float = 0.0) -> Plate:
 
 
 def _reach_beyond(rig: Rig, focal_px: float) -> float:
-    """How much larger than the image what it shows is, at most, through a lens that k1 does not describe."""
+    """Factor by which what the image shows is larger than it, at most, through a lens that k1 does not describe."""
     edges = np.linspace(-1.0, 1.0, 33)
     rim = np.array([place for along in edges for side in (-1.0, 1.0) for place in ((along, side), (side, along))])
     x, y = rim.T * np.array([[rig.width], [rig.height]]) / 2 / focal_px
@@ -295,7 +295,7 @@ def roll(
     rig: Rig, plate: Moment, cameras_of: Callable[[Array], tuple[Array, Array]], rows: range, turned_rad: float,
     scale: float,
 ) -> RolledRows:  # fmt: skip
-    """What `lens_maps` is made of, for ``rows`` of the image, made ``scale`` times finer.
+    """Grids that `lens_maps` is made of, for ``rows`` of the image, made ``scale`` times finer.
 
     ``cameras_of`` gives rotation (N, 3, 3) and focal length (N,) of the cameras of rows (N,) of the image, ``plate`` is
     the plate's camera. Rotation, focal length and distortion tell them apart; the millimetres that the centre moves
@@ -358,7 +358,7 @@ def through_lens(plate: Image, maps: Sequence[Maps], rig: Rig) -> Image:
 
 
 def sampled(plate: Image, maps: Sequence[Maps]) -> Image:
-    """What ``maps`` see on a plate: those of all light, or of red, green and blue. A mask is seen as green is."""
+    """Picture that ``maps`` see on a plate: those of all light, or of red, green and blue; a mask as green is."""
     if len(maps) == 1 or plate.ndim == 2:
         columns, rows = maps[len(maps) // 2]
         seen = cv2.remap(plate, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -1,4 +1,4 @@
-"""What a check finds."""
+"""Findings of a check."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import Enum
 
 
 class Level(Enum):
-    """How grave a finding is."""
+    """Gravity of a finding."""
 
     OK = "ok"
     WARN = "look"

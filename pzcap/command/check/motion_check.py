@@ -26,7 +26,7 @@ _BETTER: Final = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """Where some pictures are on a sweep."""
+    """Places of some pictures on a sweep."""
 
     images: tuple[Image, ...]
     relations: tuple[Relation, ...]
@@ -86,7 +86,7 @@ def check_belonging(
 
 
 def check_tilt(camera: str, subject: str, places: Places, sweep: Sweep) -> Iterator[Finding]:
-    """Whether the tilt is that of the sweep. Zoom moves the middle of the picture a little: only much is told."""
+    """Check that the tilt is that of the sweep. Zoom moves the middle of the picture a little: only much is told."""
     down = [r.down / max(r.scale, 1.0) for r in places.relations if r.found]
     tilt = np.rad2deg(float(np.median(down)) / sweep.focal) if down else 0.0
     if abs(tilt) > _TILT_DEG:
@@ -96,7 +96,7 @@ def check_tilt(camera: str, subject: str, places: Places, sweep: Sweep) -> Itera
 
 
 def check_ranges(camera: str, places: Places, sweep: Sweep, run: ZoomRun, full_turn: bool) -> Iterator[Finding]:
-    """Whether pan and zoom of the motion stay inside those of sweep and zoom run."""
+    """Check that pan and zoom of the motion stay inside those of sweep and zoom run."""
     found = places.found
     if not found.any():
         return
@@ -125,7 +125,7 @@ def check_ranges(camera: str, places: Places, sweep: Sweep, run: ZoomRun, full_t
 
 
 def check_light(camera: str, places: Places, sweep: Sweep) -> Iterator[Finding]:
-    """Whether the motion is as bright as the sweep was."""
+    """Check that the motion is as bright as the sweep was."""
     bright = float(np.mean([np.mean(image) for image in places.images]))
     ratio = bright / max(sweep.brightness, 1.0)
     if not 0.6 < ratio < 1.7:

@@ -34,7 +34,7 @@ figure { margin: .8em 0 }
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pictures:
-    """What there is to see of one camera."""
+    """Pictures of one camera."""
 
     reference: Reference | None = None
     sweep: Sweep | None = None

@@ -29,7 +29,7 @@ _OBJECT: Final = "no calibration object (object.json): no camera can be placed"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hall:
-    """What a camera recorded before the motion."""
+    """Recordings of a camera before the motion."""
 
     reference: Reference | None
     sweep: Sweep | None
@@ -53,7 +53,7 @@ def check_folder(folder: Path, page: Path) -> int:
 
 
 def check_capture(capture: Capture, line: ProgressLine) -> tuple[list[Finding], dict[str, Pictures]]:
-    """What there is to say about a capture, and what there is to see."""
+    """Findings about a capture, and the pictures of its page."""
     halls: dict[str, Hall] = {}
     motions: dict[str, tuple[Places | None, list[Finding]]] = {}
     total = 2 * len(capture.cameras)

@@ -38,7 +38,7 @@ class Sweep:
 
     @property
     def span_rad(self) -> float:
-        """How far the camera was turned."""
+        """Angle by which the camera was turned."""
         return float(np.ptp(self.angles_rad))
 
 
@@ -118,7 +118,7 @@ def _light(gains: Array, keys: list[View]) -> Iterator[tuple[Level, str]]:
 
 
 def _round(sweep: Sweep, full_turn: bool) -> Iterator[tuple[Level, str]]:
-    """How far round, and whether the circle closes."""
+    """Check of the angle that is covered, and of the circle's closure."""
     span = np.rad2deg(sweep.span_rad)
     if not full_turn:
         yield graded(-span, -110.0, -60.0), f"covers {span:.0f} degrees (120 or more is good)"

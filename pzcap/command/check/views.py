@@ -1,4 +1,4 @@
-"""How two pictures of one camera lie to each other: features matched, a similarity fitted to them by RANSAC.
+"""Similarity of two pictures of one camera: features matched, a similarity fitted to them by RANSAC.
 
 Pictures are looked at in grey and no wider than `WIDTH`: what is asked is whether they fit, not to a hundredth of a
 pixel. Lengths are given in widths of the picture, so that they hold for any size.
@@ -78,7 +78,7 @@ def view(image: Image) -> View:
 
 
 def relate(first: View, second: View) -> Relation:
-    """Where the middle of ``first`` is in ``second``."""
+    """Place of the middle of ``first`` in ``second``."""
     pairs = match(first.features, second.features, _RATIO)
     if len(pairs) < ENOUGH:
         return NOTHING
@@ -126,7 +126,7 @@ def sharpness_across(picture: Image) -> float:
 
 
 def overlap(first: Image, second: Image, across: float) -> tuple[Array, Array]:
-    """What two small pictures share, where the second has moved by ``across`` widths."""
+    """Parts that two small pictures share, where the second has moved by ``across`` widths."""
     width = first.shape[1]
     moved = round(across * width)
     kept = width - abs(moved)

@@ -1,4 +1,4 @@
-"""What files of others leave open: axes, unit, names of joints, number of the first frame."""
+"""Conventions that files of others leave open: axes, unit, names of joints, number of the first frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Z_UP: Final = "x,y,z"
 
 @dataclass(frozen=True, slots=True)
 class Conventions:
-    """What the command line says of a file. None: what is customary for its kind."""
+    """Conventions of a file by the command line. None: what is customary for its kind."""
 
     axes: str | None = None  # our axis along each of the file's, such as "x,z,-y"
     unit: str | None = None  # of METRES
