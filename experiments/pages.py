@@ -25,4 +25,5 @@ def write(path: Path, template: str, context: Mapping[str, Any]) -> None:
         lstrip_blocks=True,
     )
     with written_whole(path) as partial:
-        partial.write_text(environment.get_template(template).render(context), encoding="utf-8")
+        page = environment.get_template(template).render(context)
+        partial.write_text(page, encoding="utf-8", errors="replace")  # names may hold what no text does

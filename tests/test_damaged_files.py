@@ -111,18 +111,6 @@ def test_arrays_that_do_not_fit(
         load(tmp_path)
 
 
-def test_a_truth_of_before_cameras_had_clocks_is_read(truth: Truth, tmp_path: Path) -> None:
-    save(truth, tmp_path)
-    with np.load(tmp_path / "truth.npz") as found:
-        late = ("clock_offset_s", "clock_drift", "readout_s", "field_s", "gain", "sweep_focal_px", "k2", "p1")
-        arrays = {name: value for name, value in found.items() if name not in late}
-    np.savez(tmp_path / "truth.npz", **(arrays | {"roll_rad": arrays["roll_rad"][:, 0]}))
-    read = load(tmp_path)
-    np.testing.assert_array_equal(read.roll_rad, truth.roll_rad)
-    np.testing.assert_array_equal(read.sweep_focal_px, truth.sweep_focal_px)
-    assert not np.any([read.clock_offset_s, read.clock_drift, read.readout_s])
-
-
 def test_metrics_of_damaged_bytes_and_values(tmp_path: Path) -> None:
     (place, *_) = grid(tmp_path, {NOISE: (0, 1)})
     path = place / "metrics.json"

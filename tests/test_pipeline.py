@@ -158,7 +158,8 @@ def test_another_take_by_the_same_cameras_needs_their_recordings_alone(
         np.testing.assert_allclose(track.pan_rad, before.pan_rad, atol=1e-5)
     assert result.motion is not None
     assert reconstruction.motion is not None
-    np.testing.assert_allclose(result.motion.joints_m, reconstruction.motion.joints_m, atol=1e-3)
+    apart_m = np.linalg.norm(result.motion.joints_m - reconstruction.motion.joints_m, axis=2)
+    assert apart_m.mean() < 1e-4
 
 
 @pytest.mark.xdist_group("pipeline")

@@ -80,7 +80,7 @@ class ShadowedPass:
         }
         self._program = self._build(words)
         self._matrix = self._gl.glGetUniformLocation(self._program, "shadow_T_eye")
-        self._shadow_T_world = np.eye(4)
+        self._shadow_T_world: Array | None = None
         self._arranged: tuple[Array, ...] | None = None
 
     def draw(
@@ -94,10 +94,11 @@ class ShadowedPass:
         gl = self._gl
         if self._arranged is None or not all(map(np.array_equal, arranged, self._arranged)):
             mujoco.mjr_render(mujoco.MjrRect(0, 0, 1, 1), scene, self._gpu)
+            self._arranged = tuple(np.array(part) for part in arranged)
+        if self._shadow_T_world is None:  # lights stand still: by the first eye, so that none but it rounds
             gl.glActiveTexture(gl.GL_TEXTURE1)
             planes = [gl.glGetTexGenfv(axis, gl.GL_EYE_PLANE) for axis in (gl.GL_S, gl.GL_T, gl.GL_R, gl.GL_Q)]
             self._shadow_T_world = np.array(planes, np.float64) @ np.linalg.inv(world_T_eye)
-            self._arranged = tuple(np.array(part) for part in arranged)
         gl.glActiveTexture(gl.GL_TEXTURE1)
         gl.glBindTexture(gl.GL_TEXTURE_2D, self._gpu.shadowTex)
         gl.glActiveTexture(gl.GL_TEXTURE0)

@@ -20,6 +20,7 @@ from pzcap.tracking.batch_refinement import refine_batch
 from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.limbs import POSTURES, bounded, grounds, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop
+from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.reacquisition import PassResults, Reacquired, reacquire, smoothest
 from pzcap.tracking.settings import TrackingConfig
@@ -200,7 +201,9 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
     off = []
     for passes in (None, told(poses, shared(known()), SURE)):
         ends = [*poses, true[-1]], [*views, views[-1]], true[:1], Keyframe(FRAMES[-1], true[-1])
-        found = [each.pose for each in refine_batch(body, *ends, passes, TrackingConfig()).frames]
+        found = [
+            each.pose for each in refine_batch(body, *ends, passes, ClockEstimate.of(4, 0.3), TrackingConfig()).frames
+        ]
         moved = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, true, strict=False)]
         off.append(np.linalg.norm(np.array(moved)[:, end], axis=1).max())
     assert off[1] < 0.04 < 0.2 < off[0]
