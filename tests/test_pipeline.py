@@ -159,7 +159,7 @@ def test_another_take_by_the_same_cameras_needs_their_recordings_alone(
     assert result.motion is not None
     assert reconstruction.motion is not None
     apart_m = np.linalg.norm(result.motion.joints_m - reconstruction.motion.joints_m, axis=2)
-    assert apart_m.mean() < 1e-4
+    assert apart_m.mean() < 1e-3
 
 
 @pytest.mark.xdist_group("pipeline")

@@ -259,7 +259,7 @@ def _audit(event: str, arguments: tuple[Any, ...]) -> None:
         return
     within = arguments[-1] if event in ("os.remove", "os.mkdir", "os.rmdir") else -1  # a folder that is open
     if isinstance(within, int) and within >= 0:
-        arguments = (Path(os.readlink(f"/proc/self/fd/{within}")) / os.fsdecode(arguments[0]),)
+        arguments = (Path(f"/proc/self/fd/{within}").readlink() / os.fsdecode(arguments[0]),)
     for path in arguments[:1] if event in ("open", "os.remove", "os.mkdir", "os.rmdir") else arguments[:2]:
         if isinstance(path, str | bytes | os.PathLike):
             place = Path(os.fsdecode(path)).absolute()
