@@ -100,6 +100,7 @@ def test_right_footage_passes(
         ),
     ],
 )
+@pytest.mark.heavy
 def test_wrong_footage_is_named(
     change: wrong.Change, status: int, says: list[str], small_capture: Path, usual: list[str], tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

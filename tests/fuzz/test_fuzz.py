@@ -59,7 +59,7 @@ from tests.scenes.recorders import encode, pictures
 from tests.scenes.studies import NOISE, grid, record
 
 WANTED = int(os.environ.get("PZCAP_FUZZ", "0"))
-FEW = 12  # inputs in all, where no number is wanted
+FEW = 6  # inputs in all, where no number is wanted
 """Inputs to try in all; 0: a few."""
 SECONDS = 10.0
 MIB = 1024.0

@@ -51,7 +51,7 @@ def test_the_default_is_what_a_run_finds(material: Material, run: Reconstruction
     np.testing.assert_array_equal(motion.joints_m, run.motion.joints_m)
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_the_command_leaves_a_table_metrics_and_plots(
     small_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
