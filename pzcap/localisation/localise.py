@@ -159,7 +159,7 @@ def predicted(history: History) -> Localisation | None:
         return None
     sway = np.sqrt(history.sway.variance)
     if before is None:
-        fastest = readout.sigma * np.array(READOUT.fastest)
+        fastest = np.hypot(readout.share, readout.sigma) * np.array(READOUT.fastest)  # its rate is not known
         return replace(last, sway_sigma=sway, shear=np.zeros(2), shear_sigma=fastest)
     rate = rate_between(before, last)
     shear, shear_sigma = readout.shear(rate)

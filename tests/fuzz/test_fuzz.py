@@ -59,8 +59,8 @@ from tests.scenes.recorders import encode, pictures
 from tests.scenes.studies import NOISE, grid, record
 
 WANTED = int(os.environ.get("PZCAP_FUZZ", "0"))
-FEW = 6  # inputs in all, where no number is wanted
-"""Inputs to try in all; 0: a few."""
+"""Inputs to try in all; 0: FEW."""
+FEW = 6
 SECONDS = 10.0
 MIB = 1024.0
 MUTATE: dict[str, Callable[[bytes], st.SearchStrategy[bytes]]] = {
