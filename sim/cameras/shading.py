@@ -19,6 +19,9 @@ from pzcap.types import Array
 
 _TEXTURED: Final = 1.0  # shininess of materials with a texture; geoms without a material have 0.5
 
+_WORLD_R_ORIGIN_EYE: Final = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""Orientation of the eye at the world's origin that the shadow map is drawn for, by OpenGL's axes: forward is x."""
+
 _VERTEX: Final = """#version 120
 uniform mat4 shadow_T_eye;
 varying float alpha;
@@ -80,7 +83,7 @@ class ShadowedPass:
         }
         self._program = self._build(words)
         self._matrix = self._gl.glGetUniformLocation(self._program, "shadow_T_eye")
-        self._shadow_T_world: Array | None = None
+        self._shadow_T_world = np.eye(4)
         self._arranged: tuple[Array, ...] | None = None
 
     def draw(
@@ -93,12 +96,8 @@ class ShadowedPass:
         """
         gl = self._gl
         if self._arranged is None or not all(map(np.array_equal, arranged, self._arranged)):
-            mujoco.mjr_render(mujoco.MjrRect(0, 0, 1, 1), scene, self._gpu)
+            self._draw_shadow_map(scene)
             self._arranged = tuple(np.array(part) for part in arranged)
-        if self._shadow_T_world is None:  # lights stand still: by the first eye, so that none but it rounds
-            gl.glActiveTexture(gl.GL_TEXTURE1)
-            planes = [gl.glGetTexGenfv(axis, gl.GL_EYE_PLANE) for axis in (gl.GL_S, gl.GL_T, gl.GL_R, gl.GL_Q)]
-            self._shadow_T_world = np.array(planes, np.float64) @ np.linalg.inv(world_T_eye)
         gl.glActiveTexture(gl.GL_TEXTURE1)
         gl.glBindTexture(gl.GL_TEXTURE_2D, self._gpu.shadowTex)
         gl.glActiveTexture(gl.GL_TEXTURE0)
@@ -108,6 +107,20 @@ class ShadowedPass:
         mujoco.mjr_render(rectangle, scene, self._gpu)
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 1
         gl.glUseProgram(0)
+
+    def _draw_shadow_map(self, scene: mujoco.MjvScene) -> None:
+        """Have MuJoCo draw the shadow map, and take over where in it a point of the world is, for an eye at the origin:
+        by the camera's own it would be rounded otherwise for every order of the cameras."""
+        gl, placed = self._gl, [(eye.pos.copy(), eye.forward.copy(), eye.up.copy()) for eye in scene.camera]
+        for eye in scene.camera:
+            eye.pos[:], eye.forward[:], eye.up[:] = 0.0, -_WORLD_R_ORIGIN_EYE[:, 2], _WORLD_R_ORIGIN_EYE[:, 1]
+        mujoco.mjr_render(mujoco.MjrRect(0, 0, 1, 1), scene, self._gpu)
+        for eye, place in zip(scene.camera, placed, strict=True):
+            eye.pos[:], eye.forward[:], eye.up[:] = place
+        gl.glActiveTexture(gl.GL_TEXTURE1)
+        planes = [gl.glGetTexGenfv(axis, gl.GL_EYE_PLANE) for axis in (gl.GL_S, gl.GL_T, gl.GL_R, gl.GL_Q)]
+        self._shadow_T_world[:, :3] = np.array(planes, np.float64)[:, :3] @ _WORLD_R_ORIGIN_EYE.T
+        self._shadow_T_world[:, 3] = np.array(planes, np.float64)[:, 3]
 
     def _build(self, words: dict[str, str]) -> int:
         """Compile the two shaders, with ``words`` replaced, to a program."""
