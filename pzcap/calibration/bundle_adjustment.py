@@ -32,7 +32,7 @@ from pzcap.calibration.parameters import (
     view_jacobians,
 )
 from pzcap.calibration.tuning import BUNDLE
-from pzcap.geometry.camera import SEEN, VIEW, direction_to_pixel_with_derivatives, pixel_to_direction_kernel
+from pzcap.geometry.camera import HIGHER, SEEN, VIEW, direction_to_pixel_with_derivatives, pixel_to_direction_kernel
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure
@@ -90,15 +90,16 @@ def adjust(
 # A match: where the second frame sees what the first frame shows at a pixel
 
 
-SIDES = 2 * VIEW
-"""Number of values, beside the inverse distance, on which a match depends: both views' PARAMETERS and centres."""
+SIDES = 2 * VIEW + HIGHER
+"""Number of values, beside the inverse distance, on which a match depends: both views' PARAMETERS and centres, and the
+lens's k2, p1 and p2, which they share."""
 
 
 class Transfer(NamedTuple):
     """A pixel of the first frame as the second sees it; `transfer` fills it in."""
 
     pixel: Array  # (2,)
-    by_views: Array  # (2, SIDES) derivatives by both views
+    by_views: Array  # (2, SIDES) derivatives by both views and their lens
     by_near: Array  # (2,) and by the inverse distance there
     nodes: NDArray[np.int64]  # (NODES,) of which that is made (`cylinder.near_at`)
     shares: Array  # (NODES,)
@@ -140,6 +141,9 @@ def transfer(first: Array, second: Array, u: float, v: float, hall: Hall, out: T
         for k in range(CENTRE):
             by_views[row, k] = -(back_u * here[0, 1 + k] + back_v * here[1, 1 + k])
             by_views[row, VIEW + k] = there[row, 1 + k]
+        for k in range(10, SEEN):
+            back = back_u * here[0, k] + back_v * here[1, k]
+            by_views[row, SIDES - SEEN + k] = there[row, k] - back
         for side in range(2):
             for axis in range(3):
                 along = there[row, 8] * by_centre[side, 0, axis] + there[row, 9] * by_centre[side, 1, axis]
@@ -235,14 +239,16 @@ def add_link(
 ) -> None:  # fmt: skip
     """Add a link's normal matrix and gradient, by both views and the nodes ``used``, to those of the parameters by the
     chain rule."""
-    columns = jacobians.columns
-    width = columns.shape[1]
-    chain, into = np.zeros((len(along), 2 * width + len(used))), np.empty(2 * width + len(used), np.int64)
+    columns, width = jacobians.columns, jacobians.columns.shape[1]
+    own = 2 * width  # columns of both views' own parameters; those of the lens and the hall follow
+    chain = np.zeros((len(along), own + HIGHER + len(used)))
+    into = np.empty(own + HIGHER + len(used), np.int64)
     for side in range(2):
         chain[side * VIEW : (side + 1) * VIEW, side * width : (side + 1) * width] = jacobians.by_parameters[ends[side]]
         into[side * width : (side + 1) * width] = columns[ends[side]]
-    chain[SIDES:, 2 * width :] = np.eye(len(used))
-    into[2 * width :] = columns.max() + 1 + used  # the hall comes after all that a view depends on
+    chain[2 * VIEW :, own:] = np.eye(HIGHER + len(used))
+    into[own : own + HIGHER] = jacobians.higher + np.arange(HIGHER)
+    into[own + HIGHER :] = columns.max() + 1 + used  # the hall comes after all that a view depends on
     whole, part = chain.T @ (summed @ chain), chain.T @ along
     for i in range(len(into)):
         gradient[into[i]] += part[i]

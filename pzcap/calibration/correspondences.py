@@ -20,7 +20,7 @@ from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Chain, Frames, chain, detect, link_further, link_views, place, spaced
 from pzcap.calibration.tuning import BELIEF, HALL, ZOOM
 from pzcap.geometry import camera as geometry
-from pzcap.geometry.camera import View
+from pzcap.geometry.camera import HIGHER, View
 from pzcap.geometry.lens import NONE
 from pzcap.imaging.colour import grey
 from pzcap.types import FAR_AWAY, Array, Camera, Image, InverseDepthMap, PzcapError
@@ -77,7 +77,7 @@ def match(
     start = CalibrationParameters(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
         np.pad(coarse.principal_px, ((0, 1 if zoomed else 0), (0, 0))), np.pad(coarse.k1, (0, 2 if zoomed else 0)),
-        coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
+        coarse.higher, coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
     )  # fmt: skip
     others = [grey(image) for image in [reference_image, *zoomed]]
     sigmas = sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
@@ -88,7 +88,8 @@ def _start(view: View, pan_rad: Array) -> CalibrationParameters:
     count = len(pan_rad)
     return CalibrationParameters(
         pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
-        view.principal_px[None], np.array([view.distortion.k1]), np.zeros(2), 0.0, FAR_AWAY,
+        view.principal_px[None], np.array([view.distortion.k1]), np.zeros(HIGHER), np.zeros(2), 0.0,
+        FAR_AWAY,
     )  # fmt: skip
 
 
@@ -107,7 +108,8 @@ def sigmas_of(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool
     principal = np.full(2 if zoom else 1, beliefs.principal * camera.width)
     k1 = beliefs.k1 * np.array([1.0, 1.0, 0.5] if zoom else [1.0])
     offset, travel = np.array([beliefs.offset_m, beliefs.travel_m]) / height_of(camera)
-    return Sigmas(focal, np.deg2rad(beliefs.tilt_deg), principal, k1, float(offset), float(travel))
+    higher = np.array([beliefs.k2, beliefs.decentring, beliefs.decentring])
+    return Sigmas(focal, np.deg2rad(beliefs.tilt_deg), principal, k1, higher, float(offset), float(travel))
 
 
 def _place_reference(

@@ -2,7 +2,7 @@
 values (`photometric_bundle_adjustment`), and what is believed of them before.
 
 As a vector they are, in this order: pans, log focals, tilt, roll, the principal point's coefficients (x and y in turn),
-k1's coefficients, offset, travel, inverse distances of walls, and departures from these. Lengths are in heights of the
+k1's coefficients, k2, p1 and p2, offset, travel, inverse distances of walls, and departures from these. Lengths are in heights of the
 camera over the floor.
 """
 
@@ -34,6 +34,7 @@ class CalibrationParameters:
     roll_rad: float
     principal_px: Array  # (p, 2) coefficients, as in types.Lens
     k1: Array  # (q,) coefficients
+    higher: Array  # (3,) k2, p1 and p2, the same at all zooms: they bend by a pixel in the corners, at the wide end
     offset: Array  # (2,) projection centre forward and to the left of the pan axis, camera heights
     travel: float  # of the same, forward along the optical axis, for each unit of log focal
     surroundings: InverseDepthMap  # in camera heights
@@ -43,13 +44,13 @@ class CalibrationParameters:
         log_focal = self.log_focal[self.focal_of[frame]]
         x = log_focal - self.log_focal[0]
         principal_px = x ** np.arange(len(self.principal_px)) @ self.principal_px
-        distortion = Distortion(float(x ** np.arange(len(self.k1)) @ self.k1))
+        distortion = Distortion(float(x ** np.arange(len(self.k1)) @ self.k1), *map(float, self.higher))
         pan_rad, centre = self.pan_rad[self.pan_of[frame]], geometry.centre(self.offset, self.travel * x, self.tilt_rad)
         focal_px = float(np.exp(log_focal))
         return View(float(pan_rad), self.tilt_rad, self.roll_rad, focal_px, principal_px, distortion, centre)
 
     def lens(self, width: int, height: int) -> Lens:
-        return Lens(width, height, float(np.exp(self.log_focal[0])), self.principal_px, self.k1)
+        return Lens(width, height, float(np.exp(self.log_focal[0])), self.principal_px, self.k1, *self.higher[:, None])
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +63,10 @@ class BeliefConfig:
     """Share of the image's width, of the principal point about the image's centre. Lenses are centred to about that."""
     k1: float = 0.1
     """Of k1 about 0: the distortion of usual zoom lenses at their wide end."""
+    k2: float = 0.03
+    """Of k2 about 0."""
+    decentring: float = 0.001
+    """Of p1 and p2 about 0: a pixel or two in the corners of a wide image."""
     offset_m: float = 0.03
     """Metres, of the projection centre beside the pan axis. A slide head leaves less, a bare tripod about as much."""
     travel_m: float = 0.003
@@ -81,6 +86,7 @@ class Sigmas:
     angle_rad: float  # tilt and roll
     principal_px: Array  # (p,) for each coefficient
     k1: Array  # (q,)
+    higher: Array  # (3,) k2, p1, p2
     offset: float = 0.02  # camera heights
     travel: float = 0.002  # camera heights a unit of log focal
     walls: float = 0.2  # inverse camera heights
@@ -93,7 +99,7 @@ def to_vector(state: CalibrationParameters) -> Array:
     """The parameters as a vector (U,), in the order above."""
     return np.concatenate([
         state.pan_rad, state.log_focal, [state.tilt_rad, state.roll_rad], state.principal_px.ravel(), state.k1,
-        state.offset, [state.travel], state.surroundings.walls, state.surroundings.departures.ravel(),
+        state.higher, state.offset, [state.travel], state.surroundings.walls, state.surroundings.departures.ravel(),
     ])  # fmt: skip
 
 
@@ -104,8 +110,8 @@ def information(state: CalibrationParameters, sigmas: Sigmas) -> Array:
     rows, around = state.surroundings.departures.shape
     information = np.diag(np.concatenate([
         np.zeros(len(state.pan_rad)), focal, np.full(2, sigmas.angle_rad**-2.0),
-        np.repeat(sigmas.principal_px**-2.0, 2), sigmas.k1**-2.0, np.full(2, sigmas.offset**-2.0),
-        [sigmas.travel**-2.0], np.full(around, sigmas.walls**-2.0), np.full(rows * around, sigmas.departures**-2.0),
+        np.repeat(sigmas.principal_px**-2.0, 2), sigmas.k1**-2.0, sigmas.higher**-2.0,
+        np.full(2, sigmas.offset**-2.0), [sigmas.travel**-2.0], np.full(around, sigmas.walls**-2.0), np.full(rows * around, sigmas.departures**-2.0),
     ]))  # fmt: skip
     if around:
         across = np.eye(around) - np.roll(np.eye(around), 1, axis=1)  # differences between neighbouring azimuths
@@ -124,12 +130,12 @@ def hall_size(state: CalibrationParameters) -> int:
 
 def retract(state: CalibrationParameters, step: Array) -> CalibrationParameters:
     """The parameters with ``step`` (U,) added to their vector."""
-    there, hall, lens = to_vector(state) + step, state.surroundings, (2 * len(state.principal_px), len(state.k1))
+    there, hall, lens = to_vector(state) + step, state.surroundings, (2 * len(state.principal_px), len(state.k1), 3)
     ends = np.cumsum([len(state.pan_rad), len(state.log_focal), 2, *lens, 2, 1, len(hall.walls)])
-    pan, focal, angles, principal, k1, offset, travel, walls, departures = np.split(there, ends)
+    pan, focal, angles, principal, k1, higher, offset, travel, walls, departures = np.split(there, ends)
     return CalibrationParameters(
         pan, focal, state.pan_of, state.focal_of, float(angles[0]), float(angles[1]), principal.reshape(-1, 2), k1,
-        offset, float(travel[0]), replace(hall, walls=walls, departures=departures.reshape(hall.departures.shape)),
+        higher, offset, float(travel[0]), replace(hall, walls=walls, departures=departures.reshape(hall.departures.shape)),
     )  # fmt: skip
 
 
@@ -139,6 +145,7 @@ class ViewJacobians(NamedTuple):
     views: Array  # (F, VIEW + 3) as `View.vector`
     by_parameters: Array  # (F, VIEW, C) by the C parameters that a view depends on
     columns: NDArray[np.int64]  # (F, C) where these stand in the vector
+    higher: int  # where k2, p1 and p2, on which all views depend alike, begin in the vector
 
 
 def view_jacobians(state: CalibrationParameters) -> ViewJacobians:
@@ -162,7 +169,9 @@ def view_jacobians(state: CalibrationParameters) -> ViewJacobians:
     chain[:, 6, 5 + 2 * p : lens] = powers[:, :q]
     chain[:, forward, lens] = chain[:, forward + 1, lens + 1] = 1.0
     chain[:, forward, lens + 2], chain[:, up, lens + 2] = x * cos_t, x * sin_t
-    shared = pans + focals + np.arange(2 + 2 * p + q + 3)
+    higher = pans + focals + 2 + 2 * p + q
+    shared = np.concatenate([np.arange(pans + focals, higher), higher + 3 + np.arange(3)])
     own = np.column_stack([state.pan_of, pans + state.focal_of, np.full(len(x), pans)])
     views = np.array([state.view(frame).vector() for frame in range(len(x))])
-    return ViewJacobians(views, chain, np.hstack([own, np.tile(shared, (len(x), 1))]).astype(np.int64))
+    columns = np.hstack([own, np.tile(shared, (len(x), 1))]).astype(np.int64)
+    return ViewJacobians(views, chain, columns, higher)

@@ -161,11 +161,13 @@ def derivatives(view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Ar
     return seen[:, :, BY_PARAMETERS], seen[:, :, BY_DIRECTION]
 
 
-SEEN: Final = 10
+SEEN: Final = 13
 BY_PARAMETERS: Final = slice(1, 8)
 BY_DIRECTION: Final = slice(8, 10)
+HIGHER: Final = 3
 """Columns that `direction_to_pixel_with_derivatives` writes for each coordinate: the pixel, its derivatives with
-respect to PARAMETERS, and to azimuth and slope."""
+respect to PARAMETERS, to azimuth and slope, and last to the HIGHER
+coefficients of the lens: k2, p1 and p2."""
 
 
 @njit(cache=True, nogil=True)
@@ -181,7 +183,7 @@ def direction_to_pixel_with_derivatives(view: Array, azimuth: float, slope: floa
     x_d, y_d = distort_point(x_n, y_n, distortion)
     lens_xx, lens_xy, lens_yy = jacobian_at(x_n, y_n, distortion)
     lens_xx, lens_xy, lens_yy = focal * lens_xx, focal * lens_xy, focal * lens_yy
-    by_k1 = by_coefficients(x_n, y_n)[:2]
+    k1_x, k1_y, squared, p1_x, p1_y, p2_x = by_coefficients(x_n, y_n)
 
     seen[0, 0], seen[1, 0] = principal_x + focal * x_d, principal_y + focal * y_d
     # d(x, y, z) before roll by azimuth, slope and tilt, where they go among the columns of ``seen``
@@ -192,12 +194,15 @@ def direction_to_pixel_with_derivatives(view: Array, azimuth: float, slope: floa
         d_y_n = (-sin_r * d_x + cos_r * d_y - y_n * d_z) / z
         seen[0, column] = lens_xx * d_x_n + lens_xy * d_y_n
         seen[1, column] = lens_xy * d_x_n + lens_yy * d_y_n
-    for row, along, bent in ((0, lens_xx * y_n - lens_xy * x_n, x_d), (1, lens_xy * y_n - lens_yy * x_n, y_d)):
+    for row, along, bent, by_k1, by_p1, by_p2 in (
+        (0, lens_xx * y_n - lens_xy * x_n, x_d, k1_x, p1_x, p2_x), (1, lens_xy * y_n - lens_yy * x_n, y_d, k1_y, p1_y, p1_x)
+    ):  # fmt: skip
         seen[row, 1] = -seen[row, 8]  # pan
         seen[row, 3] = focal * bent  # log focal
         seen[row, 4] = along  # roll
         seen[row, 5], seen[row, 6] = 1.0 - row, float(row)  # principal point
-        seen[row, 7] = focal * by_k1[row]  # k1
+        seen[row, 7] = focal * by_k1  # k1
+        seen[row, 10], seen[row, 11], seen[row, 12] = focal * squared * by_k1, focal * by_p1, focal * by_p2
 
 
 @njit(cache=True, nogil=True)

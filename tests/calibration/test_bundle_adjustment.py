@@ -14,13 +14,13 @@ from pzcap.calibration import bundle_adjustment
 from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.parameters import CalibrationParameters, Sigmas, hall_size, retract, to_vector, view_jacobians
 from pzcap.geometry import camera as geometry
-from pzcap.geometry.camera import VIEW
+from pzcap.geometry.camera import HIGHER, VIEW
 from pzcap.geometry.cylinder import kernel_hall
 from pzcap.types import FAR_AWAY, Array, InverseDepthMap
 
 HALL = InverseDepthMap(1.0, np.full(36, 0.15), np.zeros((4, 36)), np.array([-0.4, 0.3]))
 NEAR = replace(HALL, walls=np.linspace(0.1, 0.9, 36), departures=np.linspace(0.0, 0.1, 144).reshape(4, 36))
-SIGMAS = Sigmas(0.05, 0.2, np.array([6.4, 6.4]), np.array([0.1, 0.1, 0.05]))
+SIGMAS = Sigmas(0.05, 0.2, np.array([6.4, 6.4]), np.array([0.1, 0.1, 0.05]), np.array([0.03, 0.001, 0.001]))
 
 
 def truth() -> CalibrationParameters:
@@ -29,7 +29,8 @@ def truth() -> CalibrationParameters:
     focals = np.log([880.0, 620.0, 880.0, 1200.0, 1600.0, 2100.0, 2600.0])
     return CalibrationParameters(
         pans, focals, np.array([*range(24)] + [24] * 6), np.array([0] * 24 + [*range(1, 7)]), -0.07, 0.009,
-        np.array([[323.0, 236.5], [1.0, -0.6]]), np.array([-0.04, 0.05, -0.01]), np.zeros(2), 0.0, FAR_AWAY,
+        np.array([[323.0, 236.5], [1.0, -0.6]]), np.array([-0.04, 0.05, -0.01]),
+        np.array([0.03, 0.001, -0.0007]), np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
 
 
@@ -62,18 +63,19 @@ def start() -> CalibrationParameters:
     focals = true.log_focal + rng.normal(0, 0.01, len(true.log_focal))
     return CalibrationParameters(
         pans, focals, true.pan_of, true.focal_of, -0.06, 0.0, np.array([[319.5, 239.5], [0, 0]]), np.zeros(3),
-        np.zeros(2), 0.0, FAR_AWAY,
+        np.zeros(3), np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
 
 
 def test_perfect_matches_give_the_truth() -> None:
-    loose = Sigmas(1e3, 1e3, np.full(2, 1e5), np.full(3, 1e3))
+    loose = Sigmas(1e3, 1e3, np.full(2, 1e5), np.full(3, 1e3), np.full(3, 1e3))
     found = bundle_adjustment.adjust(start(), links(truth()), loose).parameters
     np.testing.assert_allclose(found.pan_rad, truth().pan_rad, atol=1e-6)
     np.testing.assert_allclose(found.log_focal, truth().log_focal, atol=1e-6)
     np.testing.assert_allclose([found.tilt_rad, found.roll_rad], [-0.07, 0.009], atol=1e-6)
     np.testing.assert_allclose(found.principal_px, truth().principal_px, atol=1e-3)
     np.testing.assert_allclose(found.k1, truth().k1, atol=1e-4)
+    np.testing.assert_allclose(found.higher, truth().higher, atol=1e-4)
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.3])
@@ -87,7 +89,7 @@ def test_wrong_matches_do_not_pull(wrong: float) -> None:
 
 def residuals(state: CalibrationParameters, link: Link) -> tuple[Array, Array]:
     """Residuals (N, 2) of a link's matches, and their derivatives (N, 2, U) by the vector of parameters."""
-    views, chains, columns = view_jacobians(state)
+    views, chains, columns, higher = view_jacobians(state)
     count, hall = len(to_vector(state)), kernel_hall(state.surroundings)
     residual, jacobian = np.empty((len(link.first_px), 2)), np.zeros((len(link.first_px), 2, count))
     for n, (first_px, second_px) in enumerate(zip(link.first_px, link.second_px, strict=True)):
@@ -97,6 +99,7 @@ def residuals(state: CalibrationParameters, link: Link) -> tuple[Array, Array]:
         for side, frame in enumerate((link.first, link.second)):
             part = seen.by_views[:, side * VIEW : (side + 1) * VIEW] @ chains[frame]
             np.add.at(jacobian[n].T, columns[frame], part.T)
+        jacobian[n, :, higher : higher + HIGHER] = seen.by_views[:, 2 * VIEW :]
         if hall_size(state):
             np.add.at(jacobian[n].T, count - hall_size(state) + seen.nodes, np.outer(seen.shares, seen.by_near))
     return residual, jacobian

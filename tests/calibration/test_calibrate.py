@@ -48,13 +48,14 @@ def taken(height_m: float) -> Camera:
 def test_what_was_adjusted_is_what_the_camera_has() -> None:
     model = CalibrationParameters(
         np.zeros(1), np.log([FOCAL]), np.zeros(1, int), np.zeros(1, int), -0.07, 0.01, np.array([[160.0, 121.0]]),
-        np.array([-0.05, 0.07]), np.array([0.003, -0.002]), 0.0017, HALL,
+        np.array([-0.05, 0.07]), np.array([0.04, 0.001, 0.0]), np.array([0.003, -0.002]), 0.0017, HALL,
     )  # fmt: skip
     camera, hall = calibrate._in_metres(model, 0.0, taken(1.6))
     assert (camera.tilt_rad, camera.roll_rad) == (-0.07, 0.01)
     np.testing.assert_allclose(camera.offset_m, 1.6 * model.offset)
     assert camera.travel_m == pytest.approx(1.6 * 0.0017)
     np.testing.assert_allclose(camera.lens.k1, model.k1)
+    np.testing.assert_allclose([camera.lens.k2, camera.lens.p1, camera.lens.p2], model.higher[:, None])
     np.testing.assert_allclose(hall.walls, HALL.walls / 1.6)
     there = at(camera, 0.0, camera.tilt_rad, FOCAL)
     np.testing.assert_allclose(there.world_T_cam, taken(1.6).world_T_cam, atol=1e-12)

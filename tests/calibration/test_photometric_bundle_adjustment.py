@@ -15,7 +15,7 @@ from tests.scenes import synthetic
 OPTICS = synthetic.Optics(vignetting=0.0)
 PANS = np.deg2rad(np.arange(0.0, 40.0, 5.0))
 FOCALS = np.log(OPTICS.reference_focal_px * np.array([1.0, 0.8, 1.4, 2.0]))
-SIGMAS = Sigmas(0.05, 0.2, np.array([6.4, 6.4]), np.array([0.1, 0.1]))
+SIGMAS = Sigmas(0.05, 0.2, np.array([6.4, 6.4]), np.array([0.1, 0.1]), np.array([0.03, 0.001, 0.001]))
 PAIRS = [(i, i + k) for k in (1, 2) for i in range(len(PANS) - k)] + [
     (i, len(PANS) + k) for i in (2, 3, 4) for k in range(3)
 ]
@@ -26,7 +26,7 @@ def truth() -> CalibrationParameters:
     return CalibrationParameters(
         np.append(PANS, PANS[3]), FOCALS, np.array([*range(8)] + [8] * 3), np.array([0] * 8 + [1, 2, 3]),
         OPTICS.tilt_rad, OPTICS.roll_rad, np.array([OPTICS.principal_px, OPTICS.principal_slope_px]),
-        np.array([OPTICS.k1, OPTICS.k1_slope]), np.zeros(2), 0.0, FAR_AWAY,
+        np.array([OPTICS.k1, OPTICS.k1_slope]), np.zeros(3), np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
 
 

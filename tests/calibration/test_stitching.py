@@ -108,9 +108,9 @@ def test_a_partial_sweep_is_adjusted_without_closure() -> None:
     count = len(pans)
     start = CalibrationParameters(
         chain.pan_rad, np.array([np.log(guess.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,
-        guess.principal_px[None], np.zeros(1), np.zeros(2), 0.0, FAR_AWAY,
+        guess.principal_px[None], np.zeros(1), np.zeros(3), np.zeros(2), 0.0, FAR_AWAY,
     )  # fmt: skip
-    sigmas = Sigmas(0.002, 0.2, np.array([3.2]), np.array([0.1]))
+    sigmas = Sigmas(0.002, 0.2, np.array([3.2]), np.array([0.1]), np.array([0.03, 0.001, 0.001]))
     found = bundle_adjustment.adjust(start, chain.links, sigmas).parameters
     assert np.abs(np.rad2deg(found.pan_rad - pans)).max() < 0.15
     assert np.exp(found.log_focal[0]) == pytest.approx(FOCAL, rel=3e-3)
