@@ -100,7 +100,10 @@ def test_a_second_run_in_a_folder_says_who_is_there(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("launcher", "package"), [("joblib", "hydra_plugins.hydra_joblib_launcher"), ("ray", "ray")])
+@pytest.mark.parametrize(
+    ("launcher", "package"),
+    [("joblib", "hydra_plugins.hydra_joblib_launcher"), pytest.param("ray", "ray", marks=pytest.mark.heavy)],
+)
 def test_workers_end_with_their_sweep_and_the_next_goes_on(launcher: str, package: str, tmp_path: Path) -> None:
     if importlib.util.find_spec(package) is None:
         pytest.skip(f"{package} is not installed: pip install pzcap[launchers]")

@@ -83,7 +83,7 @@ def test_what_is_done_is_not_done_again_by_any_launcher(undisturbed: dict[str, d
     [
         ("joblib", "hydra_plugins.hydra_joblib_launcher"),
         ("submitit_local", "hydra_plugins.hydra_submitit_launcher"),
-        ("ray", "ray"),
+        pytest.param("ray", "ray", marks=pytest.mark.heavy),
     ],
 )
 def test_every_launcher_leaves_the_same(
