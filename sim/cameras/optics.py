@@ -22,6 +22,7 @@ from pzcap.types import Array, Image, PzcapError
 _CORNERS_M = ((-10.5, -8.0), (10.5, -8.0), (10.5, 8.0), (-10.5, 8.0))
 _HEAD_R_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _FIXED_POINTS = 25  # of the distortion beyond k1: each step takes off nine tenths of the error, at least
+_LUMA = (0.299, 0.587, 0.114)  # BT.601
 _EXACT = 1e-9  # of the distance of the image plane: a millionth of a pixel
 _GRID_PX = 8  # spacing of the points whose distortion is computed; between them it is interpolated, to 0.006 px
 
@@ -53,7 +54,8 @@ class OpticsConfig:
     p1: Annotated[float, Range(-0.05, 0.05)] = 0.0
     """Tangential distortion p1 at all focal lengths: a lens element that sits askew. 0.001 is that of a consumer's."""
     lateral_colour_px: Annotated[float, Range(0.0, 10.0)] = 0.0
-    """Distance by which red stands further out in the corners than green, and blue less far, px: lateral colour."""
+    """Distance by which red stands further out in the corners than green, and blue less far, px: lateral colour. The
+    focal length is that of white light, in which colours weigh as in luma."""
     principal_offset: Annotated[float, Range(0.0, 0.2)] = 0.00625
     """Distance of the principal point from the image's centre, image widths (4 px of 640), in a random direction."""
     vignetting: Annotated[float, Range(0.05, 1.0)] = 0.8
@@ -165,9 +167,10 @@ class Rig:
 
     @property
     def stretches(self) -> tuple[float, ...]:
-        """Sizes of the image in red, green and blue against that in green; one where all are alike."""
+        """Sizes of the image in red, green and blue against that in white light; one where all are alike."""
         aside = self.config.lateral_colour_px / (math.hypot(self.width, self.height) / 2)
-        return (1 + aside, 1.0, 1 - aside) if aside else (1.0,)
+        green = 1.0 - (_LUMA[0] - _LUMA[2]) * aside
+        return (green + aside, green, green - aside) if aside else (1.0,)
 
 
 def build_rig(camera: int, width: int, height: int, config: OpticsConfig, rng: np.random.Generator) -> Rig:
