@@ -10,6 +10,8 @@ class FeatureTuning(NamedTuple):
 
     max_distance: int = 130
     """Bits of 486. Descriptors further apart are not of the same thing, however much further all others are."""
+    sure_links: float = 4.0
+    """Times the least number of matches that make a link: so many near the pan that is expected are no chance."""
     all_scales: tuple[int, int] = (4, 4)
     """Octaves of AKAZE, and levels in each, as its authors have it."""
     few_scales: tuple[int, int] = (2, 2)
