@@ -22,7 +22,7 @@ from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.localise import count_from_reference
-from pzcap.localisation.sweep_readout import put_right, readout_sigma, remaining_readout
+from pzcap.localisation.sweep_readout import evenly_lit, put_right, readout_sigma, remaining_readout
 from pzcap.localisation.tuning import READOUT
 from pzcap.runtime import give_back
 from pzcap.tracking.tracker import Tracked
@@ -88,15 +88,17 @@ def calibrate_rolling(
     footage: Footage, config: PanZoomConfig, report: Report = no_report
 ) -> tuple[CalibratedCamera, SweptFrames]:
     """Calibrate one camera as `calibrate` does; if its shutter rolls, again by frames of the sweep that are put right
-    (`pzcap.localisation.sweep_readout`)."""
+    in place and light (`pzcap.localisation.sweep_readout`)."""
     found, swept, zoomed = calibrate(footage, config, report)
-    readout = 0.0
+    even = evenly_lit(footage, found, swept, zoomed)
+    readout, right = 0.0, even is footage
     for _ in range(READOUT.sweep_rounds):
         more = remaining_readout(footage, found, swept)
-        if more == 0.0:
+        if right and more == 0.0:
             break
-        readout += more
-        found, swept, zoomed = calibrate(put_right(footage, readout, found, swept, zoomed), config, report)
+        readout, right = readout + more, True
+        upright = put_right(even, readout, found, swept, zoomed) if readout else even
+        found, swept, zoomed = calibrate(upright, config, report)
     readout_s, sigma_s = (one * footage.sweep_period_s for one in (readout, readout_sigma(found, swept)))
     return replace(found, camera=replace(found.camera, readout_s=readout_s, readout_sigma_s=sigma_s)), swept
 

@@ -91,7 +91,8 @@ def calibrate(
     )  # fmt: skip
     inliers = _sweep_inliers(adjusted, matched.links, count)
     panorama = replace(pasted, sweep_inliers=inliers, closure_rad=chained.closure_rad, residual_px=adjusted.residual_px)
-    zoomed = stitching.ZoomedFrames(np.array(matched.zoom_numbers, np.int64), model.log_focal[2:])
+    zoom_pan_rad = float(model.pan_rad[-1] - taken.pan_rad)
+    zoomed = stitching.ZoomedFrames(np.array(matched.zoom_numbers, np.int64), model.log_focal[2:], zoom_pan_rad)
     return CalibratedCamera(refined, panorama, camera), swept, zoomed
 
 

@@ -2,8 +2,8 @@
 values (`photometric_bundle_adjustment`), and what is believed of them before.
 
 As a vector they are, in this order: pans, log focals, tilt, roll, the principal point's coefficients (x and y in turn),
-k1's coefficients, k2, p1 and p2, offset, travel, inverse distances of walls, and departures from these. Lengths are in heights of the
-camera over the floor.
+k1's coefficients, k2, p1 and p2, offset, travel, inverse distances of walls, and departures from these. Lengths are in
+heights of the camera over the floor.
 """
 
 from __future__ import annotations
@@ -111,7 +111,8 @@ def information(state: CalibrationParameters, sigmas: Sigmas) -> Array:
     information = np.diag(np.concatenate([
         np.zeros(len(state.pan_rad)), focal, np.full(2, sigmas.angle_rad**-2.0),
         np.repeat(sigmas.principal_px**-2.0, 2), sigmas.k1**-2.0, sigmas.higher**-2.0,
-        np.full(2, sigmas.offset**-2.0), [sigmas.travel**-2.0], np.full(around, sigmas.walls**-2.0), np.full(rows * around, sigmas.departures**-2.0),
+        np.full(2, sigmas.offset**-2.0), [sigmas.travel**-2.0], np.full(around, sigmas.walls**-2.0),
+        np.full(rows * around, sigmas.departures**-2.0),
     ]))  # fmt: skip
     if around:
         across = np.eye(around) - np.roll(np.eye(around), 1, axis=1)  # differences between neighbouring azimuths
@@ -135,7 +136,8 @@ def retract(state: CalibrationParameters, step: Array) -> CalibrationParameters:
     pan, focal, angles, principal, k1, higher, offset, travel, walls, departures = np.split(there, ends)
     return CalibrationParameters(
         pan, focal, state.pan_of, state.focal_of, float(angles[0]), float(angles[1]), principal.reshape(-1, 2), k1,
-        higher, offset, float(travel[0]), replace(hall, walls=walls, departures=departures.reshape(hall.departures.shape)),
+        higher, offset, float(travel[0]),
+        replace(hall, walls=walls, departures=departures.reshape(hall.departures.shape)),
     )  # fmt: skip
 
 

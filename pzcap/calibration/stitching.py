@@ -40,6 +40,7 @@ class ZoomedFrames(NamedTuple):
 
     numbers: NDArray[np.int64]  # (Z,) where they stand in the run
     log_focal: Array  # (Z,)
+    pan_rad: float  # of all of them; the reference image's is 0
 
 
 class SweptFrames(NamedTuple):

@@ -195,7 +195,8 @@ def direction_to_pixel_with_derivatives(view: Array, azimuth: float, slope: floa
         seen[0, column] = lens_xx * d_x_n + lens_xy * d_y_n
         seen[1, column] = lens_xy * d_x_n + lens_yy * d_y_n
     for row, along, bent, by_k1, by_p1, by_p2 in (
-        (0, lens_xx * y_n - lens_xy * x_n, x_d, k1_x, p1_x, p2_x), (1, lens_xy * y_n - lens_yy * x_n, y_d, k1_y, p1_y, p1_x)
+        (0, lens_xx * y_n - lens_xy * x_n, x_d, k1_x, p1_x, p2_x),
+        (1, lens_xy * y_n - lens_yy * x_n, y_d, k1_y, p1_y, p1_x),
     ):  # fmt: skip
         seen[row, 1] = -seen[row, 8]  # pan
         seen[row, 3] = focal * bent  # log focal

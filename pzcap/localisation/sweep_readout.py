@@ -1,13 +1,16 @@
-"""A sweep by a rolling shutter: its frames put right, so that the panorama is not sheared.
+"""A sweep by a rolling shutter: its frames put right, so that the panorama is neither sheared nor banded.
 
 A head that turns evenly shears all frames of the sweep alike, and so the panorama: rows stand beside each other by what
 the head turns meanwhile. Nothing within the sweep contradicts that. The reference image does: its camera stands still,
 and it shows no shear, but the opposite of the panorama's when it is aligned with that.
+
+Mains light leaves bands in rows. Those of the sweep's frames may be alike, and are then the panorama's; what a frame
+has beyond them it shows when it is aligned with the panorama (`row_bands`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +22,8 @@ from pzcap.calibration.sweep import Frames
 from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner, Belief
 from pzcap.localisation.rectification import rectified
-from pzcap.localisation.tuning import ALIGNMENT, READOUT
+from pzcap.localisation.row_bands import without_bands
+from pzcap.localisation.tuning import ALIGNMENT, BANDS, READOUT
 from pzcap.types import Array, Image, Localisation, PanZoomCamera
 
 
@@ -51,6 +55,46 @@ def put_right(
         shear = readout * np.column_stack([np.zeros_like(zoom_rate), zoom_rate])
         zoom = RectifiedFrames(zoom, found.camera, zoomed.numbers, shear)
     return footage._replace(sweep=sweep, zoom=zoom)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EvenlyLit:
+    """The ``frames`` of a sweep or a zoom run without their ``bands``, one (K,) a frame."""
+
+    frames: Frames
+    bands: dict[int, Array]
+
+    def __iter__(self) -> Iterator[tuple[int, Image]]:
+        for number, image in self.frames:
+            yield number, without_bands(image, self.bands[number]) if number in self.bands else image
+
+
+def evenly_lit(footage: Footage, found: CalibratedCamera, swept: SweptFrames, zoomed: ZoomedFrames) -> Footage:
+    """The ``footage``, sweep and zoom run in the light of the panorama; itself where few of their frames, looked at
+    here and there, have bands that it has not."""
+    aligner, camera, sweep_pan = Aligner(found.panorama, found.camera), found.camera, found.panorama.sweep_pan_rad
+    focal_px, pans = camera.lens.reference_focal_px, np.unwrap(sweep_pan)
+
+    def bands(image: Image, pan_rad: float, focal_px: float) -> Array:
+        return aligner.align(image, ViewPlace(pan_rad, camera.tilt_rad, focal_px), 4.0).bands
+
+    def swept_at(number: int) -> tuple[float, float]:
+        return float(np.interp(number, swept.kept, pans)), focal_px
+
+    def zoomed_at(number: int) -> tuple[float, float]:
+        return zoomed.pan_rad, float(np.exp(np.interp(number, zoomed.numbers, zoomed.log_focal)))
+
+    def found_in(frames: Frames, at: Callable[[int], tuple[float, float]]) -> dict[int, Array]:
+        return {number: one for number, image in frames if (one := bands(image, *at(number))).size}
+
+    some = np.unique(np.linspace(0, len(pans) - 1, BANDS.probes).astype(int))
+    in_sweep = [bands(swept.images[number], float(pans[number]), focal_px).size > 0 for number in some]
+    probes = [] if footage.zoom is None else [frame for frame in footage.zoom if frame[0] in zoomed.numbers[::3]]
+    in_zoom = [bands(image, *zoomed_at(number)).size > 0 for number, image in probes]
+    if not any(np.mean(banded) >= 0.5 for banded in (in_sweep, in_zoom) if banded):
+        return footage
+    zoom = None if footage.zoom is None else EvenlyLit(footage.zoom, found_in(footage.zoom, zoomed_at))
+    return footage._replace(sweep=EvenlyLit(footage.sweep, found_in(footage.sweep, swept_at)), zoom=zoom)
 
 
 def _sheared(camera: PanZoomCamera, shear: Array) -> Localisation:

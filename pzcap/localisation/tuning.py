@@ -103,12 +103,14 @@ class ReadoutTuning(NamedTuple):
 class BandsTuning(NamedTuple):
     """Bands of mains light."""
 
-    cosines: int = 8
-    """Of the rows' gain: four periods in a frame."""
+    cosines: int = 12
+    """Of the rows' gain: six periods in a frame, or some fewer of any phase."""
     sigma: float = 0.2
     """Standard deviation of each."""
     least: float = 0.02
     """Root mean square from which on there are bands at all."""
+    probes: int = 8
+    """Frames of a sweep that are looked at first."""
     least_pixels: int = 200
     """With fewer none are looked for."""
     rounds: int = 5

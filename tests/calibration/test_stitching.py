@@ -23,6 +23,9 @@ WIDTH, HEIGHT, FOCAL = OPTICS.width, OPTICS.height, OPTICS.reference_focal_px
 VIEW = View(0.0, OPTICS.tilt_rad, OPTICS.roll_rad, FOCAL, np.array(OPTICS.principal_px), Distortion(OPTICS.k1))
 
 
+LOOSE = SweepConfig(ratio=0.98, min_matches=4)  # with chance matches
+
+
 def silent(done: int) -> None:
     del done
 
@@ -116,6 +119,18 @@ def test_a_partial_sweep_is_adjusted_without_closure() -> None:
     assert np.exp(found.log_focal[0]) == pytest.approx(FOCAL, rel=3e-3)
     assert found.roll_rad == pytest.approx(OPTICS.roll_rad, abs=2e-3)
     assert chain.closure_rad == 0.0
+
+
+def test_a_pan_that_went_on_unexpectedly_is_found_where_it_went() -> None:
+    """Chance matches near the pan that was expected, in a texture that repeats, are fewer than those where it is."""
+    guess = replace(VIEW, tilt_rad=0.0, roll_rad=0.0)
+    found = [sweep.detect(image, LOOSE) for _, image in synthetic.frames(OPTICS, np.deg2rad([0.0, 9.0]))]
+    misled = sweep.link_pan(found, 0, 1, guess, np.deg2rad(1.0), LOOSE)
+    assert misled is not None
+    link = sweep._link_to_next(found, 0, guess, np.deg2rad(1.0), LOOSE)
+    assert link is not None
+    assert len(link.first_px) > 3 * len(misled.first_px)
+    assert np.rad2deg(sweep._turn(link, guess)) == pytest.approx(9.0, abs=0.2)
 
 
 def test_gaps_and_open_circles_are_said_in_one_line() -> None:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pzcap.calibration.calibrate import CalibratedCamera, Footage
+from pzcap.calibration.stitching import Brightness, SweptFrames, ZoomedFrames
 from pzcap.geometry import camera as geometry
+from pzcap.geometry.camera import at, view_at
+from pzcap.imaging.colour import grey
 from pzcap.localisation import row_bands
 from pzcap.localisation.panorama_sampler import ViewPlace, row_time
 from pzcap.localisation.photometric_alignment import Aligner, Belief
 from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import is_sheared, rectified, rectified_points
-from pzcap.types import Array, Image, Localisation, Panorama
+from pzcap.localisation.sweep_readout import evenly_lit
+from pzcap.types import Array, Image, Localisation, Panorama, ReferenceCamera
 from tests.scenes import synthetic
 from tests.scenes.cylinders import camera_of, whole_turn
 
@@ -180,3 +187,47 @@ def test_a_banded_frame_is_aligned_and_evened(panorama: Panorama) -> None:
     evened = row_bands.without_bands(banded, aligned.bands).astype(np.float64)
     level = evened.mean(axis=(1, 2)) / np.maximum(image.mean(axis=(1, 2)), 1.0)
     assert np.std(level[20:-20]) / np.mean(level) < 0.03
+
+
+def sweep_and_zoom(banded: bool, panorama: Panorama) -> tuple[Footage, CalibratedCamera, SweptFrames, ZoomedFrames]:
+    """Six frames of a sweep, the last lit otherwise than the panorama if ``banded``, and three of a zoom run that all
+    are."""
+    time = row_time(np.arange(float(HEIGHT)), HEIGHT)
+    gain = 1.0 + 0.3 * np.sin(2 * np.pi * 1.6 * time + 0.7) * banded
+    pans, zooms = 0.1 * np.arange(6), FOCAL * np.array([1.0, 1.3, 1.7])
+
+    def lit(image: Image, dark: bool) -> Image:
+        return np.rint(0.75 * image * (gain if dark else np.ones_like(gain))[:, None, None]).astype(np.uint8)
+
+    sweep = [(3 * k, lit(synthetic.render(OPTICS, pan, FOCAL), k == 5)) for k, pan in enumerate(pans.tolist())]
+    zoom = [(k, lit(synthetic.render(OPTICS, 0.2, focal), True)) for k, focal in enumerate(zooms.tolist())]
+    nothing = np.empty((0, 2))
+    reference = ReferenceCamera(at(CAMERA, 0.0, OPTICS.tilt_rad, FOCAL), np.empty((0, 3)), nothing, nothing)
+    found = CalibratedCamera(reference, replace(panorama, sweep_pan_rad=pans), CAMERA)
+    even = Brightness(np.zeros(6), np.zeros(2))
+    view = view_at(CAMERA, 0.0, OPTICS.tilt_rad, FOCAL)
+    swept = SweptFrames([grey(image) for _, image in sweep], 3 * np.arange(6), even, view)
+    footage = Footage(sweep[0][1], synthetic.calibration_object(), sweep, zoom, False)
+    return footage, found, swept, ZoomedFrames(np.arange(3), np.log(zooms), 0.2)
+
+
+def test_sweep_and_zoom_run_are_brought_into_the_light_of_the_panorama(panorama: Panorama) -> None:
+    footage, *rest = sweep_and_zoom(True, panorama)
+    even = evenly_lit(footage, *rest)
+    assert footage.zoom is not None
+    assert even.zoom is not None
+    wanted, *_ = sweep_and_zoom(False, panorama)
+    for frames, lit, steady in (
+        (footage.sweep, even.sweep, wanted.sweep),
+        (footage.zoom, even.zoom, wanted.zoom or ()),
+    ):
+        for (number, before), (same, after), (_, right) in zip(frames, lit, steady, strict=True):
+            assert number == same
+            level = after[20:-20].mean(axis=(1, 2)) / right[20:-20].mean(axis=(1, 2))
+            assert np.std(level) / np.mean(level) < 0.03
+            assert (np.abs(before.astype(int) - after).max() > 20) == (np.abs(before.astype(int) - right).max() > 20)
+
+
+def test_footage_in_steady_light_is_left_as_it_is(panorama: Panorama) -> None:
+    footage, *rest = sweep_and_zoom(False, panorama)
+    assert evenly_lit(footage, *rest) is footage
