@@ -98,12 +98,14 @@ def write_video(
     crf: int,
     timecode: str | None = None,
     indices: Sequence[int] | None = None,
+    interlaced: bool = False,
 ) -> None:
     """Encode (H, W, 3) images of even size as H.264 (4:2:0). The same frames give the same bytes on every machine.
 
     crf: x264's constant rate factor, 0 (lossless but for the colour subsampling) to 51.
     timecode: SMPTE timecode of index 0.
     indices: the index of each frame, strictly increasing; by default 0, 1, 2, ... A gap stands for dropped frames.
+    interlaced: images are woven of two fields, the even rows of the first.
     Raises PzcapError if the disk is full or the file cannot be written.
     """
     started = False
@@ -111,7 +113,8 @@ def write_video(
         with av.open(str(path), "w") as container:
             # One thread, since x264's output depends on how many there are; no macroblock tree, since that reads memory
             # that nobody wrote, and the same frames then give other bytes in another process.
-            options = {"crf": str(crf), "preset": "veryfast", "threads": "1", "x264-params": "mbtree=0"}
+            special = "mbtree=0:tff=1" if interlaced else "mbtree=0"
+            options = {"crf": str(crf), "preset": "veryfast", "threads": "1", "x264-params": special}
             stream = container.add_stream("libx264", rate=frame_rate, options=options)
             stream.pix_fmt = "yuv420p"
             stream.codec_context.time_base = 1 / frame_rate

@@ -59,20 +59,23 @@ def develop_cameras(cameras: Sequence[int], session: Session, light: Path, captu
         _write_png(files.reference, reference)
         done += 1
         yield done
-        rate = Fraction(config.sweep_frame_rate)
+        rate, woven = Fraction(config.sweep_frame_rate), bool(config.sensor.field_s and not config.sensor.bob)
         for path, film, run, purpose in (
             (files.sweep, reel.sweep, session.sweep(c), "sweep"),
             (files.zoom, reel.zoom, session.zoom(c), "zoom"),
         ):
             if path is not None:
                 pictures = _developed(session, c, sensor, film, run.times_s, purpose)
-                write_video(path, pictures, rate, crf=config.sensor.crf_still)
+                write_video(path, pictures, rate, crf=config.sensor.crf_still, interlaced=woven)
                 done += len(run.times_s)
                 yield done
         rate, kept = Fraction(config.frame_rate), _recorded(session, c)
         pictures = _developed(session, c, sensor, reel.motion, session.exposed_s(c), "motion video", kept)
         timecode, indices = frames_to_timecode(clock.start - clock.early[c], rate), np.flatnonzero(kept).tolist()
-        write_video(files.motion, pictures, rate, crf=config.sensor.crf_motion, timecode=timecode, indices=indices)
+        write_video(
+            files.motion, pictures, rate, crf=config.sensor.crf_motion, timecode=timecode, indices=indices,
+            interlaced=woven,
+        )  # fmt: skip
         done += len(indices)
         yield done
 

@@ -47,7 +47,7 @@ class Truth:
     A frame set has a common time, frame over frame rate, of which the athlete is. A camera exposes its middle row at
     its own time, which is the common one plus ``clock_offset_s + clock_drift * common time``, and of which all else is:
     where it points, and what it sees. Row v is exposed ``((v + 0.5) / height - 0.5) * readout_s`` after the middle row,
-    and half of ``field_s`` before that if v is even, after it if v is odd.
+    and if v is odd ``field_s`` after that.
     """
 
     config: str  # JSON of the ShootConfig

@@ -172,8 +172,6 @@ def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
         for file in files:
             if file.trouble:
                 yield file.trouble
-            if file.interlaced:
-                yield f"{file.path}: is interlaced; deinterlace it to full frames, or record progressive"
             if file.rotation_deg % 360:
                 yield (
                     f"{file.path}: its container turns it by {file.rotation_deg} degrees, which is not done here; "

@@ -10,16 +10,18 @@ from __future__ import annotations
 import errno
 import re
 import struct
+from collections import deque
 from collections.abc import Iterator
 from fractions import Fraction
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
 import av
 import cv2
 import numpy as np
 from av.error import FFmpegError
+from av.filter import Graph
 from av.sidedata.sidedata import SideData
 from av.video.frame import VideoFrame
 from av.video.reformatter import Interpolation
@@ -32,7 +34,7 @@ from pzcap.io.files import checked, memory_ran_out
 from pzcap.types import Image, PzcapError
 
 _TIMECODE: Final = re.compile(r"(\d\d):(\d\d):(\d\d)([:;])(\d{2,3})")
-_INTERLACED: Final = range(2, 6)  # AVFieldOrder: anything but unknown and progressive
+_PARITY: Final = {2: "tff", 3: "bff", 4: "bff", 5: "tff"}  # by AVFieldOrder: the field that is shown first
 _SQUARE: Final = 2e-3  # departure of a pixel's width from its height that encoders write for square ones
 _BT601: Final = (2, 5, 6)  # AVColorSpace: unspecified, and the two that are BT.601
 _FULL_RANGE: Final = 2  # AVColorRange
@@ -93,11 +95,13 @@ class VideoReader:
     """A video file, opened and checked: its packets are listed (which is quick), and one frame is decoded.
 
     Attributes: ``width``, ``height`` (upright), ``frame_rate`` (Fraction), ``timecode`` (str, or None if the file has
-    none), ``indices`` (frame_count,) int64 increasing, ``frame_count``, ``constant_rate``. Where the rate is not
-    constant, as phones film, the index of a frame is its number.
+    none), ``indices`` (frame_count,) int64 increasing, ``frame_count``, ``constant_rate``, ``interlaced``. Where the
+    rate is not constant, as phones film, the index of a frame is its number. Of interlaced video the first field of a
+    frame is read, its time the frame's, and the rows between are made by FFmpeg's bwdif: from the other fields where
+    nothing moves, else from the rows beside.
 
-    Raises PzcapError if the file is missing, is no video, is empty or truncated, if its pixels are not square or its
-    pictures interlaced, and for sizes beyond `pzcap.io.limits`.
+    Raises PzcapError if the file is missing, is no video, is empty or truncated, if its pixels are not square, and for
+    sizes beyond `pzcap.io.limits`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -108,6 +112,7 @@ class VideoReader:
             if not rate or stream.codec_context.width == 0 or not stream.time_base:
                 raise PzcapError(f"{path}: the video holds no decodable frame; copy it again from the camera")
             self._check_format(stream)
+            self.interlaced = int(stream.codec_context.field_order) in _PARITY
             self.frame_rate = Fraction(rate)
             self.timecode = _find_timecode(container)
             listed = self._list(container, stream)
@@ -148,8 +153,7 @@ class VideoReader:
             if numbers[0] > 0:
                 container.seek(int(self._times[numbers[0]]), stream=stream)  # lands on the last intra frame before
             try:
-                for frame in container.decode(stream):
-                    time = 0 if frame.pts is None else frame.pts
+                for time, frame in self._pictures(container, stream):
                     if time < self._times[numbers[0]]:
                         continue
                     if time != self._times[numbers[done]] or frame.is_corrupt:
@@ -161,6 +165,28 @@ class VideoReader:
             except FFmpegError as error:
                 raise self._failed(error, int(self.indices[numbers[done]])) from error
         raise self._broken(int(self.indices[numbers[done]]))
+
+    def _pictures(
+        self, container: av.container.InputContainer, stream: VideoStream
+    ) -> Iterator[tuple[int, VideoFrame]]:
+        """Decode whole pictures, and when each is presented in the stream's time base."""
+        if not self.interlaced:
+            yield from ((frame.pts or 0, frame) for frame in container.decode(stream))
+            return
+        graph, first = Graph(), _PARITY.get(int(stream.codec_context.field_order), "auto")
+        whole = graph.add("bwdif", f"mode=send_frame:parity={first}:deint=all")
+        graph.link_nodes(graph.add_buffer(template=stream), whole, graph.add("buffersink")).configure()
+        times: deque[int] = deque()  # of frames in the graph: it needs the next one to make a picture
+        for frame in chain(container.decode(stream), [None]):
+            if frame is not None:
+                times.append(frame.pts or 0)
+            graph.push(frame)
+            while times:
+                try:
+                    picture = graph.pull()
+                except (BlockingIOError, EOFError):
+                    break
+                yield times.popleft(), cast("VideoFrame", picture)
 
     def _list(self, container: av.container.InputContainer, stream: VideoStream) -> _Listed:
         """List the packets; what an edit list cuts off is left out."""
@@ -202,14 +228,11 @@ class VideoReader:
                 f"{self.path}: its pixels are {wide.numerator}:{wide.denominator}, not square; convert all that this "
                 f"camera recorded, the still too: ffmpeg -i {self.path.name} -vf scale=iw*sar:ih,setsar=1 -crf 10 OUT"
             )
-        if int(context.field_order) in _INTERLACED:
-            raise self._interlaced()
 
     def _turned(self) -> int:
         """Quarter turns, anticlockwise, that show the pictures upright."""
         _, frame = next(self._decode(int(self.indices[0]), None))
-        if frame.interlaced_frame:
-            raise self._interlaced()
+        self.interlaced = self.interlaced or bool(frame.interlaced_frame)
         matrix = frame.side_data.get(_TURN)
         if not isinstance(matrix, SideData):
             return 0
@@ -243,12 +266,6 @@ class VideoReader:
         # A damaged frame must raise, not be patched up with what stood there before.
         stream.codec_context.options = {"err_detect": "explode"}
         return stream
-
-    def _interlaced(self) -> PzcapError:
-        return PzcapError(
-            f"{self.path}: it is interlaced; make whole pictures of its fields, in all that this camera recorded: "
-            f"ffmpeg -i {self.path.name} -vf bwdif=mode=send_frame -crf 10 OUT"
-        )
 
     def _failed(self, error: Exception, index: int | None = None) -> Exception:
         """Error to raise where FFmpeg fails: not every failure is a damage of the file."""

@@ -70,8 +70,8 @@ class EvenlyLit:
 
 
 def evenly_lit(footage: Footage, found: CalibratedCamera, swept: SweptFrames, zoomed: ZoomedFrames) -> Footage:
-    """The ``footage``, sweep and zoom run in the light of the panorama; itself where few of their frames, looked at
-    here and there, have bands that it has not."""
+    """The ``footage``, reference image, sweep and zoom run in the light of the panorama; itself where few of their
+    frames, looked at here and there, have bands that it has not."""
     aligner, camera, sweep_pan = Aligner(found.panorama, found.camera), found.camera, found.panorama.sweep_pan_rad
     focal_px, pans = camera.lens.reference_focal_px, np.unwrap(sweep_pan)
 
@@ -91,10 +91,13 @@ def evenly_lit(footage: Footage, found: CalibratedCamera, swept: SweptFrames, zo
     in_sweep = [bands(swept.images[number], float(pans[number]), focal_px).size > 0 for number in some]
     probes = [] if footage.zoom is None else [frame for frame in footage.zoom if frame[0] in zoomed.numbers[::3]]
     in_zoom = [bands(image, *zoomed_at(number)).size > 0 for number, image in probes]
-    if not any(np.mean(banded) >= 0.5 for banded in (in_sweep, in_zoom) if banded):
+    in_reference = bands(footage.reference_image, 0.0, found.reference.camera.focal_px)
+    if not any(np.mean(banded) >= 0.5 for banded in (in_sweep, in_zoom, [in_reference.size > 0]) if banded):
         return footage
+    image = without_bands(footage.reference_image, in_reference)
     zoom = None if footage.zoom is None else EvenlyLit(footage.zoom, found_in(footage.zoom, zoomed_at))
-    return footage._replace(sweep=EvenlyLit(footage.sweep, found_in(footage.sweep, swept_at)), zoom=zoom)
+    sweep = EvenlyLit(footage.sweep, found_in(footage.sweep, swept_at))
+    return footage._replace(reference_image=image, sweep=sweep, zoom=zoom)
 
 
 def _sheared(camera: PanZoomCamera, shear: Array) -> Localisation:

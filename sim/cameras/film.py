@@ -112,7 +112,7 @@ class FilmCamera:
         field_s = self._config.field_s
         if not field_s:
             return self._whole(look, time_s, offsets_s, person, scale, draw)
-        times_s = [time_s] if self._config.bob else [time_s - field_s / 2, time_s + field_s / 2]
+        times_s = [time_s] if self._config.bob else [time_s, time_s + field_s]
         return _woven([self._whole(look, t, offsets_s, person, scale, draw) for t in times_s])
 
     def _whole(

@@ -66,8 +66,8 @@ class SensorConfig:
     ((v + 0.5) / H - 0.5) times that later than the frame. Negative: the camera hangs upside down and reads from the
     bottom. 0: a global shutter; 0.016 is common."""
     field_s: Annotated[float, Range(0.0, 0.5)] = 0.0
-    """Time between the two fields of which each frame is woven, s: even rows are seen by half of it before the frame,
-    odd rows after. Half the frame period is interlaced video; 0: frames are whole."""
+    """Time between the two fields of which each frame is woven, s: even rows are seen at the frame's time, as timecode
+    counts them, odd rows after. Half the frame period is interlaced video; 0: frames are whole."""
     bob: bool = False
     """Of interlaced video the first field alone is kept, at the frame's time, and the rows between are interpolated."""
     clock_offset: Annotated[float, Range(0.0, 0.5)] = 0.0
@@ -92,7 +92,7 @@ def row_delay_s(rows: Array, height: int, readout_s: float) -> Array:
 
 def field_delay_s(rows: Array, config: SensorConfig) -> Array:
     """Time (N,) from that of a frame to that of the fields which its ``rows`` (N,) are of."""
-    return (rows % 2 - 0.5) * (0.0 if config.bob else config.field_s)
+    return (rows % 2) * (0.0 if config.bob else config.field_s)
 
 
 class Automatics:

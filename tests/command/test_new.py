@@ -135,10 +135,6 @@ def other_size(folder: Path) -> None:
     video(folder / "GoPro 1/DCIM/100GOPRO/GX010035.MP4", size=(96, 48))
 
 
-def interlaced(folder: Path) -> None:
-    video(folder / "GoPro 1/DCIM/100GOPRO/GX010036.MP4", timecode="10:20:30:00", interlaced=True)
-
-
 def other_rate(folder: Path) -> None:
     video(folder / "GoPro 1/DCIM/100GOPRO/GX010036.MP4", timecode="10:20:30:00", rate=Fraction(25))
 
@@ -156,7 +152,6 @@ def bad_text(folder: Path) -> None:
     [
         (broken, "GX010034.MP4: the video is truncated or damaged"),
         (other_size, "camera GoPro 1: one size is needed for all its files, not"),
-        (interlaced, "GX010036.MP4: it is interlaced"),
         (other_rate, "the motion videos have 25, 30 frames/s; one rate is needed"),
         (no_still, "camera GoPro 2: no still of the calibration object"),
         (bad_text, "subject.json"),

@@ -120,10 +120,25 @@ def test_pixels_that_are_not_square_get_one_line(tmp_path: Path) -> None:
         VideoReader(path)
 
 
-def test_interlaced_pictures_get_one_line(tmp_path: Path) -> None:
-    path = encode(tmp_path / "motion.mp4", pictures(6), RATE, options={"x264-params": "tff=1"})
-    with pytest.raises(PzcapError, match=r"it is interlaced; .*ffmpeg -i motion\.mp4 -vf bwdif"):
-        VideoReader(path)
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_interlaced_pictures_the_first_field_is_read(first: int, tmp_path: Path) -> None:
+    """Woven of a field at the frame's time and one of half a frame later, when all is elsewhere."""
+    fields = [np.roll(pictures(1)[0], 3 * k, axis=1) for k in range(12)]
+    woven = [np.array(fields[2 * k]) for k in range(6)]
+    for k, picture in enumerate(woven):
+        picture[1 - first :: 2] = fields[2 * k + 1][1 - first :: 2]
+    order = "tff=1" if first == 0 else "bff=1"
+    path = encode(tmp_path / "motion.mp4", woven, RATE, options={"x264-params": order, "crf": "2"})
+    reader = VideoReader(path)
+    assert reader.interlaced
+    read = list(reader)
+    assert [index for index, _ in read] == list(range(6))
+    for k, (_, image) in enumerate(read):
+        off = [np.abs(image.astype(float) - fields[2 * k + later]).mean() for later in (0, 1)]
+        assert off[0] < 0.3 * off[1]
+    (again,) = reader.read(4, 5)
+    assert again[0] == 4
+    assert np.abs(again[1].astype(float) - fields[8]).mean() < 0.3 * np.abs(again[1].astype(float) - fields[9]).mean()
 
 
 def coloured(path: Path, image: Image, codec: str, pix_fmt: str, hd: bool, full: bool) -> Path:
