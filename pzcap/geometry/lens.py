@@ -6,8 +6,7 @@ A point at ``(x, y) = (X/Z, Y/Z)``, ``r^2 = x^2 + y^2``, is seen at ``principal_
     y_d = (1 + k1 r^2 + k2 r^4) y + p1 (r^2 + 2 y^2) + 2 p2 x y
 
 (Brown 1966, Conrady 1919; order and signs of OpenCV; from undistorted to distorted). Principal point and coefficients
-are polynomials in ``log(focal_px / reference_focal_px)`` (`pzcap.types.Lens`). By default k1 alone is estimated, the
-others are 0, and then cost nothing but a few additions.
+are polynomials in ``log(focal_px / reference_focal_px)`` (`pzcap.types.Lens`).
 
 `@register_jitable` makes a formula serve both: numbers in compiled kernels, and arrays outside.
 """

@@ -19,13 +19,11 @@ from pzcap.types import PzcapError
 
 
 def video(
-    path: Path, *, size: tuple[int, int] = (64, 48), rate: Fraction = Fraction(30), timecode: str | None = None,
-    interlaced: bool = False,
-) -> None:  # fmt: skip
+    path: Path, *, size: tuple[int, int] = (64, 48), rate: Fraction = Fraction(30), timecode: str | None = None
+) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), "w") as container:
-        options = {"flags": "+ildct+ilme"} if interlaced else {}
-        stream = container.add_stream("mpeg2video" if interlaced else "libx264", rate=rate, options=options)
+        stream = container.add_stream("libx264", rate=rate)
         stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
         if timecode:
             container.metadata["timecode"] = timecode
