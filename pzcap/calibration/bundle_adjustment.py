@@ -223,11 +223,13 @@ def _accumulate(
                 row[:SIDES] = seen.by_views[side]
                 for k in range(len(touched) - SIDES):
                     row[touched[SIDES + k]] = seen.shares[k] * seen.by_near[side]
-                for i in touched:
+                for k in range(len(touched)):
+                    i = touched[k]
                     weighted = weight * row[i]
                     along[i] += weighted * residual[side]
-                    for j in touched:
+                    for j in touched[: k + 1]:  # each pair once: either way round, since nodes come in any order
                         summed[i, j] += weighted * row[j]
+        summed += summed.T - np.diag(np.diag(summed))
         add_link(summed, along, jacobians, matches.ends[link], used[:count], normal, gradient)
     return cost
 

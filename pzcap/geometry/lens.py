@@ -33,7 +33,8 @@ class Distortion(NamedTuple):
 
 
 NONE: Final = Distortion()
-_NEWTON_STEPS: Final = 8
+_NEWTON_STEPS: Final = 8  # of the radius
+_POINT_STEPS: Final = 4  # of the point after it: from what tangential distortion leaves, to a millionth of a pixel
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -152,18 +153,27 @@ def distort(xy: Array, d: Distortion) -> Array:
 def undistort(xy: Array, d: Distortion) -> Array:
     """The inverse of `distort`; (..., 2) to (..., 2), by Newton's method on the radius and, where there are tangential
     coefficients, on the point."""
-    x_d, y_d = xy[..., 0], xy[..., 1]
-    bent, edge = np.sqrt(x_d * x_d + y_d * y_d), _fold(d)
-    if np.isfinite(edge):
-        bent = np.minimum(bent, np.sqrt(edge) * _radial(edge, d) * (1 - 1e-9))
-    radius = bent
-    for _ in range(_NEWTON_STEPS):
-        radius = _radius_step(radius, bent, d)
-    factor = _radial(radius * radius, d)
-    x, y = x_d / factor, y_d / factor
-    for _ in range(_NEWTON_STEPS if d.p1 or d.p2 else 0):
-        x, y = _point_step(x, y, x_d, y_d, d)
-    return np.stack([x, y], axis=-1)
+    edge = _fold(d)
+    furthest = np.sqrt(edge) * _radial(edge, d) * (1 - 1e-9) if np.isfinite(edge) else np.inf
+    straight = np.empty(xy.shape)
+    _undistort_all(np.ascontiguousarray(xy, np.float64).reshape(-1, 2), d, furthest, straight.reshape(-1, 2))
+    return straight
+
+
+@njit(cache=True, nogil=True)
+def _undistort_all(xy: Array, d: Distortion, furthest: float, straight: Array) -> None:
+    """`undistort` of points (N, 2) into ``straight`` (N, 2); beyond the radius ``furthest`` by the factor there."""
+    for n in range(len(xy)):
+        x_d, y_d = xy[n, 0], xy[n, 1]
+        bent = min(np.sqrt(x_d * x_d + y_d * y_d), furthest)
+        radius = bent
+        for _ in range(_NEWTON_STEPS):
+            radius = _radius_step(radius, bent, d)
+        factor = _radial(radius * radius, d)
+        x, y = x_d / factor, y_d / factor
+        for _ in range(0 if d.p1 == 0.0 and d.p2 == 0.0 else _POINT_STEPS):
+            x, y = _point_step(x, y, x_d, y_d, d)
+        straight[n, 0], straight[n, 1] = x, y
 
 
 def jacobian(xy: Array, d: Distortion) -> Array:
