@@ -343,7 +343,8 @@ def _track_input(segmented: FrameSegmented) -> TrackInput:
         if image is None or camera is None or silhouette is None or not silhouette.valid:
             return None
         prior = segmented.priors[index]
-        exposure = Exposure(readout=0.0 if prior is None else prior.readout)
+        late = frames.late[index] if frames.late else 0.0
+        exposure = Exposure(readout=0.0 if prior is None else prior.readout, late=late)
         return ViewInput(image, camera, silhouette, people[index], prior, exposure)
 
     return TrackInput(frames.index, tuple(view(index) for index in range(len(frames.images))))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import errno
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -87,14 +87,16 @@ class _Listed(NamedTuple):
     times: NDArray[np.int64]  # (N,) ascending
     origin: Fraction  # of index 0, in the same
     frame: Fraction  # duration of one, in the same
+    base: Fraction  # s
 
 
 class VideoReader:
     """A video file, opened and checked: its packets are listed (which is quick), and one frame is decoded.
 
     Attributes: ``width``, ``height`` (upright), ``frame_rate`` (Fraction), ``timecode`` (str, or None if the file has
-    none), ``indices`` (frame_count,) int64 increasing, ``frame_count``, ``constant_rate``. Where the rate is not
-    constant, as phones film, the index of a frame is its number.
+    none), ``indices`` (frame_count,) int64 increasing, ``times_s`` (frame_count,) when each is shown, ``frame_count``,
+    ``constant_rate``. Where the rate is not constant, as phones film, the index of a frame is its number. Stamps that
+    tremble about a constant rate are of a constant rate.
 
     Raises PzcapError if the file is missing, is no video, is empty or truncated, if its pixels are not square or its
     pictures interlaced, and for sizes beyond `pzcap.io.limits`.
@@ -113,7 +115,10 @@ class VideoReader:
             listed = self._list(container, stream)
         self._times, self.frame_count = listed.times, len(listed.times)
         indices = [round((int(time) - listed.origin) / listed.frame) for time in listed.times]
+        self.times_s = np.array([float(time - listed.origin) for time in listed.times.tolist()]) * float(listed.base)
         self.constant_rate = all(a < b for a, b in pairwise(indices))
+        if not self.constant_rate and _trembles(self.times_s * float(self.frame_rate)):
+            self.constant_rate, indices = True, list(range(round(indices[0]), round(indices[0]) + len(indices)))
         if max(abs(indices[0]), indices[-1]) > limits.LATEST_FRAME or (
             indices[-1] - indices[0] > limits.SPARSEST * (self.frame_count + limits.FEW)
         ):
@@ -129,12 +134,16 @@ class VideoReader:
     def __iter__(self) -> Iterator[tuple[int, Image]]:
         return self.read()
 
-    def read(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, Image]]:
+    def read(
+        self, start: int = 0, stop: int | None = None, wanted: Container[int] | None = None
+    ) -> Iterator[tuple[int, Image]]:
         """Decode the frames whose index lies in [start, stop), in order: (index, image (H, W, 3)).
 
-        Memory is constant in the length of the video. Raises PzcapError where a frame cannot be decoded.
+        ``wanted``: of a file of which not every picture is used, those that are. Memory is constant in the length of the video. Raises PzcapError where a frame cannot be decoded.
         """
         for index, frame in self._decode(start, stop):
+            if wanted is not None and index not in wanted:
+                continue
             image = _to_bgr(frame)
             yield index, np.ascontiguousarray(np.rot90(image, self._quarter_turns)) if self._quarter_turns else image
 
@@ -180,17 +189,17 @@ class VideoReader:
             raise PzcapError(f"{self.path}: the video holds no frames; copy it again from the camera")
         times, frame = np.array(sorted(found), np.int64), 1 / (base * self.frame_rate)
         if not container.format.name.startswith("mov"):
-            return _Listed(times, Fraction(0), frame)
+            return _Listed(times, Fraction(0), frame, base)
         edit = read_edit(self.path, stream.id)
         if edit is None:  # without one, what is shown first is shown at once, however late decoding makes it
-            return _Listed(times, Fraction(int(times[0])), frame)
+            return _Listed(times, Fraction(int(times[0])), frame, base)
         begin, rounded = edit.begin_s / base, edit.rounded_s / base
         shown = times > float(begin - rounded)
         if edit.shown_s is not None:
             shown &= times < float(begin + edit.shown_s / base - rounded)
         if not shown.any():
             raise PzcapError(f"{self.path}: its edit list shows none of its frames; export it again")
-        return _Listed(times[shown], begin - edit.delay_s / base, frame)
+        return _Listed(times[shown], begin - edit.delay_s / base, frame, base)
 
     def _check_format(self, stream: VideoStream) -> None:
         context = stream.codec_context
@@ -263,6 +272,15 @@ class VideoReader:
     def _broken(self, index: int | None = None) -> PzcapError:
         where = "" if index is None else f" at frame {index}"
         return PzcapError(f"{self.path}: the video is truncated or damaged{where}; copy it again from the camera")
+
+
+def _trembles(times: NDArray[np.float64]) -> bool:
+    """True where frames at ``times`` (N,), in frame periods, are as many as a constant rate makes, each less than a
+    period from its place: recorders that stamp what they are sent write such. One that is dropped leaves a hole."""
+    numbers = np.arange(len(times))
+    line = np.polynomial.Polynomial.fit(numbers, times, 1).convert().coef
+    off = np.abs(times - line[0] - line[-1] * numbers)
+    return bool(len(times) > 2 and off.max() < 1.0 and abs(line[-1] - 1.0) * len(times) < 0.5)
 
 
 def _to_bgr(frame: VideoFrame) -> Image:
