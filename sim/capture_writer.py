@@ -16,10 +16,16 @@ from typing import Any
 import av
 import cv2
 import numpy as np
+from av.audio.frame import AudioFrame
+from av.container import OutputContainer
 from av.video.frame import PictureType, VideoFrame
+from numpy.typing import NDArray
 
 from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, VERSION
 from pzcap.types import SEGMENTS, CalibrationObject, CameraFiles, Capture, Image, Pose, PzcapError, Subject
+from sim.hall.sound import SAMPLES_PER_S
+
+_SOUND_FRAME = 1024  # samples that AAC encodes at once
 
 
 def write_capture(capture: Capture) -> None:
@@ -98,12 +104,14 @@ def write_video(
     crf: int,
     timecode: str | None = None,
     indices: Sequence[int] | None = None,
+    sound: NDArray[np.float32] | None = None,
 ) -> None:
     """Encode (H, W, 3) images of even size as H.264 (4:2:0). The same frames give the same bytes on every machine.
 
     crf: x264's constant rate factor, 0 (lossless but for the colour subsampling) to 51.
     timecode: SMPTE timecode of index 0.
     indices: the index of each frame, strictly increasing; by default 0, 1, 2, ... A gap stands for dropped frames.
+    sound: (N,) samples from the time of index 0 on, 48,000 a second; it becomes AAC, as cameras record it.
     Raises PzcapError if the disk is full or the file cannot be written.
     """
     started = False
@@ -117,6 +125,8 @@ def write_video(
             stream.codec_context.time_base = 1 / frame_rate
             if timecode is not None:
                 stream.metadata["timecode"] = timecode
+            if sound is not None:
+                _add_sound(container, sound)
             for index, image in zip(count() if indices is None else indices, frames, strict=indices is not None):
                 if not started:
                     stream.height, stream.width = image.shape[:2]
@@ -128,6 +138,16 @@ def write_video(
     except OSError as error:  # FFmpegError is one too
         reason = "the disk is full; free some space" if error.errno == errno.ENOSPC else error.strerror
         raise PzcapError(f"{path}: cannot write the video: {reason}") from error
+
+
+def _add_sound(container: OutputContainer, samples: NDArray[np.float32]) -> None:
+    track = container.add_stream("aac", rate=SAMPLES_PER_S, options={"b": "128k"})
+    track.codec_context.layout = "mono"
+    for start in range(0, len(samples), _SOUND_FRAME):
+        frame = AudioFrame.from_ndarray(samples[None, start : start + _SOUND_FRAME], format="fltp", layout="mono")
+        frame.sample_rate, frame.pts, frame.time_base = SAMPLES_PER_S, start, Fraction(1, SAMPLES_PER_S)
+        container.mux(track.encode(frame))
+    container.mux(track.encode())
 
 
 def _to_yuv(image: Image) -> Image:

@@ -36,9 +36,10 @@ _RATE = re.compile(r"\d{1,9}(\.\d{1,9}|/\d{1,9})?")
 def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
     """Read a capture folder and check everything it names, but for the pixels and for what a detector found in them.
 
-    ``without_clocks``: of cameras that have neither timecode nor sync.json yet. Raises PzcapError naming the file at fault and the remedy: a file that is missing or no JSON, a wrong version, a
-    missing, misspelt or malformed entry, a video that cannot be opened, lacks its timecode, or has another frame rate
-    than the manifest or another size than the camera's other files.
+    ``without_clocks``: of cameras that have neither timecode nor sync.json yet. Raises PzcapError naming the file at
+    fault and the remedy: a file that is missing or no JSON, a wrong version, a missing, misspelt or malformed entry, a
+    video that cannot be opened, whose clock is not known, or that has another frame rate than the manifest or another
+    size than the camera's other files.
     """
     manifest = load_json(folder / MANIFEST, "give the folder that holds it, or write one (docs/capture.md)")
     if manifest["format"].text() != FORMAT or manifest["version"].value != VERSION:

@@ -139,7 +139,8 @@ class VideoReader:
     ) -> Iterator[tuple[int, Image]]:
         """Decode the frames whose index lies in [start, stop), in order: (index, image (H, W, 3)).
 
-        ``wanted``: of a file of which not every picture is used, those that are. Memory is constant in the length of the video. Raises PzcapError where a frame cannot be decoded.
+        ``wanted``: of a file of which not every picture is used, those that are. Memory is constant in the length of
+        the video. Raises PzcapError where a frame cannot be decoded.
         """
         for index, frame in self._decode(start, stop):
             if wanted is not None and index not in wanted:
