@@ -174,11 +174,6 @@ def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
                 yield file.trouble
             if file.interlaced:
                 yield f"{file.path}: is interlaced; deinterlace it to full frames, or record progressive"
-            if file.rotation_deg % 360:
-                yield (
-                    f"{file.path}: its container turns it by {file.rotation_deg} degrees, which is not done here; "
-                    "remove that tag (ffmpeg -display_rotation 0 -i IN -c copy OUT)"
-                )
         sizes = {(file.width, file.height) for file in files if not file.trouble}
         if len(sizes) > 1:
             listed = ", ".join(f"{file.path.name} {file.width}x{file.height}" for file in files if not file.trouble)
@@ -192,11 +187,3 @@ def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
             yield f"camera {name}: no sweep; its frames cannot be located"
         if "motion" not in roles:
             yield f"camera {name}: no motion; the body is tracked in the other views"
-        elif not roles["motion"].trouble and roles["motion"].timecode is None:
-            yield (
-                f"{roles['motion'].path}: no timecode; give it one "
-                "(ffmpeg -i IN -c copy -timecode 10:20:30:00 OUT), counted on a common clock"
-            )
-    rates = {file.rate for files in cameras.values() for file in files if file.role == "motion" and file.rate}
-    if len(rates) > 1:
-        yield f"the motion videos have {', '.join(map(str, sorted(rates)))} frames/s; one rate is needed"

@@ -19,6 +19,7 @@ from pzcap.export import (
     opentrackio,
     pose2sim,
     soccernet,
+    stabilised,
     trc,
     uncertainty,
     usd,
@@ -52,6 +53,7 @@ FORMATS: Final[dict[str, Format]] = {
     "chan": Format("Nuke .chan, cameras: Nuke, Blender, Houdini", chan.write, False, True),
     "aniposelib": Format("aniposelib calibration of virtual fixed cameras, keypoints", aniposelib.write, False, True),
     "pose2sim": Format("Pose2Sim project of virtual fixed cameras, keypoints", pose2sim.write, False, True),
+    "stabilised": Format("Stabilised video of virtual fixed cameras: detectors", stabilised.write, False, True),
 }
 
 

@@ -35,8 +35,8 @@ def clap(rng: np.random.Generator, softness: float = 1.0) -> Array:
 
 
 def recorded(
-    events: list[tuple[float, Array, Array]], fan_m: Array, fan: Array, microphone_m: Array, begin_s: float, rate: float,
-    duration_s: float, rng: np.random.Generator,
+    events: list[tuple[float, Array, Array]], fan_m: Array, fan: Array, microphone_m: Array, begin_s: float,
+    rate: float, duration_s: float, rng: np.random.Generator,
 ) -> NDArray[np.float32]:  # fmt: skip
     """(N,) samples, -1 to 1, by a microphone at ``microphone_m`` (3,) that starts at ``begin_s`` and whose clock lets
     ``rate`` seconds pass in one of its own. events: time, place (3,) and samples of each sound. ``fan``: samples of one
