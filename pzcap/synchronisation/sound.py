@@ -1,5 +1,6 @@
 """Delays between cameras by their sound: generalised cross-correlation with phase transform (GCC-PHAT; Knapp, Carter
-1976), which makes an echoing hall's sound as short as a click.
+1976), which makes an echoing hall's sound as short as a click. Where something bangs, all else is muted: what hums all
+the time hums at one camera and not in the middle, and would be what they agree on.
 
 Sound takes 2.9 ms for a metre. Where the cameras' places are known, what it takes from the middle of the hall, where
 the crew claps, is taken off; else this stands in the uncertainty.
@@ -36,6 +37,9 @@ _NEIGHBOURHOOD_S: Final = 0.12  # echoes, and sounds from elsewhere in the hall
 _RECORDER_S: Final = 0.005  # between sound and picture of a camera
 _MIDDLE_M: Final = 2.0  # of the sound from the middle, difference of two cameras
 _ANYWHERE_M: Final = 6.0  # where cameras' places are not known
+_BANG: Final = 30.0  # times the usual energy of a frame
+_FRAME: Final = 32  # samples
+_HELD: Final = (1, 12)  # frames before and after a bang that are kept
 _WINDOW_S: Final = 20.0
 _DRIFT: Final = 2e-5  # standard deviation of a rate that is believed
 _WINDOWS: Final = 5
@@ -114,10 +118,23 @@ def _drift(one: Array, other: Array, delay_s: float) -> float:
     return float(slope) if np.sqrt(covariance[0, 0]) < _DRIFT else 0.0
 
 
+def bangs(samples: Array) -> Array:
+    """The samples (N,), muted where nothing bangs; as they are, where nothing does at all."""
+    frames = len(samples) // _FRAME
+    energy = np.sum(samples[: frames * _FRAME].reshape(frames, _FRAME) ** 2, axis=1)
+    loud = np.flatnonzero(energy > _BANG * np.median(energy) + 1e-12)
+    if not loud.size:
+        return samples
+    kept = np.zeros(len(samples), bool)
+    for frame in loud.tolist():
+        kept[max(0, frame - _HELD[0]) * _FRAME : (frame + _HELD[1]) * _FRAME] = True
+    return np.where(kept, samples, 0.0)
+
+
 def correlated(one: Array, other: Array) -> float | None:
     """How many seconds later ``other`` sounds like ``one``, both (N,) samples; None where that leaves doubt."""
     count = next_fast_len(len(one) + len(other), real=True)
-    cross = rfft(other, count) * np.conj(rfft(one, count))
+    cross = rfft(bangs(other), count) * np.conj(rfft(bangs(one), count))
     frequency = rfftfreq(count, 1.0 / SAMPLES_PER_S)
     band = (frequency >= _BAND_HZ[0]) & (frequency <= _BAND_HZ[1])
     whitened = np.where(band, cross / (np.abs(cross) + 1e-12 * np.abs(cross).max() + 1e-300), 0.0)

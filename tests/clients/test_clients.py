@@ -20,7 +20,7 @@ from experiments.comparisons.fixed_tools.clients import environments, installed,
 from pzcap.export import formats
 from pzcap.export.take import Take
 from pzcap.geometry.camera import project
-from pzcap.types import SEGMENTS, Array
+from pzcap.types import ENDS, JOINTS, SEGMENTS, Array
 from tests.scenes import exported, fabricated, seen_keypoints
 from tests.scenes.exported import FRAMES, GAP, LOST, RATE
 from tests.scenes.seen_keypoints import OWN, ROWS
@@ -76,6 +76,19 @@ def test_opensim(tmp_path: Path) -> None:
     for frame in VALID:
         forward, left, up = exported.joints(frame).T
         np.testing.assert_allclose(places[frame, :16], np.column_stack([forward, up, -left]), atol=1e-6)
+
+
+def test_opensim_moves_the_model(tmp_path: Path) -> None:
+    """Forward kinematics by OpenSim itself, of the model and the motion as they were written."""
+    files = {path.suffix: path for path in formats.write(exported.take(), "mot", tmp_path)}
+    said = read("pose2sim", HERE / "read_opensim_motion.py", files[".osim"], files[".mot"], folder=tmp_path)
+    found = json.loads(said.splitlines()[-1])
+    assert found["names"] == [*JOINTS, *ENDS]
+    assert 40.0 < found["mass"] < 130.0
+    np.testing.assert_allclose(found["times"], np.array(VALID) / float(RATE), atol=1e-6)
+    for places, frame in zip(np.array(found["places"]), VALID, strict=True):
+        forward, left, up = np.vstack([exported.joints(frame), exported.ends(frame)]).T
+        np.testing.assert_allclose(places, np.column_stack([forward, up, -left]), atol=1e-6)
 
 
 def blender(path: Path, turn: Array, rate: float, folder: Path) -> dict[str, Any]:

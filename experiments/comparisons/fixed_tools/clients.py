@@ -1,4 +1,4 @@
-"""Other programs in environments of their own (`make test-clients`): they want other versions of what we are made of."""
+"""Other programs in environments of their own (`make test-clients`): they want other versions of libraries."""
 
 from __future__ import annotations
 
