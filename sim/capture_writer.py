@@ -17,6 +17,7 @@ import av
 import cv2
 import numpy as np
 from av.audio.frame import AudioFrame
+from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.video.frame import PictureType, VideoFrame
 from numpy.typing import NDArray
@@ -122,15 +123,16 @@ def write_video(
             options = {"crf": str(crf), "preset": "veryfast", "threads": "1", "x264-params": "mbtree=0"}
             stream = container.add_stream("libx264", rate=frame_rate, options=options)
             stream.pix_fmt = "yuv420p"
+            track = None if sound is None else container.add_stream("aac", rate=SAMPLES_PER_S, options={"b": "128k"})
             stream.codec_context.time_base = 1 / frame_rate
             if timecode is not None:
                 stream.metadata["timecode"] = timecode
-            if sound is not None:
-                _add_sound(container, sound)
             for index, image in zip(count() if indices is None else indices, frames, strict=indices is not None):
                 if not started:
                     stream.height, stream.width = image.shape[:2]
                     started = True
+                    if track is not None and sound is not None:
+                        _add_sound(container, track, sound)
                 frame = VideoFrame.from_ndarray(_to_yuv(image), format="yuv420p")
                 frame.pts, frame.time_base, frame.pict_type = index, 1 / frame_rate, PictureType.NONE
                 container.mux(stream.encode(frame))
@@ -140,8 +142,7 @@ def write_video(
         raise PzcapError(f"{path}: cannot write the video: {reason}") from error
 
 
-def _add_sound(container: OutputContainer, samples: NDArray[np.float32]) -> None:
-    track = container.add_stream("aac", rate=SAMPLES_PER_S, options={"b": "128k"})
+def _add_sound(container: OutputContainer, track: AudioStream, samples: NDArray[np.float32]) -> None:
     track.codec_context.layout = "mono"
     for start in range(0, len(samples), _SOUND_FRAME):
         frame = AudioFrame.from_ndarray(samples[None, start : start + _SOUND_FRAME], format="fltp", layout="mono")

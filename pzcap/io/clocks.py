@@ -26,6 +26,10 @@ _DRIFT: Final = 0.02
 """Departure of a clock's rate from a whole multiple of the frame sets', from which on it is no drift."""
 
 
+_FULL: Final = 0.7
+"""Pictures that a camera whose rate varies takes on average, as a share of the frame sets."""
+
+
 class Timeline(NamedTuple):
     """Pictures of one camera that belong to frame sets."""
 
@@ -70,13 +74,16 @@ def check_clock(name: str, reader: VideoReader, rate: Fraction, sync: dict[str, 
     clock = None if sync is None else sync[name]
     if reader.constant_rate:
         _multiple(reader, rate, clock)
+    else:
+        lasts = float(reader.times_s[-1] - reader.times_s[0]) * (1.0 if clock is None else clock.rate)
+        average = (reader.frame_count - 1) / max(lasts, 1e-9)
+        if average < _FULL * float(rate):
+            raise PzcapError(
+                f"{reader.path}: its frame rate varies, and is {average:.3g} frames/s on average where capture.json "
+                f"says {float(rate):.6g}; film at a constant rate, or with more light"
+            )
     if clock is None:
-        _midnight(reader)
-
-
-def has_clock(reader: VideoReader) -> bool:
-    """True where the video says by itself when it was recorded."""
-    return reader.timecode is not None
+        _midnight(reader, rate)
 
 
 def timelines(capture: Capture, readers: Sequence[VideoReader | None]) -> list[Timeline]:
@@ -109,9 +116,9 @@ def _by_timecode(capture: Capture, readers: Sequence[VideoReader | None]) -> lis
         if reader is None:
             found.append(NEVER)
             continue
-        own = _midnight(reader)
+        own = _midnight(reader, capture.frame_rate)
         every = _multiple(reader, capture.frame_rate, None) if reader.constant_rate else 1
-        start = Fraction(own, every) if reader.constant_rate else own * capture.frame_rate / round(reader.frame_rate)
+        start = Fraction(own, every)
         if before is None:
             before = start
         # A clock that passed midnight before another was started is a day ahead of it, not a day behind.
@@ -126,7 +133,7 @@ def _by_timecode(capture: Capture, readers: Sequence[VideoReader | None]) -> lis
 def _by_sync(reader: VideoReader, rate: Fraction, clock: CameraClock) -> Timeline:
     every = _multiple(reader, rate, clock) if reader.constant_rate else 1
     lasts = float(reader.indices[-1] - reader.indices[0]) / float(reader.frame_rate)
-    drift = clock.rate * float(reader.frame_rate) ** -1 * every * float(rate) - 1.0
+    drift = clock.rate * every * float(rate) / float(reader.frame_rate) - 1.0
     if reader.constant_rate and abs(drift) * lasts * float(rate) < 0.5:  # whole frames: nothing is taken twice
         return _counted(reader, round(clock.offset_s * every * float(rate)), every)
     return _nearest(reader, (clock.offset_s + clock.rate * reader.times_s) * float(rate))
@@ -160,19 +167,14 @@ def _multiple(reader: VideoReader, rate: Fraction, clock: CameraClock | None) ->
     return every
 
 
-def _midnight(reader: VideoReader) -> int:
-    """Frames since midnight of a recording's index 0, in its own rate."""
+def _midnight(reader: VideoReader, rate: Fraction) -> int:
+    """Frames since midnight of a recording's index 0, in its own rate; where that varies, in that of the frame sets."""
     if reader.timecode is None:
         raise PzcapError(
             f"{reader.path}: the video holds no SMPTE timecode; export it again with its timecode track, or let pzcap "
             "sync FOLDER find how the cameras lie to each other"
         )
     try:
-        return timecode_to_frames(reader.timecode, reader.frame_rate if reader.constant_rate else _whole(reader))
+        return timecode_to_frames(reader.timecode, reader.frame_rate if reader.constant_rate else rate)
     except PzcapError as error:
         raise PzcapError(f"{reader.path}: {error}") from error
-
-
-def _whole(reader: VideoReader) -> Fraction:
-    """The rate that the timecode of a video counts by whose rate varies."""
-    return Fraction(round(reader.frame_rate))

@@ -36,6 +36,9 @@ _INTERLACED: Final = range(2, 6)  # AVFieldOrder: anything but unknown and progr
 _SQUARE: Final = 2e-3  # departure of a pixel's width from its height that encoders write for square ones
 _BT601: Final = (2, 5, 6)  # AVColorSpace: unspecified, and the two that are BT.601
 _FULL_RANGE: Final = 2  # AVColorRange
+_USUAL_RATES: Final = tuple(
+    Fraction(rate * 1000, thousand) for rate in (24, 25, 30, 48, 50, 60, 100, 120, 240) for thousand in (1000, 1001)
+)
 _TURN: Final = "DISPLAYMATRIX"  # av.sidedata.sidedata.Type
 
 
@@ -90,6 +93,13 @@ class _Listed(NamedTuple):
     base: Fraction  # s
 
 
+class _Trembling(NamedTuple):
+    """Frames of a constant rate, whose stamps are uneven."""
+
+    rate: Fraction
+    first: int  # index
+
+
 class VideoReader:
     """A video file, opened and checked: its packets are listed (which is quick), and one frame is decoded.
 
@@ -117,8 +127,9 @@ class VideoReader:
         indices = [round((int(time) - listed.origin) / listed.frame) for time in listed.times]
         self.times_s = np.array([float(time - listed.origin) for time in listed.times.tolist()]) * float(listed.base)
         self.constant_rate = all(a < b for a, b in pairwise(indices))
-        if not self.constant_rate and _trembles(self.times_s * float(self.frame_rate)):
-            self.constant_rate, indices = True, list(range(round(indices[0]), round(indices[0]) + len(indices)))
+        if not self.constant_rate and (trembling := _trembling(self.times_s)) is not None:
+            self.frame_rate, self.constant_rate = trembling.rate, True
+            indices = list(range(trembling.first, trembling.first + self.frame_count))
         if max(abs(indices[0]), indices[-1]) > limits.LATEST_FRAME or (
             indices[-1] - indices[0] > limits.SPARSEST * (self.frame_count + limits.FEW)
         ):
@@ -275,13 +286,22 @@ class VideoReader:
         return PzcapError(f"{self.path}: the video is truncated or damaged{where}; copy it again from the camera")
 
 
-def _trembles(times: NDArray[np.float64]) -> bool:
-    """True where frames at ``times`` (N,), in frame periods, are as many as a constant rate makes, each less than a
-    period from its place: recorders that stamp what they are sent write such. One that is dropped leaves a hole."""
-    numbers = np.arange(len(times))
-    line = np.polynomial.Polynomial.fit(numbers, times, 1).convert().coef
-    off = np.abs(times - line[0] - line[-1] * numbers)
-    return bool(len(times) > 2 and off.max() < 1.0 and abs(line[-1] - 1.0) * len(times) < 0.5)
+def _trembling(times_s: NDArray[np.float64]) -> _Trembling | None:
+    """The constant rate of frames at ``times_s`` (N,), each less than a frame from its place: recorders that stamp what
+    they are sent write such. None where the rate itself varies, or frames are missing."""
+    numbers = np.arange(len(times_s))
+    if len(times_s) < 3:
+        return None
+    line = np.polynomial.Polynomial.fit(numbers, times_s, 1).convert().coef
+    start, period = float(line[0]), float(line[-1])
+    off = times_s - start - period * numbers
+    sigma = float(np.std(off)) / np.sqrt(np.sum((numbers - numbers.mean()) ** 2))
+    fitting = [rate for rate in _USUAL_RATES if abs(1 / float(rate) - period) < 3 * sigma + 1e-6]
+    if np.abs(off).max() >= period or not fitting:
+        return None
+    rate = min(fitting, key=lambda each: (each.denominator, abs(1 / float(each) - period)))
+    # by the middle of all stamps: the first one trembles as the others do
+    return _Trembling(rate, round(float(rate) * (start + period * float(numbers.mean())) - float(numbers.mean())))
 
 
 def _to_bgr(frame: VideoFrame) -> Image:

@@ -29,15 +29,16 @@ SOUND_M_PER_S: Final = 343.0
 LONGEST_S: Final = 1_200.0
 """Sound of a recording that is listened to, from its beginning."""
 _BAND_HZ: Final = (200.0, 3_500.0)
-_SURE: Final = 12.0
+_SURE: Final = 9.0
 """Height of a peak, in standard deviations of the correlation, from which on it is one."""
-_NEXT: Final = 0.75
+_NEXT: Final = 0.65
 """Height of the next peak, apart from its neighbourhood, as a share of it, up to which there is no doubt."""
 _NEIGHBOURHOOD_S: Final = 0.12  # echoes, and sounds from elsewhere in the hall
+_SPREAD_S: Final = 0.0015
 _RECORDER_S: Final = 0.005  # between sound and picture of a camera
 _MIDDLE_M: Final = 2.0  # of the sound from the middle, difference of two cameras
 _ANYWHERE_M: Final = 6.0  # where cameras' places are not known
-_BANG: Final = 30.0  # times the usual energy of a frame
+_BANG: Final = 8.0  # times the usual energy of a frame
 _FRAME: Final = 32  # samples
 _HELD: Final = (1, 12)  # frames before and after a bang that are kept
 _WINDOW_S: Final = 20.0
@@ -138,7 +139,11 @@ def correlated(one: Array, other: Array) -> float | None:
     frequency = rfftfreq(count, 1.0 / SAMPLES_PER_S)
     band = (frequency >= _BAND_HZ[0]) & (frequency <= _BAND_HZ[1])
     whitened = np.where(band, cross / (np.abs(cross) + 1e-12 * np.abs(cross).max() + 1e-300), 0.0)
-    correlation = irfft(whitened, count)
+    # hands that clap move about: what several claps say falls within some milliseconds of each other
+    spread = np.exp(-2.0 * (np.pi * frequency * _SPREAD_S) ** 2)
+    sharp = irfft(whitened, count)
+    correlation = irfft(rfft(np.maximum(sharp, 0.0), count) * spread, count)
+    correlation -= correlation.mean()
     lags = np.arange(count)
     lags[lags >= len(other)] -= count
     peak = int(np.argmax(correlation))
