@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -11,8 +12,17 @@ from typing import Final
 
 import numpy as np
 
+from pzcap.command.check import forecast
 from pzcap.command.check.findings import Finding, Level, worst
-from pzcap.command.check.motion_check import Places, check_belonging, check_light, check_ranges, check_tilt, samples
+from pzcap.command.check.motion_check import (
+    Places,
+    check_belonging,
+    check_light,
+    check_ranges,
+    check_tilt,
+    place,
+    samples,
+)
 from pzcap.command.check.page import Pictures, write_page
 from pzcap.command.check.reference_check import Reference, check_reference
 from pzcap.command.check.sweep_check import Sweep, check_sweep
@@ -35,6 +45,7 @@ class Hall:
     sweep: Sweep | None
     zoom: ZoomRun
     findings: tuple[Finding, ...]
+    reference_rad: float = 0.0  # angle of the reference pose on the sweep
 
 
 def check_folder(folder: Path, page: Path) -> int:
@@ -69,11 +80,45 @@ def check_capture(capture: Capture, line: ProgressLine) -> tuple[list[Finding], 
             motions[files.name] = motion
             line.update("motion", len(halls) + len(motions), total)
     findings, pictures = list(_together(capture, halls)), {}
+    places = {name: found for name, (found, own) in motions.items() if found is not None and _fits(own)}
+    findings += _forecast(capture, halls, places)
     for name, hall in halls.items():
-        places, own = motions[name]
+        shown, own = motions[name]
         findings += [*hall.findings, *own]
-        pictures[name] = Pictures(hall.reference, hall.sweep, places)
+        pictures[name] = Pictures(hall.reference, hall.sweep, shown)
     return findings, pictures
+
+
+def _fits(findings: Sequence[Finding]) -> bool:
+    return all(finding.level is not Level.FAIL for finding in findings)
+
+
+def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str, Places]) -> list[Finding]:
+    """Accuracy to expect of the cameras whose files fit each other, and of the body."""
+    found: dict[str, forecast.CameraForecast] = {}
+    roots = [pose.root_position_m for pose in capture.keyframe_poses.values()]
+    for name, places in motions.items():
+        hall = halls[name]
+        if hall.sweep is None or hall.reference is None or hall.reference.camera is None or not places.found.any():
+            continue
+        camera = hall.reference.camera.camera
+        there = np.mean(roots, axis=0) if roots else hall.reference.camera.points_m.mean(axis=0)
+        kept = np.flatnonzero(places.found)
+        scales = 1.0 / np.array([places.relations[k].scale for k in kept])
+        found[name] = forecast.forecast_camera(
+            images=[places.images[k] for k in kept],
+            focal_px=camera.focal_px * scales,
+            pan_rad=places.angles_rad[kept] - hall.reference_rad,
+            distance_m=float(np.linalg.norm(there - camera.world_T_cam[:3, 3])),
+            reference_px=camera.focal_px,
+            span_rad=None if capture.full_turn else hall.sweep.span_rad,
+            zoomed=hall.zoom.widest is not None,
+        )
+    keyframe_s = None
+    if roots and capture.subject is not None:
+        with suppress(PzcapError):  # it has been said
+            keyframe_s = len(frame_sets(capture)) / float(capture.frame_rate) / max(len(roots) - 1, 1)
+    return list(forecast.findings(found, keyframe_s))
 
 
 def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:
@@ -97,7 +142,10 @@ def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:
     elif sweep is not None:
         zoom, found = check_zoom(files.name, files.zoom, sweep)
         findings += found
-    return Hall(reference, sweep, zoom, tuple(findings))
+    at = 0.0
+    if reference is not None and sweep is not None:
+        at = float(place([reference.image], sweep).angles_rad[0])
+    return Hall(reference, sweep, zoom, tuple(findings), at)
 
 
 def _motion(capture: Capture, files: CameraFiles, halls: Mapping[str, Hall]) -> tuple[Places | None, list[Finding]]:
