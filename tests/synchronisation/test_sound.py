@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.signal import resample_poly
 
+from pzcap.io.video import VideoReader
 from pzcap.synchronisation import sound
 from pzcap.synchronisation.sound import SAMPLES_PER_S, Sound
 from pzcap.types import Array
+from sim.capture_writer import write_video
 from sim.hall import sound as hall
+from tests.scenes.recorders import number, pictures
 
 PLACES = np.array([[12.0, 9.0, 2.0], [-14.0, 9.0, 2.0], [-12.0, -9.0, 2.0], [11.0, -9.0, 2.0]])
 BEGIN_S = np.array([-0.3, -0.8, 0.0, -0.5])
@@ -41,6 +47,21 @@ def test_claps_in_the_middle_tell_the_start_to_milliseconds() -> None:
     for each in found:
         assert each.delay_s == pytest.approx(BEGIN_S[each.a] - BEGIN_S[each.b], abs=0.003)
         assert each.sigma_s < 0.01
+
+
+def test_sound_of_a_file_is_on_the_clock_of_its_pictures(tmp_path: Path) -> None:
+    """AAC begins with samples that nobody hears, and H.264 with pictures out of order."""
+    samples = np.zeros(2 * hall.SAMPLES_PER_S, np.float32)
+    samples[hall.SAMPLES_PER_S // 2 :][:200] = 0.5
+    write_video(tmp_path / "a.mp4", pictures(60), Fraction(30), crf=20, sound=samples)
+    reader = VideoReader(tmp_path / "a.mp4")
+    assert reader.indices[0] == 0
+    assert [number(image) for _, image in reader.read(0, 3)] == [0, 1, 2]
+    found = sound.sound_of(reader.path, None)
+    assert found is not None
+    assert np.flatnonzero(np.abs(found.samples) > 0.2)[0] / SAMPLES_PER_S == pytest.approx(0.5, abs=0.002)
+    write_video(tmp_path / "b.mp4", pictures(6), Fraction(30), crf=20)
+    assert sound.sound_of(tmp_path / "b.mp4", None) is None
 
 
 def test_a_hall_in_which_nothing_bangs_leaves_doubt() -> None:

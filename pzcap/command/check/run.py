@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from pzcap.command.check import forecast
+from pzcap.command.check.body_check import check_body
 from pzcap.command.check.findings import Finding, Level, worst
 from pzcap.command.check.motion_check import (
     Places,
@@ -82,6 +83,13 @@ def check_capture(capture: Capture, line: ProgressLine) -> tuple[list[Finding], 
     findings, pictures = list(_together(capture, halls)), {}
     places = {name: found for name, (found, own) in motions.items() if found is not None and _fits(own)}
     findings += _forecast(capture, halls, places)
+    fitting = {name: halls[name] for name in places}
+    findings += check_body(
+        capture,
+        {name: hall.reference for name, hall in fitting.items() if hall.reference is not None},
+        {name: hall.sweep for name, hall in fitting.items() if hall.sweep is not None},
+        {name: hall.reference_rad for name, hall in fitting.items()},
+    )
     for name, hall in halls.items():
         shown, own = motions[name]
         findings += [*hall.findings, *own]
