@@ -28,7 +28,7 @@ from pzcap.types import Array, Camera, Capture, Image, Indices, Pose, PzcapError
 
 KEYFRAMES: Final = 3
 """Keyframes that are looked at."""
-_OFF: Final = 0.08  # of a size of 1
+_OFF: Final = 0.06  # of a size of 1
 _AWAY: Final = 0.35  # of the body's height in the picture
 _FEWEST: Final = 4
 _CHANGED: Final = 12  # grey levels

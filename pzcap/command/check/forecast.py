@@ -22,13 +22,13 @@ from pzcap.types import Array, Image
 
 WORTH: Final = 4.0
 """Variance reached over that of the bound of independent pixels: compression, interpolation, a panorama with noise."""
-PARTIAL_SCALE: Final = 0.0012
+PARTIAL_SCALE: Final = 0.0002
 """Standard deviation of the scale of a sweep of 120 degrees."""
-PARTIAL_POWER: Final = 2.0
+PARTIAL_POWER: Final = 2.2
 """How much faster than in proportion the scale gets worse with a shorter sweep."""
 BODY_MM: Final = 2.5
 """Of a joint, by the lengths of the body alone."""
-JOINT_PX: Final = 0.22
+JOINT_PX: Final = 0.42
 """Of a joint, pixels at the athlete, by four cameras and a keyframe a second."""
 _FULL: Final = 4  # cameras
 _DENSE_S: Final = 1.0  # between keyframes
