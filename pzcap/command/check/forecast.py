@@ -26,6 +26,8 @@ PARTIAL_SCALE: Final = 0.0002
 """Standard deviation of the scale of a sweep of 120 degrees."""
 PARTIAL_POWER: Final = 2.2
 """How much faster than in proportion the scale gets worse with a shorter sweep."""
+COARSE_PX: Final = 640.0
+"""Width of a picture below which the floor of the pan, in pixels, rises: it samples the hall too coarsely."""
 BODY_MM: Final = 2.5
 """Of a joint, by the lengths of the body alone."""
 JOINT_PX: Final = 0.42
@@ -59,7 +61,7 @@ def forecast_camera(
     pan, zoom = (WORTH * float(np.mean(bounds[:, k, k])) for k in range(2))
     parts = {"noise and bare walls": (pan, zoom)}
     parts["what no footage has gone below"] = (
-        (config.floor_px / reference_px) ** 2,
+        (config.floor_px * max(1.0, COARSE_PX / width) / reference_px) ** 2,
         (config.floor_edge_px / (0.5 * width)) ** 2,
     )
     if span_rad is not None:
@@ -121,7 +123,7 @@ def findings(cameras: Mapping[str, CameraForecast], keyframe_s: float | None) ->
         faint = pan > _FAINT["pan"] or focal > _FAINT["focal"]
         text = f"pan to {pan:.2g} degrees, focal length to {focal:.2g} %; limited by {' and '.join(each.limits)}"
         yield Finding(Level.WARN if faint else Level.OK, name, "forecast", text)
-    if keyframe_s is None or not cameras:
+    if keyframe_s is None or len(cameras) < 2:
         return
     joints = joints_mm(list(cameras.values()), keyframe_s)
     pixel = 1000.0 * float(np.median([each.footprint_m for each in cameras.values()]))

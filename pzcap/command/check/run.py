@@ -189,7 +189,13 @@ def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
     else:
         seconds = len(sets) / float(capture.frame_rate)
         text = f"{len(sets)} frame sets in common, {seconds:.1f} s, {sets.timecodes[0]} to {sets.timecodes[-1]}"
-        yield Finding(Level.OK if seconds >= 1.0 else Level.WARN, "", "sync", text)
+        level = Level.OK if seconds >= 1.0 else Level.WARN
+        if capture.sync is not None:
+            worst_s = max(clock.sigma_s for clock in capture.sync.values())
+            ways = sorted({clock.by for clock in capture.sync.values()})
+            text += f"; without timecode, by {' and '.join(ways)} to {1000.0 * worst_s:.0f} ms"
+            level = Level.WARN if worst_s * float(capture.frame_rate) > 0.5 else level
+        yield Finding(level, "", "sync", text)
         if not sets.keyframes:
             yield Finding(Level.WARN, "", "keyframes", "there are none yet: the body is tracked from them")
     if capture.calibration_object is None:
@@ -200,7 +206,11 @@ def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
         )
     for files in capture.cameras:
         if files.motion is not None:
-            indices = VideoReader(files.motion).indices
+            reader = VideoReader(files.motion)
+            indices = reader.indices
+            if not reader.constant_rate:
+                text = "its frame rate varies: each frame set gets the picture nearest in time; film at a constant rate"
+                yield Finding(Level.WARN, files.name, "motion", text)
             missing = int(indices[-1] - indices[0]) + 1 - len(indices)
             if missing:
                 share = missing / (len(indices) + missing)
