@@ -31,6 +31,7 @@ WORDS: Final[dict[str, frozenset[str]]] = {
 """Words in the name of a file that say what it is for."""
 ORDER: Final[dict[int, tuple[str, ...]]] = {1: ("motion",), 2: ("sweep", "motion"), 3: ("sweep", "zoom", "motion")}
 """Of so many videos without such words, in the order of their names: as they are shot."""
+_RATE_TOLERANCE: Final = 1e-4  # containers round 30000/1001 to 29.97
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,3 +188,11 @@ def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
             yield f"camera {name}: no sweep; its frames cannot be located"
         if "motion" not in roles:
             yield f"camera {name}: no motion; the body is tracked in the other views"
+    rates = sorted({file.rate for files in cameras.values() for file in files if file.role == "motion" and file.rate})
+    if not multiples(rates):
+        yield f"the motion videos have {', '.join(map(str, rates))} frames/s; one rate is needed, or multiples of one"
+
+
+def multiples(rates: Sequence[Fraction]) -> bool:
+    """True where all rates are whole multiples of the least."""
+    return all(abs(float(rate / min(rates)) / round(rate / min(rates)) - 1.0) < _RATE_TOLERANCE for rate in rates)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 
-from pzcap.command.footage_files import File, cameras_in, troubles
+from pzcap.command.footage_files import File, cameras_in, multiples, troubles
 from pzcap.command.progress import ProgressLine
 from pzcap.command.syncing import SYNC, report, synchronised
 from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, PAPERS, VERSION, read_capture
@@ -45,13 +45,14 @@ def write_capture(
         partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     print(f"{manifest}: written; the sweeps {'go' if full_turn else 'do not go'} all the way round")
     found = list(troubles(cameras))
+    unreadable = any(file.trouble for files in cameras.values() for file in files)
     try:
-        if not found and texts["sync"] is None and any(each.timecode is None for each in _motions(cameras)):
+        if not unreadable and texts["sync"] is None and any(each.timecode is None for each in _motions(cameras)):
             _synchronise(folder)
         if not found:
             read_capture(folder)
     except PzcapError as error:
-        found = [str(error)]
+        found.append(str(error))
     for trouble in found:
         print(f"  to mend: {trouble}")
     return int(bool(found))
@@ -99,9 +100,7 @@ def _rate(cameras: Mapping[str, Sequence[File]]) -> str:
     rates: list[Fraction] = [file.rate for file in _motions(cameras) if file.rate]
     if not rates:
         raise PzcapError("no camera has a motion video that can be read; name one by --motion NAME")
-    least = min(rates)
-    multiples = all(abs(float(rate / least) / round(rate / least) - 1.0) < 1e-4 for rate in rates)
-    rate = least if multiples else max(rates, key=rates.count)
+    rate = min(rates) if multiples(rates) else max(rates, key=rates.count)
     return f"{rate.numerator}/{rate.denominator}"
 
 
