@@ -8,6 +8,8 @@ from typing import Final
 
 from experiments.config import AppConfig
 from pzcap.calibration.calibrate import no_report
+from pzcap.command.syncing import SYNC, synchronised
+from pzcap.io.capture import read_capture
 from sim import truth as truth_files
 from sim.cameras.optics import OpticsConfig
 from sim.capture_cache import LIGHT_GB, shoot_cached
@@ -44,7 +46,10 @@ def capture_of(config: AppConfig, report: Callable[[str, int, int], None]) -> Pa
     """The capture that a run works on: the one it is told, else that of the shoot's config."""
     if config.capture is not None:
         return capture_in(Path(config.capture).resolve())
-    return shot(config.shoot, Path(config.output.captures), report, config.output.light_gb) / "capture"
+    capture = shot(config.shoot, Path(config.output.captures), report, config.output.light_gb) / "capture"
+    if config.shoot.crew.sync != "timecode" and not (capture / SYNC).is_file():
+        synchronised(read_capture(capture, without_clocks=True), told=report)  # as the crew does; where it cannot be
+    return capture  # known, whoever reads the capture says so
 
 
 def shot(

@@ -308,6 +308,9 @@ def segment_views(
     return FrameSegmented(seen.frames, found, silhouettes, priors, time.perf_counter() - started)
 
 
+_WORST_CLOCK: Final = 1.5  # frames: more, and the motion of a frame is no longer a straight line
+
+
 def body_tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]) -> Tracker | None:
     """The tracker of stage 6; None, and a reason added to ``notes``, where the capture holds nothing to track by."""
     if capture.subject is None:
@@ -318,7 +321,15 @@ def body_tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[
         return None
     model = skeleton.build(capture.subject)
     notes += keyframes.check(sets.keyframes, model, len(sets))
-    return Tracker(model, sets.keyframes, config.tracking)
+    return Tracker(model, sets.keyframes, _with_clock_sigma(config.tracking, capture))
+
+
+def _with_clock_sigma(config: TrackingConfig, capture: Capture) -> TrackingConfig:
+    """The settings, with clocks as uncertain as sync.json says where there is one."""
+    if capture.sync is None or not config.clock_sigma:
+        return config
+    worst = max(clock.sigma_s for clock in capture.sync.values()) * float(capture.frame_rate)
+    return replace(config, clock_sigma=max(config.clock_sigma, min(worst, _WORST_CLOCK)))
 
 
 def with_clocks(
@@ -343,7 +354,8 @@ def _track_input(segmented: FrameSegmented) -> TrackInput:
         if image is None or camera is None or silhouette is None or not silhouette.valid:
             return None
         prior = segmented.priors[index]
-        exposure = Exposure(readout=0.0 if prior is None else prior.readout)
+        late = frames.late[index] if frames.late else 0.0
+        exposure = Exposure(readout=0.0 if prior is None else prior.readout, late=late)
         return ViewInput(image, camera, silhouette, people[index], prior, exposure)
 
     return TrackInput(frames.index, tuple(view(index) for index in range(len(frames.images))))

@@ -163,6 +163,16 @@ class CameraFiles:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CameraClock:
+    """Clock of a camera's motion video against the common one, for cameras without timecode (sync.json)."""
+
+    offset_s: float  # common time of what the file shows at its time 0
+    rate: float  # seconds of common time that pass while the file shows one
+    sigma_s: float  # standard deviation of the offset
+    by: str  # what it is known by: sound, flash, motion, hand
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Capture:
     """A capture folder, read and checked. `pzcap.io.capture` reads and writes it; docs/capture.md specifies it."""
 
@@ -174,6 +184,7 @@ class Capture:
     subject: Subject | None
     keyframe_poses: dict[str, Pose]  # timecode "hh:mm:ss:ff" -> pose
     full_turn: bool  # the sweeps go all the way round, so that the circle closes
+    sync: dict[str, CameraClock] | None = None  # of each camera by its name; None: the videos have timecode
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,6 +195,8 @@ class FrameSet:
     timecode: str
     images: tuple[Image | None, ...]  # one a camera, (H, W, 3)
     keypoints: tuple[Array, ...] = ()  # one a camera, (P, 26, 3) as in `pzcap.io.detections`; none: no camera has any
+    # one a camera, frame periods from the instant of the frame set to that of the picture, by its stamp; none: all 0
+    late: tuple[float, ...] = ()
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -16,10 +16,17 @@ from typing import Any
 import av
 import cv2
 import numpy as np
+from av.audio.frame import AudioFrame
+from av.audio.stream import AudioStream
+from av.container import OutputContainer
 from av.video.frame import PictureType, VideoFrame
+from numpy.typing import NDArray
 
 from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, VERSION
 from pzcap.types import SEGMENTS, CalibrationObject, CameraFiles, Capture, Image, Pose, PzcapError, Subject
+from sim.hall.sound import SAMPLES_PER_S
+
+_SOUND_FRAME = 1024  # samples that AAC encodes at once
 
 
 def write_capture(capture: Capture) -> None:
@@ -99,6 +106,7 @@ def write_video(
     timecode: str | None = None,
     indices: Sequence[int] | None = None,
     interlaced: bool = False,
+    sound: NDArray[np.float32] | None = None,
 ) -> None:
     """Encode (H, W, 3) images of even size as H.264 (4:2:0). The same frames give the same bytes on every machine.
 
@@ -106,6 +114,7 @@ def write_video(
     timecode: SMPTE timecode of index 0.
     indices: the index of each frame, strictly increasing; by default 0, 1, 2, ... A gap stands for dropped frames.
     interlaced: images are woven of two fields, the even rows of the first.
+    sound: (N,) samples from the time of index 0 on, 48,000 a second; it becomes AAC, as cameras record it.
     Raises PzcapError if the disk is full or the file cannot be written.
     """
     started = False
@@ -117,6 +126,7 @@ def write_video(
             options = {"crf": str(crf), "preset": "veryfast", "threads": "1", "x264-params": special}
             stream = container.add_stream("libx264", rate=frame_rate, options=options)
             stream.pix_fmt = "yuv420p"
+            track = None if sound is None else container.add_stream("aac", rate=SAMPLES_PER_S, options={"b": "128k"})
             stream.codec_context.time_base = 1 / frame_rate
             if timecode is not None:
                 stream.metadata["timecode"] = timecode
@@ -124,6 +134,8 @@ def write_video(
                 if not started:
                     stream.height, stream.width = image.shape[:2]
                     started = True
+                    if track is not None and sound is not None:
+                        _add_sound(container, track, sound)
                 frame = VideoFrame.from_ndarray(_to_yuv(image), format="yuv420p")
                 frame.pts, frame.time_base, frame.pict_type = index, 1 / frame_rate, PictureType.NONE
                 container.mux(stream.encode(frame))
@@ -131,6 +143,15 @@ def write_video(
     except OSError as error:  # FFmpegError is one too
         reason = "the disk is full; free some space" if error.errno == errno.ENOSPC else error.strerror
         raise PzcapError(f"{path}: cannot write the video: {reason}") from error
+
+
+def _add_sound(container: OutputContainer, track: AudioStream, samples: NDArray[np.float32]) -> None:
+    track.codec_context.layout = "mono"
+    for start in range(0, len(samples), _SOUND_FRAME):
+        frame = AudioFrame.from_ndarray(samples[None, start : start + _SOUND_FRAME], format="fltp", layout="mono")
+        frame.sample_rate, frame.pts, frame.time_base = SAMPLES_PER_S, start, Fraction(1, SAMPLES_PER_S)
+        container.mux(track.encode(frame))
+    container.mux(track.encode())
 
 
 def _to_yuv(image: Image) -> Image:

@@ -10,7 +10,6 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.io.video import frames_to_timecode
 from pzcap.types import Array
 from sim.cameras.operator import Trajectory
 from sim.cameras.optics import Rig
@@ -37,7 +36,7 @@ def collect_truth(
     own_s = np.array([session.own_s(c, times_s) for c in range(CAMERAS)])
     pan_rad, focal_px, raised_rad, rolled_rad = _sampled([one.way for one in filmed], own_s)
     clock_offset_s, clock_drift = session.own_clocks()
-    frames, start = len(times_s), session.clock().start
+    frames = len(times_s)
     sweeps, zooms = [[run(c) for c in range(CAMERAS)] for run in (session.sweep, session.zoom)]
     sweep_pan_rad, sweep_focal_px, *_ = _sampled(sweeps, [run.times_s for run in sweeps])
     zoom_pan_rad, zoom_focal_px = np.zeros((CAMERAS, 1)), np.zeros((CAMERAS, 0))
@@ -51,7 +50,7 @@ def collect_truth(
         config=json.dumps(asdict(config)),
         frame_rate=Fraction(config.frame_rate),
         camera_names=CAMERA_NAMES,
-        timecodes=tuple(frames_to_timecode(start + f, Fraction(config.frame_rate)) for f in range(frames)),
+        timecodes=session.timecodes(),
         width=config.width,
         height=config.height,
         pan_rad=pan_rad,

@@ -42,11 +42,13 @@ def develop(config: ShootConfig, light: Path, folder: Path) -> Iterator[Progress
     if config.detector.enabled:
         yield from _detect(session, folder / "capture")
     truth = load(light / "truth")
-    _write_papers(session, folder / "capture", truth.timecodes)
+    timecodes = session.timecodes()  # light does not know how the crew brings the cameras together
+    _write_papers(session, folder / "capture", timecodes)
     clock, frames = session.clock(), len(session.times_s)
     filmed = np.array([recorded[c][clock.early[c] : clock.early[c] + frames] for c in range(CAMERAS)])
     gain = np.array([_true_gain(session, c) for c in range(CAMERAS)])
-    save(replace(truth, config=json.dumps(asdict(config)), recorded=filmed, gain=gain), folder / "truth")
+    known = replace(truth, config=json.dumps(asdict(config)), timecodes=timecodes, recorded=filmed, gain=gain)
+    save(known, folder / "truth")
 
 
 def develop_cameras(cameras: Sequence[int], session: Session, light: Path, capture: Path) -> Generator[int, None, None]:
@@ -73,8 +75,8 @@ def develop_cameras(cameras: Sequence[int], session: Session, light: Path, captu
         pictures = _developed(session, c, sensor, reel.motion, session.exposed_s(c), "motion video", kept)
         timecode, indices = frames_to_timecode(clock.start - clock.early[c], rate), np.flatnonzero(kept).tolist()
         write_video(
-            files.motion, pictures, rate, crf=config.sensor.crf_motion, timecode=timecode, indices=indices,
-            interlaced=woven,
+            files.motion, pictures, rate, crf=config.sensor.crf_motion, indices=indices, interlaced=woven,
+            sound=session.sound(c), timecode=timecode if config.crew.sync == "timecode" else None,
         )  # fmt: skip
         done += len(indices)
         yield done
@@ -106,6 +108,8 @@ def _gain(session: Session, c: int, purpose: str, rng: np.random.Generator) -> C
 
     def at(time_s: float) -> Array | float:
         gain: Array | float = brightness * exposure(time_s)
+        if purpose == "motion video":
+            gain *= session.flash(time_s)
         gain = gain if automatics is None else gain * automatics(time_s)
         return gain if mains is None else gain * mains(time_s + delays_s)
 

@@ -11,8 +11,9 @@ from typing import Annotated, Final, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from pzcap.io.video import frames_per_day
+from pzcap.io.video import frames_per_day, frames_to_timecode
 from pzcap.ranges import Range
 from pzcap.types import Array, PzcapError
 from sim import motion
@@ -23,7 +24,7 @@ from sim.cameras.render import LARGEST_PICTURE_PX, Stage
 from sim.cameras.sensor import SensorConfig, draw_clocks, rolls
 from sim.cameras.trajectories import read_trajectories
 from sim.cameras.tripod import Unrest
-from sim.hall import gym
+from sim.hall import gym, sound
 from sim.hall.gym import GymConfig
 from sim.hall.mains import Mains, draw_mains
 from sim.motion import MotionClip
@@ -34,6 +35,9 @@ from sim.people.detector import DetectorConfig
 from sim.scene import describe_scene, stream
 
 CAMERAS: Final = 4
+_SIGNAL_S: Final = 0.15  # after the first frame that all cameras have: a clap, or a lamp that is lit
+_LIT_S: Final = 0.25
+_FLASH: Final = 1.3
 CAMERA_NAMES: Final = tuple(str(c + 1) for c in range(CAMERAS))
 
 
@@ -135,7 +139,37 @@ class Session:
         rng = stream(self.config.seed, "clock")
         day = frames_per_day(Fraction(self.config.frame_rate))
         start = int(rng.integers(day // 3, day // 2))
-        return Clock(start, *rolls(CAMERAS, self.config.sensor.largest_roll, rng))
+        clock = Clock(start, *rolls(CAMERAS, self.config.sensor.largest_roll, rng))
+        return clock if self.config.crew.sync == "timecode" else clock._replace(start=clock.early[0])
+
+    def timecodes(self) -> tuple[str, ...]:
+        """(F,) of the frames of the motion."""
+        start, rate = self.clock().start, Fraction(self.config.frame_rate)
+        return tuple(frames_to_timecode(start + f, rate) for f in range(len(self.times_s)))
+
+    def flash(self, time_s: float) -> float:
+        """Brightness of the hall by the lamp that marks a time for all cameras, 1 where it is not lit."""
+        lit = self.config.crew.sync == "flash" and _SIGNAL_S <= time_s < _SIGNAL_S + _LIT_S
+        return _FLASH if lit else 1.0
+
+    def sound(self, c: int) -> NDArray[np.float32] | None:
+        """(N,) samples of the sound that camera ``c`` records with the motion; None: it records none."""
+        if self.config.crew.sync != "sound":
+            return None
+        seed, exposed_s = self.config.seed, self.exposed_s(c)
+        rng = stream(seed, "sound")
+        events = [
+            (_SIGNAL_S + at_s, np.array([*rng.uniform(-0.5, 0.5, 2), 1.2]), sound.clap(rng))
+            for at_s in (0.0, 0.31, 0.74)
+        ]
+        for at_s in self.clip.landings_s:
+            events.append((float(at_s), self.clip.at(float(at_s)).root_position_m, 0.2 * sound.clap(rng, softness=5.0)))
+        fan = rng.normal(size=round((12.0 + float(exposed_s[-1])) * sound.SAMPLES_PER_S))
+        microphone_m = self.rigs[c].world_T_cam(0.0, self.rigs[c].reference_focal_px)[:3, 3]
+        rate = 1.0 + float(self.own_clocks()[1][c])
+        duration_s, own = len(exposed_s) / self.config.frame_rate, stream(seed, "microphone", c)
+        fan_m = np.array([9.0, -6.0, 4.0])
+        return sound.recorded(events, fan_m, fan, microphone_m, float(exposed_s[0]), rate, duration_s, own)
 
     def exposed_s(self, c: int) -> Array:
         """(N,) the middle of each exposure of the motion by camera ``c``; 0 at the first frame that all have."""

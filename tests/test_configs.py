@@ -28,6 +28,7 @@ TRIALS = {
     "partial_sweep": {"sweep_deg", "zoom_frames"},
     "rolling_shutter": {"sensor.readout_s"},
     "own_clocks": {"sensor.clock_offset", "sensor.clock_drift_ppm"},
+    "no_timecode": {"crew.sync", "sensor.largest_roll", "sensor.clock_offset", "sensor.clock_drift_ppm"},
     "mains_light": {"gym.mains_share"},
     "sprung_floor": {"optics.settled_deg", "optics.sprung_deg", "optics.bump_deg"},
     "hand_sweep": {

@@ -31,6 +31,7 @@ WORDS: Final[dict[str, frozenset[str]]] = {
 """Words in the name of a file that say what it is for."""
 ORDER: Final[dict[int, tuple[str, ...]]] = {1: ("motion",), 2: ("sweep", "motion"), 3: ("sweep", "zoom", "motion")}
 """Of so many videos without such words, in the order of their names: as they are shot."""
+_RATE_TOLERANCE: Final = 1e-4  # containers round 30000/1001 to 29.97
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,11 +173,6 @@ def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
         for file in files:
             if file.trouble:
                 yield file.trouble
-            if file.rotation_deg % 360:
-                yield (
-                    f"{file.path}: its container turns it by {file.rotation_deg} degrees, which is not done here; "
-                    "remove that tag (ffmpeg -display_rotation 0 -i IN -c copy OUT)"
-                )
         sizes = {(file.width, file.height) for file in files if not file.trouble}
         if len(sizes) > 1:
             listed = ", ".join(f"{file.path.name} {file.width}x{file.height}" for file in files if not file.trouble)
@@ -190,11 +186,11 @@ def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
             yield f"camera {name}: no sweep; its frames cannot be located"
         if "motion" not in roles:
             yield f"camera {name}: no motion; the body is tracked in the other views"
-        elif not roles["motion"].trouble and roles["motion"].timecode is None:
-            yield (
-                f"{roles['motion'].path}: no timecode; give it one "
-                "(ffmpeg -i IN -c copy -timecode 10:20:30:00 OUT), counted on a common clock"
-            )
-    rates = {file.rate for files in cameras.values() for file in files if file.role == "motion" and file.rate}
-    if len(rates) > 1:
-        yield f"the motion videos have {', '.join(map(str, sorted(rates)))} frames/s; one rate is needed"
+    rates = sorted({file.rate for files in cameras.values() for file in files if file.role == "motion" and file.rate})
+    if not multiples(rates):
+        yield f"the motion videos have {', '.join(map(str, rates))} frames/s; one rate is needed, or multiples of one"
+
+
+def multiples(rates: Sequence[Fraction]) -> bool:
+    """True where all rates are whole multiples of the least."""
+    return all(abs(float(rate / min(rates)) / round(rate / min(rates)) - 1.0) < _RATE_TOLERANCE for rate in rates)

@@ -33,6 +33,11 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--replace", action="store_true", help="write capture.json anew where there is one")
     one.set_defaults(run=_new)
 
+    one = parts.add_parser("sync", help="find how cameras without timecode lie to each other; write sync.json")
+    one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json")
+    one.add_argument("--by", choices=("sound", "flash", "motion"), help="this way alone (one after the other)")
+    one.set_defaults(run=_sync)
+
     one = parts.add_parser("check", help="say what to shoot again while the hall is still rented")
     one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json")
     one.add_argument("--page", type=Path, metavar="FILE", help="page with pictures (FOLDER/check.html)")
@@ -107,6 +112,12 @@ def _new(given: argparse.Namespace) -> int:
     patterns = {role: name for role, name in roles.items() if name is not None}
     full_turn = not given.partial_sweep
     return write_capture(given.folder, name=given.name, full_turn=full_turn, patterns=patterns, replace=given.replace)
+
+
+def _sync(given: argparse.Namespace) -> int:
+    from pzcap.command.syncing import sync_folder
+
+    return sync_folder(given.capture, given.by)
 
 
 def _check(given: argparse.Namespace) -> int:

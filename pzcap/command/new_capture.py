@@ -7,13 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 
-from pzcap.command.footage_files import File, cameras_in, troubles
-from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, VERSION, read_capture
+from pzcap.command.footage_files import File, cameras_in, multiples, troubles
+from pzcap.command.progress import ProgressLine
+from pzcap.command.syncing import SYNC, report, synchronised
+from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, PAPERS, VERSION, read_capture
 from pzcap.io.files import written_whole
 from pzcap.types import PzcapError
 
 TABLE = ("camera", "is its", "file", "known by", "size", "frames", "frames/s", "timecode", "scan")
-TEXTS = ("object", "subject", "keyframes")
 
 
 def write_capture(
@@ -27,9 +28,10 @@ def write_capture(
         raise PzcapError(f"{manifest}: is there already; give --replace to write it anew")
     cameras = cameras_in(folder, patterns)
     print("\n".join(table(cameras)))
-    texts = {key: f"{key}.json" if (folder / f"{key}.json").is_file() else None for key in TEXTS}
+    texts = {key: f"{key}.json" if (folder / f"{key}.json").is_file() else None for key in PAPERS}
     for key, file in texts.items():
-        print(f"{key}.json: {'found' if file else 'missing, see docs/capture.md'}")
+        if key != "sync" or file:
+            print(f"{key}.json: {'found' if file else 'missing, see docs/capture.md'}")
     content = {
         "format": FORMAT,
         "version": VERSION,
@@ -43,14 +45,33 @@ def write_capture(
         partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     print(f"{manifest}: written; the sweeps {'go' if full_turn else 'do not go'} all the way round")
     found = list(troubles(cameras))
-    if not found:
-        try:
+    unreadable = any(file.trouble for files in cameras.values() for file in files)
+    try:
+        if not unreadable and texts["sync"] is None and any(each.timecode is None for each in _motions(cameras)):
+            _synchronise(folder)
+        if not found:
             read_capture(folder)
-        except PzcapError as error:
-            found = [str(error)]
+    except PzcapError as error:
+        found.append(str(error))
     for trouble in found:
         print(f"  to mend: {trouble}")
     return int(bool(found))
+
+
+def _motions(cameras: Mapping[str, Sequence[File]]) -> list[File]:
+    return [file for files in cameras.values() for file in files if file.role == "motion" and not file.trouble]
+
+
+def _synchronise(folder: Path) -> None:
+    """Find how cameras without timecode lie to each other. Raises PzcapError where that is not known."""
+    print(f"not all motion videos have timecode: {SYNC} is looked for")
+    capture = read_capture(folder, without_clocks=True)
+    with ProgressLine() as line:
+        found = synchronised(capture, told=line.update)
+    lines = report(found, capture)
+    if found.clocks is None:
+        raise PzcapError("; ".join(lines))
+    print("\n".join(lines))
 
 
 def table(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
@@ -74,11 +95,12 @@ def _row(camera: str, file: File) -> tuple[str, ...]:
 
 
 def _rate(cameras: Mapping[str, Sequence[File]]) -> str:
-    """The rate that most motion videos have, as a fraction."""
-    rates: list[Fraction] = [f.rate for files in cameras.values() for f in files if f.role == "motion" and f.rate]
+    """The rate of the frame sets, as a fraction: the least that motion videos have, where the others have multiples of
+    it; else the one that most have."""
+    rates: list[Fraction] = [file.rate for file in _motions(cameras) if file.rate]
     if not rates:
         raise PzcapError("no camera has a motion video that can be read; name one by --motion NAME")
-    rate = max(rates, key=rates.count)
+    rate = min(rates) if multiples(rates) else max(rates, key=rates.count)
     return f"{rate.numerator}/{rate.denominator}"
 
 

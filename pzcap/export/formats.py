@@ -16,9 +16,11 @@ from pzcap.export import (
     fbx,
     freed,
     gltf,
+    mot,
     opentrackio,
     pose2sim,
     soccernet,
+    stabilised,
     trc,
     uncertainty,
     usd,
@@ -42,6 +44,7 @@ FORMATS: Final[dict[str, Format]] = {
     "trc": Format("TRC, joints as markers: OpenSim, Pose2Sim", trc.write, True, False),
     "c3d": Format("C3D, joints as markers: Mokka, Visual3D, Vicon", c3d.write, True, False, "ezc3d"),
     "bvh": Format("BVH, skeleton: Blender, MotionBuilder, Unity", bvh.write, True, False),
+    "mot": Format("OpenSim model of the subject (.osim) and its motion (.mot)", mot.write, True, False),
     "usd": Format("USD, skinned body and cameras: Houdini, Maya, Omniverse", usd.write, True, True, "usd-core"),
     "gltf": Format("glTF, skinned body and cameras: Blender, three.js", gltf.write, True, True, "pygltflib"),
     "fbx": Format("FBX, skinned body and cameras: Unreal, Unity, MotionBuilder", fbx.write, True, True, "usd-core"),
@@ -52,6 +55,7 @@ FORMATS: Final[dict[str, Format]] = {
     "chan": Format("Nuke .chan, cameras: Nuke, Blender, Houdini", chan.write, False, True),
     "aniposelib": Format("aniposelib calibration of virtual fixed cameras, keypoints", aniposelib.write, False, True),
     "pose2sim": Format("Pose2Sim project of virtual fixed cameras, keypoints", pose2sim.write, False, True),
+    "stabilised": Format("Stabilised video of virtual fixed cameras: detectors", stabilised.write, False, True),
 }
 
 

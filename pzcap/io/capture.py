@@ -1,7 +1,7 @@
 """The capture folder: what a crew brings home, read and checked. docs/capture.md specifies the format.
 
 `read_capture` checks every file that the folder names, so that what is wrong is said before any work begins;
-`frame_sets` brings the recordings of the motion together by timecode.
+`frame_sets` brings the recordings of the motion together by their clocks (`pzcap.io.clocks`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from pzcap.io import limits
+from pzcap.io.clocks import Timeline, check_clock, drop_frame, read_sync, timelines
 from pzcap.io.detections import NOBODY, read_keypoints
 from pzcap.io.files import checked
 from pzcap.io.manifest import Json, load_json, read_keyframes, read_object, read_subject
@@ -26,18 +27,19 @@ from pzcap.types import Array, CameraFiles, Capture, FrameSet, Image, Keyframe, 
 FORMAT = "pzcap-capture"
 VERSION = 1
 MANIFEST = "capture.json"
-_ENTRIES = ("format", "version", "name", "frame_rate", "full_turn", "cameras", "object", "subject", "keyframes")
+PAPERS = ("object", "subject", "keyframes", "sync")
+_ENTRIES = ("format", "version", "name", "frame_rate", "full_turn", "cameras", *PAPERS)
 FOOTAGE = ("reference", "sweep", "zoom", "motion")
 _RATE = re.compile(r"\d{1,9}(\.\d{1,9}|/\d{1,9})?")
-_RATE_TOLERANCE = 1e-4  # containers round 30000/1001 to 29.97
 
 
-def read_capture(folder: Path) -> Capture:
+def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
     """Read a capture folder and check everything it names, but for the pixels and for what a detector found in them.
 
-    Raises PzcapError naming the file at fault and the remedy: a file that is missing or no JSON, a wrong version, a
-    missing, misspelt or malformed entry, a video that cannot be opened, lacks its timecode, or has another frame rate
-    than the manifest or another size than the camera's other files.
+    ``without_clocks``: of cameras that have neither timecode nor sync.json yet. Raises PzcapError naming the file at
+    fault and the remedy: a file that is missing or no JSON, a wrong version, a missing, misspelt or malformed entry, a
+    video that cannot be opened, whose clock is not known, or that has another frame rate than the manifest or another
+    size than the camera's other files.
     """
     manifest = load_json(folder / MANIFEST, "give the folder that holds it, or write one (docs/capture.md)")
     if manifest["format"].text() != FORMAT or manifest["version"].value != VERSION:
@@ -51,11 +53,12 @@ def read_capture(folder: Path) -> Capture:
     names = [camera.name for camera in cameras]
     if not cameras or len(set(names)) < len(names):
         raise manifest["cameras"].error("list at least one camera, each with a name of its own")
+    object_path, subject_path, keyframes_path, sync_path = (manifest.file(key, folder) for key in PAPERS)
+    sync = None if sync_path is None or without_clocks else read_sync(sync_path)
     for camera in cameras:
-        _check_videos(camera, rate)
-    object_path, subject_path, keyframes_path = (
-        manifest.file(key, folder) for key in ("object", "subject", "keyframes")
-    )
+        _check_videos(camera)
+        if camera.motion is not None and not without_clocks:
+            check_clock(camera.name, VideoReader(camera.motion), rate, sync)
     return Capture(
         folder=folder,
         name=manifest["name"].text(),
@@ -65,6 +68,7 @@ def read_capture(folder: Path) -> Capture:
         subject=read_subject(subject_path) if subject_path else None,
         keyframe_poses=read_keyframes(keyframes_path, rate) if keyframes_path else {},
         full_turn=manifest["full_turn"].boolean(),
+        sync=sync,
     )
 
 
@@ -124,27 +128,16 @@ def _read_camera(entry: Json, folder: Path) -> CameraFiles:
     return CameraFiles(name, reference, sweep, zoom, motion, keypoints, counted_from)
 
 
-def _check_videos(camera: CameraFiles, rate: Fraction) -> None:
-    """One size for all that a camera recorded; timecode and the right frame rate on the motion."""
+def _check_videos(camera: CameraFiles) -> None:
+    """One size for all that a camera recorded."""
     sizes: dict[Path, tuple[int, int]] = {}
     if camera.reference is not None:
         height, width = read_image(camera.reference).shape[:2]
         sizes[camera.reference] = (width, height)
     for path in (camera.sweep, camera.zoom, camera.motion):
-        if path is None:
-            continue
-        reader = VideoReader(path)
-        sizes[path] = (reader.width, reader.height)
-        if path == camera.motion:
-            if not reader.constant_rate:
-                raise PzcapError(
-                    f"{path}: the frame rate varies; make it constant: ffmpeg -i {path.name} -vf fps={rate} -crf 10 OUT"
-                )
-            if abs(reader.frame_rate / rate - 1) > _RATE_TOLERANCE:
-                raise PzcapError(
-                    f"{path}: has {reader.frame_rate} frames/s where {MANIFEST} says {rate}; correct one of them"
-                )
-            _start(reader, rate)
+        if path is not None:
+            reader = VideoReader(path)
+            sizes[path] = (reader.width, reader.height)
     if len(set(sizes.values())) > 1:
         listing = ", ".join(f"{path.name} {width}x{height}" for path, (width, height) in sizes.items())
         raise PzcapError(f"{next(iter(sizes)).parent}: one size is needed for all files of a camera, not {listing}")
@@ -155,18 +148,20 @@ def _check_videos(camera: CameraFiles, rate: Fraction) -> None:
 
 
 class FrameSets:
-    """The recordings of the motion, brought together by timecode. See `frame_sets`.
+    """The recordings of the motion, brought together by their clocks. See `frame_sets`.
 
     ``len()`` is the number of frame sets, ``timecodes`` names each, ``keyframes`` holds the poses set by hand.
     """
 
     def __init__(
-        self, readers: Sequence[VideoReader | None], keypoints: Sequence[dict[int, Array]], starts: Sequence[int],
+        self, readers: Sequence[VideoReader | None], keypoints: Sequence[dict[int, Array]], clocks: Sequence[Timeline],
         first: int, timecodes: tuple[str, ...],
     ) -> None:  # fmt: skip
         self._readers = readers
         self._keypoints = keypoints  # of each camera, by its own index
-        self._starts = starts  # of each camera's index 0, on the common clock
+        self._pictures = [dict(zip(each.clock.tolist(), each.picture.tolist(), strict=True)) for each in clocks]
+        late = [dict(zip(each.clock.tolist(), each.late.tolist(), strict=True)) for each in clocks]
+        self._late = late if any(each.late.any() for each in clocks) else []
         self._first = first  # of the first frame set, on the common clock
         self.timecodes = timecodes
         self.keyframes: tuple[Keyframe, ...] = ()
@@ -189,33 +184,36 @@ class FrameSets:
                 images = tuple(future.result() for future in ahead)
                 if index + 1 < stop:
                     ahead = [pool.submit(next, view) for view in views]
-                yield FrameSet(index, self.timecodes[index], images, self.people(index))
+                late = tuple(each.get(self._first + index, 0.0) for each in self._late)
+                yield FrameSet(index, self.timecodes[index], images, self.people(index), late)
 
     def people(self, index: int) -> tuple[Array, ...]:
         """Detections in each camera's picture of a frame set."""
         if not any(self._keypoints):
             return ()
         clock = self._first + index
-        return tuple(
-            found.get(clock - start, NOBODY) for found, start in zip(self._keypoints, self._starts, strict=True)
-        )
+        pairs = zip(self._keypoints, self._pictures, strict=True)
+        return tuple(found.get(pictures.get(clock, -1), NOBODY) for found, pictures in pairs)
+
+    def pictures(self, camera: int) -> list[int | None]:
+        """Index of a camera's picture in each frame set, as `VideoReader.read` counts; None where it has none."""
+        return [self._pictures[camera].get(self._first + index) for index in range(len(self))]
 
     def _view(self, camera: int, start: int, stop: int) -> Iterator[Image | None]:
         """One camera's image for each of the frame sets, None where it has none."""
         reader = self._readers[camera]
-        offset = self._first - self._starts[camera]
-        frames = iter(()) if reader is None else reader.read(start + offset, stop + offset)
-        index, image = next(frames, (stop + offset, None))
-        for wanted in range(start + offset, stop + offset):
-            if index == wanted:
-                yield image
-                index, image = next(frames, (stop + offset, None))
-            else:
-                yield None
+        wanted = self.pictures(camera)[start:stop]
+        there = [picture for picture in wanted if picture is not None]
+        if reader is None or not there:
+            yield from (None for _ in wanted)
+            return
+        frames = reader.read(there[0], there[-1] + 1, frozenset(there))
+        for picture in wanted:
+            yield None if picture is None else next(frames)[1]
 
 
 def frame_sets(capture: Capture) -> FrameSets:
-    """Align the cameras' recordings of the motion by timecode.
+    """Align the cameras' recordings of the motion by timecode, or as sync.json says.
 
     The range is what all cameras with a recording have in common. Within it a frame that a camera dropped is None, and
     so is every view of a camera that recorded no motion. Raises PzcapError if no camera recorded the motion, the
@@ -225,21 +223,16 @@ def frame_sets(capture: Capture) -> FrameSets:
     recorded = [reader for reader in readers if reader is not None]
     if not recorded:
         raise PzcapError(f'{capture.folder / MANIFEST}: no camera has a "motion" video; name at least one')
-    drop = _drop_frame(capture.folder, recorded)
+    drop = capture.sync is None and drop_frame(capture.folder, recorded)
     day = frames_per_day(capture.frame_rate, drop)
-    clocks = [_start(reader, capture.frame_rate) for reader in recorded]
-    # A clock that passed midnight before another was started is a day ahead of it, not a day behind.
-    unwrapped = iter([clocks[0] + (clock - clocks[0] + day // 2) % day - day // 2 for clock in clocks])
-    starts = [0 if reader is None else next(unwrapped) for reader in readers]
-    spans = [
-        (start + int(reader.indices[0]), start + int(reader.indices[-1]) + 1)
-        for reader, start in zip(readers, starts, strict=True)
-        if reader is not None
-    ]
-    first, stop = max(span[0] for span in spans), min(span[1] for span in spans)
+    clocks = timelines(capture, readers)
+    used = [each.clock for each, reader in zip(clocks, readers, strict=True) if reader is not None]
+    first = max(int(each[0]) if len(each) else 1 for each in used)
+    stop = min(int(each[-1]) + 1 if len(each) else 0 for each in used)
     if first >= stop:
+        how = "timecode" if capture.sync is None else "time by sync.json"
         raise PzcapError(
-            f"{capture.folder}: the motion videos have no timecode in common; check that the clocks were synchronised"
+            f"{capture.folder}: the motion videos have no {how} in common; check that the clocks were synchronised"
         )
     keypoints = [
         {}
@@ -248,7 +241,7 @@ def frame_sets(capture: Capture) -> FrameSets:
         for camera, reader in zip(capture.cameras, readers, strict=True)
     ]
     timecodes = tuple(frames_to_timecode(clock, capture.frame_rate, drop) for clock in range(first, stop))
-    sets = FrameSets(readers, keypoints, starts, first, timecodes)
+    sets = FrameSets(readers, keypoints, clocks, first, timecodes)
     keyframes = []
     for timecode, pose in capture.keyframe_poses.items():
         index = (_clock_of(capture, timecode, drop) - first) % day
@@ -266,31 +259,9 @@ def _keypoints(path: Path, first: int | None, reader: VideoReader) -> dict[int, 
     return read_keypoints(path, reader.indices, (reader.width, reader.height), first)
 
 
-def _drop_frame(folder: Path, recorded: Sequence[VideoReader]) -> bool:
-    """True where the recordings' timecodes are drop-frame. Raises PzcapError if those of some are."""
-    kinds = {";" in (reader.timecode or "") for reader in recorded}
-    if len(kinds) > 1:
-        listing = ", ".join(f"{reader.path.parent.name} {reader.timecode}" for reader in recorded)
-        raise PzcapError(
-            f"{folder}: some clocks count drop-frame (a semicolon before the frames) and some do not: {listing}; they "
-            "drift apart by 3.6 s an hour, set all alike"
-        )
-    return kinds.pop()
-
-
 def _clock_of(capture: Capture, timecode: str, drop: bool) -> int:
     """Frames since midnight of a keyframe's timecode, which is read as the recordings count."""
     try:
         return timecode_to_frames(f"{timecode[:8]}{';' if drop else ':'}{timecode[9:]}", capture.frame_rate)
     except PzcapError as error:
         raise PzcapError(f"{capture.folder}: keyframe: {error}") from error
-
-
-def _start(reader: VideoReader, rate: Fraction) -> int:
-    """Frames since midnight of a recording's index 0."""
-    if reader.timecode is None:
-        raise PzcapError(f"{reader.path}: the video holds no SMPTE timecode; export it again with its timecode track")
-    try:
-        return timecode_to_frames(reader.timecode, rate)
-    except PzcapError as error:
-        raise PzcapError(f"{reader.path}: {error}") from error

@@ -25,6 +25,10 @@ FRAME_RATE: Final = (Fraction(1), Fraction(1000))
 """Frames a second of the motion."""
 CAMERAS: Final = 64
 """Cameras of a capture."""
+SYNC_S: Final = 86_400.0
+"""Time between the starts of two cameras' recordings: a day."""
+SYNC_RATE: Final = (0.01, 100.0)
+"""Seconds that pass while a file shows one: slow motion of a hundred times, and time lapse."""
 PAPER_BYTES: Final = 2**24
 """Bytes of a JSON file that a person or a program writes for a capture: 16 MiB."""
 KEYPOINTS_BYTES: Final = 2**28

@@ -11,7 +11,7 @@ import errno
 import re
 import struct
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from fractions import Fraction
 from itertools import chain, pairwise
 from pathlib import Path
@@ -38,6 +38,9 @@ _PARITY: Final = {2: "tff", 3: "bff", 4: "bff", 5: "tff"}  # by AVFieldOrder: th
 _SQUARE: Final = 2e-3  # departure of a pixel's width from its height that encoders write for square ones
 _BT601: Final = (2, 5, 6)  # AVColorSpace: unspecified, and the two that are BT.601
 _FULL_RANGE: Final = 2  # AVColorRange
+_USUAL_RATES: Final = tuple(
+    Fraction(rate * 1000, thousand) for rate in (24, 25, 30, 48, 50, 60, 100, 120, 240) for thousand in (1000, 1001)
+)
 _TURN: Final = "DISPLAYMATRIX"  # av.sidedata.sidedata.Type
 
 
@@ -89,14 +92,23 @@ class _Listed(NamedTuple):
     times: NDArray[np.int64]  # (N,) ascending
     origin: Fraction  # of index 0, in the same
     frame: Fraction  # duration of one, in the same
+    base: Fraction  # s
+
+
+class _Trembling(NamedTuple):
+    """Frames of a constant rate, whose stamps are uneven."""
+
+    rate: Fraction
+    first: int  # index
 
 
 class VideoReader:
     """A video file, opened and checked: its packets are listed (which is quick), and one frame is decoded.
 
     Attributes: ``width``, ``height`` (upright), ``frame_rate`` (Fraction), ``timecode`` (str, or None if the file has
-    none), ``indices`` (frame_count,) int64 increasing, ``frame_count``, ``constant_rate``, ``interlaced``. Where the
-    rate is not constant, as phones film, the index of a frame is its number. Of interlaced video the first field of a
+    none), ``indices`` (frame_count,) int64 increasing, ``times_s`` (frame_count,) when each is shown, ``frame_count``,
+    ``constant_rate``, ``interlaced``. Where the rate is not constant, as phones film, the index of a frame is its
+    number. Stamps that tremble about a constant rate are of a constant rate. Of interlaced video the first field of a
     frame is read, its time the frame's, and the rows between are made by FFmpeg's bwdif: from the other fields where
     nothing moves, else from the rows beside.
 
@@ -118,7 +130,11 @@ class VideoReader:
             listed = self._list(container, stream)
         self._times, self.frame_count = listed.times, len(listed.times)
         indices = [round((int(time) - listed.origin) / listed.frame) for time in listed.times]
+        self.times_s = np.array([float(time - listed.origin) for time in listed.times.tolist()]) * float(listed.base)
         self.constant_rate = all(a < b for a, b in pairwise(indices))
+        if not self.constant_rate and (trembling := _trembling(self.times_s)) is not None:
+            self.frame_rate, self.constant_rate = trembling.rate, True
+            indices = list(range(trembling.first, trembling.first + self.frame_count))
         if max(abs(indices[0]), indices[-1]) > limits.LATEST_FRAME or (
             indices[-1] - indices[0] > limits.SPARSEST * (self.frame_count + limits.FEW)
         ):
@@ -134,12 +150,17 @@ class VideoReader:
     def __iter__(self) -> Iterator[tuple[int, Image]]:
         return self.read()
 
-    def read(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, Image]]:
+    def read(
+        self, start: int = 0, stop: int | None = None, wanted: Container[int] | None = None
+    ) -> Iterator[tuple[int, Image]]:
         """Decode the frames whose index lies in [start, stop), in order: (index, image (H, W, 3)).
 
-        Memory is constant in the length of the video. Raises PzcapError where a frame cannot be decoded.
+        ``wanted``: of a file of which not every picture is used, those that are. Memory is constant in the length of
+        the video. Raises PzcapError where a frame cannot be decoded.
         """
         for index, frame in self._decode(start, stop):
+            if wanted is not None and index not in wanted:
+                continue
             image = _to_bgr(frame)
             yield index, np.ascontiguousarray(np.rot90(image, self._quarter_turns)) if self._quarter_turns else image
 
@@ -206,17 +227,17 @@ class VideoReader:
             raise PzcapError(f"{self.path}: the video holds no frames; copy it again from the camera")
         times, frame = np.array(sorted(found), np.int64), 1 / (base * self.frame_rate)
         if not container.format.name.startswith("mov"):
-            return _Listed(times, Fraction(0), frame)
+            return _Listed(times, Fraction(0), frame, base)
         edit = read_edit(self.path, stream.id)
         if edit is None:  # without one, what is shown first is shown at once, however late decoding makes it
-            return _Listed(times, Fraction(int(times[0])), frame)
+            return _Listed(times, Fraction(int(times[0])), frame, base)
         begin, rounded = edit.begin_s / base, edit.rounded_s / base
         shown = times > float(begin - rounded)
         if edit.shown_s is not None:
             shown &= times < float(begin + edit.shown_s / base - rounded)
         if not shown.any():
             raise PzcapError(f"{self.path}: its edit list shows none of its frames; export it again")
-        return _Listed(times[shown], begin - edit.delay_s / base, frame)
+        return _Listed(times[shown], begin - edit.delay_s / base, frame, base)
 
     def _check_format(self, stream: VideoStream) -> None:
         context = stream.codec_context
@@ -280,6 +301,24 @@ class VideoReader:
     def _broken(self, index: int | None = None) -> PzcapError:
         where = "" if index is None else f" at frame {index}"
         return PzcapError(f"{self.path}: the video is truncated or damaged{where}; copy it again from the camera")
+
+
+def _trembling(times_s: NDArray[np.float64]) -> _Trembling | None:
+    """The constant rate of frames at ``times_s`` (N,), each less than a frame from its place: recorders that stamp what
+    they are sent write such. None where the rate itself varies, or frames are missing."""
+    numbers = np.arange(len(times_s))
+    if len(times_s) < 3:
+        return None
+    line = np.polynomial.Polynomial.fit(numbers, times_s, 1).convert().coef
+    start, period = float(line[0]), float(line[-1])
+    off = times_s - start - period * numbers
+    sigma = float(np.std(off)) / np.sqrt(np.sum((numbers - numbers.mean()) ** 2))
+    fitting = [rate for rate in _USUAL_RATES if abs(1 / float(rate) - period) < 3 * sigma + 1e-6]
+    if np.abs(off).max() >= period or not fitting:
+        return None
+    rate = min(fitting, key=lambda each: (each.denominator, abs(1 / float(each) - period)))
+    # by the middle of all stamps: the first one trembles as the others do
+    return _Trembling(rate, round(float(rate) * (start + period * float(numbers.mean())) - float(numbers.mean())))
 
 
 def _to_bgr(frame: VideoFrame) -> Image:

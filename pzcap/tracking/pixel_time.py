@@ -5,7 +5,8 @@ middle row, tau = (v + 1/2) / H - 1/2. A point that moves with the velocity ``u`
 
     x + (d + r tau) u                                                     (times in frame periods)
 
-`Exposure` holds d and r of a view; `moved` puts the skin there. The derivative by d is the segments' velocity, a twist
+`Exposure` holds d and r of a view, and how late a picture came whose stamps are uneven; `moved` puts the skin there.
+The derivative by d is the segments' velocity, a twist
 ``M_s`` of each, so that the normal equations of the clocks follow from those of the segments as the cameras' do
 (`pzcap.tracking.camera_refinement`): ``C = sum_s M_s' H_s M_s``, ``c = sum_s M_s' g_s``, ``B = sum_s T_s' H_s M_s``.
 All frames of an interval share the clocks (`ClockEstimate`). What shifts all of them alike is a shift of the motion in
@@ -35,10 +36,11 @@ class Exposure(NamedTuple):
 
     clock: float = 0.0  # after the instant that the frame set stands for
     readout: float = 0.0  # from its top edge to its bottom edge
+    late: float = 0.0  # of this picture alone, by its stamp, beside what the clock is off by
 
     def times(self, rows: Array, height: int) -> Array:
         """Time (N,) of pixel ``rows`` (N,) of an image that is ``height`` high."""
-        return np.asarray(self.clock + self.readout * np.clip(row_time(rows, height), -0.5, 0.5))
+        return np.asarray(self.clock + self.late + self.readout * np.clip(row_time(rows, height), -0.5, 0.5))
 
 
 AT_ONCE: Final = Exposure()

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pzcap.ranges import Degrees, Metres, Range
-from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Pose, Subject
+from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Pose, PzcapError, Subject
 from sim.motion import MotionClip
+
+SYNCS: Final = ("timecode", "sound", "flash", "none")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +30,15 @@ class CrewConfig:
     """Standard deviation of a keyframe's joint rotations, degrees, about a random axis (a hinge: about its own)."""
     walks_in_sweep: bool = False
     """A person walks to and fro in the hall while the cameras sweep it. Off: docs/capture.md asks for an empty hall."""
+    sync: str = "timecode"
+    """What tells how the cameras' recordings of the motion lie to each other: timecode; or the videos have none, and
+    there is sound, with three claps in the middle of the hall; a flash, by a lamp that is lit for a quarter of a
+    second; or none, the motion alone. Without timecode, that of the papers counts from the first camera's first
+    picture."""
+
+    def __post_init__(self) -> None:
+        if self.sync not in SYNCS:
+            raise PzcapError(f"crew.sync is '{self.sync}'; give one of {', '.join(SYNCS)}")
 
 
 def measure(measurements: dict[str, float], config: CrewConfig, rng: np.random.Generator) -> Subject:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import os
 import stat
-import subprocess
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -16,10 +15,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments.comparisons.fixed_tools.clients import HERE as OURS
+from experiments.comparisons.fixed_tools.clients import environments, installed, python, run
 from pzcap.export import formats
 from pzcap.export.take import Take
 from pzcap.geometry.camera import project
-from pzcap.types import SEGMENTS, Array
+from pzcap.types import ENDS, JOINTS, SEGMENTS, Array
 from tests.scenes import exported, fabricated, seen_keypoints
 from tests.scenes.exported import FRAMES, GAP, LOST, RATE
 from tests.scenes.seen_keypoints import OWN, ROWS
@@ -27,32 +28,22 @@ from tests.scenes.seen_keypoints import OWN, ROWS
 pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).parent
-CLIENTS = Path(os.environ.get("PZCAP_CLIENTS", HERE.parents[1] / ".clients"))
 VALID = [frame for frame in range(FRAMES) if frame != GAP]
 PIXELS = 0.02
 TO_BLENDER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """World to Blender's, of what faces +z with y up: Blender lets it face -y."""
 
 
-def python(client: str) -> Path:
-    path = CLIENTS / client / "bin" / "python"
-    assert path.is_file(), f"{path} is missing; say make test-clients"
-    return path
-
-
-def read(client: str, script: str, *arguments: object, folder: Path) -> str:
-    """What a script of this folder says in the environment of a client."""
-    quiet = {**os.environ, "MPLBACKEND": "Agg", "QT_QPA_PLATFORM": "offscreen", "PYTHONPATH": ""}
-    line = [str(python(client)), str(HERE / script), *map(str, arguments)]
-    done = subprocess.run(line, cwd=folder, env=quiet, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
-    return done.stdout.strip()
+def read(client: str, script: Path, *arguments: object, folder: Path) -> str:
+    """What a script says in the environment of a client."""
+    assert installed(client), f"{environments() / client} is missing; say make test-clients"
+    return run(client, script, *arguments, folder=folder)
 
 
 def test_aniposelib(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its own triangulation of the keypoints that were carried over, to what the moving projection centre leaves."""
     formats.write(seen_keypoints.take(monkeypatch), "aniposelib", tmp_path)
-    found = json.loads(read("aniposelib", "read_aniposelib.py", tmp_path, folder=tmp_path).splitlines()[-1])
+    found = json.loads(read("aniposelib", OURS / "run_aniposelib.py", tmp_path, folder=tmp_path).splitlines()[-1])
     assert found["names"] == list(exported.NAMES)
     for frame, places in enumerate(found["places"]):
         np.testing.assert_allclose(np.array(places)[ROWS], exported.joints(frame)[OWN], atol=0.004)
@@ -62,7 +53,7 @@ def test_pose2sim(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its own triangulation and filtering of the project as it was written, without a setting changed."""
     project_folder = tmp_path / "Take"
     formats.write(seen_keypoints.take(monkeypatch), "pose2sim", project_folder)
-    read("pose2sim", "read_pose2sim.py", project_folder, folder=tmp_path)
+    read("pose2sim", OURS / "run_pose2sim.py", project_folder, folder=tmp_path)
     [path] = [path for path in (project_folder / "pose-3d").glob("*.trc") if "filt" not in path.stem]
     names = [cell for cell in path.read_text().split("\n")[3].split("\t") if cell][2:]
     table = pd.read_csv(path, sep="\t", skiprows=5, header=None).to_numpy(float)
@@ -76,7 +67,7 @@ def test_pose2sim(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_opensim(tmp_path: Path) -> None:
     path = next(path for path in formats.write(exported.take(), "trc", tmp_path) if path.suffix == ".trc")
-    found = json.loads(read("pose2sim", "read_opensim.py", path, folder=tmp_path).splitlines()[-1])
+    found = json.loads(read("pose2sim", HERE / "read_opensim.py", path, folder=tmp_path).splitlines()[-1])
     assert found["units"] == "m"
     assert len(found["names"]) == 23
     np.testing.assert_allclose(found["times"], np.arange(FRAMES) / float(RATE), atol=1e-8)
@@ -87,11 +78,24 @@ def test_opensim(tmp_path: Path) -> None:
         np.testing.assert_allclose(places[frame, :16], np.column_stack([forward, up, -left]), atol=1e-6)
 
 
+def test_opensim_moves_the_model(tmp_path: Path) -> None:
+    """Forward kinematics by OpenSim itself, of the model and the motion as they were written."""
+    files = {path.suffix: path for path in formats.write(exported.take(), "mot", tmp_path)}
+    said = read("pose2sim", HERE / "read_opensim_motion.py", files[".osim"], files[".mot"], folder=tmp_path)
+    found = json.loads(said.splitlines()[-1])
+    assert found["names"] == [*JOINTS, *ENDS]
+    assert 40.0 < found["mass"] < 130.0
+    np.testing.assert_allclose(found["times"], np.array(VALID) / float(RATE), atol=1e-6)
+    for places, frame in zip(np.array(found["places"]), VALID, strict=True):
+        forward, left, up = np.vstack([exported.joints(frame), exported.ends(frame)]).T
+        np.testing.assert_allclose(places, np.column_stack([forward, up, -left]), atol=1e-6)
+
+
 def blender(path: Path, turn: Array, rate: float, folder: Path) -> dict[str, Any]:
     points = folder / "points.json"
     points.write_text(json.dumps([(exported.joints(frame) @ turn.T).tolist() for frame in range(FRAMES)]))
     size = fabricated.WIDTH, fabricated.HEIGHT
-    said = read("bpy", "read_blender.py", path, points, rate, *size, folder=folder)
+    said = read("bpy", HERE / "read_blender.py", path, points, rate, *size, folder=folder)
     found: dict[str, Any] = json.loads(said.splitlines()[-1])
     assert found["rate"] == pytest.approx(rate, rel=1e-6)
     return found
@@ -145,8 +149,8 @@ def test_blender_writes_fbx_and_reads_it(tmp_path: Path, monkeypatch: pytest.Mon
     """Through bpy in the place of the program, started as the program is."""
     program = tmp_path / "bin" / "blender"
     program.parent.mkdir()
-    run = "import runpy, sys\nrunpy.run_path(sys.argv[sys.argv.index('--python') + 1], run_name='__main__')\n"
-    program.write_text(f"#!{python('bpy')}\n{run}")
+    line = "import runpy, sys\nrunpy.run_path(sys.argv[sys.argv.index('--python') + 1], run_name='__main__')\n"
+    program.write_text(f"#!{python('bpy')}\n{line}")
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", str(program.parent), prepend=os.pathsep)
     path = next(path for path in formats.write(whole_rate(), "fbx", tmp_path) if path.suffix == ".fbx")

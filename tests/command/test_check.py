@@ -28,6 +28,7 @@ def usual() -> list[str]:
         *(r"camera \d reference: its markers are 15 px wide",) * 2,
         *(r"camera \d sweep: covers 8\d degrees \(120 or more is good\)",) * 2,
         *(r"camera \d zoom: has 8 frames; 15 or more",) * 2,
+        r"camera 2 forecast: pan to 0\.\d+ degrees, .*; limited by a sweep of 8\d degrees",
     ]
 
 
@@ -97,6 +98,28 @@ def test_right_footage_passes(
             wrong.other_object,
             1,
             [r"camera 1 reference: corners agree with the object to \d+\.\d+ px; is object.json of this"],
+        ),
+        (
+            wrong.of_another("sweep.mp4"),
+            1,
+            ["camera 1 reference: fits the sweep of camera 2|camera 1 motion: its pictures"],
+        ),
+        (
+            wrong.drawn("sweep.mp4", wrong.lower(10)),
+            1,
+            [r"camera 1 motion: looks 1\.\d+ degrees lower than the sweep", r"camera 1 reference: looks .* settled"],
+        ),
+        (wrong.drawn("reference.png", wrong.once_more(6)), 0, ["camera 1 reference: marker 6 is seen more than once"]),
+        (wrong.other_size(1.2), 1, [r"subject: the athlete looks|keyframes: the athlete stands \d\.\d body heights"]),
+        (
+            wrong.other_person(0.88),
+            0,
+            [r"subject: the athlete looks 1\.1\d times as large as subject\.json makes them"],
+        ),
+        (
+            wrong.other_person(1.15),
+            0,
+            [r"subject: the athlete looks 0\.8\d times as large as subject\.json makes them"],
         ),
     ],
 )

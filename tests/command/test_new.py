@@ -171,7 +171,8 @@ def test_a_video_without_timecode(tmp_path: Path, capsys: pytest.CaptureFixture[
     crew(tmp_path, timecode=None)
     assert main(["new", str(tmp_path)]) == 1
     said = capsys.readouterr().out
-    assert said.count("no timecode; give it one") == 2
+    assert "to mend: sync by sound: camera GoPro 1 has none" in said
+    assert "sync: NOT KNOWN how the cameras lie to each other" in said
 
 
 def test_a_capture_json_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

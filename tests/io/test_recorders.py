@@ -84,7 +84,7 @@ def test_a_sweep_of_a_phone_may_vary_in_rate(tmp_path: Path) -> None:
     assert not reader.constant_rate
     assert numbers(reader) == [(k, k) for k in range(30)]
     assert [number(image) for _, image in reader.read(11, 14)] == [11, 12, 13]
-    with pytest.raises(PzcapError, match=r"rate varies; make it constant: ffmpeg -i sweep\.mp4 -vf fps=30 -crf 10 OUT"):
+    with pytest.raises(PzcapError, match=r"sweep\.mp4: its frame rate varies, and is 4\.\d* frames/s on average where"):
         read_capture(capture(tmp_path, {"1": path}))
 
 

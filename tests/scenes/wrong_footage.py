@@ -124,3 +124,54 @@ def other_object(folder: Path) -> None:
         further = sum(y for _, y, _ in marker["corners_m"]) / 4.0
         marker["corners_m"] = [[x, y + further, z] for x, y, z in marker["corners_m"]]
     path.write_text(json.dumps(content))
+
+
+def other_size(factor: float) -> Change:
+    """object.json of an object that is larger by a factor in all its parts, about its middle on the floor."""
+
+    def change(folder: Path) -> None:
+        path = folder / "object.json"
+        content = json.loads(path.read_text())
+        path.unlink()
+        for marker in content["markers"]:
+            marker["corners_m"] = (factor * np.array(marker["corners_m"])).tolist()
+        path.write_text(json.dumps(content))
+
+    return change
+
+
+def other_person(factor: float) -> Change:
+    """subject.json of somebody who is taller by a factor."""
+
+    def change(folder: Path) -> None:
+        path = folder / "subject.json"
+        content = json.loads(path.read_text())
+        path.unlink()
+        content["measurements_m"] = {name: factor * each for name, each in content["measurements_m"].items()}
+        path.write_text(json.dumps(content))
+
+    return change
+
+
+def of_another(kind: str, camera: str = "camera1", other: str = "camera2") -> Change:
+    """A file of a camera, replaced by another camera's."""
+
+    def change(folder: Path) -> None:
+        path = folder / camera / kind
+        path.unlink()
+        path.symlink_to((folder / other / kind).readlink())
+
+    return change
+
+
+def once_more(marker: int, dictionary: int = cv2.aruco.DICT_4X4_50) -> Callable[[Image], Image]:
+    """A marker of the object, lying about elsewhere in the picture as well."""
+    patch = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(dictionary), marker, 40)
+
+    def draw(image: Image) -> Image:
+        image = image.copy()
+        image[4:60, 4:60] = 230
+        image[12:52, 12:52] = patch[..., None]
+        return image
+
+    return draw

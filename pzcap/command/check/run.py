@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -11,8 +12,18 @@ from typing import Final
 
 import numpy as np
 
+from pzcap.command.check import forecast
+from pzcap.command.check.body_check import check_body
 from pzcap.command.check.findings import Finding, Level, worst
-from pzcap.command.check.motion_check import Places, check_belonging, check_light, check_ranges, check_tilt, samples
+from pzcap.command.check.motion_check import (
+    Places,
+    check_belonging,
+    check_light,
+    check_ranges,
+    check_tilt,
+    place,
+    samples,
+)
 from pzcap.command.check.page import Pictures, write_page
 from pzcap.command.check.reference_check import Reference, check_reference
 from pzcap.command.check.sweep_check import Sweep, check_sweep
@@ -35,6 +46,7 @@ class Hall:
     sweep: Sweep | None
     zoom: ZoomRun
     findings: tuple[Finding, ...]
+    reference_rad: float = 0.0  # angle of the reference pose on the sweep
 
 
 def check_folder(folder: Path, page: Path) -> int:
@@ -69,11 +81,52 @@ def check_capture(capture: Capture, line: ProgressLine) -> tuple[list[Finding], 
             motions[files.name] = motion
             line.update("motion", len(halls) + len(motions), total)
     findings, pictures = list(_together(capture, halls)), {}
+    places = {name: found for name, (found, own) in motions.items() if found is not None and _fits(own)}
+    findings += _forecast(capture, halls, places)
+    fitting = {name: halls[name] for name in places}
+    findings += check_body(
+        capture,
+        {name: hall.reference for name, hall in fitting.items() if hall.reference is not None},
+        {name: hall.sweep for name, hall in fitting.items() if hall.sweep is not None},
+        {name: hall.reference_rad for name, hall in fitting.items()},
+    )
     for name, hall in halls.items():
-        places, own = motions[name]
+        shown, own = motions[name]
         findings += [*hall.findings, *own]
-        pictures[name] = Pictures(hall.reference, hall.sweep, places)
+        pictures[name] = Pictures(hall.reference, hall.sweep, shown)
     return findings, pictures
+
+
+def _fits(findings: Sequence[Finding]) -> bool:
+    return all(finding.level is not Level.FAIL for finding in findings)
+
+
+def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str, Places]) -> list[Finding]:
+    """Accuracy to expect of the cameras whose files fit each other, and of the body."""
+    found: dict[str, forecast.CameraForecast] = {}
+    roots = [pose.root_position_m for pose in capture.keyframe_poses.values()]
+    for name, places in motions.items():
+        hall = halls[name]
+        if hall.sweep is None or hall.reference is None or hall.reference.camera is None or not places.found.any():
+            continue
+        camera = hall.reference.camera.camera
+        there = np.mean(roots, axis=0) if roots else hall.reference.camera.points_m.mean(axis=0)
+        kept = np.flatnonzero(places.found)
+        scales = 1.0 / np.array([places.relations[k].scale for k in kept])
+        found[name] = forecast.forecast_camera(
+            images=[places.images[k] for k in kept],
+            focal_px=camera.focal_px * scales,
+            pan_rad=places.angles_rad[kept] - hall.reference_rad,
+            distance_m=float(np.linalg.norm(there - camera.world_T_cam[:3, 3])),
+            reference_px=camera.focal_px,
+            span_rad=None if capture.full_turn else hall.sweep.span_rad,
+            zoomed=hall.zoom.widest is not None,
+        )
+    keyframe_s = None
+    if roots and capture.subject is not None:
+        with suppress(PzcapError):  # it has been said
+            keyframe_s = len(frame_sets(capture)) / float(capture.frame_rate) / max(len(roots) - 1, 1)
+    return list(forecast.findings(found, keyframe_s))
 
 
 def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:
@@ -97,7 +150,10 @@ def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:
     elif sweep is not None:
         zoom, found = check_zoom(files.name, files.zoom, sweep)
         findings += found
-    return Hall(reference, sweep, zoom, tuple(findings))
+    at = 0.0
+    if reference is not None and sweep is not None:
+        at = float(place([reference.image], sweep).angles_rad[0])
+    return Hall(reference, sweep, zoom, tuple(findings), at)
 
 
 def _motion(capture: Capture, files: CameraFiles, halls: Mapping[str, Hall]) -> tuple[Places | None, list[Finding]]:
@@ -133,7 +189,13 @@ def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
     else:
         seconds = len(sets) / float(capture.frame_rate)
         text = f"{len(sets)} frame sets in common, {seconds:.1f} s, {sets.timecodes[0]} to {sets.timecodes[-1]}"
-        yield Finding(Level.OK if seconds >= 1.0 else Level.WARN, "", "sync", text)
+        level = Level.OK if seconds >= 1.0 else Level.WARN
+        if capture.sync is not None:
+            worst_s = max(clock.sigma_s for clock in capture.sync.values())
+            ways = sorted({clock.by for clock in capture.sync.values()})
+            text += f"; without timecode, by {' and '.join(ways)} to {1000.0 * worst_s:.0f} ms"
+            level = Level.WARN if worst_s * float(capture.frame_rate) > 0.5 else level
+        yield Finding(level, "", "sync", text)
         if not sets.keyframes:
             yield Finding(Level.WARN, "", "keyframes", "there are none yet: the body is tracked from them")
     if capture.calibration_object is None:
@@ -144,7 +206,11 @@ def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
         )
     for files in capture.cameras:
         if files.motion is not None:
-            indices = VideoReader(files.motion).indices
+            reader = VideoReader(files.motion)
+            indices = reader.indices
+            if not reader.constant_rate:
+                text = "its frame rate varies: each frame set gets the picture nearest in time; film at a constant rate"
+                yield Finding(Level.WARN, files.name, "motion", text)
             missing = int(indices[-1] - indices[0]) + 1 - len(indices)
             if missing:
                 share = missing / (len(indices) + missing)

@@ -1,0 +1,101 @@
+"""Forecast of a check, and what it says of the athlete's size: their parts, on drawn material."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from pzcap.command.check import body_check
+from pzcap.command.check.body_check import Seen, judged
+from pzcap.command.check.findings import Level
+from pzcap.command.check.forecast import CameraForecast, bound, findings, forecast_camera, joints_mm, noise
+
+FOCAL = 500.0
+
+
+def wall(seed: int = 0, sigma: float = 2.0, blur: float = 2.0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    clean = cv2.GaussianBlur(rng.uniform(0, 255, (240, 320)).astype(np.float32), (0, 0), blur)
+    clean = 128 + 40 * (clean - clean.mean()) / clean.std()
+    return np.clip(clean + sigma * rng.normal(size=clean.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("sigma", [1.5, 4.0, 8.0])
+def test_noise_is_told_from_texture(sigma: float) -> None:
+    assert noise(wall(sigma=sigma, blur=4.0)) == pytest.approx(sigma, rel=0.15)
+
+
+def test_the_bound_is_what_least_squares_reach() -> None:
+    """Two noisy pictures of one wall, one pan apart: the scatter of the fitted pan against the bound."""
+    clean = wall(sigma=0.0, blur=4.0).astype(np.float64)
+    rng, sigma = np.random.default_rng(3), 4.0
+    slope = np.gradient(clean, axis=1)
+    found = []
+    for _ in range(200):
+        noisy = clean + sigma * rng.normal(size=clean.shape)
+        columns = np.arange(320) - 159.5
+        along = (FOCAL + columns**2 / FOCAL) * slope
+        found.append(float((along * (noisy - clean)).sum() / (along * along).sum()))
+    picture = np.clip(clean + sigma * rng.normal(size=clean.shape), 0, 255).astype(np.uint8)
+    assert np.sqrt(bound(picture, FOCAL)[0, 0]) == pytest.approx(np.std(found), rel=0.35)
+
+
+def camera(**changes: object) -> CameraForecast:
+    given = {
+        "images": [wall(k) for k in range(3)], "focal_px": np.full(3, FOCAL), "pan_rad": np.array([-0.2, 0.0, 0.2]),
+        "distance_m": 12.0, "reference_px": FOCAL, "span_rad": None, "zoomed": True,
+    }  # fmt: skip
+    return forecast_camera(**(given | changes))  # type: ignore[arg-type]
+
+
+def test_what_is_missing_costs_accuracy_and_is_named() -> None:
+    whole = camera()
+    short = camera(span_rad=np.deg2rad(60.0))
+    assert short.log_focal > 2 * whole.log_focal
+    assert short.pan_rad > 1.2 * whole.pan_rad
+    assert any("a sweep of 60 degrees" in each for each in short.limits)
+    bare = camera(zoomed=False, focal_px=np.full(3, 2.0 * FOCAL))
+    assert bare.log_focal > whole.log_focal
+    assert any("no zoom run" in each for each in bare.limits)
+    assert camera(images=[wall(k, sigma=25.0) for k in range(3)]).pan_rad > whole.pan_rad
+
+
+def test_joints_get_worse_with_pixels_cameras_and_keyframes() -> None:
+    near, far = camera(distance_m=6.0), camera(distance_m=18.0)
+    assert joints_mm([near] * 4, 1.0) < joints_mm([far] * 4, 1.0) < joints_mm([far] * 2, 1.0)
+    assert joints_mm([far] * 4, 1.0) < joints_mm([far] * 4, 3.0)
+    [*_, last] = findings({"1": far, "2": far}, 3.0)
+    assert last.line().startswith("look   forecast: joints to ")
+    assert "a keyframe every 3.0 s only" in last.text
+    assert len(list(findings({"1": far}, 1.0))) == 1  # one camera alone follows no body
+
+
+def test_a_silhouette_is_found_at_its_size() -> None:
+    """A figure drawn a tenth larger than expected, beside where it is expected, among clutter."""
+    points = np.array([[0, 0], [30, 0], [30, 120], [0, 120], [12, 40], [60, 45], [12, 55]], float)
+    faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6]])
+    changed = np.zeros((300, 400), np.uint8)
+    for corners in np.round(1.1 * points[faces] + [150, 90]).astype(np.int32):
+        cv2.fillConvexPoly(changed, corners, 255)
+    changed[np.random.default_rng(0).uniform(size=changed.shape) < 0.02] = 255
+    found = body_check._covered(changed, points + np.array([140, 100]), faces, 120.0)
+    assert found is not None
+    assert found.ratio == pytest.approx(1.1, abs=0.021)
+    assert found.away < 0.15
+    assert body_check._covered(np.zeros_like(changed), points + np.array([140, 100]), faces, 120.0) is None
+
+
+@pytest.mark.parametrize(
+    ("ratio", "away", "level", "says"),
+    [
+        (0.99, 0.1, Level.OK, "looks 0.99 times"),
+        (1.12, 0.1, Level.WARN, "looks 1.12 times as large as subject.json makes them; is it of another person"),
+        (1.0, 0.7, Level.FAIL, "stands 0.7 body heights from where the keyframes put them"),
+    ],
+)
+def test_the_athlete_is_judged_by_most_pictures(ratio: float, away: float, level: Level, says: str) -> None:
+    [found] = judged([Seen(ratio, away)] * 5 + [Seen(0.7, 1.0)])
+    assert found.level is level
+    assert says in found.text
+    assert list(judged([Seen(ratio, away)] * 3)) == []  # too few to say
