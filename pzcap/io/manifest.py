@@ -157,14 +157,31 @@ def _read_marker(entry: Json, dictionary: str, count: int) -> Marker:
 def read_subject(path: Path) -> Subject:
     """Read and check subject.json."""
     root = load_json(path)
-    entry = root["measurements_m"]
+    root.only("measurements_m", "sigma_m", "sigmas_m", "mass_kg", "sex")
+    measurements = _read_lengths(root["measurements_m"])
+    sigmas = _read_lengths(root["sigmas_m"]) if root.value.get("sigmas_m") is not None else {}
+    for name in sigmas:
+        if name not in measurements:
+            raise root["sigmas_m"].error(f'"{name}" is not measured; remove it here, or add it to measurements_m')
+    mass = None
+    if root.value.get("mass_kg") is not None:
+        mass, (lightest, heaviest) = float(root["mass_kg"].array()), limits.MASS_KG
+        if not lightest <= mass <= heaviest:
+            raise root["mass_kg"].error(f"{mass:g} kg, where {lightest:g} to {heaviest:g} are plausible")
+    sex = root.value.get("sex")
+    if not (sex is None or sex == "female" or sex == "male"):
+        raise root["sex"].error('must be "female", "male" or null')
+    return Subject(measurements, root["sigma_m"].length(), sigmas, mass, sex)
+
+
+def _read_lengths(entry: Json) -> dict[str, float]:
     if not isinstance(entry.value, dict):
         raise entry.error("must be a JSON object of lengths in metres")
     for name in entry.value:
         if name not in MEASUREMENTS:
             near = difflib.get_close_matches(name, MEASUREMENTS, n=3, cutoff=0.4) or MEASUREMENTS
             raise entry.error(f'unknown measurement "{name}"; the nearest are {", ".join(near)}')
-    return Subject({name: entry[name].length() for name in MEASUREMENTS}, root["sigma_m"].length())
+    return {name: entry[name].length() for name in MEASUREMENTS if name in entry.value}
 
 
 def read_keyframes(path: Path, rate: Fraction) -> dict[str, Pose]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pzcap.body.kinematics import difference, forward
+from pzcap.body.shape_basis import LENGTHS
 from pzcap.body.shape_estimation import FrameResiduals, Shape, ShapeEquations, ShapeEstimate
 from pzcap.body.skeleton import DOF, Body
 from pzcap.tracking.keypoint_residuals import LandmarkEstimate
@@ -36,7 +37,8 @@ class BodyEstimate:
     def of(body: Body) -> BodyEstimate:
         """Estimate before any image: a tape has measured the body."""
         shape = ShapeEstimate.of(body)
-        known = Shape(shape.amounts_m, np.full(len(SEGMENTS), 2 * body.sigma_m**2))
+        lengths = shape.basis.sigma_m[:LENGTHS]
+        known = Shape(shape.amounts_m, np.full(len(SEGMENTS), 2 * float(np.mean(lengths**2))))
         return BodyEstimate(body, shape, known, LandmarkEstimate.of(body.landmarks))
 
     def with_keyframe(
