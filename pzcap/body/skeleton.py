@@ -100,9 +100,13 @@ def build(subject: Subject) -> Body:
     """The body of a subject; measurements that are missing are guessed. Raises PzcapError when one cannot be a
     person's."""
     _check(subject.measurements_m, "measurements are in metres")
-    measured = anthropometry.measured(subject)
-    _check(measured.named(), "as the rest of subject.json has it: correct that")
+    return of(anthropometry.measured(subject))
+
+
+def of(measured: Measured) -> Body:
+    """The body of a person with these measurements."""
     m = measured.named()
+    _check(m, "as the rest of subject.json has it: correct that")
     offsets, surface = _offsets(m), build_surface(m)
     return Body(offsets, surface, measured, landmarks.usual(offsets, surface))
 

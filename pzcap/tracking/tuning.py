@@ -49,6 +49,18 @@ class KeypointTuning(NamedTuple):
     largest_share: float = 0.7  # of ``near_m`` that the athlete's may be off on average: some limbs may be lost
 
 
+class BodySizeTuning(NamedTuple):
+    """Size of the athlete by the silhouettes of keyframes."""
+
+    step: float = 0.01  # of the logarithm of the sizes that are tried
+    steps: int = 25  # so many larger, and as many smaller
+    most_log_odds: float = 2.0  # of a pixel, either way: a background that is wrong is sure of it
+    fewest_views: int = 3
+    sigma: float = 0.015  # of the logarithm, however many views: a skin of ellipses, keyframes that lean one way
+    contradicts_sigmas: float = 3.0  # beyond which the measurements are somebody else's
+    open: float = 0.15  # of the size, once they are
+
+
 class ContactTuning(NamedTuple):
     """Points at rest on the floor, and arms inside the trunk."""
 
@@ -157,6 +169,7 @@ CLOCK = ClockTuning()
 CONTOUR = ContourTuning()
 BRIGHTNESS = BrightnessTuning()
 KEYPOINT = KeypointTuning()
+BODY_SIZE = BodySizeTuning()
 CONTACT = ContactTuning()
 FRAME = FrameTuning()
 FUSION = FusionTuning()
