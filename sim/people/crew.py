@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from pzcap.ranges import Degrees, Metres, Range, Share
 from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Pose, Subject
 from sim.motion import MotionClip
+from sim.people.company import Company
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,9 @@ class CrewConfig:
     """Standard deviation of a keyframe's joint rotations, degrees, about a random axis (a hinge: about its own)."""
     walks_in_sweep: bool = False
     """A person walks to and fro in the hall while the cameras sweep it. Off: docs/capture.md asks for an empty hall."""
+    company: Company = "none"
+    """Others in the hall during the motion, dressed like the athlete. bystanders: two who walk by, before and behind;
+    coach: one who keeps 1.2 m beside; spotter: one who comes up and has both hands on the athlete for a second."""
 
 
 def measure(measurements: dict[str, float], config: CrewConfig, rng: np.random.Generator) -> Subject:
