@@ -104,6 +104,14 @@ MEASUREMENTS: Final[tuple[str, ...]] = (
 
 Sex: TypeAlias = Literal["female", "male"]
 
+Garment: TypeAlias = Literal["shirt", "trousers", "skirt"]
+GARMENTS: Final[dict[Garment, tuple[str, ...]]] = {
+    "shirt": ("thorax", "lumbar", "left_upper_arm", "right_upper_arm"),
+    "trousers": ("pelvis", "left_thigh", "left_shank", "right_thigh", "right_shank"),
+    "skirt": ("pelvis", "left_thigh", "right_thigh"),
+}
+"""Segments that loose clothes cover."""
+
 LUMBAR_FRACTION: Final = 0.25
 THORAX_FRACTION: Final = 0.55
 """Places of the lumbar and thorax joints between mid-hip (0) and the neck joint (1)."""
@@ -137,6 +145,7 @@ class Subject:
     sigmas_m: Mapping[str, float] = field(default_factory=dict)  # of those that have
     mass_kg: float | None = None
     sex: Sex | None = None
+    loose_m: Mapping[Garment, float] = field(default_factory=dict)  # how far clothes stand off the skin; others: tight
 
     def sigma_of(self, name: str) -> float:
         """Standard deviation of one measurement."""

@@ -70,7 +70,8 @@ def write_object(path: Path, definition: CalibrationObject) -> None:
 
 def write_subject(path: Path, subject: Subject) -> None:
     """Write subject.json."""
-    own = {"sigmas_m": dict(subject.sigmas_m), "mass_kg": subject.mass_kg, "sex": subject.sex}
+    own: dict[str, Any] = {"sigmas_m": {**subject.sigmas_m}, "loose_m": {**subject.loose_m}}
+    own |= {"mass_kg": subject.mass_kg, "sex": subject.sex}
     given = {key: value for key, value in own.items() if value}
     dump_json(path, {"measurements_m": subject.measurements_m, "sigma_m": subject.sigma_m, **given})
 

@@ -151,6 +151,10 @@ def basis(body: Body) -> Basis:
     _lengths(body, rows)
     _skin(body, rows)
     joints, skin, station, sigma, told = (np.array(column) for column in zip(*rows.rows, strict=True))
+    # nobody knows how far cloth stands off
+    clothed = skin.any(axis=(2, 3))  # (P, 16)
+    room = clothed @ body.loose_m / np.maximum(clothed.sum(axis=1), 1)
+    sigma = np.where(sigma > 0.0, np.hypot(sigma, SHAPE.loose * room), 0.0)
     covariance = told @ body.measured.covariance_m2 @ told.T + np.diag(sigma**2)
     return Basis(joints, skin, station, covariance, told, _spans(body))
 

@@ -16,6 +16,7 @@ from pzcap.body.landmarks import Landmarks
 from pzcap.body.mesh import Surface, build_surface
 from pzcap.types import (
     ENDS,
+    GARMENTS,
     HINGE_AXES,
     LUMBAR_FRACTION,
     PARENTS,
@@ -93,6 +94,7 @@ class Body:
     offsets_m: Array  # (16, 3) joint of each segment in its parent's frame; zero for the root
     surface: Surface
     measured: Measured  # what it was made from
+    loose_m: Array  # (16,) room between skin and clothes, by which the surface is wider; 0 where these are tight
     landmarks: Landmarks  # where a detector's keypoints lie
 
 
@@ -100,15 +102,21 @@ def build(subject: Subject) -> Body:
     """The body of a subject; measurements that are missing are guessed. Raises PzcapError when one cannot be a
     person's."""
     _check(subject.measurements_m, "measurements are in metres")
-    return of(anthropometry.measured(subject))
+    loose_m = np.zeros(len(SEGMENTS))
+    for garment, room_m in subject.loose_m.items():
+        for name in GARMENTS[garment]:
+            loose_m[SEGMENTS.index(name)] = max(loose_m[SEGMENTS.index(name)], room_m)
+    return of(anthropometry.measured(subject), loose_m)
 
 
-def of(measured: Measured) -> Body:
-    """The body of a person with these measurements."""
+def of(measured: Measured, loose_m: Array) -> Body:
+    """The body of a person with these measurements, in clothes so loose (16,)."""
     m = measured.named()
     _check(m, "as the rest of subject.json has it: correct that")
     offsets, surface = _offsets(m), build_surface(m)
-    return Body(offsets, surface, measured, landmarks.usual(offsets, surface))
+    if loose_m.any():
+        surface = surface.moved(surface.points_m + loose_m[surface.segment][:, None] * surface.normals)
+    return Body(offsets, surface, measured, loose_m, landmarks.usual(offsets, surface))
 
 
 def _check(measurements_m: dict[str, float], remedy: str) -> None:

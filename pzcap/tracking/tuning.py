@@ -61,6 +61,15 @@ class BodySizeTuning(NamedTuple):
     open: float = 0.15  # of the size, once they are
 
 
+class DrapeTuning(NamedTuple):
+    """Loose clothes beside the body. All by what cloth can do, none fitted to captures."""
+
+    sigma: float = 0.5  # of the drape along each axis, a share of the room between cloth and skin
+    lag: float = 0.7  # share of the room by which cloth hangs behind fast motion
+    most_m: float = 0.03  # change of it in a step of the solver
+    half_m: float = 0.03  # motion a frame with which it hangs behind by half of that
+
+
 class ContactTuning(NamedTuple):
     """Points at rest on the floor, and arms inside the trunk."""
 
@@ -170,6 +179,7 @@ CONTOUR = ContourTuning()
 BRIGHTNESS = BrightnessTuning()
 KEYPOINT = KeypointTuning()
 BODY_SIZE = BodySizeTuning()
+DRAPE = DrapeTuning()
 CONTACT = ContactTuning()
 FRAME = FrameTuning()
 FUSION = FusionTuning()

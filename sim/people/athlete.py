@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from pzcap.ranges import Range
-from pzcap.types import HINGE_AXES, LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Pose
+from pzcap.types import HINGE_AXES, LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Garment, Pose
 from sim.people import anthropometry
 from sim.people.clothing import Wardrobe, paint
 
@@ -39,6 +39,11 @@ class AthleteConfig:
     """A skirt to the middle of the thighs over loose trousers."""
     ponytail: bool = False
     """Hair that hangs down behind the head, and behind its motion."""
+
+    def garments(self) -> dict[Garment, float]:
+        """How far the loose clothes stand off the skin, metres."""
+        worn: dict[Garment, float] = {"shirt": self.loose_m, "trousers": self.loose_m} if self.loose_m else {}
+        return worn | ({"skirt": self.loose_m + 0.02} if self.skirt else {})
 
 
 @dataclass(frozen=True, slots=True)

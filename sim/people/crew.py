@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pzcap.ranges import Degrees, Metres, Range, Share
-from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Pose, Subject
+from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Garment, Pose, Subject
 from sim.motion import MotionClip
 from sim.people.company import Company
 
@@ -42,8 +42,10 @@ class CrewConfig:
     coach: one who keeps 1.2 m beside; spotter: one who comes up and has both hands on the athlete for a second."""
 
 
-def measure(measurements: dict[str, float], config: CrewConfig, rng: np.random.Generator) -> Subject:
-    """Read the tape, or guess, to the millimetre."""
+def measure(
+    measurements: dict[str, float], config: CrewConfig, rng: np.random.Generator, loose_m: Mapping[Garment, float]
+) -> Subject:
+    """Read the tape, or guess, to the millimetre; and see how loose the clothes are, ``loose_m``, to the centimetre."""
     tape_m = max(config.tape_sigma_m, 0.0005)
     true = {name: config.tape_scale * measurements[name] for name in MEASUREMENTS}
     girths = {name: 1.25 if name.startswith("girth_") else 1.0 for name in MEASUREMENTS}
@@ -52,7 +54,10 @@ def measure(measurements: dict[str, float], config: CrewConfig, rng: np.random.G
     errors = dict(zip(MEASUREMENTS, rng.normal(size=len(MEASUREMENTS)).tolist(), strict=True))
     taken = {"full": MEASUREMENTS, "stature": ("stature",), "none": ()}[config.tape]
     read = {name: round(max(true[name] + scatter[name] * errors[name], 0.005), 3) for name in taken}
-    return Subject(read, tape_m, {name: round(sigmas[name], 4) for name in taken} if config.tape_guess else {})
+    return Subject(
+        read, tape_m, {name: round(sigmas[name], 4) for name in taken} if config.tape_guess else {},
+        loose_m={name: round(room, 2) for name, room in loose_m.items()},
+    )  # fmt: skip
 
 
 def keyframe_indices(frames: int, frame_rate: float, config: CrewConfig) -> list[int]:

@@ -24,7 +24,7 @@ def _errors(config: CrewConfig, people: int = 60) -> tuple[Array, Array]:
     rng, errors, sigmas = np.random.default_rng(2), [], []
     for _ in range(people):
         true = draw_measurements(rng)
-        found = measured(measure(true, config, rng))
+        found = measured(measure(true, config, rng, {}))
         errors.append(found.values_m - [true[name] for name in MEASUREMENTS])
         sigmas.append(np.sqrt(np.diag(found.covariance_m2)))
     return np.array(errors), np.array(sigmas)
