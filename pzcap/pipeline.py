@@ -38,10 +38,19 @@ from pzcap.localisation.localise import Localiser, predicted
 from pzcap.localisation.panorama_sampler import place_of
 from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import upright_views
-from pzcap.plausibility import SeenViews, camera_notes, lens_moved, object_of_another_size, unseen_keyframes
+from pzcap.plausibility import (
+    SeenViews,
+    athlete_of_another_size,
+    camera_notes,
+    lens_moved,
+    object_of_another_size,
+    share_on_athlete,
+    unseen_keyframes,
+)
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
 from pzcap.tracking import keyframes
+from pzcap.tracking.body_size import body_size
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
 from pzcap.tracking.pixel_time import Exposure
 from pzcap.tracking.settings import TrackingConfig
@@ -167,7 +176,12 @@ def stages(
     if capture.subject is not None:
         body = skeleton.build(capture.subject)
         wrong_object = object_of_another_size(sets.keyframes, body, views)
-        notes += [wrong_object] if wrong_object else unseen_keyframes(sets.keyframes, body, views, sets.timecodes)
+        blind = unseen_keyframes(sets.keyframes, body, views, sets.timecodes)
+        notes += [wrong_object] if wrong_object else blind
+        if not wrong_object and not blind:
+            seen = [(key.pose, *views[key.frame]) for key in sets.keyframes if key.frame in views]
+            size = body_size(body, seen, config.tracking.cut_out_margin)
+            notes += athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views))
     tracks = panzoom_tracks(calibrated, located)
     notes += [
         f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"

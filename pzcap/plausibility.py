@@ -12,6 +12,7 @@ from pzcap.body.kinematics import joints
 from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.geometry.camera import project
+from pzcap.tracking.body_size import BodySize
 from pzcap.types import Camera, Keyframe, PanZoomCamera, PanZoomTrack, Silhouette
 
 _FOCAL: Final = 2e-4
@@ -131,6 +132,26 @@ def object_of_another_size(keyframes: Sequence[Keyframe], body: Body, views: Map
         f"times {best:.2f}, {highest:.0%} of the keyframes' joints lie on the athlete, and now {shares[1.0]:.0%}; "
         "measure it again"
     )
+
+
+def athlete_of_another_size(size: BodySize | None, on_athlete: float) -> list[str]:
+    """A note where subject.json contradicts the pictures. ``on_athlete``: the share of the keyframes' joints that lie
+    on the athlete. The keyframes stand where the cameras see the athlete, in metres of the calibration object, so that
+    these two bear each other out."""
+    if size is None or not size.contradicts:
+        return []
+    kind = "larger" if size.ratio > 1.0 else "smaller"
+    return [
+        f"subject.json: in the pictures the athlete is {abs(size.ratio - 1.0):.1%} {kind} than it says (standard "
+        f"deviation {size.sigma:.1%}), in all lengths and girths together; object and keyframes bear each other out "
+        f"({on_athlete:.0%} of the keyframes' joints lie on the athlete), so that the measurements are likeliest "
+        f"wrong, somebody else's or of another unit. They were taken times {size.ratio:.3f}; measure again"
+    ]
+
+
+def share_on_athlete(keyframes: Sequence[Keyframe], body: Body, views: Mapping[int, SeenViews]) -> float:
+    """Share of the keyframes' joints that lie on the athlete by the colours."""
+    return _share_on_athlete(keyframes, body, views, 1.0)
 
 
 def blames_object(notes: Sequence[str]) -> bool:

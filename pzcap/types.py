@@ -27,10 +27,11 @@ Units
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +102,16 @@ MEASUREMENTS: Final[tuple[str, ...]] = (
 )  # fmt: skip
 """Measurements of the subject with a tape, metres. See docs/capture.md for how."""
 
+Sex: TypeAlias = Literal["female", "male"]
+
+Garment: TypeAlias = Literal["shirt", "trousers", "skirt"]
+GARMENTS: Final[dict[Garment, tuple[str, ...]]] = {
+    "shirt": ("thorax", "lumbar", "left_upper_arm", "right_upper_arm"),
+    "trousers": ("pelvis", "left_thigh", "left_shank", "right_thigh", "right_shank"),
+    "skirt": ("pelvis", "left_thigh", "right_thigh"),
+}
+"""Segments that loose clothes cover."""
+
 LUMBAR_FRACTION: Final = 0.25
 THORAX_FRACTION: Final = 0.55
 """Places of the lumbar and thorax joints between mid-hip (0) and the neck joint (1)."""
@@ -127,10 +138,18 @@ class CalibrationObject:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Subject:
-    """The athlete as measured with a tape. Keys are MEASUREMENTS."""
+    """The athlete as measured with a tape. Keys are MEASUREMENTS; one that is missing was not measured."""
 
     measurements_m: dict[str, float]
-    sigma_m: float  # standard deviation of one measurement
+    sigma_m: float  # standard deviation of a measurement that has none of its own
+    sigmas_m: Mapping[str, float] = field(default_factory=dict)  # of those that have
+    mass_kg: float | None = None
+    sex: Sex | None = None
+    loose_m: Mapping[Garment, float] = field(default_factory=dict)  # how far clothes stand off the skin; others: tight
+
+    def sigma_of(self, name: str) -> float:
+        """Standard deviation of one measurement."""
+        return self.sigmas_m.get(name, self.sigma_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -77,7 +77,10 @@ def write_object(path: Path, definition: CalibrationObject) -> None:
 
 def write_subject(path: Path, subject: Subject) -> None:
     """Write subject.json."""
-    dump_json(path, {"measurements_m": subject.measurements_m, "sigma_m": subject.sigma_m})
+    own: dict[str, Any] = {"sigmas_m": {**subject.sigmas_m}, "loose_m": {**subject.loose_m}}
+    own |= {"mass_kg": subject.mass_kg, "sex": subject.sex}
+    given = {key: value for key, value in own.items() if value}
+    dump_json(path, {"measurements_m": subject.measurements_m, "sigma_m": subject.sigma_m, **given})
 
 
 def write_keyframes(path: Path, poses: dict[str, Pose]) -> None:

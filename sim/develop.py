@@ -159,7 +159,7 @@ def _write_papers(session: Session, folder: Path, timecodes: Sequence[str]) -> N
             frame_rate=Fraction(config.frame_rate),
             cameras=tuple(CameraFiles(*files) for files in session.files(folder)),
             calibration_object=gym.calibration_object(),
-            subject=measure(session.measurements, config.crew, stream(config.seed, "tape")),
+            subject=measure(session.measurements, config.crew, stream(config.seed, "tape"), config.athlete.garments()),
             keyframe_poses=keyframes,
             full_turn=config.sweep_deg >= 360.0,
         )

@@ -77,7 +77,7 @@ def light_of(config: ShootConfig) -> ShootConfig:
             crf_still=default.crf_still,
             dropped_share=default.dropped_share,
         ),
-        crew=CrewConfig(walks_in_sweep=config.crew.walks_in_sweep),
+        crew=CrewConfig(walks_in_sweep=config.crew.walks_in_sweep, company=config.crew.company),
         detector=DetectorConfig(),
     )
 
@@ -136,6 +136,7 @@ def film_cameras(
             for piece, by_m in REARRANGED.items():
                 stage.carry(piece, by_m)
         joints_m, outline_m = skeleton(stage.model, session.clip, session.times_s, session.measurements)
+        session.accompany(stage)
         filmed = []
         for c, camera in filming.items():
             way = operate(session, c, outline_m)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
 from pzcap.types import SEGMENTS, Array
 from sim.cameras.optics import Rig
-from sim.cameras.render import Stage
+from sim.cameras.render import OTHERS_GROUP, Stage
 from sim.hall import gym
 from sim.hall.gym import GymConfig
 from sim.motion import MotionClip
 from sim.people import athlete
 from sim.people.athlete import AthleteConfig
+from sim.people.company import Companion
 
 
 def stream(seed: int, *purpose: str | int) -> np.random.Generator:
@@ -23,13 +25,21 @@ def stream(seed: int, *purpose: str | int) -> np.random.Generator:
 
 
 def describe_scene(
-    seed: int, gym_config: GymConfig, athlete_config: AthleteConfig, measurements: dict[str, float]
+    seed: int,
+    gym_config: GymConfig,
+    athlete_config: AthleteConfig,
+    measurements: dict[str, float],
+    others: Sequence[Companion] = (),
 ) -> mujoco.MjSpec:
-    """Hall, calibration object and athlete, to be compiled."""
+    """Hall, calibration object, athlete and ``others``, who are dressed alike, to be compiled."""
     spec = mujoco.MjSpec()
     gym.build_gym(spec, gym_config, stream(seed, "gym"))
     gym.add_calibration_object(spec)
     athlete.add_athlete(spec, measurements, athlete_config, stream(seed, "athlete"))
+    for other in others:
+        tight = AthleteConfig(athlete_config.clothing, athlete_config.sleeves)
+        looks = stream(seed, "athlete")  # those of the athlete
+        athlete.add_athlete(spec, other.measurements, tight, looks, other.name, OTHERS_GROUP)
     return spec
 
 

@@ -29,9 +29,11 @@ from sim.hall.gym import GymConfig
 from sim.hall.mains import Mains, draw_mains
 from sim.motion import MotionClip
 from sim.people.anthropometry import draw_measurements
-from sim.people.athlete import GEOM_GROUP, AthleteConfig
+from sim.people.athlete import GEOM_GROUP, AthleteConfig, set_pose
+from sim.people.company import Companion, coach, walkers
 from sim.people.crew import CrewConfig, to_and_fro
 from sim.people.detector import DetectorConfig
+from sim.people.loose_clothing import Clothes
 from sim.scene import describe_scene, stream
 
 CAMERAS: Final = 4
@@ -119,8 +121,36 @@ class Session:
     given_trajectories: list[Trajectory]  # from a file; empty: operators follow the body
 
     def model_spec(self) -> mujoco.MjSpec:
-        """Hall, athlete and calibration object."""
-        return describe_scene(self.config.seed, self.config.gym, self.config.athlete, self.measurements)
+        """Hall, athlete, calibration object and whoever else is there."""
+        config = self.config
+        return describe_scene(config.seed, config.gym, config.athlete, self.measurements, self.company())
+
+    def company(self) -> list[Companion]:
+        """Whoever else is in the hall while the motion is filmed."""
+        kind, seed, end_s = self.config.crew.company, self.config.seed, float(self.times_s[-1])
+
+        def somebody(number: int) -> tuple[dict[str, float], MotionClip]:
+            measurements = draw_measurements(stream(seed, "other", number))
+            return measurements, motion.make("pedestrian", measurements, stream(seed, "other's walk", number))
+
+        if kind == "none":
+            return []
+        if kind == "bystanders":
+            cameras_m = np.array([rig.world_T_head[:3, 3] for rig in self.rigs])
+            return walkers(self.clip, [somebody(0), somebody(1)], cameras_m, end_s)
+        return [coach(self.clip, *somebody(0), end_s, touches=kind == "spotter")]
+
+    def accompany(self, stage: Stage) -> None:
+        """Let in whoever else is there, and hang loose clothes: from now on the motion is filmed."""
+        others, athlete = self.company(), self.config.athlete
+        clothes = Clothes(stage.model, self.clip, athlete.loose_m, stream(self.config.seed, "clothes"))
+
+        def at(time_s: float) -> None:
+            for other in others:
+                set_pose(stage.model, stage.data, other.at(time_s), other.name)
+            clothes.hang(stage.data, time_s)
+
+        stage.accompany, stage.others = at, bool(others)
 
     def stage(self) -> Stage:
         """Set up the hall for filming. It has to be closed in the end."""

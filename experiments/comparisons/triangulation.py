@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from pzcap.body.anthropometry import measured
 from pzcap.geometry import camera as geometry
 from pzcap.io.capture import frame_sets
 from pzcap.io.detections import KEYPOINTS
@@ -65,7 +66,7 @@ def triangulated(capture: Capture, cameras: Callable[[int], Sequence[Camera | No
     found = {name: smooth(points[:, k], off[:, k], float(capture.frame_rate), name) for name, k in at.items()}
     hips, shoulders = ((found[f"left_{name}"] + found[f"right_{name}"]) / 2 for name in ("hip", "shoulder"))
     up = shoulders - hips
-    neck = shoulders + up / np.linalg.norm(up, axis=1, keepdims=True) * capture.subject.measurements_m["shoulder_drop"]
+    neck = shoulders + up / np.linalg.norm(up, axis=1, keepdims=True) * measured(capture.subject).value("shoulder_drop")
     found |= {"pelvis": hips, "neck": neck}
     found |= {"lumbar": hips + LUMBAR_FRACTION * (neck - hips), "thorax": hips + THORAX_FRACTION * (neck - hips)}
     joints = np.stack([found[name] for name in JOINTS], axis=1)

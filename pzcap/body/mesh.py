@@ -176,6 +176,17 @@ def build_surface(measurements_m: Mapping[str, float]) -> Surface:
     return Surface.of(np.concatenate(points), np.concatenate(segment), np.concatenate(faces), np.concatenate(edges))
 
 
+def girths_along(measurements_m: Mapping[str, float], count: int) -> dict[str, Array]:
+    """Girths (count,) of every segment by name, evenly spaced from its lower end to its upper (of a foot: from the heel
+    to the toes)."""
+    found = {}
+    for name, (frame, stations, near_cap_m, far_cap_m) in _stations(measurements_m).items():
+        along, girths = (np.array(column) for column in zip(*((s.along_m, s.girth_m) for s in stations), strict=True))
+        evenly = np.interp(np.linspace(along[0] - near_cap_m, along[-1] + far_cap_m, count), along, girths)
+        found[name] = evenly if frame[:, 2].max() > 0.0 else evenly[::-1]
+    return found
+
+
 def _loft(stations: list[_Station], near_cap_m: float, far_cap_m: float) -> tuple[Array, Indices, Indices]:
     """Vertices (V, 3) with the axis along z and depth along x, triangles (F, 3) and edges (E, 2)."""
     along = np.array([s.along_m for s in stations])

@@ -1,5 +1,5 @@
-"""Basis of what a body may differ by from the tape: segment lengths, and the skin's shape at stations along each
-segment.
+"""Basis of what a body may differ by from its measurements: segment lengths, and the skin's shape at stations along
+each segment.
 
 Each correction is a number of metres. A length moves joints and stretches the skin between them. The skin's own
 corrections are affine in a segment's frame (deeper, wider, further ahead, ...), for the whole segment or tapering off
@@ -10,13 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pzcap.body.anthropometry import Measured
+from pzcap.body.mesh import girths_along
 from pzcap.body.skeleton import Body
 from pzcap.body.tuning import SHAPE
-from pzcap.types import LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Array, Indices
+from pzcap.types import LUMBAR_FRACTION, MEASUREMENTS, PARENTS, SEGMENTS, THORAX_FRACTION, Array, Indices
+
+LENGTHS: Final = 8
+"""Corrections that move joints: the first ones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,13 +32,19 @@ class Basis:
     joints: Array  # (P, 16, 3) of a segment's joint in its parent's frame
     skin: Array  # (P, 16, 3, 4) of a point (x, y, z, 1) in its segment's frame, at the station
     station: Indices  # (P,) along the segment; SHAPE.stations: the whole of it
-    sigma_m: Array  # (P,) prior
+    covariance_m2: Array  # (P, P) prior
+    told: Array  # (P, 26) metres of a correction for each metre that a measurement is off by
     span: Array  # (16, 4) takes a point (x, y, z, 1) of a segment to 0 at one end of it, 1 at the other
+
+    @property
+    def sigma_m(self) -> Array:
+        """(P,) of the prior."""
+        return np.asarray(np.sqrt(np.diag(self.covariance_m2)))
 
     def skin_change(self, segment: int, local: Array, along: Array) -> Array:
         """Derivatives (N, P) of ``along . point`` for skin points (N, 3) of a segment and directions (N, 3), both in
         its frame."""
-        change = np.zeros((len(local), len(self.sigma_m)))
+        change = np.zeros((len(local), len(self.station)))
         mine = np.flatnonzero(self.skin[:, segment].any(axis=(1, 2)))
         points = _homogeneous(local)
         moments = (along[:, :, None] * points[:, None]).reshape(-1, 12)
@@ -82,25 +94,43 @@ def _shift(axis: int, by: float = 1.0) -> Array:
     return affine
 
 
+class _Row(NamedTuple):
+    """One correction. ``told`` (26,): its metres for each metre that a measurement is off by."""
+
+    joints: Array  # (16, 3)
+    skin: Array  # (16, 3, 4)
+    station: int
+    sigma_m: float  # beside what the measurements leave open
+    told: Array
+
+
 class _Rows:
     """Corrections as they are listed."""
 
     def __init__(self) -> None:
-        self.rows: list[tuple[Array, Array, int, float]] = []
+        self.rows: list[_Row] = []
 
-    def length(self, sigma_m: float, joints: Mapping[int, Sequence[float]], skin: Mapping[int, Array]) -> None:
-        self.rows.append((_rows(joints, (3,)), _rows(skin, (3, 4)), SHAPE.stations, sigma_m))
+    def length(self, name: str, joints: Mapping[int, Sequence[float]], skin: Mapping[int, Array]) -> None:
+        """Correction of a length that was measured."""
+        told = _told({name: 1.0})
+        self.rows.append(_Row(_rows(joints, (3,)), _rows(skin, (3, 4)), SHAPE.stations, 0.0, told))
 
-    def whole(
-        self, skin: Mapping[int, Array], station: int = SHAPE.stations, sigma_m: float = SHAPE.skin_sigma_m
-    ) -> None:
-        self.rows.append((_rows({}, (3,)), _rows(skin, (3, 4)), station, sigma_m))
+    def whole(self, skin: Mapping[int, Array], told: Array | None = None) -> None:
+        self._skin(skin, SHAPE.stations, SHAPE.skin_sigma_m, _told({}) if told is None else told)
 
-    def stations(self, skin: Mapping[int, Array]) -> None:
-        """The whole segment, and each station by itself."""
+    def stations(self, skin: Mapping[int, Array], told: Array | None = None) -> None:
+        """The whole segment, and each station by itself; ``told`` (SHAPE.stations, 26) of these."""
         self.whole(skin)
         for station in range(SHAPE.stations):
-            self.whole(skin, station, SHAPE.station_sigma_m)
+            self._skin(skin, station, SHAPE.station_sigma_m, _told({}) if told is None else told[station])
+
+    def _skin(self, skin: Mapping[int, Array], station: int, sigma_m: float, told: Array) -> None:
+        self.rows.append(_Row(_rows({}, (3,)), _rows(skin, (3, 4)), station, sigma_m, told))
+
+
+def _told(table: Mapping[str, float]) -> Array:
+    """(26,) of all measurements, 0 of those that are not in the ``table``."""
+    return np.array([table.get(name, 0.0) for name in MEASUREMENTS])
 
 
 def _rows(table: Mapping[int, ArrayLike], shape: tuple[int, ...]) -> Array:
@@ -112,30 +142,39 @@ def _rows(table: Mapping[int, ArrayLike], shape: tuple[int, ...]) -> Array:
 
 
 def basis(body: Body) -> Basis:
-    """The corrections of ``body``: first the eight lengths, then its skin's."""
+    """The corrections of ``body``: first the eight lengths, then its skin's.
+
+    A priori they vary as the measurements do that they follow from (``told``), and the skin as much again as a person
+    departs from ellipses of the right girths.
+    """
     rows = _Rows()
     _lengths(body, rows)
     _skin(body, rows)
-    joints, skin, station, sigma = zip(*rows.rows, strict=True)
-    return Basis(np.array(joints), np.array(skin), np.array(station), np.array(sigma), _spans(body))
+    joints, skin, station, sigma, told = (np.array(column) for column in zip(*rows.rows, strict=True))
+    # nobody knows how far cloth stands off
+    clothed = skin.any(axis=(2, 3))  # (P, 16)
+    room = clothed @ body.loose_m / np.maximum(clothed.sum(axis=1), 1)
+    sigma = np.where(sigma > 0.0, np.hypot(sigma, SHAPE.loose * room), 0.0)
+    covariance = told @ body.measured.covariance_m2 @ told.T + np.diag(sigma**2)
+    return Basis(joints, skin, station, covariance, told, _spans(body))
 
 
 def _lengths(body: Body, rows: _Rows) -> None:
-    tape, trunk = body.sigma_m, float(body.offsets_m[[1, 2, 3], 2].sum())
+    trunk = float(body.offsets_m[[1, 2, 3], 2].sum())
     shoulders, hips = _segments("upper_arm"), _segments("thigh")
     rows.length(
-        tape,
+        "trunk",
         {1: (0, 0, LUMBAR_FRACTION), 2: (0, 0, THORAX_FRACTION - LUMBAR_FRACTION)}
         | dict.fromkeys((3, *shoulders), (0, 0, 1 - THORAX_FRACTION)),
         {i: _stretch(2, 1 / trunk) for i in (0, 1, 2)},
     )
-    rows.length(tape, dict.fromkeys(shoulders, (0, 0, -1.0)), {})
-    for pair in (shoulders, hips):
-        rows.length(tape, dict(zip(pair, ((0, 0.5, 0), (0, -0.5, 0)), strict=True)), {})
+    rows.length("shoulder_drop", dict.fromkeys(shoulders, (0, 0, -1.0)), {})
+    for name, pair in (("shoulder_width", shoulders), ("hip_width", hips)):
+        rows.length(name, dict(zip(pair, ((0, 0.5, 0), (0, -0.5, 0)), strict=True)), {})
     for near, far in (("upper_arm", "forearm"), ("forearm", "hand"), ("thigh", "shank"), ("shank", "foot")):
         length = float(-body.offsets_m[_segments(far)[0], 2])
         stretched = {i: _stretch(2, 1 / length) for i in _segments(near)}
-        rows.length(tape, dict.fromkeys(_segments(far), (0, 0, -1.0)), stretched)
+        rows.length(near, dict.fromkeys(_segments(far), (0, 0, -1.0)), stretched)
 
 
 def _skin(body: Body, rows: _Rows) -> None:
@@ -144,34 +183,58 @@ def _skin(body: Body, rows: _Rows) -> None:
         return points.min(axis=0), points.max(axis=0)
 
     outwards = {i: -1.0 if name.startswith("right_") else 1.0 for i, name in enumerate(SEGMENTS)}
+    swells = _swelling(body.measured)
     for segment in range(4):  # the trunk and the head: deeper, wider, further ahead, further up
         depth, width, _ = 0.5 * np.subtract(*extent(segment)[::-1])
-        rows.stations({segment: _stretch(0, 1 / depth)})
-        rows.stations({segment: _stretch(1, 1 / width)})
+        swell = swells[SEGMENTS[segment]]
+        rows.stations({segment: _stretch(0, 1 / depth)}, depth * swell)
+        rows.stations({segment: _stretch(1, 1 / width)}, width * swell)
         rows.stations({segment: _shift(0)})
         rows.whole({segment: _shift(2)})
     for name in ("upper_arm", "forearm", "hand", "thigh", "shank"):  # thicker, further ahead, further outwards
         pair = _segments(name)
         depth, width, _ = 0.5 * np.subtract(*extent(pair[0])[::-1])
+        swell = swells[SEGMENTS[pair[0]]]
         if name == "hand":
-            rows.stations({i: _stretch(0, 1 / depth) for i in pair})
-            rows.stations({i: _stretch(1, 1 / width) for i in pair})
+            rows.stations({i: _stretch(0, 1 / depth) for i in pair}, depth * swell)
+            rows.stations({i: _stretch(1, 1 / width) for i in pair}, width * swell)
         else:
-            rows.stations({i: _stretch(0, 2 / (depth + width)) + _stretch(1, 2 / (depth + width)) for i in pair})
+            both = {i: _stretch(0, 2 / (depth + width)) + _stretch(1, 2 / (depth + width)) for i in pair}
+            rows.stations(both, 0.5 * (depth + width) * swell)
         rows.stations({i: _shift(0) for i in pair})
         rows.stations({i: _shift(1, outwards[i]) for i in pair})
     # further up: of all near ends the shoulder's alone is seen, and its joint would make up for what the skin is off by
     rows.stations({i: _shift(2) for i in _segments("upper_arm")})
     feet = _segments("foot")  # higher, further up, wider, further outwards, further ahead
     low, high = extent(feet[0])
-    rows.stations({i: _stretch(2, 2 / (high[2] - low[2]), (low[2] + high[2]) / 2) for i in feet})
-    rows.stations({i: _shift(2) for i in feet})
+    # a higher ankle has the sole further down and the instep where it was
+    higher = np.tile(_told({"ankle_height": 0.5}), (SHAPE.stations, 1))
+    rows.stations({i: _stretch(2, 2 / (high[2] - low[2]), (low[2] + high[2]) / 2) for i in feet}, higher)
+    rows.stations({i: _shift(2) for i in feet}, -higher)
     rows.stations({i: _stretch(1, 2 / (high[1] - low[1])) for i in feet})
     rows.whole({i: _shift(1, outwards[i]) for i in feet})
     rows.whole({i: _shift(0) for i in feet})
     for name, axis in (("head", 2), ("hand", 2), ("foot", 0)):  # what ends a limb
         low, high = extent(_segments(name)[0])
-        rows.whole({i: _stretch(axis, 1 / (high[axis] - low[axis])) for i in _segments(name)})
+        longer = {i: _stretch(axis, 1 / (high[axis] - low[axis])) for i in _segments(name)}
+        rows.whole(longer, _told({name: 1.0}))
+
+
+_SMALL_M: Final = 1e-4
+
+
+def _swelling(measured: Measured) -> dict[str, Array]:
+    """Of each segment by name: share (SHAPE.stations, 26) that it is thicker by at its stations, for each metre that a
+    girth is off by."""
+    before = girths_along(measured.named(), SHAPE.stations)
+    shares = {name: np.zeros((SHAPE.stations, len(MEASUREMENTS))) for name in before}
+    for k, measurement in enumerate(MEASUREMENTS):
+        if not measurement.startswith("girth_"):
+            continue
+        after = girths_along(measured.named() | {measurement: float(measured.values_m[k]) + _SMALL_M}, SHAPE.stations)
+        for name, girths in before.items():
+            shares[name][:, k] = (after[name] / girths - 1.0) / _SMALL_M
+    return shares
 
 
 def _spans(body: Body) -> Array:

@@ -71,8 +71,9 @@ class ShapeEstimate:
     def of(body: Body) -> ShapeEstimate:
         """Estimate before any image."""
         change = basis(body)
-        nothing, joints = np.zeros(len(change.sigma_m)), np.zeros((0, len(SEGMENTS), 3, len(change.sigma_m)))
-        return ShapeEstimate(body, change, nothing, ShapeEquations(np.diag(1.0 / change.sigma_m**2), nothing, joints))
+        nothing, joints = np.zeros(len(change.station)), np.zeros((0, len(SEGMENTS), 3, len(change.station)))
+        information = np.asarray(np.linalg.inv(change.covariance_m2))
+        return ShapeEstimate(body, change, nothing, ShapeEquations(information, nothing, joints))
 
     def accumulate(self, residuals: Iterable[FrameResiduals]) -> ShapeEquations:
         """Normal equations of frames that share their texture, tracked with the body as corrected last."""

@@ -10,14 +10,15 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.body import landmarks
+from pzcap.body import anthropometry, landmarks
+from pzcap.body.anthropometry import Measured
 from pzcap.body.landmarks import Landmarks
 from pzcap.body.mesh import Surface, build_surface
 from pzcap.types import (
     ENDS,
+    GARMENTS,
     HINGE_AXES,
     LUMBAR_FRACTION,
-    MEASUREMENTS,
     PARENTS,
     SEGMENTS,
     THORAX_FRACTION,
@@ -88,25 +89,40 @@ LIMIT_LOW, LIMIT_HIGH = _limits()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A person, measured with a tape."""
+    """A person as measured with a tape, or guessed from what was."""
 
     offsets_m: Array  # (16, 3) joint of each segment in its parent's frame; zero for the root
     surface: Surface
-    sigma_m: float  # of one measurement
+    measured: Measured  # what it was made from
+    loose_m: Array  # (16,) room between skin and clothes, by which the surface is wider; 0 where these are tight
     landmarks: Landmarks  # where a detector's keypoints lie
 
 
 def build(subject: Subject) -> Body:
-    """The body of a subject. Raises PzcapError when a measurement is missing or cannot be a person's."""
-    m = subject.measurements_m
-    missing = [name for name in MEASUREMENTS if name not in m]
-    if missing:
-        raise PzcapError(f"subject: no measurement '{missing[0]}' ({len(missing)} missing); add it to subject.json")
-    absurd = [name for name in MEASUREMENTS if not 0.02 <= m[name] <= 2.5]
-    if absurd:
-        raise PzcapError(f"subject: {absurd[0]} = {m[absurd[0]]} m cannot be; measurements are in metres")
+    """The body of a subject; measurements that are missing are guessed. Raises PzcapError when one cannot be a
+    person's."""
+    _check(subject.measurements_m, "measurements are in metres")
+    loose_m = np.zeros(len(SEGMENTS))
+    for garment, room_m in subject.loose_m.items():
+        for name in GARMENTS[garment]:
+            loose_m[SEGMENTS.index(name)] = max(loose_m[SEGMENTS.index(name)], room_m)
+    return of(anthropometry.measured(subject), loose_m)
+
+
+def of(measured: Measured, loose_m: Array) -> Body:
+    """The body of a person with these measurements, in clothes so loose (16,)."""
+    m = measured.named()
+    _check(m, "as the rest of subject.json has it: correct that")
     offsets, surface = _offsets(m), build_surface(m)
-    return Body(offsets, surface, subject.sigma_m, landmarks.usual(offsets, surface))
+    if loose_m.any():
+        surface = surface.moved(surface.points_m + loose_m[surface.segment][:, None] * surface.normals)
+    return Body(offsets, surface, measured, loose_m, landmarks.usual(offsets, surface))
+
+
+def _check(measurements_m: dict[str, float], remedy: str) -> None:
+    for name, value in measurements_m.items():
+        if not 0.02 <= value <= 2.5:
+            raise PzcapError(f"subject: {name} = {value:.3g} m cannot be; {remedy}")
 
 
 def moved(body: Body) -> MovedBody:

@@ -11,6 +11,7 @@ class ShapeTuning(NamedTuple):
     stations: int = 6  # along a segment, evenly spaced: some five centimetres apart
     skin_sigma_m: float = 0.010  # of a segment's skin as a whole, from where the tape's girths put it
     station_sigma_m: float = 0.012  # of the skin at one station, beside that
+    loose: float = 0.3  # sigma of the skin beside that, a share of the room that loose clothes leave
     slide_sigma_m: float = 0.01  # of a segment's texture along and across it
     slide_sigma_rad: float = 0.05  # and about it
     # Factor of the texture's curvature as Gauss-Newton has it: robust weights, and texture as fine as the pixels, make

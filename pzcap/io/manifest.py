@@ -15,7 +15,18 @@ import numpy as np
 from pzcap.io import limits
 from pzcap.io.files import checked, leads_out
 from pzcap.io.video import frames_to_timecode, timecode_to_frames
-from pzcap.types import MEASUREMENTS, SEGMENTS, Array, CalibrationObject, Marker, Pose, PzcapError, Subject
+from pzcap.types import (
+    GARMENTS,
+    MEASUREMENTS,
+    SEGMENTS,
+    Array,
+    CalibrationObject,
+    Garment,
+    Marker,
+    Pose,
+    PzcapError,
+    Subject,
+)
 
 _SQUARE = 1.25  # longest side of a marker by its shortest: a diagonal taken for a side is 1.41
 _UNIT_TOLERANCE = 1e-3  # quaternions are written with a few decimals; they are normalised after this check
@@ -157,14 +168,39 @@ def _read_marker(entry: Json, dictionary: str, count: int) -> Marker:
 def read_subject(path: Path) -> Subject:
     """Read and check subject.json."""
     root = load_json(path)
-    entry = root["measurements_m"]
+    root.only("measurements_m", "sigma_m", "sigmas_m", "mass_kg", "sex", "loose_m")
+    measurements = _read_lengths(root["measurements_m"])
+    sigmas = _read_lengths(root["sigmas_m"]) if root.value.get("sigmas_m") is not None else {}
+    for name in sigmas:
+        if name not in measurements:
+            raise root["sigmas_m"].error(f'"{name}" is not measured; remove it here, or add it to measurements_m')
+    mass = None
+    if root.value.get("mass_kg") is not None:
+        mass, (lightest, heaviest) = float(root["mass_kg"].array()), limits.MASS_KG
+        if not lightest <= mass <= heaviest:
+            raise root["mass_kg"].error(f"{mass:g} kg, where {lightest:g} to {heaviest:g} are plausible")
+    sex = root.value.get("sex")
+    if not (sex is None or sex == "female" or sex == "male"):
+        raise root["sex"].error('must be "female", "male" or null')
+    return Subject(measurements, root["sigma_m"].length(), sigmas, mass, sex, _read_garments(root))
+
+
+def _read_garments(root: Json) -> dict[Garment, float]:
+    if root.value.get("loose_m") is None:
+        return {}
+    entry = root["loose_m"]
+    entry.only(*GARMENTS)
+    return {name: entry[name].length() for name in GARMENTS if name in entry.value}
+
+
+def _read_lengths(entry: Json) -> dict[str, float]:
     if not isinstance(entry.value, dict):
         raise entry.error("must be a JSON object of lengths in metres")
     for name in entry.value:
         if name not in MEASUREMENTS:
             near = difflib.get_close_matches(name, MEASUREMENTS, n=3, cutoff=0.4) or MEASUREMENTS
             raise entry.error(f'unknown measurement "{name}"; the nearest are {", ".join(near)}')
-    return Subject({name: entry[name].length() for name in MEASUREMENTS}, root["sigma_m"].length())
+    return {name: entry[name].length() for name in MEASUREMENTS if name in entry.value}
 
 
 def read_keyframes(path: Path, rate: Fraction) -> dict[str, Pose]:

@@ -5,10 +5,11 @@ Settings
 What images say of a pose
     `observation` (views cropped around the body), `pose_objective` leads: `residuals` (brightness, contour),
     `keypoint_residuals`, `visibility` (which skin is seen), `skin_appearance` (its brightness), `skin_colour_model` (a
-    bare arm before the trunk); `camera_refinement` (the cameras, eliminated from it).
+    bare arm before the trunk); `camera_refinement` (the cameras, eliminated from it), `drape`
+    (loose clothes, likewise).
 From frame to frame
-    `tracker` leads, `frame_tracker` takes a step, `body_constraints` keeps the pose possible, `keyframes` checks what a
-    hand has set.
+    `tracker` leads, `body_size` corrects the size of the whole body before all else, `frame_tracker` takes a step,
+    `body_constraints` keeps the pose possible, `keyframes` checks what a hand has set.
 Between two keyframes
     `interval_solver` leads, in the worker process: `bidirectional_fusion` (two passes made one), `limbs`, `appearance`
     and `reacquisition` (a limb that both have lost), `body_estimate` (the body as known so far), `batch_refinement` on

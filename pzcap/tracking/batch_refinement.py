@@ -9,7 +9,7 @@ it is wrong by more than they are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -106,9 +106,11 @@ class _Batch:
         known = self.clocks
         for count in range(config.polishing_sweeps):
             if count:
+                drapes = [each.drape for each in objectives]
                 objectives = in_motion(self.body, poses, [each.views for each in objectives])
+                objectives = [replace(each, drape=drape) for each, drape in zip(objectives, drapes, strict=True)]
                 posed = [each.posed(pose) for each, pose in zip(objectives, poses, strict=True)]
-            gradients, cost = [], 0.0
+            gradients, cost, normals = [], 0.0, {}
             system, crosses, told = ClockSystem(self.clocks), [], []
             for t, (objective, here, where) in enumerate(zip(objectives, posed, placed, strict=True)):
                 normal = objective.normal(here, where, appearances, config.schedule[-1].terms)
@@ -118,6 +120,7 @@ class _Batch:
                 hessians[t] = normal.hessian + stiffness
                 gradients.append(normal.gradient + pull)
                 contours[t], cameras[t], cost = normal.contour, normal.cameras, cost + normal.cost
+                normals[t] = normal
                 told.append(normal.clocks)
             if self.key is not None:
                 hand = 1.0 / config.hand_sigma**2
@@ -135,8 +138,8 @@ class _Batch:
             steps = steps.clip(-0.5, 0.5)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
             objectives = [
-                each.with_cameras(free, step).with_clocks(clock)
-                for each, free, step in zip(objectives, cameras, steps, strict=True)
+                each.after(normals[t], step).with_clocks(clock)
+                for t, (each, step) in enumerate(zip(objectives, steps, strict=True))
             ]
         seen = [any(view is not None for view in each.views) for each in objectives]
         frames = [PoseEstimate(*each) for each in zip(poses, hessians, contours, seen, strict=True)]

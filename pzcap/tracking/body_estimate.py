@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pzcap.body.kinematics import difference, forward
+from pzcap.body.segment_equations import PointResiduals
+from pzcap.body.shape_basis import LENGTHS
 from pzcap.body.shape_estimation import FrameResiduals, Shape, ShapeEquations, ShapeEstimate
 from pzcap.body.skeleton import DOF, Body
 from pzcap.tracking.keypoint_residuals import LandmarkEstimate
@@ -19,7 +21,7 @@ from pzcap.tracking.observation import Views
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import Terms, TrackingConfig
 from pzcap.tracking.skin_appearance import mean_appearances
-from pzcap.tracking.tuning import SHAPE
+from pzcap.tracking.tuning import DRAPE, SHAPE
 from pzcap.types import SEGMENTS, Array, Keyframe, Pose
 
 
@@ -36,7 +38,8 @@ class BodyEstimate:
     def of(body: Body) -> BodyEstimate:
         """Estimate before any image: a tape has measured the body."""
         shape = ShapeEstimate.of(body)
-        known = Shape(shape.amounts_m, np.full(len(SEGMENTS), 2 * body.sigma_m**2))
+        lengths = shape.basis.sigma_m[:LENGTHS]
+        known = Shape(shape.amounts_m, np.full(len(SEGMENTS), 2 * float(np.mean(lengths**2))))
         return BodyEstimate(body, shape, known, LandmarkEstimate.of(body.landmarks))
 
     def with_keyframe(
@@ -47,7 +50,7 @@ class BodyEstimate:
         shape, landmarks, frames = self.shape, self.landmarks, forward(self.body, fitted)
         if config.shape_weight:
             objective, hand = PoseObjective(self.body, views, speed), np.diag(1.0 / config.hand_sigma**2)
-            contour = objective.contour(*objective.place(fitted), _terms(config))
+            contour = _less_of_cloth(objective.contour(*objective.place(fitted), _terms(config)), self.body, config)
             pull = hand @ difference(key.pose, fitted)
             shape = shape.commit(shape.accumulate([FrameResiduals(frames, contour, None, hand, pull)]))
         for view in views:
@@ -70,7 +73,9 @@ class BodyEstimate:
             found = objective.texture(posed, where, appearances, terms)
             share = config.shape_texture_weight
             texture = found._replace(hessians=share * found.hessians, gradients=share * found.gradients)
-            contour = objective.contour(posed, where, terms)
+            texture.hessians[self.body.loose_m > 0.0] = 0.0  # cloth slides
+            texture.gradients[self.body.loose_m > 0.0] = 0.0
+            contour = _less_of_cloth(objective.contour(posed, where, terms), self.body, config)
             residuals.append(FrameResiduals(posed.frames, contour, texture, prior, np.zeros(DOF)))
         return self.shape.accumulate(residuals)
 
@@ -84,6 +89,18 @@ class BodyEstimate:
         """The estimate with the ``equations`` of an interval added for good."""
         shape = self.shape.commit(equations)
         return replace(self, shape=shape, known=Shape(shape.amounts_m, shape.joint_variance()))
+
+
+def _less_of_cloth(contour: PointResiduals, body: Body, config: TrackingConfig) -> PointResiduals:
+    """The residuals with less weight where a loose piece is displaced by nobody knows how much in each frame."""
+    if not body.loose_m.any():
+        return contour
+    px_per_m = np.linalg.norm(contour.rows[:, 2:5], axis=1)
+    sigma_px = config.schedule[-1].terms.contour_sigma_px
+    room_px = DRAPE.sigma * body.loose_m[contour.owner] * px_per_m
+    rows = contour.rows.copy()
+    rows[:, 0] /= 1.0 + (room_px / sigma_px) ** 2
+    return contour._replace(rows=rows)
 
 
 def _terms(config: TrackingConfig) -> Terms:

@@ -142,7 +142,7 @@ def fit_pose(
             hessian = normal.hessian + information + stiffness
             gradient = normal.gradient + information @ difference(expected, posed.pose) + pull
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)
-            objective = objective.with_cameras(normal.cameras, step)
+            objective = objective.after(normal, step)
             posed = objective.posed(retract(posed.pose, step))
             steps, converged = steps + 1, bool(np.abs(step).max() < config.step_tolerance)
             if converged:

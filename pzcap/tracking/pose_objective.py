@@ -19,6 +19,7 @@ from pzcap.body.skeleton import Body
 from pzcap.geometry.pinhole import pinhole, projected
 from pzcap.tracking import keypoint_residuals, residuals
 from pzcap.tracking.camera_refinement import MarginalisedCamera, eliminate, segment_twists
+from pzcap.tracking.drape import MarginalisedDrape, eliminate_drape, expected_drape, segments_twists
 from pzcap.tracking.observation import PYRAMID_LEVELS, Placed, PlacedView, ViewCrop, Views, place_view, project
 from pzcap.tracking.pixel_time import (
     AT_ONCE,
@@ -31,7 +32,7 @@ from pzcap.tracking.pixel_time import (
 from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, Template
 from pzcap.tracking.settings import Terms
 from pzcap.tracking.skin_appearance import SomeAppearances
-from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR, VIEW
+from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR, DRAPE, VIEW
 from pzcap.tracking.visibility import ProjectedSkin, SkinPoints
 from pzcap.types import Array, Camera, Pose
 
@@ -46,6 +47,8 @@ class PoseEquations:
     brightness: Array  # (16, 2) weighted squares, weights
     cameras: list[MarginalisedCamera | None]  # a view each: its camera, which has been eliminated
     clocks: list[ClockEquations | None]  # a view each; None where the body's velocity is not known
+    drape: MarginalisedDrape | None = None  # of loose clothes, which has been eliminated
+    twists: Array | None = None  # (43, 6) of the pose, where there is a drape
 
     @property
     def cost(self) -> float:
@@ -83,6 +86,7 @@ class PoseObjective:
     body: Body
     views: Views
     velocity: Array | None = None  # (16, 6) of the segments, as in `pixel_time.velocities`; None: it is not known
+    drape: Array | None = None  # (16, 3) displacement of loose clothes; None: as it is to be expected
 
     @property
     def detected(self) -> bool:
@@ -96,6 +100,17 @@ class PoseObjective:
             for view, camera in zip(self.views, cameras, strict=True)
         ))  # fmt: skip
 
+    def after(self, normal: PoseEquations, step: Array) -> PoseObjective:
+        """The objective with cameras and drape as they follow from a ``step`` (43,) of the pose."""
+        moved = self.with_cameras(normal.cameras, step)
+        if normal.drape is None or normal.twists is None:
+            return moved
+        change = normal.drape.step(segments_twists(step, normal.twists))
+        return replace(moved, drape=self._drape() + np.clip(change, -DRAPE.most_m, DRAPE.most_m))
+
+    def _drape(self) -> Array:
+        return expected_drape(self.body.loose_m, self.velocity) if self.drape is None else self.drape
+
     def with_clocks(self, clock: Array) -> PoseObjective:
         """The objective with the views exposed by ``clock`` (C,), frame periods."""
         return replace(self, views=tuple(
@@ -107,6 +122,8 @@ class PoseObjective:
         """Put the body in a ``pose``."""
         frames = forward(self.body, pose)
         skin = SkinPoints(*place(self.body, frames), self.body.surface.segment)
+        if self.body.loose_m.any():
+            skin = skin._replace(points=np.asfortranarray(skin.points + self._drape()[skin.segment]))
         skins = tuple(self._exposed(view, skin, frames) for view in self.views)
         views = (
             None if view is None else project(each.points, each.normals, view.camera)
@@ -146,7 +163,12 @@ class PoseObjective:
         eliminated (`pzcap.tracking.camera_refinement`)."""
         sums, contour, brightness = self._per_segment(posed, placed, appearances, terms)
         twists = screws(posed.frames, posed.centre)
-        hessian, gradient = lift(sum_of(sums), twists)
+        drape, every = None, sums
+        if self.body.loose_m.any():
+            expected = expected_drape(self.body.loose_m, self.velocity)
+            sums, of_drape, drape = eliminate_drape(sums, self.body.loose_m, self._drape(), expected)
+            every = [*sums, of_drape]
+        hessian, gradient = lift(sum_of(every), twists)
         cameras: list[MarginalisedCamera | None] = []
         clocks: list[ClockEquations | None] = []
         for view, own in zip(self.views, sums, strict=True):
@@ -161,7 +183,7 @@ class PoseObjective:
                 clocks.append(None)
             else:
                 clocks.append(clock_equations(own, self.velocity, posed.frames, twists, camera))
-        return PoseEquations(hessian, gradient, contour, brightness, cameras, clocks)
+        return PoseEquations(hessian, gradient, contour, brightness, cameras, clocks, drape, twists)
 
     def texture(self, posed: PosedBody, placed: Placed, appearances: SomeAppearances, terms: Terms) -> SegmentSums:
         """The residuals of brightness alone, segment by segment."""

@@ -93,6 +93,8 @@ class TrackingConfig:
     """Rounds of a fit, coarse to fine."""
     start_widening: float = 4.0
     """Factor of a prediction's sigma while the velocity is not known."""
+    body_size: bool = True
+    """Correct the size of the whole body where the first keyframe's silhouettes show another than the tape."""
     shape_weight: float = 0.024
     """Weight of a frame's contour in the estimate of the body's shape: the next frame errs alike. 0: the body stays as
     the tape has it."""

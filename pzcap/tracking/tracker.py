@@ -20,6 +20,7 @@ from pzcap.body.kinematics import difference
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, moved
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking.body_estimate import BodyEstimate
+from pzcap.tracking.body_size import body_size, resized
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate
 from pzcap.tracking.interval_solver import (
     Anchor,
@@ -126,6 +127,8 @@ class Tracker:
 
     def _reach_keyframe(self, item: TrackInput, key: Keyframe) -> list[Tracked]:
         done = self._solved()
+        if self._ahead is None and self.config.body_size:
+            self._correct_size(item, key)
         views = self._crop(item.views, key.pose)
         speed = np.zeros((len(SEGMENTS), 6)) if self._ahead is None else self._ahead.speed(key.pose)
         fit, _ = fit_keyframe(self._estimate.body, key.pose, views, speed, self.config)
@@ -143,6 +146,15 @@ class Tracker:
             self._solve(anchor)
         self._ahead = FrameTracker(self.body, self.config, fit.pose, velocity, views)
         return done
+
+    def _correct_size(self, item: TrackInput, key: Keyframe) -> None:
+        """Correct the size of the whole body before anything is tracked with it."""
+        cameras = [None if view is None else view.camera for view in item.views]
+        silhouettes = [None if view is None else view.silhouette for view in item.views]
+        size = body_size(self.body, [(key.pose, cameras, silhouettes)], self.config.cut_out_margin)
+        if size is not None:
+            self.body = resized(self.body, size)
+            self._estimate = BodyEstimate.of(self.body)
 
     def _problem(self, instants: Sequence[Instant], anchor: Anchor | None) -> IntervalProblem:
         reference = () if self._ahead is None else self._ahead.reference

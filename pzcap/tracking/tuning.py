@@ -49,6 +49,27 @@ class KeypointTuning(NamedTuple):
     largest_share: float = 0.7  # of ``near_m`` that the athlete's may be off on average: some limbs may be lost
 
 
+class BodySizeTuning(NamedTuple):
+    """Size of the athlete by the silhouettes of keyframes."""
+
+    step: float = 0.01  # of the logarithm of the sizes that are tried
+    steps: int = 25  # so many larger, and as many smaller
+    most_log_odds: float = 2.0  # of a pixel, either way: a background that is wrong is sure of it
+    fewest_views: int = 3
+    sigma: float = 0.015  # of the logarithm, however many views: a skin of ellipses, keyframes that lean one way
+    contradicts_sigmas: float = 3.0  # beyond which the measurements are somebody else's
+    open: float = 0.15  # of the size, once they are
+
+
+class DrapeTuning(NamedTuple):
+    """Loose clothes beside the body. All by what cloth can do, none fitted to captures."""
+
+    sigma: float = 0.5  # of the drape along each axis, a share of the room between cloth and skin
+    lag: float = 0.7  # share of the room by which cloth hangs behind fast motion
+    most_m: float = 0.03  # change of it in a step of the solver
+    half_m: float = 0.03  # motion a frame with which it hangs behind by half of that
+
+
 class ContactTuning(NamedTuple):
     """Points at rest on the floor, and arms inside the trunk."""
 
@@ -157,6 +178,8 @@ CLOCK = ClockTuning()
 CONTOUR = ContourTuning()
 BRIGHTNESS = BrightnessTuning()
 KEYPOINT = KeypointTuning()
+BODY_SIZE = BodySizeTuning()
+DRAPE = DrapeTuning()
 CONTACT = ContactTuning()
 FRAME = FrameTuning()
 FUSION = FusionTuning()

@@ -184,6 +184,7 @@ class FilmCamera:
     def _pose(self, person: Person | None, time_s: float) -> None:
         if person is not None:
             set_pose(self._stage.model, self._stage.data, person(time_s))
+            self._stage.accompany(time_s)
 
     def _plate(self, camera: Moment) -> Plate:
         """Aim at what a camera sees; return the plate to draw."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import subprocess
 import sys
+from collections.abc import Callable
 from typing import Final
 
 import mujoco
@@ -41,6 +42,14 @@ def check_gl() -> None:
         raise PzcapError(
             f"MuJoCo cannot render with MUJOCO_GL={backend}: install the GL library (apt-get install {packages})"
         )
+
+
+OTHERS_GROUP: Final = 4
+"""Geom group of other people than the athlete."""
+
+
+def _nobody(time_s: float) -> None:
+    del time_s
 
 
 class Stage:
@@ -87,6 +96,8 @@ class Stage:
         self._option = mujoco.MjvOption()
         self._view = mujoco.MjvCamera()
         self._view.type, self._view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self._camera_id
+        self.accompany: Callable[[float], None] = _nobody  # puts all but the athlete where they are at a time
+        self.others = False  # whether other people are in the hall
         self._is_athlete = self.model.geom_group == athlete_group
 
     def close(self) -> None:
@@ -117,7 +128,9 @@ class Stage:
     def picture(self, size: tuple[int, int], *, athlete: bool, calibration_object: bool = False) -> Image:
         """Picture of ``size`` (width, height): red-green-blue, the *bottom* row first."""
         self._update(athlete, calibration_object)
-        return self._draw(*size, (np.array([athlete, calibration_object]), self.data.geom_xpos, self.data.geom_xmat))
+        return self._draw(
+            *size, (np.array([athlete, calibration_object, self.others]), self.data.geom_xpos, self.data.geom_xmat)
+        )
 
     def mask(self, size: tuple[int, int]) -> Image:
         """Mask of the athlete, 0 or 255, of ``size`` (width, height), the *bottom* row first."""
@@ -152,7 +165,7 @@ class Stage:
             gl.glTexParameteri(gl.GL_TEXTURE_2D, gl.GL_TEXTURE_MIN_FILTER, gl.GL_LINEAR)
 
     def _update(self, athlete: bool, calibration_object: bool) -> None:
-        for group, shown in zip(self._groups, (athlete, calibration_object), strict=True):
+        for group, shown in zip((*self._groups, OTHERS_GROUP), (athlete, calibration_object, self.others), strict=True):
             self._option.geomgroup[group] = shown
         mujoco.mjv_updateScene(
             self.model, self.data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL, self._scene

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 import mujoco
 import numpy as np
 
-from pzcap.types import HINGE_AXES, LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Pose
+from pzcap.ranges import Range
+from pzcap.types import HINGE_AXES, LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Garment, Pose
 from sim.people import anthropometry
 from sim.people.clothing import Wardrobe, paint
 
 GEOM_GROUP: Final = 1
 """The athlete's geoms, so that segmentation and hiding can tell them from the hall."""
+
+CLOTH: Final = "cloth_"
+"""Begins the name of a loose piece's body; that of the segment below it follows."""
 
 _ELLIPSOID, _CAPSULE = mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_CAPSULE
 _Vector = tuple[float, float, float]
@@ -28,6 +32,18 @@ class AthleteConfig:
     """rich: printed shirt and seams, whose texture can be tracked; plain: cloth of weak texture."""
     sleeves: Literal["short", "long"] = "short"
     """Sleeves of the shirt. Long ones make the forearms look like the trunk: their colours tell nothing."""
+    loose_m: Annotated[float, Range(0.0, 0.2)] = 0.0
+    """Metres that T-shirt and trousers stand off the skin, hang behind its motion by at most, and swing; 0: all is
+    tight."""
+    skirt: bool = False
+    """A skirt to the middle of the thighs over loose trousers."""
+    ponytail: bool = False
+    """Hair that hangs down behind the head, and behind its motion."""
+
+    def garments(self) -> dict[Garment, float]:
+        """How far the loose clothes stand off the skin, metres."""
+        worn: dict[Garment, float] = {"shirt": self.loose_m, "trousers": self.loose_m} if self.loose_m else {}
+        return worn | ({"skirt": self.loose_m + 0.02} if self.skirt else {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,37 +65,41 @@ class _Shape:
 
 
 def add_athlete(
-    spec: mujoco.MjSpec, measurements: dict[str, float], config: AthleteConfig, rng: np.random.Generator
+    spec: mujoco.MjSpec,
+    measurements: dict[str, float],
+    config: AthleteConfig,
+    rng: np.random.Generator,
+    prefix: str = "",
+    group: int = GEOM_GROUP,
 ) -> None:
     """Add the athlete to the world: bodies and joints named as `types.SEGMENTS` (the free joint: "root").
 
-    Geoms are in `GEOM_GROUP`; girths are those of ``measurements`` (metres) where the tape lies. ``rng`` chooses
-    colours and print.
+    Geoms are in ``group``; girths are those of ``measurements`` (metres) where the tape lies. ``rng`` chooses
+    colours and print. Of other people a ``prefix`` stands before all names.
     """
     tree = anthropometry.body_tree(measurements)
     bodies: dict[str, mujoco.MjsBody] = {}
     for s, name in enumerate(SEGMENTS):
         parent = spec.worldbody if PARENTS[s] < 0 else bodies[SEGMENTS[PARENTS[s]]]
-        body = bodies[name] = parent.add_body(name=name, pos=tree.offsets_m[s])
+        body = bodies[name] = parent.add_body(name=prefix + name, pos=tree.offsets_m[s])
         if PARENTS[s] < 0:
-            body.add_joint(name="root", type=mujoco.mjtJoint.mjJNT_FREE)
+            body.add_joint(name=prefix + "root", type=mujoco.mjtJoint.mjJNT_FREE)
             continue
         limits = anthropometry.joint_limit_rad(name)
         if name in HINGE_AXES:
             hinge = mujoco.mjtJoint.mjJNT_HINGE
-            body.add_joint(name=name, type=hinge, axis=HINGE_AXES[name], limited=1, range=np.degrees(limits))
+            body.add_joint(name=prefix + name, type=hinge, axis=HINGE_AXES[name], limited=1, range=np.degrees(limits))
         else:
-            body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL, limited=1, range=np.degrees(limits))
+            body.add_joint(name=prefix + name, type=mujoco.mjtJoint.mjJNT_BALL, limited=1, range=np.degrees(limits))
     wardrobe = Wardrobe.draw(config.clothing == "rich", rng)
     materials: dict[tuple[str, str], str] = {}
-    for shape in _shapes(measurements):
-        if config.sleeves == "long" and shape.skin == "skin" and shape.segment.endswith("arm"):
-            shape = replace(shape, skin="sleeve")
+
+    def add(body: mujoco.MjsBody, shape: _Shape) -> None:
         key = (shape.segment, shape.skin)
         if key not in materials:
-            materials[key] = _add_material(spec, shape, wardrobe, rng)
-        geom = bodies[shape.segment].add_geom(
-            type=_ELLIPSOID if shape.to is None else _CAPSULE, material=materials[key], group=GEOM_GROUP,
+            materials[key] = _add_material(spec, shape, wardrobe, rng, prefix)
+        geom = body.add_geom(
+            type=_ELLIPSOID if shape.to is None else _CAPSULE, material=materials[key], group=group,
             contype=0, conaffinity=0,
         )  # fmt: skip
         if shape.to is None:
@@ -87,11 +107,23 @@ def add_athlete(
         else:
             geom.fromto, geom.size = [*shape.centre, *shape.to], [shape.half[0], 0.0, 0.0]
 
+    shapes = list(_shapes(measurements))
+    for shape in shapes:
+        if config.sleeves == "long" and shape.skin == "skin" and shape.segment.endswith("arm"):
+            shape = replace(shape, skin="sleeve")
+        add(bodies[shape.segment], shape)
+    for piece in _loose(measurements, shapes, config):
+        if (cloth := CLOTH + piece.segment) not in bodies:
+            # nobody sees it before it is hung
+            bodies[cloth] = spec.worldbody.add_body(name=prefix + cloth, mocap=True, pos=(0.0, 0.0, -10.0))
+        add(bodies[cloth], piece)
 
-def set_pose(model: mujoco.MjModel, data: mujoco.MjData, pose: Pose) -> None:
-    """Write a pose to ``data.qpos``. A hinge takes the angle about its axis; call ``mj_kinematics`` afterwards."""
+
+def set_pose(model: mujoco.MjModel, data: mujoco.MjData, pose: Pose, prefix: str = "") -> None:
+    """Write a pose to ``data.qpos``. A hinge takes the angle about its axis; call ``mj_kinematics`` afterwards.
+    ``prefix`` as `add_athlete` has it."""
     for s, name in enumerate(SEGMENTS):
-        at = int(model.joint("root" if PARENTS[s] < 0 else name).qposadr[0])
+        at = int(model.joint(prefix + ("root" if PARENTS[s] < 0 else name)).qposadr[0])
         if PARENTS[s] < 0:
             data.qpos[at : at + 3] = pose.root_position_m
             data.qpos[at + 3 : at + 7] = pose.rotations[s]
@@ -102,8 +134,8 @@ def set_pose(model: mujoco.MjModel, data: mujoco.MjData, pose: Pose) -> None:
             data.qpos[at : at + 4] = pose.rotations[s]
 
 
-def _add_material(spec: mujoco.MjSpec, shape: _Shape, wardrobe: Wardrobe, rng: np.random.Generator) -> str:
-    name = f"athlete_{shape.segment}_{shape.skin}"
+def _add_material(spec: mujoco.MjSpec, shape: _Shape, wardrobe: Wardrobe, rng: np.random.Generator, prefix: str) -> str:
+    name = f"{prefix}athlete_{shape.segment}_{shape.skin}"
     side = shape.segment.split("_")[0]
     part = f"{side}_{shape.skin}" if shape.skin in ("thigh", "shank") else shape.skin
     image = paint(part, shape.girth_m(), shape.length_m(), wardrobe, rng)
@@ -128,6 +160,32 @@ def _shapes(m: dict[str, float]) -> Iterable[_Shape]:
     for side, sign in (("left", 1.0), ("right", -1.0)):
         yield from _arm(m, side, sign)
         yield from _leg(m, side, sign)
+
+
+_WORN: Final = ("hips", "seat", "waist", "chest", "yoke", "sleeve", "thigh", "shank")
+"""Skins that T-shirt and trousers cover."""
+
+
+def _loose(m: dict[str, float], shapes: Iterable[_Shape], config: AthleteConfig) -> Iterable[_Shape]:
+    """Pieces of loose clothes and hair, in the frames of the segments below them."""
+    if config.loose_m:
+        for shape in shapes:
+            if shape.skin in _WORN:
+                a, b, c = shape.half
+                wider = (a + config.loose_m, b + config.loose_m, c + 0.3 * config.loose_m if shape.to is None else c)
+                yield replace(shape, half=wider)
+    if config.skirt:
+        depth, breadth = _oval(m["girth_hips"], 0.80)
+        length, room = 0.55 * m["thigh"], config.loose_m + 0.02
+        half = (depth + room, breadth + room, 0.6 * length)
+        yield _Shape("pelvis", "hips", (0.0, 0.0, -0.25 * length), half)
+        yield _Shape(
+            "pelvis", "hips", (0.0, 0.0, -0.6 * length), (depth + 1.6 * room, breadth + 1.6 * room, 0.4 * length)
+        )
+    if config.ponytail:
+        behind, height = -0.5 * m["girth_head"] / np.pi, 0.6 * m["head"]
+        for k in range(3):
+            yield _Shape("head", "hair", (behind - 0.02, 0.0, height - 0.09 * k), (0.024 - 0.004 * k, 0.026, 0.07))
 
 
 def _trunk(m: dict[str, float]) -> Iterable[_Shape]:

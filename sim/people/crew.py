@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Annotated, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap.ranges import Degrees, Metres, Range
-from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Pose, PzcapError, Subject
+from pzcap.ranges import Degrees, Metres, Range, Share
+from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Garment, Pose, Subject
 from sim.motion import MotionClip
-
-SYNCS: Final = ("timecode", "sound", "flash", "none")
+from sim.people.company import Company
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +21,14 @@ class CrewConfig:
 
     tape_sigma_m: Metres = 0.005
     """Standard deviation of a reading of the tape, m: repeated readings of a girth differ by as much."""
+    tape: Literal["full", "stature", "none"] = "full"
+    """What is measured with it. full: all that subject.json has a name for; stature: nothing else; none: nothing."""
+    tape_guess: Share = 0.0
+    """Relative standard deviation of each length where it is guessed by eye and from tables in place of a tape, and
+    subject.json says so; of girths a quarter more. 0: all is measured."""
+    tape_scale: Annotated[float, Range(0.5, 2.0)] = 1.0
+    """What the tape reads of a metre, unknown to the crew: 0.91 where another's measurements were taken, of somebody a
+    tenth smaller."""
     keyframes_per_s: Annotated[float, Range(0.0, 240.0)] = 1.0
     """Keyframes posed by hand for each second of the motion, the first and the last frame included."""
     keyframe_position_m: Metres = 0.00577
@@ -30,25 +37,32 @@ class CrewConfig:
     """Standard deviation of a keyframe's joint rotations, degrees, about a random axis (a hinge: about its own)."""
     walks_in_sweep: bool = False
     """A person walks to and fro in the hall while the cameras sweep it. Off: docs/capture.md asks for an empty hall."""
-    sync: str = "timecode"
+    sync: Literal["timecode", "sound", "flash", "none"] = "timecode"
     """What tells how the cameras' recordings of the motion lie to each other: timecode; or the videos have none, and
     there is sound, with three claps in the middle of the hall; a flash, by a lamp that is lit for a quarter of a
     second; or none, the motion alone. Without timecode, that of the papers counts from the first camera's first
     picture."""
+    company: Company = "none"
+    """Others in the hall during the motion, dressed like the athlete. bystanders: two who walk by, before and behind;
+    coach: one who keeps 1.2 m beside; spotter: one who comes up and has both hands on the athlete for a second."""
 
-    def __post_init__(self) -> None:
-        if self.sync not in SYNCS:
-            raise PzcapError(f"crew.sync is '{self.sync}'; give one of {', '.join(SYNCS)}")
 
-
-def measure(measurements: dict[str, float], config: CrewConfig, rng: np.random.Generator) -> Subject:
-    """Read the tape, to the millimetre."""
-    errors = rng.normal(size=len(MEASUREMENTS)) * config.tape_sigma_m
-    read = {
-        name: round(max(measurements[name] + error, 0.005), 3)
-        for name, error in zip(MEASUREMENTS, errors.tolist(), strict=True)
-    }
-    return Subject(read, max(config.tape_sigma_m, 0.0005))
+def measure(
+    measurements: dict[str, float], config: CrewConfig, rng: np.random.Generator, loose_m: Mapping[Garment, float]
+) -> Subject:
+    """Read the tape, or guess, to the millimetre; and see how loose the clothes are, ``loose_m``, to the centimetre."""
+    tape_m = max(config.tape_sigma_m, 0.0005)
+    true = {name: config.tape_scale * measurements[name] for name in MEASUREMENTS}
+    girths = {name: 1.25 if name.startswith("girth_") else 1.0 for name in MEASUREMENTS}
+    sigmas = {name: max(girths[name] * config.tape_guess * true[name], tape_m) for name in MEASUREMENTS}
+    scatter = sigmas if config.tape_guess else dict.fromkeys(MEASUREMENTS, config.tape_sigma_m)
+    errors = dict(zip(MEASUREMENTS, rng.normal(size=len(MEASUREMENTS)).tolist(), strict=True))
+    taken = {"full": MEASUREMENTS, "stature": ("stature",), "none": ()}[config.tape]
+    read = {name: round(max(true[name] + scatter[name] * errors[name], 0.005), 3) for name in taken}
+    return Subject(
+        read, tape_m, {name: round(sigmas[name], 4) for name in taken} if config.tape_guess else {},
+        loose_m={name: round(room, 2) for name, room in loose_m.items()},
+    )  # fmt: skip
 
 
 def keyframe_indices(frames: int, frame_rate: float, config: CrewConfig) -> list[int]:

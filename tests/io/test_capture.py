@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from pzcap.io.capture import frame_sets, read_capture, read_image
+from pzcap.io.manifest import read_subject
 from pzcap.io.video import frames_to_timecode, timecode_to_frames
 from pzcap.types import (
     MEASUREMENTS,
@@ -27,7 +28,7 @@ from pzcap.types import (
     PzcapError,
     Subject,
 )
-from sim.capture_writer import write_capture, write_video
+from sim.capture_writer import write_capture, write_subject, write_video
 from tests.scenes import specials
 
 RATE = Fraction(30)
@@ -106,6 +107,22 @@ def test_what_is_written_is_read_back(folder: Path) -> None:
     read, written = capture.keyframe_poses[frames_to_timecode(START + 9, RATE)], pose(9)
     np.testing.assert_allclose(read.rotations, written.rotations, atol=1e-12)
     np.testing.assert_allclose(read.root_position_m, written.root_position_m, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "person",
+    [
+        Subject({}, 0.005),
+        Subject({"stature": 1.71, "foot": 0.26}, 0.005, {"foot": 0.01}, 61.5, "female"),
+    ],
+)
+def test_a_subject_may_be_known_in_part(folder: Path, person: Subject) -> None:
+    write_subject(folder / "subject.json", person)
+    assert read_capture(folder).subject is not None
+    found = read_subject(folder / "subject.json")
+    assert (found.measurements_m, found.sigma_m) == (person.measurements_m, person.sigma_m)
+    assert (found.sigmas_m, found.mass_kg, found.sex) == (person.sigmas_m, person.mass_kg, person.sex)
+    assert [found.sigma_of(name) for name in ("stature", "foot")] == [0.005, person.sigmas_m.get("foot", 0.005)]
 
 
 def test_a_capture_can_be_moved(folder: Path, tmp_path: Path) -> None:
@@ -215,7 +232,12 @@ JSON_FAULTS: dict[str, tuple[str, Callable[[Any], Any], str]] = {
         lambda s: s["measurements_m"].update(thig=s["measurements_m"].pop("thigh")),
         'unknown measurement "thig"; the nearest are thigh',
     ),
-    "a measurement left out": ("subject.json", lambda s: s["measurements_m"].pop("shank") and None, "shank"),
+    "the sigma of what was not measured": (
+        "subject.json", lambda s: s.update(measurements_m={"stature": 1.7}, sigmas_m={"shank": 0.01}), '"shank" is not'
+    ),
+    "a misspelt entry of the subject": ("subject.json", lambda s: s.update(sigma={"shank": 0.01}), "the nearest are"),
+    "a mass in grams": ("subject.json", lambda s: s.update(mass_kg=62000), "62000 kg"),
+    "a sex that the regression does not know": ("subject.json", lambda s: s.update(sex=["male"]), '"female", "male"'),
     "a negative length": ("subject.json", lambda s: s["measurements_m"].update(foot=-0.2), "foot"),
     "a length in words": ("subject.json", lambda s: s["measurements_m"].update(foot="26 cm"), "foot"),
     "no keyframes": ("keyframes.json", lambda _: [], "no keyframe"),

@@ -202,9 +202,9 @@ def test_the_crew_brings_papers_with_errors(small_capture: Path, truth: Truth) -
 def test_the_tape_has_its_error() -> None:
     true = dict.fromkeys(MEASUREMENTS, 0.5)
     rng = np.random.default_rng(0)
-    read = [list(measure(true, CrewConfig(), rng).measurements_m.values()) for _ in range(200)]
+    read = [list(measure(true, CrewConfig(), rng, {}).measurements_m.values()) for _ in range(200)]
     assert np.std(read) == pytest.approx(0.005, rel=0.05)
-    assert measure(true, CrewConfig(tape_sigma_m=0.0), rng).measurements_m == true
+    assert measure(true, CrewConfig(tape_sigma_m=0.0), rng, {}).measurements_m == true
 
 
 def test_hands_pose_with_their_error() -> None:
