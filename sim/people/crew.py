@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,6 +20,8 @@ class CrewConfig:
 
     tape_sigma_m: Metres = 0.005
     """Standard deviation of a reading of the tape, m: repeated readings of a girth differ by as much."""
+    keyframes: Literal["hand", "none"] = "hand"
+    """Who poses keyframes. hand: a person, to the images; none: nobody, and the capture holds none."""
     keyframes_per_s: Annotated[float, Range(0.0, 240.0)] = 1.0
     """Keyframes posed by hand for each second of the motion, the first and the last frame included."""
     keyframe_position_m: Metres = 0.00577
@@ -41,7 +43,10 @@ def measure(measurements: dict[str, float], config: CrewConfig, rng: np.random.G
 
 
 def keyframe_indices(frames: int, frame_rate: float, config: CrewConfig) -> list[int]:
-    """Keyframes evenly spaced from the first frame to the last, at the rate asked for but never fewer than two."""
+    """Keyframes evenly spaced from the first frame to the last, at the rate asked for but never fewer than two; none
+    where nobody poses any."""
+    if config.keyframes == "none":
+        return []
     count = min(max(2, round((frames - 1) / frame_rate * config.keyframes_per_s)), frames)
     return [int(i) for i in np.rint(np.linspace(0, frames - 1, count))]
 

@@ -1,0 +1,124 @@
+"""The articulated body fitted to a detector's keypoints, all frames together.
+
+Gauss-Newton on the reprojection of the keypoints in every view, robust, with the limits of the joints, a weak prior for
+what keypoints leave open (the bends of the spine, the head, hands and feet) and one on the acceleration
+(`pzcap.tracking.temporal_constraints`), which carries what is open, or lost, over from other frames.
+
+What a detector means by a joint is off by so much in all frames alike (`pzcap.body.landmarks`). With poses ``p_t`` and
+these offsets ``b`` the normal equations are an arrow,
+
+    H_t = sum J_p' W J_p + prior      C_t = sum J_p' W J_b      D_t = sum J_b' W J_b
+
+and the covariance of a pose is ``H_t^-1 + H_t^-1 C_t B C_t' H_t^-1`` with ``B`` that of the offsets. The second term is
+one and the same error in all frames: it makes each pose uncertain, and many poses no surer than one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from pzcap.body.kinematics import forward, joint_angles, joint_jacobians, point_jacobians, retract, screws
+from pzcap.body.landmarks import SEGMENT, Landmarks
+from pzcap.body.segment_equations import PointResiduals, SegmentSums, accumulate, lift
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
+from pzcap.initialisation.people import Sighting
+from pzcap.initialisation.tuning import FIT
+from pzcap.tracking import keypoint_residuals
+from pzcap.tracking.body_constraints import constraints
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.temporal_constraints import smooth_step
+from pzcap.types import SEGMENTS, Array, Pose
+
+_REST_DEG: Final = {"lumbar": FIT.lumbar_deg, "thorax": FIT.thorax_deg, "head": FIT.head_deg, "hand": FIT.hand_deg,
+                    "foot": FIT.foot_deg}  # fmt: skip
+
+
+def _rest() -> Array:
+    """(43,) Information with which joints are expected at rest."""
+    kinds = [name.removeprefix("left_").removeprefix("right_") for name in SEGMENTS]
+    found = np.array([np.deg2rad(_REST_DEG[kind]) ** -2.0 if kind in _REST_DEG else 0.0 for kind in kinds])[DOF_SEGMENT]
+    return np.asarray(found)
+
+
+REST: Final[Array] = _rest()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedPose:
+    """A pose fitted to keypoints."""
+
+    pose: Pose
+    covariance: Array  # (43, 43) of its tangent
+    sigma_m: Array  # (16,) of the joints that follows
+    misfit: float  # RMS of the robust residuals, in sigmas
+    views: int  # that have the athlete
+
+
+def fit(body: Body, sightings: Sequence[Sighting], start: Sequence[Pose], config: TrackingConfig) -> list[Pose]:
+    """Fit the poses of successive frames, from a ``start`` for each, from loose to tight robust weights."""
+    poses = list(start)
+    for scale in FIT.scales:
+        for _ in range(FIT.iterations):
+            hessians, gradients = zip(
+                *(_normal(body, pose, seen, scale, config) for pose, seen in zip(poses, sightings, strict=True)),
+                strict=True,
+            )
+            steps = smooth_step(poses, hessians, gradients, FIT.acceleration * config.acceleration_sigma, (), ())
+            steps = steps.clip(-FIT.longest_step, FIT.longest_step)
+            poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
+            if np.abs(steps).max(initial=0.0) < FIT.tolerance:
+                break
+    return poses
+
+
+def _residuals(body: Body, frames: Array, seen: Sighting, scale: float) -> list[PointResiduals]:
+    """Residuals of the keypoints in each view of an instant, the segments being at ``frames`` (16, 4, 4)."""
+    return [keypoint_residuals.residuals(body.landmarks, frames, *view, scale) for view in seen if view is not None]
+
+
+def _normal(body: Body, pose: Pose, seen: Sighting, scale: float, config: TrackingConfig) -> tuple[Array, Array]:
+    """Normal equations (43, 43) and (43,) of one pose by itself."""
+    frames = forward(body, pose)
+    centre = np.ascontiguousarray(frames[0, :3, 3])
+    sums = SegmentSums.zero(centre)
+    for rows, keypoint in _residuals(body, frames, seen, scale):
+        accumulate(rows, SEGMENT[keypoint], sums)
+    hessian, gradient = lift(sums, screws(frames, centre))
+    stiffness, pull = constraints(body, pose, config.limit_sigma_rad, self_collision=False)
+    hessian = hessian + stiffness + np.diag(REST + FIT.damping)
+    return hessian, gradient + pull - REST * joint_angles(pose)
+
+
+def known(body: Body, pose: Pose, seen: Sighting, config: TrackingConfig) -> FittedPose:
+    """A fitted pose with its covariance, what the detector means by each keypoint being known as `Landmarks` has it."""
+    frames = forward(body, pose)
+    offsets = np.repeat(body.landmarks.sigma_m**2, 3)
+    hessian, cross = np.diag(REST + FIT.open), np.zeros((DOF, len(offsets)))
+    squares, count = 0.0, 0.0
+    views = [view for view in seen if view is not None]
+    for (_, person), (rows, keypoint) in zip(views, _residuals(body, frames, seen, FIT.scales[-1]), strict=True):
+        own = keypoint_residuals.noise_share(body.landmarks, person)[keypoint] * rows[:, 0]
+        by_pose = np.einsum("ni,nid->nd", rows[:, 2:5], point_jacobians(frames, SEGMENT[keypoint], rows[:, 5:]))
+        local = np.einsum("ni,nij->nj", rows[:, 2:5], frames[SEGMENT[keypoint], :3, :3])
+        hessian += (by_pose.T * own) @ by_pose
+        weighted = (by_pose.T * own)[:, :, None] * local  # (43, N, 3)
+        for axis in range(3):
+            np.add.at(cross.T, 3 * keypoint + axis, weighted[:, :, axis].T)
+        squares += float(rows[:, 0] @ rows[:, 1] ** 2)
+        count += len(rows)
+    stiffness, _ = constraints(body, pose, config.limit_sigma_rad, self_collision=False)
+    alone = np.linalg.inv(hessian + stiffness)
+    shared = alone @ cross
+    covariance = alone + (shared * offsets) @ shared.T
+    jacobians = joint_jacobians(frames)
+    variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
+    return FittedPose(pose, covariance, np.sqrt(variance), float(np.sqrt(squares / max(count, 1.0))), len(views))
+
+
+def with_landmarks(body: Body, landmarks: Landmarks) -> Body:
+    """The body with the keypoints elsewhere on it."""
+    return replace(body, landmarks=landmarks)
