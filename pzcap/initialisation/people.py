@@ -160,8 +160,11 @@ def _jumps(people: Sequence[_Person], following: Sequence[_Person]) -> Array:
 def _sides_put_right(sightings: Sequence[Sighting]) -> list[Sighting]:
     """The athlete, left and right exchanged where a detector took them for one another."""
     people = [[None if view is None else view[1].copy() for view in sighting] for sighting in sightings]
-    for sides in _SIDES:
-        for persons, flipped in zip(people, _exchanged(sightings, sides), strict=True):
+    wrong: list[set[int]] = [set() for _ in sightings]  # views in which all sides before were exchanged
+    for number, (sides, agree_m) in enumerate(zip(_SIDES, PEOPLE.sides_agree_m, strict=True)):
+        exchanged = _exchanged(sightings, sides, agree_m, wrong if number == len(_SIDES) - 1 else None)
+        wrong = [set(one) & before if number else set(one) for one, before in zip(exchanged, wrong, strict=True)]
+        for persons, flipped in zip(people, exchanged, strict=True):
             for view in flipped:
                 person = persons[view]
                 if person is not None:
@@ -175,15 +178,19 @@ def _sides_put_right(sightings: Sequence[Sighting]) -> list[Sighting]:
     ]
 
 
-def _exchanged(sightings: Sequence[Sighting], sides: Indices) -> list[tuple[int, ...]]:
-    """The views of each instant in which the two ``sides`` (2, N) of the body are to be exchanged."""
+def _exchanged(
+    sightings: Sequence[Sighting], sides: Indices, agree_m: float, expected: Sequence[set[int]] | None
+) -> list[tuple[int, ...]]:
+    """The views of each instant in which the two ``sides`` (2, N) of the body are to be exchanged, as few as the rays
+    allow besides those that are ``expected``. Rays that pass by each other further off than ``agree_m`` are of
+    different keypoints."""
     states = [_patterns([v for v, view in enumerate(sighting) if view is not None]) for sighting in sightings]
-    met = [_met(sighting, patterns, sides) for sighting, patterns in zip(sightings, states, strict=True)]
-    scores = [
-        _agreement(each, len(patterns))
-        - PEOPLE.exchange * sides.size * np.array([len(flipped) for flipped in patterns])
-        for each, patterns in zip(met, states, strict=True)
-    ]
+    met = [_met(sighting, patterns, sides, agree_m) for sighting, patterns in zip(sightings, states, strict=True)]
+    scores = []
+    for number, (each, patterns) in enumerate(zip(met, states, strict=True)):
+        usual = set() if expected is None else expected[number]
+        unusual = np.array([len(usual.symmetric_difference(pattern)) for pattern in patterns])
+        scores.append(_agreement(each, len(patterns), agree_m) - PEOPLE.exchange * sides.size * unusual)
     ways = [_points(each, len(patterns)) for each, patterns in zip(met, states, strict=True)]
     transitions = [_steps(here, there) for here, there in pairwise(ways)]
     return [patterns[k] for patterns, k in zip(states, best_path(scores, transitions), strict=True)]
@@ -199,7 +206,9 @@ def _patterns(views: Sequence[int]) -> list[tuple[int, ...]]:
     return found
 
 
-def _met(sighting: Sighting, patterns: Sequence[tuple[int, ...]], sides: Indices) -> Triangulated | None:
+def _met(
+    sighting: Sighting, patterns: Sequence[tuple[int, ...]], sides: Indices, agree_m: float
+) -> Triangulated | None:
     """The keypoints of both ``sides`` (2, N) under each pattern, one pattern after the other; None of less than two
     views."""
     views = [view for view in sighting if view is not None]
@@ -214,16 +223,14 @@ def _met(sighting: Sighting, patterns: Sequence[tuple[int, ...]], sides: Indices
         order[[number[v] for v in flipped], row] = crossed
     order = order.reshape(len(views), -1)
     directions = np.take_along_axis(rays.directions, order[..., None], axis=1)
-    return triangulate(
-        Rays(rays.origins, directions, np.take_along_axis(rays.confidence, order, axis=1)), PEOPLE.agree_m
-    )
+    return triangulate(Rays(rays.origins, directions, np.take_along_axis(rays.confidence, order, axis=1)), agree_m)
 
 
-def _agreement(met: Triangulated | None, patterns: int) -> Array:
+def _agreement(met: Triangulated | None, patterns: int, agree_m: float) -> Array:
     """(P,) how well the rays of each pattern meet: of each agreeing ray 1 where it meets, 0 where it just agrees."""
     if met is None:
         return np.zeros(patterns)
-    worth = np.where(met.agreeing, 1.0 - (met.misses_m / PEOPLE.agree_m) ** 2, 0.0)
+    worth = np.where(met.agreeing, 1.0 - (met.misses_m / agree_m) ** 2, 0.0)
     return np.asarray(worth.sum(axis=0).reshape(patterns, -1).sum(axis=1))
 
 

@@ -10,6 +10,7 @@ class PeopleTuning(NamedTuple):
 
     least_confidence: float = 0.1  # a keypoint found with less does not count
     agree_m: float = 0.15  # a ray that passes by further off is of something else
+    sides_agree_m: tuple[float, ...] = (0.15, 0.15, 0.1)  # the same where sides are told: of arms, legs and face
     most_people: int = 3  # in a view: those nearest to its middle
     most_views: int = 6  # with more, not all ways to choose people are tried
     most_patterns: int = 40  # ways to exchange sides, beyond which more views at a time are not exchanged
