@@ -134,8 +134,13 @@ def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
         seconds = len(sets) / float(capture.frame_rate)
         text = f"{len(sets)} frame sets in common, {seconds:.1f} s, {sets.timecodes[0]} to {sets.timecodes[-1]}"
         yield Finding(Level.OK if seconds >= 1.0 else Level.WARN, "", "sync", text)
-        if not sets.keyframes:
-            yield Finding(Level.WARN, "", "keyframes", "there are none yet: the body is tracked from them")
+        if not sets.keyframes and not any(camera.keypoints for camera in capture.cameras):
+            yield Finding(
+                Level.WARN,
+                "",
+                "keyframes",
+                "there are none yet, nor keypoints: the body is tracked from either",
+            )
     if capture.calibration_object is None:
         yield Finding(Level.FAIL, "", "object", _OBJECT)
     if capture.subject is None:
