@@ -6,6 +6,8 @@ from collections.abc import Callable, Generator, Sequence
 from fractions import Fraction
 from typing import Protocol, TypeAlias
 
+import numpy as np
+
 from pzcap.body import skeleton
 from pzcap.body.skeleton import Body
 from pzcap.events import FrameLocalised, FrameSegmented, Progress
@@ -100,7 +102,7 @@ def keyframes_from_keypoints(
         seen = localise(frames, None)
         cameras, people = localise.cameras(seen.localisations), seen.frames.keypoints
         views = (None if one is None else (one, found) for one, found in zip(cameras, people, strict=True))
-        detections.append(Detections(tuple(views)))
+        detections.append(Detections(tuple(views), tuple(map(_sigma_rad, seen.localisations))))
         located.append(seen.localisations)
         yield Progress("keypoints", frames.index + 1, len(sets))
     localise.restart()
@@ -111,6 +113,11 @@ def keyframes_from_keypoints(
         return track_input(segment(localise.as_found(frames, located[key.frame]), expected)).views
 
     return find_keyframes(detections, body, sets.keyframes, rate, observe, config)
+
+
+def _sigma_rad(found: Localisation | None) -> float:
+    """Standard deviation of where a camera looks, of pan alone: the athlete is near the middle of the picture."""
+    return 0.0 if found is None or not found.valid else float(np.sqrt(found.covariance[0, 0]))
 
 
 def track_input(segmented: FrameSegmented) -> TrackInput:

@@ -20,6 +20,7 @@ from pzcap.initialisation.triangulation import Rays, Triangulated, rays_of, tria
 from pzcap.initialisation.tuning import PEOPLE
 from pzcap.io.detections import KEYPOINTS
 from pzcap.solver.viterbi import best_path
+from pzcap.tracking.keypoint_residuals import with_error
 from pzcap.types import Array, Camera, Indices
 
 _AT: Final = {name: row for row, name in enumerate(KEYPOINTS)}
@@ -42,6 +43,7 @@ class Detections:
     """Detections of one instant. A view whose camera is not known is None."""
 
     views: tuple[tuple[Camera, Array] | None, ...]  # one a camera: people (P, 26, 3) as in `pzcap.io.detections`
+    sigma_rad: tuple[float, ...] = ()  # one a camera, of where it looks; none: nothing is known against it
 
 
 Sighting = tuple[tuple[Camera, Array] | None, ...]
@@ -49,8 +51,27 @@ Sighting = tuple[tuple[Camera, Array] | None, ...]
 
 
 def athlete(instants: Sequence[Detections]) -> list[Sighting]:
-    """The athlete's keypoints in each view of successive ``instants``, left and right put right."""
-    return _sides_put_right(_followed(instants))
+    """The athlete's keypoints in each view of successive ``instants``, left and right put right. Their confidence is
+    what the error of the camera leaves of it."""
+    return [_doubted(*pair) for pair in zip(_sides_put_right(_followed(instants)), instants, strict=True)]
+
+
+def _doubted(sighting: Sighting, instant: Detections) -> Sighting:
+    """The sighting with confidences that answer for the cameras' errors, too, where the rays of a view meet others."""
+    views = [view for view in sighting if view is not None]
+    if not instant.sigma_rad or len(views) < 2:
+        return sighting
+    met = triangulate(rays_of(views, PEOPLE.least_confidence), PEOPLE.agree_m)
+    middle = np.median(met.points_m[met.found], axis=0) if met.found.any() else None
+    found: list[tuple[Camera, Array] | None] = []
+    for view, sigma_rad in zip(sighting, instant.sigma_rad, strict=True):
+        if view is None or middle is None:
+            found.append(view)
+            continue
+        camera, person = view
+        off_m = sigma_rad * float(np.linalg.norm(middle - camera.world_T_cam[:3, 3]))
+        found.append((camera, np.column_stack([person[:, :2], with_error(person[:, 2], off_m)])))
+    return tuple(found)
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -16,13 +16,13 @@ one and the same error in all frames: it makes each pose uncertain, and many pos
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from pzcap.body.kinematics import forward, joint_angles, joint_jacobians, point_jacobians, retract, screws
-from pzcap.body.landmarks import SEGMENT, Landmarks
+from pzcap.body.landmarks import SEGMENT
 from pzcap.body.segment_equations import PointResiduals, SegmentSums, accumulate, lift
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.initialisation.people import Sighting
@@ -59,15 +59,30 @@ class FittedPose:
 
 
 def fit(body: Body, sightings: Sequence[Sighting], start: Sequence[Pose], config: TrackingConfig) -> list[Pose]:
-    """Fit the poses of successive frames, from a ``start`` for each, from loose to tight robust weights."""
+    """Fit the poses of successive frames, from a ``start`` for each, from loose to tight robust weights.
+
+    A long take is fitted a stretch after the other, each held to the poses before it, and on into the next one for some
+    frames that are fitted again there: memory does not grow with the take.
+    """
+    poses: list[Pose] = []
+    for first in range(0, len(start), FIT.stretch):
+        part = slice(first, first + FIT.stretch + FIT.beyond)
+        found = _fit_stretch(body, sightings[part], start[part], poses[-2:], config)
+        poses += found[: FIT.stretch]
+    return poses
+
+
+def _fit_stretch(
+    body: Body, sightings: Sequence[Sighting], start: Sequence[Pose], before: Sequence[Pose], config: TrackingConfig
+) -> list[Pose]:
+    """Fit the poses of a stretch, the body being held fast in the frames ``before`` it."""
     poses = list(start)
     for scale in FIT.scales:
         for _ in range(FIT.iterations):
-            hessians, gradients = zip(
-                *(_normal(body, pose, seen, scale, config) for pose, seen in zip(poses, sightings, strict=True)),
-                strict=True,
-            )
-            steps = smooth_step(poses, hessians, gradients, FIT.acceleration * config.acceleration_sigma, (), ())
+            pairs = zip(poses, sightings, strict=True)
+            normal = [_normal(body, pose, seen, scale, config) for pose, seen in pairs]
+            hessians, gradients = zip(*normal, strict=True)
+            steps = smooth_step(poses, hessians, gradients, FIT.acceleration * config.acceleration_sigma, before, ())
             steps = steps.clip(-FIT.longest_step, FIT.longest_step)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
             if np.abs(steps).max(initial=0.0) < FIT.tolerance:
@@ -117,8 +132,3 @@ def known(body: Body, pose: Pose, seen: Sighting, config: TrackingConfig) -> Fit
     jacobians = joint_jacobians(frames)
     variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
     return FittedPose(pose, covariance, np.sqrt(variance), float(np.sqrt(squares / max(count, 1.0))), len(views))
-
-
-def with_landmarks(body: Body, landmarks: Landmarks) -> Body:
-    """The body with the keypoints elsewhere on it."""
-    return replace(body, landmarks=landmarks)

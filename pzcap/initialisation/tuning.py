@@ -25,6 +25,8 @@ class PeopleTuning(NamedTuple):
 class FitTuning(NamedTuple):
     """Fit of the body to keypoints."""
 
+    stretch: int = 300  # frames that are fitted together
+    beyond: int = 20  # and so many of the next ones
     scales: tuple[float, ...] = (10.0, 5.0, 3.0)  # sigmas, of the robust weights, from round to round
     iterations: int = 6  # of a round, at most
     tolerance: float = 3e-3  # metres, radians: a smaller step ends a round

@@ -26,6 +26,11 @@ def _noise_m(person: Array) -> Array:
     return np.asarray(KEYPOINT.detector_m / np.maximum(person[:, 2], KEYPOINT.least_confidence))
 
 
+def with_error(confidence: Array, error_m: float) -> Array:
+    """The ``confidence`` (26,) in keypoints that are off by a further error, of this standard deviation."""
+    return np.asarray(confidence / np.hypot(1.0, confidence * error_m / KEYPOINT.detector_m))
+
+
 def _confidence(depth: Array, person: Array) -> Array:
     """The confidence (26,) in each keypoint of a ``person`` (26, 3); 0 where there is none."""
     return np.where((person[:, 2] >= KEYPOINT.least_confidence) & (depth > 0.0), person[:, 2], 0.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,3 +57,11 @@ def test_one_view_that_is_turned_over_does_not_move_the_points() -> None:
     true, turned = (athlete(detections(3, Faults(noise_px=0.5, turned=faults))) for faults in ((), ((1, 2),)))
     points = [triangulate(rays_of([view for view in seen[1] if view], 0.1), 0.15).points_m for seen in (true, turned)]
     assert np.median(np.linalg.norm(points[0] - points[1], axis=1)) < 0.01
+
+
+def test_a_camera_that_may_look_elsewhere_is_believed_less(plain: Array) -> None:
+    some = detections(FRAMES, Faults())
+    doubted = people(athlete([replace(each, sigma_rad=(0.0, 0.004, 1e-6, 0.0)) for each in some]))
+    np.testing.assert_array_equal(doubted[..., :2], plain[..., :2])
+    np.testing.assert_allclose(doubted[:, [0, 2, 3], :, 2], plain[:, [0, 2, 3], :, 2], rtol=1e-4)
+    assert doubted[:, 1, :, 2].max() < 0.5  # 30 mm at 8 m, where a sure detector errs by 15

@@ -113,3 +113,15 @@ def test_a_body_without_offsets_is_surer() -> None:
     marks = replace(body().landmarks, sigma_m=np.full(len(KEYPOINTS), 1e-4))
     exact = pose_fit.known(replace(body(), landmarks=marks), found[0], sightings[0], CONFIG)
     assert exact.sigma_m.mean() < 0.6 * pose_fit.known(body(), found[0], sightings[0], CONFIG).sigma_m.mean()
+
+
+def test_a_long_take_is_fitted_in_stretches_that_meet(monkeypatch: pytest.MonkeyPatch) -> None:
+    sightings, whole = fitted(Faults())
+    monkeypatch.setattr(pose_fit, "FIT", pose_fit.FIT._replace(stretch=5, beyond=3))
+    parts = pose_fit.fit(body(), sightings, start(sightings), CONFIG)
+    assert len(parts) == FRAMES
+    assert (
+        max(float(np.abs(joints(body(), a) - joints(body(), b)).max()) for a, b in zip(parts, whole, strict=True))
+        < 0.03
+    )
+    assert errors_m(parts).mean() < 1.2 * errors_m(whole).mean()
