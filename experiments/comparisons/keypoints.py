@@ -16,7 +16,7 @@ from typing import Any, Final
 from rich.console import Console
 
 from experiments.comparisons.harness import Column, Comparison, Row, scored_capture
-from experiments.comparisons.triangulation import triangulated_motion
+from experiments.comparisons.triangulation import triangulate
 from experiments.config import AppConfig
 from experiments.progress import Bars
 from experiments.score import score
@@ -36,7 +36,7 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
         plain = replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
         without = reconstruct(plain, config.reconstruct, bars.update)
         joined = reconstruct(capture, config.reconstruct, bars.update, without)
-        alone = replace(without, motion=triangulated_motion(capture, without))
+        alone = replace(without, motion=triangulate(capture, without))
     ways = {
         "without": ("without keypoints", without),
         "with": ("with keypoints", joined),

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from pzcap.geometry import camera as geometry
-from pzcap.initialisation.triangulation import rays_of, triangulate
+from pzcap.initialisation import triangulation
 from pzcap.io.capture import frame_sets
 from pzcap.io.detections import KEYPOINTS
 from pzcap.types import (
@@ -37,7 +37,7 @@ CUTOFF_HZ: Final = 6.0
 _TRIPOD: Final = {f"{side}_{name}" for side in ("left", "right") for name in ("shoulder", "hip")}
 
 
-def triangulated_motion(capture: Capture, reconstruction: Reconstruction) -> Motion:
+def triangulate(capture: Capture, reconstruction: Reconstruction) -> Motion:
     """`triangulated`, by the cameras that were found."""
     return triangulated(capture, partial(cameras_at, reconstruction))
 
@@ -90,7 +90,7 @@ def meet(views: list[tuple[Camera, Array]]) -> tuple[Array, Array]:
     if len(views) < 2:
         count = len(views[0][1]) if views else len(KEYPOINTS)
         return np.zeros((count, 3)), np.full(count, np.inf)
-    met = triangulate(rays_of(views, LEAST_CONFIDENCE), AGREE_M)
+    met = triangulation.triangulate(triangulation.rays_of(views, LEAST_CONFIDENCE), AGREE_M)
     off = np.full(len(met.found), np.inf)
     off[met.found] = np.sum(met.agreeing * met.misses_m, axis=0)[met.found] / met.agreeing.sum(axis=0)[met.found]
     return met.points_m, off

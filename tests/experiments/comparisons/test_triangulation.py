@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.comparisons import triangulation
-from experiments.comparisons.triangulation import cameras_at, meet, smooth, triangulated_motion
+from experiments.comparisons.triangulation import cameras_at, meet, smooth, triangulate
 from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
 from pzcap.types import JOINTS, Array, Camera, Capture, Keyframe, Pose, PzcapError, Subject
@@ -109,7 +109,7 @@ def test_the_body_from_keypoints_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(triangulation, "frame_sets", lambda _: sets)
     subject = Subject({"shoulder_drop": 0.05}, 0.005)
     capture = Capture(Path(), "fabricated", Fraction(30), (), None, subject, {}, True)
-    motion = triangulated_motion(capture, whole)
+    motion = triangulate(capture, whole)
     limbs = [joint for joint, name in enumerate(JOINTS) if name in KEYPOINTS and name != "neck"]
     np.testing.assert_allclose(motion.joints_m[:, limbs], true[:, limbs], atol=1e-6)
     assert np.abs(motion.joints_m - true).max() < 0.05
@@ -117,4 +117,4 @@ def test_the_body_from_keypoints_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     assert motion.keyframes.tolist() == [3]
     monkeypatch.setattr(triangulation, "frame_sets", lambda _: Sets([()] * len(true)))
     with pytest.raises(PzcapError, match="no camera has keypoints"):
-        triangulated_motion(capture, whole)
+        triangulate(capture, whole)
