@@ -9,6 +9,7 @@ the next best.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from pzcap.initialisation.limb_poses import pose_of_points
 from pzcap.initialisation.people import Detections, Sighting, athlete
 from pzcap.initialisation.selection import chosen
 from pzcap.initialisation.triangulation import rays_of, triangulate
-from pzcap.initialisation.tuning import JUDGEMENT, PEOPLE
+from pzcap.initialisation.tuning import FIT, JUDGEMENT, PEOPLE
 from pzcap.tracking.interval_solver import fit_keyframe, misplaced
 from pzcap.tracking.observation import ViewInput, crop_view
 from pzcap.tracking.pixel_time import sequence_velocities
@@ -40,7 +41,10 @@ def find_keyframes(
     first = [_closed_form(seen) for seen in sightings]
     if not any(first):
         return []
-    poses = pose_fit.fit(body, sightings, list(_filled(first)), config)
+    usual, poses = body.landmarks, pose_fit.fit(body, sightings, list(_filled(first)), config)
+    for _ in range(FIT.rounds):
+        body = replace(body, landmarks=pose_fit.learned_landmarks(usual, body, poses, sightings, config))
+        poses = pose_fit.fit(body, sightings, poses, config)
     speeds = sequence_velocities([forward(body, pose) for pose in poses])
     candidates, variances = {}, {}
     for frame, (pose, seen) in enumerate(zip(poses, sightings, strict=True)):

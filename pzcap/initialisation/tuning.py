@@ -39,6 +39,9 @@ class FitTuning(NamedTuple):
     head_deg: float = 40.0
     hand_deg: float = 29.0
     foot_deg: float = 40.0
+    rounds: int = 2  # of learning what the detector means, and of fitting anew
+    stride: int = 3  # one of so many frames is learned from: its neighbours say the same
+    doubt: float = 20.0  # so many keypoints tell as much as one would of that: it changes with the posture
     open: float = 2.0  # 1 / rad^2: information on what nothing shows, such as the twist of a straight arm
 
 

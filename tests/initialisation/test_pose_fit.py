@@ -17,6 +17,7 @@ from pzcap.initialisation.triangulation import rays_of, triangulate
 from pzcap.io.detections import KEYPOINTS
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import SEGMENTS, Array, Pose
+from tests.scenes import detected
 from tests.scenes.detected import Faults, body, detections, poses
 
 FRAMES = 12
@@ -122,3 +123,24 @@ def test_a_long_take_is_fitted_in_stretches_that_meet(monkeypatch: pytest.Monkey
     assert len(parts) == FRAMES
     assert np.abs(errors_m(parts) - errors_m(whole)).max() < 0.03
     assert errors_m(parts).mean() < 1.2 * errors_m(whole).mean()
+
+
+def test_what_the_detector_means_is_learned_as_far_as_bones_show_it() -> None:
+    sightings, found = fitted(Faults())
+    usual = body().landmarks
+    learned = pose_fit.learned_landmarks(usual, body(), found, sightings, CONFIG)
+    meant = detected.meant(Faults(), 0)
+    assert np.all(learned.sigma_m <= usual.sigma_m)
+    assert learned.sigma_m.mean() < 0.95 * usual.sigma_m.mean()
+    before, after = (np.linalg.norm(marks.points_m - meant, axis=1) for marks in (usual, learned))
+    assert after.mean() < 0.97 * before.mean()
+    again = pose_fit.fit(replace(body(), landmarks=learned), sightings, found, CONFIG)
+    assert errors_m(again).mean() < 0.97 * errors_m(found).mean()
+
+
+def test_a_trunk_that_all_keypoints_have_elsewhere_cannot_be_told() -> None:
+    """An offset that a change of all poses explains as well: hips and shoulders a centimetre higher."""
+    sightings, found = fitted(Faults(meaning_m=0.0, noise_px=0.3))
+    learned = pose_fit.learned_landmarks(body().landmarks, body(), found, sightings, CONFIG)
+    hip = KEYPOINTS.index("left_hip")
+    assert learned.sigma_m[hip] > 0.5 * body().landmarks.sigma_m[hip]

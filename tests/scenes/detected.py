@@ -49,11 +49,15 @@ def cameras() -> list[Camera]:
     return [aim(position, np.array([-0.2, 0.2, 0.9])) for position in POSITIONS]
 
 
+def meant(faults: Faults, seed: int) -> Array:
+    """(26, 3) Places on the body that the detector takes for the keypoints."""
+    rng = np.random.default_rng(seed)
+    return np.asarray(body().landmarks.points_m + rng.normal(0.0, faults.meaning_m, (len(KEYPOINTS), 3)))
+
+
 def detections(count: int, faults: Faults, seed: int = 0) -> list[Detections]:
     """The people in each view of successive frames."""
-    always = np.random.default_rng(seed)
-    meant = body().landmarks.points_m + always.normal(0.0, faults.meaning_m, (len(KEYPOINTS), 3))
-    marks = Landmarks(meant, body().landmarks.sigma_m)
+    marks = Landmarks(meant(faults, seed), body().landmarks.sigma_m)
     found = []
     for frame, pose in enumerate(poses(count)):
         views = []
