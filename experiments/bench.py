@@ -15,12 +15,12 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Final, ParamSpec, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar
 
 import numpy as np
 from rich.table import Table
@@ -38,6 +38,7 @@ from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.io import results
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.runtime import one_thread_each
+from pzcap.starting_poses import body_to_track, body_tracker
 from pzcap.tracking.tracker import Tracker
 from pzcap.types import Capture, FrameSet, PzcapError
 
@@ -75,6 +76,7 @@ class Stages:
     match: Stage = field(default_factory=lambda: Stage("match sweep and zoom run", "camera", "s"))
     adjust: Stage = field(default_factory=lambda: Stage("joint adjustment and panorama", "camera", "s", 30.0))
     index: Stage = field(default_factory=lambda: Stage("prepare the panoramas for localisation", "capture"))
+    start: Stage = field(default_factory=lambda: Stage("find keyframes in the keypoints", "capture"))
     decode: Stage = field(default_factory=lambda: Stage("decode", "frame set"))
     cold: Stage = field(default_factory=lambda: Stage("localise from nothing", "view", "ms", 250.0))
     follow: Stage = field(default_factory=lambda: Stage("localise from the frame before", "frame set", "ms", 15.0))
@@ -83,7 +85,8 @@ class Stages:
 
     def all(self) -> list[Stage]:
         return [
-            self.match, self.adjust, self.index, self.decode, self.cold, self.follow, self.separate, self.track,
+            self.match, self.adjust, self.index, self.start, self.decode, self.cold, self.follow, self.separate,
+            self.track,
         ]  # fmt: skip
 
 
@@ -137,7 +140,7 @@ def _follow(
     """The motion by the pipeline's own loop, whose events say what each stage took; now and then a view is found from
     nothing, besides."""
     sets = frame_sets(capture)
-    tracker = pipeline.body_tracker(capture, sets, config, [])
+    body = body_to_track(capture, sets, config.tracking, [])
     localise = stages.index.time(pipeline.ViewLocaliser, cameras, config.panzoom, pool, capture.frame_rate)
 
     def localise_timed(frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
@@ -148,6 +151,10 @@ def _follow(
         return localise(frames, tracker)
 
     segment, followed = partial(pipeline.segment_views, cameras, config, pool), False
+    tracker = None
+    if body is not None:
+        starting = body_tracker(body, sets, capture.frame_rate, localise, segment, config.tracking, [])
+        tracker = stages.start.time(_outcome, starting)
     for event in pipeline.follow(sets, localise_timed, segment, tracker):
         match event:
             case FrameLocalised(frames, found):
@@ -160,6 +167,16 @@ def _follow(
                 stages.track.add(event.seconds)
             case Progress(_, done, total):
                 bars.update("localise, segment, track", done, total)
+
+
+def _outcome(steps: Generator[Any, None, T]) -> T:
+    """What a generator returns in the end."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            found: T = end.value
+            return found
 
 
 # --------------------------------------------------------------------------------------------------------------

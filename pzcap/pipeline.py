@@ -1,8 +1,8 @@
 """Footage in, cameras and motion out: the paper's method section, a line a stage.
 
 `stages` runs the whole; `reconstruct` runs it for whoever wants the result alone. The stages are functions, for whoever
-replaces one to compare it: `calibrate_cameras`, `ViewLocaliser`, `segment_views`, `body_tracker`, and `follow`, the one
-loop over the frames.
+replaces one to compare it: `calibrate_cameras`, `ViewLocaliser`, `segment_views`, `body_tracker` of
+`pzcap.starting_poses`, and `follow`, the one loop over the frames.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from pzcap.body import skeleton
+from pzcap import runtime
 from pzcap.calibration.calibrate import CalibratedCamera, no_report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, panzoom_tracks, refined, taken_over
@@ -33,7 +33,6 @@ from pzcap.events import (
 )
 from pzcap.geometry.camera import at
 from pzcap.io.capture import FrameSets, frame_sets
-from pzcap.io.detections import NOBODY
 from pzcap.localisation.localise import Localiser, predicted
 from pzcap.localisation.panorama_sampler import place_of
 from pzcap.localisation.readout import History, Readout, Sway
@@ -49,12 +48,12 @@ from pzcap.plausibility import (
 )
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation import foreground
-from pzcap.tracking import keyframes
+from pzcap.starting_poses import Expecting, body_to_track, body_tracker, track_input
 from pzcap.tracking.body_size import body_size
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
-from pzcap.tracking.pixel_time import Exposure
+from pzcap.tracking.interval_solver import warm_up
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
+from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import (
     Camera,
     Capture,
@@ -141,7 +140,7 @@ def stages(
     set_large_apart()
     with one_thread_each(), ThreadPoolExecutor(config.threads) as pool:
         sets = frame_sets(capture)
-        tracker = body_tracker(capture, sets, config, notes)
+        body = body_to_track(capture, sets, config.tracking, notes)
         known = taken_over(capture, cameras, method.name, notes) if cameras else ()
 
         started = time.perf_counter()
@@ -154,15 +153,19 @@ def stages(
                     name = capture.cameras[calibration.index].name
                     notes += filter(None, [lens_moved(name, calibration.calibrated)])
             yield calibration
-        if tracker:
-            tracker.make_ready()  # not before: cameras being calibrated take most of the memory that there is
+        if body:
+            runtime.submit(warm_up)  # not before: cameras being calibrated take most of the memory that there is
         localise = ViewLocaliser(calibrated, config.panzoom, pool, capture.frame_rate, method)
         yield CamerasReady(time.perf_counter() - started)
 
         segment = partial(segment_views, calibrated, config, pool)
+        tracker = None
+        if body is not None:
+            tracking = _with_clock_sigma(config.tracking, capture)
+            tracker = yield from body_tracker(body, sets, capture.frame_rate, localise, segment, tracking, notes)
         located: list[tuple[Localisation | None, ...]] = []
         poses: list[Tracked] = []
-        set_by_hand = {keyframe.frame for keyframe in sets.keyframes}
+        set_by_hand = {keyframe.frame for keyframe in sets.keyframes} if tracker else set()
         views: dict[int, SeenViews] = {}  # of the keyframes
         for event in follow(sets, localise, segment, tracker):
             match event:
@@ -173,8 +176,7 @@ def stages(
                 case BodyTracked(tracked):
                     poses += tracked
             yield event
-    if capture.subject is not None:
-        body = skeleton.build(capture.subject)
+    if body is not None:
         wrong_object = object_of_another_size(sets.keyframes, body, views)
         blind = unseen_keyframes(sets.keyframes, body, views, sets.timecodes)
         notes += [wrong_object] if wrong_object else blind
@@ -218,7 +220,7 @@ def stages(
 
 Localise: TypeAlias = Callable[[FrameSet, Tracker | None], FrameLocalised]
 """Stage 4: the views of an instant found on their panoramas; the tracker says where it expects the body."""
-Segment: TypeAlias = Callable[[FrameLocalised, Tracker | None], FrameSegmented]
+Segment: TypeAlias = Callable[[FrameLocalised, Expecting | None], FrameSegmented]
 """Stage 5: the athlete cut out of the views of an instant."""
 
 
@@ -232,7 +234,7 @@ def follow(
         segmented = segment(seen, tracker)
         yield segmented
         if tracker:
-            yield _timed(partial(tracker.push, _track_input(segmented)))
+            yield _timed(partial(tracker.push, track_input(segmented)))
         if frames.index % TIDY_EVERY == 0:
             give_back()
         yield Progress("motion", frames.index + 1, len(sets))
@@ -259,11 +261,16 @@ class ViewLocaliser:
             None if one is None else method.localiser(one.panorama, one.camera, config) for one in cameras
         ]
         give_back()
-        self._pool = pool
-        sway = np.full(2, np.deg2rad(config.beliefs.sway_deg) ** 2)
+        self._pool, self._config, self._frame_rate = pool, config, float(frame_rate)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the frames so far: the next one is the first."""
+        beliefs = self._config.beliefs
+        sway = np.full(2, np.deg2rad(beliefs.sway_deg) ** 2)
         self.histories = [
             None if head is None
-            else History(Readout.of(head, float(frame_rate), config.beliefs.readout), Sway(head.tilt_rad, sway))
+            else History(Readout.of(head, self._frame_rate, beliefs.readout), Sway(head.tilt_rad, sway))
             for head in self._heads
         ]  # fmt: skip
 
@@ -273,8 +280,18 @@ class ViewLocaliser:
         started = time.perf_counter()
         one = partial(self._one, frames.index, tracker)
         found = tuple(self._pool.map(one, range(len(frames.images)), frames.images))
-        frames = upright_views(frames, self._heads, found)
-        return FrameLocalised(frames, found, time.perf_counter() - started)
+        return replace(self.as_found(frames, found), seconds=time.perf_counter() - started)
+
+    def as_found(self, frames: FrameSet, found: tuple[Localisation | None, ...]) -> FrameLocalised:
+        """``frames`` that were ``found`` before, their rows put right."""
+        return FrameLocalised(upright_views(frames, self._heads, found), found)
+
+    def cameras(self, found: Sequence[Localisation | None]) -> tuple[Camera | None, ...]:
+        """The cameras of an instant that was ``found``; None where one is lost."""
+        return tuple(
+            None if head is None or one is None or not one.valid else at(head, *place_of(one)[:4])
+            for head, one in zip(self._heads, found, strict=True)
+        )
 
     def heads(self, frame_rate: Fraction) -> tuple[PanZoomCamera | None, ...]:
         """The cameras, with the read-out time that their frames have shown by now."""
@@ -303,7 +320,7 @@ class ViewLocaliser:
 
 def segment_views(
     cameras: Sequence[CalibratedCamera | None], config: Config, pool: ThreadPoolExecutor, seen: FrameLocalised,
-    tracker: Tracker | None,
+    tracker: Expecting | None,
 ) -> FrameSegmented:  # fmt: skip
     """Stage 5: the athlete cut out of the views of an instant, side by side; ``tracker`` says where it expects the
     body."""
@@ -325,19 +342,6 @@ def segment_views(
 _WORST_CLOCK: Final = 1.5  # frames: more, and the motion of a frame is no longer a straight line
 
 
-def body_tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[str]) -> Tracker | None:
-    """The tracker of stage 6; None, and a reason added to ``notes``, where the capture holds nothing to track by."""
-    if capture.subject is None:
-        notes.append("the body is not tracked: the capture holds no tape measurements (subject.json)")
-        return None
-    if not sets.keyframes:
-        notes.append("the body is not tracked: the capture holds no keyframes (keyframes.json)")
-        return None
-    model = skeleton.build(capture.subject)
-    notes += keyframes.check(sets.keyframes, model, len(sets))
-    return Tracker(model, sets.keyframes, _with_clock_sigma(config.tracking, capture))
-
-
 def _with_clock_sigma(config: TrackingConfig, capture: Capture) -> TrackingConfig:
     """The settings, with clocks as uncertain as sync.json says where there is one."""
     if capture.sync is None or not config.clock_sigma:
@@ -357,19 +361,3 @@ def with_clocks(
         None if head is None else replace(head, clock_s=float(clock) * period_s, clock_sigma_s=float(sigma) * period_s)
         for head, clock, sigma in zip(heads, clocks.clock, clocks.sigma, strict=True)
     )
-
-
-def _track_input(segmented: FrameSegmented) -> TrackInput:
-    frames = segmented.frames
-    people = frames.keypoints or (NOBODY,) * len(frames.images)
-
-    def view(index: int) -> ViewInput | None:
-        image, camera, silhouette = frames.images[index], segmented.cameras[index], segmented.silhouettes[index]
-        if image is None or camera is None or silhouette is None or not silhouette.valid:
-            return None
-        prior = segmented.priors[index]
-        late = frames.late[index] if frames.late else 0.0
-        exposure = Exposure(readout=0.0 if prior is None else prior.readout, late=late)
-        return ViewInput(image, camera, silhouette, people[index], prior, exposure)
-
-    return TrackInput(frames.index, tuple(view(index) for index in range(len(frames.images))))

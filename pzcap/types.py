@@ -162,10 +162,11 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
-    """A pose that a person fitted by hand to the four images of one instant."""
+    """A pose of one instant that tracking starts from: fitted to the images by hand, or found from keypoints."""
 
     frame: int  # index of the frame set
     pose: Pose
+    covariance: Array | None = None  # (43, 43) of the pose's tangent; None: a hand fitted it, which errs as hands do
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -389,7 +390,7 @@ class Motion:
     rotations: Array  # (F, 16, 4) as in Pose
     joints_m: Array  # (F, 16, 3) JOINTS, world
     sigma_m: Array  # (F, 16) standard deviation of a joint's distance from the truth
-    keyframes: NDArray[np.int64]  # (K,) frame indices that a person posed
+    keyframes: NDArray[np.int64]  # (K,) frame indices that a person posed; not those found from keypoints
     valid: Mask  # (F,)
     body: MovedBody | None = None  # None where joints alone were found
 

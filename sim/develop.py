@@ -139,8 +139,11 @@ def _detect(session: Session, capture: Path) -> Iterator[Progress]:
         assert files.keypoints is not None
         way, times_s = operate(session, c, outline_m), session.exposed_s(c)[_recorded(session, c)]
         rng = stream(config.seed, "detector", c)
-        found = detector.watch(session.rigs[c], way, session.clip.at, times_s, config.sensor, rng)
-        write_openpose(files.keypoints, files.motion.stem, found)
+        people = [
+            detector.watch(session.rigs[c], way, person, times_s, config.sensor, rng)
+            for person in (session.clip.at, *session.others())
+        ]
+        write_openpose(files.keypoints, files.motion.stem, people)
         yield Progress("detect", c + 1, CAMERAS)
 
 

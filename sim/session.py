@@ -273,6 +273,14 @@ class Session:
         somebody = motion.make("pedestrian", self.measurements, stream(self.config.seed, "walker"))
         return to_and_fro(somebody, stream(self.config.seed, "walker's way"))
 
+    def others(self) -> list[Person]:
+        """People besides the athlete whom a detector finds in the motion."""
+        found = []
+        for number in range(self.config.detector.others):
+            somebody = motion.make("pedestrian", self.measurements, stream(self.config.seed, "somebody", number))
+            found.append(to_and_fro(somebody, stream(self.config.seed, "somebody's way", number)))
+        return found
+
     def files(self, folder: Path) -> list[Files]:
         """The files of each camera in ``folder``."""
         files = []

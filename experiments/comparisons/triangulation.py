@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -16,6 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from pzcap.body.anthropometry import measured
 from pzcap.geometry import camera as geometry
+from pzcap.initialisation import triangulation
 from pzcap.io.capture import frame_sets
 from pzcap.io.detections import KEYPOINTS
 from pzcap.types import (
@@ -87,42 +87,14 @@ def cameras_at(reconstruction: Reconstruction, frame: int) -> list[Camera | None
 
 def meet(views: list[tuple[Camera, Array]]) -> tuple[Array, Array]:
     """Triangulate the keypoints of one person, (K, 3) a view: places (K, 3) in the world, and by how much (K,) their
-    rays miss these on average, metres; infinity where no two views agree.
-
-    Of all pairs of views the one is taken whose point most confidence agrees with; then all that agree are used.
-    """
-    count = len(views[0][1]) if views else len(KEYPOINTS)
-    best, points, off = np.zeros(count), np.zeros((count, 3)), np.full(count, np.inf)
+    rays miss these on average, metres; infinity where no two views agree."""
     if len(views) < 2:
-        return points, off
-    origins = np.array([camera.world_T_cam[:3, 3] for camera, _ in views])  # (V, 3)
-    directions = np.array([geometry.rays(camera, person[:, :2]) for camera, person in views])  # (V, K, 3)
-    confidence = np.array([person[:, 2] for _, person in views])
-    confidence[confidence < LEAST_CONFIDENCE] = 0.0
-    across = np.eye(3) - directions[..., :, None] * directions[..., None, :]  # (V, K, 3, 3) what is beside a ray
-
-    def solve(weight: Array) -> Array:
-        """The points nearest to all rays of some ``weight`` (V, K)."""
-        weighted = weight[..., None, None] * across
-        right = np.einsum("vkij,vj->ki", weighted, origins)
-        return np.asarray(np.linalg.solve(weighted.sum(axis=0) + 1e-12 * np.eye(3), right[..., None])[..., 0])
-
-    def miss(at: Array) -> Array:
-        """Distances (V, K) between the rays and points (K, 3)."""
-        return np.linalg.norm(np.einsum("vkij,vkj->vki", across, at - origins[:, None]), axis=-1)
-
-    agreeing = np.zeros(confidence.shape, bool)
-    for pair in combinations(range(len(views)), 2):
-        both = np.zeros(confidence.shape)
-        both[list(pair)] = np.all(confidence[list(pair)] > 0.0, axis=0)
-        agree = (miss(solve(both)) < AGREE_M) & (confidence > 0.0) & both.any(axis=0)
-        worth = np.where(agree[list(pair)].all(axis=0), np.sum(confidence * agree, axis=0), 0.0)
-        agreeing = np.where(worth > best, agree, agreeing)
-        best = np.maximum(worth, best)
-    points = solve(confidence**2 * agreeing)
-    seen = agreeing.sum(axis=0) >= 2
-    off[seen] = (np.sum(agreeing * miss(points), axis=0)[seen]) / agreeing.sum(axis=0)[seen]
-    return points, off
+        count = len(views[0][1]) if views else len(KEYPOINTS)
+        return np.zeros((count, 3)), np.full(count, np.inf)
+    met = triangulation.triangulate(triangulation.rays_of(views, LEAST_CONFIDENCE), AGREE_M)
+    off = np.full(len(met.found), np.inf)
+    off[met.found] = np.sum(met.agreeing * met.misses_m, axis=0)[met.found] / met.agreeing.sum(axis=0)[met.found]
+    return met.points_m, off
 
 
 def smooth(points: Array, off: Array, frame_rate: float, name: str) -> Array:

@@ -48,6 +48,15 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--edge", type=float, default=2.0, metavar="METRES", help="edge of the cube (2)")
     one.set_defaults(run=_marker_cube)
 
+    one = parts.add_parser("keypoints", help="run a detector over the motion, to do without keyframes")
+    one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json, which is to name what is found")
+    one.add_argument(
+        "--by", required=True, metavar="DETECTOR", help="rtmlib (RTMPose), mediapipe (BlazePose), or MODULE:FUNCTION"
+    )
+    one.add_argument("--models", type=Path, nargs="+", default=[], metavar="FILE", help="its weights; none are fetched")
+    one.add_argument("--replace", action="store_true", help="find keypoints anew where there are some")
+    one.set_defaults(run=_keypoints)
+
     one = parts.add_parser("reconstruct", help="find cameras and body in a capture folder")
     one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json (pzcap new writes one)")
     one.add_argument("--out", type=Path, required=True, metavar="RESULTS", help="folder for what is found")
@@ -130,6 +139,12 @@ def _marker_cube(given: argparse.Namespace) -> int:
     from pzcap.command.marker_cube import Cube, write_cube
 
     return write_cube(Cube(given.edge), given.out)
+
+
+def _keypoints(given: argparse.Namespace) -> int:
+    from pzcap.command.detecting import detect_keypoints
+
+    return detect_keypoints(given.capture, given.by, given.models, replace=given.replace)
 
 
 def _reconstruct(given: argparse.Namespace) -> int:

@@ -204,7 +204,8 @@ def _read_lengths(entry: Json) -> dict[str, float]:
 
 
 def read_keyframes(path: Path, rate: Fraction) -> dict[str, Pose]:
-    """Read and check keyframes.json: the poses by timecode "hh:mm:ss:ff", quaternions normalised.
+    """Read and check keyframes.json: the poses by timecode "hh:mm:ss:ff", quaternions normalised; of none, some or all
+    frames.
 
     Drop-frame timecode is written with a colon or a semicolon: the recordings say how to count.
     """
@@ -227,6 +228,4 @@ def read_keyframes(path: Path, rate: Fraction) -> dict[str, Pose]:
         if abs(norms[worst := int(np.argmax(np.abs(norms - 1))), 0] - 1) > _UNIT_TOLERANCE:
             raise table[SEGMENTS[worst]].error(f"the quaternion's length is {norms[worst, 0]:.4g}; it must be 1")
         poses[timecode] = Pose(entry["root_position_m"].place(3), rotations / norms)
-    if not poses:
-        raise root.error('holds no keyframe; add one, or put null at "keyframes" in capture.json')
     return poses

@@ -21,6 +21,7 @@ from pzcap.tracking.bidirectional_fusion import choose
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.camera_refinement import MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
+from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import Placed, Views
 from pzcap.tracking.pixel_time import ClockEstimate, ClockSystem
 from pzcap.tracking.pose_objective import PosedBody, PoseObjective, in_motion
@@ -48,8 +49,8 @@ def refine_batch(
     passes: PassResults | None, clocks: ClockEstimate, config: TrackingConfig,
 ) -> RefinedBatch:  # fmt: skip
     """Refine the ``poses`` of consecutive frames, and the ``clocks`` of the cameras as they are known before; in the
-    frames ``before`` them the body is held fast. Where the last is a ``key``, the pose that the hand gave it counts
-    there beside the images.
+    frames ``before`` them the body is held fast. Where the last is a ``key``, the pose that it was given counts there
+    beside the images.
 
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
     (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
@@ -123,9 +124,9 @@ class _Batch:
                 normals[t] = normal
                 told.append(normal.clocks)
             if self.key is not None:
-                hand = 1.0 / config.hand_sigma**2
-                hessians[-1] += np.diag(hand)
-                gradients[-1] += hand * difference(self.key.pose, poses[-1])
+                prior = information(self.key, config)
+                hessians[-1] += prior
+                gradients[-1] += prior @ difference(self.key.pose, poses[-1])
             weak = np.diag(1.0 / config.prediction_sigma**2)  # what no view shows still moves as other frames do
             for hessian, gradient, own in zip(hessians, gradients, told, strict=True):
                 crosses.append(system.add(own, hessian + weak, gradient))

@@ -16,6 +16,7 @@ from pzcap.body.segment_equations import PointResiduals
 from pzcap.body.shape_basis import LENGTHS
 from pzcap.body.shape_estimation import FrameResiduals, Shape, ShapeEquations, ShapeEstimate
 from pzcap.body.skeleton import DOF, Body
+from pzcap.tracking.keyframes import information
 from pzcap.tracking.keypoint_residuals import LandmarkEstimate
 from pzcap.tracking.observation import Views
 from pzcap.tracking.pose_objective import PoseObjective
@@ -48,13 +49,16 @@ class BodyEstimate:
         """The estimate after a keyframe, whose pose was ``fitted`` to the images; ``speed`` (16, 6) is that of the
         segments there."""
         shape, landmarks, frames = self.shape, self.landmarks, forward(self.body, fitted)
+        by_hand = key.covariance is None
         if config.shape_weight:
-            objective, hand = PoseObjective(self.body, views, speed), np.diag(1.0 / config.hand_sigma**2)
+            objective = PoseObjective(self.body, views, speed)
             contour = _less_of_cloth(objective.contour(*objective.place(fitted), _terms(config)), self.body, config)
-            pull = hand @ difference(key.pose, fitted)
-            shape = shape.commit(shape.accumulate([FrameResiduals(frames, contour, None, hand, pull)]))
+            # what a detector means by a joint is one error of all its keyframes: these say what any frame does
+            prior = information(key, config) if by_hand else _weak(config)
+            pull = prior @ difference(key.pose, fitted) if by_hand else np.zeros(DOF)
+            shape = shape.commit(shape.accumulate([FrameResiduals(frames, contour, None, prior, pull)]))
         for view in views:
-            if view is not None and view.person is not None:
+            if by_hand and view is not None and view.person is not None:
                 landmarks = landmarks.accumulate(frames, view.camera, view.person)
         body = replace(self.body, landmarks=landmarks.solve())
         return replace(self, body=body, shape=shape, landmarks=landmarks)
@@ -66,7 +70,7 @@ class BodyEstimate:
         objectives = [replace(each, body=self.body) for each in objectives]
         frames = [objective.place(pose) for objective, pose in zip(objectives, poses, strict=True)]
         appearances = mean_appearances(self.body, [each.views for each in objectives], [where for _, where in frames])
-        prior = config.shape_weight / config.start_widening**2 * np.eye(DOF)
+        prior = _weak(config)
         residuals = []
         for objective, (posed, where) in zip(objectives, frames, strict=True):
             terms = replace(_terms(config), brightness_sigma=SHAPE.brightness_sigma)
@@ -101,6 +105,11 @@ def _less_of_cloth(contour: PointResiduals, body: Body, config: TrackingConfig) 
     rows = contour.rows.copy()
     rows[:, 0] /= 1.0 + (room_px / sigma_px) ** 2
     return contour._replace(rows=rows)
+
+
+def _weak(config: TrackingConfig) -> Array:
+    """Information (43, 43) on the pose of a frame whose images alone are to correct the body."""
+    return config.shape_weight / config.start_widening**2 * np.eye(DOF)
 
 
 def _terms(config: TrackingConfig) -> Terms:

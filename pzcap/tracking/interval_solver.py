@@ -23,6 +23,7 @@ from pzcap.tracking.bidirectional_fusion import discontinuous, fuse
 from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose
+from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import ViewCrop, Views
 from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective, in_motion, misfit_px2
@@ -98,8 +99,8 @@ def solved(problem: IntervalProblem) -> IntervalResult:
         problem = replace(problem, estimate=estimate)
     if not problem.instants:
         assert anchor is not None, "an interval has a frame or a keyframe"
-        fit, report = fit_keyframe(problem.estimate.body, anchor.key.pose, anchor.views, anchor.speed, config)
-        keyframe = tracked(problem.estimate, config, anchor.key.frame, by_hand(fit))
+        fit, report = fit_keyframe(problem.estimate.body, anchor.key, anchor.views, anchor.speed, config)
+        keyframe = tracked(problem.estimate, config, anchor.key.frame, trusted(anchor.key, fit))
         return IntervalResult([keyframe], problem.estimate, problem.clocks, [fit.pose], report)
     poses, disagreement, passes = _passes(problem)
     numbers, views = [each.frame for each in problem.instants], [each.views for each in problem.instants]
@@ -109,7 +110,7 @@ def solved(problem: IntervalProblem) -> IntervalResult:
     batch, estimate = _refined(problem, poses, views, passes)
     frames = list(batch.frames)
     if anchor is not None:
-        frames[-1] = by_hand(frames[-1])
+        frames[-1] = trusted(anchor.key, frames[-1])
     done = [
         tracked(estimate, config, number, found, apart, list(zip(objective.views, cameras, strict=True)))
         for number, found, apart, objective, cameras in zip(
@@ -122,15 +123,15 @@ def solved(problem: IntervalProblem) -> IntervalResult:
 
 
 def fit_keyframe(
-    body: Body, pose: Pose, views: Views, speed: Array, config: TrackingConfig
+    body: Body, key: Keyframe, views: Views, speed: Array, config: TrackingConfig
 ) -> tuple[PoseEstimate, SolveReport]:
-    """A keyframe's pose, fitted to the images with the hand's error as prior; ``speed`` (16, 6) is that of the segments
+    """A keyframe's pose, fitted to the images with its own error as prior; ``speed`` (16, 6) is that of the segments
     there."""
-    hand = np.diag(1.0 / config.hand_sigma**2)
+    prior = information(key, config)
     if all(view is None for view in views):
-        return PoseEstimate(pose, hand, NO_CONTOUR, False), SolveReport(True, 0, 0.0)
-    fit = fit_pose(PoseObjective(body, views, speed), pose, hand, [None] * len(views), config, config.schedule)
-    return PoseEstimate(fit.posed.pose, fit.normal.hessian + hand, fit.normal.contour, True), fit.report
+        return PoseEstimate(key.pose, prior, NO_CONTOUR, False), SolveReport(True, 0, 0.0)
+    fit = fit_pose(PoseObjective(body, views, speed), key.pose, prior, [None] * len(views), config, config.schedule)
+    return PoseEstimate(fit.posed.pose, fit.normal.hessian + prior, fit.normal.contour, True), fit.report
 
 
 def tracked(
@@ -156,10 +157,10 @@ def tracked(
     return Tracked(frame, found.pose, frames[:, :3, 3], sigma, found.seen, estimate.known, corrections)
 
 
-def by_hand(found: PoseEstimate) -> PoseEstimate:
+def trusted(key: Keyframe, found: PoseEstimate) -> PoseEstimate:
     """The pose ``found`` of a keyframe. A hand knows where the limbs are: what the images do not bear out is a
-    contradiction (`pzcap.extras.keyframe_diagnostics`), and adds nothing to the sigmas."""
-    return replace(found, contour=NO_CONTOUR, seen=True)
+    contradiction (`pzcap.extras.keyframe_diagnostics`), and adds nothing to the sigmas. A detector may be wrong."""
+    return replace(found, contour=NO_CONTOUR, seen=True) if key.covariance is None else found
 
 
 def misplaced(contour: Array) -> Array:

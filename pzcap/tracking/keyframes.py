@@ -1,4 +1,4 @@
-"""Poses that a person set by hand at a few frames: check them."""
+"""Poses of a few frames that tracking starts from: how well they are known, and whether they can be."""
 
 from __future__ import annotations
 
@@ -8,14 +8,31 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap.body.kinematics import joints, limit_residuals
+from pzcap.body.kinematics import forward, joint_jacobians, joints, limit_residuals
 from pzcap.body.skeleton import DOF_SEGMENT, Body
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import HINGE_AXES, JOINTS, SEGMENTS, Array, Keyframe, Pose, PzcapError
 
 _HINGE_TOLERANCE_RAD = np.deg2rad(25.0)
 _LIMIT_TOLERANCE_RAD = np.deg2rad(20.0)
 _FLOOR_TOLERANCE_M = 0.15
 _FASTEST_M_PER_FRAME = 0.4
+
+
+def information(key: Keyframe, config: TrackingConfig) -> Array:
+    """Information (43, 43) on the pose of a keyframe, beside the images."""
+    if key.covariance is None:
+        return np.diag(1.0 / config.hand_sigma**2)
+    return np.asarray(np.linalg.inv(key.covariance))
+
+
+def joint_sigma_m(key: Keyframe, body: Body, config: TrackingConfig) -> float:
+    """Standard deviation of a keyframe's joints along each axis, the mean of all."""
+    if key.covariance is None:
+        return config.keyframe_position_sigma_m
+    jacobians = joint_jacobians(forward(body, key.pose))
+    variance = np.einsum("jad,de,jae->j", jacobians, key.covariance, jacobians) / 3.0
+    return float(np.sqrt(variance.mean()))
 
 
 def check(keyframes: Sequence[Keyframe], body: Body, frame_count: int | None = None) -> tuple[str, ...]:

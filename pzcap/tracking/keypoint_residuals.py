@@ -26,6 +26,11 @@ def _noise_m(person: Array) -> Array:
     return np.asarray(KEYPOINT.detector_m / np.maximum(person[:, 2], KEYPOINT.least_confidence))
 
 
+def with_error(confidence: Array, error_m: float) -> Array:
+    """The ``confidence`` (26,) in keypoints that are off by a further error, of this standard deviation."""
+    return np.asarray(confidence / np.hypot(1.0, confidence * error_m / KEYPOINT.detector_m))
+
+
 def _confidence(depth: Array, person: Array) -> Array:
     """The confidence (26,) in each keypoint of a ``person`` (26, 3); 0 where there is none."""
     return np.where((person[:, 2] >= KEYPOINT.least_confidence) & (depth > 0.0), person[:, 2], 0.0)
@@ -86,6 +91,12 @@ def residuals(
     return found.first(count)
 
 
+def noise_share(landmarks: Landmarks, person: Array) -> Array:
+    """Factor (26,) from the weight of a residual to that which it has where a keypoint's place on the body is known."""
+    noise = _noise_m(person)
+    return np.asarray((np.hypot(landmarks.sigma_m, noise) / noise) ** 2)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LandmarkEstimate:
     """Estimate of where on one body a detector's keypoints lie.
@@ -106,9 +117,8 @@ class LandmarkEstimate:
     def accumulate(self, world_T_segment: Array, camera: Camera, person: Array) -> LandmarkEstimate:
         """The estimate after one more view (26, 3) of a body that is known to be at ``world_T_segment``."""
         rows, keypoint = residuals(self.prior, world_T_segment, camera, person, 3.0)
-        noise = _noise_m(person)
         # the rows admit that a keypoint lies elsewhere, which is what is asked for here
-        own = rows[:, 0] * (np.hypot(self.prior.sigma_m, noise) / noise)[keypoint] ** 2
+        own = rows[:, 0] * noise_share(self.prior, person)[keypoint]
         local = np.einsum("ni,nij->nj", rows[:, 2:5], world_T_segment[SEGMENT[keypoint], :3, :3])
         information, vector = self.information.copy(), self.vector.copy()
         np.add.at(information, keypoint, own[:, None, None] * local[:, :, None] * local[:, None, :])

@@ -129,6 +129,8 @@ class TrackingConfig:
     """Search between two keyframes for limbs that both passes have lost."""
     shape_refit: bool = True
     """Refit early frames to the body as it is known in the end."""
+    keypoint_keyframes: bool = True
+    """Find keyframes in a detector's keypoints, where those set by hand are few or none."""
 
     def __post_init__(self) -> None:
         if not self.schedule or self.schedule[-1].surprise_m > 0.0:

@@ -31,8 +31,8 @@ from pzcap.tracking.interval_solver import (
     fit_keyframe,
     solved,
     tracked,
-    warm_up,
 )
+from pzcap.tracking.keyframes import joint_sigma_m
 from pzcap.tracking.observation import ViewCrop, ViewInput, crop_view, expect
 from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective
@@ -76,15 +76,12 @@ class Tracker:
         self._lead: list[TrackInput] = []  # before the first keyframe
         self._waiting: list[Instant] = []  # since the latest one
 
-    def make_ready(self) -> None:
-        """Start the process that solves intervals, so that it is there when it is needed: that takes it seconds."""
-        runtime.submit(warm_up)
-
     def expect(self, frame: int, camera: Camera) -> Expected | None:
         """Prior of the silhouette in a view of the next ``frame``. None before the first keyframe, and where the camera
         does not see the body."""
         if frame in self._keys:
-            pose, sigma_m = self._keys[frame].pose, 2.0 * self.config.keyframe_position_sigma_m
+            key = self._keys[frame]
+            pose, sigma_m = key.pose, 2.0 * joint_sigma_m(key, self.body, self.config)
         elif self._ahead is not None:
             pose, sigma_m = self._ahead.predict(), self._ahead.prediction_error_m
         else:
@@ -131,7 +128,7 @@ class Tracker:
             self._correct_size(item, key)
         views = self._crop(item.views, key.pose)
         speed = np.zeros((len(SEGMENTS), 6)) if self._ahead is None else self._ahead.speed(key.pose)
-        fit, _ = fit_keyframe(self._estimate.body, key.pose, views, speed, self.config)
+        fit, _ = fit_keyframe(self._estimate.body, key, views, speed, self.config)
         if self.config.skin_colours:
             for view, where in zip(item.views, PoseObjective(self.body, views, speed).place(fit.pose)[1], strict=True):
                 if view is not None and where is not None:
@@ -229,7 +226,9 @@ def collect(results: Iterable[Tracked], keyframes: Sequence[Keyframe], body: Bod
         rotations=np.array([t.pose.rotations for t in found]).reshape(-1, len(SEGMENTS), 4),
         joints_m=np.array([t.joints_m for t in found]).reshape(-1, len(SEGMENTS), 3),
         sigma_m=np.array([t.sigma_m for t in found]).reshape(-1, len(SEGMENTS)),
-        keyframes=np.array(sorted({k.frame for k in keyframes} & {t.frame for t in found}), np.int64),
+        keyframes=np.array(
+            sorted({k.frame for k in keyframes if k.covariance is None} & {t.frame for t in found}), np.int64
+        ),
         valid=np.array([t.valid for t in found], bool),
         body=moved(body),
     )

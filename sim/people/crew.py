@@ -29,6 +29,8 @@ class CrewConfig:
     tape_scale: Annotated[float, Range(0.5, 2.0)] = 1.0
     """What the tape reads of a metre, unknown to the crew: 0.91 where another's measurements were taken, of somebody a
     tenth smaller."""
+    keyframes: Literal["hand", "none"] = "hand"
+    """Who poses keyframes. hand: a person, to the images; none: nobody, and the capture holds none."""
     keyframes_per_s: Annotated[float, Range(0.0, 240.0)] = 1.0
     """Keyframes posed by hand for each second of the motion, the first and the last frame included."""
     keyframe_position_m: Metres = 0.00577
@@ -66,7 +68,10 @@ def measure(
 
 
 def keyframe_indices(frames: int, frame_rate: float, config: CrewConfig) -> list[int]:
-    """Keyframes evenly spaced from the first frame to the last, at the rate asked for but never fewer than two."""
+    """Keyframes evenly spaced from the first frame to the last, at the rate asked for but never fewer than two; none
+    where nobody poses any."""
+    if config.keyframes == "none":
+        return []
     count = min(max(2, round((frames - 1) / frame_rate * config.keyframes_per_s)), frames)
     return [int(i) for i in np.rint(np.linspace(0, frames - 1, count))]
 

@@ -9,7 +9,7 @@ or are not found. The confidence says how hard a joint was to see, not how wrong
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -32,6 +32,10 @@ BODY_25: Final = (
 )  # fmt: skip
 _ARMS: Final = ("shoulder", "elbow", "wrist")
 _LEGS: Final = ("hip", "knee", "ankle", "big_toe", "small_toe", "heel")
+_FACE: Final = ("eye", "ear")
+_BOTH: Final = tuple(
+    [BODY_25.index(f"{side}_{name}") for name in (*_ARMS, *_LEGS, *_FACE)] for side in ("left", "right")
+)
 _SWAPS: Final = tuple(
     tuple([BODY_25.index(f"{side}_{name}") for name in names] for side in ("left", "right")) for names in (_ARMS, _LEGS)
 )
@@ -70,6 +74,16 @@ class DetectorConfig:
     """Share of the keypoints that are found anywhere on the body."""
     missed: Share = 0.01
     """Share of the keypoints that are not found; twice as many of those that the body hides."""
+    exchanged: Share = 0.0
+    """Share of the pictures in which the whole body, face and all, is seen from the wrong side: every left is a right.
+    As often more as `inverted` says where the body is upside down; a sixth of a tumbler's with BlazePose."""
+    lost: Share = 0.0
+    """Share of the pictures of hard postures (upside down, or seen along the trunk) in which the whole body is lost:
+    found turned over, or, half as often, not found. A third of them with BlazePose."""
+    candid: bool = True
+    """Say by the confidence how hard a joint was to see. Off: it is 0.99 right or wrong."""
+    others: Annotated[int, Range(0, 10)] = 0
+    """People besides who walk to and fro across the hall and are found, too, though they are not filmed."""
 
 
 class Detector:
@@ -107,30 +121,30 @@ class Detector:
         for t in range(1, pictures):
             error[t] = config.memory * error[t - 1] + fresh * rng.normal(size=pixels.shape[1:])
         found = pixels + sigma[..., None] * error
+        often = np.where(upside[:, 0], config.inverted, 1.0)
         for group in _SWAPS:
-            rows = np.flatnonzero(self._swapped(upside[:, 0], rng))[:, None]
+            rows = np.flatnonzero(_stretches(config.swapped * often, config.swap_frames, rng))[:, None]
             left, right = group
             found[rows, left], found[rows, right] = found[rows, right], found[rows, left]
+        whole = rng.spawn(1)[0]  # faults that are off by default leave the draws of the others as they were
+        backward = np.flatnonzero(_stretches(config.exchanged * often, config.swap_frames, whole))[:, None]
+        found[backward, np.concatenate(_BOTH)] = found[backward, np.concatenate(_BOTH[::-1])]
+        hard_posture = upside[:, 0] | _end_on(pixels, size_px)
+        lost = _stretches(np.where(hard_posture, config.lost, 0.0), config.swap_frames, whole)
+        middle = np.median(found, axis=1, keepdims=True)
+        found = np.where(lost[:, None, None], 2.0 * middle - found, found)
+        unfound = lost & (_lasting(lost, whole) < 1.0 / 3.0)
         astray = rng.uniform(size=sigma.shape) < config.astray
         anywhere = rng.integers(len(BODY_25), size=sigma.shape)
         found = np.where(astray[..., None], np.take_along_axis(found, anywhere[..., None], axis=1), found)
         effort = np.maximum(sigma / np.maximum(ideal, 1e-9), 1.0)
         confidence = 0.9 / np.sqrt(effort) + 0.08 * rng.normal(size=sigma.shape)
         confidence = np.where(astray, 0.5 * confidence, confidence)
+        confidence = confidence if config.candid else np.full(sigma.shape, 0.99)
         missed = rng.uniform(size=sigma.shape) < config.missed * np.where(hidden, 2.0, 1.0)
         inside = np.all((found >= -0.5) & (found < [rig.width - 0.5, rig.height - 0.5]), axis=2)
-        there = inside & ~missed & (size_px > 0)
+        there = inside & ~missed & (size_px > 0) & ~unfound[:, None]
         return np.where(there[..., None], np.dstack([found, np.clip(confidence, 0.05, 1.0)]), 0.0)
-
-    def _swapped(self, upside: Mask, rng: np.random.Generator) -> Mask:
-        """(T,) the frames in which left and right are swapped: a Markov chain of two states."""
-        config = self._config
-        draws, swapped, now = rng.uniform(size=len(upside)), np.zeros(len(upside), bool), False
-        for t, draw in enumerate(draws.tolist()):
-            often = config.swapped * (config.inverted if upside[t] else 1.0)
-            now = draw > 1.0 / config.swap_frames if now else draw < often / config.swap_frames
-            swapped[t] = now
-        return swapped
 
     def _look(
         self, rig: Rig, trajectory: Trajectory, person: Callable[[float], Pose], time_s: float, sensor: SensorConfig
@@ -175,6 +189,31 @@ class Detector:
         return other != own and PARENTS[own] != other and PARENTS[other] != own
 
 
+def _stretches(often: Array, frames: float, rng: np.random.Generator) -> Mask:
+    """(T,) frames in which something goes wrong: a Markov chain of two states, wrong in a share ``often`` (T,) of the
+    frames if that is small, for so many ``frames`` on the whole."""
+    draws, wrong, now = rng.uniform(size=len(often)), np.zeros(len(often), bool), False
+    for t, draw in enumerate(draws.tolist()):
+        now = draw > 1.0 / frames if now else draw < often[t] / frames
+        wrong[t] = now
+    return wrong
+
+
+def _lasting(wrong: Mask, rng: np.random.Generator) -> Array:
+    """(T,) uniform draws, one for each stretch of frames that are ``wrong`` (T,)."""
+    draws = rng.uniform(size=len(wrong))
+    for t in range(1, len(wrong)):
+        if wrong[t] and wrong[t - 1]:
+            draws[t] = draws[t - 1]
+    return np.asarray(draws)
+
+
+def _end_on(pixels: Array, size_px: Array) -> Mask:
+    """(T,) pictures that look along the trunk: it is less than half as long there as it could be."""
+    neck, hips = BODY_25.index("neck"), BODY_25.index("mid_hip")
+    return np.asarray(np.linalg.norm(pixels[:, neck] - pixels[:, hips], axis=1) < 0.14 * size_px[:, hips])
+
+
 def _by_rows(seen: Callable[[float], Array], time_s: float, height: int, readout_s: float) -> Array:
     """Pixels (N, 2) in a frame of which each row sees at its own time; ``seen`` gives those of a time."""
     if not readout_s:
@@ -188,11 +227,14 @@ def _by_rows(seen: Callable[[float], Array], time_s: float, height: int, readout
     return pixels
 
 
-def write_openpose(folder: Path, name: str, people: Array) -> None:
-    """One JSON file a picture, as OpenPose has them: keypoints (T, 25, 3) of one person; none where nothing is seen."""
+def write_openpose(folder: Path, name: str, people: Sequence[Array]) -> None:
+    """One JSON file a picture, as OpenPose has them: keypoints (T, 25, 3) of each of the ``people``, who stand in the
+    files in turn; none where nothing is seen."""
     folder.mkdir()
-    for number, person in enumerate(people):
-        found = [{"person_id": [-1], "pose_keypoints_2d": np.round(person, 3).ravel().tolist()}] if person.any() else []
+    for number in range(len(people[0])):
+        first = number % len(people)
+        seen = [one[number] for one in (*people[first:], *people[:first]) if one[number].any()]
+        found = [{"person_id": [-1], "pose_keypoints_2d": np.round(one, 3).ravel().tolist()} for one in seen]
         value = json.dumps({"version": 1.3, "people": found}, separators=(",", ":"))
         (folder / f"{name}_{number:012d}_keypoints.json").write_text(value + "\n", encoding="utf-8")
 

@@ -36,7 +36,8 @@ from pzcap.calibration import reference_camera
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.io.capture import frame_sets, read_capture, read_image
 from pzcap.io.video import VideoReader
-from pzcap.pipeline import Config, body_tracker
+from pzcap.starting_poses import body_to_track
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import SEGMENTS, PzcapError
 from sim import motion, truth
 from sim.cameras.optics import OpticsConfig, build_rig
@@ -148,7 +149,7 @@ def read_a_capture(folder: Path) -> None:
     sets = frame_sets(capture)
     for frames in sets:
         assert len(frames.images) == len(capture.cameras)
-    body_tracker(capture, sets, Config(), [])
+    body_to_track(capture, sets, TrackingConfig(), [])
     for files in capture.cameras:
         for path in (files.sweep, files.zoom):
             if path is not None:

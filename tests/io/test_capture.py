@@ -240,7 +240,6 @@ JSON_FAULTS: dict[str, tuple[str, Callable[[Any], Any], str]] = {
     "a sex that the regression does not know": ("subject.json", lambda s: s.update(sex=["male"]), '"female", "male"'),
     "a negative length": ("subject.json", lambda s: s["measurements_m"].update(foot=-0.2), "foot"),
     "a length in words": ("subject.json", lambda s: s["measurements_m"].update(foot="26 cm"), "foot"),
-    "no keyframes": ("keyframes.json", lambda _: [], "no keyframe"),
     "a quaternion that is none": ("keyframes.json", lambda k: _first_rotation(k).update(head=[1, 1, 0, 0]), "head"),
     "a quaternion that is not finite": (
         "keyframes.json", lambda k: _first_rotation(k).update(head=[float("nan"), 1, 0, 0]), "head"
@@ -262,6 +261,12 @@ def test_a_fault_in_the_papers_gets_one_line(folder: Path, fault: str) -> None:
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
     assert str(folder) in str(caught.value)
+
+
+def test_a_file_without_any_keyframe_is_as_good_as_none(folder: Path) -> None:
+    """Keyframes may be found in keypoints, and a hand may have taken its own back."""
+    edit(folder / "keyframes.json", lambda _: [])
+    assert frame_sets(read_capture(folder)).keyframes == ()
 
 
 def _no_timecode(folder: Path) -> None:

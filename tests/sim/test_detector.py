@@ -127,7 +127,49 @@ def test_what_it_writes_is_read(tmp_path: Path) -> None:
     assert detector.BODY_25 == BODY_25
     found = watch(DetectorConfig(True))
     found[3] = 0.0
-    detector.write_openpose(tmp_path / "keypoints", "motion", found)
+    detector.write_openpose(tmp_path / "keypoints", "motion", [found])
     people = read_keypoints(tmp_path / "keypoints", np.arange(FRAMES), (640, 480))
     assert sorted(people) == [frame for frame in range(FRAMES) if frame != 3]
     np.testing.assert_allclose(people[7][0][ROWS], found[7], atol=1e-3)
+
+
+def test_whole_views_are_seen_from_the_wrong_side() -> None:
+    found = watch(replace(PERFECT, exchanged=0.8))
+    pairs = [(k, BODY_25.index(name.replace("left_", "right_"))) for k, name in enumerate(BODY_25) if "left_" in name]
+    for left, right in pairs:
+        wrong = np.all(found[:, left, :2] == ideal()[:, right], axis=1)
+        assert 3 <= wrong.sum() <= 45
+        np.testing.assert_array_equal(wrong, np.all(found[:, 1, :2] == ideal()[:, 1], axis=1) & wrong)
+    assert len({tuple(np.all(found[:, a, :2] == ideal()[:, b], axis=1)) for a, b in pairs}) == 1
+
+
+def test_hard_postures_are_lost_and_others_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    config = replace(PERFECT, lost=0.9, missed=0.0)
+    np.testing.assert_array_equal(watch(config)[..., :2], ideal())  # it stands upright, and nobody looks down on it
+    monkeypatch.setattr(detector, "_end_on", lambda pixels, _: np.ones(len(pixels), bool))
+    found = watch(config)
+    nobody = ~found[..., 2].any(axis=1)
+    turned = ~nobody & (found[:, BODY_25.index("nose"), 1] > found[:, BODY_25.index("left_ankle"), 1])
+    assert 0 < nobody.sum() < turned.sum() < FRAMES
+    usual = ~nobody & ~turned
+    np.testing.assert_array_equal(found[usual][..., :2], ideal()[usual])
+
+
+def test_faults_that_are_off_leave_the_rest_as_it_was() -> None:
+    """To the bit: captures that are kept stay valid."""
+    config = DetectorConfig(True)
+    usual, harsh = watch(config), watch(replace(config, exchanged=0.2, lost=0.5, candid=False))
+    same = np.all(usual[..., :2] == harsh[..., :2], axis=(1, 2))
+    assert same.sum() > FRAMES / 3
+    assert set(np.unique(harsh[..., 2])) == {0.0, 0.99}
+
+
+def test_of_several_people_each_is_read(tmp_path: Path) -> None:
+    one = watch(DetectorConfig(True))
+    other = one + np.where(one[..., 2:] > 0, [10.0, 0.0, 0.0], 0.0)
+    other[5] = 0.0
+    detector.write_openpose(tmp_path / "keypoints", "motion", [one, other])
+    people = read_keypoints(tmp_path / "keypoints", np.arange(FRAMES), (640, 480))
+    assert [len(people[frame]) for frame in (4, 5, 6)] == [2, 1, 2]
+    np.testing.assert_allclose(people[4][0][ROWS], one[4], atol=1e-3)
+    np.testing.assert_allclose(people[7][0][ROWS], other[7], atol=1e-3)  # in no fixed order

@@ -26,6 +26,7 @@ from pzcap.extras.cpu_clock import cpu_clock
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.localisation.rectification import upright_views
 from pzcap.scoring.totals import body_metrics
+from pzcap.starting_poses import Expecting
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import (
     Capture,
@@ -170,7 +171,7 @@ class _Stages:
             readout=float(track.readout[frame]) if len(track.readout) else 0.0,
         )  # fmt: skip
 
-    def segment(self, seen: FrameLocalised, tracker: Tracker | None) -> FrameSegmented:
+    def segment(self, seen: FrameLocalised, tracker: Expecting | None) -> FrameSegmented:
         """The silhouettes; masks and cameras true where the variant knows them."""
         variant, truth = self._variant, self._material.truth
         expecting = tracker if variant.expected else None

@@ -196,8 +196,9 @@ def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
             text += f"; without timecode, by {' and '.join(ways)} to {1000.0 * worst_s:.0f} ms"
             level = Level.WARN if worst_s * float(capture.frame_rate) > 0.5 else level
         yield Finding(level, "", "sync", text)
-        if not sets.keyframes:
-            yield Finding(Level.WARN, "", "keyframes", "there are none yet: the body is tracked from them")
+        if not sets.keyframes and not any(camera.keypoints for camera in capture.cameras):
+            text = "there are none yet, nor keypoints: the body is tracked from either"
+            yield Finding(Level.WARN, "", "keyframes", text)
     if capture.calibration_object is None:
         yield Finding(Level.FAIL, "", "object", _OBJECT)
     if capture.subject is None:

@@ -1,0 +1,209 @@
+"""Worth of what a crew brings, in millimetres: each thing left at home by itself, and the useful combinations.
+
+    python -m experiments.compare burden seed=0              # conf/experiment/burden.yaml shoots with a detector
+    python -m experiments.compare burden capture=CAPTURE     # with keypoints, and the truth beside it
+
+The footage stays the same, and what is left at home is taken out of the capture; only for a sweep that does not go all
+the way round the hall is swept anew, which a capture of anyone's own goes without. Cameras are calibrated again where
+their own material changes, and are the same otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from experiments.comparisons.harness import Column, Comparison, Row, scored_capture
+from experiments.comparisons.keypoints import body
+from experiments.config import AppConfig
+from experiments.progress import Bars
+from experiments.report.plots import COLOURS, INK, MUTED
+from pzcap.extras.reconstruct import reconstruct
+from pzcap.io.capture import frame_sets
+from pzcap.types import Capture, PzcapError, Reconstruction
+from sim.truth import Truth
+
+PARTIAL_DEG: Final = 120.0
+"""Sweep in place of a full turn."""
+MEAN: Final = "body.mpjpe.mean"
+CUT_OFF: Final = 4.0
+"""Times the error with everything, where a bar ends."""
+
+
+def _without_zoom(capture: Capture) -> Capture:
+    return replace(capture, cameras=tuple(replace(camera, zoom=None) for camera in capture.cameras))
+
+
+def _without_keypoints(capture: Capture) -> Capture:
+    return replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
+
+
+def _without_keyframes(capture: Capture) -> Capture:
+    return replace(capture, keyframe_poses={})
+
+
+def _one_keyframe(capture: Capture) -> Capture:
+    """The one in the middle: nobody says which is best."""
+    timecodes = sorted(capture.keyframe_poses)
+    middle = timecodes[len(timecodes) // 2]
+    return replace(capture, keyframe_poses={middle: capture.keyframe_poses[middle]})
+
+
+def _stature_alone(capture: Capture) -> Capture:
+    assert capture.subject is not None, "it has been scored"
+    known = {"stature": capture.subject.measurements_m["stature"]}
+    return replace(capture, subject=replace(capture.subject, measurements_m=known))
+
+
+def _without_object(capture: Capture) -> Capture:
+    return replace(capture, calibration_object=None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Variant:
+    """A crew that leaves something at home."""
+
+    key: str
+    label: str
+    group: str
+    changes: tuple[Callable[[Capture], Capture], ...] = ()
+    partial: bool = False  # the sweeps do not go all the way round
+
+    @property
+    def cameras(self) -> tuple[bool, ...]:
+        """What its cameras are calibrated from: variants that agree in it have the same ones."""
+        return (self.partial, *(change in self.changes for change in (_without_zoom, _without_object)))
+
+    def of(self, capture: Capture) -> Capture:
+        """What this crew brings home of the ``capture``."""
+        for change in self.changes:
+            capture = change(capture)
+        return capture
+
+
+VARIANTS: Final = (
+    Variant("everything", "everything", "everything"),
+    Variant("no_object", "no calibration object", "cameras", (_without_object,)),
+    Variant("partial_sweep", f"{PARTIAL_DEG:.0f} degrees, no full turn", "cameras", partial=True),
+    Variant("no_zoom", "no zoom run", "cameras", (_without_zoom,)),
+    Variant("stature", "stature, no tape", "body", (_stature_alone,)),
+    Variant("no_keypoints", "no detector", "body", (_without_keypoints,)),
+    Variant("one_keyframe", "one keyframe by hand", "body", (_one_keyframe,)),
+    Variant("one_alone", "one keyframe, no detector", "body", (_one_keyframe, _without_keypoints)),
+    Variant("no_keyframes", "no keyframe by hand", "body", (_without_keyframes,)),
+    Variant("neither", "neither keyframe nor detector", "body", (_without_keyframes, _without_keypoints)),
+    Variant("no_hand", "no keyframe, no tape", "together", (_without_keyframes, _stature_alone)),
+    Variant("least", "no keyframe, tape or zoom run", "together",
+            (_without_keyframes, _stature_alone, _without_zoom)),
+    Variant("least_partial", "the same, no full turn", "together",
+            (_without_keyframes, _stature_alone, _without_zoom), partial=True),
+)  # fmt: skip
+
+
+def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[Any]]:
+    """Each crew in turn. Raises PzcapError where the capture has no keypoints or no keyframes to leave at home."""
+    del folder
+    with Bars(console) as bars:
+        capture, truth = scored_capture(config, bars.update)
+        if not any(camera.keypoints for camera in capture.cameras) or not capture.keyframe_poses:
+            raise PzcapError(f"{capture.folder}: to leave keyframes or keypoints at home it has to have both")
+        partial = _partial(config, bars.update)
+        known: dict[tuple[bool, ...], Reconstruction] = {}
+        rows: list[Row[Any]] = []
+        for variant in VARIANTS:
+            material = partial if variant.partial else (capture, truth)
+            if material is None:
+                rows.append(Row(variant.key, variant.label, {}, variant.group, "would have to be shot"))
+            else:
+                rows.append(_row(variant, *material, config, known, bars.update))
+    return _with_differences(rows)
+
+
+def _partial(config: AppConfig, report: Callable[[str, int, int], None]) -> tuple[Capture, Truth] | None:
+    """The same take by a crew that swept a part of the hall; None where the capture is somebody's own."""
+    if config.capture is not None:
+        return None
+    return scored_capture(replace(config, shoot=replace(config.shoot, sweep_deg=PARTIAL_DEG)), report)
+
+
+def _row(
+    variant: Variant, capture: Capture, truth: Truth, config: AppConfig, known: dict[tuple[bool, ...], Reconstruction],
+    report: Callable[[str, int, int], None],
+) -> Row[Any]:  # fmt: skip
+    """The figures of one crew. Its cameras are ``known`` where another's were calibrated from the same."""
+    mine = variant.of(capture)
+
+    def told(stage: str, done: int, total: int) -> None:
+        report(f"{variant.label}: {stage}", done, total)
+
+    try:
+        found = reconstruct(mine, config.reconstruct, told, known.get(variant.cameras))
+    except PzcapError as error:
+        return Row(variant.key, variant.label, {}, variant.group, str(error))
+    known.setdefault(variant.cameras, found)
+    if found.motion is None:
+        why = next((note for note in found.notes if "not" in note), "nothing was found")
+        return Row(variant.key, variant.label, {}, variant.group, why)
+    # all are scored in the same frames: those that no hand has posed for anybody
+    posed = np.array([key.frame for key in frame_sets(capture).keyframes], np.int64)
+    figures = body(replace(found, motion=replace(found.motion, keyframes=posed)), truth)
+    return Row(variant.key, variant.label, figures, variant.group)
+
+
+def _with_differences(rows: Sequence[Row[Any]]) -> list[Row[Any]]:
+    """The rows, each with its mean error beyond that of the first."""
+    usual = rows[0].figures.get(MEAN)
+    found = []
+    for row in rows:
+        mean = row.figures.get(MEAN)
+        more = None if mean is None or usual is None else mean - usual
+        found.append(replace(row, figures={**row.figures, "more": more} if row.figures else {}))
+    return found
+
+
+def draw(figure: Figure, rows: Sequence[Row[Any]]) -> None:
+    """A bar a crew, cut off where it is far longer than that of the one with everything."""
+    groups = dict(zip(dict.fromkeys(row.group for row in rows), (MUTED, *COLOURS), strict=False))
+    steps = (1.0 + 0.6 * (one.group != other.group) for one, other in pairwise(rows))
+    at = np.cumsum([0.0, *steps])
+    longest = CUT_OFF * (rows[0].figures.get(MEAN) or 10.0)
+    axes = figure.subplots()
+    for y, row in zip(at.tolist(), rows, strict=True):
+        mean = row.figures.get(MEAN)
+        if mean is None:
+            axes.annotate("no body", (0.0, y), (4, 0), textcoords="offset points", va="center", color=MUTED)
+            continue
+        axes.barh(y, min(mean, longest), 0.72, color=groups[row.group])
+        lost = row.figures.get("body.lost")
+        said = f"{mean:.1f}" + (f", {lost:.0f} frames lost" if lost else "")
+        axes.annotate(said, (min(mean, longest), y), (4, 0), textcoords="offset points", va="center", color=INK)
+    axes.set_xlim(0.0, 1.25 * longest)
+    axes.set_yticks(at, [row.label for row in rows])
+    axes.invert_yaxis()
+    axes.margins(y=0.02)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("mean joint error [mm]")
+
+
+COMPARISON: Final[Comparison[Any]] = Comparison(
+    name="burden",
+    about=__doc__ or "",
+    columns=(
+        Column(MEAN, "mean mm", "mm", "{:.1f}"),
+        Column("body.mpjpe.p95", "p95 mm", "mm", "{:.1f}"),
+        Column("more", "± mean", "mm", "{:+.1f}"),
+        Column("body.lost", "lost", "frames", "{:.0f}"),
+        Column("body.covered", "covered %", "%", "{:.0f}", "higher"),
+    ),
+    compare=compare,
+    plots={"burden.png": ((7.2, 0.27 * 1.15 * len(VARIANTS) + 0.9), draw)},
+    experiment="burden",
+    variants="brought",
+)

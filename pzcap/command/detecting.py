@@ -1,0 +1,42 @@
+"""`pzcap keypoints`: a detector that the user has installed, run over the motion of each camera."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from pzcap.extras.detectors import coco_results, detector
+from pzcap.io.capture import MANIFEST, read_capture
+from pzcap.io.files import written_whole
+from pzcap.io.manifest import load_json
+from pzcap.io.video import VideoReader
+from pzcap.types import PzcapError
+
+
+def detect_keypoints(folder: Path, by: str, models: Sequence[Path], *, replace: bool) -> int:
+    """Write a file of keypoints beside each camera's motion and name it in capture.json; the exit status."""
+    capture = read_capture(folder)
+    filmed = [camera for camera in capture.cameras if camera.motion is not None]
+    if not filmed:
+        raise PzcapError(f'{folder / MANIFEST}: no camera has a "motion" video; name at least one')
+    there = [camera.name for camera in filmed if camera.keypoints is not None]
+    if there and not replace:
+        raise PzcapError(f"{folder}: camera {', '.join(there)} has keypoints already; give --replace to find them anew")
+    detect = detector(by, models)
+    manifest = load_json(folder / MANIFEST).value
+    entries = {entry["name"]: entry for entry in manifest["cameras"]}
+    for camera in filmed:
+        assert camera.motion is not None
+        reader = VideoReader(camera.motion)
+        pictures = (image for _, image in reader.read(int(reader.indices[0]), int(reader.indices[-1]) + 1))
+        found = list(coco_results(pictures, detect))
+        path = camera.motion.with_name(f"{camera.motion.stem}_keypoints.json")
+        with written_whole(path) as partial:
+            partial.write_text(json.dumps(found, separators=(",", ":")) + "\n", encoding="utf-8")
+        entries[camera.name] |= {"keypoints": path.relative_to(folder).as_posix(), "keypoints_from": 0}
+        pictured = len({entry["image_id"] for entry in found})
+        print(f"camera {camera.name}: somebody in {pictured} of {len(reader.indices)} pictures; {path}")
+    with written_whole(folder / MANIFEST) as partial:
+        partial.write_text(json.dumps(manifest, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return 0

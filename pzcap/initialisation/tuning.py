@@ -1,0 +1,70 @@
+"""Constants of the initialisation that no user sets, a table a topic; ``fitted``: to simulated detectors."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class PeopleTuning(NamedTuple):
+    """The athlete among others, and sides."""
+
+    least_confidence: float = 0.1  # a keypoint found with less does not count
+    agree_m: float = 0.15  # a ray that passes by further off is of something else
+    sides_agree_m: tuple[float, ...] = (0.15, 0.15, 0.1)  # the same where sides are told: of arms, legs and face
+    most_people: int = 3  # in a view: those nearest to its middle
+    most_views: int = 6  # with more, not all ways to choose people are tried
+    most_patterns: int = 40  # ways to exchange sides, beyond which more views at a time are not exchanged
+    central: float = 4.0  # worth of standing in the middle of a view: cameras follow the athlete; in agreeing views
+    jump: float = 20.0  # agreeing views that a leap to somebody else costs
+    jump_m: float = 1.0  # that nobody moves by in a frame
+    exchange: float = 0.1  # agreeing rays a keypoint that an exchange of a view's sides costs
+    step: float = 1.0  # agreeing rays that a leap of a keypoint costs
+    step_m: float = 0.3  # that no keypoint moves by in a frame
+
+
+class FitTuning(NamedTuple):
+    """Fit of the body to keypoints."""
+
+    stretch: int = 300  # frames that are fitted together
+    beyond: int = 20  # and so many of the next ones
+    scales: tuple[float, ...] = (10.0, 5.0, 3.0)  # sigmas, of the robust weights, from round to round
+    iterations: int = 6  # of a round, at most
+    tolerance: float = 3e-3  # metres, radians: a smaller step ends a round
+    longest_step: float = 0.5  # metres, radians
+    damping: float = 1.0  # 1 / rad^2 or m^2: what nothing says does not move
+    acceleration: float = 1.5  # factor of the tracker's sigma of an acceleration
+    # standard deviations of joints about rest; wide: they only keep from folding what no keypoint shows
+    lumbar_deg: float = 17.0
+    thorax_deg: float = 14.0
+    head_deg: float = 40.0
+    hand_deg: float = 29.0
+    foot_deg: float = 40.0
+    rounds: int = 2  # of learning what the detector means, and of fitting anew
+    stride: int = 3  # one of so many frames is learned from: its neighbours say the same
+    doubt: float = 20.0  # so many keypoints tell as much as one would of that: it changes with the posture
+    open: float = 2.0  # 1 / rad^2: information on what nothing shows, such as the twist of a straight arm
+
+
+class SelectionTuning(NamedTuple):
+    """Choice of keyframes."""
+
+    growth_m2: float = 3e-4  # of the variance of a joint with each frame from a keyframe
+    one_sided: float = 3.0  # factor of that before the first keyframe and after the last
+    spacing_s: float = 1.5  # a longer interval between two keyframes is worth another
+    unknown_m2: float = 1.0  # variance without any keyframe
+
+
+class JudgementTuning(NamedTuple):
+    """Poses that are sure enough to start from."""
+
+    least_views: int = 2
+    usual_misfit: float = 0.6  # sigmas, of the keypoints from the fitted body: what is more makes a pose less sure
+    largest_misfit: float = 1.5  # sigmas, from which on a pose is no candidate
+    largest_move: float = 2.0  # squared, in sigmas a degree of freedom, by which the images may move the pose
+    misplaced: float = 0.6  # probability of any joint's being misplaced, from which on the images do not bear it out
+
+
+PEOPLE = PeopleTuning()
+SELECTION = SelectionTuning()
+JUDGEMENT = JudgementTuning()
+FIT = FitTuning()

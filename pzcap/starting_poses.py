@@ -1,0 +1,137 @@
+"""Poses that the body's tracking starts from: those set by hand, and others found in a detector's keypoints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from fractions import Fraction
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from pzcap.body import skeleton
+from pzcap.body.skeleton import Body
+from pzcap.events import FrameLocalised, FrameSegmented, Progress
+from pzcap.initialisation.keyframes import find_keyframes
+from pzcap.initialisation.people import Detections
+from pzcap.initialisation.selection import worthwhile
+from pzcap.io.capture import FrameSets
+from pzcap.io.detections import NOBODY
+from pzcap.segmentation.foreground import Expected
+from pzcap.tracking import keyframes
+from pzcap.tracking.pixel_time import Exposure
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.tracker import Tracker, TrackInput, ViewInput
+from pzcap.types import Camera, Capture, FrameSet, Keyframe, Localisation
+
+
+class Expecting(Protocol):
+    """Something that expects the body somewhere."""
+
+    def expect(self, frame: int, camera: Camera) -> Expected | None:
+        """Prior of the silhouette in a view of a ``frame``; None where nothing is expected."""
+
+
+Segment: TypeAlias = Callable[[FrameLocalised, Expecting | None], FrameSegmented]
+"""Stage 5, as `pzcap.pipeline` has it."""
+
+
+class Localising(Protocol):
+    """Stage 4, as `pzcap.pipeline.ViewLocaliser` has it."""
+
+    def __call__(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
+        """Localise the views of an instant."""
+
+    def restart(self) -> None:
+        """Forget the frames so far."""
+
+    def as_found(self, frames: FrameSet, found: tuple[Localisation | None, ...]) -> FrameLocalised:
+        """``frames`` that were ``found`` before."""
+
+    def cameras(self, found: Sequence[Localisation | None]) -> tuple[Camera | None, ...]:
+        """The cameras of an instant that was ``found``."""
+
+
+def body_to_track(capture: Capture, sets: FrameSets, config: TrackingConfig, notes: list[str]) -> Body | None:
+    """The body of stage 6; None, and a reason added to ``notes``, where the capture holds nothing to track by."""
+    if capture.subject is None:
+        notes.append("the body is not tracked: the capture holds no tape measurements (subject.json)")
+        return None
+    detected = any(camera.keypoints for camera in capture.cameras) and config.keypoint_keyframes
+    if not sets.keyframes and not detected:
+        notes.append(
+            "the body is not tracked: the capture holds neither keyframes (keyframes.json) nor a detector's keypoints; "
+            "run a detector (pzcap keypoints FOLDER --by mediapipe), or pose one frame by hand (docs/capture.md)"
+        )
+        return None
+    body = skeleton.build(capture.subject)
+    if sets.keyframes:
+        notes += keyframes.check(sets.keyframes, body, len(sets))
+    return body
+
+
+def body_tracker(
+    body: Body, sets: FrameSets, frame_rate: Fraction, localise: Localising, segment: Segment, config: TrackingConfig,
+    notes: list[str],
+) -> Generator[Progress, None, Tracker | None]:  # fmt: skip
+    """The tracker of stage 6, which starts from the keyframes of ``sets`` and, where these leave gaps, from others that
+    are found in a detector's keypoints; None, and a reason added to ``notes``, where there are neither."""
+    found: list[Keyframe] = []
+    rate, given = float(frame_rate), [key.frame for key in sets.keyframes]
+    if config.keypoint_keyframes and sets.people(0) and worthwhile(given, len(sets), rate):
+        found = yield from keyframes_from_keypoints(body, sets, rate, localise, segment, config)
+        names = ", ".join(f"{key.frame} ({sets.timecodes[key.frame]})" for key in found)
+        if found:
+            notes.append(f"keyframes found in the keypoints: {names}")
+        elif not sets.keyframes:
+            notes.append(
+                "the body is not tracked: in no frame do the keypoints of two views or more agree with each other and "
+                "with the silhouettes; pose one frame by hand (keyframes.json), or run another detector"
+            )
+            return None
+    return Tracker(body, sorted([*sets.keyframes, *found], key=lambda key: key.frame), config)
+
+
+def keyframes_from_keypoints(
+    body: Body, sets: FrameSets, rate: float, localise: Localising, segment: Segment, config: TrackingConfig
+) -> Generator[Progress, None, list[Keyframe]]:
+    """Keyframes beside those of ``sets`` (`pzcap.initialisation`). All frames are localised for it, and then again in
+    their turn, when the tracker says where the body is."""
+    located: list[tuple[Localisation | None, ...]] = []
+    detections: list[Detections] = []
+    for frames in sets:
+        seen = localise(frames, None)
+        cameras, people = localise.cameras(seen.localisations), seen.frames.keypoints
+        views = (None if one is None else (one, found) for one, found in zip(cameras, people, strict=True))
+        detections.append(Detections(tuple(views), tuple(map(_sigma_rad, seen.localisations))))
+        located.append(seen.localisations)
+        yield Progress("keypoints", frames.index + 1, len(sets))
+    localise.restart()
+
+    def observe(key: Keyframe) -> Sequence[ViewInput | None]:
+        [frames] = sets.between(key.frame, key.frame + 1)
+        expected = Tracker(body, [key], config)
+        return track_input(segment(localise.as_found(frames, located[key.frame]), expected)).views
+
+    return find_keyframes(detections, body, sets.keyframes, rate, observe, config)
+
+
+def _sigma_rad(found: Localisation | None) -> float:
+    """Standard deviation of where a camera looks, of pan alone: the athlete is near the middle of the picture."""
+    return 0.0 if found is None or not found.valid else float(np.sqrt(found.covariance[0, 0]))
+
+
+def track_input(segmented: FrameSegmented) -> TrackInput:
+    """An instant as the tracker takes it."""
+    frames = segmented.frames
+    people = frames.keypoints or (NOBODY,) * len(frames.images)
+
+    def view(index: int) -> ViewInput | None:
+        image, camera, silhouette = frames.images[index], segmented.cameras[index], segmented.silhouettes[index]
+        if image is None or camera is None or silhouette is None or not silhouette.valid:
+            return None
+        prior = segmented.priors[index]
+        late = frames.late[index] if frames.late else 0.0
+        exposure = Exposure(readout=0.0 if prior is None else prior.readout, late=late)
+        return ViewInput(image, camera, silhouette, people[index], prior, exposure)
+
+    return TrackInput(frames.index, tuple(view(index) for index in range(len(frames.images))))
