@@ -38,6 +38,7 @@ class Footage:
 
     def __init__(self, sets: FrameSets, found: Reconstruction) -> None:
         self.sets, self.found = sets, found
+        self._cameras: dict[int, tuple[Camera | None, ...]] = {}
         self._lock = threading.Lock()
         self._kept: OrderedDict[int, tuple[bytes | None, ...]] = OrderedDict()
         self._latest: FrameSet | None = None
@@ -46,11 +47,14 @@ class Footage:
 
     def cameras(self, frame: int) -> tuple[Camera | None, ...]:
         """The camera of each view of a frame; None where it was not found."""
+        if frame in self._cameras:
+            return self._cameras[frame]
         pairs = zip(self.found.cameras, self.found.tracks, strict=True)
-        return tuple(
+        cameras = tuple(
             None if head is None or track is None or not track.valid[frame] else of_track(head, track, frame)
             for head, track in pairs
         )
+        return self._cameras.setdefault(frame, cameras)
 
     def localisations(self, frame: int) -> tuple[Localisation | None, ...]:
         """Where each view of a frame was found."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -37,7 +38,8 @@ MIRRORED: Final[Indices] = np.array([
 """(23,) The handle on the other side of the body; a middle one's is itself."""
 
 _TAPE_M: Final = 0.010  # by which a handle of the body as taped stands off from where a person takes it to be
-_LIMIT_RAD: Final = 0.05  # standard deviation beyond a joint's limits
+_LIMIT_RAD: Final = 0.02  # standard deviation beyond a joint's limits
+_STRONGEST: Final = 8.0  # sigmas; a hand that is further off pulls no harder, or a joint would give way beyond its limits
 _NEAREST_M: Final = 0.2  # before the camera; what is nearer, or behind it, no click bears on
 _READY_M: Final = 0.10  # a pose whose joints are all known to this is one to track from
 
@@ -115,14 +117,17 @@ class Problem:
         excess, violated = limit_residuals(pose)
         stiffness = violated / _LIMIT_RAD**2
         inside, depth = collision_residuals(collision_shapes(self.body), forward(self.body, pose))
-        hessian = rows.T @ rows + np.diag(stiffness) + inside.T @ inside
-        gradient = rows.T @ residual - stiffness * excess - inside.T @ depth
-        cost = residual @ residual + stiffness @ excess**2 + depth @ depth
+        far = np.linalg.norm(residual.reshape(-1, 2), axis=1)
+        weight = np.repeat(_STRONGEST / np.maximum(far, _STRONGEST), 2)  # Huber's
+        hessian = (rows.T * weight) @ rows + np.diag(stiffness) + inside.T @ inside
+        gradient = rows.T @ (weight * residual) - stiffness * excess - inside.T @ depth
+        pulls = np.where(far > _STRONGEST, _STRONGEST * (2.0 * far - _STRONGEST), far**2)
+        cost = pulls.sum() + stiffness @ excess**2 + depth @ depth
         return hessian, gradient, float(cost)
 
     def solve(self, start: Pose, clicks: Sequence[Click], most_steps: int) -> Solved:
         """The pose nearest to ``start`` that fits the ``clicks``, by so many steps at most."""
-        damping, metric = 1.0, np.diag(1.0 / _EASE**2)
+        damping, metric = _FIRST_DAMPING, np.diag(1.0 / _EASE**2)
         pose, (hessian, gradient, cost) = start, self.normal(start, clicks)
         for _ in range(1, most_steps + 1):
             delta = np.asarray(np.linalg.solve(hessian + damping * metric, gradient), np.float64)
@@ -130,7 +135,7 @@ class Problem:
             tried = retract(pose, np.asarray(delta / max(longest, 1.0), np.float64))
             after = self.normal(tried, clicks)
             if after[2] < cost:
-                settled = cost - after[2] < _SETTLED * (1.0 + cost)
+                settled = damping < _SMALL_DAMPING and cost - after[2] < _SETTLED * (1.0 + cost)
                 pose, (hessian, gradient, cost) = tried, after
                 damping = max(0.2 * damping, _LEAST_DAMPING)
                 if settled:
@@ -148,7 +153,7 @@ class Problem:
         if not anyhow or best.cost < _FITS * (1 + 2 * len(clicks)):
             return best
         for turn in _TURNS:
-            other = self.solve(_turned(start, turn), clicks, 12)
+            other = self.solve(_turned(start, turn), clicks, 20)
             if other.cost < best.cost - _CLEARLY:
                 best = self.solve(other.pose, clicks, 60)
         return best
@@ -199,9 +204,11 @@ class Problem:
 
 _LONGEST: Final = 2.0  # of a step, in what each degree of freedom gives way by
 _SETTLED: Final = 1e-3  # relative fall of the cost that is not worth another step
-_LEAST_DAMPING: Final = 1e-4
+_FIRST_DAMPING: Final = 1e-2
+_LEAST_DAMPING: Final = 1e-5
+_SMALL_DAMPING: Final = 0.1  # a step that is damped more may be short although there is far to go
 _MOST_DAMPING: Final = 1e6
-_FITS: Final = 3.0  # squared sigmas a residual; a pose that fits so well is not doubted
+_FITS: Final = 1.0  # squared sigmas a residual; a pose that fits so well is not doubted
 _CLEARLY: Final = 9.0  # by how much another must fit better
 _TURNS: Final = tuple(
     Rotation.from_euler("zy", [yaw, pitch], degrees=True)
@@ -211,6 +218,7 @@ _TURNS: Final = tuple(
 )
 
 
+@lru_cache(maxsize=4)
 def handle_points(body: Body) -> Array:
     """The handles (23, 3), each in the frame of its segment."""
     return np.concatenate([np.zeros((len(JOINTS), 3)), moved(body).ends_m])

@@ -164,17 +164,17 @@ def _outline(body: Body, skin: Array, camera: Camera) -> Iterator[list[list[floa
 def _clicks(problem: Problem, pose: Pose, clicks: Sequence[Click]) -> list[list[float]]:
     """Clicks as the page has them: handle, camera, x, y, sigma, and by how many pixels the pose misses them."""
     world, out = problem.handles(pose), []
+    seen = [None if camera is None else projected(world, camera)[0] for camera in problem.cameras]
     for one in clicks:
-        camera, off = problem.cameras[one.camera], 0.0
-        if camera is not None:
-            pixels, _ = projected(world[one.handle][None], camera)
-            off = float(np.hypot(*(pixels[0] - [one.x, one.y])))
+        pixels = seen[one.camera]
+        off = 0.0 if pixels is None else float(np.hypot(*(pixels[one.handle] - [one.x, one.y])))
         out.append([one.handle, one.camera, round(one.x, 2), round(one.y, 2), round(one.sigma_px, 2), round(off, 1)])
     return out
 
 
 def _rounded(points: Array) -> list[list[float]]:
-    return [[round(x, 1), round(y, 1)] for x, y in points.tolist()]
+    rounded: list[list[float]] = np.round(points, 1).tolist()
+    return rounded
 
 
 def _median_mm(motion: Motion, frames: range) -> float | None:
