@@ -9,7 +9,7 @@ stays as it was, and what clicks do fix is fitted to them however far it was off
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -19,10 +19,11 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from pzcap.body.kinematics import forward, limit_residuals, point_jacobians, retract, world_points
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, moved
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS, Body, moved
 from pzcap.geometry.camera import rays
 from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray, to_pixel
 from pzcap.tracking.body_constraints import collision_residuals, collision_shapes
+from pzcap.tracking.limbs import turned
 from pzcap.types import ENDS, JOINTS, SEGMENTS, Array, Camera, Indices, Pose
 
 HANDLES: Final[tuple[str, ...]] = (*JOINTS, *ENDS)
@@ -146,16 +147,26 @@ class Problem:
                     break
         return Solved(pose, cost)
 
-    def settle(self, start: Pose, clicks: Sequence[Click], *, anyhow: bool) -> Solved:
-        """The pose that fits all ``clicks``, at leisure. If it is known from nothing else which way the body is turned
-        (``anyhow``), all ways are tried, and what fits clearly better is taken."""
-        best = self.solve(start, clicks, 60)
-        if not anyhow or best.cost < _FITS * (1 + 2 * len(clicks)):
-            return best
-        for turn in _TURNS:
-            other = self.solve(_turned(start, turn), clicks, 20)
+    def settle(self, start: Pose, clicks: Sequence[Click], *, handles: Sequence[int] = (), anyhow: bool) -> Solved:
+        """The pose that fits all ``clicks``, at leisure.
+
+        A limb whose elbow or knee has come to the wrong side does not find back by small steps: those of the
+        ``handles`` are tried twisted, too. If it is known from nothing else which way the body is turned (``anyhow``),
+        so are all ways of that. What fits clearly better is taken.
+        """
+        best = self.solve(start, clicks, _AT_LEISURE)
+        if anyhow and best.cost > 1 + 2 * len(clicks):
+            best = self._better(best, (_turned(start, turn) for turn in _TURNS), clicks)
+        for limb, segments in enumerate(LIMBS):
+            if best.cost > _CLEARLY and any(SEGMENT[handle] in segments for handle in handles):
+                best = self._better(best, [turned(limb, best.pose, turn) for turn in _TWISTS], clicks)
+        return best
+
+    def _better(self, best: Solved, starts: Iterable[Pose], clicks: Sequence[Click]) -> Solved:
+        for start in starts:
+            other = self.solve(start, clicks, _TRIED)
             if other.cost < best.cost - _CLEARLY:
-                best = self.solve(other.pose, clicks, 60)
+                best = self.solve(other.pose, clicks, _AT_LEISURE)
         return best
 
     def covariance(self, pose: Pose, clicks: Sequence[Click], origin: str) -> Array:
@@ -208,8 +219,11 @@ _FIRST_DAMPING: Final = 1e-2
 _LEAST_DAMPING: Final = 1e-5
 _SMALL_DAMPING: Final = 0.1  # a step that is damped more may be short although there is far to go
 _MOST_DAMPING: Final = 1e6
-_FITS: Final = 1.0  # squared sigmas a residual; a pose that fits so well is not doubted
-_CLEARLY: Final = 9.0  # by how much another must fit better
+_AT_LEISURE: Final = 60  # steps, at most
+_TRIED: Final = 15  # steps of another start
+_CLEARLY: Final = 2.0  # squared sigmas by which another must fit better
+_TWISTS: Final = np.array([(0.0, 0.0, twist * np.pi / 2, bend) for twist in range(4) for bend in (0.0, 0.8)][1:])
+"""(7, 4) Turns of a limb, as `pzcap.tracking.limbs.turned` takes them."""
 _TURNS: Final = tuple(
     Rotation.from_euler("zy", [yaw, pitch], degrees=True)
     for pitch in (0, 90, 180, 270)

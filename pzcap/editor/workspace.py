@@ -176,7 +176,7 @@ class Workspace:
         with self.lock:
             edit, problem, start = self._held(frame, click, dragged)
             what = f"{handle_name(click.handle)} in {self._view_name(click.camera)}"
-            self._change(frame, self._settled(problem, edit.clicked(click), start), what)
+            self._change(frame, self._settled(problem, edit.clicked(click), start, click.handle), what)
 
     def _held(self, frame: int, click: Click, before: Dragged | None) -> tuple[FrameEdit, Problem, Pose]:
         """What is dragged: the frame so far, its views, and the pose to go on from."""
@@ -186,9 +186,9 @@ class Workspace:
         goes_on = before is not None and (before.frame, before.click[:2]) == (frame, click[:2])
         return edit, problem, before.pose if goes_on and before is not None else edit.pose
 
-    def _settled(self, problem: Problem, edit: FrameEdit, start: Pose) -> FrameEdit:
+    def _settled(self, problem: Problem, edit: FrameEdit, start: Pose, *handles: int) -> FrameEdit:
         """The edit with its pose fitted to its clicks, and a keyframe once the pose is sure."""
-        fit = problem.settle(start, edit.clicks, anyhow=edit.origin == "standing")
+        fit = problem.settle(start, edit.clicks, handles=handles, anyhow=edit.origin == "standing")
         sigma = problem.sigma_m(fit.pose, problem.covariance(fit.pose, edit.clicks, edit.origin))
         key = edit.is_key or edit.origin in ("tracker", "keyframe") or is_ready(sigma)
         return replace(edit, pose=fit.pose, is_key=key)
