@@ -40,7 +40,9 @@ MIRRORED: Final[Indices] = np.array([
 
 _TAPE_M: Final = 0.010  # by which a handle of the body as taped stands off from where a person takes it to be
 _LIMIT_RAD: Final = 0.02  # standard deviation beyond a joint's limits
-_STRONGEST: Final = 8.0  # sigmas; a hand that is further off pulls no harder, or a joint would give way beyond its limits
+_STRONGEST: Final = (
+    8.0  # sigmas; a hand that is further off pulls no harder, or a joint would give way beyond its limits
+)
 _NEAREST_M: Final = 0.2  # before the camera; what is nearer, or behind it, no click bears on
 _READY_M: Final = 0.10  # a pose whose joints are all known to this is one to track from
 

@@ -57,7 +57,13 @@ def test_who_is_answered(shared: Path) -> None:
         for path in ("/", "/editor.js", "/frame/0/0.jpg", "/live"):
             assert await status(path) == 403  # no cookie
             assert await status(path, Cookie=f"pzcap-editor-{port}=guess") == 403
-            for host in ("evil.example", f"evil.example:{port}", f"127.0.0.1.evil.example:{port}", "[::1]x", "10.0.0.1"):
+            for host in (
+                "evil.example",
+                f"evil.example:{port}",
+                f"127.0.0.1.evil.example:{port}",
+                "[::1]x",
+                "10.0.0.1",
+            ):
                 assert await status(path, **cookie, Host=host) == 403
             for origin in ("http://evil.example", "null", "http://127.0.0.1:1", f"https://127.0.0.1:{port}"):
                 assert await status(path, **cookie, Origin=origin) == 403
