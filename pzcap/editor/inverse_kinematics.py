@@ -44,7 +44,7 @@ _STRONGEST: Final = (
     8.0  # sigmas; a hand that is further off pulls no harder, or a joint would give way beyond its limits
 )
 _NEAREST_M: Final = 0.2  # before the camera; what is nearer, or behind it, no click bears on
-_READY_M: Final = 0.10  # a pose whose joints are all known to this is one to track from
+_READY_M: Final = 0.12  # a pose whose joints are all known to this is one to track from
 
 
 def _easy() -> Array:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pzcap.editor.history import UNTOUCHED, FrameEdit, History
@@ -46,6 +46,7 @@ def test_undone_to_the_beginning_and_done_again(tmp_path: Path) -> None:
     assert not history.can_redo
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.lists(st.sampled_from(["change", "undo", "redo", "found", "again"]), max_size=30))
 def test_read_back_it_is_the_same(tmp_path_factory: pytest.TempPathFactory, steps: list[str]) -> None:
     path = tmp_path_factory.mktemp("history") / "h.jsonl"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -27,12 +26,12 @@ WRIST = HANDLES.index("left_wrist")
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Iterator[Path]:
+def place(tmp_path: Path) -> Path:
     """Results that tell which capture they are of."""
     folder = tmp_path / "results"
     results.save(edited.found(tracked=True), folder / "reconstruction")
     link_capture(folder, edited.capture(tmp_path / "take"))
-    yield folder
+    return folder
 
 
 def test_dragged_seen_in_two_tabs_undone_killed_and_nothing_lost(place: Path, tmp_path: Path) -> None:

@@ -161,9 +161,13 @@ def test_two_pages_see_the_same(tmp_path: Path) -> None:
         await two.say("undo", seen=told["overview"]["version"])
         for page in (one, two):
             assert (await page.hear("shown"))["overview"]["keys"] == []
-        for wrong in ({"do": "drop", "frame": 4}, {"do": "dance", "frame": 0}, {"do": "show", "frame": 99}, {}, [], 3,
-                      {"do": "drop", **place, "x": 1e9}, {"do": "drop", **place, "camera": 7},
-                      {"do": "drop", **place, "y": "NaN"}, {"do": "begin", "frame": 1, "origin": "?", "seen": 0}):  # fmt: skip
+        drop = {"do": "drop", **place}
+        wrongs: list[Any] = [
+            {"do": "drop", "frame": 4}, {"do": "dance", "frame": 0}, {"do": "show", "frame": 99}, {}, [], 3,
+            drop | {"x": 1e9}, drop | {"camera": 7}, drop | {"y": "NaN"},
+            {"do": "begin", "frame": 1, "origin": "?", "seen": 0},
+        ]  # fmt: skip
+        for wrong in wrongs:
             await one.live.send_str(json.dumps(wrong))
             assert (await one.hear("error", "shown")).get("error"), wrong
         await one.say("show", frame=5)

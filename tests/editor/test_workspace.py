@@ -179,8 +179,8 @@ def test_a_drag_changes_nothing_before_it_is_dropped(folder: Path) -> None:
     assert [bool(line) for line in told["lines"]] == [True, True, False, True]
     space.drop(6, click, dragged)
     assert space.edit(6).clicks == (click,)
+    space.footage._cameras[7] = (None,) * 4
     with pytest.raises(PzcapError, match="camera was not found"):
-        space.footage._cameras[7] = (None,) * 4
         space.drop(7, click, None)
 
 
