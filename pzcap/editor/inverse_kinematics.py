@@ -149,20 +149,29 @@ class Problem:
                     break
         return Solved(pose, cost)
 
-    def settle(self, start: Pose, clicks: Sequence[Click], *, handles: Sequence[int] = (), anyhow: bool) -> Solved:
+    def settle(self, start: Pose, clicks: Sequence[Click], handles: Sequence[int] = ()) -> Solved:
         """The pose that fits all ``clicks``, at leisure.
 
-        A limb whose elbow or knee has come to the wrong side does not find back by small steps: those of the
-        ``handles`` are tried twisted, too. If it is known from nothing else which way the body is turned (``anyhow``),
-        so are all ways of that. What fits clearly better is taken.
+        A body that is turned the wrong way, or a limb whose elbow or knee has come to the wrong side, does not find
+        back by small steps. If the clicks are not fitted, all ways to turn the body are tried; and the limbs of the
+        ``handles``, or all of a body that has been turned, are tried twisted. What fits clearly better is taken.
         """
         best = self.solve(start, clicks, _AT_LEISURE)
-        if anyhow and best.cost > 1 + 2 * len(clicks):
-            best = self._better(best, (_turned(start, turn) for turn in _TURNS), clicks)
+        if self._is_doubted(best.pose, clicks):
+            other = self._better(best, (_turned(start, turn) for turn in _TURNS), clicks)
+            handles = handles if other is best else range(len(HANDLES))
+            best = other
         for limb, segments in enumerate(LIMBS):
             if best.cost > _CLEARLY and any(SEGMENT[handle] in segments for handle in handles):
                 best = self._better(best, [turned(limb, best.pose, turn) for turn in _TWISTS], clicks)
         return best
+
+    def _is_doubted(self, pose: Pose, clicks: Sequence[Click]) -> bool:
+        """True if a pose fits its clicks so badly that the body may be turned otherwise; a wrong click or two are no
+        reason to think that."""
+        squares = np.sort(np.sum(self.residuals(pose, clicks)[0].reshape(-1, 2) ** 2, axis=1))
+        most = squares[: int(np.ceil(_MOST * len(squares)))]
+        return len(most) > 0 and float(most.mean()) > _DOUBTED
 
     def _better(self, best: Solved, starts: Iterable[Pose], clicks: Sequence[Click]) -> Solved:
         for start in starts:
@@ -222,15 +231,16 @@ _LEAST_DAMPING: Final = 1e-5
 _SMALL_DAMPING: Final = 0.1  # a step that is damped more may be short although there is far to go
 _MOST_DAMPING: Final = 1e6
 _AT_LEISURE: Final = 60  # steps, at most
-_TRIED: Final = 15  # steps of another start
+_TRIED: Final = 20  # steps of another start
+_MOST: Final = 0.85  # share of the clicks that are likely to be right
+_DOUBTED: Final = 1.2  # squared sigmas by which these are missed by a pose that is doubted
 _CLEARLY: Final = 2.0  # squared sigmas by which another must fit better
 _TWISTS: Final = np.array([(0.0, 0.0, twist * np.pi / 2, bend) for twist in range(4) for bend in (0.0, 0.8)][1:])
 """(7, 4) Turns of a limb, as `pzcap.tracking.limbs.turned` takes them."""
 _TURNS: Final = tuple(
     Rotation.from_euler("zy", [yaw, pitch], degrees=True)
-    for pitch in (0, 90, 180, 270)
-    for yaw in range(0, 360, 60)
-    if (yaw, pitch) != (0, 0)
+    for pitch, yaws in ((0, (90, 180, 270)), (180, (0, 90, 180, 270)), (90, (0, 180)), (270, (0, 180)))
+    for yaw in yaws
 )
 
 

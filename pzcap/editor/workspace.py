@@ -188,7 +188,7 @@ class Workspace:
 
     def _settled(self, problem: Problem, edit: FrameEdit, start: Pose, *handles: int) -> FrameEdit:
         """The edit with its pose fitted to its clicks, and a keyframe once the pose is sure."""
-        fit = problem.settle(start, edit.clicks, handles=handles, anyhow=edit.origin == "standing")
+        fit = problem.settle(start, edit.clicks, handles)
         sigma = problem.sigma_m(fit.pose, problem.covariance(fit.pose, edit.clicks, edit.origin))
         key = edit.is_key or edit.origin in ("tracker", "keyframe") or is_ready(sigma)
         return replace(edit, pose=fit.pose, is_key=key)

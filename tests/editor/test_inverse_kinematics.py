@@ -40,7 +40,7 @@ def test_a_standing_body_comes_to_where_it_was_clicked() -> None:
     start = standing(problem.cameras)
     assert start is not None
     clicks = edited.clicks(0, (0, 1))
-    found = problem.settle(start, clicks, anyhow=True)
+    found = problem.settle(start, clicks)
     assert off_m(found.pose).max() < 0.03
     sigma = problem.sigma_m(found.pose, problem.covariance(found.pose, clicks, "standing"))
     assert is_ready(sigma)
@@ -50,7 +50,7 @@ def test_turned_the_wrong_way_it_is_turned_round() -> None:
     problem = edited.problem()
     truth = edited.true_pose(0)
     away = retract(truth, np.r_[np.zeros(5), np.pi, np.zeros(DOF - 6)])
-    found = problem.settle(away, edited.clicks(0, (0, 1)), anyhow=True)
+    found = problem.settle(away, edited.clicks(0, (0, 1)))
     assert off_m(found.pose).max() < 0.03
 
 
@@ -60,7 +60,7 @@ def test_noise_of_two_pixels_costs_what_the_covariance_says() -> None:
     ratios = []
     for seed in range(3):
         clicks = [one._replace(sigma_px=2.0) for one in edited.clicks(0, (0, 1, 2, 3), 2.0, seed)]
-        found = problem.settle(truth, clicks, anyhow=False)
+        found = problem.settle(truth, clicks)
         sigma = problem.sigma_m(found.pose, problem.covariance(found.pose, clicks, "standing"))[:16]
         ratios.append(off_m(found.pose) / sigma)
         assert sigma.max() < 0.06
@@ -107,7 +107,7 @@ def test_clicks_that_contradict_each_other_are_trusted_less() -> None:
     problem, pose = edited.problem(), edited.true_pose(0)
     clicks = edited.clicks(0, (0, 1))
     wrong = [one._replace(x=one.x + 40.0) if one.camera else one for one in clicks]
-    found = problem.settle(pose, wrong, anyhow=False).pose
+    found = problem.settle(pose, wrong).pose
     sure, unsure = (
         problem.sigma_m(found, problem.covariance(found, these, "standing")).max() for these in (clicks, wrong)
     )

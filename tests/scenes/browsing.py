@@ -111,16 +111,18 @@ class Hand:
     def drag(self, handle: int, camera: int, x: float, y: float) -> None:
         """Drag a handle to a pixel of a view. Where others lie over it, it is chosen by Tab first."""
         mouse, keyboard, before = self.page.mouse, self.page.keyboard, self.shown["version"]
-        start = self.on_screen(camera, *self.shown["handles"][camera][handle])
-        end = self.on_screen(camera, x, y)
+        ends = [[camera, x, y], [camera, *self.shown["handles"][camera][handle]]]
+        if not all(self.page.evaluate("([c, x, y]) => editor.inView(c, x, y)", place) for place in ends):
+            keyboard.press("0")
+        end, start = (self.on_screen(*place) for place in ends)
         mouse.move(*start)
         mouse.down()
-        if self.page.evaluate("() => editor.state().chosen") != handle:
+        if self.page.evaluate("() => editor.state().dragging") != handle:
             mouse.up()
             while self.page.evaluate("() => editor.state().chosen") != handle:
                 keyboard.press("Tab")
             mouse.down()
-        if self.page.evaluate("() => editor.state().chosen") != handle:  # right under another one
+        if self.page.evaluate("() => editor.state().dragging") != handle:  # right under another one
             mouse.up()
             while self.page.evaluate("() => editor.state().chosen") != handle:
                 keyboard.press("Tab")

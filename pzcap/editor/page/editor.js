@@ -178,7 +178,7 @@ class View {
     this.above.addEventListener("pointerup", e => this.up(e));
     this.above.addEventListener("pointercancel", () => escape());
     this.above.addEventListener("pointerleave", () => { if (over === this && !drag) { over = null; hovered = null; this.box.classList.remove("over"); redraw(); } });
-    this.above.addEventListener("dblclick", () => this.fit(true));
+    this.above.addEventListener("dblclick", e => { if (this.nearest(this.at(e)) === null) this.fit(true); });
     this.above.addEventListener("contextmenu", e => e.preventDefault());
     this.above.addEventListener("wheel", e => { e.preventDefault(); this.zoom(Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015)), this.at(e)); }, { passive: false });
     new ResizeObserver(() => this.resize()).observe(this.box);
@@ -610,7 +610,8 @@ window.addEventListener("resize", timeline);
 /* What a test, or a script of one's own, has to know: where a pixel of a picture stands on the screen, and the state. */
 window.editor = {
   screenOf(camera, x, y) { const view = views[camera], box = view.above.getBoundingClientRect(), [u, v] = view.screen([x, y]); return [box.left + u, box.top + v]; },
-  state: () => ({ frame, shown, overview, chosen, dragging: !!drag, solving, message: $("message").textContent, silhouettes: !!silhouettes }),
+  inView(camera, x, y) { const view = views[camera], [u, v] = view.screen([x, y]); return u > 0 && v > 0 && u < view.width && v < view.height; },
+  state: () => ({ frame, shown, overview, chosen, dragging: drag ? drag.handle : null, solving, message: $("message").textContent, silhouettes: !!silhouettes }),
   ready: () => !!(shown && !shown.stale && shown.frame === frame && overview && views.every(view => view.placed)),
 };
 connect();
