@@ -18,7 +18,14 @@ import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from pzcap.body.kinematics import forward, limit_residuals, point_jacobians, retract, world_points
+from pzcap.body.kinematics import (
+    forward,
+    joint_jacobians,
+    limit_residuals,
+    point_jacobians,
+    retract,
+    world_points,
+)
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS, Body, moved
 from pzcap.geometry.camera import rays
 from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray, to_pixel
@@ -180,13 +187,17 @@ class Problem:
                 best = self.solve(other.pose, clicks, _AT_LEISURE)
         return best
 
-    def covariance(self, pose: Pose, clicks: Sequence[Click], origin: str) -> Array:
-        """Covariance (43, 43) of a pose that clicks have corrected; ``origin`` is one of `LOOSENESS`."""
+    def covariance(self, pose: Pose, clicks: Sequence[Click], before: Array) -> Array:
+        """Covariance (43, 43) of a pose that clicks have corrected; ``before`` (43, 43) is what was known without them,
+        as information."""
         residual, rows = self.residuals(pose, clicks)
-        position, rotation = LOOSENESS[origin]
-        prior = np.r_[np.full(3, position), np.full(DOF - 3, rotation)] ** -2.0
         worse = max(1.0, float(residual @ residual) / max(len(residual), 1))  # clicks that contradict each other
-        return np.asarray(np.linalg.inv(rows.T @ rows / worse + np.diag(prior)))
+        return np.asarray(np.linalg.inv(rows.T @ rows / worse + before))
+
+    def information(self, pose: Pose, joint_sigma_m: Array) -> Array:
+        """Information (43, 43) on a pose whose joints are known to (16,) by themselves."""
+        rows = joint_jacobians(forward(self.body, pose)) * (np.sqrt(3.0) / joint_sigma_m[:, None, None])
+        return np.asarray(np.einsum("jad,jae->de", rows, rows) + loose("standing"))
 
     def sigma_m(self, pose: Pose, covariance: Array) -> Array:
         """(23,) Standard deviation of each handle's distance from where it is."""
@@ -242,6 +253,12 @@ _TURNS: Final = tuple(
     for pitch, yaws in ((0, (90, 180, 270)), (180, (0, 90, 180, 270)), (90, (0, 180)), (270, (0, 180)))
     for yaw in yaws
 )
+
+
+def loose(origin: str) -> Array:
+    """Information (43, 43) on a pose that was begun from an ``origin``, one of `LOOSENESS`."""
+    position, rotation = LOOSENESS[origin]
+    return np.diag(np.r_[np.full(3, position), np.full(DOF - 3, rotation)] ** -2.0)
 
 
 @lru_cache(maxsize=4)

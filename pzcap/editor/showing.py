@@ -50,7 +50,7 @@ def frame(space: Workspace, number: int) -> Json:
     if edit.pose is None:
         empty = [None] * len(HANDLES)
         return out | {"handles": [empty for _ in problem.cameras], "outlines": [[] for _ in problem.cameras]}
-    sigma = problem.sigma_m(edit.pose, problem.covariance(edit.pose, edit.clicks, edit.origin))
+    sigma = space.sigma_m(number, problem, edit)
     out |= _body(problem, edit.pose)
     out |= {
         "clicks": _clicks(problem, edit.pose, edit.clicks), "ready": is_ready(sigma),

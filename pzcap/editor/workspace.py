@@ -26,12 +26,13 @@ from pzcap.editor.inverse_kinematics import (
     Click,
     Problem,
     is_ready,
+    loose,
     standing,
 )
 from pzcap.editor.keyframe_file import KeyframeFile
 from pzcap.io.capture import FrameSets, frame_sets, read_capture
 from pzcap.io.files import written_whole
-from pzcap.types import SEGMENTS, Capture, Keyframe, Motion, Pose, PzcapError, Reconstruction
+from pzcap.types import SEGMENTS, Array, Capture, Keyframe, Motion, Pose, PzcapError, Reconstruction
 
 FOLDER: Final = "editing"
 """Beside capture.json: the history, backups, and what was tracked anew."""
@@ -39,6 +40,7 @@ _HISTORY: Final = "history.jsonl"
 _MOTION: Final = "motion.npz"
 _ARRAYS: Final = ("root_position_m", "rotations", "joints_m", "sigma_m", "keyframes", "valid")
 _DRAG_STEPS: Final = 6
+_LEAST_M: Final = 1e-3  # standard deviation of a tracked joint
 _COPY_REACH: Final = 90  # frames; a pose from further away tells nothing
 _RESOLVE_REACH: Final = 100  # frames beyond the last keyframe
 ORIGINS: Final = {
@@ -162,6 +164,16 @@ class Workspace:
         """The cameras of a frame, and the body."""
         return Problem(self.body, self.footage.cameras(frame))
 
+    def sigma_m(self, frame: int, problem: Problem, edit: FrameEdit) -> Array:
+        """(23,) Standard deviation of each handle's distance from where it is, by the clicks and by what was known
+        before these."""
+        if edit.pose is None:
+            raise ValueError("a frame without a body")
+        before = loose(edit.origin)
+        if edit.origin == "tracker" and self.motion.valid[frame]:
+            before = problem.information(self._tracked(frame), np.maximum(self.motion.sigma_m[frame], _LEAST_M))
+        return problem.sigma_m(edit.pose, problem.covariance(edit.pose, edit.clicks, before))
+
     # ----------------------------------------------------------------------------------------------------------
     # Commands
 
@@ -176,7 +188,7 @@ class Workspace:
         with self.lock:
             edit, problem, start = self._held(frame, click, dragged)
             what = f"{handle_name(click.handle)} in {self._view_name(click.camera)}"
-            self._change(frame, self._settled(problem, edit.clicked(click), start, click.handle), what)
+            self._change(frame, self._settled(frame, problem, edit.clicked(click), start, click.handle), what)
 
     def _held(self, frame: int, click: Click, before: Dragged | None) -> tuple[FrameEdit, Problem, Pose]:
         """What is dragged: the frame so far, its views, and the pose to go on from."""
@@ -186,10 +198,10 @@ class Workspace:
         goes_on = before is not None and (before.frame, before.click[:2]) == (frame, click[:2])
         return edit, problem, before.pose if goes_on and before is not None else edit.pose
 
-    def _settled(self, problem: Problem, edit: FrameEdit, start: Pose, *handles: int) -> FrameEdit:
+    def _settled(self, frame: int, problem: Problem, edit: FrameEdit, start: Pose, *handles: int) -> FrameEdit:
         """The edit with its pose fitted to its clicks, and a keyframe once the pose is sure."""
         fit = problem.settle(start, edit.clicks, handles)
-        sigma = problem.sigma_m(fit.pose, problem.covariance(fit.pose, edit.clicks, edit.origin))
+        sigma = self.sigma_m(frame, problem, replace(edit, pose=fit.pose))
         key = edit.is_key or edit.origin in ("tracker", "keyframe") or is_ready(sigma)
         return replace(edit, pose=fit.pose, is_key=key)
 
@@ -201,7 +213,7 @@ class Workspace:
             if not gone or pose is None:
                 raise PzcapError(f"{handle_name(handle)} has not been clicked there")
             edit = replace(edit, clicks=tuple(c for c in edit.clicks if c not in gone))
-            after = self._settled(self.problem(frame), edit, pose)
+            after = self._settled(frame, self.problem(frame), edit, pose)
             self._change(frame, after, f"{handle_name(handle)}: clicks forgotten")
 
     def hide(self, frame: int, handle: int, camera: int) -> None:
@@ -215,7 +227,7 @@ class Workspace:
             clicks = tuple(c for c in edit.clicks if (c.handle, c.camera) != place)
             hidden = replace(edit, clicks=clicks, hidden=edit.hidden | {place})
             if clicks != edit.clicks and edit.pose is not None:
-                hidden = self._settled(self.problem(frame), hidden, edit.pose)
+                hidden = self._settled(frame, self.problem(frame), hidden, edit.pose)
             self._change(frame, hidden, f"{where}: not visible")
 
     def exchange(self, frame: int, limbs: str, seen: int) -> None:
@@ -234,7 +246,7 @@ class Workspace:
             )
             hidden = frozenset((int(MIRRORED[h]) if h in swapped else h, c) for h, c in edit.hidden)
             edit = replace(edit, clicks=clicks, hidden=hidden)
-            edit = self._settled(problem, edit, pose) if clicks else replace(edit, pose=pose)
+            edit = self._settled(frame, problem, edit, pose) if clicks else replace(edit, pose=pose)
             self._change(frame, edit, f"left and right exchanged: {limbs}")
 
     def set_key(self, frame: int, is_key: bool) -> None:

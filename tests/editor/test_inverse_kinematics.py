@@ -7,7 +7,7 @@ import pytest
 
 from pzcap.body.kinematics import joint_angles, joints, limit_residuals, retract
 from pzcap.body.skeleton import DOF
-from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Problem, epipolar, is_ready, standing
+from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Problem, epipolar, is_ready, loose, standing
 from pzcap.types import Array, Pose
 from tests.scenes import edited
 from tests.scenes.bodies import BODY, random_pose
@@ -42,7 +42,7 @@ def test_a_standing_body_comes_to_where_it_was_clicked() -> None:
     clicks = edited.clicks(0, (0, 1))
     found = problem.settle(start, clicks)
     assert off_m(found.pose).max() < 0.03
-    sigma = problem.sigma_m(found.pose, problem.covariance(found.pose, clicks, "standing"))
+    sigma = problem.sigma_m(found.pose, problem.covariance(found.pose, clicks, loose("standing")))
     assert is_ready(sigma)
 
 
@@ -61,7 +61,7 @@ def test_noise_of_two_pixels_costs_what_the_covariance_says() -> None:
     for seed in range(3):
         clicks = [one._replace(sigma_px=2.0) for one in edited.clicks(0, (0, 1, 2, 3), 2.0, seed)]
         found = problem.settle(truth, clicks)
-        sigma = problem.sigma_m(found.pose, problem.covariance(found.pose, clicks, "standing"))[:16]
+        sigma = problem.sigma_m(found.pose, problem.covariance(found.pose, clicks, loose("standing")))[:16]
         ratios.append(off_m(found.pose) / sigma)
         assert sigma.max() < 0.06
     assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 1.5
@@ -95,11 +95,11 @@ def test_joints_keep_to_their_limits_and_out_of_reach_stays_finite() -> None:
 def test_what_no_click_bears_on_is_not_known() -> None:
     problem, pose = edited.problem(), edited.true_pose(0)
     clicks = [one for one in edited.clicks(0, (0, 1)) if "left" not in HANDLES[one.handle]]
-    sigma = problem.sigma_m(pose, problem.covariance(pose, clicks, "standing"))
+    sigma = problem.sigma_m(pose, problem.covariance(pose, clicks, loose("standing")))
     left, right = (sigma[HANDLES.index(f"{side}_wrist")] for side in ("left", "right"))
     assert left > 4 * right
     assert not is_ready(sigma)
-    one_view = problem.covariance(pose, [one for one in clicks if one.camera == 0], "standing")
+    one_view = problem.covariance(pose, [one for one in clicks if one.camera == 0], loose("standing"))
     assert problem.sigma_m(pose, one_view)[0] > 5 * sigma[0]
 
 
@@ -109,9 +109,9 @@ def test_clicks_that_contradict_each_other_are_trusted_less() -> None:
     wrong = [one._replace(x=one.x + 40.0) if one.camera else one for one in clicks]
     found = problem.settle(pose, wrong).pose
     sure, unsure = (
-        problem.sigma_m(found, problem.covariance(found, these, "standing")).max() for these in (clicks, wrong)
+        problem.sigma_m(found, problem.covariance(found, these, loose("standing"))).max() for these in (clicks, wrong)
     )
-    assert unsure > 1.2 * problem.sigma_m(pose, problem.covariance(pose, clicks, "standing")).max()
+    assert unsure > 1.2 * problem.sigma_m(pose, problem.covariance(pose, clicks, loose("standing"))).max()
     assert np.isfinite(sure)
 
 

@@ -525,20 +525,20 @@ function timeline() {
   const pen = canvas.getContext("2d"), n = about.frames, x = f => 8 + (width - 16) * (f + 0.5) / n, base = 52;
   pen.scale(ratio, ratio); pen.clearRect(0, 0, width, height);
   pen.fillStyle = "#14161a"; pen.fillRect(8, 6, width - 16, base - 6);
-  const tall = mm => mm < 0 ? 0 : Math.min(Math.log10(1 + mm) / 3, 1) * (base - 8);
+  const tall = mm => mm < 0 ? 0 : Math.min(Math.log10(1 + mm) / 3, 1) * (base - 6);
   const wide = Math.max((width - 16) / n, 1);
   overview.sigma_mm.forEach((mm, f) => {
     if (mm < 0) { pen.fillStyle = "#3a2226"; pen.fillRect(x(f) - wide / 2, 6, wide, base - 6); return; }
     pen.fillStyle = mm > 100 ? "#c2504f" : mm > 30 ? "#b98a3a" : "#3f7f55"; pen.fillRect(x(f) - wide / 2, base - tall(mm), wide, tall(mm));
   });
   const change = overview.difference;
-  if (change) {
+  if (change && change.known_before) {
     pen.strokeStyle = colour("was"); pen.lineWidth = 1.5; pen.beginPath();
     change.moved_mm.forEach((mm, k) => { const v = base - tall(mm); k ? pen.lineTo(x(change.first + k), v) : pen.moveTo(x(change.first), v); });
     pen.stroke();
   }
-  pen.fillStyle = "#8a93a1"; pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
-  for (const mm of [10, 100]) { const v = base - tall(mm); pen.fillRect(8, v, width - 16, 0.5); pen.fillText(`${mm} mm`, 11, v - 2); }
+  pen.fillStyle = "#d5dae2"; pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
+  for (const mm of [10, 100]) { const v = base - tall(mm); pen.fillRect(8, v, width - 16, 0.5); pen.strokeStyle = "#000c"; pen.lineWidth = 3; pen.strokeText(`${mm} mm`, 11, v - 2); pen.fillText(`${mm} mm`, 11, v - 2); }
   overview.suggested.forEach((one, k) => { pen.fillStyle = "#8ec5ff"; pen.fillText(`${k + 1}`, x(one.frame) - 3, 67); });
   for (const f of overview.touched) { pen.fillStyle = colour("clicked"); pen.fillRect(x(f) - 1, base, 2, 4); }
   for (const f of overview.keys) { pen.fillStyle = "#4be07a"; pen.beginPath(); pen.moveTo(x(f), base - 2); pen.lineTo(x(f) - 5, base + 8); pen.lineTo(x(f) + 5, base + 8); pen.fill(); }
