@@ -25,7 +25,7 @@ from pzcap.tracking.observation import expect
 from pzcap.types import Array, Camera, FrameSet, Image, Localisation, PanZoomTrack, Pose, Reconstruction
 
 _KEPT_BYTES: Final = 300 << 20  # of compressed frames
-_BEFORE: Final = 4  # frames that are kept before a wanted one
+_BEFORE: Final = 8  # frames that are kept before a wanted one
 _ON: Final = 12  # frames that are decoded to go on rather than to begin anew
 _QUALITY: Final = 92  # of JPEG
 _EXPECTED_SIGMA_M: Final = 0.15  # of a pose, where its silhouette is looked for
@@ -72,15 +72,16 @@ class Footage:
             self._kept.move_to_end(frame)
             return self._kept[frame][camera]
 
-    def frame_set(self, frame: int) -> FrameSet:
-        """The views of a frame, rows put right."""
+    def images(self, frame: int) -> tuple[Image | None, ...]:
+        """The views of a frame, rows put right; of one that was decoded a while ago, as its JPEG has them."""
         with self._lock:
-            if self._latest is None or self._latest.index != frame:
-                self._decode(frame)
-            assert self._latest is not None
-            return self._latest
+            if self._latest is not None and self._latest.index == frame:
+                return self._latest.images
+            if frame in self._kept:
+                return tuple(None if jpeg is None else _decompressed(jpeg) for jpeg in self._kept[frame])
+            return self._decode(frame).images
 
-    def _decode(self, frame: int) -> None:
+    def _decode(self, frame: int) -> FrameSet:
         """Decode up to ``frame``, and keep it with those before it that have to be decoded for it."""
         if not self._next <= frame < self._next + _ON:
             start = max(frame - _BEFORE, 0)
@@ -97,15 +98,16 @@ class Footage:
             if oldest == frame:
                 break
             del self._kept[oldest]
+        return frames
 
     def silhouettes(self, frame: int, body: Body, pose: Pose | None) -> list[list[Array]]:
         """Outlines (N, 2) of the athlete in each view of a frame, told from the hall behind. With a ``pose`` only its
         surroundings are searched."""
-        frames, places = self.frame_set(frame), self.localisations(frame)
+        images, places = self.images(frame), self.localisations(frame)
         config = ForegroundConfig()
         found: list[list[Array]] = []
         for number, camera in enumerate(self.cameras(frame)):
-            image, panorama = frames.images[number], self.found.panoramas[number]
+            image, panorama = images[number], self.found.panoramas[number]
             head, place = self.found.cameras[number], places[number]
             if camera is None or image is None or panorama is None or head is None or place is None:
                 found.append([])
@@ -130,6 +132,10 @@ def _compressed(image: Image | None) -> bytes | None:
     if image is None:
         return None
     return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])
+
+
+def _decompressed(jpeg: bytes) -> Image:
+    return np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
 
 
 def _localisation(track: PanZoomTrack, frame: int) -> Localisation:

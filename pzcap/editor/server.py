@@ -335,6 +335,7 @@ def listening(port: int) -> socket.socket:
 def serve(workspace: Workspace, port: int, *, browse: bool) -> None:
     """Serve the page until the process is interrupted."""
     editor, listener = Editor(workspace), listening(port)
+    showing.warm_up(workspace)
     address = f"http://{HOST}:{listener.getsockname()[1]}/?token={editor.token}"
 
     async def until_interrupted() -> None:

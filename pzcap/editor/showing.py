@@ -76,6 +76,15 @@ def drag(space: Workspace, dragged: Dragged) -> Json:
     return _body(problem, dragged.pose) | {"clicks": clicks, "lines": lines}
 
 
+def warm_up(space: Workspace) -> None:
+    """Drag a joint, for nothing: kernels are compiled, or loaded, when they are called first."""
+    for number, camera in enumerate(space.footage.cameras(0)):
+        if camera is not None and space.edit(0).pose is not None:
+            click = Click(0, number, camera.width / 2, camera.height / 2, 1.0)
+            drag(space, space.drag(0, click, None))
+            return
+
+
 def silhouettes(space: Workspace, number: int) -> list[list[list[list[float]]]]:
     """Outlines of the athlete in each view of a frame, as the footage tells them."""
     edit = space.edit(number)

@@ -200,7 +200,7 @@ def test_frames_are_proposed_and_told(folder: Path) -> None:
 def test_pictures_of_any_frame_in_any_order(folder: Path) -> None:
     space = edited.workspace(folder)
     for frame in (7, 2, 3, 11, 0, 7):
-        picture = space.footage.frame_set(frame).images[1]
+        picture = space.footage.images(frame)[1]
         assert picture is not None
         assert abs(float(picture.mean()) - 90 - 4 * frame) < 2.5
         jpeg = space.footage.jpeg(frame, 1)

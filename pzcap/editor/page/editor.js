@@ -140,10 +140,9 @@ function picture(number, camera) {
   let image = pictures.get(name);
   if (image) { pictures.delete(name); pictures.set(name, image); return image; }
   image = new Image();
-  image.decoding = "async";
-  image.onload = () => { image.ready = true; if (number === frame) { views[camera].paint(); ahead(); } };
-  image.onerror = () => { image.missing = true; if (number === frame) views[camera].paint(); };
   image.src = name;
+  image.decode().then(() => { image.ready = true; }, () => { image.missing = true; })  // beside the page's own thread
+    .then(() => { if (number === frame) { views[camera].paint(); ahead(); } });
   pictures.set(name, image);
   while (pictures.size > KEPT_PICTURES) pictures.delete(pictures.keys().next().value);
   return image;
@@ -234,7 +233,7 @@ class View {
     else { pen.fillStyle = "#0006"; pen.fillRect(0, 0, this.under.width, this.under.height); }
     if (image.ready) {
       pen.setTransform(this.scale * k, 0, 0, this.scale * k, this.left * k, this.top * k);
-      pen.imageSmoothingEnabled = this.scale * k < 3; pen.imageSmoothingQuality = "high";
+      pen.imageSmoothingEnabled = this.scale * k < 3; pen.imageSmoothingQuality = "medium";
       pen.drawImage(image, 0, 0);
     }
     const found = shown && !shown.stale ? shown.found[this.number] : true;
@@ -612,6 +611,7 @@ window.editor = {
   screenOf(camera, x, y) { const view = views[camera], box = view.above.getBoundingClientRect(), [u, v] = view.screen([x, y]); return [box.left + u, box.top + v]; },
   inView(camera, x, y) { const view = views[camera], [u, v] = view.screen([x, y]); return u > 0 && v > 0 && u < view.width && v < view.height; },
   state: () => ({ frame, shown, overview, chosen, dragging: drag ? drag.handle : null, solving, message: $("message").textContent, silhouettes: !!silhouettes }),
+  pictures: () => views.map(view => !!picture(frame, view.number).ready),
   ready: () => !!(shown && !shown.stale && shown.frame === frame && overview && views.every(view => view.placed)),
 };
 connect();
