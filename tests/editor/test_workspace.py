@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -209,11 +210,27 @@ def test_pictures_of_any_frame_in_any_order(folder: Path) -> None:
 
 
 def test_results_of_another_take_are_refused(folder: Path) -> None:
-    from dataclasses import replace
-
     other = replace(edited.found(), timecodes=tuple(f"02:00:00:{n:02}" for n in range(edited.FRAMES)))
     with pytest.raises(PzcapError, match="other frames or cameras"):
         Workspace(read_capture(folder), other)
+
+
+def test_what_was_tracked_anew_stands_against_what_was_before() -> None:
+    old = edited.found(tracked=True).motion
+    assert old is not None
+    frames = range(3, 7)
+    new = replace(
+        old, root_position_m=old.root_position_m[frames], rotations=old.rotations[frames],
+        joints_m=old.joints_m[frames] + [0.03, 0.0, 0.04], sigma_m=np.full((4, 16), 0.007), keyframes=np.array([3, 6]),
+        valid=np.array([True, True, False, True]),
+    )  # fmt: skip
+    motion, change = resolve.merged(old, new, frames, [3, 6, 11])
+    assert np.allclose(change.moved_m, [[0.05] * 16] * 2 + [[0.0] * 16] + [[0.05] * 16])
+    assert change.known_before
+    assert np.array_equal(motion.joints_m[7:], old.joints_m[7:])
+    assert np.array_equal(motion.joints_m[frames], new.joints_m)
+    assert motion.valid.tolist() == [n != 5 for n in range(edited.FRAMES)]
+    assert motion.keyframes.tolist() == [3, 6, 11]  # the first one of old is none any more
 
 
 def test_intervals_end_at_keyframes() -> None:

@@ -329,8 +329,11 @@ class View {
     const image = picture(frame, this.number), at = drag && drag.at ? drag.at : this.pixel(this.mouse), R = LOUPE_PX;
     if (!image.ready) return;
     const [u, v] = this.screen(at), zoom = Math.max(4, 2.5 * this.scale);
-    const side = (u < this.width / 2) === (u > 2.6 * R || this.width - u < 2.6 * R) ? -1 : 1;  // away from the body, where there is room
-    const cu = Math.min(Math.max(u + 1.5 * side * R, R), this.width - R), cv = v + (v - 2.6 * R < 0 ? 1.5 : -1.5) * R;
+    const aside = (at, length) => {  // away from the body, where there is room
+      const way = at < length / 2 ? -1 : 1, far = at + 2.4 * way * R;
+      return at + 1.4 * R * (far > 0 && far < length ? way : -way);
+    };
+    const cu = aside(u, this.width), cv = aside(v, this.height);
     pen.save(); pen.beginPath(); pen.arc(cu, cv, R, 0, 7); pen.fillStyle = "#000"; pen.fill(); pen.clip();
     pen.imageSmoothingEnabled = false;
     pen.drawImage(image, at[0] + 0.5 - R / zoom, at[1] + 0.5 - R / zoom, 2 * R / zoom, 2 * R / zoom, cu - R, cv - R, 2 * R, 2 * R);
