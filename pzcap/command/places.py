@@ -37,6 +37,8 @@ def recording_in(folder: Path) -> Path:
 def link_capture(folder: Path, capture: Path) -> None:
     """Leave a link in the results ``folder`` to the ``capture`` that they are made of, where the disk knows links."""
     link = folder / CAPTURE
+    if folder.resolve() == capture.resolve():
+        return
     if link.is_symlink():
         link.unlink()
     if not link.exists():

@@ -7,6 +7,7 @@ finished is not a change. Read from its beginning, the file gives the frames as 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from dataclasses import dataclass, field, replace
@@ -130,13 +131,19 @@ class History:
 
     def _keep(self, entry: dict[str, Any]) -> None:
         """Write a line, then act on it."""
-        first = not self.path.exists()
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        with self.path.open("ab") as file:
-            for line in ([FORMAT] if first else []) + [entry]:
-                file.write(json.dumps(line, separators=(",", ":"), ensure_ascii=False).encode() + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
+        before = self.path.stat().st_size if self.path.exists() else 0
+        lines = [entry] if before else [FORMAT, entry]
+        text = "".join(json.dumps(line, separators=(",", ":"), ensure_ascii=False) + "\n" for line in lines)
+        try:
+            with self.path.open("ab") as file:
+                file.write(text.encode())
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError:  # such as a full disk: what was written of it is no change
+            with contextlib.suppress(OSError), self.path.open("r+b") as file:
+                file.truncate(before)
+            raise
         self._apply(entry)
 
     def _apply(self, entry: dict[str, Any]) -> None:

@@ -7,10 +7,12 @@ state since. After each the history is on the disk, and keyframes.json is what t
 
 from __future__ import annotations
 
+import fcntl
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from pathlib import Path
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 
@@ -37,6 +39,7 @@ from pzcap.types import SEGMENTS, Array, Capture, Keyframe, Motion, Pose, PzcapE
 FOLDER: Final = "editing"
 """Beside capture.json: the history, backups, and what was tracked anew."""
 _HISTORY: Final = "history.jsonl"
+_LOCK: Final = "lock"
 _MOTION: Final = "motion.npz"
 _ARRAYS: Final = ("root_position_m", "rotations", "joints_m", "sigma_m", "keyframes", "valid")
 _DRAG_STEPS: Final = 6
@@ -80,6 +83,8 @@ class Workspace:
         self.difference: resolve.Difference | None = None
         self.lock = threading.RLock()
         self._touched: dict[int, int] = {}  # version in which a frame was changed last
+        self.folder.mkdir(exist_ok=True)
+        self._only = _alone(self.folder / _LOCK)
         self.history = History.open(self.folder / _HISTORY)
         self._file = KeyframeFile(capture.folder, self.folder / "backups")
         self.frame_of = {timecode.replace(";", ":"): n for n, timecode in enumerate(self.sets.timecodes)}
@@ -87,6 +92,10 @@ class Workspace:
         with self.lock:
             self._adopt()
             self._write()
+
+    def close(self) -> None:
+        """Let others edit the capture."""
+        self._only.close()
 
     # ----------------------------------------------------------------------------------------------------------
     # State
@@ -347,7 +356,6 @@ class Workspace:
         new = resolve.tracked_anew(self.footage, self.body, posed, frames, report, cancelled)
         with self.lock:
             self.motion, self.difference = resolve.merged(self.motion, new, frames, keys)
-            self.folder.mkdir(exist_ok=True)
             with written_whole(self.folder / _MOTION) as partial, partial.open("wb") as file:
                 arrays = {name: getattr(self.motion, name) for name in _ARRAYS}
                 np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -370,6 +378,19 @@ class Workspace:
 
     def _view_name(self, camera: int) -> str:
         return f"camera {self.footage.found.camera_names[camera]}"
+
+
+def _alone(path: Path) -> BinaryIO:
+    """The file at ``path``, locked while it is open: nobody else edits this capture. PzcapError where somebody does."""
+    file = path.open("wb")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        file.close()
+        raise PzcapError(
+            f"{path.parent.parent}: another pzcap edit is at work on it; use its page, or end it"
+        ) from error
+    return file
 
 
 def handle_name(handle: int) -> str:

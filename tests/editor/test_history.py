@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import numpy as np
@@ -90,3 +91,22 @@ def test_a_damaged_line_is_named(tmp_path: Path) -> None:
     path.write_text('{"format":"other","version":1}\n')
     with pytest.raises(PzcapError, match="line 1"):
         History.open(path)
+
+
+def test_a_full_disk_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "h.jsonl"
+    history = History.open(path)
+    history.change("01:00:00:00", edit(1), "one")
+    before = path.read_bytes()
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pzcap.editor.history.os.fsync", full)
+        with pytest.raises(OSError, match="No space"):
+            history.change("01:00:00:00", edit(2), "two")
+    assert path.read_bytes() == before
+    assert same(history.frame("01:00:00:00"), edit(1))
+    history.change("01:00:00:00", edit(3), "three")
+    assert same(History.open(path).frame("01:00:00:00"), edit(3))

@@ -188,14 +188,14 @@ def test_a_drag_changes_nothing_before_it_is_dropped(folder: Path) -> None:
 def test_frames_are_proposed_and_told(folder: Path) -> None:
     space = edited.workspace(folder)
     assert [one["frame"] for one in showing.overview(space)["suggested"]][:3] == [0, 11, 5]
+    told = json.dumps([showing.about(space), showing.frame(space, 3), showing.silhouettes(space, 3)])
+    assert "NaN" not in told
     tracked = edited.workspace(folder, tracked=True)
     tracked.motion.sigma_m[6, 4:7] = 0.3
     best = showing.overview(tracked)["suggested"]
     assert best[0]["why"] == "left arm least certain"
     tracked.set_key(best[0]["frame"], is_key=True)
     assert showing.overview(tracked)["suggested"][0]["frame"] != best[0]["frame"]
-    told = json.dumps([showing.about(space), showing.frame(space, 3), showing.silhouettes(space, 3)])
-    assert "NaN" not in told
 
 
 def test_pictures_of_any_frame_in_any_order(folder: Path) -> None:
@@ -231,6 +231,14 @@ def test_what_was_tracked_anew_stands_against_what_was_before() -> None:
     assert np.array_equal(motion.joints_m[frames], new.joints_m)
     assert motion.valid.tolist() == [n != 5 for n in range(edited.FRAMES)]
     assert motion.keyframes.tolist() == [3, 6, 11]  # the first one of old is none any more
+
+
+def test_one_editor_at_a_time(folder: Path) -> None:
+    space = edited.workspace(folder)
+    with pytest.raises(PzcapError, match="another pzcap edit is at work on it"):
+        Workspace(read_capture(folder), edited.found())
+    space.close()
+    Workspace(read_capture(folder), edited.found()).close()
 
 
 def test_intervals_end_at_keyframes() -> None:

@@ -95,6 +95,12 @@ def capture(folder: Path) -> Path:
     return folder
 
 
+_OPEN: dict[Path, Workspace] = {}
+
+
 def workspace(folder: Path, *, tracked: bool = False) -> Workspace:
-    """The capture in ``folder``, opened to be edited."""
-    return Workspace(read_capture(folder), found(tracked=tracked))
+    """The capture in ``folder``, opened to be edited. One that was open on it is left as a process that is killed
+    leaves it: the system lets go of its lock, and nothing else happens."""
+    if folder in _OPEN:
+        _OPEN.pop(folder).close()
+    return _OPEN.setdefault(folder, Workspace(read_capture(folder), found(tracked=tracked)))
