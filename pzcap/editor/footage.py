@@ -21,7 +21,7 @@ from pzcap.geometry.camera import of_track
 from pzcap.io.capture import FrameSets
 from pzcap.localisation.rectification import upright_views
 from pzcap.segmentation.foreground import ForegroundConfig, separate
-from pzcap.tracking.observation import expect
+from pzcap.tracking.observation import ViewInput, expect
 from pzcap.types import Array, Camera, FrameSet, Image, Localisation, PanZoomTrack, Pose, Reconstruction
 
 _KEPT_BYTES: Final = 300 << 20  # of compressed frames
@@ -100,24 +100,23 @@ class Footage:
             del self._kept[oldest]
         return frames
 
-    def silhouettes(self, frame: int, body: Body, pose: Pose | None) -> list[list[Array]]:
-        """Outlines (N, 2) of the athlete in each view of a frame, told from the hall behind. With a ``pose`` only its
+    def views(self, frame: int, body: Body, pose: Pose | None) -> list[ViewInput | None]:
+        """The views of a frame, the athlete cut out of them as the hall behind tells it. With a ``pose`` only its
         surroundings are searched."""
         images, places = self.images(frame), self.localisations(frame)
         config = ForegroundConfig()
-        found: list[list[Array]] = []
+        found: list[ViewInput | None] = []
         for number, camera in enumerate(self.cameras(frame)):
             image, panorama = images[number], self.found.panoramas[number]
             head, place = self.found.cameras[number], places[number]
             if camera is None or image is None or panorama is None or head is None or place is None:
-                found.append([])
+                found.append(None)
                 continue
             expected = None if pose is None else expect(body, pose, _EXPECTED_SIGMA_M, camera, _MARGIN)
             if expected is not None:  # its surroundings alone: the outline shall tell whether the body fits it
                 odds = config.prior_log_odds / 2.0 * np.hypot(config.prediction_sigma_px, expected.sigma_px)
                 expected = replace(expected, distance_px=np.full_like(expected.distance_px, odds))
-            silhouette = separate(image, panorama, head, place, config, expected)
-            found.append(outlines(silhouette.probability > 127))
+            found.append(ViewInput(image, camera, separate(image, panorama, head, place, config, expected)))
         return found
 
 

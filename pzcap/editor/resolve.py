@@ -1,4 +1,5 @@
-"""An interval between keyframes tracked anew, with the cameras as they were found, and what has changed by it."""
+"""A pose fitted to its frame, and an interval between keyframes tracked anew: by the tracker, with the cameras as they
+were found; and what has changed by it."""
 
 from __future__ import annotations
 
@@ -16,8 +17,28 @@ from pzcap.editor.footage import Footage
 from pzcap.events import BodyTracked, FrameLocalised, Progress
 from pzcap.io.capture import FrameSets
 from pzcap.runtime import one_thread_each
+from pzcap.tracking.frame_tracker import fit_pose
+from pzcap.tracking.observation import crop_view
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.tracking.tracker import Tracked, Tracker
-from pzcap.types import Array, FrameSet, Keyframe, Motion, PzcapError
+from pzcap.types import Array, FrameSet, Keyframe, Motion, Pose, PzcapError
+
+
+def fitted_to_images(footage: Footage, body: Body, frame: int, pose: Pose, known: Array) -> Pose:
+    """The ``pose`` of a frame fitted to the silhouettes of its views, what is ``known`` of it without them (43, 43
+    information) counted beside them. PzcapError where no view shows the athlete."""
+    config = pipeline.Config().tracking
+    with one_thread_each():
+        views = [
+            None if view is None else crop_view(body, view, pose, config.cut_out_margin, SkinColourModel())
+            for view in footage.views(frame, body, pose)
+        ]
+        if not any(view is not None and (view.probability > 127).any() for view in views):
+            raise PzcapError("no view of this frame shows the athlete before the hall")
+        objective = PoseObjective(body, views)
+        fit = fit_pose(objective, pose, known, [None] * len(views), config, config.schedule[1:])
+        return fit.posed.pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -289,6 +289,8 @@ class _Talk:
                 await editor._in(hands, space.hide, frame, handle, camera)
             case "exchange":
                 await editor._in(hands, space.exchange, frame, str(message["limbs"]), int(message["seen"]))
+            case "fit":
+                await editor._in(editor._eyes, space.fit_to_images, frame, int(message["seen"]))
             case "key":
                 await editor._in(hands, space.set_key, frame, bool(message["key"]))
             case "begin":

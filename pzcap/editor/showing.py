@@ -89,7 +89,11 @@ def silhouettes(space: Workspace, number: int) -> list[list[list[list[float]]]]:
     """Outlines of the athlete in each view of a frame, as the footage tells them."""
     edit = space.edit(number)
     pose = None if edit.origin == "standing" and not edit.clicks else edit.pose
-    return [[_rounded(line) for line in view] for view in space.footage.silhouettes(number, space.body, pose)]
+    views = space.footage.views(number, space.body, pose)
+    return [
+        [] if view is None else [_rounded(line) for line in outlines(view.silhouette.probability > 127)]
+        for view in views
+    ]
 
 
 def overview(space: Workspace) -> Json:

@@ -176,12 +176,14 @@ class Workspace:
     def sigma_m(self, frame: int, problem: Problem, edit: FrameEdit) -> Array:
         """(23,) Standard deviation of each handle's distance from where it is, by the clicks and by what was known
         before these."""
-        if edit.pose is None:
-            raise ValueError("a frame without a body")
+        pose = _there(edit)
+        return problem.sigma_m(pose, self._covariance(frame, problem, edit, pose))
+
+    def _covariance(self, frame: int, problem: Problem, edit: FrameEdit, pose: Pose) -> Array:
         before = loose(edit.origin)
         if edit.origin == "tracker" and self.motion.valid[frame]:
             before = problem.information(self._tracked(frame), np.maximum(self.motion.sigma_m[frame], _LEAST_M))
-        return problem.sigma_m(edit.pose, problem.covariance(edit.pose, edit.clicks, before))
+        return problem.covariance(pose, edit.clicks, before)
 
     # ----------------------------------------------------------------------------------------------------------
     # Commands
@@ -244,11 +246,9 @@ class Workspace:
         with self.lock:
             self._check_seen(frame, seen)
             edit, problem = self.edit(frame), self.problem(frame)
-            if edit.pose is None:
-                raise PzcapError("there is no body to mirror in this frame")
             ends = _LIMBS.get(limbs, ())
             chosen = [n for n, name in enumerate(HANDLES) if name.partition("_")[2] in ends]
-            pose = problem.exchanged(edit.pose, chosen)
+            pose = problem.exchanged(_there(edit), chosen)
             swapped = [*chosen] or [*range(len(HANDLES))]
             clicks = tuple(
                 one._replace(handle=int(MIRRORED[one.handle])) if one.handle in swapped else one for one in edit.clicks
@@ -258,12 +258,23 @@ class Workspace:
             edit = self._settled(frame, problem, edit, pose) if clicks else replace(edit, pose=pose)
             self._change(frame, edit, f"left and right exchanged: {limbs}")
 
+    def fit_to_images(self, frame: int, seen: int) -> None:
+        """Fit the pose to the silhouettes of its frame; the clicks count beside them."""
+        with self.lock:
+            self._check_seen(frame, seen)
+            version, edit, problem = self.version, self.edit(frame), self.problem(frame)
+        pose = _there(edit)
+        known = np.asarray(np.linalg.inv(self._covariance(frame, problem, edit, pose)), np.float64)
+        pose = resolve.fitted_to_images(self.footage, self.body, frame, pose, known)
+        with self.lock:
+            self._check_seen(frame, version)
+            self._change(frame, replace(edit, pose=pose), "fitted to the silhouettes")
+
     def set_key(self, frame: int, is_key: bool) -> None:
         """Make a frame a keyframe as it is, or none."""
         with self.lock:
             edit = self.edit(frame)
-            if edit.pose is None:
-                raise PzcapError("there is no body in this frame")
+            _there(edit)
             self._change(frame, replace(edit, is_key=is_key), "made a keyframe" if is_key else "no keyframe any more")
 
     def begin_from(self, frame: int, origin: str, seen: int) -> None:
@@ -378,6 +389,13 @@ class Workspace:
 
     def _view_name(self, camera: int) -> str:
         return f"camera {self.footage.found.camera_names[camera]}"
+
+
+def _there(edit: FrameEdit) -> Pose:
+    """The pose of a frame. PzcapError where there is no body."""
+    if edit.pose is None:
+        raise PzcapError("there is no body in this frame")
+    return edit.pose
 
 
 def _alone(path: Path) -> BinaryIO:

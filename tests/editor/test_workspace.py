@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pzcap.body.kinematics import difference, joints
-from pzcap.editor import resolve, showing
+from pzcap.editor import showing
 from pzcap.editor.inverse_kinematics import HANDLES
 from pzcap.editor.workspace import Workspace
 from pzcap.io.capture import frame_sets, read_capture
@@ -215,37 +215,9 @@ def test_results_of_another_take_are_refused(folder: Path) -> None:
         Workspace(read_capture(folder), other)
 
 
-def test_what_was_tracked_anew_stands_against_what_was_before() -> None:
-    old = edited.found(tracked=True).motion
-    assert old is not None
-    frames = range(3, 7)
-    new = replace(
-        old, root_position_m=old.root_position_m[frames], rotations=old.rotations[frames],
-        joints_m=old.joints_m[frames] + [0.03, 0.0, 0.04], sigma_m=np.full((4, 16), 0.007), keyframes=np.array([3, 6]),
-        valid=np.array([True, True, False, True]),
-    )  # fmt: skip
-    motion, change = resolve.merged(old, new, frames, [3, 6, 11])
-    assert np.allclose(change.moved_m, [[0.05] * 16] * 2 + [[0.0] * 16] + [[0.05] * 16])
-    assert change.known_before
-    assert np.array_equal(motion.joints_m[7:], old.joints_m[7:])
-    assert np.array_equal(motion.joints_m[frames], new.joints_m)
-    assert motion.valid.tolist() == [n != 5 for n in range(edited.FRAMES)]
-    assert motion.keyframes.tolist() == [3, 6, 11]  # the first one of old is none any more
-
-
 def test_one_editor_at_a_time(folder: Path) -> None:
     space = edited.workspace(folder)
     with pytest.raises(PzcapError, match="another pzcap edit is at work on it"):
         Workspace(read_capture(folder), edited.found())
     space.close()
     Workspace(read_capture(folder), edited.found()).close()
-
-
-def test_intervals_end_at_keyframes() -> None:
-    assert resolve.interval([10, 30, 50], 20, 100, 40) == range(10, 31)
-    assert resolve.interval([10, 30, 50], 30, 100, 40) == range(10, 51)
-    assert resolve.interval([10], 10, 100, 40) == range(0, 51)
-    assert resolve.interval([50], 20, 100, 40) == range(0, 51)
-    assert resolve.interval([50], 70, 100, 40) == range(50, 100)
-    with pytest.raises(PzcapError, match="no keyframe"):
-        resolve.interval([], 3, 100, 40)

@@ -24,6 +24,7 @@ const KEYS = [
   [["k"], "k", "make this frame a keyframe, or none", () => shown && say("key", { key: !shown.is_key })],
   [["m"], "m", "exchange left and right: the arms or legs of the chosen joint", () => exchange(limbsOf(chosen))],
   [["M"], "M", "exchange left and right of the whole body", () => exchange("whole")],
+  [["g"], "g", "fit the pose to the silhouettes; what was clicked counts, too", () => { if (shown) { tell("fitting to the silhouettes"); say("fit", {}); } }],
   [["t"], "t", "begin anew from the tracked pose", () => begin("tracker")],
   [["i"], "i", "begin anew between the keyframes around", () => begin("between")],
   [["c"], "c", "begin anew as a copy of the nearest keyframe", () => begin("copied")],
@@ -97,6 +98,7 @@ function hear(message) {
     const before = shown;
     shown = message.shown;
     if (!before || before.frame !== frame) arrived();
+    if ($("message").textContent === "fitting to the silhouettes") tell("fitted");
     panel(); redraw();
   }
   if (message.dragged && drag && message.frame === frame) dragged(message);
