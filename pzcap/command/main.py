@@ -66,6 +66,13 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--threads", type=int, default=2, help="views that are worked on side by side (2)")
     one.set_defaults(run=_reconstruct)
 
+    one = parts.add_parser("edit", help="pose and correct keyframes by dragging joints on a page in the browser")
+    one.add_argument("place", type=Path, metavar="RESULTS|FOLDER", help="results, or a capture without any")
+    one.add_argument("--capture", type=Path, metavar="FOLDER", help="of the results, where they do not tell it")
+    one.add_argument("--port", type=int, default=0, help="at 127.0.0.1 (any that is free)")
+    one.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
+    one.set_defaults(run=_edit)
+
     one = parts.add_parser("export", help="write results in the formats of other tools")
     one.add_argument("results", type=Path, metavar="RESULTS", help="what pzcap reconstruct left")
     one.add_argument("--to", required=True, nargs="+", metavar="FORMAT", help=FORMATS_HELP)
@@ -151,6 +158,12 @@ def _reconstruct(given: argparse.Namespace) -> int:
     from pzcap.command.reconstructing import reconstruct_folder
 
     return reconstruct_folder(given.capture, given.out, given.cameras, given.threads)
+
+
+def _edit(given: argparse.Namespace) -> int:
+    from pzcap.command.editing import edit
+
+    return edit(given.place, given.capture, given.port, not given.no_browser)
 
 
 def _export(given: argparse.Namespace) -> int:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from pathlib import Path
 from typing import Final
 
 from pzcap.io import results
+from pzcap.io.capture import MANIFEST
 from pzcap.types import PzcapError, Reconstruction
 
 RECONSTRUCTION: Final = "reconstruction"
 RECORDING: Final = "recording.rrd"
+CAPTURE: Final = "capture"
+"""In results: a link to the capture folder that they were made of."""
 NO_RERUN: Final = "the viewer is not installed; pip install 'pzcap[rerun]'"
 
 
@@ -27,3 +32,24 @@ def recording_in(folder: Path) -> Path:
             f"{folder}: no {RECORDING} in it; give the RESULTS of pzcap reconstruct, made with the viewer installed"
         )
     return path
+
+
+def link_capture(folder: Path, capture: Path) -> None:
+    """Leave a link in the results ``folder`` to the ``capture`` that they are made of, where the disk knows links."""
+    link = folder / CAPTURE
+    if folder.resolve() == capture.resolve():
+        return
+    if link.is_symlink():
+        link.unlink()
+    if not link.exists():
+        with contextlib.suppress(OSError):
+            link.symlink_to(os.path.relpath(capture.resolve(), folder.resolve()), target_is_directory=True)
+
+
+def made_of(folder: Path) -> Path:
+    """The capture folder that the results in ``folder`` were made of. PzcapError where they do not tell."""
+    place = folder.parent if folder.name == RECONSTRUCTION else folder
+    for capture in (place / CAPTURE, place / CAPTURE / CAPTURE):  # the latter where a truth lies beside it
+        if (capture / MANIFEST).is_file():
+            return capture.resolve()
+    raise PzcapError(f"{folder}: it does not tell which capture it was made of; give --capture FOLDER")

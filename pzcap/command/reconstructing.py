@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pzcap.command.places import NO_RERUN, RECONSTRUCTION, RECORDING, load_results
+from pzcap.command.places import NO_RERUN, RECONSTRUCTION, RECORDING, link_capture, load_results
 from pzcap.command.progress import ProgressLine
 from pzcap.events import Event, Finished, Progress
 from pzcap.extras.reconstruct import Config, stages
@@ -28,6 +28,7 @@ def reconstruct_folder(folder: Path, out: Path, cameras: Path | None, threads: i
     (out / RECONSTRUCTION / results.MANIFEST).unlink(missing_ok=True)  # one that fails is not mistaken for the last
     (out / RECORDING).unlink(missing_ok=True)
     out.mkdir(parents=True, exist_ok=True)
+    link_capture(out, folder)
     found = _finished(capture, stages(capture, config, known), out)
     results.save(found, out / RECONSTRUCTION)
     print("\n".join(summary(found)))

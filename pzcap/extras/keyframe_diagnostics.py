@@ -30,6 +30,7 @@ _BESIDE: Final = 2  # frames on either side that say what the images have a keyf
 _ASTRAY: Final = 5  # frames that a timecode may be off by
 _CHANCE: Final = 1e-3  # that a hand as good as stated sets a part of the body so far off
 _UNKNOWN_M: Final = 1.0  # of a joint, in a frame in which nobody was tracked
+_TRIED: Final = 256  # frames of a stretch that are tried, at least, where there are more
 _RISK_M2: Final = 3e-4  # a frame: that a limb is lost unnoticed, some 0.3 m off, in three of a thousand
 
 
@@ -163,7 +164,13 @@ def _pose(motion: Motion, frame: int) -> Pose:
 
 def suggestion(motion: Motion) -> Suggestion | None:
     """The frame where one more keyframe takes most variance away. None if there is no keyframe to learn that from, or
-    no frame without one.
+    no frame without one."""
+    return next(iter(suggestions(motion, (), 1)), None)
+
+
+def suggestions(motion: Motion, posed: Sequence[int], count: int) -> tuple[Suggestion, ...]:
+    """So many frames, at most, where a keyframe would help most, the best first; each takes those before it for set,
+    and so are the frames ``posed`` since the motion was tracked.
 
     Between two keyframes (or before the first, or after the last) the variance of a joint is taken to grow by ``slope``
     with every frame from the nearest one, so that its sum is right. Where in between it is large tells little: two
@@ -173,18 +180,27 @@ def suggestion(motion: Motion) -> Suggestion | None:
     frames = np.arange(len(motion.valid))
     keys = np.flatnonzero(np.isin(frames, motion.keyframes) & motion.valid)
     if not 0 < len(keys) < len(frames):
-        return None
+        return ()
     variance = np.where(motion.valid[:, None], motion.sigma_m**2, _UNKNOWN_M**2)  # (F, 16)
     excess = variance - variance[keys].mean(axis=0)
     distance = np.abs(frames[:, None] - keys).min(axis=1)
-    gains = np.zeros(excess.shape)  # of a keyframe in each frame
-    for span in np.split(frames, np.unique([keys, keys + 1])):
-        if len(span) and span[0] not in keys:
-            slope = np.maximum(excess[span].sum(axis=0), 0.0) / distance[span].sum()
-            left = np.minimum(distance[span], np.abs(span - span[:, None]))  # (S, S) by a keyframe in each of them
-            gains[span] = (slope + _RISK_M2) * (distance[span] - left).sum(axis=1)[:, None]
-    best = int(np.argmax(gains.sum(axis=1)))
-    return Suggestion(best, max(PARTS, key=lambda part: float(gains[best, list(PARTS[part])].mean())))
+    spans = [span for span in np.split(frames, np.unique([keys, keys + 1])) if len(span) and span[0] not in keys]
+    slopes = [np.maximum(excess[span].sum(axis=0), 0.0) / distance[span].sum() for span in spans]
+    found: list[Suggestion] = []
+    for frame in posed:
+        distance = np.minimum(distance, np.abs(frames - frame))
+    while len(found) < count:
+        gains = np.zeros(excess.shape)  # of a keyframe in each frame
+        for span, slope in zip(spans, slopes, strict=True):
+            tried = span[:: max(len(span) // _TRIED, 1)]
+            left = np.minimum(distance[span], np.abs(span - tried[:, None]))  # (T, S) by a keyframe in each of them
+            gains[tried] = (slope + _RISK_M2) * (distance[span] - left).sum(axis=1)[:, None]
+        best = int(np.argmax(gains.sum(axis=1)))
+        if gains[best].sum() <= 0.0:
+            break
+        found.append(Suggestion(best, max(PARTS, key=lambda part: float(gains[best, list(PARTS[part])].mean()))))
+        distance = np.minimum(distance, np.abs(frames - best))
+    return tuple(found)
 
 
 def _listed(parts: Sequence[str]) -> str:

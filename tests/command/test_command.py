@@ -56,6 +56,9 @@ def test_several_formats_have_a_folder_each(saved: Path, tmp_path: Path) -> None
         (["reconstruct", "nowhere", "--out", "x", "--threads", "0"], "threads is 0"),
         (["reconstruct", "nowhere", "--out", "x", "--cameras", "there"], "there: no reconstruction.json"),
         (["review", "SAVED"], "no recording.rrd in it"),
+        (["edit", "nowhere"], "nowhere: no reconstruction.json"),
+        (["edit", "SAVED"], "does not tell which capture it was made of; give --capture FOLDER"),
+        (["edit", "SAVED", "--capture", "nowhere"], "nowhere/capture.json"),
         (["export", "SAVED", "--to", "bvh", "--out", "FILE"], "File exists"),
     ],
 )
@@ -118,17 +121,20 @@ def test_it_runs_without_simulator_and_frameworks(saved: Path, tmp_path: Path) -
         "ezc3d",
         "pxr",
         "pygltflib",
+        "aiohttp",
     )
     script = (
         f"import sys\nfor name in {gone}: sys.modules[name] = None\n"
         "from pzcap.command.main import main\n"
         f"assert main(['export', {str(saved)!r}, '--to', 'bvh', 'colmap', 'freed', '--out', {str(tmp_path)!r}]) == 0\n"
         f"assert main(['export', {str(saved)!r}, '--to', 'usd', '--out', {str(tmp_path)!r}]) == 1\n"
+        f"assert main(['edit', {str(saved)!r}]) == 1\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stderr == (
         "pzcap: USD is written by the package usd-core, which is not installed; pip install 'pzcap[export]'\n"
+        "pzcap: the editor's server is not installed; pip install 'pzcap[editor]'\n"
     )
 
 

@@ -1,0 +1,56 @@
+"""`pzcap edit`: the editor of keyframes on a capture, with the cameras found first where they are not known yet."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+from pzcap.command.places import load_results, made_of
+from pzcap.command.progress import ProgressLine
+from pzcap.events import Finished, Progress
+from pzcap.extras.reconstruct import Config, stages
+from pzcap.io import results
+from pzcap.io.capture import MANIFEST, frame_sets, read_capture
+from pzcap.types import Capture, PzcapError, Reconstruction
+
+RECONSTRUCTION = "reconstruction"
+"""In the editor's folder of a capture: cameras that it has found itself."""
+
+
+def edit(place: Path, capture: Path | None, port: int, browse: bool) -> int:
+    """Serve the page for the capture in ``place``, or that from which the results in ``place`` were made."""
+    if importlib.util.find_spec("aiohttp") is None:
+        raise PzcapError("the editor's server is not installed; pip install 'pzcap[editor]'")
+    from pzcap.editor.server import serve
+    from pzcap.editor.workspace import FOLDER, Workspace
+
+    if (place / MANIFEST).is_file():
+        taken = read_capture(place)
+        found = _cameras(taken, place / FOLDER / RECONSTRUCTION)
+    else:
+        found = load_results(place)
+        taken = read_capture(capture or made_of(place))
+    if not any(track is not None and track.valid.any() for track in found.tracks):
+        raise PzcapError(f"{place}: no camera was located in any frame; " + "; ".join(found.notes))
+    serve(Workspace(taken, found), port, browse=browse)
+    return 0
+
+
+def _cameras(capture: Capture, kept: Path) -> Reconstruction:
+    """What can be reconstructed of a capture before it is edited; found once, and kept."""
+    if (kept / results.MANIFEST).is_file():
+        found = results.load(kept)
+        if found.timecodes == frame_sets(capture).timecodes:
+            return found
+    print(
+        f"{capture.name}: cameras are calibrated and located first, once; later they are taken from {kept}", flush=True
+    )
+    with ProgressLine() as line:
+        for event in stages(capture, Config()):
+            match event:
+                case Progress(stage, done, total):
+                    line.update(stage, done, total)
+                case Finished(reconstruction):
+                    results.save(reconstruction, kept)
+                    return reconstruction
+    raise AssertionError("stages end with Finished")

@@ -1,0 +1,147 @@
+"""Frames of the motion for the page: decoded on demand, rows put right, few of them kept.
+
+Long groups of pictures make a step back dear, since a decoder has to begin at the picture that stands for itself. So
+the frames just before a wanted one are kept when they have to be decoded anyhow, and a step forward goes on where the
+decoder stands.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+import cv2
+import numpy as np
+
+from pzcap.body.skeleton import Body
+from pzcap.geometry.camera import of_track
+from pzcap.io.capture import FrameSets
+from pzcap.localisation.rectification import upright_views
+from pzcap.segmentation.foreground import ForegroundConfig, separate
+from pzcap.tracking.observation import ViewInput, expect
+from pzcap.types import Array, Camera, FrameSet, Image, Localisation, PanZoomTrack, Pose, Reconstruction
+
+_KEPT_BYTES: Final = 300 << 20  # of compressed frames
+_BEFORE: Final = 8  # frames that are kept before a wanted one
+_ON: Final = 12  # frames that are decoded to go on rather than to begin anew
+_QUALITY: Final = 92  # of JPEG
+_EXPECTED_SIGMA_M: Final = 0.15  # of a pose, where its silhouette is looked for
+_MARGIN: Final = 0.4  # around it, in sizes of the body
+_EDGE_PX: Final = 0.7  # by which an outline may be simplified
+
+
+class Footage:
+    """The views of a capture's frames, and the cameras that a reconstruction found for them."""
+
+    def __init__(self, sets: FrameSets, found: Reconstruction) -> None:
+        self.sets, self.found = sets, found
+        self._cameras: dict[int, tuple[Camera | None, ...]] = {}
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[int, tuple[bytes | None, ...]] = OrderedDict()
+        self._latest: FrameSet | None = None
+        self._coming: Iterator[FrameSet] = iter(())
+        self._next = len(sets)  # none comes
+
+    def cameras(self, frame: int) -> tuple[Camera | None, ...]:
+        """The camera of each view of a frame; None where it was not found."""
+        if frame in self._cameras:
+            return self._cameras[frame]
+        pairs = zip(self.found.cameras, self.found.tracks, strict=True)
+        cameras = tuple(
+            None if head is None or track is None or not track.valid[frame] else of_track(head, track, frame)
+            for head, track in pairs
+        )
+        return self._cameras.setdefault(frame, cameras)
+
+    def localisations(self, frame: int) -> tuple[Localisation | None, ...]:
+        """Where each view of a frame was found."""
+        return tuple(None if track is None else _localisation(track, frame) for track in self.found.tracks)
+
+    def upright(self, frames: FrameSet) -> FrameSet:
+        """The views of a frame with their rows put right, as the cameras have them."""
+        return upright_views(frames, self.found.cameras, self.localisations(frames.index))
+
+    def jpeg(self, frame: int, camera: int) -> bytes | None:
+        """A view of a frame as JPEG; None where it was not recorded."""
+        with self._lock:
+            if frame not in self._kept:
+                self._decode(frame)
+            self._kept.move_to_end(frame)
+            return self._kept[frame][camera]
+
+    def images(self, frame: int) -> tuple[Image | None, ...]:
+        """The views of a frame, rows put right; of one that was decoded a while ago, as its JPEG has them."""
+        with self._lock:
+            if self._latest is not None and self._latest.index == frame:
+                return self._latest.images
+            if frame in self._kept:
+                return tuple(None if jpeg is None else _decompressed(jpeg) for jpeg in self._kept[frame])
+            return self._decode(frame).images
+
+    def _decode(self, frame: int) -> FrameSet:
+        """Decode up to ``frame``, and keep it with those before it that have to be decoded for it."""
+        if not self._next <= frame < self._next + _ON:
+            start = max(frame - _BEFORE, 0)
+            self._coming, self._next = self.sets.between(start, len(self.sets)), start
+        while True:
+            frames = self.upright(next(self._coming))
+            self._next = frames.index + 1
+            self._kept[frames.index] = tuple(_compressed(image) for image in frames.images)
+            if frames.index == frame:
+                break
+        self._latest = frames
+        while sum(len(jpeg or b"") for views in self._kept.values() for jpeg in views) > _KEPT_BYTES:
+            oldest = next(iter(self._kept))
+            if oldest == frame:
+                break
+            del self._kept[oldest]
+        return frames
+
+    def views(self, frame: int, body: Body, pose: Pose | None) -> list[ViewInput | None]:
+        """The views of a frame, the athlete cut out of them as the hall behind tells it. With a ``pose`` only its
+        surroundings are searched."""
+        images, places = self.images(frame), self.localisations(frame)
+        config = ForegroundConfig()
+        found: list[ViewInput | None] = []
+        for number, camera in enumerate(self.cameras(frame)):
+            image, panorama = images[number], self.found.panoramas[number]
+            head, place = self.found.cameras[number], places[number]
+            if camera is None or image is None or panorama is None or head is None or place is None:
+                found.append(None)
+                continue
+            expected = None if pose is None else expect(body, pose, _EXPECTED_SIGMA_M, camera, _MARGIN)
+            if expected is not None:  # its surroundings alone: the outline shall tell whether the body fits it
+                odds = config.prior_log_odds / 2.0 * np.hypot(config.prediction_sigma_px, expected.sigma_px)
+                expected = replace(expected, distance_px=np.full_like(expected.distance_px, odds))
+            found.append(ViewInput(image, camera, separate(image, panorama, head, place, config, expected)))
+        return found
+
+
+def outlines(mask: Array | np.ndarray) -> list[Array]:
+    """The outlines (N, 2) of a mask (H, W), pixels."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    simple = (cv2.approxPolyDP(contour, _EDGE_PX, True)[:, 0].astype(np.float64) for contour in contours)
+    return [line for line in simple if len(line) > 2]
+
+
+def _compressed(image: Image | None) -> bytes | None:
+    if image is None:
+        return None
+    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])
+
+
+def _decompressed(jpeg: bytes) -> Image:
+    return np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+
+
+def _localisation(track: PanZoomTrack, frame: int) -> Localisation:
+    nowhere = np.zeros((0, 2))
+    return Localisation(
+        float(track.pan_rad[frame]), float(track.tilt_rad[frame]), float(track.focal_px[frame]),
+        track.covariance[frame], bool(track.valid[frame]), nowhere, nowhere, float(track.roll_rad[frame]),
+        shear=track.shear[frame] if len(track.shear) else np.zeros(2),
+        readout=float(track.readout[frame]) if len(track.readout) else 0.0,
+    )  # fmt: skip

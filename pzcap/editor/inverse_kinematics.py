@@ -1,0 +1,321 @@
+"""Inverse kinematics of the whole body from clicks in the views.
+
+A click says where a joint, or an end of the body, is seen in one view, with a standard deviation. All clicks of a frame
+are fitted together by damped Gauss-Newton steps on the pose's 43 numbers, with the limits of the joints and the arms
+kept out of the trunk. The damping is that of the joints: the steps are the shortest ones when a shoulder's radian is
+cheap and the pelvis's is dear. So an arm follows a hand that is dragged and the trunk stays, what no click bears on
+stays as it was, and what clicks do fix is fitted to them however far it was off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation
+
+from pzcap.body.kinematics import (
+    forward,
+    joint_jacobians,
+    limit_residuals,
+    point_jacobians,
+    retract,
+    world_points,
+)
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS, Body, moved
+from pzcap.geometry.camera import rays
+from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray, to_pixel
+from pzcap.tracking.body_constraints import collision_residuals, collision_shapes
+from pzcap.tracking.limbs import turned
+from pzcap.types import ENDS, JOINTS, SEGMENTS, Array, Camera, Indices, Pose
+
+HANDLES: Final[tuple[str, ...]] = (*JOINTS, *ENDS)
+"""Points of the body that can be dragged: the joints, then its ends."""
+SEGMENT: Final[Indices] = np.array([*range(len(SEGMENTS)), *(SEGMENTS.index(name) for name in ENDS.values())])
+"""(23,) The segment that a handle is fixed to."""
+MIRRORED: Final[Indices] = np.array([
+    HANDLES.index(
+        name.replace("left_", "right_") if name.startswith("left_") else name.replace("right_", "left_")
+    )
+    for name in HANDLES
+])  # fmt: skip
+"""(23,) The handle on the other side of the body; a middle one's is itself."""
+
+_TAPE_M: Final = 0.010  # by which a handle of the body as taped stands off from where a person takes it to be
+_LIMIT_RAD: Final = 0.02  # standard deviation beyond a joint's limits
+_STRONGEST: Final = (
+    8.0  # sigmas; a hand that is further off pulls no harder, or a joint would give way beyond its limits
+)
+_NEAREST_M: Final = 0.2  # before the camera; what is nearer, or behind it, no click bears on
+_READY_M: Final = 0.12  # a pose whose joints are all known to this is one to track from
+
+
+def _easy() -> Array:
+    """(43,) How readily each degree of freedom gives way to a drag: metres, radians."""
+    ease = {"pelvis": 0.10, "lumbar": 0.12, "thorax": 0.12, "head": 0.3, "hand": 0.3, "foot": 0.3}
+    out = np.full(DOF, 0.5)
+    for index, name in enumerate(SEGMENTS):
+        out[index == DOF_SEGMENT] = ease.get(name.removeprefix("left_").removeprefix("right_"), 0.5)
+    out[:3] = 0.03
+    return out
+
+
+_EASE: Final[Array] = _easy()
+
+LOOSENESS: Final[Mapping[str, tuple[float, float]]] = {
+    "keyframe": (0.01, 0.05), "tracker": (0.05, 0.20), "between": (0.10, 0.35), "copied": (0.30, 0.50),
+    "standing": (2.0, 1.0),
+}  # fmt: skip
+"""Standard deviation of the root (m) and of each rotation (rad) of a pose by where it came from, before any click."""
+
+
+class Click(NamedTuple):
+    """A handle as it was clicked in one view."""
+
+    handle: int
+    camera: int
+    x: float  # pixels of the frame
+    y: float
+    sigma_px: float
+
+
+class Solved(NamedTuple):
+    """A pose fitted to clicks."""
+
+    pose: Pose
+    cost: float
+    """Sum of squared residuals, in sigmas."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """The cameras of one instant, and the body."""
+
+    body: Body
+    cameras: Sequence[Camera | None]  # None: the view is not there
+
+    def handles(self, pose: Pose) -> Array:
+        """The handles in the world, (23, 3)."""
+        return world_points(forward(self.body, pose), SEGMENT, handle_points(self.body))
+
+    def residuals(self, pose: Pose, clicks: Sequence[Click]) -> tuple[Array, Array]:
+        """Residuals (2N,), click minus projection in sigmas, and derivatives (2N, 43) of the projections in sigmas."""
+        frames = forward(self.body, pose)
+        world = world_points(frames, SEGMENT, handle_points(self.body))
+        residual, rows = np.zeros(2 * len(clicks)), np.zeros((2 * len(clicks), DOF))
+        for number, camera in enumerate(self.cameras):
+            own = np.array([n for n, click in enumerate(clicks) if click.camera == number], np.int64)
+            if camera is None or not len(own):
+                continue
+            handle = np.array([clicks[n].handle for n in own])
+            seen = np.array([[clicks[n].x, clicks[n].y, clicks[n].sigma_px] for n in own])
+            points = world[handle]
+            off, slopes = np.zeros((len(own), 2)), np.zeros((len(own), 2, 3))
+            _compare(points, pinhole(camera), seen, _TAPE_M, off, slopes)
+            by_pose = np.einsum("nij,njd->nid", slopes, point_jacobians(frames, SEGMENT[handle], points))
+            at = (2 * own[:, None] + np.arange(2)).ravel()
+            residual[at], rows[at] = off.ravel(), by_pose.reshape(-1, DOF)
+        return residual, rows
+
+    def normal(self, pose: Pose, clicks: Sequence[Click]) -> tuple[Array, Array, float]:
+        """Normal equations (43, 43) and (43,) of the clicks and of the body's own constraints, and their cost."""
+        residual, rows = self.residuals(pose, clicks)
+        excess, violated = limit_residuals(pose)
+        stiffness = violated / _LIMIT_RAD**2
+        inside, depth = collision_residuals(collision_shapes(self.body), forward(self.body, pose))
+        far = np.linalg.norm(residual.reshape(-1, 2), axis=1)
+        weight = np.repeat(_STRONGEST / np.maximum(far, _STRONGEST), 2)  # Huber's
+        hessian = (rows.T * weight) @ rows + np.diag(stiffness) + inside.T @ inside
+        gradient = rows.T @ (weight * residual) - stiffness * excess - inside.T @ depth
+        pulls = np.where(far > _STRONGEST, _STRONGEST * (2.0 * far - _STRONGEST), far**2)
+        cost = pulls.sum() + stiffness @ excess**2 + depth @ depth
+        return hessian, gradient, float(cost)
+
+    def solve(self, start: Pose, clicks: Sequence[Click], most_steps: int) -> Solved:
+        """The pose nearest to ``start`` that fits the ``clicks``, by so many steps at most."""
+        damping, metric = _FIRST_DAMPING, np.diag(1.0 / _EASE**2)
+        pose, (hessian, gradient, cost) = start, self.normal(start, clicks)
+        for _ in range(1, most_steps + 1):
+            delta = np.asarray(np.linalg.solve(hessian + damping * metric, gradient), np.float64)
+            longest = float(np.max(np.abs(delta) / _EASE)) / _LONGEST
+            tried = retract(pose, np.asarray(delta / max(longest, 1.0), np.float64))
+            after = self.normal(tried, clicks)
+            if after[2] < cost:
+                settled = damping < _SMALL_DAMPING and cost - after[2] < _SETTLED * (1.0 + cost)
+                pose, (hessian, gradient, cost) = tried, after
+                damping = max(0.2 * damping, _LEAST_DAMPING)
+                if settled:
+                    break
+            else:
+                damping *= 8.0
+                if damping > _MOST_DAMPING:
+                    break
+        return Solved(pose, cost)
+
+    def settle(self, start: Pose, clicks: Sequence[Click], handles: Sequence[int] = ()) -> Solved:
+        """The pose that fits all ``clicks``, at leisure.
+
+        A body that is turned the wrong way, or a limb whose elbow or knee has come to the wrong side, does not find
+        back by small steps. If the clicks are not fitted, all ways to turn the body are tried; and the limbs of the
+        ``handles``, or all of a body that has been turned, are tried twisted. What fits clearly better is taken.
+        """
+        best = self.solve(start, clicks, _AT_LEISURE)
+        if self._is_doubted(best.pose, clicks):
+            other = self._better(best, (_turned(start, turn) for turn in _TURNS), clicks)
+            handles = handles if other is best else range(len(HANDLES))
+            best = other
+        for limb, segments in enumerate(LIMBS):
+            if best.cost > _CLEARLY and any(SEGMENT[handle] in segments for handle in handles):
+                best = self._better(best, [turned(limb, best.pose, turn) for turn in _TWISTS], clicks)
+        return best
+
+    def _is_doubted(self, pose: Pose, clicks: Sequence[Click]) -> bool:
+        """True if a pose fits its clicks so badly that the body may be turned otherwise; a wrong click or two are no
+        reason to think that."""
+        squares = np.sort(np.sum(self.residuals(pose, clicks)[0].reshape(-1, 2) ** 2, axis=1))
+        most = squares[: int(np.ceil(_MOST * len(squares)))]
+        return len(most) > 0 and float(most.mean()) > _DOUBTED
+
+    def _better(self, best: Solved, starts: Iterable[Pose], clicks: Sequence[Click]) -> Solved:
+        for start in starts:
+            other = self.solve(start, clicks, _TRIED)
+            if other.cost < best.cost - _CLEARLY:
+                best = self.solve(other.pose, clicks, _AT_LEISURE)
+        return best
+
+    def covariance(self, pose: Pose, clicks: Sequence[Click], before: Array) -> Array:
+        """Covariance (43, 43) of a pose that clicks have corrected; ``before`` (43, 43) is what was known without them,
+        as information."""
+        residual, rows = self.residuals(pose, clicks)
+        worse = max(1.0, float(residual @ residual) / max(len(residual), 1))  # clicks that contradict each other
+        return np.asarray(np.linalg.inv(rows.T @ rows / worse + before))
+
+    def information(self, pose: Pose, joint_sigma_m: Array) -> Array:
+        """Information (43, 43) on a pose whose joints are known to (16,) by themselves."""
+        rows = joint_jacobians(forward(self.body, pose)) * (np.sqrt(3.0) / joint_sigma_m[:, None, None])
+        return np.asarray(np.einsum("jad,jae->de", rows, rows) + loose("standing"))
+
+    def sigma_m(self, pose: Pose, covariance: Array) -> Array:
+        """(23,) Standard deviation of each handle's distance from where it is."""
+        frames = forward(self.body, pose)
+        points = world_points(frames, SEGMENT, handle_points(self.body))
+        jacobians = point_jacobians(frames, SEGMENT, points)
+        return np.asarray(np.sqrt(np.einsum("nid,de,nie->n", jacobians, covariance, jacobians)))
+
+    def exchanged(self, pose: Pose, limbs: Sequence[int]) -> Pose:
+        """The pose with left and right exchanged: every handle of the ``limbs`` (those of both sides), or of the whole
+        body if there are none, goes to where its counterpart is, as near as the body can."""
+        world = self.handles(pose)
+        moved = np.isin(np.arange(len(HANDLES)), limbs) if len(limbs) else np.ones(len(HANDLES), bool)
+        target = np.where(moved[:, None], world[MIRRORED], world)
+        starts = [pose, *(_turned(pose, turn) for turn in _TURNS)] if not len(limbs) else [pose]
+        fits = [self._towards(start, target) for start in starts]
+        return min(fits, key=lambda fit: fit.cost).pose
+
+    def _towards(self, start: Pose, target_m: Array) -> Solved:
+        """The pose whose handles are nearest to (23, 3) places in the world."""
+        pose, cost = start, np.inf
+        for _ in range(1, 31):
+            frames = forward(self.body, pose)
+            points = world_points(frames, SEGMENT, handle_points(self.body))
+            rows = (point_jacobians(frames, SEGMENT, points) / _TAPE_M).reshape(-1, DOF)
+            off = (target_m - points).ravel() / _TAPE_M
+            excess, violated = limit_residuals(pose)
+            stiffness = violated / _LIMIT_RAD**2
+            now = float(off @ off + stiffness @ excess**2)
+            if cost - now < 1e-3 * now:
+                break
+            cost = now
+            hessian = rows.T @ rows + np.diag(stiffness + 1.0 / _EASE**2)
+            pose = retract(pose, np.asarray(np.linalg.solve(hessian, rows.T @ off - stiffness * excess), np.float64))
+        return Solved(pose, cost)
+
+
+_LONGEST: Final = 2.0  # of a step, in what each degree of freedom gives way by
+_SETTLED: Final = 1e-3  # relative fall of the cost that is not worth another step
+_FIRST_DAMPING: Final = 1e-2
+_LEAST_DAMPING: Final = 1e-5
+_SMALL_DAMPING: Final = 0.1  # a step that is damped more may be short although there is far to go
+_MOST_DAMPING: Final = 1e6
+_AT_LEISURE: Final = 60  # steps, at most
+_TRIED: Final = 20  # steps of another start
+_MOST: Final = 0.85  # share of the clicks that are likely to be right
+_DOUBTED: Final = 1.2  # squared sigmas by which these are missed by a pose that is doubted
+_CLEARLY: Final = 2.0  # squared sigmas by which another must fit better
+_TWISTS: Final = np.array([(0.0, 0.0, twist * np.pi / 2, bend) for twist in range(4) for bend in (0.0, 0.8)][1:])
+"""(7, 4) Turns of a limb, as `pzcap.tracking.limbs.turned` takes them."""
+_TURNS: Final = tuple(
+    Rotation.from_euler("zy", [yaw, pitch], degrees=True)
+    for pitch, yaws in ((0, (90, 180, 270)), (180, (0, 90, 180, 270)), (90, (0, 180)), (270, (0, 180)))
+    for yaw in yaws
+)
+
+
+def loose(origin: str) -> Array:
+    """Information (43, 43) on a pose that was begun from an ``origin``, one of `LOOSENESS`."""
+    position, rotation = LOOSENESS[origin]
+    return np.diag(np.r_[np.full(3, position), np.full(DOF - 3, rotation)] ** -2.0)
+
+
+@lru_cache(maxsize=4)
+def handle_points(body: Body) -> Array:
+    """The handles (23, 3), each in the frame of its segment."""
+    return np.concatenate([np.zeros((len(JOINTS), 3)), moved(body).ends_m])
+
+
+def is_ready(sigma_m: Array) -> bool:
+    """True if a pose with such sigmas (23,) of its handles is good enough to track from."""
+    return bool(sigma_m[: len(JOINTS)].max() < _READY_M)
+
+
+def standing(cameras: Sequence[Camera | None]) -> Pose | None:
+    """The body upright where the cameras look: their operators keep the athlete in the middle. None without two of
+    them."""
+    seen = [camera for camera in cameras if camera is not None]
+    if len(seen) < 2:
+        return None
+    centres = np.array([camera.world_T_cam[:3, 3] for camera in seen])
+    ways = np.array([camera.world_T_cam[:3, 2] for camera in seen])
+    across = np.eye(3) - ways[:, :, None] * ways[:, None, :]
+    middle = np.linalg.solve(across.sum(axis=0) + 1e-9 * np.eye(3), np.einsum("nij,nj->i", across, centres))
+    return Pose(middle, np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1)))
+
+
+def epipolar(camera: Camera, pixel: Array, other: Camera) -> Array:
+    """Where in the ``other`` view what stands at a ``pixel`` (2,) can be, (N, 2): a line, bent by the lens."""
+    (way,) = rays(camera, pixel[None])
+    points = camera.world_T_cam[:3, 3] + np.geomspace(1.0, 120.0, 60)[:, None] * way
+    pixels, depth = projected(points, other)
+    size = np.array([other.width, other.height])
+    near = (depth > 0.5) & (np.abs(pixels - size / 2) < 1.5 * size).all(axis=1)
+    return np.asarray(pixels[near])
+
+
+def _turned(pose: Pose, turn: Rotation) -> Pose:
+    """The pose, its pelvis turned about itself in the world."""
+    rotations = pose.rotations.copy()
+    root = turn * Rotation.from_quat(rotations[0], scalar_first=True)
+    rotations[0] = root.as_quat(scalar_first=True)
+    return Pose(pose.root_position_m, rotations)
+
+
+@njit(cache=True, nogil=True)
+def _compare(points: Array, camera: Pinhole, seen: Array, tape_m: float, off: Array, slopes: Array) -> None:
+    """Fill in the residuals (N, 2) of world ``points`` (N, 3) that are ``seen`` (N, 3: x, y, sigma) in a view, and the
+    derivatives (N, 2, 3) of their projections by the points, both in sigmas. Of a point that is not before the camera
+    both stay 0."""
+    for n in range(len(points)):
+        across, down, depth = ray(points[n, 0], points[n, 1], points[n, 2], camera)
+        if depth < _NEAREST_M:
+            continue
+        u, v = to_pixel(across, down, camera)
+        sigma = np.sqrt(seen[n, 2] ** 2 + (tape_m * camera.focal / depth) ** 2)
+        off[n, 0], off[n, 1] = (seen[n, 0] - u) / sigma, (seen[n, 1] - v) / sigma
+        for axis in range(2):
+            slope = pixel_gradient(across, down, depth, camera, 1.0 - axis, float(axis))
+            for k in range(3):
+                slopes[n, axis, k] = slope[k] / sigma

@@ -1,0 +1,90 @@
+"""keyframes.json as the editor writes it: whole or not at all, what it replaces is kept, and what nobody has touched
+stands as it was."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from pzcap.io.capture import MANIFEST
+from pzcap.io.files import checked, written_whole
+from pzcap.io.manifest import load_json
+from pzcap.types import SEGMENTS, Pose
+
+USUAL: Final = "keyframes.json"
+
+
+@dataclass(slots=True)
+class KeyframeFile:
+    """The keyframes of a capture folder. ``backups`` is a folder for what was replaced."""
+
+    folder: Path
+    backups: Path
+    _backed_up: bool = False
+
+    @property
+    def path(self) -> Path:
+        """Where capture.json says that they are, or will."""
+        name = load_json(self.folder / MANIFEST).value.get("keyframes")
+        return self.folder / (name or USUAL)
+
+    def digest(self) -> str:
+        """Of the file's content; empty where capture.json names none."""
+        named = load_json(self.folder / MANIFEST).value.get("keyframes")
+        path = self.folder / (named or USUAL)
+        return hashlib.sha256(checked(path).read_bytes()).hexdigest() if named and path.is_file() else ""
+
+    def entries(self) -> dict[str, dict[str, Any]]:
+        """The entries by timecode, with colons, as they stand in the file."""
+        if not self.digest():
+            return {}
+        return {str(entry["timecode"]).replace(";", ":"): entry for entry in load_json(self.path).value}
+
+    def write(self, poses: Mapping[str, Pose], untouched: Mapping[str, dict[str, Any]]) -> str:
+        """Replace the file by ``poses`` by timecode, in their order; where an entry is ``untouched`` it stands as it
+        was. Returns the new digest. Without any pose there is no file, and capture.json says so."""
+        path = self.path
+        self._back_up(path)
+        if not poses:
+            self._name(None)
+            path.unlink(missing_ok=True)
+            return ""
+        content = [untouched.get(timecode) or _entry(timecode, pose) for timecode, pose in poses.items()]
+        data = (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode()
+        with written_whole(path) as partial:
+            partial.write_bytes(data)
+        self._name(path.name)
+        return hashlib.sha256(data).hexdigest()
+
+    def _back_up(self, path: Path) -> None:
+        """Keep what this run of the editor finds."""
+        if self._backed_up or not path.is_file():
+            return
+        self.backups.mkdir(parents=True, exist_ok=True)
+        now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
+        with written_whole(self.backups / f"keyframes-{now}.json") as partial:
+            partial.write_bytes(path.read_bytes())
+        self._backed_up = True
+
+    def _name(self, name: str | None) -> None:
+        """Have capture.json name the file, or none."""
+        path = self.folder / MANIFEST
+        content = load_json(path).value
+        if content.get("keyframes") == name or (content.get("keyframes") and name):
+            return
+        content["keyframes"] = name
+        with written_whole(path) as partial:
+            partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _entry(timecode: str, pose: Pose) -> dict[str, Any]:
+    return {
+        "timecode": timecode,
+        "root_position_m": pose.root_position_m.tolist(),
+        "rotations_wxyz": dict(zip(SEGMENTS, pose.rotations.tolist(), strict=True)),
+    }

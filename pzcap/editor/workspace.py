@@ -1,0 +1,429 @@
+"""What the page works on: a capture, what was reconstructed of it, and what a hand has changed so far.
+
+All commands come here, from any number of pages, one after the other. Each is made of the state as it is then, so none
+is lost; one that takes something back says which version it has seen, and is refused where another page has changed the
+state since. After each the history is on the disk, and keyframes.json is what the history says.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+
+from pzcap.body import skeleton
+from pzcap.body.kinematics import difference, retract
+from pzcap.body.skeleton import Body
+from pzcap.editor import resolve
+from pzcap.editor.footage import Footage
+from pzcap.editor.history import FrameEdit, History
+from pzcap.editor.inverse_kinematics import (
+    HANDLES,
+    MIRRORED,
+    Click,
+    Problem,
+    is_ready,
+    loose,
+    standing,
+)
+from pzcap.editor.keyframe_file import KeyframeFile
+from pzcap.io.capture import FrameSets, frame_sets, read_capture
+from pzcap.io.files import written_whole
+from pzcap.types import SEGMENTS, Array, Capture, Keyframe, Motion, Pose, PzcapError, Reconstruction
+
+FOLDER: Final = "editing"
+"""Beside capture.json: the history, backups, and what was tracked anew."""
+_HISTORY: Final = "history.jsonl"
+_LOCK: Final = "lock"
+_MOTION: Final = "motion.npz"
+_ARRAYS: Final = ("root_position_m", "rotations", "joints_m", "sigma_m", "keyframes", "valid")
+_DRAG_STEPS: Final = 6
+_LEAST_M: Final = 1e-3  # standard deviation of a tracked joint
+_COPY_REACH: Final = 90  # frames; a pose from further away tells nothing
+_RESOLVE_REACH: Final = 100  # frames beyond the last keyframe
+ORIGINS: Final = {
+    "keyframe": "a keyframe that was there", "tracker": "as tracked", "between": "between two keyframes",
+    "copied": "copied from the nearest keyframe", "standing": "standing",
+}  # fmt: skip
+"""Where a pose was begun from, as a person calls it."""
+_LIMBS: Final = {"arms": ("elbow", "wrist", "fingertip"), "legs": ("knee", "ankle", "toe", "heel")}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dragged:
+    """The body while one of its handles is dragged."""
+
+    frame: int
+    click: Click
+    pose: Pose
+    clicks: tuple[Click, ...]  # all that it is fitted to
+
+
+class Workspace:
+    """A capture that is being edited. Raises PzcapError where it cannot be. Safe for threads."""
+
+    def __init__(self, capture: Capture, found: Reconstruction) -> None:
+        if capture.subject is None:
+            raise PzcapError(f"{capture.folder}: no subject.json, so there is no body to pose; measure the athlete")
+        self.capture, self.folder = capture, capture.folder / FOLDER
+        self.sets: FrameSets = frame_sets(capture)
+        if found.timecodes != self.sets.timecodes or found.camera_names != tuple(c.name for c in capture.cameras):
+            raise PzcapError(
+                f"{capture.folder}: the results are of '{found.capture_name}', with other frames or cameras; "
+                "give those of this capture"
+            )
+        self.footage = Footage(self.sets, found)
+        self.body: Body = skeleton.build(capture.subject)
+        self.motion: Motion = self._kept_motion() or found.motion or resolve.untracked(len(self.sets))
+        self.difference: resolve.Difference | None = None
+        self.lock = threading.RLock()
+        self._touched: dict[int, int] = {}  # version in which a frame was changed last
+        self.folder.mkdir(exist_ok=True)
+        self._only = _alone(self.folder / _LOCK)
+        self.history = History.open(self.folder / _HISTORY)
+        self._file = KeyframeFile(capture.folder, self.folder / "backups")
+        self.frame_of = {timecode.replace(";", ":"): n for n, timecode in enumerate(self.sets.timecodes)}
+        self._timecodes = tuple(self.frame_of)
+        with self.lock:
+            self._adopt()
+            self._write()
+
+    def close(self) -> None:
+        """Let others edit the capture."""
+        self._only.close()
+
+    # ----------------------------------------------------------------------------------------------------------
+    # State
+
+    @property
+    def version(self) -> int:
+        """It grows with every change."""
+        return self.history.version
+
+    def keys(self) -> list[int]:
+        """The frames whose pose stands in keyframes.json."""
+        with self.lock:
+            return sorted(
+                self.frame_of[timecode]
+                for timecode, edit in self.history.frames.items()
+                if edit.is_key and edit.pose is not None and timecode in self.frame_of
+            )
+
+    def touched(self) -> list[int]:
+        """The frames in which something was clicked."""
+        return sorted(self.frame_of[t] for t, edit in self.history.frames.items() if edit.clicks and t in self.frame_of)
+
+    def edit(self, frame: int) -> FrameEdit:
+        """What a hand has made of a frame; where it has made nothing, the pose that it begins with."""
+        with self.lock:
+            edit = self.history.frame(self._timecodes[frame])
+            if edit.pose is not None:
+                return edit
+            pose, origin = self.prediction(frame)
+            return replace(edit, pose=pose, origin=origin)
+
+    def prediction(self, frame: int) -> tuple[Pose | None, str]:
+        """The pose that a frame begins with, and where that is from: the tracker, else the keyframes around, else one
+        near by, else standing in the middle of the views."""
+        for origin in ("tracker", "between", "copied"):
+            pose = self.start(frame, origin)
+            if pose is not None:
+                return pose, origin
+        return standing(self.footage.cameras(frame)), "standing"
+
+    def start(self, frame: int, origin: str) -> Pose | None:
+        """The pose of a frame that comes from an ``origin``; None where that has none."""
+        match origin:
+            case "tracker":
+                return self._tracked(frame) if self.motion.valid[frame] else None
+            case "between":
+                before, after = self._around(frame)
+                if before is None or after is None:
+                    return None
+                share = (frame - before) / (after - before)
+                start = self._posed(before)
+                return retract(start, share * difference(self._posed(after), start))
+            case "copied":
+                near = [key for key in self._around(frame) if key is not None and abs(key - frame) <= _COPY_REACH]
+                return self._posed(min(near, key=lambda key: abs(key - frame))) if near else None
+            case _:
+                return standing(self.footage.cameras(frame))
+
+    def _around(self, frame: int) -> tuple[int | None, int | None]:
+        keys = self.keys()
+        return (
+            max((key for key in keys if key < frame), default=None),
+            min((key for key in keys if key > frame), default=None),
+        )
+
+    def _posed(self, key: int) -> Pose:
+        pose = self.history.frame(self._timecodes[key]).pose
+        assert pose is not None
+        return pose
+
+    def _tracked(self, frame: int) -> Pose:
+        return Pose(self.motion.root_position_m[frame].copy(), self.motion.rotations[frame].copy())
+
+    def problem(self, frame: int) -> Problem:
+        """The cameras of a frame, and the body."""
+        return Problem(self.body, self.footage.cameras(frame))
+
+    def sigma_m(self, frame: int, problem: Problem, edit: FrameEdit) -> Array:
+        """(23,) Standard deviation of each handle's distance from where it is, by the clicks and by what was known
+        before these."""
+        pose = _there(edit)
+        return problem.sigma_m(pose, self._covariance(frame, problem, edit, pose))
+
+    def _covariance(self, frame: int, problem: Problem, edit: FrameEdit, pose: Pose) -> Array:
+        before = loose(edit.origin)
+        if edit.origin == "tracker" and self.motion.valid[frame]:
+            before = problem.information(self._tracked(frame), np.maximum(self.motion.sigma_m[frame], _LEAST_M))
+        return problem.covariance(pose, edit.clicks, before)
+
+    # ----------------------------------------------------------------------------------------------------------
+    # Commands
+
+    def drag(self, frame: int, click: Click, before: Dragged | None) -> Dragged:
+        """The body as it follows a handle; nothing is changed yet. ``before`` is what the same drag gave last."""
+        edit, problem, start = self._held(frame, click, before)
+        clicks = edit.clicked(click).clicks
+        return Dragged(frame, click, problem.solve(start, clicks, _DRAG_STEPS).pose, clicks)
+
+    def drop(self, frame: int, click: Click, dragged: Dragged | None) -> None:
+        """Take a handle's place in a view as observed, and fit the pose to all that was."""
+        with self.lock:
+            edit, problem, start = self._held(frame, click, dragged)
+            what = f"{handle_name(click.handle)} in {self._view_name(click.camera)}"
+            self._change(frame, self._settled(frame, problem, edit.clicked(click), start, click.handle), what)
+
+    def _held(self, frame: int, click: Click, before: Dragged | None) -> tuple[FrameEdit, Problem, Pose]:
+        """What is dragged: the frame so far, its views, and the pose to go on from."""
+        edit, problem = self.edit(frame), self.problem(frame)
+        if edit.pose is None or problem.cameras[click.camera] is None:
+            raise PzcapError("this view's camera was not found in this frame; drag in another view")
+        goes_on = before is not None and (before.frame, before.click[:2]) == (frame, click[:2])
+        return edit, problem, before.pose if goes_on and before is not None else edit.pose
+
+    def _settled(self, frame: int, problem: Problem, edit: FrameEdit, start: Pose, *handles: int) -> FrameEdit:
+        """The edit with its pose fitted to its clicks, and a keyframe once the pose is sure."""
+        fit = problem.settle(start, edit.clicks, handles)
+        sigma = self.sigma_m(frame, problem, replace(edit, pose=fit.pose))
+        key = edit.is_key or edit.origin in ("tracker", "keyframe") or is_ready(sigma)
+        return replace(edit, pose=fit.pose, is_key=key)
+
+    def unclick(self, frame: int, handle: int, camera: int | None) -> None:
+        """Forget the clicks of a handle, in one view or in all."""
+        with self.lock:
+            edit = self.edit(frame)
+            pose, gone = edit.pose, [c for c in edit.clicks if c.handle == handle and camera in (None, c.camera)]
+            if not gone or pose is None:
+                raise PzcapError(f"{handle_name(handle)} has not been clicked there")
+            edit = replace(edit, clicks=tuple(c for c in edit.clicks if c not in gone))
+            after = self._settled(frame, self.problem(frame), edit, pose)
+            self._change(frame, after, f"{handle_name(handle)}: clicks forgotten")
+
+    def hide(self, frame: int, handle: int, camera: int) -> None:
+        """Say that a handle is not to be seen in a view, or take that back; its click there is forgotten."""
+        with self.lock:
+            edit, place = self.edit(frame), (handle, camera)
+            where = f"{handle_name(handle)} in {self._view_name(camera)}"
+            if place in edit.hidden:
+                self._change(frame, replace(edit, hidden=edit.hidden - {place}), f"{where}: visible")
+                return
+            clicks = tuple(c for c in edit.clicks if (c.handle, c.camera) != place)
+            hidden = replace(edit, clicks=clicks, hidden=edit.hidden | {place})
+            if clicks != edit.clicks and edit.pose is not None:
+                hidden = self._settled(frame, self.problem(frame), hidden, edit.pose)
+            self._change(frame, hidden, f"{where}: not visible")
+
+    def exchange(self, frame: int, limbs: str, seen: int) -> None:
+        """Exchange left and right: of the ``limbs`` "arms" or "legs", or of the body as a "whole"; clicks as well."""
+        with self.lock:
+            self._check_seen(frame, seen)
+            edit, problem = self.edit(frame), self.problem(frame)
+            ends = _LIMBS.get(limbs, ())
+            chosen = [n for n, name in enumerate(HANDLES) if name.partition("_")[2] in ends]
+            pose = problem.exchanged(_there(edit), chosen)
+            swapped = [*chosen] or [*range(len(HANDLES))]
+            clicks = tuple(
+                one._replace(handle=int(MIRRORED[one.handle])) if one.handle in swapped else one for one in edit.clicks
+            )
+            hidden = frozenset((int(MIRRORED[h]) if h in swapped else h, c) for h, c in edit.hidden)
+            edit = replace(edit, clicks=clicks, hidden=hidden)
+            edit = self._settled(frame, problem, edit, pose) if clicks else replace(edit, pose=pose)
+            self._change(frame, edit, f"left and right exchanged: {limbs}")
+
+    def fit_to_images(self, frame: int, seen: int) -> None:
+        """Fit the pose to the silhouettes of its frame; the clicks count beside them."""
+        with self.lock:
+            self._check_seen(frame, seen)
+            version, edit, problem = self.version, self.edit(frame), self.problem(frame)
+        pose = _there(edit)
+        known = np.asarray(np.linalg.inv(self._covariance(frame, problem, edit, pose)), np.float64)
+        pose = resolve.fitted_to_images(self.footage, self.body, frame, pose, known)
+        with self.lock:
+            self._check_seen(frame, version)
+            self._change(frame, replace(edit, pose=pose), "fitted to the silhouettes")
+
+    def set_key(self, frame: int, is_key: bool) -> None:
+        """Make a frame a keyframe as it is, or none."""
+        with self.lock:
+            edit = self.edit(frame)
+            _there(edit)
+            self._change(frame, replace(edit, is_key=is_key), "made a keyframe" if is_key else "no keyframe any more")
+
+    def begin_from(self, frame: int, origin: str, seen: int) -> None:
+        """Begin a frame anew from a pose of that ``origin``; its clicks are forgotten."""
+        with self.lock:
+            self._check_seen(frame, seen)
+            pose = self.start(frame, origin)
+            if pose is None:
+                raise PzcapError(
+                    {
+                        "tracker": "the body has not been tracked in this frame",
+                        "between": "there is no keyframe on each side to interpolate between",
+                        "copied": "there is no keyframe near by to copy",
+                    }.get(origin, "two cameras at least must be found in this frame")
+                )
+            edit = self.history.frame(self._timecodes[frame])
+            self._change(frame, FrameEdit(pose, origin, (), edit.hidden, edit.is_key), f"begun anew: {ORIGINS[origin]}")
+
+    def undo(self, seen: int) -> int:
+        """Take the latest change back; the frame that it was made in."""
+        return self._stepped(seen, self.history.undo, self.history.can_undo, "nothing to undo")
+
+    def redo(self, seen: int) -> int:
+        """Make the change again that was undone last; the frame that it is made in."""
+        return self._stepped(seen, self.history.redo, self.history.can_redo, "nothing to do again")
+
+    def _stepped(self, seen: int, step: Callable[[], Any], possible: bool, otherwise: str) -> int:
+        with self.lock:
+            if not possible:
+                raise PzcapError(otherwise)
+            if seen != self.version:
+                raise PzcapError("another page has changed something meanwhile; look, and say it again")
+            self._adopt()
+            change = step()
+            self._write()
+            return self.frame_of.get(change.timecode, 0)
+
+    def _check_seen(self, frame: int, seen: int) -> None:
+        if seen < self._touched.get(frame, 0):
+            raise PzcapError("another page has changed this frame meanwhile; look, and say it again")
+
+    def _change(self, frame: int, after: FrameEdit, what: str) -> None:
+        self._adopt()
+        self.history.change(self._timecodes[frame], after, what)
+        self._touched[frame] = self.version
+        self._write()
+
+    # ----------------------------------------------------------------------------------------------------------
+    # keyframes.json
+
+    def _adopt(self) -> None:
+        """Take in what somebody else has written into keyframes.json since it was last read."""
+        digest = self._file.digest()
+        if digest == self.history.saved_digest:
+            return
+        poses = read_capture(self.capture.folder).keyframe_poses
+        for timecode, pose in poses.items():
+            mine = self.history.frame(timecode)
+            if not (mine.is_key and mine.pose is not None and _same(mine.pose, pose)):
+                self.history.found(timecode, FrameEdit(pose, "keyframe", (), frozenset(), True))
+        for timecode, mine in list(self.history.frames.items()):
+            if mine.is_key and timecode not in poses:
+                self.history.found(timecode, replace(mine, is_key=False))
+        self.history.saved(digest)
+
+    def _write(self) -> None:
+        """Write keyframes.json as the history has it, where it differs."""
+        poses = {self._timecodes[key]: self._posed(key) for key in self.keys()}
+        before = self._file.entries()
+        untouched = {
+            timecode: entry
+            for timecode, entry in before.items()
+            if timecode in poses and _same(poses[timecode], _pose_of(entry))
+        }
+        if untouched.keys() == poses.keys() == before.keys():
+            return
+        self.history.saved(self._file.write(poses, untouched))
+
+    # ----------------------------------------------------------------------------------------------------------
+    # Tracking anew
+
+    def solve_again(
+        self, frame: int, report: Callable[[int, int], None], cancelled: Callable[[], bool]
+    ) -> resolve.Difference:
+        """Track the interval around a frame anew from its keyframes; what has changed by it."""
+        with self.lock:
+            keys = self.keys()
+            frames = resolve.interval(keys, frame, len(self.sets), _RESOLVE_REACH)
+            posed = [Keyframe(key, self._posed(key)) for key in keys if key in frames]
+        new = resolve.tracked_anew(self.footage, self.body, posed, frames, report, cancelled)
+        with self.lock:
+            self.motion, self.difference = resolve.merged(self.motion, new, frames, keys)
+            with written_whole(self.folder / _MOTION) as partial, partial.open("wb") as file:
+                arrays = {name: getattr(self.motion, name) for name in _ARRAYS}
+                np.savez_compressed(file, allow_pickle=False, **arrays)
+            return self.difference
+
+    def _kept_motion(self) -> Motion | None:
+        """What was tracked anew when this capture was edited before."""
+        path = self.folder / _MOTION
+        if not path.is_file():
+            return None
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                motion = Motion(**{name: file[name] for name in _ARRAYS})
+        except (OSError, ValueError, KeyError, EOFError) as error:
+            raise PzcapError(f"{path}: damaged ({error}); remove it, and solve again on the page") from error
+        return motion if len(motion.valid) == len(self.sets) else None
+
+    def _view(self, click: Click) -> str:
+        return self._view_name(click.camera)
+
+    def _view_name(self, camera: int) -> str:
+        return f"camera {self.footage.found.camera_names[camera]}"
+
+
+def _there(edit: FrameEdit) -> Pose:
+    """The pose of a frame. PzcapError where there is no body."""
+    if edit.pose is None:
+        raise PzcapError("there is no body in this frame")
+    return edit.pose
+
+
+def _alone(path: Path) -> BinaryIO:
+    """The file at ``path``, locked while it is open: nobody else edits this capture. PzcapError where somebody does."""
+    file = path.open("wb")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        file.close()
+        raise PzcapError(
+            f"{path.parent.parent}: another pzcap edit is at work on it; use its page, or end it"
+        ) from error
+    return file
+
+
+def handle_name(handle: int) -> str:
+    """A handle as a person calls it."""
+    return HANDLES[handle].replace("_", " ")
+
+
+def _same(one: Pose, other: Pose) -> bool:
+    """True if two poses are the same but for rounding and the sign of quaternions."""
+    turned = np.abs(np.sum(one.rotations * other.rotations, axis=1))
+    return bool(np.abs(one.root_position_m - other.root_position_m).max() < 1e-9 and np.abs(turned - 1.0).max() < 1e-12)
+
+
+def _pose_of(entry: dict[str, Any]) -> Pose:
+    table = entry["rotations_wxyz"]
+    rotations = np.array([table[name] for name in SEGMENTS], float)
+    rotations /= np.linalg.norm(rotations, axis=1, keepdims=True)
+    return Pose(np.array(entry["root_position_m"], float), rotations)
