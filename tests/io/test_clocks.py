@@ -9,10 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from pzcap.io.capture import FrameSets, frame_sets, read_capture
+from pzcap.io.clocks import read_sync
 from pzcap.io.video import VideoReader
 from pzcap.types import FrameSet, PzcapError
+from tests.fuzz.mutations import changed_json, damaged_bytes
 from tests.scenes.recorders import encode, number, pictures
 
 RATE = Fraction(30)
@@ -140,3 +144,17 @@ def test_a_sync_file_that_is_wrong_gets_one_line(sync: list[dict[str, Any]], say
     paths = {name: encode(tmp_path / f"{name}.mp4", pictures(6), RATE) for name in "ab"}
     with pytest.raises(PzcapError, match=says):
         sets_of(capture(tmp_path, paths, sync))
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_a_damaged_sync_file_is_a_result_or_one_line(data: st.DataObject, tmp_path: Path) -> None:
+    whole = {"format": "pzcap-sync", "version": 1, "cameras": [clock("a", 0.0, rate=1.0), clock("b", -1.5)]}
+    content = json.dumps(whole).encode()
+    path = tmp_path / "sync.json"
+    path.write_bytes(data.draw(st.one_of(changed_json(content), damaged_bytes(content))))
+    try:
+        clocks = read_sync(path)
+    except PzcapError:
+        return
+    assert all(np.isfinite([each.offset_s, each.rate, each.sigma_s]).all() for each in clocks.values())

@@ -79,6 +79,7 @@ def test_claps_at_even_intervals_leave_doubt() -> None:
         assert each.delay_s == pytest.approx(begin_s[each.a] - begin_s[each.b], abs=0.005)
 
 
+@pytest.mark.heavy
 def test_a_clock_that_drifts_is_told_by_a_long_take() -> None:
     rates = np.array([1.0, 1.0 + 8e-5])
     claps = tuple(np.sort(np.random.default_rng(2).uniform(1.0, 119.0, 40)).tolist())
