@@ -36,6 +36,7 @@ class Variant:
     chosen: Callable[[int], list[int]] = _all  # which keyframes are used, of how many the capture has
     posed_per_s: float = 0.0  # keyframes that the experiment poses besides
     expected: bool = True  # whether the silhouettes are cut knowing where the tracker expects the body
+    others: bool = True  # whether the silhouettes tell other people apart
     known: frozenset[Known] = frozenset()  # what the experiment puts in from the truth
     shaken_deg: float = 0.0  # standard deviation of what the experiment adds to each pan; the tracker is told
     corrected: bool = True  # whether the body may correct the cameras
@@ -59,6 +60,7 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("no_shading", "no shading", "evidence", _terms(shading_sigma=1e-6)),
     Variant("no_contour", "no contour", "evidence", _terms(contour_weight=0.0)),
     Variant("no_expectation", "body not expected", "evidence", expected=False),
+    Variant("no_others", "others not told apart", "evidence", others=False),
     Variant("no_limits", "no joint limits", "evidence", _config(limit_sigma_rad=np.inf)),
     Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
     Variant("no_body_size", "size as measured", "evidence", _config(body_size=False)),
