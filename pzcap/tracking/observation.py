@@ -112,9 +112,12 @@ def crop_view(body: Body, view: ViewInput, pose: Pose, margin: float, skin_colou
     size = ((right - left) // VIEW.belief_scale, (bottom - top) // VIEW.belief_scale)
     belief = np.asarray(cv2.resize(np.clip(odds, -1.0, 1.0), size, interpolation=cv2.INTER_AREA), np.float32)
     image, probability = view.image[part], silhouette.probability[part]
-    crop = prepare(image, probability, skin_colours.arms(image, probability), belief, camera, (left, top))
-    person = keypoint_residuals.nearest(keypoint_residuals.in_world(body.landmarks, frames), camera, view.people)
     others = silhouette.others[top // 2 : bottom // 2, left // 2 : right // 2].copy()
+    hers = probability
+    if others.any():
+        hers = np.where(others.repeat(2, axis=0).repeat(2, axis=1) > 0, np.uint8(0), probability)
+    crop = prepare(image, probability, skin_colours.arms(image, hers), belief, camera, (left, top))
+    person = keypoint_residuals.nearest(keypoint_residuals.in_world(body.landmarks, frames), camera, view.people)
     others = others if others.any() else crop.others
     return replace(crop, others=others, person=person, camera_prior=view.camera_prior, exposure=view.exposure)
 
