@@ -42,6 +42,7 @@ from pzcap.plausibility import (
     SeenViews,
     athlete_of_another_size,
     camera_notes,
+    guessed_measurements,
     lens_moved,
     object_of_another_size,
     share_on_athlete,
@@ -331,6 +332,7 @@ def body_tracker(capture: Capture, sets: FrameSets, config: Config, notes: list[
         notes.append("the body is not tracked: the capture holds no keyframes (keyframes.json)")
         return None
     model = skeleton.build(capture.subject)
+    notes += guessed_measurements(capture.subject, model)
     notes += keyframes.check(sets.keyframes, model, len(sets))
     return Tracker(model, sets.keyframes, config.tracking)
 
