@@ -13,7 +13,7 @@ from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.geometry.camera import project
 from pzcap.tracking.body_size import BodySize
-from pzcap.types import Camera, Keyframe, PanZoomCamera, PanZoomTrack, Silhouette
+from pzcap.types import MEASUREMENTS, Camera, Keyframe, PanZoomCamera, PanZoomTrack, Silhouette, Subject
 
 _FOCAL: Final = 2e-4
 """Difference of the focal lengths of reference image and sweep, which a locked lens keeps to 2e-5; a lens that focused
@@ -132,6 +132,19 @@ def object_of_another_size(keyframes: Sequence[Keyframe], body: Body, views: Map
         f"times {best:.2f}, {highest:.0%} of the keyframes' joints lie on the athlete, and now {shares[1.0]:.0%}; "
         "measure it again"
     )
+
+
+def guessed_measurements(subject: Subject, body: Body) -> list[str]:
+    """A note where measurements are missing."""
+    missing = [name for name in MEASUREMENTS if name not in subject.measurements_m]
+    if not missing:
+        return []
+    worst = max(missing, key=body.measured.sigma)
+    worst_mm = 1e3 * body.measured.sigma(worst)
+    return [
+        f"subject.json: {len(missing)} of {len(MEASUREMENTS)} measurements are missing and were guessed from the rest "
+        f"by the statistics of a population; the least certain of them is {worst}, to {worst_mm:.0f} mm"
+    ]
 
 
 def athlete_of_another_size(size: BodySize | None, on_athlete: float) -> list[str]:

@@ -16,6 +16,7 @@ from pzcap.initialisation.people import Detections
 from pzcap.initialisation.selection import worthwhile
 from pzcap.io.capture import FrameSets
 from pzcap.io.detections import NOBODY
+from pzcap.plausibility import guessed_measurements
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking import keyframes
 from pzcap.tracking.pixel_time import Exposure
@@ -64,6 +65,7 @@ def body_to_track(capture: Capture, sets: FrameSets, config: TrackingConfig, not
         )
         return None
     body = skeleton.build(capture.subject)
+    notes += guessed_measurements(capture.subject, body)
     if sets.keyframes:
         notes += keyframes.check(sets.keyframes, body, len(sets))
     return body

@@ -49,6 +49,8 @@ class ForegroundConfig:
     """Log-odds that a prediction counts with at most, for the body."""
     prediction_against: float = 1.5
     """The same against it: less, so that a limb that is elsewhere is found."""
+    others: bool = True
+    """Take foreground that is far from the expected body and larger than a limb for somebody else: unknown."""
 
 
 def shrink(values: Pixels, by: int) -> Pixels:

@@ -18,6 +18,7 @@ from pzcap.geometry.camera import at
 from pzcap.localisation.panorama_sampler import Window, place_of, warp_background
 from pzcap.segmentation import boundary_refinement
 from pzcap.segmentation.background_model import Compared, ForegroundConfig, compare, double, shrink
+from pzcap.segmentation.others import other_people
 from pzcap.segmentation.tuning import BODY
 from pzcap.solver.robust import line
 from pzcap.types import Camera, Float32, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
@@ -59,6 +60,7 @@ def separate(
     whole = Silhouette(
         np.zeros((height, width), np.uint8), np.zeros((height, width, 3), np.uint8),
         np.zeros((height // 2, width // 2), np.float32), localisation.valid,
+        np.zeros((height // 2, width // 2), np.uint8),
     )  # fmt: skip
     if not localisation.valid:
         return whole
@@ -71,7 +73,7 @@ def separate(
     blur_px = float(np.sqrt(5 / 12) * place.focal_px / panorama.px_per_rad)
     found = subtract(image[part], background, known, view, blur_px, config, expected)
     whole.probability[part], whole.background[part] = found.probability, found.background
-    whole.evidence[half] = found.evidence
+    whole.evidence[half], whole.others[half] = found.evidence, found.others
     return whole
 
 
@@ -94,7 +96,11 @@ def subtract(
     evidence = _evidence(compare(image, matched, known, camera, corner, blur_px, config), prior, predicted)
     probability = _probability(image, matched, evidence + prior, predicted)
     np.maximum(probability, 127, out=probability, where=~known)
-    return Silhouette(probability, matched, evidence, True)
+    others = np.zeros(evidence.shape, np.uint8)
+    if expected is not None and config.others:
+        others = other_people(evidence + prior, expected.distance_px, expected.sigma_px)
+        evidence[others > 0] = 0.0
+    return Silhouette(probability, matched, evidence, True, others)
 
 
 def _prior(expected: Expected, config: ForegroundConfig) -> Float32:

@@ -37,6 +37,21 @@ class BodyTuning(NamedTuple):
     """Weights of the evidence, and of what is expected."""
 
 
+class OthersTuning(NamedTuple):
+    """Other people beside the athlete."""
+
+    apart_px: float = 6.0
+    """Pixels off the expected outline from which on foreground may be somebody else's; clothes stand off by less."""
+    apart_sigmas: float = 3.0
+    """Of the prediction's error, beside that."""
+    beside_px: float = 2.0
+    """Pixels off the outline from which on foreground is no longer the athlete's if it hangs together with that."""
+    whole_share: float = 0.25
+    """Of the expected body's area, that somebody who is seen whole covers at least: a leg is a sixth."""
+    leaving_share: float = 0.08
+    """The same of a part of somebody, who stands over the edge of what is looked at."""
+
+
 class BoundaryTuning(NamedTuple):
     """Boundary of the body on the sharp frame."""
 
@@ -65,3 +80,4 @@ class BoundaryTuning(NamedTuple):
 BACKGROUND: Final = BackgroundTuning()
 BODY: Final = BodyTuning()
 BOUNDARY: Final = BoundaryTuning()
+OTHERS: Final = OthersTuning()

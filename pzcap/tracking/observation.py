@@ -55,6 +55,7 @@ class ViewCrop:
     probability: Image  # (h, w) 0..255 of the finest level: that it is the athlete
     arms: Image  # (h, w) 0..255 that it is one of the lower arms, as `pzcap.tracking.skin_colour_model` has it
     belief: Float32  # (h / 4, w / 4) -1 hall .. 1 body, of `ViewTuning.belief_scale`
+    others: Image  # (h / 2, w / 2) 1 where somebody else is, else 0; or (0, 0): nobody is
     person: Array | None = None  # (26, 3) what a detector found of the body, as in `pzcap.io.detections`
     camera_prior: CameraPrior | None = None  # None: the camera is not to be corrected
     exposure: Exposure = AT_ONCE
@@ -84,7 +85,8 @@ def prepare(
     levels = [_smooth(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))]
     for _ in range(PYRAMID_LEVELS - 1):
         levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.uint8))
-    crop = ViewCrop(camera, *corner, tuple(levels), _smooth(probability), arms, belief)
+    nobody = np.zeros((0, 0), np.uint8)
+    crop = ViewCrop(camera, *corner, tuple(levels), _smooth(probability), arms, belief, nobody)
     for each in (*crop.pyramid, crop.probability, crop.arms):
         each.setflags(write=False)
     crop.belief.setflags(write=False)
@@ -110,9 +112,14 @@ def crop_view(body: Body, view: ViewInput, pose: Pose, margin: float, skin_colou
     size = ((right - left) // VIEW.belief_scale, (bottom - top) // VIEW.belief_scale)
     belief = np.asarray(cv2.resize(np.clip(odds, -1.0, 1.0), size, interpolation=cv2.INTER_AREA), np.float32)
     image, probability = view.image[part], silhouette.probability[part]
-    crop = prepare(image, probability, skin_colours.arms(image, probability), belief, camera, (left, top))
+    others = silhouette.others[top // 2 : bottom // 2, left // 2 : right // 2].copy()
+    hers = probability
+    if others.any():
+        hers = np.where(others.repeat(2, axis=0).repeat(2, axis=1) > 0, np.uint8(0), probability)
+    crop = prepare(image, probability, skin_colours.arms(image, hers), belief, camera, (left, top))
     person = keypoint_residuals.nearest(keypoint_residuals.in_world(body.landmarks, frames), camera, view.people)
-    return replace(crop, person=person, camera_prior=view.camera_prior, exposure=view.exposure)
+    others = others if others.any() else crop.others
+    return replace(crop, others=others, person=person, camera_prior=view.camera_prior, exposure=view.exposure)
 
 
 def expect(body: Body, pose: Pose, sigma_m: float, camera: Camera, margin: float) -> Expected | None:

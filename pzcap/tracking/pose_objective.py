@@ -243,7 +243,7 @@ class PoseObjective:
         found = PointResiduals.empty(len(edges))
         sought = ContourTerms(terms.reach_px, terms.contour_sigma_px, terms.contour_weight)
         count = residuals.contour(
-            skin, edges, seen, camera, where.z_buffer, view.silhouette, view.arms, sought, found, cost
+            skin, edges, seen, camera, where.z_buffer, view.silhouette, view.arms, view.others, sought, found, cost
         )
         return found.first(count)
 

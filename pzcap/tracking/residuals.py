@@ -150,7 +150,7 @@ def _products(rows: Array, weights: Array, count: int, joint: Array) -> None:
 @njit(cache=True, nogil=True, error_model="numpy")
 def contour(
     skin: SkinPoints, edges: Indices, seen: ProjectedSkin, camera: Pinhole, z_buffer: ZBuffer,
-    silhouette: CropImage, arms: Image, terms: ContourTerms, found: PointResiduals, cost: Array,
+    silhouette: CropImage, arms: Image, people: Image, terms: ContourTerms, found: PointResiduals, cost: Array,
 ) -> int:  # fmt: skip
     """Occluding contour of the body against silhouette and arms: fills in ``found`` and returns how many there are.
 
@@ -160,6 +160,8 @@ def contour(
     another part of the body has its own edge there. If another part lies just outside, the point counts only if it is
     before that and of a segment that is known from the rest by its colours: then the edge of the ``arms``, cropped like
     the silhouette, is sought, unless the other arm is there.
+
+    Where somebody else (``people``, at half the resolution, or empty) is or begins, no edge is sought.
 
     The residual is the signed distance to the edge, weighted by Geman-McClure. ``cost`` (16, 3) gains, of the
     silhouettes' edges alone, squared distances, points with an edge found and points sought.
@@ -201,10 +203,14 @@ def contour(
             if others & ARMS & ~GROUP[s]:  # the two arms look alike
                 continue
         else:
+            if _somebody(people, px + 3.0 * nu, py + 3.0 * nv) or _somebody(people, px, py):
+                continue
             shown, explained, within = silhouette.image, WHOLE_BODY, terms.reach
             cost[s, 2] += terms.weight
         offset, slope = _crossing(shown, px, py, nu, nv, stride, int(np.ceil(within / stride)))
         if abs(offset) > within:
+            continue
+        if _somebody(people, px + (offset - 3.0) * nu, py + (offset - 3.0) * nv):  # that one's own outline
             continue
         # the edge of another part of the body, which that part explains: no limb is drawn to it
         there = _at(z_buffer, zu + (offset - 2.0) * du, zv + (offset - 2.0) * dv)[1] & explained
@@ -228,6 +234,13 @@ def contour(
             cost[s, 0] += terms.weight * offset * offset
             cost[s, 1] += terms.weight
     return count
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _somebody(people: Image, x: float, y: float) -> bool:
+    """True where ``people`` (h / 2, w / 2) has somebody at a pixel."""
+    i, j = int(y / 2.0), int(x / 2.0)
+    return 0 <= i < people.shape[0] and 0 <= j < people.shape[1] and people[i, j] > 0
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -95,6 +95,8 @@ class TrackingConfig:
     """Factor of a prediction's sigma while the velocity is not known."""
     body_size: bool = True
     """Correct the size of the whole body where the first keyframe's silhouettes show another than the tape."""
+    drape: bool = True
+    """Find in each frame by how much loose clothes (subject.json) are displaced; else they move with the body."""
     shape_weight: float = 0.024
     """Weight of a frame's contour in the estimate of the body's shape: the next frame errs alike. 0: the body stays as
     the tape has it."""

@@ -64,10 +64,12 @@ class Tracker:
     def __init__(self, body: Body, keyframes: Sequence[Keyframe], config: TrackingConfig) -> None:
         if not keyframes:
             raise PzcapError("tracking: no keyframes; pose the body in at least one frame (keyframes.json)")
+        if not config.drape:
+            body = replace(body, loose_m=np.zeros(len(SEGMENTS)))
         self.body, self.config = body, config  # the body that is tracked with
         self._keys = {key.frame: key for key in keyframes}
         self._last_key = max(self._keys)
-        self._estimate = BodyEstimate.of(body)
+        self._estimate = BodyEstimate.of(self.body)
         self.clocks: ClockEstimate | None = None  # None: before the first instant
         self._before: Sequence[Pose] = ()  # the last frames before those that wait
         self._solving: Future[IntervalResult] | None = None

@@ -9,7 +9,7 @@ import pytest
 
 from pzcap.body import skeleton
 from pzcap.body.kinematics import retract
-from pzcap.plausibility import athlete_of_another_size
+from pzcap.plausibility import athlete_of_another_size, guessed_measurements
 from pzcap.tracking.body_size import BodySize, SeenPose, body_size, resized, scaled
 from pzcap.tracking.observation import expect
 from pzcap.types import SEGMENTS, Array, Camera, Pose, Silhouette, Subject
@@ -81,6 +81,14 @@ def test_a_size_that_was_guessed_is_measured() -> None:
     better = resized(guess, size)
     assert abs(better.measured.value("stature") - true["stature"]) < 0.03 < 0.06 * true["stature"]
     assert better.measured.sigma("stature") < 0.95 * guess.measured.sigma("stature")
+
+
+def test_what_was_guessed_is_said() -> None:
+    assert guessed_measurements(subject(), BODY) == []
+    tall = Subject({"stature": 1.7}, 0.005)
+    [note] = guessed_measurements(tall, skeleton.build(tall))
+    assert "25 of 26 measurements" in note
+    assert "girth_waist, to" in note
 
 
 def test_views_that_show_nobody_tell_no_size() -> None:

@@ -175,7 +175,9 @@ class _Stages:
         """The silhouettes; masks and cameras true where the variant knows them."""
         variant, truth = self._variant, self._material.truth
         expecting = tracker if variant.expected else None
-        cut = pipeline.segment_views(self._cameras, self._config, self._pool, seen, expecting)
+        silhouettes = replace(self._config.foreground, others=variant.others)
+        config = replace(self._config, foreground=silhouettes)
+        cut = pipeline.segment_views(self._cameras, config, self._pool, seen, expecting)
         if not variant.corrected:
             cut = replace(cut, priors=(None,) * len(cut.cameras))
         at = int(self._material.true_frames[seen.frames.index])

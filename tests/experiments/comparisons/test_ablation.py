@@ -72,7 +72,7 @@ def test_the_command_leaves_a_table_metrics_and_plots(
     same = {key for key in BY_KEY if found[f"ablation.{key}.mpjpe.mean"] == usual}
     # eight frames of a walker, a keyframe at either end: no limb is lost, no keyframe is between
     more = {"ends", "half", "two_a_second", "four_a_second"}
-    unused = {"no_limits", "no_reacquisition", "no_appearance", "no_self_collision"}
+    unused = {"no_limits", "no_reacquisition", "no_appearance", "no_self_collision", "no_others", "no_drape"}
     unused.add("no_shape_refit")  # of one interval the body is known in the end as it was
     assert same <= {"default"} | unused | more
     with (tmp_path / "ablation.csv").open(encoding="utf-8") as file:
