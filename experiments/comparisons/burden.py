@@ -148,12 +148,13 @@ def _row(
     except PzcapError as error:
         return Row(variant.key, variant.label, {}, variant.group, str(error))
     known.setdefault(variant.cameras, found)
-    if found.motion is None:
-        why = next((note for note in found.notes if "not" in note), "nothing was found")
-        return Row(variant.key, variant.label, {}, variant.group, why)
-    # all are scored in the same frames: those that no hand has posed for anybody
-    posed = np.array([key.frame for key in frame_sets(capture).keyframes], np.int64)
-    figures = body(replace(found, motion=replace(found.motion, keyframes=posed)), truth)
+    figures: dict[str, float | None] = {}
+    if found.motion is not None:
+        # all are scored in the same frames: those that no hand has posed for anybody
+        posed = np.array([key.frame for key in frame_sets(capture).keyframes], np.int64)
+        figures = body(replace(found, motion=replace(found.motion, keyframes=posed)), truth)
+    if figures.get(MEAN) is None:  # a hand's keyframes may be all that there is
+        return Row(variant.key, variant.label, {}, variant.group, found.notes[0])
     return Row(variant.key, variant.label, figures, variant.group)
 
 
@@ -186,8 +187,7 @@ def draw(figure: Figure, rows: Sequence[Row[Any]]) -> None:
         axes.annotate(said, (min(mean, longest), y), (4, 0), textcoords="offset points", va="center", color=INK)
     axes.set_xlim(0.0, 1.25 * longest)
     axes.set_yticks(at, [row.label for row in rows])
-    axes.invert_yaxis()
-    axes.margins(y=0.02)
+    axes.set_ylim(float(at[-1]) + 0.7, -0.7)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("mean joint error [mm]")
 

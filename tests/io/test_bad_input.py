@@ -103,7 +103,6 @@ FAULTS: dict[str, tuple[str, Callable[[Path], object], str]] = {
         "markers are of DICT_4X4_50, where object.json says DICT_6X6_50; correct it there",
     ),
     "an empty file of keyframes": ("keyframes.json", lambda path: path.write_text(""), "not valid JSON"),
-    "no keyframe in the file": ("keyframes.json", lambda path: path.write_text("[]"), "no keyframe"),
     "endless keyframes": ("keyframes.json", lambda path: path.write_text("[" * 100_000), "not valid JSON"),
     "another version": ("capture.json", lambda path: change(path, lambda m: m.update(version=7)), "version 1"),
 }
