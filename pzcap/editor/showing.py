@@ -20,7 +20,7 @@ from pzcap.tracking.visibility import GROUP
 from pzcap.types import JOINTS, PARENTS, Array, Camera, Keyframe, Motion, Pose
 
 _SUGGESTED: Final = 6
-_OUTLINE_PX: Final = 240.0  # length of the body where its outline is found
+_OUTLINE_PX: Final = 200.0  # length of the body where its outline is found
 
 Json = dict[str, Any]
 
