@@ -106,20 +106,16 @@ class Problem:
         """Residuals (2N,), click minus projection in sigmas, and derivatives (2N, 43) of the projections in sigmas."""
         frames = forward(self.body, pose)
         world = world_points(frames, SEGMENT, handle_points(self.body))
-        residual, rows = np.zeros(2 * len(clicks)), np.zeros((2 * len(clicks), DOF))
+        table = np.array(clicks, np.float64).reshape(-1, 5)
+        handle, view, seen = table[:, 0].astype(np.int64), table[:, 1], table[:, 2:]
+        off, slopes = np.zeros((len(table), 2)), np.zeros((len(table), 2, 3))
         for number, camera in enumerate(self.cameras):
-            own = np.array([n for n, click in enumerate(clicks) if click.camera == number], np.int64)
-            if camera is None or not len(own):
-                continue
-            handle = np.array([clicks[n].handle for n in own])
-            seen = np.array([[clicks[n].x, clicks[n].y, clicks[n].sigma_px] for n in own])
-            points = world[handle]
-            off, slopes = np.zeros((len(own), 2)), np.zeros((len(own), 2, 3))
-            _compare(points, pinhole(camera), seen, _TAPE_M, off, slopes)
-            by_pose = np.einsum("nij,njd->nid", slopes, point_jacobians(frames, SEGMENT[handle], points))
-            at = (2 * own[:, None] + np.arange(2)).ravel()
-            residual[at], rows[at] = off.ravel(), by_pose.reshape(-1, DOF)
-        return residual, rows
+            own = np.flatnonzero(view == number)
+            if camera is not None and len(own):
+                _compare(world[handle], own, pinhole(camera), seen, _TAPE_M, off, slopes)
+        by_handle = point_jacobians(frames, SEGMENT, world)
+        rows = np.matmul(slopes, by_handle[handle]).reshape(-1, DOF)
+        return off.ravel(), rows
 
     def normal(self, pose: Pose, clicks: Sequence[Click]) -> tuple[Array, Array, float]:
         """Normal equations (43, 43) and (43,) of the clicks and of the body's own constraints, and their cost."""
@@ -304,11 +300,13 @@ def _turned(pose: Pose, turn: Rotation) -> Pose:
 
 
 @njit(cache=True, nogil=True)
-def _compare(points: Array, camera: Pinhole, seen: Array, tape_m: float, off: Array, slopes: Array) -> None:
-    """Fill in the residuals (N, 2) of world ``points`` (N, 3) that are ``seen`` (N, 3: x, y, sigma) in a view, and the
-    derivatives (N, 2, 3) of their projections by the points, both in sigmas. Of a point that is not before the camera
-    both stay 0."""
-    for n in range(len(points)):
+def _compare(
+    points: Array, which: Indices, camera: Pinhole, seen: Array, tape_m: float, off: Array, slopes: Array
+) -> None:
+    """For those of the world ``points`` (N, 3) in a view (``which``), ``seen`` at (N, 3: x, y, sigma), fill in the
+    residuals (N, 2) and the derivatives (N, 2, 3) of their projections by the points, both in sigmas. Of a point that
+    is not before the camera both stay as they are."""
+    for n in which:
         across, down, depth = ray(points[n, 0], points[n, 1], points[n, 2], camera)
         if depth < _NEAREST_M:
             continue

@@ -11,7 +11,7 @@ import numpy as np
 from pzcap.body.kinematics import forward, place
 from pzcap.body.skeleton import Body
 from pzcap.editor.footage import outlines
-from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, SEGMENT, Click, Problem, epipolar, is_ready
+from pzcap.editor.inverse_kinematics import HANDLES, SEGMENT, Click, Problem, epipolar
 from pzcap.editor.workspace import ORIGINS, Dragged, Workspace, handle_name
 from pzcap.extras import keyframe_diagnostics
 from pzcap.geometry.pinhole import projected
@@ -20,7 +20,7 @@ from pzcap.tracking.visibility import GROUP
 from pzcap.types import JOINTS, PARENTS, Array, Camera, Keyframe, Motion, Pose
 
 _SUGGESTED: Final = 6
-_OUTLINE_PX: Final = 240.0  # length of the body where its outline is found
+_OUTLINE_PX: Final = 200.0  # length of the body where its outline is found
 
 Json = dict[str, Any]
 
@@ -32,7 +32,7 @@ def about(space: Workspace) -> Json:
         "name": space.capture.name, "folder": str(space.capture.folder), "frames": len(space.sets),
         "timecodes": list(space.sets.timecodes), "cameras": list(found.camera_names),
         "sizes": [None if head is None else [head.lens.width, head.lens.height] for head in found.cameras],
-        "handles": [handle_name(n) for n in range(len(HANDLES))], "mirrored": MIRRORED.tolist(), "joints": len(JOINTS),
+        "handles": [handle_name(n) for n in range(len(HANDLES))], "joints": len(JOINTS),
         "parents": [*PARENTS, *SEGMENT[len(JOINTS) :].tolist()],  # that a line joins each handle to
     }  # fmt: skip
 
@@ -42,10 +42,10 @@ def frame(space: Workspace, number: int) -> Json:
     with space.lock:
         version, edit, problem = space.version, space.edit(number), space.problem(number)
     out: Json = {
-        "frame": number, "timecode": space.sets.timecodes[number], "version": version,
+        "frame": number, "version": version,
         "origin": edit.origin, "told_origin": ORIGINS[edit.origin], "is_key": edit.is_key,
         "hidden": sorted(edit.hidden), "found": [camera is not None for camera in problem.cameras],
-        "clicks": [], "notes": [], "sigma_mm": [], "before": None, "ready": False,
+        "clicks": [], "notes": [], "sigma_mm": [], "before": None,
     }  # fmt: skip
     if edit.pose is None:
         empty = [None] * len(HANDLES)
@@ -53,7 +53,7 @@ def frame(space: Workspace, number: int) -> Json:
     sigma = space.sigma_m(number, problem, edit)
     out |= _body(problem, edit.pose)
     out |= {
-        "clicks": _clicks(problem, edit.pose, edit.clicks), "ready": is_ready(sigma),
+        "clicks": _clicks(problem, edit.pose, edit.clicks),
         "sigma_mm": np.rint(1000.0 * sigma).astype(int).tolist(),
         "notes": [text.partition(": ")[2] for text in keyframes.check([Keyframe(number, edit.pose)], space.body)],
     }  # fmt: skip

@@ -8,7 +8,10 @@ state since. After each the history is on the disk, and keyframes.json is what t
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import threading
+import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -79,6 +82,7 @@ class Workspace:
             )
         self.footage = Footage(self.sets, found)
         self.body: Body = skeleton.build(capture.subject)
+        self._base = _digest(found.motion)
         self.motion: Motion = self._kept_motion() or found.motion or resolve.untracked(len(self.sets))
         self.difference: resolve.Difference | None = None
         self.lock = threading.RLock()
@@ -309,8 +313,10 @@ class Workspace:
                 raise PzcapError("another page has changed something meanwhile; look, and say it again")
             self._adopt()
             change = step()
+            frame = self.frame_of.get(change.timecode, 0)
+            self._touched[frame] = self.version
             self._write()
-            return self.frame_of.get(change.timecode, 0)
+            return frame
 
     def _check_seen(self, frame: int, seen: int) -> None:
         if seen < self._touched.get(frame, 0):
@@ -369,26 +375,30 @@ class Workspace:
             self.motion, self.difference = resolve.merged(self.motion, new, frames, keys)
             with written_whole(self.folder / _MOTION) as partial, partial.open("wb") as file:
                 arrays = {name: getattr(self.motion, name) for name in _ARRAYS}
-                np.savez_compressed(file, allow_pickle=False, **arrays)
+                np.savez_compressed(file, allow_pickle=False, base=np.array(self._base), **arrays)
             return self.difference
 
     def _kept_motion(self) -> Motion | None:
-        """What was tracked anew when this capture was edited before."""
+        """What was tracked anew when these results were edited before; None where others have been made since."""
         path = self.folder / _MOTION
         if not path.is_file():
             return None
         try:
             with np.load(path, allow_pickle=False) as file:
-                motion = Motion(**{name: file[name] for name in _ARRAYS})
-        except (OSError, ValueError, KeyError, EOFError) as error:
+                base, motion = str(file["base"]), Motion(**{name: file[name] for name in _ARRAYS})
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise PzcapError(f"{path}: damaged ({error}); remove it, and solve again on the page") from error
-        return motion if len(motion.valid) == len(self.sets) else None
-
-    def _view(self, click: Click) -> str:
-        return self._view_name(click.camera)
+        return motion if base == self._base and len(motion.valid) == len(self.sets) else None
 
     def _view_name(self, camera: int) -> str:
         return f"camera {self.footage.found.camera_names[camera]}"
+
+
+def _digest(motion: Motion | None) -> str:
+    """By which a motion is known again."""
+    if motion is None:
+        return ""
+    return hashlib.sha256(motion.root_position_m.tobytes() + motion.rotations.tobytes()).hexdigest()
 
 
 def _there(edit: FrameEdit) -> Pose:

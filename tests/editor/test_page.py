@@ -66,6 +66,7 @@ def test_dragged_seen_in_two_tabs_undone_killed_and_nothing_lost(place: Path, tm
         assert again.shown["handles"] == before["handles"]
         again.page.keyboard.press("u")
         again.until("editor.state().overview.keys.length === 1")
+        again.until("editor.pictures().every(one => one)")
         picture = np.frombuffer(again.page.screenshot(), np.uint8)
         image = cv2.imdecode(picture, cv2.IMREAD_COLOR)
         assert image is not None

@@ -14,7 +14,7 @@ from pzcap.editor import showing
 from pzcap.editor.inverse_kinematics import HANDLES
 from pzcap.editor.workspace import Workspace
 from pzcap.io.capture import frame_sets, read_capture
-from pzcap.types import PzcapError
+from pzcap.types import Keyframe, Motion, PzcapError
 from sim.capture_writer import write_keyframes
 from tests.scenes import edited
 
@@ -213,6 +213,25 @@ def test_results_of_another_take_are_refused(folder: Path) -> None:
     other = replace(edited.found(), timecodes=tuple(f"02:00:00:{n:02}" for n in range(edited.FRAMES)))
     with pytest.raises(PzcapError, match="other frames or cameras"):
         Workspace(read_capture(folder), other)
+
+
+def test_what_was_solved_again_is_kept_until_other_results_come(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    space = edited.workspace(folder, tracked=True)
+    space.set_key(0, is_key=True)
+    old = space.motion
+    frames = np.arange(edited.FRAMES)
+
+    def tracked_anew(_: object, __: object, keys: list[Keyframe], which: range, *___: object) -> Motion:
+        assert [key.frame for key in keys] == [0]
+        arrays = {name: getattr(old, name)[frames[which]] for name in ("rotations", "joints_m", "sigma_m", "valid")}
+        return Motion(old.root_position_m[frames[which]] + 0.1, keyframes=np.array([0]), **arrays)
+
+    monkeypatch.setattr("pzcap.editor.resolve.tracked_anew", tracked_anew)
+    change = space.solve_again(4, lambda *_: None, lambda: False)
+    assert change.frames == range(edited.FRAMES)
+    again = edited.workspace(folder, tracked=True)
+    assert np.allclose(again.motion.root_position_m, old.root_position_m + 0.1)
+    assert edited.workspace(folder).prediction(5)[1] != "tracker"
 
 
 def test_one_editor_at_a_time(folder: Path) -> None:

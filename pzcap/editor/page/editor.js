@@ -83,7 +83,7 @@ function hear(message) {
     about = message.about;
     document.title = `${about.name} · pzcap edit`;
     $("name").textContent = about.name; $("name").title = about.folder;
-    if (first) build();
+    if (first) { build(); tell("Drag a joint to where it is seen, then in a second view. ? shows the keys."); }
     frame = Math.min(Math.max(+(location.hash.slice(1) || 0) || 0, 0), about.frames - 1);
     go(frame, true);
   }
