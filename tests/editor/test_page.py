@@ -96,8 +96,7 @@ def test_from_no_keyframes_to_five_by_dragging_alone(small_capture: Path, tmp_pa
     (folder / "capture.json").write_text(json.dumps(content | {"keyframes": None}))
     body = skeleton.build(read_capture(folder).subject)  # type: ignore[arg-type]
     rng, frames = np.random.default_rng(0), (0, 7, 3, 5, 1)
-    with chromium() as browser:
-        editing = Editing(folder, start_s=600.0)
+    with chromium() as browser, Editing(folder, start_s=600.0) as editing:
         hand = Hand(browser, editing.address)
         for frame in frames:
             hand.go(frame)
