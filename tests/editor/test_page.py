@@ -86,7 +86,8 @@ def true_handles(truth: truths.Truth, frame: int, body: skeleton.Body) -> Array:
 
 @pytest.mark.heavy
 def test_from_no_keyframes_to_five_by_dragging_alone(small_capture: Path, tmp_path: Path) -> None:
-    """To the true projections with 2 px of noise; then the body is tracked as from keyframes set by hand."""
+    """To the true projections with 1 px of noise, which is 2 px at the usual size; then the body is tracked as from
+    keyframes set by hand."""
     folder, truth = tmp_path / "take", truths.load(small_capture / "truth")
     folder.mkdir()
     for file in (small_capture / "capture").iterdir():
@@ -96,16 +97,15 @@ def test_from_no_keyframes_to_five_by_dragging_alone(small_capture: Path, tmp_pa
     (folder / "capture.json").write_text(json.dumps(content | {"keyframes": None}))
     body = skeleton.build(read_capture(folder).subject)  # type: ignore[arg-type]
     rng, frames = np.random.default_rng(0), (0, 7, 3, 5, 1)
-    with chromium() as browser:
-        editing = Editing(folder, start_s=600.0)
+    with chromium() as browser, Editing(folder, start_s=600.0) as editing:
         hand = Hand(browser, editing.address)
         for frame in frames:
             hand.go(frame)
             hand.page.keyboard.press("f")
             world = true_handles(truth, frame, body)
             for handle in range(len(HANDLES)):
-                for camera in range(4):
-                    x, y = project(truth.camera(camera, frame), world)[handle] + rng.normal(0.0, 2.0, 2)
+                for camera in (handle % 4, (handle + 1) % 4):
+                    x, y = project(truth.camera(camera, frame), world)[handle] + rng.normal(0.0, 1.0, 2)
                     hand.drag(handle, camera, x, y)
             assert hand.shown["is_key"]
         hand.page.keyboard.press("r")
@@ -115,7 +115,7 @@ def test_from_no_keyframes_to_five_by_dragging_alone(small_capture: Path, tmp_pa
     keys = frame_sets(read_capture(folder)).keyframes
     assert [key.frame for key in keys] == sorted(frames)
     off = [np.linalg.norm(joints(body, key.pose) - truth.joints_m[key.frame], axis=1) for key in keys]
-    assert np.mean(off) < 0.06  # two pixels are 50 mm here
+    assert np.mean(off) < 0.04  # a pixel is 25 mm here
     cameras = results.load(folder / "editing" / "reconstruction")
     errors = []
     for capture in (folder, small_capture / "capture"):
@@ -123,4 +123,4 @@ def test_from_no_keyframes_to_five_by_dragging_alone(small_capture: Path, tmp_pa
         assert motion is not None
         assert motion.valid.all()
         errors.append(float(np.linalg.norm(motion.joints_m - truth.joints_m, axis=2).mean()))
-    assert errors[0] < errors[1] + 0.015
+    assert errors[0] < errors[1] + 0.02

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import pytest
 
-PATIENCE_S: Final = 30.0
+PATIENCE_S: Final = 60.0
 
 
 class Editing:
@@ -32,6 +32,13 @@ class Editing:
             assert time.monotonic() < end, said
             said += line_said
         self.address = address[0]
+
+    def __enter__(self) -> Editing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.kill()
 
     def kill(self) -> None:
         """As when the power fails."""
