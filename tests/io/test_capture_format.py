@@ -16,10 +16,11 @@ from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from pzcap.io.capture import frame_sets, read_capture
+from pzcap.io.clocks import read_sync
 from pzcap.types import HINGE_AXES, MEASUREMENTS, PARENTS, SEGMENTS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "capture.md").read_text(encoding="utf-8")
-MANIFEST, OBJECT, KEYFRAMES = (json.loads(block) for block in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL))
+MANIFEST, SYNC, OBJECT, KEYFRAMES = (json.loads(block) for block in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL))
 
 
 def table(heading: str) -> list[list[str]]:
@@ -77,6 +78,15 @@ def test_a_capture_written_after_the_page_is_read(tmp_path: Path, suffix: str, c
     np.testing.assert_allclose(keyframe.pose.root_position_m, [0.12, -1.4, 0.93])
     np.testing.assert_allclose(keyframe.pose.rotations[0], [0.92, 0, 0, 0.3919], atol=1e-4)
     assert all(frames.images[0] is not None for frames in sets)
+
+
+def test_the_example_of_sync_json_is_read(tmp_path: Path) -> None:
+    (tmp_path / "sync.json").write_text(json.dumps(SYNC), encoding="utf-8")
+    clocks = read_sync(tmp_path / "sync.json")
+    assert [(name, clock.offset_s, clock.rate, clock.sigma_s) for name, clock in clocks.items()] == [
+        ("1", 0.0, 1.0, 0.01),
+        ("2", 1.2667, 1.0, 0.01),
+    ]
 
 
 def test_the_tables_name_what_the_code_knows() -> None:
