@@ -24,7 +24,16 @@ from pzcap.calibration.sweep import Frames
 from pzcap.calibration.tuning import BELIEF, HALL, PHOTOMETRIC
 from pzcap.geometry import camera as geometry
 from pzcap.imaging.bspline import stored
-from pzcap.types import CalibrationObject, Camera, Image, InverseDepthMap, Panorama, PanZoomCamera, ReferenceCamera
+from pzcap.types import (
+    Array,
+    CalibrationObject,
+    Camera,
+    Image,
+    InverseDepthMap,
+    Panorama,
+    PanZoomCamera,
+    ReferenceCamera,
+)
 
 Report: TypeAlias = Callable[[str, int, int], None]
 """Called with a stage, how much of it is done, and of how much (0: not known)."""
@@ -67,7 +76,10 @@ def calibrate(
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
     chained, count = matched.chained, len(matched.chained.pan_rad)
     some = [link.subset(slice(None, None, 5)) for link in matched.links]  # enough for a start
-    quick = adjust(matched.start, some, matched.sigmas, scale_px=4.0, iterations=12).parameters
+    usual = replace(matched.sigmas, higher=BELIEF.usual_lens * matched.sigmas.higher)
+    quick = adjust(matched.start, some, usual, scale_px=4.0, iterations=12).parameters
+    if not is_unusual(quick.higher, usual.higher):  # what the footage does not ask for would only add to the noise
+        matched = replace(matched, sigmas=usual)
     adjusted = adjust(quick, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
     # features place frames to a quarter of a pixel, grey values better
     brightness = stitching.fit_brightness(matched.sweep_links, count, adjusted.parameters.view(0), width, height)
@@ -94,6 +106,11 @@ def calibrate(
     zoom_pan_rad = float(model.pan_rad[-1] - taken.pan_rad)
     zoomed = stitching.ZoomedFrames(np.array(matched.zoom_numbers, np.int64), model.log_focal[2:], zoom_pan_rad)
     return CalibratedCamera(refined, panorama, camera), swept, zoomed
+
+
+def is_unusual(higher: Array, sigmas: Array) -> bool:
+    """True if k2, p1 or p2 (3,) were drawn further from 0 than their usual ``sigmas`` (3,) let one expect."""
+    return bool(np.any(np.abs(higher) > BELIEF.unusual * sigmas))
 
 
 def _fit_grey_values(
