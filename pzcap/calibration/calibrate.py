@@ -76,10 +76,10 @@ def calibrate(
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
     chained, count = matched.chained, len(matched.chained.pan_rad)
     some = [link.subset(slice(None, None, 5)) for link in matched.links]  # enough for a start
-    usual = replace(matched.sigmas, higher=BELIEF.usual_lens * matched.sigmas.higher)
-    quick = adjust(matched.start, some, usual, scale_px=4.0, iterations=12).parameters
-    if not is_unusual(quick.higher, usual.higher):  # what the footage does not ask for would only add to the noise
-        matched = replace(matched, sigmas=usual)
+    quick = adjust(matched.start, some, matched.sigmas, scale_px=4.0, iterations=12).parameters
+    if is_unusual(quick.higher, matched.sigmas.higher):  # what a footage does not ask for would only add to its noise
+        wide = matched.sigmas.higher / BELIEF.usual_lens
+        matched = replace(matched, sigmas=replace(matched.sigmas, higher=wide))
     adjusted = adjust(quick, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
     # features place frames to a quarter of a pixel, grey values better
     brightness = stitching.fit_brightness(matched.sweep_links, count, adjusted.parameters.view(0), width, height)

@@ -77,7 +77,7 @@ def match(
     start = CalibrationParameters(
         np.array(pans), np.array(focals), np.array(pan_of), np.array(focal_of), coarse.tilt_rad, coarse.roll_rad,
         np.pad(coarse.principal_px, ((0, 1 if zoomed else 0), (0, 0))), np.pad(coarse.k1, (0, 2 if zoomed else 0)),
-        coarse.higher, coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
+        np.zeros(HIGHER), coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
     )  # fmt: skip
     others = [grey(image) for image in [reference_image, *zoomed]]
     sigmas = sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
@@ -108,7 +108,7 @@ def sigmas_of(camera: Camera, beliefs: BeliefConfig, full_turn: bool, zoom: bool
     principal = np.full(2 if zoom else 1, beliefs.principal * camera.width)
     k1 = beliefs.k1 * np.array([1.0, 1.0, 0.5] if zoom else [1.0])
     offset, travel = np.array([beliefs.offset_m, beliefs.travel_m]) / height_of(camera)
-    higher = np.array([beliefs.k2, beliefs.decentring, beliefs.decentring])
+    higher = BELIEF.usual_lens * np.array([beliefs.k2, beliefs.decentring, beliefs.decentring])
     return Sigmas(focal, np.deg2rad(beliefs.tilt_deg), principal, k1, higher, float(offset), float(travel))
 
 
