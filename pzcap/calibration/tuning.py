@@ -71,7 +71,7 @@ class BeliefTuning(NamedTuple):
     """From the reference image. A circle that closes fixes it far better, and then ten times this is believed."""
     partial_scale_sigma: float = 1e-3
     """Relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole. Fitted to captures."""
-    usual_lens: float = 0.1
+    usual_lens: float = 0.03
     """Share of the standard deviations of k2, p1 and p2 that is believed of a lens at first."""
     unusual: float = 2.0
     """Standard deviations. A lens that is drawn further from that is given the whole."""
