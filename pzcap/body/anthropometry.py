@@ -16,7 +16,8 @@ Sources
     C. Gordon et al., *2012 Anthropometric Survey of U.S. Army Personnel* (ANSUR II), NATICK/TR-15/007 (2014): heights
     of cervicale, trochanter, knee, ankle and acromion, biacromial breadth, lengths of arm, hand and foot, girths of
     head and neck; the scatter and correlations of lengths at given stature follow its deviations and correlations,
-    rounded: not to be told from a table to more than a fifth.
+    rounded: not to be told from a table to more than a fifth. **To be checked**: these figures were not read off the
+    report again when they were entered.
     R. Drillis and R. Contini, *Body Segment Parameters* (1966), as in D. Winter, *Biomechanics and Motor Control of
     Human Movement*: links from joint to joint as shares of stature. P. de Leva, *Joint center longitudinal positions*,
     J. Biomechanics 29 (1996): how far below the acromion a shoulder joint lies.
