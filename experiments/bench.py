@@ -170,7 +170,7 @@ def _follow(
 
 
 def _outcome(steps: Generator[Any, None, T]) -> T:
-    """What a generator returns in the end."""
+    """The value that a generator returns in the end."""
     while True:
         try:
             next(steps)

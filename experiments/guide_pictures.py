@@ -68,7 +68,7 @@ def _evenly(path: Path, count: int) -> list[Image]:
 
 
 def _motion(capture: Capture) -> list[Image]:
-    """What all cameras see, early and late."""
+    """Views of all cameras, early and late."""
     sets = frame_sets(capture)
     found = []
     for at in (len(sets) // 4, 3 * len(sets) // 4):

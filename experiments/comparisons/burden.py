@@ -78,11 +78,11 @@ class Variant:
 
     @property
     def cameras(self) -> tuple[bool, ...]:
-        """What its cameras are calibrated from: variants that agree in it have the same ones."""
+        """The footage that its cameras are calibrated from: variants that agree in it have the same ones."""
         return (self.partial, *(change in self.changes for change in (_without_zoom, _without_object)))
 
     def of(self, capture: Capture) -> Capture:
-        """What this crew brings home of the ``capture``."""
+        """The part of the ``capture`` that this crew brings home."""
         for change in self.changes:
             capture = change(capture)
         return capture

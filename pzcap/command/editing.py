@@ -37,7 +37,7 @@ def edit(place: Path, capture: Path | None, port: int, browse: bool) -> int:
 
 
 def _cameras(capture: Capture, kept: Path) -> Reconstruction:
-    """What can be reconstructed of a capture before it is edited; found once, and kept."""
+    """Reconstruction of a capture before it is edited; made once, and kept."""
     if (kept / results.MANIFEST).is_file():
         found = results.load(kept)
         if found.timecodes == frame_sets(capture).timecodes:

@@ -50,7 +50,7 @@ def check_body(
     capture: Capture, references: Mapping[str, Reference], sweeps: Mapping[str, Sweep],
     reference_rad: Mapping[str, float],
 ) -> Iterator[Finding]:  # fmt: skip
-    """What the keyframes say of the athlete's size and place."""
+    """The athlete's size and place as the keyframes have them."""
     if capture.subject is None:
         return
     try:
