@@ -57,6 +57,10 @@ def test_dragged_seen_in_two_tabs_undone_killed_and_nothing_lost(place: Path, tm
         saved, before = keyframes.read_bytes(), hand.shown
         editing.kill()
         hand.until("editor.state().message.includes('Nothing is lost')")
+        hand.page.keyboard.press("ArrowLeft")  # to look further does not cover what is said
+        assert hand.page.evaluate("() => editor.state().message.startsWith('The server has ended')")
+        hand.page.keyboard.press("k")
+        assert hand.page.evaluate("() => editor.state().message.startsWith('Nothing was changed now.')")
 
         editing = Editing(place)
         assert keyframes.read_bytes() == saved

@@ -55,20 +55,23 @@ const views = [], pictures = new Map();
 
 /* ------------------------------------------------------------------------------------------------ server */
 
+const LOST = "The server has ended or cannot be reached. Nothing is lost: every change was saved. " +
+  "Start pzcap edit again, and open the address that it prints.";
+const LOOKS = ["show", "silhouettes"];  // asked again on connecting; the others change something
+
 function connect() {
   socket = new WebSocket(`ws://${location.host}/live`);
   socket.onmessage = event => hear(JSON.parse(event.data));
   socket.onopen = () => { lost = false; if (about) tell("connected again"); };
   socket.onclose = () => {
-    if (!lost) tell("The server has ended or cannot be reached. Nothing is lost: every change was saved. " +
-      "Start pzcap edit again, and open the address that it prints.", true);
+    if (!lost) tell(LOST, true);
     lost = true; drag = null; setTimeout(connect, 1500);
   };
 }
 
 function send(message) {
   if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
-  else tell("not connected: nothing was changed", true);
+  else if (!LOOKS.includes(message.do)) tell(`Nothing was changed now. ${LOST}`, true);
 }
 
 function say(what, more) {
