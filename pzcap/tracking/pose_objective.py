@@ -25,7 +25,7 @@ from pzcap.tracking.pixel_time import (
     AT_ONCE,
     ClockEquations,
     clock_equations,
-    moved,
+    exposed,
     moved_frames,
     sequence_velocities,
 )
@@ -135,9 +135,7 @@ class PoseObjective:
         """The ``skin`` where it was when the ``view`` was exposed."""
         if view is None or self.velocity is None or view.exposure == AT_ONCE:
             return skin
-        rows = projected(skin.points, view.camera)[0][:, 1]
-        time = view.exposure.times(rows, view.camera.height)
-        return skin._replace(points=moved(skin.points, skin.segment, frames, self.velocity, time))
+        return skin._replace(points=exposed(skin, frames, self.velocity, view.camera, view.exposure))
 
     def _landmark_frames(self, view: ViewCrop, frames: Array) -> Array:
         """The segments (16, 4, 4) where they were when the ``view`` was exposed."""
