@@ -8,11 +8,21 @@ import pytest
 from hypothesis import settings
 
 from experiments.footage import SMALL
+from pzcap.io.capture import read_capture
+from pzcap.pipeline import Config, reconstruct
+from pzcap.types import Reconstruction
 from tests.scenes.captures import shot
 
 # the same examples every time, however long the first takes to compile: a gate must not open by luck
 settings.register_profile("gate", derandomize=True, deadline=None)
 settings.load_profile("gate")
+
+
+@pytest.fixture(scope="session")
+def small_run(small_capture: Path) -> Reconstruction:
+    """What the pipeline makes of the small capture. Read only. The tests that take it are of the group "pipeline",
+    which one process has, so that it is made once."""
+    return reconstruct(read_capture(small_capture / "capture"), Config())
 
 
 @pytest.fixture(scope="session")

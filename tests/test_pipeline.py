@@ -38,9 +38,9 @@ def capture(small_capture: Path) -> Capture:
     return read_capture(small_capture / "capture")
 
 
-@pytest.fixture(scope="module")
-def reconstruction(capture: Capture) -> Reconstruction:
-    return reconstruct(capture, Config())
+@pytest.fixture
+def reconstruction(small_run: Reconstruction) -> Reconstruction:
+    return small_run
 
 
 def files(folder: Path) -> dict[str, bytes]:

@@ -44,7 +44,7 @@ def undisturbed(shared: Path) -> dict[str, dict[str, str]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("launcher", "kills"), [("basic", 3), ("forking", 10)])
+@pytest.mark.parametrize(("launcher", "kills"), [("basic", 3), pytest.param("forking", 10, marks=pytest.mark.heavy)])
 def test_killed_at_any_moment_it_ends_as_an_undisturbed_one(
     launcher: str, kills: int, undisturbed: dict[str, dict[str, str]], tmp_path: Path
 ) -> None:

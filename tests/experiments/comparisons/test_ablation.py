@@ -21,7 +21,7 @@ from pzcap import pipeline
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.types import PzcapError, Reconstruction
 
-pytestmark = pytest.mark.xdist_group("experiments")
+pytestmark = pytest.mark.xdist_group("pipeline")
 BY_KEY = {variant.key: variant for variant in VARIANTS}
 
 
@@ -30,25 +30,19 @@ def silent(*_: object) -> None:
 
 
 @pytest.fixture(scope="module")
-def run(small_capture: Path) -> Reconstruction:
-    """What a run finds."""
-    return pipeline.reconstruct(read_capture(small_capture / "capture"), pipeline.Config())
-
-
-@pytest.fixture(scope="module")
-def material(small_capture: Path, run: Reconstruction) -> Material:
+def material(small_capture: Path, small_run: Reconstruction) -> Material:
     """As `trial.prepare` makes it, from what the run has prepared already."""
     capture, truth = read_capture(small_capture / "capture"), footage.truth_beside(small_capture / "capture")
     assert truth is not None
     assert capture.subject is not None
-    found = replace(run, motion=None)
+    found = replace(small_run, motion=None)
     return Material(capture, capture.subject, frame_sets(capture), found, truth, frames_of(truth, found)[0])
 
 
-def test_the_default_is_what_a_run_finds(material: Material, run: Reconstruction) -> None:
-    assert run.motion is not None
+def test_the_default_is_what_a_run_finds(material: Material, small_run: Reconstruction) -> None:
+    assert small_run.motion is not None
     motion, _ = trial.follow(material, BY_KEY["default"], pipeline.Config(), silent)
-    np.testing.assert_array_equal(motion.joints_m, run.motion.joints_m)
+    np.testing.assert_array_equal(motion.joints_m, small_run.motion.joints_m)
 
 
 @pytest.mark.heavy

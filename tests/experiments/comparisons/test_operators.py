@@ -29,6 +29,7 @@ def overrides(values: dict[str, Any], prefix: str) -> list[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.heavy
 def test_the_command_films_each_way_and_compares_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

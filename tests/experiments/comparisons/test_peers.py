@@ -28,10 +28,11 @@ from experiments.metrics import read_metrics
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry import camera as geometry
 from pzcap.io.capture import read_capture
+from pzcap.io.results import save
 from pzcap.localisation.panorama_sampler import ViewPlace, warp_background
-from pzcap.types import PzcapError
+from pzcap.types import PzcapError, Reconstruction
 
-pytestmark = pytest.mark.xdist_group("peers")
+pytestmark = pytest.mark.xdist_group("pipeline")
 
 EVERY = 4  # 2 of the 8 frames
 ACCURATE = {"ours", "ours_tracking", "sift", "akaze", "ecc_difference", "ecc_known", "rays", "hugin"}
@@ -42,11 +43,13 @@ def quiet(stage: str, done: int, total: int) -> None:
 
 
 @pytest.fixture(scope="module")
-def material(small_capture: Path) -> Material:
+def material(small_capture: Path, small_run: Reconstruction, tmp_path_factory: pytest.TempPathFactory) -> Material:
     """The first two cameras of the small capture."""
+    found = tmp_path_factory.mktemp("found")
+    save(small_run, found)
     capture = read_capture(small_capture / "capture")
     two = replace(capture, cameras=capture.cameras[:2])
-    return from_capture(two, footage.truth_beside(small_capture / "capture"), None, PanZoomConfig(), True, quiet)
+    return from_capture(two, footage.truth_beside(small_capture / "capture"), found, PanZoomConfig(), True, quiet)
 
 
 @pytest.fixture(scope="module")
