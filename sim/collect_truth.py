@@ -14,7 +14,7 @@ from pzcap.types import Array
 from sim.cameras.operator import Trajectory
 from sim.cameras.optics import Rig
 from sim.motion import END_POINTS
-from sim.session import CAMERA_NAMES, CAMERAS, Run, Session
+from sim.session import Run, Session
 from sim.truth import Truth
 
 
@@ -33,13 +33,13 @@ def collect_truth(
 ) -> Truth:
     """The truth about a capture without a dropped frame, before it is developed. joints_m: (F, 16, 3)."""
     config, rigs, times_s = session.config, session.rigs, session.times_s
-    own_s = np.array([session.own_s(c, times_s) for c in range(CAMERAS)])
+    own_s = np.array([session.own_s(c, times_s) for c in range(config.cameras)])
     pan_rad, focal_px, raised_rad, rolled_rad = _sampled([one.way for one in filmed], own_s)
     clock_offset_s, clock_drift = session.own_clocks()
     frames = len(times_s)
-    sweeps, zooms = [[run(c) for c in range(CAMERAS)] for run in (session.sweep, session.zoom)]
+    sweeps, zooms = [[run(c) for c in range(config.cameras)] for run in (session.sweep, session.zoom)]
     sweep_pan_rad, sweep_focal_px, *_ = _sampled(sweeps, [run.times_s for run in sweeps])
-    zoom_pan_rad, zoom_focal_px = np.zeros((CAMERAS, 1)), np.zeros((CAMERAS, 0))
+    zoom_pan_rad, zoom_focal_px = np.zeros((config.cameras, 1)), np.zeros((config.cameras, 0))
     if config.zoom_frames:
         zoom_pan_rad, zoom_focal_px, *_ = _sampled(zooms, [run.times_s for run in zooms])
     reference_px = rigs[0].reference_focal_px
@@ -49,7 +49,7 @@ def collect_truth(
     return Truth(
         config=json.dumps(asdict(config)),
         frame_rate=Fraction(config.frame_rate),
-        camera_names=CAMERA_NAMES,
+        camera_names=config.camera_names,
         timecodes=session.timecodes(),
         width=config.width,
         height=config.height,
@@ -59,16 +59,16 @@ def collect_truth(
         focal_px=focal_px,
         principal_px=np.repeat([[rig.principal_px] for rig in rigs], frames, axis=1),
         k1=np.array([[rig.k1(f) for f in row] for rig, row in zip(rigs, focal_px, strict=True)]),
-        k2=np.full(CAMERAS, config.optics.k2),
-        p1=np.full(CAMERAS, config.optics.p1),
+        k2=np.full(config.cameras, config.optics.k2),
+        p1=np.full(config.cameras, config.optics.p1),
         world_T_cam=_poses(rigs, pan_rad, focal_px, raised_rad, rolled_rad),
-        recorded=np.ones((CAMERAS, frames), bool),
+        recorded=np.ones((config.cameras, frames), bool),
         clock_offset_s=clock_offset_s,
         clock_drift=clock_drift,
-        readout_s=np.full(CAMERAS, config.sensor.readout_s),
-        field_s=np.full(CAMERAS, 0.0 if config.sensor.bob else config.sensor.field_s),
-        gain=np.ones((CAMERAS, frames, 3)),
-        reference_focal_px=np.full(CAMERAS, reference_px),
+        readout_s=np.full(config.cameras, config.sensor.readout_s),
+        field_s=np.full(config.cameras, 0.0 if config.sensor.bob else config.sensor.field_s),
+        gain=np.ones((config.cameras, frames, 3)),
+        reference_focal_px=np.full(config.cameras, reference_px),
         reference_principal_px=np.array([rig.principal_px for rig in rigs]),
         reference_k1=np.array([rig.k1(reference_px) for rig in rigs]),
         reference_world_T_cam=np.stack([rig.world_T_cam(0.0, reference_px) for rig in rigs]),

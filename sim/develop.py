@@ -22,7 +22,7 @@ from sim.light import operate, read_light, reels
 from sim.people.crew import keyframe_indices, measure, pose_by_hand
 from sim.people.detector import Detector, write_openpose
 from sim.scene import skeleton, stream
-from sim.session import CAMERAS, Session, ShootConfig, assemble
+from sim.session import Session, ShootConfig, assemble
 from sim.team import Progress, side_by_side
 from sim.truth import load, save
 
@@ -35,18 +35,18 @@ def develop(config: ShootConfig, light: Path, folder: Path) -> Iterator[Progress
     session = assemble(config)
     for files in session.files(folder / "capture"):
         files.reference.parent.mkdir(parents=True)
-    recorded = [_recorded(session, c) for c in range(CAMERAS)]
+    recorded = [_recorded(session, c) for c in range(config.cameras)]
     hall = 1 + len(session.sweep(0).times_s) + config.zoom_frames
-    total = CAMERAS * hall + sum(int(frames.sum()) for frames in recorded)
-    yield from side_by_side("develop", total, develop_cameras, session, light, folder / "capture")
+    total = config.cameras * hall + sum(int(frames.sum()) for frames in recorded)
+    yield from side_by_side("develop", config.cameras, total, develop_cameras, session, light, folder / "capture")
     if config.detector.enabled:
         yield from _detect(session, folder / "capture")
     truth = load(light / "truth")
     timecodes = session.timecodes()  # light does not know how the crew brings the cameras together
     _write_papers(session, folder / "capture", timecodes)
     clock, frames = session.clock(), len(session.times_s)
-    filmed = np.array([recorded[c][clock.early[c] : clock.early[c] + frames] for c in range(CAMERAS)])
-    gain = np.array([_true_gain(session, c) for c in range(CAMERAS)])
+    filmed = np.array([recorded[c][clock.early[c] : clock.early[c] + frames] for c in range(config.cameras)])
+    gain = np.array([_true_gain(session, c) for c in range(config.cameras)])
     known = replace(truth, config=json.dumps(asdict(config)), timecodes=timecodes, recorded=filmed, gain=gain)
     save(known, folder / "truth")
 
@@ -55,7 +55,7 @@ def develop_cameras(cameras: Sequence[int], session: Session, light: Path, captu
     """Write the picture and the videos of some of the cameras; yield how many pictures are done."""
     config, done = session.config, 0
     for c in cameras:
-        files, reel, clock = session.files(capture)[c], reels(light)[c], session.clock()
+        files, reel, clock = session.files(capture)[c], reels(light, session.config)[c], session.clock()
         sensor = Sensor(config.sensor, vignette(session.rigs[c]), stream(config.seed, "sensor", c))
         [reference] = _developed(session, c, sensor, reel.reference, np.zeros(1), "reference")
         _write_png(files.reference, reference)
@@ -144,7 +144,7 @@ def _detect(session: Session, capture: Path) -> Iterator[Progress]:
             for person in (session.clip.at, *session.others())
         ]
         write_openpose(files.keypoints, files.motion.stem, people)
-        yield Progress("detect", c + 1, CAMERAS)
+        yield Progress("detect", c + 1, config.cameras)
 
 
 def _write_papers(session: Session, folder: Path, timecodes: Sequence[str]) -> None:

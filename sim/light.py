@@ -30,7 +30,7 @@ from sim.hall.gym import GymConfig
 from sim.people.crew import CrewConfig
 from sim.people.detector import DetectorConfig
 from sim.scene import scene_points, skeleton, stream
-from sim.session import CAMERA_NAMES, CAMERAS, Session, ShootConfig, assemble
+from sim.session import Session, ShootConfig, assemble
 from sim.team import Progress, side_by_side
 from sim.truth import save
 
@@ -48,9 +48,9 @@ class Reel(NamedTuple):
     motion: Path  # every frame, those that the camera starts early and stops late included
 
 
-def reels(folder: Path) -> list[Reel]:
+def reels(folder: Path, config: ShootConfig) -> list[Reel]:
     """The videos of light of each camera in ``folder``."""
-    return [Reel(*(folder / f"camera{name}" / f"{part}.avi" for part in Reel._fields)) for name in CAMERA_NAMES]
+    return [Reel(*(folder / f"camera{name}" / f"{part}.avi" for part in Reel._fields)) for name in config.camera_names]
 
 
 def light_of(config: ShootConfig) -> ShootConfig:
@@ -90,13 +90,13 @@ def film(config: ShootConfig, folder: Path) -> Iterator[Progress]:
     check_gl()
     yield Progress("build", 0, 1)
     session = assemble(config)
-    for reel in reels(folder):
+    for reel in reels(folder, config):
         reel.reference.parent.mkdir(parents=True)
     yield Progress("build", 1, 1)
     frames = len(session.times_s)
-    lengths = [(session.sweep(c).times_s, session.zoom(c).times_s, session.exposed_s(c)) for c in range(CAMERAS)]
-    total = CAMERAS * (1 + frames) + sum(len(times_s) for camera in lengths for times_s in camera)
-    groups = yield from side_by_side("film", total, film_cameras, session, folder)
+    lengths = [(session.sweep(c).times_s, session.zoom(c).times_s, session.exposed_s(c)) for c in range(config.cameras)]
+    total = config.cameras * (1 + frames) + sum(len(times_s) for camera in lengths for times_s in camera)
+    groups = yield from side_by_side("film", config.cameras, total, film_cameras, session, folder)
     shadow_frames = np.arange(0, frames, _SHADOW_EVERY)
     filmed = [camera for cameras, _ in groups for camera in cameras]
     save(collect_truth(session, filmed, groups[0][1], shadow_frames), folder / "truth")
@@ -131,7 +131,7 @@ def film_cameras(
         filming = {c: FilmCamera(stage, session.rigs[c], config.sensor) for c in cameras}
         done = count(1)
         for c, camera in filming.items():
-            yield from _film_hall(session, c, camera, reels(folder)[c], done)
+            yield from _film_hall(session, c, camera, reels(folder, config)[c], done)
         if config.gym.rearranged:
             for piece, by_m in REARRANGED.items():
                 stage.carry(piece, by_m)
@@ -141,7 +141,7 @@ def film_cameras(
         for c, camera in filming.items():
             way = operate(session, c, outline_m)
             lights = (camera.exposure(way.at, t, session.clip.at) for t in session.exposed_s(c).tolist())
-            yield from _write(reels(folder)[c].motion, lights, done)
+            yield from _write(reels(folder, config)[c].motion, lights, done)
             masks, shadows = yield from _silhouettes(session, c, way, camera, done)
             swept = session.sweep(c)
             pan_rad = np.array([swept.at(t).pan_rad for t in swept.times_s.tolist()])

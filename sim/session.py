@@ -1,4 +1,4 @@
-"""A filming session: hall, athlete, motion and four cameras, drawn from one configuration."""
+"""A filming session: hall, athlete, motion and cameras, drawn from one configuration."""
 
 from __future__ import annotations
 
@@ -36,11 +36,9 @@ from sim.people.detector import DetectorConfig
 from sim.people.loose_clothing import Clothes
 from sim.scene import describe_scene, stream
 
-CAMERAS: Final = 4
 _SIGNAL_S: Final = 0.15  # after the first frame that all cameras have: a clap, or a lamp that is lit
 _LIT_S: Final = 0.25
 _FLASH: Final = 1.3
-CAMERA_NAMES: Final = tuple(str(c + 1) for c in range(CAMERAS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +55,8 @@ class ShootConfig:
     """Image width, px."""
     height: Annotated[int, Range(32, 8192, step=2)] = 480
     """Image height, px. At 640 x 480 a capture is filmed in minutes."""
+    cameras: Annotated[int, Range(2, 8)] = 4
+    """Cameras: the first four stand in the corners of the hall, further ones at the middle of a wall each."""
     frame_rate: Annotated[int, Range(1, 240)] = 30
     """Frames a second of the motion video."""
     sweep_deg: Annotated[float, Range(1.0, 360.0)] = 360.0
@@ -73,6 +73,11 @@ class ShootConfig:
     sensor: SensorConfig = field(default_factory=SensorConfig)
     crew: CrewConfig = field(default_factory=CrewConfig)
     detector: DetectorConfig = field(default_factory=DetectorConfig)
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """Names of the cameras, as crews number them."""
+        return tuple(str(c + 1) for c in range(self.cameras))
 
     def __post_init__(self) -> None:
         if self.zoom_frames < 0 or self.zoom_frames == 1:
@@ -111,7 +116,7 @@ class Run(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """Four cameras, an athlete, and the motion to film."""
+    """The cameras, an athlete, and the motion to film."""
 
     config: ShootConfig
     measurements: dict[str, float]
@@ -169,7 +174,7 @@ class Session:
         rng = stream(self.config.seed, "clock")
         day = frames_per_day(Fraction(self.config.frame_rate))
         start = int(rng.integers(day // 3, day // 2))
-        clock = Clock(start, *rolls(CAMERAS, self.config.sensor.largest_roll, rng))
+        clock = Clock(start, *rolls(self.config.cameras, self.config.sensor.largest_roll, rng))
         return clock if self.config.crew.sync == "timecode" else clock._replace(start=clock.early[0])
 
     def timecodes(self) -> tuple[str, ...]:
@@ -215,7 +220,9 @@ class Session:
     def own_clocks(self) -> tuple[Array, Array]:
         """Offset (C,), s, and drift (C,) of the cameras' clocks; 0 where they are genlocked."""
         sensor = self.config.sensor
-        return draw_clocks(CAMERAS, sensor, 1 / self.config.frame_rate, stream(self.config.seed, "own clocks"))
+        return draw_clocks(
+            self.config.cameras, sensor, 1 / self.config.frame_rate, stream(self.config.seed, "own clocks")
+        )
 
     def mains(self, c: int, purpose: str) -> Mains | None:
         """Flicker of the hall's lamps in what camera ``c`` films for some purpose; None: they burn steadily."""
@@ -235,7 +242,7 @@ class Session:
             return None
         landings_s = self.clip.landings_s
         bumped = stream(seed, "bump")
-        hit, when, towards = bumped.integers(CAMERAS), bumped.uniform(0.3, 0.7), bumped.normal(size=3)
+        hit, when, towards = bumped.integers(self.config.cameras), bumped.uniform(0.3, 0.7), bumped.normal(size=3)
         towards *= np.deg2rad(optics.bump_deg) * (hit == c) / np.linalg.norm(towards)
         return Unrest(
             settled_rad=float(np.deg2rad(optics.settled_deg) * stream(seed, "settled", c).choice([-1.0, 1.0])),
@@ -284,7 +291,7 @@ class Session:
     def files(self, folder: Path) -> list[Files]:
         """The files of each camera in ``folder``."""
         files = []
-        for name in CAMERA_NAMES:
+        for name in self.config.camera_names:
             place = folder / f"camera{name}"
             zoom = place / "zoom.mp4" if self.config.zoom_frames else None
             keypoints = place / "keypoints" if self.config.detector.enabled else None
@@ -300,12 +307,13 @@ def assemble(config: ShootConfig) -> Session:
         content = file.read_bytes()
     measurements, clip = _draw_motion(config.seed, config.motion, content)
     rigs = [
-        build_rig(c, config.width, config.height, config.optics, stream(config.seed, "rig", c)) for c in range(CAMERAS)
+        build_rig(c, config.width, config.height, config.optics, stream(config.seed, "rig", c))
+        for c in range(config.cameras)
     ]
     frames = round(clip.duration_s * config.frame_rate) + 1
     times_s = np.arange(min(frames, config.motion_frames or frames)) / config.frame_rate
     given = config.operator.trajectories
-    named = dict(zip(CAMERA_NAMES, rigs, strict=True))
+    named = dict(zip(config.camera_names, rigs, strict=True))
     given_trajectories = read_trajectories(Path(given), named, config.frame_rate, float(times_s[-1])) if given else []
     return Session(config, dict(measurements), clip, rigs, times_s, given_trajectories)
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from pzcap.runtime import free_cores, processes
 from pzcap.types import PzcapError
-from sim.session import CAMERAS
 
 FEW: Final = 300
 """Pictures that one process has sooner than others have started and set up the hall."""
@@ -31,13 +30,13 @@ class Progress(NamedTuple):
     total: int
 
 
-def side_by_side(stage: str, total: int, work: Work[T], *args: Any) -> Generator[Progress, None, list[T]]:
-    """Have ``work(cameras, *args)`` done for all cameras, some by each process; yield the progress.
+def side_by_side(stage: str, cameras: int, total: int, work: Work[T], *args: Any) -> Generator[Progress, None, list[T]]:
+    """Have ``work(some, *args)`` done for so many ``cameras``, some by each process; yield the progress.
 
     Return the results, in the order of the cameras. Raises PzcapError if a process was killed.
     """
-    count = 1 if total < FEW else min(CAMERAS, free_cores())
-    groups = [group.tolist() for group in np.array_split(np.arange(CAMERAS), count)]
+    count = 1 if total < FEW else min(cameras, free_cores())
+    groups = [group.tolist() for group in np.array_split(np.arange(cameras), count)]
     if count == 1:
         steps = work(groups[0], *args)
         while True:

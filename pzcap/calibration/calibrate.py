@@ -116,18 +116,18 @@ def _start(matched: Matched, config: PanZoomConfig) -> tuple[CalibrationParamete
         surroundings=replace(matched.start.surroundings, walls=np.full(HALL.azimuths, nearness)),
     )  # fmt: skip
     other = adjust(opposite, some, matched.sigmas, prior=matched.start, scale_px=4.0, iterations=12)
-    better, worse = sorted((one, other), key=lambda each: each.report.cost)
+    better, worse = sorted((one, other), key=lambda each: each.residual_px)
     same = abs(one.parameters.log_focal[0] - other.parameters.log_focal[0]) < BELIEF.same_focal
-    if same or worse.report.cost > BELIEF.clearly_worse * better.report.cost:
+    if same or worse.residual_px > BELIEF.clearly_worse * better.residual_px:
         return better.parameters, 0.0
     few = replace(config, sweep=replace(config.sweep, pixels=config.sweep.pixels // BELIEF.deciding))
     fits = [
         (_fit(replace(matched, links=some), each.parameters, few, no_report).fitted, each.parameters)
         for each in (one, other)
     ]
-    (best, start), (worst, _) = sorted(fits, key=lambda fit: fit[0].report.cost)
+    (best, start), (worst, _) = sorted(fits, key=lambda fit: fit[0].sigma)
     apart = abs(float(worst.parameters.log_focal[0] - best.parameters.log_focal[0]))
-    return start, apart if worst.report.cost < BELIEF.clearly_worse * best.report.cost else 0.0
+    return start, apart if worst.sigma < BELIEF.clearly_worse * best.sigma else 0.0
 
 
 class _Fit(NamedTuple):

@@ -49,6 +49,7 @@ class Fitted:
 
     parameters: CalibrationParameters
     covariance: Array  # (U, U) of their vector, from the residuals alone
+    sigma: float  # robust standard deviation of the residuals, grey levels
     report: SolveReport
 
 
@@ -133,7 +134,7 @@ def adjust(
     )  # fmt: skip
     covariance = np.linalg.inv(normal) * (doubt * sigma**2)
     covariance[held, held] = 0.0
-    return Fitted(state, np.asarray(covariance, np.float64), ended)
+    return Fitted(state, np.asarray(covariance, np.float64), sigma, ended)
 
 
 class _Pixels(NamedTuple):

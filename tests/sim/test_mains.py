@@ -11,7 +11,7 @@ from sim.cameras.sensor import Sensor, SensorConfig, row_delay_s
 from sim.hall.gym import GymConfig
 from sim.hall.mains import draw_mains
 from sim.light import light_of
-from sim.session import CAMERAS, ShootConfig, assemble
+from sim.session import ShootConfig, assemble
 
 LIT = GymConfig(mains_share=0.3)
 
@@ -41,9 +41,11 @@ def test_lamps_on_three_phases_flicker_less_and_in_each_view_differently() -> No
 
 def test_all_cameras_see_the_motion_in_the_same_light_and_the_hall_each_in_its_own() -> None:
     session = assemble(ShootConfig(motion="pedestrian", gym=LIT))
-    motion, sweep = ([session.mains(c, purpose) for c in range(CAMERAS)] for purpose in ("motion video", "sweep"))
+    motion, sweep = (
+        [session.mains(c, purpose) for c in range(session.config.cameras)] for purpose in ("motion video", "sweep")
+    )
     assert len(set(motion)) == 1
-    assert len(set(sweep)) == CAMERAS
+    assert len(set(sweep)) == session.config.cameras
     assert assemble(ShootConfig(motion="pedestrian")).mains(0, "sweep") is None
 
 

@@ -138,7 +138,7 @@ def test_without_mipmaps_a_floor_seen_at_a_flat_angle_keeps_its_sharpness() -> N
         return float(steps[int(0.55 * len(steps)) :].mean()), float(steps[: len(steps) // 3].mean())
 
     (floor, walls), (blurred, same) = sharpness(False), sharpness(True)
-    assert floor > 1.02 * blurred
+    assert floor > 1.01 * blurred  # by half a level of detail less than without the shader's bias
     assert abs(walls / same - 1.0) < 0.01
 
 
@@ -153,6 +153,17 @@ def test_joints_lie_on_the_athlete(truth: Truth) -> None:
                     on += int(mask[v, u])
     assert seen > 0.9 * truth.joints_m[..., 0].size * 4
     assert on > 0.97 * seen
+
+
+def test_as_many_cameras_as_are_asked_for(tmp_path: Path) -> None:
+    drain(shoot(replace(TINY, cameras=5, zoom_frames=0), tmp_path))
+    names = tuple("12345")
+    assert tuple(files.name for files in read_capture(tmp_path / "capture").cameras) == names
+    truth = load(tmp_path / "truth")
+    assert truth.camera_names == names
+    places_m = truth.reference_world_T_cam[:, :2, 3]
+    apart_m = np.linalg.norm(places_m[:, None] - places_m, axis=2)
+    assert apart_m[np.triu_indices(5, 1)].min() > 8.0
 
 
 def test_the_mask_is_where_the_picture_moved(small_capture: Path, truth: Truth) -> None:

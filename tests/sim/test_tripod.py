@@ -10,7 +10,7 @@ import pytest
 from sim.cameras.operator import through
 from sim.cameras.optics import OpticsConfig
 from sim.cameras.tripod import Unrest
-from sim.session import CAMERAS, ShootConfig, assemble
+from sim.session import ShootConfig, assemble
 
 QUIET = Unrest(0.0, np.zeros(0), np.zeros((0, 2)), 8.0, np.inf, np.zeros(3))
 
@@ -43,7 +43,7 @@ def test_a_bump_is_for_good() -> None:
 def test_a_session_shakes_its_tripods_as_configured() -> None:
     optics = OpticsConfig(settled_deg=0.05, sprung_deg=0.03, bump_deg=0.1)
     session = assemble(ShootConfig(optics=optics))
-    unrest = [session.unrest(c) for c in range(CAMERAS)]
+    unrest = [session.unrest(c) for c in range(session.config.cameras)]
     assert all(one is not None for one in unrest)
     settled = np.rad2deg([one.settled_rad for one in unrest if one])
     np.testing.assert_allclose(np.abs(settled), 0.05)
