@@ -135,6 +135,19 @@ class PhotometricTuning(NamedTuple):
     """Largest change of a pan that ends the adjustment: a five thousandth of a pixel."""
 
 
+class PropagationTuning(NamedTuple):
+    """`propagation`."""
+
+    pans: int = 24
+    """Pans round the turn at which the covariance is computed; between them it is interpolated."""
+    zooms: tuple[float, ...] = (0.7, 1.0, 1.5, 2.2, 3.3, 5.0)
+    """Focal lengths, in units of the sweep's, at which it is."""
+    grid: tuple[int, int] = (12, 9)
+    """Pixels of a frame that are traced, across and down."""
+    beside: tuple[float, ...] = (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6)
+    """Fields of view off, of the sweep's frames that they are traced to."""
+
+
 FEATURES = FeatureTuning()
 REFERENCE = ReferenceTuning()
 MARKERS = MarkerTuning()
@@ -144,3 +157,4 @@ ZOOM = ZoomTuning()
 STITCHING = StitchingTuning()
 BUNDLE = BundleTuning()
 PHOTOMETRIC = PhotometricTuning()
+PROPAGATION = PropagationTuning()

@@ -123,7 +123,7 @@ class Localiser:
         sigma = np.zeros(6)  # of what is held
         sigma[: len(aligned.covariance)] = np.sqrt(ALIGNMENT.doubt * np.diag(aligned.covariance))
         return Localisation(
-            float(wrapped(at.pan_rad)), at.tilt_rad, at.focal_px, aligned.covariance[:2, :2] + shared,
+            float(wrapped(at.pan_rad)), at.tilt_rad, at.focal_px, aligned.clustered + shared,
             low < at.focal_px / lens.reference_focal_px < high, aligned.frame_points_px, aligned.panorama_points_px,
             at.roll_rad, sigma[2:4], np.array([at.pan_shear_rad, at.zoom_shear]), sigma[4:], aligned.bands,
         )  # fmt: skip

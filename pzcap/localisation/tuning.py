@@ -35,6 +35,8 @@ class AlignmentTuning(NamedTuple):
     """Scale of the Geman-McClure weight, standard deviations of the residuals; smaller ones are less exact."""
     doubt: float = 4.0
     """So many pixels tell as much against a belief as one independent one would: those of one edge err alike."""
+    tiles: tuple[int, int] = (8, 6)
+    """Parts of the frame, across and down, that err independently of each other."""
     least_noise: float = 1.0
     """Grey levels. Residuals have no smaller standard deviation."""
     least_curvature: float = 0.6
