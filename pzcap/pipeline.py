@@ -282,7 +282,7 @@ class ViewLocaliser:
         one = partial(self._one, frames.index, tracker)
         second = frames.second_fields or (None,) * len(frames.images)
         found = tuple(self._pool.map(one, range(len(frames.images)), frames.images, second))
-        return replace(self.as_found(frames, found), seconds=time.perf_counter() - started)
+        return replace(self.as_found(replace(frames, second_fields=()), found), seconds=time.perf_counter() - started)
 
     def as_found(self, frames: FrameSet, found: tuple[Localisation | None, ...]) -> FrameLocalised:
         """``frames`` that were ``found`` before, their rows put right."""

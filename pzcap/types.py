@@ -266,8 +266,8 @@ class PanZoomCamera:
     offset_m: Array = field(default_factory=lambda: np.zeros(2), kw_only=True)  # (2,)
     # relative, of all focal lengths in common: the scale of the sweep, which only a closed circle fixes well
     focal_sigma: float = field(default=0.0, kw_only=True)
-    # covariance of pan and log focal that calibration's own errors give all frames, at equally spaced pans from 0 to the
-    # left, and at focal lengths in units of the reference's; none: it is not known, and focal_sigma stands for it
+    # covariance of pan and log focal that calibration's own errors give all frames, at equally spaced pans from 0 to
+    # the left, and at focal lengths in units of the reference's; none: not known, and focal_sigma stands for it
     shared_covariance: Array = field(default_factory=lambda: np.zeros((0, 0, 2, 2)), kw_only=True)  # (P, Z, 2, 2)
     shared_zooms: Array = field(default_factory=lambda: np.zeros(0), kw_only=True)  # (Z,)
     # of the projection centre, forward along the optical axis, for each unit of log focal

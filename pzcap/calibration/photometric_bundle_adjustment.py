@@ -28,6 +28,7 @@ from pzcap.calibration.parameters import (
 )
 from pzcap.calibration.tuning import PHOTOMETRIC
 from pzcap.geometry import camera as geometry
+from pzcap.geometry.camera import VIEW
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall
 from pzcap.imaging.bspline import Stored, at_pixels, cubic, softened_further
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
@@ -111,8 +112,8 @@ def adjust(
     overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, pair, pixels, smoothing)) is not None]
     ends, points, greys = zip(*overlaps, strict=True)
     bounds, grey = np.cumsum([0, *map(len, greys)]), np.concatenate(greys)
-    gains = np.tile([1.0, 0.0], (len(overlaps), 1))
-    compared = _Pixels(np.array(ends), bounds, np.vstack(points), grey, gains, np.zeros_like(grey))
+    gains, beside = np.tile([1.0, 0.0], (len(overlaps), 1)), np.zeros(len(overlaps))
+    compared = _Pixels(np.array(ends), bounds, np.vstack(points), grey, gains, np.zeros_like(grey), beside)
     done = 0
 
     def linearise(state: CalibrationParameters, scale: float) -> NormalEquations:
@@ -131,6 +132,17 @@ def adjust(
         Schedule(PHOTOMETRIC.steps, 30.0, least_steps=3),
         prior=Prior(believed, lambda state: to_vector(state) - mean, doubt), held=held,
     )  # fmt: skip
+    print(
+        "DOUBT median %.2f mean %.2f p90 %.2f sigma %.3f links %d"
+        % (
+            np.median(beside) / sigma**2 / 3.357,
+            np.mean(beside) / sigma**2 / 4,
+            np.percentile(beside, 90) / sigma**2 / 7.78,
+            sigma,
+            len(beside),
+        ),
+        flush=True,
+    )
     covariance = np.linalg.inv(normal) * (doubt * sigma**2)
     covariance[held, held] = 0.0
     return Fitted(state, np.asarray(covariance, np.float64), ended)
@@ -145,6 +157,7 @@ class _Pixels(NamedTuple):
     grey: Float32  # (N,) there
     gains: Array  # (L, 2) of each overlap: gain and shading, brought up to date
     residual: Float32  # (N,) written; inf where the second frame does not show the pixel
+    beside: Array  # (L,) written; squared distance of the second frame's place by this overlap alone, see `_beside`
 
 
 @njit(cache=True, nogil=True)
@@ -203,8 +216,20 @@ def _accumulate(
         gains -= solved @ shade_along
         summed -= shade_by.T @ (solved @ shade_by)
         along -= shade_by.T @ (solved @ shade_along)
+        pixels.beside[link] = _beside(summed, along)
         add_link(summed, along, jacobians, pixels.ends[link], used[:count], normal, gradient)
     return cost
+
+
+@njit(cache=True, nogil=True)
+def _beside(summed: Array, along: Array) -> float:
+    """Squared distance, in units of the normal matrix, from where an overlap's second frame is to where the overlap
+    alone would have it, by its pan, tilt, focal length and roll."""
+    own, pull = summed[VIEW : VIEW + 4, VIEW : VIEW + 4].copy(), along[VIEW : VIEW + 4].copy()
+    for k in range(4):
+        own[k, k] *= 1.0 + 1e-9
+        own[k, k] += 1e-12
+    return float(pull @ np.linalg.solve(own, pull))
 
 
 @njit(cache=True, nogil=True, inline="always")

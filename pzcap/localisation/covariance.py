@@ -33,7 +33,9 @@ def _of_calibration(camera: PanZoomCamera, pan_rad: Array, focal_px: Array) -> A
     left %= len(known)
     beyond, above = (column - np.floor(column))[..., None, None], (row - low)[..., None, None]
     below = (1.0 - beyond) * known[left, low] + beyond * known[right, low]
-    return np.asarray((1.0 - above) * below + above * ((1.0 - beyond) * known[left, high] + beyond * known[right, high]))
+    return np.asarray(
+        (1.0 - above) * below + above * ((1.0 - beyond) * known[left, high] + beyond * known[right, high])
+    )
 
 
 def _distortion_sigma(lens: Lens, focal_px: Array, k1_sigma: float) -> Array:

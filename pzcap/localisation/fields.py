@@ -2,12 +2,11 @@
 
 The first field is of the frame's time, the second of half a frame period later. Codecs take the comb between them for
 noise where they differ by a fraction of a pixel, and blend both: each then shows a place between the two. Their mean
-stays what it was, the place a quarter of a frame period after the frame's time. Its course from frame to frame, by the
-cubic through four frames,
+stays what it was. The cubic p whose values at the fields of four frames have the same means,
 
-    m(0) = sum_j w_j m(t_j),        t_j = j + 1/4,  j = -2 ... 1,
+    (p(j) + p(j + 1/2)) / 2 = m_j,        j = -2 ... 1,
 
-has the place at the frame's own time.
+has the place at the frame's own time, p(0).
 """
 
 from __future__ import annotations
@@ -43,10 +42,9 @@ def by_both_fields(found: Sequence[Localisation | None]) -> list[Localisation | 
         if not {-1, 0} <= set(near):
             continue
         middle = np.array([_middle(found[number + j], one) for j in near])
-        times = np.array(near) + 0.25
-        step = _at_0(times) @ middle
-        fewer = times > -1.0 if len(near) > 2 else slice(1, None)
-        unsure = step - _at_0(times[fewer]) @ middle[fewer]
+        fewer = slice(1, None) if near[0] == -2 else slice(None, -1)
+        step = _at_0(near) @ middle
+        unsure = step - _at_0(near[fewer]) @ middle[fewer]
         out[number] = replace(
             one, pan_rad=float(wrapped(one.pan_rad + step[0])), focal_px=one.focal_px * float(np.exp(step[1])),
             covariance=one.covariance + np.outer(unsure, unsure),
@@ -66,10 +64,8 @@ def _middle(one: Localisation | None, origin: Localisation) -> Array:
     return np.asarray(first + 0.5 * between, np.float64)
 
 
-def _at_0(times: Array) -> Array:
-    """Lagrange's weights (N,) of values at ``times`` (N,) for the value at 0."""
-    off = times[:, None] - times
-    np.fill_diagonal(off, 1.0)
-    ratio = -times / off
-    np.fill_diagonal(ratio, 1.0)
-    return np.asarray(ratio.prod(axis=1))
+def _at_0(near: Sequence[int]) -> Array:
+    """Weights (N,) of the means of the fields of frames ``near`` (N,) in a polynomial's value at 0."""
+    first, power = np.array(near, np.float64)[:, None], np.arange(len(near))
+    means = 0.5 * (first**power + (first + 0.5) ** power)
+    return np.asarray(np.linalg.inv(means)[0])

@@ -248,7 +248,14 @@ class Aligner:
         places = self.sampler.panorama_px(cost.sampled[shown])
         points = cost.pixels.points[shown]
         return Alignment(
-            solution.state.at, covariance, cost.clustered(solution.normal), agreement, solution.report, points, places, solution.state.bands
+            solution.state.at,
+            covariance,
+            cost.clustered(solution.normal),
+            agreement,
+            solution.report,
+            points,
+            places,
+            solution.state.bands,
         )
 
 
