@@ -126,24 +126,14 @@ def adjust(
         report(done)
         return NormalEquations(normal, gradient, normal_sigma(compared.residual[np.isfinite(compared.residual)]), cost)
 
-    doubt, held = PHOTOMETRIC.doubt, int(start.pan_of[0])
-    state, normal, sigma, _, ended = minimise(
+    held = int(start.pan_of[0])
+    state, normal, _, _, ended = minimise(
         start, linearise, retract, lambda step: np.abs(step[: len(start.pan_rad)]).max() < PHOTOMETRIC.settled_rad,
         Schedule(PHOTOMETRIC.steps, 30.0, least_steps=3),
-        prior=Prior(believed, lambda state: to_vector(state) - mean, doubt), held=held,
+        prior=Prior(believed, lambda state: to_vector(state) - mean, PHOTOMETRIC.alike), held=held,
     )  # fmt: skip
-    print(
-        "DOUBT median %.2f mean %.2f p90 %.2f sigma %.3f links %d"
-        % (
-            np.median(beside) / sigma**2 / 3.357,
-            np.mean(beside) / sigma**2 / 4,
-            np.percentile(beside, 90) / sigma**2 / 7.78,
-            sigma,
-            len(beside),
-        ),
-        flush=True,
-    )
-    covariance = np.linalg.inv(normal) * (doubt * sigma**2)
+    # of pixels that err independently, the squared distances have the mean 4 sigma^2
+    covariance = np.linalg.inv(normal) * (PHOTOMETRIC.doubt * float(beside.mean()) / 4.0)
     covariance[held, held] = 0.0
     return Fitted(state, np.asarray(covariance, np.float64), ended)
 

@@ -128,9 +128,12 @@ class PhotometricTuning(NamedTuple):
     """Pixels at the edge left out, times the smoothing, which reaches beyond."""
     steps: int = 4
     """Gauss-Newton steps, at most."""
-    doubt: float = 10.0
-    """Pixels that are worth one: what is left over is no noise but the same in neighbouring ones. Fitted to
-    captures."""
+    alike: float = 10.0
+    """Pixels that tell as much against a belief as one independent one would: what is left over is no noise but the
+    same in neighbouring ones, and in all overlaps of a frame."""
+    doubt: float = 16.0
+    """Ratio of the parameters' variance to that by independent pixels, where each overlap by itself is off by no more
+    than its pixels let one expect: a frame errs alike in all its overlaps. Fitted to captures."""
     settled_rad: float = 2e-7
     """Largest change of a pan that ends the adjustment: a five thousandth of a pixel."""
 
