@@ -4,7 +4,8 @@ In a frame whose camera turns by ``w`` a frame period, rows differ in pan by the
 rho being the read-out as a share of the frame period; so it is with the log focal length. A frame shows its shear
 (`photometric_alignment`), its neighbours show ``w``: rho follows by recursive least squares, and with it what shear to
 expect of the next frame. What the panorama itself is sheared by, all frames show beside that, however they turn: it is
-estimated with rho, which is no surer than the two can be told apart. rho is negative in a camera that hangs upside down, and 0 with a global shutter.
+estimated with rho, which is no surer than the two can be told apart. rho is negative in a camera that hangs upside
+down, and 0 with a global shutter.
 """
 
 from __future__ import annotations
