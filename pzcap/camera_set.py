@@ -21,6 +21,7 @@ from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
 from pzcap.localisation.covariance import systematic
+from pzcap.localisation.fields import by_both_fields
 from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.sweep_readout import evenly_lit, put_right, readout_sigma, remaining_readout
 from pzcap.localisation.tuning import READOUT
@@ -237,9 +238,12 @@ def _panzoom_track(history: Sequence[Localisation | None]) -> PanZoomTrack:
 def panzoom_tracks(
     calibrated: Sequence[CalibratedCamera | None], located: Sequence[tuple[Localisation | None, ...]]
 ) -> tuple[PanZoomTrack | None, ...]:
-    """Pan and zoom of each camera over the frames; None where it was not calibrated."""
+    """Pan and zoom of each camera over the frames, interlaced ones by both fields; None where it was not calibrated."""
     histories = zip(*located, strict=True) if located else ((),) * len(calibrated)
-    return tuple(_panzoom_track(history) if one else None for one, history in zip(calibrated, histories, strict=True))
+    return tuple(
+        _panzoom_track(by_both_fields(history)) if one else None
+        for one, history in zip(calibrated, histories, strict=True)
+    )
 
 
 def refined(

@@ -33,6 +33,7 @@ from pzcap.events import (
 )
 from pzcap.geometry.camera import at
 from pzcap.io.capture import FrameSets, frame_sets
+from pzcap.localisation.fields import expected_second
 from pzcap.localisation.localise import Localiser, predicted
 from pzcap.localisation.panorama_sampler import place_of
 from pzcap.localisation.readout import History, Readout, Sway
@@ -279,8 +280,9 @@ class ViewLocaliser:
         body."""
         started = time.perf_counter()
         one = partial(self._one, frames.index, tracker)
-        found = tuple(self._pool.map(one, range(len(frames.images)), frames.images))
-        return replace(self.as_found(frames, found), seconds=time.perf_counter() - started)
+        second = frames.second_fields or (None,) * len(frames.images)
+        found = tuple(self._pool.map(one, range(len(frames.images)), frames.images, second))
+        return replace(self.as_found(replace(frames, second_fields=()), found), seconds=time.perf_counter() - started)
 
     def as_found(self, frames: FrameSet, found: tuple[Localisation | None, ...]) -> FrameLocalised:
         """``frames`` that were ``found`` before, their rows put right."""
@@ -302,7 +304,9 @@ class ViewLocaliser:
             for head, each in zip(self._heads, self.histories, strict=True)
         )  # fmt: skip
 
-    def _one(self, frame: int, tracker: Tracker | None, index: int, image: Image | None) -> Localisation | None:
+    def _one(
+        self, frame: int, tracker: Tracker | None, index: int, image: Image | None, second: Image | None
+    ) -> Localisation | None:
         localiser, head, history = self.localisers[index], self._heads[index], self.histories[index]
         if localiser is None or head is None or history is None or image is None:
             return None
@@ -314,6 +318,11 @@ class ViewLocaliser:
 
         prior = predicted(history)
         localisation: Localisation = localiser.localise(image, prior, hidden)
+        if second is not None and localisation.valid:
+            later = localiser.localise(second, expected_second(history, localisation), hidden)
+            if later.valid:
+                there = np.array([later.pan_rad, np.log(later.focal_px)])
+                localisation = replace(localisation, second_field=there)
         self.histories[index] = history.followed_by(localisation, prior)
         return replace(localisation, readout=history.readout.share)
 

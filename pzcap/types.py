@@ -217,6 +217,8 @@ class FrameSet:
     keypoints: tuple[Array, ...] = ()  # one a camera, (P, 26, 3) as in `pzcap.io.detections`; none: no camera has any
     # one a camera, frame periods from the instant of the frame set to that of the picture, by its stamp; none: all 0
     late: tuple[float, ...] = ()
+    # one a camera, the second field of an interlaced frame, half a frame period after the image; none: all are whole
+    second_fields: tuple[Image | None, ...] = ()
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -264,6 +266,10 @@ class PanZoomCamera:
     offset_m: Array = field(default_factory=lambda: np.zeros(2), kw_only=True)  # (2,)
     # relative, of all focal lengths in common: the scale of the sweep, which only a closed circle fixes well
     focal_sigma: float = field(default=0.0, kw_only=True)
+    # covariance of pan and log focal that calibration's own errors give all frames, at equally spaced pans from 0 to
+    # the left, and at focal lengths in units of the reference's; none: not known, and focal_sigma stands for it
+    shared_covariance: Array = field(default_factory=lambda: np.zeros((0, 0, 2, 2)), kw_only=True)  # (P, Z, 2, 2)
+    shared_zooms: Array = field(default_factory=lambda: np.zeros(0), kw_only=True)  # (Z,)
     # of the projection centre, forward along the optical axis, for each unit of log focal
     travel_m: float = field(default=0.0, kw_only=True)
     # read-out of a rolling shutter: how long after the top edge the bottom edge is exposed, and its standard deviation
@@ -341,6 +347,8 @@ class Localisation:
     shear_sigma: Array = field(default_factory=lambda: np.ones(2))  # (2,)
     bands: Array = field(default_factory=lambda: np.zeros(0))  # (K,) of mains light, `pzcap.localisation.row_bands`
     readout: float = 0.0  # frame periods from the top edge to the bottom edge, as known by then
+    # pan and log focal half a frame period later, by the second field of an interlaced frame; none: it is whole
+    second_field: Array = field(default_factory=lambda: np.zeros(0))  # (2,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,9 +20,10 @@ from pzcap.calibration import photometric_bundle_adjustment, reference_camera, s
 from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust
 from pzcap.calibration.correspondences import Matched, height_of, match
 from pzcap.calibration.parameters import CalibrationParameters
+from pzcap.calibration.propagation import propagated
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames
-from pzcap.calibration.tuning import BELIEF, HALL, PHOTOMETRIC
+from pzcap.calibration.tuning import BELIEF, HALL, PHOTOMETRIC, PROPAGATION
 from pzcap.geometry import camera as geometry
 from pzcap.imaging.bspline import stored
 from pzcap.types import (
@@ -83,11 +84,15 @@ def calibrate(
     intrinsics = {"focal_px": taken.focal_px, "principal_px": taken.principal_px, **taken.distortion._asdict()}
     known = replace(first.camera, **intrinsics)
     refined = reference_camera.resolve(first, known, reference_image, calibration_object, config.reference)
+    size = refined.camera.width, refined.camera.height
     scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
     camera, surroundings = _in_metres(model, taken.pan_rad, refined.camera)
     doubt = np.hypot(0.0 if full_turn else BELIEF.partial_scale_sigma, undecided)
-    camera = replace(camera, focal_sigma=float(np.sqrt(fitted.covariance[scale, scale] + doubt**2)))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
+    camera = replace(
+        camera, focal_sigma=float(np.sqrt(fitted.covariance[scale, scale] + doubt**2)),
+        shared_zooms=np.array(PROPAGATION.zooms), shared_covariance=propagated(fitted, count, size, doubt),
+    )  # fmt: skip
     view = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     swept = stitching.SweptFrames(chained.images, chained.kept, brightness, view)
     pasted = stitching.stitch(

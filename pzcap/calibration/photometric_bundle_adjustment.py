@@ -28,6 +28,7 @@ from pzcap.calibration.parameters import (
 )
 from pzcap.calibration.tuning import PHOTOMETRIC
 from pzcap.geometry import camera as geometry
+from pzcap.geometry.camera import VIEW
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall
 from pzcap.imaging.bspline import Stored, at_pixels, cubic, softened_further
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
@@ -112,8 +113,8 @@ def adjust(
     overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, pair, pixels, smoothing)) is not None]
     ends, points, greys = zip(*overlaps, strict=True)
     bounds, grey = np.cumsum([0, *map(len, greys)]), np.concatenate(greys)
-    gains = np.tile([1.0, 0.0], (len(overlaps), 1))
-    compared = _Pixels(np.array(ends), bounds, np.vstack(points), grey, gains, np.zeros_like(grey))
+    gains, beside = np.tile([1.0, 0.0], (len(overlaps), 1)), np.zeros(len(overlaps))
+    compared = _Pixels(np.array(ends), bounds, np.vstack(points), grey, gains, np.zeros_like(grey), beside)
     done = 0
 
     def linearise(state: CalibrationParameters, scale: float) -> NormalEquations:
@@ -126,13 +127,14 @@ def adjust(
         report(done)
         return NormalEquations(normal, gradient, normal_sigma(compared.residual[np.isfinite(compared.residual)]), cost)
 
-    doubt, held = PHOTOMETRIC.doubt, int(start.pan_of[0])
-    state, normal, sigma, _, ended = minimise(
+    held = int(start.pan_of[0])
+    state, normal, _, _, ended = minimise(
         start, linearise, retract, lambda step: np.abs(step[: len(start.pan_rad)]).max() < PHOTOMETRIC.settled_rad,
         Schedule(PHOTOMETRIC.steps, 30.0, least_steps=3),
-        prior=Prior(believed, lambda state: to_vector(state) - mean, doubt), held=held,
+        prior=Prior(believed, lambda state: to_vector(state) - mean, PHOTOMETRIC.alike), held=held,
     )  # fmt: skip
-    covariance = np.linalg.inv(normal) * (doubt * sigma**2)
+    # of pixels that err independently, the squared distances have the mean 4 sigma^2
+    covariance = np.linalg.inv(normal) * (PHOTOMETRIC.doubt * float(beside.mean()) / 4.0)
     covariance[held, held] = 0.0
     return Fitted(state, np.asarray(covariance, np.float64), sigma, ended)
 
@@ -146,6 +148,7 @@ class _Pixels(NamedTuple):
     grey: Float32  # (N,) there
     gains: Array  # (L, 2) of each overlap: gain and shading, brought up to date
     residual: Float32  # (N,) written; inf where the second frame does not show the pixel
+    beside: Array  # (L,) written; squared distance of the second frame's place by this overlap alone, see `_beside`
 
 
 @njit(cache=True, nogil=True)
@@ -204,8 +207,20 @@ def _accumulate(
         gains -= solved @ shade_along
         summed -= shade_by.T @ (solved @ shade_by)
         along -= shade_by.T @ (solved @ shade_along)
+        pixels.beside[link] = _beside(summed, along)
         add_link(summed, along, jacobians, pixels.ends[link], used[:count], normal, gradient)
     return cost
+
+
+@njit(cache=True, nogil=True)
+def _beside(summed: Array, along: Array) -> float:
+    """Squared distance, in units of the normal matrix, from where an overlap's second frame is to where the overlap
+    alone would have it, by its pan, tilt, focal length and roll."""
+    own, pull = summed[VIEW : VIEW + 4, VIEW : VIEW + 4].copy(), along[VIEW : VIEW + 4].copy()
+    for k in range(4):
+        own[k, k] *= 1.0 + 1e-9
+        own[k, k] += 1e-12
+    return float(pull @ np.linalg.solve(own, pull))
 
 
 @njit(cache=True, nogil=True, inline="always")

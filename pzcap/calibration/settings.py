@@ -44,9 +44,9 @@ class PanZoomConfig:
     """Degrees, standard deviation of pan: matches that leave more do not determine a place."""
     pixels: int = 4000
     """Pixels of a frame that are compared with the panorama, about; more take longer."""
-    floor_px: float = 0.011
+    floor_px: float = 0.008
     """Pixels at the reference zoom: systematic error of pan, the least standard deviation claimed."""
-    floor_edge_px: float = 0.025
+    floor_edge_px: float = 0.018
     """Pixels by which the same error of the focal length moves the left and right edges."""
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)
     """Calibration of the reference image."""

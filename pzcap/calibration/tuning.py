@@ -138,11 +138,27 @@ class PhotometricTuning(NamedTuple):
     """Pixels at the edge left out, times the smoothing, which reaches beyond."""
     steps: int = 4
     """Gauss-Newton steps, at most."""
-    doubt: float = 10.0
-    """Pixels that are worth one: what is left over is no noise but the same in neighbouring ones. Fitted to
-    captures."""
+    alike: float = 10.0
+    """Pixels that tell as much against a belief as one independent one would: what is left over is no noise but the
+    same in neighbouring ones, and in all overlaps of a frame."""
+    doubt: float = 16.0
+    """Ratio of the parameters' variance to that by independent pixels, where each overlap by itself is off by no more
+    than its pixels let one expect: a frame errs alike in all its overlaps. Fitted to captures."""
     settled_rad: float = 2e-7
     """Largest change of a pan that ends the adjustment: a five thousandth of a pixel."""
+
+
+class PropagationTuning(NamedTuple):
+    """`propagation`."""
+
+    pans: int = 24
+    """Pans round the turn at which the covariance is computed; between them it is interpolated."""
+    zooms: tuple[float, ...] = (0.7, 1.0, 1.5, 2.2, 3.3, 5.0)
+    """Focal lengths, in units of the sweep's, at which it is."""
+    grid: tuple[int, int] = (12, 9)
+    """Pixels of a frame that are traced, across and down."""
+    beside: tuple[float, ...] = (-0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6)
+    """Fields of view off, of the sweep's frames that they are traced to."""
 
 
 FEATURES = FeatureTuning()
@@ -154,3 +170,4 @@ ZOOM = ZoomTuning()
 STITCHING = StitchingTuning()
 BUNDLE = BundleTuning()
 PHOTOMETRIC = PhotometricTuning()
+PROPAGATION = PropagationTuning()

@@ -11,6 +11,8 @@ from fractions import Fraction
 from functools import partial
 from typing import Final
 
+import numpy as np
+
 from pzcap import pipeline
 from pzcap.body import skeleton
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, no_report
@@ -34,7 +36,9 @@ def calibrate_finer(footage: Footage, config: PanZoomConfig, report: Report = no
     panorama = super_resolved(found.panorama, found.camera, swept, report)
     image, focal_px = footage.reference_image, found.reference.camera.focal_px
     counted = count_from_reference(panorama, found.camera, image, focal_px, SuperresolvedAligner)
-    return replace(found, panorama=counted)
+    # the bundle adjustment's errors of the pans are no longer in it
+    camera = replace(found.camera, shared_covariance=np.zeros((0, 0, 2, 2)), shared_zooms=np.zeros(0))
+    return replace(found, panorama=counted, camera=camera)
 
 
 SUPER_RESOLVING: Final = pipeline.Method("exact", calibrate_finer, partial(Localiser, aligner=SuperresolvedAligner))

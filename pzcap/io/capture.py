@@ -181,11 +181,12 @@ class FrameSets:
         with ThreadPoolExecutor(max_workers=len(views)) as pool:
             ahead = [pool.submit(next, view) for view in views] if start < stop else []
             for index in range(start, stop):
-                images = tuple(future.result() for future in ahead)
+                images, second = zip(*(future.result() for future in ahead), strict=True)
                 if index + 1 < stop:
                     ahead = [pool.submit(next, view) for view in views]
                 late = tuple(each.get(self._first + index, 0.0) for each in self._late)
-                yield FrameSet(index, self.timecodes[index], images, self.people(index), late)
+                fields = second if any(one is not None for one in second) else ()
+                yield FrameSet(index, self.timecodes[index], images, self.people(index), late, fields)
 
     def people(self, index: int) -> tuple[Array, ...]:
         """Detections in each camera's picture of a frame set."""
@@ -199,17 +200,17 @@ class FrameSets:
         """Index of a camera's picture in each frame set, as `VideoReader.read` counts; None where it has none."""
         return [self._pictures[camera].get(self._first + index) for index in range(len(self))]
 
-    def _view(self, camera: int, start: int, stop: int) -> Iterator[Image | None]:
-        """One camera's image for each of the frame sets, None where it has none."""
+    def _view(self, camera: int, start: int, stop: int) -> Iterator[tuple[Image | None, Image | None]]:
+        """One camera's image, and second field, for each of the frame sets, None where it has none."""
         reader = self._readers[camera]
         wanted = self.pictures(camera)[start:stop]
         there = [picture for picture in wanted if picture is not None]
         if reader is None or not there:
-            yield from (None for _ in wanted)
+            yield from ((None, None) for _ in wanted)
             return
-        frames = reader.read(there[0], there[-1] + 1, frozenset(there))
+        frames = reader.read_fields(there[0], there[-1] + 1, frozenset(there))
         for picture in wanted:
-            yield None if picture is None else next(frames)[1]
+            yield (None, None) if picture is None else next(frames)[1:]
 
 
 def frame_sets(capture: Capture) -> FrameSets:

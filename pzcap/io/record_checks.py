@@ -30,7 +30,9 @@ _S: Final = len(PARENTS)
 SHAPES: Final[dict[type, dict[str, tuple[int | str, ...]]]] = {
     Camera: {"world_T_cam": (4, 4), "principal_px": (2,)},
     Lens: {"principal_px": ("P", 2), "k1": ("Q",), "k2": ("Q2",), "p1": ("Q3",), "p2": ("Q4",)},
-    PanZoomCamera: {"world_T_head": (4, 4), "offset_m": (2,)},
+    PanZoomCamera: {
+        "world_T_head": (4, 4), "offset_m": (2,), "shared_covariance": ("P", "Z", 2, 2), "shared_zooms": ("Z",),
+    },
     ReferenceCamera: {"points_m": ("N", 3), "points_px": ("N", 2), "residuals_px": ("N", 2)},
     InverseDepthMap: {"walls": ("A",), "departures": ("R", "A"), "slopes": (2,)},
     Panorama: {"origin_px": (2,), "sweep_pan_rad": ("M",), "sweep_inliers": ("M",), "fine": ("H", "W")},

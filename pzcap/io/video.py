@@ -109,8 +109,8 @@ class VideoReader:
     none), ``indices`` (frame_count,) int64 increasing, ``times_s`` (frame_count,) when each is shown, ``frame_count``,
     ``constant_rate``, ``interlaced``. Where the rate is not constant, as phones film, the index of a frame is its
     number. Stamps that tremble about a constant rate are of a constant rate. Of interlaced video the first field of a
-    frame is read, its time the frame's, and the rows between are made by FFmpeg's bwdif: from the other fields where
-    nothing moves, else from the rows beside.
+    frame is read, its time the frame's, and with `read_fields` the second as well, half a frame period later. The rows
+    between are made by FFmpeg's bwdif: from the other fields where nothing moves, else from the rows beside.
 
     Raises PzcapError if the file is missing, is no video, is empty or truncated, if its pixels are not square, and for
     sizes beyond `pzcap.io.limits`.
@@ -158,13 +158,23 @@ class VideoReader:
         ``wanted``: of a file of which not every picture is used, those that are. Memory is constant in the length of
         the video. Raises PzcapError where a frame cannot be decoded.
         """
-        for index, frame in self._decode(start, stop):
-            if wanted is not None and index not in wanted:
-                continue
-            image = _to_bgr(frame)
-            yield index, np.ascontiguousarray(np.rot90(image, self._quarter_turns)) if self._quarter_turns else image
+        for index, fields in self._decode(start, stop):
+            if wanted is None or index in wanted:
+                yield index, self._shown(fields[0])
 
-    def _decode(self, start: int, stop: int | None) -> Iterator[tuple[int, VideoFrame]]:
+    def read_fields(
+        self, start: int = 0, stop: int | None = None, wanted: Container[int] | None = None
+    ) -> Iterator[tuple[int, Image, Image | None]]:
+        """`read`, and beside each image the second field of an interlaced frame; None of a whole one."""
+        for index, fields in self._decode(start, stop):
+            if wanted is None or index in wanted:
+                yield index, self._shown(fields[0]), self._shown(fields[1]) if len(fields) > 1 else None
+
+    def _shown(self, frame: VideoFrame) -> Image:
+        image = _to_bgr(frame)
+        return np.ascontiguousarray(np.rot90(image, self._quarter_turns)) if self._quarter_turns else image
+
+    def _decode(self, start: int, stop: int | None) -> Iterator[tuple[int, tuple[VideoFrame, ...]]]:
         within = (self.indices >= start) & (self.indices < (np.inf if stop is None else stop))
         numbers, done = np.flatnonzero(within), 0
         if len(numbers) == 0:
@@ -174,12 +184,12 @@ class VideoReader:
             if numbers[0] > 0:
                 container.seek(int(self._times[numbers[0]]), stream=stream)  # lands on the last intra frame before
             try:
-                for time, frame in self._pictures(container, stream):
+                for time, fields in self._pictures(container, stream):
                     if time < self._times[numbers[0]]:
                         continue
-                    if time != self._times[numbers[done]] or frame.is_corrupt:
+                    if time != self._times[numbers[done]] or any(one.is_corrupt for one in fields):
                         break
-                    yield int(self.indices[numbers[done]]), frame
+                    yield int(self.indices[numbers[done]]), fields
                     done += 1
                     if done == len(numbers):
                         return
@@ -189,15 +199,17 @@ class VideoReader:
 
     def _pictures(
         self, container: av.container.InputContainer, stream: VideoStream
-    ) -> Iterator[tuple[int, VideoFrame]]:
-        """Decode whole pictures, and when each is presented in the stream's time base."""
+    ) -> Iterator[tuple[int, tuple[VideoFrame, ...]]]:
+        """Decode whole pictures, one a frame or one a field, and when each frame is presented in the stream's time
+        base."""
         if not self.interlaced:
-            yield from ((frame.pts or 0, frame) for frame in container.decode(stream))
+            yield from ((frame.pts or 0, (frame,)) for frame in container.decode(stream))
             return
         graph, first = Graph(), _PARITY.get(int(stream.codec_context.field_order), "auto")
-        whole = graph.add("bwdif", f"mode=send_frame:parity={first}:deint=all")
+        whole = graph.add("bwdif", f"mode=send_field:parity={first}:deint=all")
         graph.link_nodes(graph.add_buffer(template=stream), whole, graph.add("buffersink")).configure()
-        times: deque[int] = deque()  # of frames in the graph: it needs the next one to make a picture
+        times: deque[int] = deque()  # of frames in the graph: it needs the next one to make the pictures of two fields
+        fields: list[VideoFrame] = []
         for frame in chain(container.decode(stream), [None]):
             if frame is not None:
                 times.append(frame.pts or 0)
@@ -207,7 +219,10 @@ class VideoReader:
                     picture = graph.pull()
                 except (BlockingIOError, EOFError):
                     break
-                yield times.popleft(), cast("VideoFrame", picture)
+                fields.append(cast("VideoFrame", picture))
+                if len(fields) == 2:
+                    yield times.popleft(), tuple(fields)
+                    fields = []
 
     def _list(self, container: av.container.InputContainer, stream: VideoStream) -> _Listed:
         """List the packets; what an edit list cuts off is left out."""
@@ -252,7 +267,7 @@ class VideoReader:
 
     def _turned(self) -> int:
         """Quarter turns, anticlockwise, that show the pictures upright."""
-        _, frame = next(self._decode(int(self.indices[0]), None))
+        _, (frame, *_) = next(self._decode(int(self.indices[0]), None))
         self.interlaced = self.interlaced or bool(frame.interlaced_frame)
         matrix = frame.side_data.get(_TURN)
         if not isinstance(matrix, SideData):

@@ -11,15 +11,31 @@ from pzcap.types import Array, Lens, PanZoomCamera
 
 def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array, focal_px: Array) -> Array:
     """The covariance (..., 2, 2) at pans and focal lengths (...) of what no single frame shows and all share: a floor;
-    the scale of the sweep, which stretches focal lengths and shrinks pans together; and in the focal length what the
-    distortion may do unseen."""
-    pan_rad = wrapped(pan_rad)
-    scale = np.stack([-pan_rad, np.ones_like(pan_rad)], axis=-1) * camera.focal_sigma
+    calibration's own errors; and in the focal length what the distortion may do unseen."""
     lens = camera.lens
     floor = np.array([config.floor_px / lens.reference_focal_px, config.floor_edge_px / (0.5 * lens.width)])
-    covariance = np.asarray(np.diag(floor**2) + scale[..., :, None] * scale[..., None, :])
+    covariance = np.asarray(np.diag(floor**2) + _of_calibration(camera, wrapped(pan_rad), focal_px))
     covariance[..., 1, 1] += _distortion_sigma(lens, focal_px, config.beliefs.k1) ** 2
     return covariance
+
+
+def _of_calibration(camera: PanZoomCamera, pan_rad: Array, focal_px: Array) -> Array:
+    """(..., 2, 2) by `pzcap.calibration.propagation`, interpolated; without that, of the sweep's scale alone, which
+    stretches focal lengths and shrinks pans together."""
+    known, zooms = camera.shared_covariance, np.log(camera.shared_zooms)
+    if known.size == 0:
+        scale = np.stack([-pan_rad, np.ones_like(pan_rad)], axis=-1) * camera.focal_sigma
+        return np.asarray(scale[..., :, None] * scale[..., None, :])
+    column = np.mod(pan_rad / (2 * np.pi), 1.0) * len(known)
+    row = np.interp(np.log(focal_px / camera.lens.reference_focal_px), zooms, np.arange(len(zooms)))
+    left, low = column.astype(np.int64), np.minimum(row.astype(np.int64), max(len(zooms) - 2, 0))
+    right, high = (left + 1) % len(known), np.minimum(low + 1, len(zooms) - 1)
+    left %= len(known)
+    beyond, above = (column - np.floor(column))[..., None, None], (row - low)[..., None, None]
+    below = (1.0 - beyond) * known[left, low] + beyond * known[right, low]
+    return np.asarray(
+        (1.0 - above) * below + above * ((1.0 - beyond) * known[left, high] + beyond * known[right, high])
+    )
 
 
 def _distortion_sigma(lens: Lens, focal_px: Array, k1_sigma: float) -> Array:

@@ -51,13 +51,15 @@ class Localiser:
         expected = prior if prior is not None and prior.valid else None
         if expected is not None and (found := self._align_near(image, expected, hidden)) is not None:
             return found
+        correlated: list[Alignment] = []
         for place in self._correlator.places(image):
             aligned = self._align(image, ViewPlace(place.pan_rad, place.tilt_rad, place.focal_px), 4.0)
             if self._is_reliable(aligned):
                 return self._localisation(aligned)
+            correlated.append(aligned)
         for near in (None,) if expected is None else (expected, None):
             for candidate in self._features.candidates(image, near):
-                if (verified := self._verified(image, candidate)) is not None:
+                if (verified := self._verified(image, candidate, correlated)) is not None:
                     return verified
         return lost(self._camera, prior)
 
@@ -102,12 +104,14 @@ class Localiser:
         same = max(moved_px, edges_px) < ALIGNMENT.same_px
         return bool(converged and same and far.agreement > self._config.same_agreement)
 
-    def _verified(self, image: Image, found: Candidate) -> Localisation | None:
-        """The place that features ``found``, aligned; None where the grey values do not agree with it."""
+    def _verified(self, image: Image, found: Candidate, correlated: list[Alignment]) -> Localisation | None:
+        """The place that features ``found``, aligned; None where the grey values do not agree with it. They may agree
+        less well where correlation has led to the same place."""
         off_px = 1.5 if found.determined else 4.0
         aligned = self._align(image, ViewPlace(found.pan_rad, found.tilt_rad, found.focal_px), off_px)
         if not found.determined:  # few matches, as at a zoom far from the sweep's: grey values have to do alone
-            return self._localisation(aligned) if self._is_reliable(aligned) else None
+            sure = self._is_reliable(aligned) or any(self._coincide(aligned, one) for one in correlated)
+            return self._localisation(aligned) if sure else None
         moved_px = abs(aligned.at.pan_rad - found.pan_rad) * self._panorama.px_per_rad
         if aligned.agreement <= self._config.min_agreement or moved_px >= ALIGNMENT.features_moved_px:
             return None
@@ -123,7 +127,7 @@ class Localiser:
         sigma = np.zeros(6)  # of what is held
         sigma[: len(aligned.covariance)] = np.sqrt(ALIGNMENT.doubt * np.diag(aligned.covariance))
         return Localisation(
-            float(wrapped(at.pan_rad)), at.tilt_rad, at.focal_px, aligned.covariance[:2, :2] + shared,
+            float(wrapped(at.pan_rad)), at.tilt_rad, at.focal_px, aligned.clustered + shared,
             low < at.focal_px / lens.reference_focal_px < high, aligned.frame_points_px, aligned.panorama_points_px,
             at.roll_rad, sigma[2:4], np.array([at.pan_shear_rad, at.zoom_shear]), sigma[4:], aligned.bands,
         )  # fmt: skip

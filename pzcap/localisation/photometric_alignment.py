@@ -23,6 +23,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from pzcap.imaging.colour import grey
 from pzcap.localisation import row_bands
@@ -77,7 +78,8 @@ _HELD: Final = 1e-9
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
     at: ViewPlace
-    covariance: Array  # (free, free) of what `ViewPlace.stepped` steps, from the residuals and the belief
+    covariance: Array  # (free, free) of what `ViewPlace.stepped` steps, if pixels err independently, and the belief
+    clustered: Array  # (2, 2) of pan and log focal, from how pixels that are near each other err alike
     agreement: float  # 1 - median residual / median contrast: near 1 in the right place, else about 0
     report: SolveReport  # a fit that did not converge may agree as well, where a fast pan smears all edges
     frame_points_px: Array  # (N, 2) some pixels that fit, on edges
@@ -131,9 +133,10 @@ class _Cost:
         self._gains = gains
         shading = pixels.shading * row_bands.gain(self._bands, self._rays.row_time)[:, None]
         brightness = shading @ gains
+        self._shading, self._brightness = shading, brightness
         self.residual = pixels.grey - brightness * self.sampled[:, VALUE]
         noise = max(1.4826 * robust.median_absolute(self.residual[usable]), self._limits.least_noise)
-        self._scale = ALIGNMENT.scale_sigmas * noise
+        self._noise, self._scale = noise, ALIGNMENT.scale_sigmas * noise
         self.weight, normal, gradient, self._curvature = normal_equations(
             self.sampled, shading, brightness, self.residual, self._scale, free
         )
@@ -152,6 +155,28 @@ class _Cost:
         brightened = np.abs((self.pixels.shading @ step[free:]) * self.sampled[:, VALUE]).max() / self._scale
         self._settled = bool(moved_px < self._limits.settled_px and brightened < ALIGNMENT.settled_share)
         return State(state.at.stepped(step[:free], 0.1), self._gains + step[free:], self._bands)
+
+    def clustered(self, normal: Array) -> Array:
+        """Covariance (2, 2) of pan and log focal that the residuals themselves show, at the minimum, with ``normal``
+        (P + K, P + K) its matrix N (cluster-robust, after Liang and Zeger, 1986):
+
+            (N c)^-1 (sum_s g_s g_s^T + B) (N c)^-1,        g_s = sum_n w_n J_n^T r_n over the pixels n of a tile s.
+
+        Pixels of a tile err alike, since they are of one edge, of one frame of the sweep, in one light; c is the
+        cost's curvature, and B what the belief adds. One tile is lost for each unknown.
+        """
+        free, lens = self.belief.free, self._aligner.camera.lens
+        across, down = ALIGNMENT.tiles
+        column, row = (self.pixels.points * np.array([across / lens.width, down / lens.height])).astype(np.int64).T
+        tile = row * across + column
+        scores = tile_scores(
+            tile, across * down, self.sampled, self._shading, self._brightness, self.weight * self.residual, free
+        )
+        tiles = int(np.any(scores != 0.0, axis=1).sum())
+        middle = scores.T @ scores * (tiles / max(tiles - scores.shape[1], 1))
+        middle[range(free), range(free)] += (ALIGNMENT.doubt * self._noise**2) ** 2 * self.belief.information()
+        by_scores = np.linalg.inv(normal)[:2] / max(self._curvature, ALIGNMENT.least_curvature)
+        return np.asarray(by_scores @ middle @ by_scores.T, np.float64)
 
     def settled(self, _: Array) -> bool:
         """True if the last step was short enough."""
@@ -185,7 +210,7 @@ class Aligner:
             return self._alignment(self.refined(fit, frame, hidden))
         except NothingToCompare:
             nothing = np.empty((0, 2))
-            return Alignment(state.at, np.eye(2), 0.0, SolveReport(False, 0, 0.0), nothing, nothing)
+            return Alignment(state.at, np.eye(2), np.eye(2), 0.0, SolveReport(False, 0, 0.0), nothing, nothing)
 
     def _fit_level(self, index: int, frame: Image, hidden: Mask | None, at: ViewPlace, belief: Belief) -> Fit:
         """Fit to one of `LEVELS`."""
@@ -223,7 +248,14 @@ class Aligner:
         places = self.sampler.panorama_px(cost.sampled[shown])
         points = cost.pixels.points[shown]
         return Alignment(
-            solution.state.at, covariance, agreement, solution.report, points, places, solution.state.bands
+            solution.state.at,
+            covariance,
+            cost.clustered(solution.normal),
+            agreement,
+            solution.report,
+            points,
+            places,
+            solution.state.bands,
         )
 
 
@@ -235,6 +267,21 @@ def _first_gains(ratio: Array, squared: Array, count: int) -> Array:
         raise NothingToCompare
     line = robust.line(ratio / usual, squared, np.ones_like(ratio), ALIGNMENT.gain_scales, (1.0, 0.0))
     return np.pad(usual * np.array(line), (0, count - 2))
+
+
+@njit(cache=True, nogil=True)
+def tile_scores(
+    tile: NDArray[np.int64], tiles: int, sampled: Array, shading: Array, brightness: Array, weighted: Array, free: int
+) -> Array:
+    """Gradients (tiles, P + K) of the cost, as in `normal_equations`, of the pixels of each ``tile`` (N,); ``weighted``
+    (N,) are their residuals times weights."""
+    out = np.zeros((tiles, free + shading.shape[1]))
+    for n in range(len(tile)):
+        for i in range(free):
+            out[tile[n], i] += weighted[n] * brightness[n] * sampled[n, BY_PAN + i]
+        for i in range(shading.shape[1]):
+            out[tile[n], free + i] += weighted[n] * shading[n, i] * sampled[n, VALUE]
+    return out
 
 
 @njit(cache=True, nogil=True)

@@ -3,7 +3,9 @@
 In a frame whose camera turns by ``w`` a frame period, rows differ in pan by the shear ``s = rho w`` from top to bottom,
 rho being the read-out as a share of the frame period; so it is with the log focal length. A frame shows its shear
 (`photometric_alignment`), its neighbours show ``w``: rho follows by recursive least squares, and with it what shear to
-expect of the next frame. rho is negative in a camera that hangs upside down, and 0 with a global shutter.
+expect of the next frame. What the panorama itself is sheared by, all frames show beside that, however they turn: it is
+estimated with rho, which is no surer than the two can be told apart. rho is negative in a camera that hangs upside
+down, and 0 with a global shutter.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ class Readout(NamedTuple):
 
     share: float  # of the frame period
     sigma: float
+    panorama: Array = np.zeros(2)  # (2,) shear of pan and log focal that all frames show, whatever their rates
+    joint: Array | None = None  # (3, 3) covariance of share and panorama; None: nothing has been seen
 
     @staticmethod
     def of(camera: PanZoomCamera, frame_rate: float, belief: float) -> Readout:
@@ -56,10 +60,24 @@ class Readout(NamedTuple):
         gained = np.maximum(posterior - prior, 1e-12 * posterior)
         seen = (posterior * found.shear - prior * expected.shear) / gained
         variance = 1.0 / gained + self.share**2 * np.array(READOUT.central_sigma) ** 2
-        variance += np.array(READOUT.systematic) ** 2
-        information = self.sigma**-2.0 + float(np.sum(rate**2 / variance))
-        share = (self.share * self.sigma**-2.0 + float(np.sum(rate * seen / variance))) / information
-        return Readout(share, information**-0.5)
+        design, joint = _design(rate), self._joint()
+        gain = joint @ design.T @ np.linalg.inv(design @ joint @ design.T + np.diag(variance))
+        state = np.append(self.share, self.panorama)
+        state = state + gain @ (seen - design @ state)
+        joint = joint - gain @ design @ joint
+        joint = 0.5 * (joint + joint.T)
+        return Readout(float(state[0]), float(np.sqrt(joint[0, 0])), state[1:], joint)
+
+    def _joint(self) -> Array:
+        """(3, 3) `joint`, or what it is before anything is seen."""
+        if self.joint is not None:
+            return self.joint
+        return np.asarray(np.diag([self.sigma, *READOUT.systematic]) ** 2, np.float64)
+
+
+def _design(rate: Array) -> Array:
+    """(2, 3) derivatives of the shear of a frame by share and panorama."""
+    return np.column_stack([rate, np.eye(2)])
 
 
 class Sway(NamedTuple):

@@ -35,6 +35,8 @@ class AlignmentTuning(NamedTuple):
     """Scale of the Geman-McClure weight, standard deviations of the residuals; smaller ones are less exact."""
     doubt: float = 4.0
     """So many pixels tell as much against a belief as one independent one would: those of one edge err alike."""
+    tiles: tuple[int, int] = (8, 6)
+    """Parts of the frame, across and down, that err independently of each other."""
     least_noise: float = 1.0
     """Grey levels. Residuals have no smaller standard deviation."""
     least_curvature: float = 0.6
@@ -75,8 +77,9 @@ class ReadoutTuning(NamedTuple):
     """Change of the rates of pan (radians) and of log focal from one frame to the next, a frame period: a hand's."""
     central_sigma: tuple[float, float] = (6e-5, 2e-4)
     """Errors of the same rates from the frames before and after."""
-    systematic: tuple[float, float] = (3e-5, 3e-5)
-    """Standard deviation of what the panorama's own errors do to the shear of a frame."""
+    systematic: tuple[float, float] = (1e-4, 1e-4)
+    """Standard deviation of the shear of the panorama itself, which all frames show: that of pan as far as it is left
+    in a sweep that is put right."""
     sway_share: float = 0.15
     """Share of a frame in what is believed of the sway of the next."""
     least_sway_rad: float = 2e-5

@@ -136,6 +136,12 @@ def test_of_interlaced_pictures_the_first_field_is_read(first: int, tmp_path: Pa
     for k, (_, image) in enumerate(read):
         off = [np.abs(image.astype(float) - fields[2 * k + later]).mean() for later in (0, 1)]
         assert off[0] < 0.3 * off[1]
+    for k, (index, image, second) in enumerate(reader.read_fields()):
+        assert index == k
+        np.testing.assert_array_equal(image, read[k][1])
+        assert second is not None
+        off = [np.abs(second.astype(float) - fields[2 * k + later]).mean() for later in (0, 1)]
+        assert off[1] < 0.3 * off[0]
     (again,) = reader.read(4, 5)
     assert again[0] == 4
     assert np.abs(again[1].astype(float) - fields[8]).mean() < 0.3 * np.abs(again[1].astype(float) - fields[9]).mean()

@@ -16,7 +16,7 @@ from pzcap.extras.paper import method as paper
 from pzcap.geometry.camera import direction_to_pixel, view_at, wrapped
 from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
-from pzcap.localisation.feature_search import panorama_features, solve_eq11
+from pzcap.localisation.feature_search import Candidate, panorama_features, solve_eq11
 from pzcap.localisation.localise import Localiser
 from pzcap.types import Array, Image, PzcapError
 from tests.scenes import synthetic
@@ -113,6 +113,21 @@ def test_someone_in_the_way_does_not_keep_frames_from_being_found(
         if found.valid:
             assert abs(np.rad2deg(wrapped(found.pan_rad - np.deg2rad(pan_deg)))) < 0.02
     assert sum(located) >= least
+
+
+def test_a_first_frame_that_agrees_less_is_found_where_both_searches_lead(
+    exact: CalibratedCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As under mains light. Grey values alone are not enough for either search."""
+    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig(sure_agreement=0.999))
+    image = synthetic.render(OPTICS, 0.5, 2.0 * FOCAL, noise_seed=3)
+    nothing = np.empty((0, 2))
+    for pan_rad, there in ((0.5 + 1e-3, True), (1.5, False)):
+        candidate = Candidate(pan_rad, exact.camera.tilt_rad, 2.0 * FOCAL, False, nothing, nothing)
+        monkeypatch.setattr(localiser._features, "candidates", lambda *_, one=candidate: [one])
+        found = localiser.localise(image, None)
+        assert found.valid == there
+        assert not there or abs(np.rad2deg(found.pan_rad - 0.5)) < 0.02
 
 
 def test_matches_that_the_pixels_do_not_bear_out_do_not_count(exact: CalibratedCamera) -> None:

@@ -246,3 +246,26 @@ def test_the_covariance_is_of_the_size_of_the_errors(aligner: Aligner) -> None:
         errors.append(found.at.pan_rad)
         sigmas.append(np.sqrt(found.covariance[0, 0]))
     assert 0.1 < np.std(errors) / np.mean(sigmas) < 10.0
+
+
+def test_pixels_that_err_alike_are_told_from_those_that_do_not(aligner: Aligner) -> None:
+    """By noise of a pixel each, and by noise that is the same over a few hundred: the clustered covariance says how far
+    frames are off by either, what takes pixels for independent does not."""
+    pans = np.linspace(-2.0, 2.0, 12)
+    clean = [synthetic.render(OPTICS, pan, FOCAL).astype(np.float64) for pan in pans]
+    rng, ratio = np.random.default_rng(0), {}
+    for alike in (False, True):
+        off, clustered, single = [], [], []
+        for pan, picture in zip(pans.tolist(), clean, strict=True):
+            noise = rng.normal(0.0, 1.0, picture.shape[:2])
+            if alike:
+                noise = cv2.GaussianBlur(noise, (0, 0), 6.0)
+            image = np.clip(picture + (8.0 * noise / noise.std())[..., None], 0, 255).astype(np.uint8)
+            found = aligner.align(image, ViewPlace(pan, TILT, FOCAL), 1.5)
+            off.append([found.at.pan_rad - pan, np.log(found.at.focal_px / FOCAL)])
+            clustered.append(found.clustered.diagonal())
+            single.append(found.covariance.diagonal()[:2])
+        spread = np.mean(np.square(off), axis=0)
+        ratio[alike] = spread / np.mean(clustered, axis=0), spread / np.mean(single, axis=0)
+    assert all(np.all((one[0] > 0.4) & (one[0] < 2.5)) for one in ratio.values()), ratio
+    assert np.max(ratio[True][1]) > 3.0, ratio

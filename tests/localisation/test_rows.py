@@ -99,8 +99,9 @@ def test_only_what_is_displaced_is_put_right() -> None:
     assert is_sheared(CAMERA, found(0.0, np.array([1e-3, 0.0]), np.ones(2)))
 
 
-def followed(readout: float, sigma: float, seed: int, frames: int = 60) -> Readout:
-    """The read-out after frames of a camera that is panned to and fro, their shear known to ``sigma``."""
+def followed(readout: float, sigma: float, seed: int, frames: int = 60, panorama_rad: float = 0.0) -> Readout:
+    """The read-out after frames of a camera that is panned to and fro, their shear known to ``sigma``; the panorama is
+    sheared itself by ``panorama_rad``."""
     rng, history = np.random.default_rng(seed), History(Readout(0.0, 0.6), Sway(OPTICS.tilt_rad, np.full(2, 1e-8)))
     for k in range(frames):
         pan, zoom = 0.2 * np.sin(0.1 * k), 1.0 + 0.1 * np.sin(0.07 * k)
@@ -112,6 +113,7 @@ def followed(readout: float, sigma: float, seed: int, frames: int = 60) -> Reado
             mean, spread = history.readout.shear(np.array([last, zoomed]))
             expected = found(0.0, mean, spread)
         shear, spread = readout * rate + rng.normal(0.0, sigma, 2), np.full(2, sigma)
+        shear[0] += panorama_rad
         if expected is not None and (expected.shear_sigma > 0.0).all():  # a posterior, as the alignment has it
             information = spread**-2.0 + expected.shear_sigma**-2.0
             shear = (spread**-2.0 * shear + expected.shear_sigma**-2.0 * expected.shear) / information
@@ -128,6 +130,15 @@ def test_the_read_out_is_found_with_its_sign_and_a_sigma_that_holds(readout: flo
         assert estimate.share == pytest.approx(readout, abs=0.03)  # three times what is sure
         ratios.append((estimate.share - readout) / estimate.sigma)
     assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 2.0
+
+
+def test_a_sheared_panorama_is_no_read_out() -> None:
+    """A camera that turns one way, slowly, cannot tell them apart; one that turns to and fro can."""
+    once = [followed(0.3, 5e-5, seed, frames=12, panorama_rad=2e-4) for seed in range(6)]
+    both = [followed(0.3, 5e-5, seed, frames=70, panorama_rad=2e-4) for seed in range(6)]
+    assert all(abs(one.share - 0.3) < 3.0 * one.sigma for one in (*once, *both))
+    assert np.mean([one.sigma for one in both]) < 0.5 * np.mean([one.sigma for one in once])
+    assert np.mean([one.panorama[0] for one in both]) == pytest.approx(2e-4, rel=0.5)
 
 
 def test_sway_is_forgotten_while_the_head_stands_and_found_again_when_it_moves() -> None:

@@ -83,7 +83,10 @@ def reconstruction(seed: int = 0, cameras: int = 4, frames: int = 12) -> Reconst
     pan_zoom, references, panoramas, tracks = [], [], [], []
     for index in range(cameras):
         lens = Lens(WIDTH, HEIGHT, FOCAL_PX, np.array([[159.2, 120.3], [0.4, -0.2]]), np.array([-0.04, 0.05, -0.01]))
-        camera = PanZoomCamera(lens, world_T_head(index), tilt_rad=-0.07, roll_rad=0.008)
+        camera = PanZoomCamera(
+            lens, world_T_head(index), tilt_rad=-0.07, roll_rad=0.008, shared_zooms=np.array([1.0, 2.0]),
+            shared_covariance=1e-8 * np.tile(np.eye(2), (4, 2, 1, 1)),
+        )  # fmt: skip
         pan_zoom.append(camera)
         aim = root - camera.world_T_head[:3, 3]
         heading = np.arctan2(aim[:, 1], aim[:, 0]) - np.arctan2(*camera.world_T_head[1::-1, 0])
