@@ -167,9 +167,7 @@ def stages(
             body = None if body is None else of_open_size(measured, placed.scale_sigma)
             if sets.keyframes:
                 sets.keyframes = ()
-                notes.append(
-                    "keyframes.json is not used: without a calibration object nobody knows its world"
-                )
+                notes.append("keyframes.json is not used: without a calibration object nobody knows its world")
             localise = ViewLocaliser(calibrated, config.panzoom, pool, capture.frame_rate, method)
         yield CamerasReady(time.perf_counter() - started)
 

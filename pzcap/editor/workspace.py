@@ -20,6 +20,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from pzcap.body import skeleton
+from pzcap.body.anthropometry import UNMEASURED
 from pzcap.body.kinematics import difference, retract
 from pzcap.body.skeleton import Body
 from pzcap.editor import resolve
@@ -71,8 +72,6 @@ class Workspace:
     """A capture that is being edited. Raises PzcapError where it cannot be. Safe for threads."""
 
     def __init__(self, capture: Capture, found: Reconstruction) -> None:
-        if capture.subject is None:
-            raise PzcapError(f"{capture.folder}: no subject.json, so there is no body to pose; measure the athlete")
         self.capture, self.folder = capture, capture.folder / FOLDER
         self.sets: FrameSets = frame_sets(capture)
         if found.timecodes != self.sets.timecodes or found.camera_names != tuple(c.name for c in capture.cameras):
@@ -81,7 +80,7 @@ class Workspace:
                 "give those of this capture"
             )
         self.footage = Footage(self.sets, found)
-        self.body: Body = skeleton.build(capture.subject)
+        self.body: Body = skeleton.build(capture.subject or UNMEASURED)
         self._base = _digest(found.motion)
         self.motion: Motion = self._kept_motion() or found.motion or resolve.untracked(len(self.sets))
         self.difference: resolve.Difference | None = None

@@ -27,8 +27,8 @@ class Errors:
 
 
 def score(results: Results, truth: TrueCapture) -> Errors:
-    """Compare ``results`` with ``truth``. Nothing is aligned, but where a name says so; what is missing is counted and costs
-    no accuracy.
+    """Compare ``results`` with ``truth``. Nothing is aligned, but where a name says so; what is missing is counted and
+    costs no accuracy.
 
     Raises PzcapError if the truth is of another capture.
     """
