@@ -89,7 +89,8 @@ def place_heads(rays: HeadRays) -> Heads:
         if agreement < HEADS.least_agreement:
             break
         rotation[c], place[c], placed[c] = _about_z(np.array([yaw]))[0], where, True
-        rotation, place = _adjusted(some, rotation, place, placed).pose
+        if placed.sum() > HEADS.first_adjusted:  # fewer rays meet whatever the cameras do
+            rotation, place = _adjusted(some, rotation, place, placed).pose
     return adjust(rays, rotation, place, placed)
 
 
@@ -213,7 +214,6 @@ def _adjusted(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> _A
     points, seen, off = _intersected(rays, rotation, place, placed)
     usable = (rays.confidence > 0.0) & placed[:, None] & seen
     sideways = _sideways(rays.directions)  # (C, N, 3, 2)
-    sigma = max(normal_sigma(off[usable]) / np.sqrt(2.0), 1e-6)
     for number in range(HEADS.iterations):
         local = np.einsum("cji,cnj->cni", rotation, points[None] - place[:, None])  # R' (X - t)
         way = local - rays.origins
@@ -223,7 +223,7 @@ def _adjusted(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> _A
         size = np.where(behind, 1.0, np.linalg.norm(residual, axis=2))
         told = residual[usable & ~behind]
         left = max(1.0 - 3.0 * float(seen.sum()) / told.size, 0.1)  # points have taken three of their residuals each
-        sigma = max(normal_sigma(told.ravel()) / np.sqrt(left), 1e-6)
+        sigma = max(normal_sigma(told.ravel()) / np.sqrt(left), HEADS.least_sigma_rad)
         scale = HEADS.loose if number < HEADS.iterations // 2 else HEADS.tight
         weight = (
             np.where(usable, geman_mcclure(size, scale * sigma), 0.0) * rays.confidence**2 / (HEADS.doubt * sigma**2)

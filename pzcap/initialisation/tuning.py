@@ -71,11 +71,13 @@ class HeadsTuning(NamedTuple):
     fewest_points: int = 40  # that two cameras, or a camera and others, have to see in common
     step_deg: float = 2.0  # of the headings that are tried
     steps: int = 6  # of reweighting
-    fine_rad: float = 0.005  # a heading is refined until its step is so fine
+    fine_rad: float = 0.010  # a heading is refined until its step is so fine
     least_lever: float = 0.05  # sine of the angle between a ray and the base line: a ray along it tells nothing
     least_worth: float = 0.15  # of the first pair: share of rays that agree times the sine at which they meet
-    least_agreement: float = 0.3  # share of a further camera's rays that agree
+    least_agreement: float = 0.2  # share of a further camera's rays that agree
     agree_rad: float = 0.02  # rays further off than this are wrong
+    first_adjusted: int = 2  # more cameras than so many are adjusted before the next is placed
+    least_sigma_rad: float = 3e-4  # of a ray: no detector is better
     iterations: int = 40
     loose: float = 6.0  # sigmas of the robust weights, in the first half of the iterations
     tight: float = 3.0
