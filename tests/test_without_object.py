@@ -37,9 +37,7 @@ def test_limbs_of_known_length_tell_how_long_a_metre_is() -> None:
 
 def test_limbs_that_nobody_sees_tell_nothing() -> None:
     with pytest.raises(PzcapError, match="no limb"):
-        scale_by_limbs(
-            np.zeros((40, len(KEYPOINTS), 3)), np.zeros((40, len(KEYPOINTS)), bool), skeleton.build(_STATURE)
-        )
+        scale_by_limbs(np.zeros((40, 26, 3)), np.zeros((40, 26), bool), skeleton.build(_STATURE))
 
 
 def test_a_body_is_as_tall_as_its_stature() -> None:

@@ -211,7 +211,7 @@ def _adjusted(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> _A
     """Gauss-Newton on all heads and points, robust."""
     count = len(rotation)
     rotation, place = rotation.copy(), place.copy()
-    points, seen, off = _intersected(rays, rotation, place, placed)
+    points, seen, _ = _intersected(rays, rotation, place, placed)
     usable = (rays.confidence > 0.0) & placed[:, None] & seen
     sideways = _sideways(rays.directions)  # (C, N, 3, 2)
     for number in range(HEADS.iterations):
