@@ -31,7 +31,7 @@ def test_limbs_of_known_length_tell_how_long_a_metre_is() -> None:
     body = skeleton.build(_STATURE)
     points = _keypoints(body) / 3.0
     scale, sigma = scale_by_limbs(points, np.ones(points.shape[:2], bool), body)
-    assert scale == pytest.approx(3.0, rel=1e-6)
+    assert scale == pytest.approx(3.0, rel=1e-3)
     assert 0.01 < sigma < 0.06  # of a stature alone, and of a detector that may mean another hip
 
 
