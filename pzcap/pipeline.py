@@ -67,7 +67,7 @@ from pzcap.types import (
     Reconstruction,
     Silhouette,
 )
-from pzcap.without_object import in_metres, of_open_size, place_cameras
+from pzcap.without_object import in_metres, of_open_size, place_cameras, scaled_by_contours
 
 TIDY_EVERY: Final = 8
 """Frame sets after which free memory is given back to the system."""
@@ -158,11 +158,14 @@ def stages(
         if body:
             runtime.submit(warm_up)  # not before: cameras being calibrated take most of the memory that there is
         localise = ViewLocaliser(calibrated, config.panzoom, pool, capture.frame_rate, method)
+        segment = partial(segment_views, calibrated, config, pool)
         by_athlete = capture.calibration_object is None and not any(known) and any(calibrated)
         if by_athlete:
             assert capture.subject is not None, "no camera is calibrated then"
             measured = skeleton.build(capture.subject)
             placed = yield from place_cameras(calibrated, sets, measured, localise)
+            calibrated[:] = placed.cameras  # as ``segment`` knows them from now on
+            placed = scaled_by_contours(placed, sets, measured, localise, segment, config.tracking)
             calibrated[:] = placed.cameras
             body = None if body is None else of_open_size(measured, placed.scale_sigma)
             if sets.keyframes:
@@ -171,7 +174,6 @@ def stages(
             localise = ViewLocaliser(calibrated, config.panzoom, pool, capture.frame_rate, method)
         yield CamerasReady(time.perf_counter() - started)
 
-        segment = partial(segment_views, calibrated, config, pool)
         tracker = None
         if body is not None:
             tracking = _with_clock_sigma(config.tracking, capture)

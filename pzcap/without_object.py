@@ -18,26 +18,29 @@ from numpy.typing import NDArray
 
 from pzcap.body.anthropometry import Measured
 from pzcap.body.landmarks import SIGMA_M
-from pzcap.body.skeleton import Body, moved, of
+from pzcap.body.skeleton import Body, of
 from pzcap.calibration.calibrate import CalibratedCamera
-from pzcap.calibration.correspondences import height_of
+from pzcap.calibration.correspondences import height_of as camera_height
 from pzcap.events import Progress
 from pzcap.geometry import camera as geometry
+from pzcap.initialisation.body_height import height_of, height_of_moved, seen_height
 from pzcap.initialisation.camera_poses import HeadRays, Heads, adjust, floor_height, place_heads
 from pzcap.initialisation.people import Detections, Sighting, athlete, most_central
-from pzcap.initialisation.tuning import HEADS, PEOPLE
+from pzcap.initialisation.tuning import HEADS, HEIGHT, PEOPLE
 from pzcap.io.capture import FrameSets
 from pzcap.io.detections import KEYPOINTS
-from pzcap.starting_poses import Localising
+from pzcap.starting_poses import Localising, Segment, track_input
+from pzcap.tracking.observation import ViewInput
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.tracker import Tracker
 from pzcap.types import (
     MEASUREMENTS,
-    PARENTS,
-    SEGMENTS,
     Array,
     Camera,
     InverseDepthMap,
+    Keyframe,
+    Localisation,
     Mask,
-    MovedBody,
     Panorama,
     PanZoomCamera,
     PzcapError,
@@ -80,10 +83,20 @@ _FEET: Final = [_AT[f"{side}_{name}"] for side in ("left", "right") for name in 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """An instant that the cameras were placed by."""
+
+    frame: int
+    located: tuple[Localisation | None, ...]
+    athlete: Sighting  # by the cameras where they were placed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Placed:
     """Cameras placed by the athlete."""
 
     cameras: tuple[CalibratedCamera | None, ...]
+    instants: tuple[Seen, ...]
     sigma_m: Array  # (C,) of their places, in the cameras' own units of length
     scale_sigma: float  # relative, of these units
 
@@ -97,6 +110,7 @@ def place_cameras(
     Raises PzcapError where the keypoints do not tell how they stand.
     """
     instants: list[Detections] = []
+    located: list[tuple[int, tuple[Localisation | None, ...]]] = []
     every = max(len(sets) // HEADS.most_frames, 1)
     for frames in sets:
         seen = localise(frames, None)
@@ -104,6 +118,7 @@ def place_cameras(
             cameras, people = localise.cameras(seen.localisations), seen.frames.keypoints
             views = (None if one is None else (one, found) for one, found in zip(cameras, people, strict=True))
             instants.append(Detections(tuple(views)))
+            located.append((frames.index, seen.localisations))
         yield Progress("place cameras", frames.index + 1, len(sets))
     heads = [None if one is None else one.camera for one in calibrated]
     try:
@@ -121,12 +136,14 @@ def place_cameras(
             "the field of all cameras, and run another detector"
         ) from error
     found = _in_own_world(found, scale)
+    sightings = athlete([_in_world(found, heads, instant) for instant in instants])
     sigma_m = np.sqrt(np.array([np.trace(found.covariance[k + 3 : k + 6, k + 3 : k + 6]) for k in _blocks(found)]))
     return Placed(
         tuple(
             None if one is None or not found.placed[c] else _placed(one, found.rotation[c], found.place[c])
             for c, one in enumerate(calibrated)
         ),
+        tuple(Seen(*where, sighting) for where, sighting in zip(located, sightings, strict=True)),
         sigma_m,
         sigma,
     )
@@ -253,7 +270,7 @@ def _in_own_world(found: Heads, scale: float) -> Heads:
 
 def _placed(one: CalibratedCamera, rotation: Array, place_m: Array) -> CalibratedCamera:
     """A camera on its head there, what it knows in camera heights brought to metres."""
-    return _scaled_camera(one, place_m[2] / height_of(one.reference.camera), _transform(rotation, place_m))
+    return _scaled_camera(one, place_m[2] / camera_height(one.reference.camera), _transform(rotation, place_m))
 
 
 def _scaled_camera(one: CalibratedCamera, factor: float, world_T_head: Array) -> CalibratedCamera:
@@ -285,32 +302,47 @@ def of_open_size(body: Body, sigma: float) -> Body:
     return of(Measured(values, covariance + sigma**2 * np.outer(values, values)), body.loose_m)
 
 
-def standing_height(body: MovedBody) -> float:
-    """From the soles to the top of the head of a body that stands upright."""
-    height_m = np.zeros(len(SEGMENTS))
-    for s, parent in enumerate(PARENTS):
-        if parent >= 0:
-            height_m[s] = height_m[parent] + body.offsets_m[s, 2]
-    skin = height_m[body.skin_segment] + body.skin_m[:, 2]
-    return float(np.ptp(skin))
+def scaled_by_contours(
+    placed: Placed, sets: FrameSets, body: Body, localise: Localising, segment: Segment, config: TrackingConfig
+) -> Placed:
+    """The cameras with their scale by the athlete's height as contours show it, where these do; ``segment`` knows the
+    cameras as they are ``placed``, and ``localise`` how their rows are exposed."""
+    open_body = of_open_size(body, HEIGHT.open * placed.scale_sigma)
+    located = {seen.frame: seen.located for seen in placed.instants}
+
+    def observe(key: Keyframe) -> Sequence[ViewInput | None]:
+        [frames] = sets.between(key.frame, key.frame + 1)
+        expected = Tracker(open_body, [key], config)
+        return track_input(segment(localise.as_found(frames, located[key.frame]), expected)).views
+
+    found = seen_height(open_body, [(seen.frame, seen.athlete) for seen in placed.instants], observe, config)
+    if found is None:
+        return placed
+    factor = 1.0 / found.ratio
+    cameras = tuple(
+        None if one is None else _scaled_camera(one, factor, _scaled(one.camera.world_T_head, factor))
+        for one in placed.cameras
+    )
+    return replace(placed, cameras=cameras, sigma_m=factor * placed.sigma_m, scale_sigma=found.sigma)
+
+
+def _scaled(world_T: Array, factor: float) -> Array:
+    return _transform(world_T[:3, :3], factor * world_T[:3, 3])
 
 
 def in_metres(found: Reconstruction, body: Body, placed: Placed) -> Reconstruction:
     """``found`` scaled so that the athlete is as tall as the ``body`` that was measured, with a note on how well all is
     known."""
     stature_m = body.measured.value("stature")
-    sigma = float(np.hypot(body.measured.sigma("stature") / stature_m, HEADS.height_sigma))
+    sigma = float(np.hypot(body.measured.sigma("stature") / stature_m, HEIGHT.sigma))
     if found.motion is None or found.motion.body is None:
         return replace(found, notes=(*found.notes, _note(found, placed, 1.0, placed.scale_sigma)))
-    factor = standing_height(moved(body)) / standing_height(found.motion.body)
-
-    def transform(world_T: Array) -> Array:
-        return _transform(world_T[:3, :3], factor * world_T[:3, 3])
+    factor = height_of(body) / height_of_moved(found.motion.body)
 
     def reference(one: ReferenceCamera | None) -> ReferenceCamera | None:
         if one is None:
             return None
-        return replace(one, camera=replace(one.camera, world_T_cam=transform(one.camera.world_T_cam)))
+        return replace(one, camera=replace(one.camera, world_T_cam=_scaled(one.camera.world_T_cam, factor)))
 
     motion, own = found.motion, found.motion.body
     scaled = replace(
@@ -322,7 +354,8 @@ def in_metres(found: Reconstruction, body: Body, placed: Placed) -> Reconstructi
         found,
         references=tuple(map(reference, found.references)),
         cameras=tuple(
-            None if one is None else _scaled_head(one, factor, transform(one.world_T_head)) for one in found.cameras
+            None if one is None else _scaled_head(one, factor, _scaled(one.world_T_head, factor))
+            for one in found.cameras
         ),
         panoramas=tuple(None if one is None else _scaled_panorama(one, factor) for one in found.panoramas),
         motion=scaled,

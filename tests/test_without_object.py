@@ -11,10 +11,11 @@ import pytest
 from pzcap.body import skeleton
 from pzcap.body.kinematics import forward
 from pzcap.camera_set import what_is_lacking
+from pzcap.initialisation.body_height import height_of, height_of_moved
 from pzcap.io.capture import read_capture
 from pzcap.tracking.keypoint_residuals import in_world
 from pzcap.types import SEGMENTS, Array, PanZoomCamera, Pose, PzcapError, Subject
-from pzcap.without_object import Placed, in_metres, of_open_size, scale_by_limbs, standing_height
+from pzcap.without_object import Placed, in_metres, of_open_size, scale_by_limbs
 from tests.scenes.fabricated import reconstruction
 
 _STATURE = Subject({"stature": 1.70}, 0.005)
@@ -42,7 +43,8 @@ def test_limbs_that_nobody_sees_tell_nothing() -> None:
 
 def test_a_body_is_as_tall_as_its_stature() -> None:
     body = skeleton.build(_STATURE)
-    assert standing_height(skeleton.moved(body)) == pytest.approx(1.70, abs=0.02)
+    assert height_of(body) == pytest.approx(1.70, abs=0.02)
+    assert height_of_moved(skeleton.moved(body)) == height_of(body)
     open_size = of_open_size(body, 0.03)
     assert open_size.measured.value("stature") == body.measured.value("stature")
     assert open_size.measured.sigma("stature") == pytest.approx(np.hypot(0.005, 0.03 * 1.70), rel=0.05)
@@ -57,7 +59,7 @@ def test_everything_is_scaled_until_the_athlete_is_as_tall_as_measured() -> None
     found = reconstruction()
     assert found.motion is not None
     found = replace(found, motion=replace(found.motion, body=small))
-    placed = Placed((None,) * len(found.cameras), np.full(len(found.cameras), 0.02), 0.03)
+    placed = Placed((None,) * len(found.cameras), (), np.full(len(found.cameras), 0.02), 0.03)
     scaled = in_metres(found, body, placed)
     assert scaled.motion is not None
     np.testing.assert_allclose(scaled.motion.joints_m, found.motion.joints_m / 0.9)  # type: ignore[union-attr]

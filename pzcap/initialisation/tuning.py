@@ -89,12 +89,24 @@ class HeadsTuning(NamedTuple):
     rounds: int = 2  # of telling people and sides, and of adjusting anew
     fewest_lengths: int = 8  # of a limb, that its length is the median of
     floor_percentile: float = 2.0  # of the feet's heights: lower ones are wrong
-    height_sigma: float = 0.003  # relative, of the athlete's height by the contours, in the cameras' units
     sole_m: float = 0.01  # that a foot's keypoints lie above the floor
+
+
+class HeightTuning(NamedTuple):
+    """Height of the athlete by contours."""
+
+    tried: int = 60  # frames whose poses are fitted to keypoints
+    frames: int = 20  # of these, from all over the take, whose contours are used
+    fewest: int = 3
+    rounds: int = 6  # of fitting poses and shape in turns
+    step_m: float = 1e-4  # for the slope of the height
+    sigma: float = 0.004  # of its logarithm, however many frames: hair, shoes, outlines that are off alike
+    open: float = 10.0  # times the sigma of the scale by limbs, by which the size is open: contours alone tell it
 
 
 PEOPLE = PeopleTuning()
 HEADS = HeadsTuning()
+HEIGHT = HeightTuning()
 SELECTION = SelectionTuning()
 JUDGEMENT = JudgementTuning()
 FIT = FitTuning()
