@@ -97,7 +97,6 @@ class Placed:
 
     cameras: tuple[CalibratedCamera | None, ...]
     instants: tuple[Seen, ...]
-    heads: Heads
     sigma_m: Array  # (C,) of their places, in the cameras' own units of length
     scale_sigma: float  # relative, of these units
 
@@ -145,7 +144,6 @@ def place_cameras(
             for c, one in enumerate(calibrated)
         ),
         tuple(Seen(*where, sighting) for where, sighting in zip(located, sightings, strict=True)),
-        found,
         sigma_m,
         sigma,
     )
@@ -317,14 +315,13 @@ def scaled_by_contours(
         expected = Tracker(open_body, [key], config)
         return track_input(segment(localise.as_found(frames, located[key.frame]), expected)).views
 
-    sightings = [(seen.frame, seen.athlete) for seen in placed.instants]
-    found = seen_height(open_body, sightings, observe, placed.heads, config)
+    found = seen_height(open_body, [(seen.frame, seen.athlete) for seen in placed.instants], observe, config)
     if found is None:
         return placed
     factor = 1.0 / found.ratio
     cameras = tuple(
-        None if one is None else _scaled_camera(one, factor, _scaled(move @ one.camera.world_T_head, factor))
-        for one, move in zip(placed.cameras, found.moves, strict=True)
+        None if one is None else _scaled_camera(one, factor, _scaled(one.camera.world_T_head, factor))
+        for one in placed.cameras
     )
     return replace(placed, cameras=cameras, sigma_m=factor * placed.sigma_m, scale_sigma=found.sigma)
 

@@ -101,7 +101,6 @@ class HeightTuning(NamedTuple):
     rounds: int = 6  # of fitting poses and shape in turns
     step_m: float = 1e-4  # for the slope of the height
     sigma: float = 0.004  # of its logarithm, however many frames: hair, shoes, outlines that are off alike
-    rank: float = 1e-9  # of the largest eigenvalue of the cameras' covariance, below which it is that of nothing
     open: float = 10.0  # times the sigma of the scale by limbs, by which the size is open: contours alone tell it
 
 

@@ -185,10 +185,6 @@ class PoseObjective:
                 clocks.append(clock_equations(own, self.velocity, posed.frames, twists, camera))
         return PoseEquations(hessian, gradient, contour, brightness, cameras, clocks, drape, twists)
 
-    def by_view(self, posed: PosedBody, placed: Placed, terms: Terms) -> list[SegmentSums]:
-        """The normal equations that contours and keypoints make of each segment, view by view."""
-        return self._per_segment(posed, placed, [None] * len(self.views), terms)[0]
-
     def texture(self, posed: PosedBody, placed: Placed, appearances: SomeAppearances, terms: Terms) -> SegmentSums:
         """The residuals of brightness alone, segment by segment."""
         alone = replace(terms, contour_weight=0.0, keypoint_weight=0.0)
