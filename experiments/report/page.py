@@ -147,7 +147,7 @@ def _camera_rows(reconstruction: Reconstruction, result: Score | None) -> list[d
         track, camera = reconstruction.tracks[number], reconstruction.cameras[number]
         errors = None if result is None else result.cameras[number]
         row = {"camera": name}
-        if reference is not None:
+        if reference is not None and len(reference.points_px):
             residual = float(np.sqrt(np.mean(np.sum(reference.residuals_px**2, axis=1))))
             row["corners"] = f"{len(reference.points_px)} at {residual:.2f} px"
         if errors is not None and errors.position_m is not None:
