@@ -127,7 +127,7 @@ def test_what_is_missing_is_told_and_costs_only_its_own_stages(
     result = reconstruct(alone, Config())
     assert any(told in note for note in result.notes)
     assert (result.tracks[0] is None) == ("calibration_object" in missing)
-    assert (result.motion is not None) == ("subject" in missing)  # an unknown body is guessed
+    assert (result.motion is None) == ("keyframe_poses" in missing)  # a body that nobody measured is guessed
 
 
 @pytest.mark.xdist_group("pipeline")
