@@ -31,9 +31,10 @@ def _camera(view: dict[str, Any]) -> Camera:
 
 
 def _detections(instant: dict[str, Any]) -> Detections:
-    views = (
-        (_camera(view), np.array(view["people"]).reshape(-1, 26, 3)) if view else None for view in instant["views"]
-    )
+    views = []
+    for view in instant["views"]:
+        people = np.array(view["people"]).reshape(-1, 26, 3) if view else None
+        views.append(None if people is None else (_camera(view), people))
     return Detections(tuple(views))
 
 
