@@ -1,4 +1,4 @@
-"""Keypoints of a real detector: BlazePose on rendered pictures of a tumbling athlete (`experiments.compare detectors`)."""
+"""Keypoints of a real detector: BlazePose on rendered pictures of a tumbler (`experiments.compare detectors`)."""
 
 from __future__ import annotations
 
