@@ -29,7 +29,7 @@ from sim.cameras.sensor import SensorConfig
 from sim.session import Run, Session, ShootConfig, assemble
 
 SCALES: Final = (2.0, 2.25, 2.5, 3.0, 4.0)
-EXACT: Final = SensorConfig(supersampling_still=8.0, mipmaps=False)
+EXACT: Final = SensorConfig(supersampling_hall=8.0, mipmaps=False)
 FIELD_PX: Final = (60, 64)  # height, width
 TEXTURED: Final = 3000.0  # sum of squared slopes of a field, grey levels^2: with less there is nothing to be displaced
 
@@ -102,7 +102,7 @@ def measure(scales: Sequence[float], config: ShootConfig, views: int, out: Conso
     exact, _ = pictures(config, EXACT, views)
     rows = []
     for scale in scales:
-        some, seconds = pictures(config, SensorConfig(supersampling_still=scale), views)
+        some, seconds = pictures(config, SensorConfig(supersampling_hall=scale), views)
         found = compare(some, exact)
         values = (found.across_mpx, found.down_mpx, found.field_mpx)
         rows.append((

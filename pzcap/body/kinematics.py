@@ -181,6 +181,27 @@ def between(start: Array, to: Array) -> Array:
     return out
 
 
+@njit(cache=True, nogil=True)
+def turned(before: Array, after: Array) -> Array:
+    """Rotation vectors (N, 3), along the axes of the world, from frames (N, 4, 4) to others, no longer than half a
+    turn."""
+    out = np.empty((len(before), 3))
+    for n in range(len(before)):
+        turn = np.ascontiguousarray(after[n, :3, :3]) @ np.ascontiguousarray(before[n, :3, :3].T)
+        x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
+        sine, cosine = np.sqrt(x * x + y * y + z * z), turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0  # both twice
+        if cosine > 0.0 or sine > 1e-6:
+            scale = np.arctan2(sine, cosine) / sine if sine > 1e-9 else 0.5
+            out[n] = scale * x, scale * y, scale * z
+        else:  # about half a turn: the axis stands in 1 + R, its sign where there is one in the sine
+            largest = np.argmax(np.array([turn[0, 0], turn[1, 1], turn[2, 2]]))
+            axis = turn[largest].copy()
+            axis[largest] += 1.0
+            axis *= np.arctan2(sine, cosine) / np.sqrt(np.sum(axis**2))
+            out[n] = -axis if axis[0] * x + axis[1] * y + axis[2] * z < 0.0 else axis
+    return out
+
+
 @njit(cache=True, nogil=True, inline="always")
 def _product(a: Quaternion, b: Quaternion) -> Quaternion:
     return (

@@ -7,6 +7,7 @@ zoom run the principal point and how distortion changes with the zoom, the refer
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
@@ -77,18 +78,10 @@ def calibrate(
         first = _unplaced(camera_of_sweep(sweep, config))
     else:
         first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
-    height, width = reference_image.shape[:2]
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
     chained, count = matched.chained, len(matched.chained.pan_rad)
-    some = [link.subset(slice(None, None, 5)) for link in matched.links]  # enough for a start
-    quick = adjust(matched.start, some, matched.sigmas, scale_px=4.0, iterations=12).parameters
-    if is_unusual(quick.higher, matched.sigmas.higher):  # what a footage does not ask for would only add to its noise
-        wide = matched.sigmas.higher / BELIEF.usual_lens
-        matched = replace(matched, sigmas=replace(matched.sigmas, higher=wide))
-    adjusted = adjust(quick, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
-    # features place frames to a quarter of a pixel, grey values better
-    brightness = stitching.fit_brightness(matched.sweep_links, count, adjusted.parameters.view(0), width, height)
-    fitted = _fit_grey_values(matched, adjusted.parameters, brightness, config, report)
+    start, undecided = _start(matched, config)
+    adjusted, brightness, fitted = _fit(matched, start, config, report)
     model = fitted.parameters
 
     taken = model.view(count)
@@ -101,7 +94,7 @@ def calibrate(
         refined = reference_camera.resolve(first, known, reference_image, calibration_object, config.reference)
     scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
     camera, surroundings = _in_metres(model, taken.pan_rad, refined.camera)
-    doubt = 0.0 if full_turn else BELIEF.partial_scale_sigma
+    doubt = np.hypot(0.0 if full_turn else BELIEF.partial_scale_sigma, undecided)
     camera = replace(camera, focal_sigma=float(np.sqrt(fitted.covariance[scale, scale] + doubt**2)))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     view = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
@@ -120,6 +113,55 @@ def calibrate(
 def _unplaced(camera: Camera) -> ReferenceCamera:
     """A reference camera that no calibration object has been seen by."""
     return ReferenceCamera(camera, np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2)))
+
+
+def _start(matched: Matched, config: PanZoomConfig) -> tuple[CalibrationParameters, float]:
+    """The better minimum of the features' cost, and how far off in log focal length another one is that is as good.
+
+    A projection centre behind the axis, walls all alike and a longer focal length explain the features nearly as well
+    as one before it and walls as they are. From one start it is chance which is found: the other side is tried, too,
+    and a part of the grey values decides, which tell the two apart better.
+    """
+    some = [link.subset(slice(None, None, 5)) for link in matched.links]  # enough for a start
+    one = adjust(matched.start, some, matched.sigmas, scale_px=4.0, iterations=12)
+    beside, nearness = BELIEF.other_side
+    opposite = replace(
+        matched.start, offset=np.array([-math.copysign(beside, one.parameters.offset[0]), 0.0]),
+        surroundings=replace(matched.start.surroundings, walls=np.full(HALL.azimuths, nearness)),
+    )  # fmt: skip
+    other = adjust(opposite, some, matched.sigmas, prior=matched.start, scale_px=4.0, iterations=12)
+    better, worse = sorted((one, other), key=lambda each: each.report.cost)
+    same = abs(one.parameters.log_focal[0] - other.parameters.log_focal[0]) < BELIEF.same_focal
+    if same or worse.report.cost > BELIEF.clearly_worse * better.report.cost:
+        return better.parameters, 0.0
+    few = replace(config, sweep=replace(config.sweep, pixels=config.sweep.pixels // BELIEF.deciding))
+    fits = [
+        (_fit(replace(matched, links=some), each.parameters, few, no_report).fitted, each.parameters)
+        for each in (one, other)
+    ]
+    (best, start), (worst, _) = sorted(fits, key=lambda fit: fit[0].report.cost)
+    apart = abs(float(worst.parameters.log_focal[0] - best.parameters.log_focal[0]))
+    return start, apart if worst.report.cost < BELIEF.clearly_worse * best.report.cost else 0.0
+
+
+class _Fit(NamedTuple):
+    """The parameters fitted to features, then to grey values."""
+
+    adjusted: Adjusted
+    brightness: stitching.Brightness
+    fitted: photometric_bundle_adjustment.Fitted
+
+
+def _fit(matched: Matched, start: CalibrationParameters, config: PanZoomConfig, report: Report) -> _Fit:
+    if is_unusual(start.higher, matched.sigmas.higher):  # what a footage does not ask for would only add to its noise
+        wide = matched.sigmas.higher / BELIEF.usual_lens
+        matched = replace(matched, sigmas=replace(matched.sigmas, higher=wide))
+    adjusted = adjust(start, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
+    # features place frames to a quarter of a pixel, grey values better
+    height, width = matched.chained.images[0].shape
+    count, first = len(matched.chained.pan_rad), adjusted.parameters.view(0)
+    brightness = stitching.fit_brightness(matched.sweep_links, count, first, width, height)
+    return _Fit(adjusted, brightness, _fit_grey_values(matched, adjusted.parameters, brightness, config, report))
 
 
 def is_unusual(higher: Array, sigmas: Array) -> bool:

@@ -75,6 +75,15 @@ class BeliefTuning(NamedTuple):
     """Share of the standard deviations of k2, p1 and p2 that is believed of a lens at first."""
     unusual: float = 2.0
     """Standard deviations. A lens that is drawn further from that is given the whole."""
+    other_side: tuple[float, float] = (0.03, 0.3)
+    """Camera heights, and their inverse: offset of the projection centre, to the other side of the axis, and nearness
+    of the walls, of the second start."""
+    same_focal: float = 5e-4
+    """Relative: starts that end nearer to each other in focal length have found the same minimum."""
+    deciding: int = 8
+    """Of so many grey values one is used to decide between two minima."""
+    clearly_worse: float = 1.01
+    """A minimum whose cost is not so many times that of the other may be the right one."""
 
 
 class FocalTuning(NamedTuple):

@@ -6,7 +6,8 @@ A world point ``X`` is ``(x, y, z)`` in camera axes, ``cam_R_world (X - centre)`
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,6 +16,10 @@ from pzcap.geometry.lens import Distortion, distort_point, jacobian_at
 from pzcap.types import Array, Camera
 
 Vector = tuple[float, float, float]
+
+
+NEAREST_M: Final = 0.1
+"""Depth from which on a point is before the camera."""
 
 
 class Pinhole(NamedTuple):
@@ -29,6 +34,7 @@ class Pinhole(NamedTuple):
     distortion: Distortion
 
 
+@lru_cache(maxsize=64)  # a view's is asked for by every kernel
 def pinhole(camera: Camera) -> Pinhole:
     """``camera`` for kernels."""
     (x0, y0, z0, c0), (x1, y1, z1, c1), (x2, y2, z2, c2), _ = camera.world_T_cam.tolist()
@@ -71,7 +77,7 @@ def project(points: Array, camera: Pinhole, pixels: Array, depth: Array) -> None
     for n in range(len(points)):
         across, down, z = ray(points[n, 0], points[n, 1], points[n, 2], camera)
         u, v = to_pixel(across, down, camera)
-        before = z >= 0.1
+        before = z >= NEAREST_M
         pixels[n, 0] = u if before else 0.0
         pixels[n, 1] = v if before else 0.0
         depth[n] = z if before else -1.0

@@ -122,7 +122,7 @@ class _Batch:
                 gradients.append(normal.gradient + pull)
                 contours[t], cameras[t], cost = normal.contour, normal.cameras, cost + normal.cost
                 normals[t] = normal
-                told.append(normal.clocks)
+                told.append(objective.clocks(here, normal))
             if self.key is not None:
                 prior = information(self.key, config)
                 hessians[-1] += prior

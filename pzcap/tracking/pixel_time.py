@@ -5,7 +5,7 @@ middle row, tau = (v + 1/2) / H - 1/2. A point that moves with the velocity ``u`
 
     x + (d + r tau) u                                                     (times in frame periods)
 
-`Exposure` holds d and r of a view, and how late a picture came whose stamps are uneven; `moved` puts the skin there.
+`Exposure` holds d and r of a view, and how late a picture came whose stamps are uneven; `exposed` puts the skin there.
 The derivative by d is the segments' velocity, a twist
 ``M_s`` of each, so that the normal equations of the clocks follow from those of the segments as the cameras' do
 (`pzcap.tracking.camera_refinement`): ``C = sum_s M_s' H_s M_s``, ``c = sum_s M_s' g_s``, ``B = sum_s T_s' H_s M_s``.
@@ -23,12 +23,15 @@ import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
 
+from pzcap.body.kinematics import turned
 from pzcap.body.segment_equations import SegmentSums
 from pzcap.body.skeleton import DOF, DOF_SEGMENT
+from pzcap.geometry.pinhole import NEAREST_M, Pinhole, pinhole, ray, to_pixel
 from pzcap.localisation.panorama_sampler import row_time
-from pzcap.tracking.camera_refinement import MarginalisedCamera
+from pzcap.tracking.camera_refinement import CAMERA_DOF, MarginalisedCamera
 from pzcap.tracking.tuning import CLOCK
-from pzcap.types import PARENTS, Array, Indices
+from pzcap.tracking.visibility import SkinPoints
+from pzcap.types import PARENTS, SEGMENTS, Array, Camera, Indices
 
 
 class Exposure(NamedTuple):
@@ -49,8 +52,8 @@ AT_ONCE: Final = Exposure()
 def velocities(before: Array, after: Array, periods: float) -> Array:
     """(16, 6) Velocity of each segment's joint and angular velocity, world, a frame period, between ``before`` and
     ``after`` (16, 4, 4), which are so many ``periods`` apart."""
-    turned = Rotation.from_matrix(after[:, :3, :3] @ before[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
-    return np.asarray(np.hstack([after[:, :3, 3] - before[:, :3, 3], turned]) / periods)
+    moved = after[:, :3, 3] - before[:, :3, 3]
+    return np.hstack([moved, turned(before, after)]) / periods
 
 
 def sequence_velocities(frames: Sequence[Array]) -> list[Array]:
@@ -60,18 +63,31 @@ def sequence_velocities(frames: Sequence[Array]) -> list[Array]:
     return [velocities(frames[a], frames[b], max(b - a, 1)) for a, b in pairs]
 
 
-def moved(points: Array, segment: Indices, world_T_segment: Array, velocity: Array, time: Array) -> Array:
-    """Points (V, 3) of segments (V,) after ``time`` (V,), a coordinate after the other in memory; ``velocity`` (16, 6)
-    as in `velocities`."""
-    out = np.empty_like(points)
-    _move(points, segment, world_T_segment[:, :3, 3], velocity, time, out)
+def exposed(skin: SkinPoints, world_T_segment: Array, velocity: Array, camera: Camera, exposure: Exposure) -> Array:
+    """Points (V, 3) of the ``skin`` where they are when the camera exposes them, a coordinate after the other in
+    memory; ``velocity`` (16, 6) as in `velocities`."""
+    out = np.empty_like(skin.points)
+    rows = row_time(_ROWS, camera.height).tolist()
+    first, clock = (rows[0], rows[1] - rows[0]), exposure.clock + exposure.late
+    eye, joints = pinhole(camera), world_T_segment[:, :3, 3]
+    _expose(skin.points, skin.segment, joints, velocity, eye, first, (clock, exposure.readout), out)
     return out
 
 
-@njit(cache=True, nogil=True)
-def _move(points: Array, segment: Indices, joints: Array, velocity: Array, time: Array, out: Array) -> None:
+_ROWS: Final = np.array([0.0, 1.0])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _expose(
+    points: Array, segment: Indices, joints: Array, velocity: Array, camera: Pinhole, rows: tuple[float, float],
+    exposure: tuple[float, float], out: Array,
+) -> None:  # fmt: skip
+    """``rows``: time of the first one, and from one to the next. ``exposure``: clock and readout."""
     for n in range(len(points)):
-        s, t = segment[n], time[n]
+        across, down, depth = ray(points[n, 0], points[n, 1], points[n, 2], camera)
+        row = to_pixel(across, down, camera)[1] if depth >= NEAREST_M else 0.0
+        t = exposure[0] + exposure[1] * min(max(rows[0] + rows[1] * row, -0.5), 0.5)
+        s = segment[n]
         x, y, z = points[n, 0] - joints[s, 0], points[n, 1] - joints[s, 1], points[n, 2] - joints[s, 2]
         wx, wy, wz = velocity[s, 3], velocity[s, 4], velocity[s, 5]
         out[n, 0] = points[n, 0] + t * (velocity[s, 0] + wy * z - wz * y)
@@ -107,20 +123,42 @@ def clock_equations(
     """Normal equations of the clock of a view that has made the normal equations ``view`` of the segments. ``velocity``
     (16, 6) as in `velocities`, ``twists`` (43, 6) those by the pose. Where the view's ``camera`` is eliminated from the
     pose's equations, it is given with its `segment_twists`, and eliminated from these, too."""
-    about_centre = velocity.copy()
-    about_centre[:, :3] += np.cross(velocity[:, 3:], view.centre - world_T_segment[:, :3, 3])
-    moved = np.einsum("sij,sj->si", view.hessians, about_centre)
-    information, pull = float(np.sum(moved * about_centre)), float(np.sum(about_centre * view.gradients))
-    with_camera = np.zeros(2) if camera is None else np.einsum("sik,si->k", camera[1], moved)
-    for s in range(len(moved) - 1, 0, -1):  # parents come before their children
-        moved[PARENTS[s]] += moved[s]
-    cross = np.einsum("di,di->d", twists, moved[DOF_SEGMENT])
+    moves = _NO_MOVES if camera is None else camera[1]
+    information, pull, with_camera, cross = _clock_sums(view, velocity, world_T_segment, twists, moves)
     if camera is not None:
         free = camera[0]
         information -= float(with_camera @ free.covariance @ with_camera)
         pull -= float(with_camera @ free.pull)
         cross -= with_camera @ free.give
     return ClockEquations(information, pull, cross)
+
+
+_NO_MOVES: Final = np.zeros((len(SEGMENTS), 6, CAMERA_DOF))
+
+
+@njit(cache=True, nogil=True)
+def _clock_sums(
+    view: SegmentSums, velocity: Array, world_T_segment: Array, twists: Array, moves: Array
+) -> tuple[float, float, Array, Array]:
+    """C, c and B of one view, and the cross term (2,) with its camera, by which the segments make ``moves``."""
+    information, pull, with_camera = 0.0, 0.0, np.zeros(moves.shape[2])
+    moved = np.zeros(velocity.shape)  # H M, of a segment and all that hang on it
+    for s in range(len(velocity) - 1, -1, -1):  # parents come before their children
+        twist, arm = velocity[s].copy(), view.centre - world_T_segment[s, :3, 3]
+        twist[0] += velocity[s, 4] * arm[2] - velocity[s, 5] * arm[1]
+        twist[1] += velocity[s, 5] * arm[0] - velocity[s, 3] * arm[2]
+        twist[2] += velocity[s, 3] * arm[1] - velocity[s, 4] * arm[0]
+        own = view.hessians[s] @ twist
+        information += own @ twist
+        pull += twist @ view.gradients[s]
+        with_camera += moves[s].T @ own
+        moved[s] += own
+        if PARENTS[s] >= 0:
+            moved[PARENTS[s]] += moved[s]
+    cross = np.empty(DOF)
+    for d in range(DOF):
+        cross[d] = twists[d] @ moved[DOF_SEGMENT[d]]
+    return information, pull, with_camera, cross
 
 
 @dataclass(frozen=True, slots=True, eq=False)

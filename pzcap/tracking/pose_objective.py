@@ -18,14 +18,14 @@ from pzcap.body.segment_equations import PointResiduals, SegmentSums, accumulate
 from pzcap.body.skeleton import Body
 from pzcap.geometry.pinhole import pinhole, projected
 from pzcap.tracking import keypoint_residuals, residuals
-from pzcap.tracking.camera_refinement import MarginalisedCamera, eliminate, segment_twists
+from pzcap.tracking.camera_refinement import CameraPrior, MarginalisedCamera, eliminate, segment_twists
 from pzcap.tracking.drape import MarginalisedDrape, eliminate_drape, expected_drape, segments_twists
 from pzcap.tracking.observation import PYRAMID_LEVELS, Placed, PlacedView, ViewCrop, Views, place_view, project
 from pzcap.tracking.pixel_time import (
     AT_ONCE,
     ClockEquations,
     clock_equations,
-    moved,
+    exposed,
     moved_frames,
     sequence_velocities,
 )
@@ -46,9 +46,9 @@ class PoseEquations:
     contour: Array  # (16, 3) squared distances (px2), edges found, edges sought
     brightness: Array  # (16, 2) weighted squares, weights
     cameras: list[MarginalisedCamera | None]  # a view each: its camera, which has been eliminated
-    clocks: list[ClockEquations | None]  # a view each; None where the body's velocity is not known
-    drape: MarginalisedDrape | None = None  # of loose clothes, which has been eliminated
-    twists: Array | None = None  # (43, 6) of the pose, where there is a drape
+    views: list[SegmentSums]  # a view each: what its residuals say of the segments, the cameras not eliminated
+    twists: Array  # (43, 6) of the pose, about the pelvis joint
+    drape: MarginalisedDrape | None  # of loose clothes, which has been eliminated
 
     @property
     def cost(self) -> float:
@@ -103,7 +103,7 @@ class PoseObjective:
     def after(self, normal: PoseEquations, step: Array) -> PoseObjective:
         """The objective with cameras and drape as they follow from a ``step`` (43,) of the pose."""
         moved = self.with_cameras(normal.cameras, step)
-        if normal.drape is None or normal.twists is None:
+        if normal.drape is None:
             return moved
         change = normal.drape.step(segments_twists(step, normal.twists))
         return replace(moved, drape=self._drape() + np.clip(change, -DRAPE.most_m, DRAPE.most_m))
@@ -135,9 +135,7 @@ class PoseObjective:
         """The ``skin`` where it was when the ``view`` was exposed."""
         if view is None or self.velocity is None or view.exposure == AT_ONCE:
             return skin
-        rows = projected(skin.points, view.camera)[0][:, 1]
-        time = view.exposure.times(rows, view.camera.height)
-        return skin._replace(points=moved(skin.points, skin.segment, frames, self.velocity, time))
+        return skin._replace(points=exposed(skin, frames, self.velocity, view.camera, view.exposure))
 
     def _landmark_frames(self, view: ViewCrop, frames: Array) -> Array:
         """The segments (16, 4, 4) where they were when the ``view`` was exposed."""
@@ -170,20 +168,28 @@ class PoseObjective:
             every = [*sums, of_drape]
         hessian, gradient = lift(sum_of(every), twists)
         cameras: list[MarginalisedCamera | None] = []
-        clocks: list[ClockEquations | None] = []
         for view, own in zip(self.views, sums, strict=True):
-            camera = None
-            if view is not None and view.camera_prior is not None:
-                prior = view.camera_prior
-                moves = segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, own.centre)
-                known = prior.information, prior.correction
-                camera = eliminate(own, moves, *known, twists, hessian, gradient), moves
-            cameras.append(None if camera is None else camera[0])
+            if view is None or view.camera_prior is None:
+                cameras.append(None)
+                continue
+            known = view.camera_prior.information, view.camera_prior.correction
+            moves = camera_moves(view, view.camera_prior, posed)
+            cameras.append(eliminate(own, moves, *known, twists, hessian, gradient))
+        return PoseEquations(hessian, gradient, contour, brightness, cameras, sums, twists, drape)
+
+    def clocks(self, posed: PosedBody, normal: PoseEquations) -> list[ClockEquations | None]:
+        """What the equations of the ``posed`` body say of the clock of each view; None where its velocity is not
+        known."""
+        found: list[ClockEquations | None] = []
+        for view, own, camera in zip(self.views, normal.views, normal.cameras, strict=True):
             if view is None or self.velocity is None:
-                clocks.append(None)
-            else:
-                clocks.append(clock_equations(own, self.velocity, posed.frames, twists, camera))
-        return PoseEquations(hessian, gradient, contour, brightness, cameras, clocks, drape, twists)
+                found.append(None)
+                continue
+            eliminated = None
+            if camera is not None and view.camera_prior is not None:
+                eliminated = camera, camera_moves(view, view.camera_prior, posed)
+            found.append(clock_equations(own, self.velocity, posed.frames, normal.twists, eliminated))
+        return found
 
     def texture(self, posed: PosedBody, placed: Placed, appearances: SomeAppearances, terms: Terms) -> SegmentSums:
         """The residuals of brightness alone, segment by segment."""
@@ -246,6 +252,11 @@ class PoseObjective:
             skin, edges, seen, camera, where.z_buffer, view.silhouette, view.arms, view.others, sought, found, cost
         )
         return found.first(count)
+
+
+def camera_moves(view: ViewCrop, prior: CameraPrior, posed: PosedBody) -> Array:
+    """What pan and zoom of a view's camera are as motions of the segments of the ``posed`` body."""
+    return segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, posed.centre)
 
 
 def in_motion(body: Body, poses: Sequence[Pose], views: Sequence[Views]) -> list[PoseObjective]:

@@ -50,7 +50,7 @@ Draw = Callable[[tuple[int, int]], Image]
 
 def finest_plate(rig: Rig, config: SensorConfig, zoom: float) -> tuple[int, int]:
     """Width and height of the largest picture that is rendered at a zoom."""
-    scale = max(config.supersampling, config.supersampling_still)
+    scale = max(config.supersampling, config.supersampling_hall, config.supersampling_still)
     return plate_for(rig, rig.reference_focal_px * zoom, np.deg2rad(config.grid_turn_deg)).size(scale)
 
 
@@ -73,7 +73,7 @@ class FilmCamera:
         """A frame of the sweep or the zoom run, most often of one moment. person: None if nobody is in the hall."""
         open_s = self._config.hall_shutter_s
         offsets_s = _moments(_HALL_MOMENTS) * open_s if open_s else _INSTANT
-        return self._exposed(look, time_s, offsets_s, person, self._config.supersampling_still)
+        return self._exposed(look, time_s, offsets_s, person, self._config.supersampling_hall)
 
     def exposure(self, look: Look, time_s: float, person: Person) -> Image:
         """The mean over the open shutter, whose middle is ``time_s``: a frame of the motion."""

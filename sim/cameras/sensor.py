@@ -46,9 +46,11 @@ class SensorConfig:
     supersampling: Annotated[float, Range(1.0, 16.0, step=0.25)] = 2.0
     """Rendered pixels for each pixel of the image, along each axis, in frames of the motion. Rendered edges are
     displaced a little, the less the finer the picture; 2 keeps a shoot short."""
+    supersampling_hall: Annotated[float, Range(1.0, 16.0, step=0.25)] = 3.0
+    """The same in frames of the sweep and the zoom run: more than in the motion, which is measured by these; 3 is as good
+    as 4, which takes twice the time (`python -m experiments.supersampling`)."""
     supersampling_still: Annotated[float, Range(1.0, 16.0, step=0.25)] = 4.0
-    """Rendered pixels for each pixel of the image, along each axis, in the reference image, the sweep and the zoom run:
-    more than in the motion, since all else is measured by these."""
+    """The same in the reference image: the camera's place comes from the markers in it alone."""
     grid_turn_deg: Annotated[float, Range(-45.0, 45.0)] = 0.0
     """Turn of the rendered grid about the optical axis, degrees. Turned, an upright edge crosses many of the grid's
     columns and is not displaced alike in all rows. Off, since it takes larger pictures; `experiment=clean` turns it."""

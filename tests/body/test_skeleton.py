@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
@@ -58,6 +59,17 @@ def test_joint_jacobians(seed: int) -> None:
     pose = random_pose(seed)
     expected = numeric(lambda p: kinematics.joints(BODY, p), pose)
     np.testing.assert_allclose(kinematics.joint_jacobians(kinematics.forward(BODY, pose)), expected, atol=1e-7)
+
+
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 1e-12, 1e-5, 0.3, 2.0, np.pi - 1e-3, np.pi - 1e-9]))
+def test_turns_between_frames_are_those_of_scipy(seed: int, angle: float) -> None:
+    rng = np.random.default_rng(seed)
+    axes = rng.normal(size=(4, 3))
+    vectors = angle * axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    before, after = np.tile(np.eye(4), (4, 1, 1)), np.tile(np.eye(4), (4, 1, 1))
+    before[:, :3, :3] = Rotation.random(4, random_state=rng).as_matrix()
+    after[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix() @ before[:, :3, :3]
+    np.testing.assert_allclose(kinematics.turned(before, after), vectors, atol=1e-6)
 
 
 @pytest.mark.parametrize("segment", range(len(SEGMENTS)))

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from experiments.footage import SMALL
-from pzcap.calibration import calibrate
-from pzcap.calibration.calibrate import Footage
-from pzcap.calibration.correspondences import sigmas_of
+from pzcap.calibration import calibrate, reference_camera
+from pzcap.calibration.calibrate import Footage, no_report
+from pzcap.calibration.correspondences import match, sigmas_of
 from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera
@@ -35,6 +35,7 @@ from tests.scenes.cylinders import camera_of, whole_turn
 
 OPTICS = synthetic.Optics()
 FOCAL = OPTICS.reference_focal_px
+THREE_M = np.full(72, 0.3)  # about: inverse camera heights
 HALL = InverseDepthMap(1.0, np.linspace(0.1, 0.5, 6), np.zeros((2, 6)), np.array([-0.3, 0.3]))
 
 
@@ -114,3 +115,15 @@ def test_what_is_believed_of_walls_does_not_push_the_projection_centre_out(tmp_p
     footage = Footage(image, gym.calibration_object(), VideoReader(file), None, True)
     found = calibrate_camera(footage, PanZoomConfig()).camera
     np.testing.assert_allclose(found.offset_m, [optics.axis_behind_m, -rig.beside_m], rtol=0.09)
+    first = reference_camera.calibrate(image, gym.calibration_object(), PanZoomConfig().reference)
+    matched = match(first.camera, image, footage.sweep, None, True, PanZoomConfig(), no_report)
+    # a start on the other side of the axis ends there, with a focal length that is 3 % too long, unless both are tried
+    beside = replace(
+        matched.start, offset=np.array([-0.03, 0.0]), surroundings=replace(matched.start.surroundings, walls=THREE_M)
+    )
+    lost = calibrate.adjust(beside, matched.links, matched.sigmas, scale_px=4.0, iterations=12).parameters
+    assert np.exp(lost.log_focal[0]) > 1.02 * rig.reference_focal_px
+    start, undecided = calibrate._start(replace(matched, start=beside), PanZoomConfig())
+    assert np.exp(start.log_focal[0]) == pytest.approx(rig.reference_focal_px, rel=2e-3)
+    assert start.offset[0] > 0.0
+    assert undecided == 0.0

@@ -10,22 +10,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.body.kinematics import forward, retract, screws, world_points
+from pzcap.body.kinematics import forward, place, retract, screws, world_points
 from pzcap.body.segment_equations import SegmentSums, lift
 from pzcap.body.skeleton import DOF, MOVES
+from pzcap.geometry.pinhole import projected
 from pzcap.tracking.camera_refinement import CAMERA_DOF, eliminate, segment_twists
 from pzcap.tracking.pixel_time import (
     ClockEstimate,
     ClockSystem,
     Exposure,
     clock_equations,
-    moved,
+    exposed,
     moved_frames,
     sequence_velocities,
     velocities,
 )
 from pzcap.tracking.tracker import Tracker, TrackInput
 from pzcap.tracking.tuning import CLOCK
+from pzcap.tracking.visibility import SkinPoints
 from pzcap.types import SEGMENTS, Array
 from tests.scenes.body_scene import Clip, shoot
 from tests.scenes.tracked import CONFIG, FRAMES, by_hand, clip, inputs_of, taped, true_body
@@ -61,8 +63,21 @@ def test_skin_moves_as_the_segments_do(seed: int, time: float) -> None:
     after = forward(body, retract(pose, time * small * tangent))
     there = world_points(after, segment, local)
     speed = np.abs(there - points).max() + 1e-12
-    assert np.abs(moved(points, segment, frames, velocity, np.full(50, time)) - there).max() < 1e-3 * speed + 1e-12
+    skin, camera = SkinPoints(points, np.zeros_like(points), segment), clip().shots[0][0].camera
+    late = exposed(skin, frames, velocity, camera, Exposure(0.4 * time, 0.0, 0.6 * time))
+    assert np.abs(late - there).max() < 1e-3 * speed + 1e-12
     np.testing.assert_allclose(moved_frames(frames, velocity, np.full(16, time)), after, atol=1e-3 * speed + 1e-12)
+
+
+def test_each_point_moves_for_the_time_of_its_row() -> None:
+    body, camera, exposure = true_body(), clip().shots[0][0].camera, Exposure(0.1, 0.6, -0.05)
+    frames, velocity = forward(body, clip().poses[3]), np.random.default_rng(1).normal(0.0, 0.1, (len(SEGMENTS), 6))
+    skin = SkinPoints(*place(body, frames), body.surface.segment)
+    times = exposure.times(projected(skin.points, camera)[0][:, 1], camera.height)
+    assert np.ptp(times) > 0.1
+    arm = skin.points - frames[skin.segment, :3, 3]
+    moved = skin.points + times[:, None] * (velocity[skin.segment, :3] + np.cross(velocity[skin.segment, 3:], arm))
+    np.testing.assert_allclose(exposed(skin, frames, velocity, camera, exposure), moved, atol=1e-12)
 
 
 def test_velocities_of_a_sequence_are_central_differences() -> None:
