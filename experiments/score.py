@@ -49,6 +49,7 @@ class Score:
     body: BodyErrors | None
     plain: scoring.Errors  # what files alone would give
     lost: int  # recorded views without a valid estimate
+    own_world: bool = False  # no calibration object: nothing but what is aligned can be compared
 
 
 def no_report(_done: int, _total: int) -> None:
@@ -75,7 +76,9 @@ def score(
         _with_calibration(errors, reconstruction, number, truth, plain_truth, (frames, known))
         for number, errors in enumerate(plain.cameras)
     )
-    return Score(frames, cameras, foreground, plain.body, plain, plain.lost)
+    seen = [one for one in reconstruction.references if one is not None]
+    own_world = bool(seen) and not any(len(one.points_m) for one in seen)
+    return Score(frames, cameras, foreground, plain.body, plain, plain.lost, own_world)
 
 
 def frames_of(truth: Truth, reconstruction: Reconstruction) -> tuple[NDArray[np.int64], Mask]:
@@ -132,7 +135,7 @@ def _with_calibration(
     frames, known = matched
     true = truth.camera_names.index(reconstruction.camera_names[number])
     reference, panorama = reconstruction.references[number], reconstruction.panoramas[number]
-    if reference is not None:
+    if reference is not None and len(reference.points_m):
         offset = reference.camera.world_T_cam[:3, 3] - truth.reference_world_T_cam[true, :3, 3]
         found["position_m"] = float(np.linalg.norm(offset))
         found["reference_px"] = float(np.sqrt(np.mean(np.sum(reference.residuals_px**2, axis=1))))

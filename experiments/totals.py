@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Final
+
 import numpy as np
 
 from experiments.metrics import Metric
@@ -20,7 +23,7 @@ def metrics(result: Score) -> list[Metric]:
     positions = [c.position_m for c in cameras if c.position_m is not None]
     residuals = [c.reference_px for c in cameras if c.reference_px is not None]
     views = result.foreground or ()
-    return [
+    found = [
         Metric("reference.reprojection.rms", float(np.mean(residuals)) if residuals else None, "px"),
         Metric("reference.position.max", 1000.0 * max(positions) if positions else None, "mm"),
         Metric("panorama.pan.rms", rms(np.degrees(np.concatenate(sweeps))) if sweeps else None, "deg"),
@@ -34,3 +37,16 @@ def metrics(result: Score) -> list[Metric]:
         *completeness(result.plain),
         *body_metrics(result.body),
     ]
+    return [replace(metric, value=None) if result.own_world and _of_world(metric.key) else metric for metric in found]
+
+
+def _of_world(key: str) -> bool:
+    """True where a metric means nothing in a world that is not that of the truth: nobody says where it begins."""
+    return not key.endswith("similarity") and key.startswith(_OF_WORLD)
+
+
+_OF_WORLD: Final = (
+    "reference.", "panzoom.pan.", "panzoom.refined.pan", "panzoom.reprojection", "panzoom.jac", "panzoom.rotation.rms",
+    "panzoom.position", "panzoom.bound_ratio.pan", "panzoom.nees", "body.mpjpe", "body.covered", "body.beyond3",
+    "body.lost",
+)  # fmt: skip

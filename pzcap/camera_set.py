@@ -175,12 +175,28 @@ def _foreign_sweep(footage: Footage) -> bool:
 
 def _missing(capture: Capture, files: CameraFiles) -> str | None:
     """The first file that a camera cannot be calibrated without and the capture does not hold."""
-    needed = {
-        "the capture holds no calibration object": capture.calibration_object,
-        "it has no reference image": files.reference,
-        "it has no pan sweep": files.sweep,
-    }
+    if capture.calibration_object is None:
+        lacking = what_is_lacking(capture)
+        if lacking:
+            return f"the capture holds no calibration object, and without one {lacking}"
+        return None if files.sweep else "it has no pan sweep"
+    needed = {"it has no reference image": files.reference, "it has no pan sweep": files.sweep}
     return next((text for text, file in needed.items() if file is None), None)
+
+
+def what_is_lacking(capture: Capture) -> str | None:
+    """What a capture without a calibration object needs in its place, the first that it has not; None: it has all."""
+    seen = sum(1 for files in capture.cameras if files.keypoints and files.motion and files.sweep)
+    if not capture.full_turn:
+        return "a sweep has to go all the way round, or nothing tells the focal length"
+    if seen < 2:
+        return (
+            "a detector's keypoints of two cameras or more have to tell how these stand "
+            "(pzcap keypoints FOLDER --by mediapipe)"
+        )
+    if capture.subject is None or "stature" not in capture.subject.measurements_m:
+        return "the athlete's stature has to tell how long a metre is (subject.json)"
+    return None
 
 
 def _find_object(capture: Capture, cameras: Sequence[CameraFiles]) -> None:
@@ -203,11 +219,13 @@ def _find_object(capture: Capture, cameras: Sequence[CameraFiles]) -> None:
 
 def footage_of(capture: Capture, files: CameraFiles) -> Footage:
     """The footage of one camera in the empty hall. Raises PzcapError where an image or video cannot be opened."""
-    assert capture.calibration_object is not None
-    assert files.reference is not None
     assert files.sweep is not None
-    zoom = None if files.zoom is None else VideoReader(files.zoom)
-    image, sweep = read_image(files.reference), VideoReader(files.sweep)
+    zoom, sweep = None if files.zoom is None else VideoReader(files.zoom), VideoReader(files.sweep)
+    if capture.calibration_object is None:
+        _, image = next(iter(sweep))  # pan is counted from there
+    else:
+        assert files.reference is not None
+        image = read_image(files.reference)
     period_s = float(1 / sweep.frame_rate)
     return Footage(image, capture.calibration_object, sweep, zoom, capture.full_turn, period_s)
 

@@ -18,6 +18,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from pzcap import runtime
+from pzcap.body import skeleton
 from pzcap.calibration.calibrate import CalibratedCamera, no_report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, panzoom_tracks, refined, taken_over
@@ -67,6 +68,7 @@ from pzcap.types import (
     Reconstruction,
     Silhouette,
 )
+from pzcap.without_object import in_metres, of_open_size, place_cameras, scaled_by_contours
 
 TIDY_EVERY: Final = 8
 """Frame sets after which free memory is given back to the system."""
@@ -157,9 +159,22 @@ def stages(
         if body:
             runtime.submit(warm_up)  # not before: cameras being calibrated take most of the memory that there is
         localise = ViewLocaliser(calibrated, config.panzoom, pool, capture.frame_rate, method)
+        segment = partial(segment_views, calibrated, config, pool)
+        by_athlete = capture.calibration_object is None and not any(known) and any(calibrated)
+        if by_athlete:
+            assert capture.subject is not None, "no camera is calibrated then"
+            measured = skeleton.build(capture.subject)
+            placed = yield from place_cameras(calibrated, sets, measured, localise)
+            calibrated[:] = placed.cameras  # as ``segment`` knows them from now on
+            placed = scaled_by_contours(placed, sets, measured, localise, segment, config.tracking)
+            calibrated[:] = placed.cameras
+            body = None if body is None else of_open_size(measured, placed.scale_sigma)
+            if sets.keyframes:
+                sets.keyframes = ()
+                notes.append("keyframes.json is not used: without a calibration object nobody knows its world")
+            localise = ViewLocaliser(calibrated, config.panzoom, pool, capture.frame_rate, method)
         yield CamerasReady(time.perf_counter() - started)
 
-        segment = partial(segment_views, calibrated, config, pool)
         tracker = None
         if body is not None:
             tracking = _with_clock_sigma(config.tracking, capture)
@@ -196,7 +211,7 @@ def stages(
         for name, head, track in zip((files.name for files in capture.cameras), heads, tracks, strict=True):
             if head is not None and track is not None:
                 notes += camera_notes(name, head, track)
-    yield Finished(Reconstruction(
+    found = Reconstruction(
         capture_name=capture.name,
         method=config.panzoom.method,
         frame_rate=capture.frame_rate,
@@ -212,7 +227,10 @@ def stages(
         ),
         motion=tracker.motion(poses) if tracker else None,
         notes=tuple(notes),
-    ))  # fmt: skip
+    )  # fmt: skip
+    if by_athlete:
+        found = in_metres(found, measured, placed)
+    yield Finished(found)
 
 
 # --------------------------------------------------------------------------------------------------------------

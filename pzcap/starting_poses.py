@@ -9,6 +9,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from pzcap.body import skeleton
+from pzcap.body.anthropometry import UNMEASURED
 from pzcap.body.skeleton import Body
 from pzcap.events import FrameLocalised, FrameSegmented, Progress
 from pzcap.initialisation.keyframes import find_keyframes
@@ -54,9 +55,6 @@ class Localising(Protocol):
 
 def body_to_track(capture: Capture, sets: FrameSets, config: TrackingConfig, notes: list[str]) -> Body | None:
     """The body of stage 6; None, and a reason added to ``notes``, where the capture holds nothing to track by."""
-    if capture.subject is None:
-        notes.append("the body is not tracked: the capture holds no tape measurements (subject.json)")
-        return None
     detected = any(camera.keypoints for camera in capture.cameras) and config.keypoint_keyframes
     if not sets.keyframes and not detected:
         notes.append(
@@ -64,8 +62,9 @@ def body_to_track(capture: Capture, sets: FrameSets, config: TrackingConfig, not
             "run a detector (pzcap keypoints FOLDER --by mediapipe), or pose one frame by hand (docs/capture.md)"
         )
         return None
-    body = skeleton.build(capture.subject)
-    notes += guessed_measurements(capture.subject, body)
+    subject = capture.subject or UNMEASURED
+    body = skeleton.build(subject)
+    notes += guessed_measurements(subject, body)
     if sets.keyframes:
         notes += keyframes.check(sets.keyframes, body, len(sets))
     return body

@@ -167,6 +167,7 @@ class Keyframe:
     frame: int  # index of the frame set
     pose: Pose
     covariance: Array | None = None  # (43, 43) of the pose's tangent; None: a hand fitted it, which errs as hands do
+    found: bool = False  # in keypoints; else a person posed it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,6 +205,7 @@ class Capture:
     subject: Subject | None
     keyframe_poses: dict[str, Pose]  # timecode "hh:mm:ss:ff" -> pose
     full_turn: bool  # the sweeps go all the way round, so that the circle closes
+    keyframe_covariances: Mapping[str, Array] = field(default_factory=dict)  # (43, 43) of some of these, by timecode
     sync: dict[str, CameraClock] | None = None  # of each camera by its name; None: the videos have timecode
 
 

@@ -34,7 +34,7 @@ def develop(config: ShootConfig, light: Path, folder: Path) -> Iterator[Progress
     """
     session = assemble(config)
     for files in session.files(folder / "capture"):
-        files.reference.parent.mkdir(parents=True)
+        files.motion.parent.mkdir(parents=True)
     recorded = [_recorded(session, c) for c in range(config.cameras)]
     hall = 1 + len(session.sweep(0).times_s) + config.zoom_frames
     total = config.cameras * hall + sum(int(frames.sum()) for frames in recorded)
@@ -57,8 +57,9 @@ def develop_cameras(cameras: Sequence[int], session: Session, light: Path, captu
     for c in cameras:
         files, reel, clock = session.files(capture)[c], reels(light, session.config)[c], session.clock()
         sensor = Sensor(config.sensor, vignette(session.rigs[c]), stream(config.seed, "sensor", c))
-        [reference] = _developed(session, c, sensor, reel.reference, np.zeros(1), "reference")
-        _write_png(files.reference, reference)
+        if files.reference is not None:
+            [reference] = _developed(session, c, sensor, reel.reference, np.zeros(1), "reference")
+            _write_png(files.reference, reference)
         done += 1
         yield done
         rate, woven = Fraction(config.sweep_frame_rate), bool(config.sensor.field_s and not config.sensor.bob)
@@ -161,7 +162,7 @@ def _write_papers(session: Session, folder: Path, timecodes: Sequence[str]) -> N
             name=f"{motion.title(config.motion)}, seed {config.seed}",
             frame_rate=Fraction(config.frame_rate),
             cameras=tuple(CameraFiles(*files) for files in session.files(folder)),
-            calibration_object=gym.calibration_object(),
+            calibration_object=gym.calibration_object() if config.crew.calibration_object else None,
             subject=measure(session.measurements, config.crew, stream(config.seed, "tape"), config.athlete.garments()),
             keyframe_poses=keyframes,
             full_turn=config.sweep_deg >= 360.0,

@@ -88,7 +88,7 @@ class Files(NamedTuple):
     """Files that one camera records; as `pzcap.types.CameraFiles`."""
 
     name: str
-    reference: Path
+    reference: Path | None
     sweep: Path
     zoom: Path | None
     motion: Path
@@ -295,7 +295,8 @@ class Session:
             place = folder / f"camera{name}"
             zoom = place / "zoom.mp4" if self.config.zoom_frames else None
             keypoints = place / "keypoints" if self.config.detector.enabled else None
-            found = Files(name, place / "reference.png", place / "sweep.mp4", zoom, place / "motion.mp4", keypoints)
+            reference = place / "reference.png" if self.config.crew.calibration_object else None
+            found = Files(name, reference, place / "sweep.mp4", zoom, place / "motion.mp4", keypoints)
             files.append(found)
         return files
 

@@ -3,14 +3,16 @@
     python -m experiments.compare burden seed=0              # conf/experiment/burden.yaml shoots with a detector
     python -m experiments.compare burden capture=CAPTURE     # with keypoints, and the truth beside it
 
-The footage stays the same, and what is left at home is taken out of the capture; only for a sweep that does not go all
-the way round the hall is swept anew, which a capture of anyone's own goes without. Cameras are calibrated again where
-their own material changes, and are the same otherwise.
+The footage stays the same, and what is left at home is taken out of the capture; only a sweep that does not go all the
+way round, and recordings without timecode (nor genlock; brought together by three claps), are shot anew, which a
+capture of anyone's own goes without. Cameras are calibrated again where their own material changes, and are the same
+otherwise. Without a calibration object nobody knows where the world begins: then the motion is compared after one
+similarity.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -28,11 +30,22 @@ from experiments.report.plots import COLOURS, INK, MUTED
 from pzcap.extras.reconstruct import reconstruct
 from pzcap.io.capture import frame_sets
 from pzcap.types import Capture, PzcapError, Reconstruction
+from sim.session import ShootConfig
 from sim.truth import Truth
 
 PARTIAL_DEG: Final = 120.0
 """Sweep in place of a full turn."""
+FOOTAGE: Final[Mapping[str, Callable[[ShootConfig], ShootConfig]]] = {
+    "usual": lambda shoot: shoot,
+    "partial": lambda shoot: replace(shoot, sweep_deg=PARTIAL_DEG),
+    "no_timecode": lambda shoot: replace(
+        shoot, crew=replace(shoot.crew, sync="sound"),
+        sensor=replace(shoot.sensor, largest_roll=45, clock_offset=0.5, clock_drift_ppm=50.0),
+    ),
+}  # fmt: skip
+"""What was filmed, by the shoot of the usual."""
 MEAN: Final = "body.mpjpe.mean"
+ALIGNED: Final = "body.mpjpe.similarity"
 CUT_OFF: Final = 4.0
 """Times the error with everything, where a bar ends."""
 
@@ -74,12 +87,14 @@ class Variant:
     label: str
     group: str
     changes: tuple[Callable[[Capture], Capture], ...] = ()
-    partial: bool = False  # the sweeps do not go all the way round
+    footage: str = "usual"  # of FOOTAGE
 
     @property
-    def cameras(self) -> tuple[bool, ...]:
-        """The footage that its cameras are calibrated from: variants that agree in it have the same ones."""
-        return (self.partial, *(change in self.changes for change in (_without_zoom, _without_object)))
+    def cameras(self) -> tuple[object, ...]:
+        """The material that its cameras are calibrated from: variants that agree in it have the same ones. Without a
+        calibration object that is all of it."""
+        placed_by = self.changes if _without_object in self.changes else ()
+        return (self.footage, _without_zoom in self.changes, *placed_by)
 
     def of(self, capture: Capture) -> Capture:
         """The part of the ``capture`` that this crew brings home."""
@@ -90,9 +105,10 @@ class Variant:
 
 VARIANTS: Final = (
     Variant("everything", "everything", "everything"),
-    Variant("no_object", "no calibration object", "cameras", (_without_object,)),
-    Variant("partial_sweep", f"{PARTIAL_DEG:.0f} degrees, no full turn", "cameras", partial=True),
+    Variant("no_object", "no object, no keyframe *", "cameras", (_without_object, _without_keyframes)),
+    Variant("partial_sweep", f"{PARTIAL_DEG:.0f} degrees, no full turn", "cameras", footage="partial"),
     Variant("no_zoom", "no zoom run", "cameras", (_without_zoom,)),
+    Variant("no_timecode", "no timecode, claps", "cameras", footage="no_timecode"),
     Variant("stature", "stature, no tape", "body", (_stature_alone,)),
     Variant("no_keypoints", "no detector", "body", (_without_keypoints,)),
     Variant("one_keyframe", "one keyframe by hand", "body", (_one_keyframe,)),
@@ -103,7 +119,9 @@ VARIANTS: Final = (
     Variant("least", "no keyframe, tape or zoom run", "together",
             (_without_keyframes, _stature_alone, _without_zoom)),
     Variant("least_partial", "the same, no full turn", "together",
-            (_without_keyframes, _stature_alone, _without_zoom), partial=True),
+            (_without_keyframes, _stature_alone, _without_zoom), footage="partial"),
+    Variant("stature_and_detector", "no keyframe, tape or object *", "together",
+            (_without_keyframes, _stature_alone, _without_object)),
 )  # fmt: skip
 
 
@@ -114,11 +132,13 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
         capture, truth = scored_capture(config, bars.update)
         if not any(camera.keypoints for camera in capture.cameras) or not capture.keyframe_poses:
             raise PzcapError(f"{capture.folder}: to leave keyframes or keypoints at home it has to have both")
-        partial = _partial(config, bars.update)
-        known: dict[tuple[bool, ...], Reconstruction] = {}
+        shot: dict[str, tuple[Capture, Truth] | None] = {"usual": (capture, truth)}
+        known: dict[tuple[object, ...], Reconstruction] = {}
         rows: list[Row[Any]] = []
         for variant in VARIANTS:
-            material = partial if variant.partial else (capture, truth)
+            if variant.footage not in shot:
+                shot[variant.footage] = _shot(config, variant.footage, bars.update)
+            material = shot[variant.footage]
             if material is None:
                 rows.append(Row(variant.key, variant.label, {}, variant.group, "would have to be shot"))
             else:
@@ -126,16 +146,16 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
     return _with_differences(rows)
 
 
-def _partial(config: AppConfig, report: Callable[[str, int, int], None]) -> tuple[Capture, Truth] | None:
-    """The same take by a crew that swept a part of the hall; None where the capture is somebody's own."""
+def _shot(config: AppConfig, footage: str, report: Callable[[str, int, int], None]) -> tuple[Capture, Truth] | None:
+    """The same take by a crew that filmed otherwise; None where the capture is somebody's own."""
     if config.capture is not None:
         return None
-    return scored_capture(replace(config, shoot=replace(config.shoot, sweep_deg=PARTIAL_DEG)), report)
+    return scored_capture(replace(config, shoot=FOOTAGE[footage](config.shoot)), report)
 
 
 def _row(
-    variant: Variant, capture: Capture, truth: Truth, config: AppConfig, known: dict[tuple[bool, ...], Reconstruction],
-    report: Callable[[str, int, int], None],
+    variant: Variant, capture: Capture, truth: Truth, config: AppConfig,
+    known: dict[tuple[object, ...], Reconstruction], report: Callable[[str, int, int], None],
 ) -> Row[Any]:  # fmt: skip
     """The figures of one crew. Its cameras are ``known`` where another's were calibrated from the same."""
     mine = variant.of(capture)
@@ -153,7 +173,9 @@ def _row(
         # all are scored in the same frames: those that no hand has posed for anybody
         posed = np.array([key.frame for key in frame_sets(capture).keyframes], np.int64)
         figures = body(replace(found, motion=replace(found.motion, keyframes=posed)), truth)
-    if figures.get(MEAN) is None:  # a hand's keyframes may be all that there is
+        if mine.calibration_object is None:
+            figures = {key: value for key, value in figures.items() if key.endswith("similarity")}
+    if figures.get(ALIGNED) is None:  # a hand's keyframes may be all that there is
         return Row(variant.key, variant.label, {}, variant.group, found.notes[0])
     return Row(variant.key, variant.label, figures, variant.group)
 
@@ -177,7 +199,8 @@ def draw(figure: Figure, rows: Sequence[Row[Any]]) -> None:
     longest = CUT_OFF * (rows[0].figures.get(MEAN) or 10.0)
     axes = figure.subplots()
     for y, row in zip(at.tolist(), rows, strict=True):
-        mean = row.figures.get(MEAN)
+        mean, aligned = row.figures.get(MEAN), row.figures.get(ALIGNED)
+        mean = aligned if mean is None else mean
         if mean is None:
             axes.annotate("no body", (0.0, y), (4, 0), textcoords="offset points", va="center", color=MUTED)
             continue
@@ -189,7 +212,7 @@ def draw(figure: Figure, rows: Sequence[Row[Any]]) -> None:
     axes.set_yticks(at, [row.label for row in rows])
     axes.set_ylim(float(at[-1]) + 0.7, -0.7)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("mean joint error [mm]")
+    axes.set_xlabel("mean joint error [mm]; *: after one similarity of the whole motion")
 
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
@@ -199,6 +222,8 @@ COMPARISON: Final[Comparison[Any]] = Comparison(
         Column(MEAN, "mean mm", "mm", "{:.1f}"),
         Column("body.mpjpe.p95", "p95 mm", "mm", "{:.1f}"),
         Column("more", "± mean", "mm", "{:+.1f}"),
+        Column(ALIGNED, "aligned mm", "mm", "{:.1f}"),
+        Column("body.size.similarity", "size %", "%", "{:.2f}"),
         Column("body.lost", "lost", "frames", "{:.0f}"),
         Column("body.covered", "covered %", "%", "{:.0f}", "higher"),
     ),
@@ -206,4 +231,5 @@ COMPARISON: Final[Comparison[Any]] = Comparison(
     plots={"burden.png": ((7.2, 0.27 * 1.15 * len(VARIANTS) + 0.9), draw)},
     experiment="burden",
     variants="brought",
+    note="aligned: after one similarity of the whole motion; size: of the motion before that, over the true one",
 )

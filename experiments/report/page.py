@@ -45,6 +45,16 @@ class Picture:
     caption: str
 
 
+OWN_WORLD: Final[tuple[tuple[str, str, str], ...]] = (
+    ("panzoom.focal.rms", "Focal length", "RMS error. 1 % moves a point 150 px off the centre by 22 mm at 15 m."),
+    ("panzoom.lost", "Lost views", "Recorded views in which the camera was not found."),
+    ("foreground.iou", "Silhouettes", "Intersection over union with the true masks; 1 is perfect."),
+    ("body.mpjpe.similarity", "Joints, aligned", "Mean distance after one similarity of the whole motion."),
+    ("body.size.similarity", "Size", "Of the motion before that, off the true one's."),
+    ("panzoom.position.similarity", "Tripods, aligned", "The worst camera's place after the similarity of the motion."),
+    ("speed.fps", "Speed", "Four views, from decoding to the body."),
+)
+"""Without a calibration object nobody knows where the world begins."""
 HEADLINES: Final[tuple[tuple[str, str, str], ...]] = (
     ("panzoom.pan.rms", "Pan", "RMS error. 0.02° turn a ray away by 5 mm at 15 m."),
     ("panzoom.focal.rms", "Focal length", "RMS error. 1 % moves a point 150 px off the centre by 22 mm at 15 m."),
@@ -69,6 +79,8 @@ def _context(material: Material, command: str) -> dict[str, Any]:
     reconstruction, truth, result = material.reconstruction, material.truth, material.score
     body = None if result is None else result.body
     by_key = {metric.key: metric for metric in material.metrics}
+    own_world = result is not None and result.own_world
+    headlines = OWN_WORLD if own_world else HEADLINES
     shown = _Frames(material)
     contradicted, next_keyframe = _advice(material)
     return {
@@ -80,7 +92,8 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "frame_rate": float(reconstruction.frame_rate),
         "notes": reconstruction.notes,
         "scored": result is not None,
-        "headlines": [_headline(by_key[key], name, text) for key, name, text in HEADLINES if key in by_key],
+        "headlines": [_headline(by_key[key], name, text) for key, name, text in headlines if key in by_key],
+        "own_world": own_world,
         "references": _references(material),
         "camera_rows": _camera_rows(reconstruction, result),
         "panoramas": _panoramas(material),
@@ -147,7 +160,7 @@ def _camera_rows(reconstruction: Reconstruction, result: Score | None) -> list[d
         track, camera = reconstruction.tracks[number], reconstruction.cameras[number]
         errors = None if result is None else result.cameras[number]
         row = {"camera": name}
-        if reference is not None:
+        if reference is not None and len(reference.points_px):
             residual = float(np.sqrt(np.mean(np.sum(reference.residuals_px**2, axis=1))))
             row["corners"] = f"{len(reference.points_px)} at {residual:.2f} px"
         if errors is not None and errors.position_m is not None:
@@ -161,7 +174,8 @@ def _camera_rows(reconstruction: Reconstruction, result: Score | None) -> list[d
             row["found"] = f"{int(track.valid.sum())} of {len(track.valid)}"
         pan, focal = (None, None) if errors is None else (errors.pan_rad, errors.focal)
         if pan is not None and focal is not None and pan.valid.any():
-            row["pan"] = f"{np.degrees(np.sqrt(np.mean(pan.values[pan.valid] ** 2))):.4f}°"
+            if result is not None and not result.own_world:
+                row["pan"] = f"{np.degrees(np.sqrt(np.mean(pan.values[pan.valid] ** 2))):.4f}°"
             row["focal"] = f"{100 * np.sqrt(np.mean(focal.values[focal.valid] ** 2)):.3f} %"
         rows.append(row)
     return rows

@@ -131,6 +131,10 @@ _LINKS: Final[dict[str, dict[str, float]]] = {
 """Measurements that are differences of heights."""
 
 
+UNMEASURED: Final = Subject({}, 0.005)
+"""Somebody of whom nothing is known: the mean of the population, with its scatter."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
     """A person's measurements, in the order of MEASUREMENTS."""

@@ -28,7 +28,7 @@ def sweep_is_foreign(footage: Footage, config: PanZoomConfig) -> bool:
 
     Raises PzcapError where the reference image does not show the calibration object.
     """
-    if footage.zoom is None:
+    if footage.zoom is None or footage.calibration_object is None:
         return False
     camera = reference_camera.calibrate(footage.reference_image, footage.calibration_object, config.reference).camera
     view = View(0.0, 0.0, 0.0, camera.focal_px, camera.principal_px, NONE)

@@ -19,6 +19,7 @@ from scipy import ndimage
 from pzcap.calibration import photometric_bundle_adjustment, reference_camera, stitching
 from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust
 from pzcap.calibration.correspondences import Matched, height_of, match
+from pzcap.calibration.focal_from_sweep import camera_of_sweep, levelled
 from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.propagation import propagated
 from pzcap.calibration.settings import PanZoomConfig
@@ -44,8 +45,8 @@ Report: TypeAlias = Callable[[str, int, int], None]
 class Footage(NamedTuple):
     """Footage of one camera in the empty hall."""
 
-    reference_image: Image  # (H, W, 3) of the calibration object, at the reference pose
-    calibration_object: CalibrationObject
+    reference_image: Image  # (H, W, 3) of the calibration object, at the reference pose; without one, any of the sweep
+    calibration_object: CalibrationObject | None
     sweep: Frames  # iterated more than once, as the zoom run is
     zoom: Frames | None
     full_turn: bool  # the sweep's circle closes
@@ -70,10 +71,14 @@ def calibrate(
 ) -> tuple[CalibratedCamera, stitching.SweptFrames, stitching.ZoomedFrames]:
     """Calibrate one camera at its reference pose, and stitch its panorama; the frames that it is made of.
 
+    Without a calibration object it stands levelled in a world of its own (`focal_from_sweep`), to be placed later.
     Raises PzcapError when the calibration object is not found or the sweep does not hold together.
     """
     reference_image, calibration_object, sweep, zoom, full_turn, _ = footage
-    first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
+    if calibration_object is None:
+        first = _unplaced(camera_of_sweep(sweep, config))
+    else:
+        first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
     chained, count = matched.chained, len(matched.chained.pan_rad)
     start, undecided = _start(matched, config)
@@ -83,7 +88,11 @@ def calibrate(
     taken = model.view(count)
     intrinsics = {"focal_px": taken.focal_px, "principal_px": taken.principal_px, **taken.distortion._asdict()}
     known = replace(first.camera, **intrinsics)
-    refined = reference_camera.resolve(first, known, reference_image, calibration_object, config.reference)
+    if calibration_object is None:
+        known = replace(known, world_T_cam=levelled(model.tilt_rad, model.roll_rad))
+        refined = replace(first, camera=known)
+    else:
+        refined = reference_camera.resolve(first, known, reference_image, calibration_object, config.reference)
     size = refined.camera.width, refined.camera.height
     scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
     camera, surroundings = _in_metres(model, taken.pan_rad, refined.camera)
@@ -104,6 +113,11 @@ def calibrate(
     zoom_pan_rad = float(model.pan_rad[-1] - taken.pan_rad)
     zoomed = stitching.ZoomedFrames(np.array(matched.zoom_numbers, np.int64), model.log_focal[2:], zoom_pan_rad)
     return CalibratedCamera(refined, panorama, camera), swept, zoomed
+
+
+def _unplaced(camera: Camera) -> ReferenceCamera:
+    """A reference camera that no calibration object has been seen by."""
+    return ReferenceCamera(camera, np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2)))
 
 
 def _start(matched: Matched, config: PanZoomConfig) -> tuple[CalibrationParameters, float]:

@@ -52,7 +52,7 @@ def match(
     chained = chain(sweep, view, full_turn, config.sweep, lambda done: report("match sweep", done, 0))
     count = len(chained.pan_rad)
     sigmas = sigmas_of(camera, config.beliefs, full_turn, zoom=False)
-    coarse = adjust(_start(view, chained.pan_rad), chained.links, sigmas, iterations=6).parameters
+    coarse = adjust(first_values(view, chained.pan_rad), chained.links, sigmas, iterations=6).parameters
     further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
     sweep_links = [*chained.links, *further]
 
@@ -84,7 +84,8 @@ def match(
     return Matched(chained, others, [number for number, _ in chosen], sweep_links, links, start, sigmas)
 
 
-def _start(view: View, pan_rad: Array) -> CalibrationParameters:
+def first_values(view: View, pan_rad: Array) -> CalibrationParameters:
+    """First values of the parameters of a chained sweep: one lens, that of ``view``, and nothing near."""
     count = len(pan_rad)
     return CalibrationParameters(
         pan_rad, np.array([np.log(view.focal_px)]), np.arange(count), np.zeros(count, np.int64), 0.0, 0.0,

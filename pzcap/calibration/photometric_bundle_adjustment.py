@@ -128,7 +128,7 @@ def adjust(
         return NormalEquations(normal, gradient, normal_sigma(compared.residual[np.isfinite(compared.residual)]), cost)
 
     held = int(start.pan_of[0])
-    state, normal, _, _, ended = minimise(
+    state, normal, sigma, _, ended = minimise(
         start, linearise, retract, lambda step: np.abs(step[: len(start.pan_rad)]).max() < PHOTOMETRIC.settled_rad,
         Schedule(PHOTOMETRIC.steps, 30.0, least_steps=3),
         prior=Prior(believed, lambda state: to_vector(state) - mean, PHOTOMETRIC.alike), held=held,

@@ -87,6 +87,32 @@ class BeliefTuning(NamedTuple):
     features, 1.006 to 1.04 by grey values."""
 
 
+class FocalTuning(NamedTuple):
+    """`focal_from_sweep`: where no calibration object tells the focal length."""
+
+    frames: int = 60
+    """Frames of the sweep that are looked at, from its start: a third of a turn at ten degrees a second."""
+    pairs: int = 10
+    """Pairs of them that vote."""
+    fewest_pairs: int = 3
+    apart: float = 0.35
+    """Image widths that the frames of a pair lie apart: the further, the more the focal length shows."""
+    shortest: float = 0.4
+    """Image widths: focal lengths from here on are tried."""
+    longest: float = 6.0
+    """Image widths: up to here."""
+    step: float = 0.03
+    """Of their logarithm."""
+    tolerance_px: float = 3.0
+    """Pixels within which matches name one pan; distortion is unknown as yet."""
+    slope_tolerance: float = 0.05
+    """Slopes that are alike: tilt and roll are unknown as yet."""
+    sigma: float = 0.3
+    """Relative standard deviation of the focal length that was voted for."""
+    usual_height_m: float = 1.6
+    """Height of a camera on its tripod, until the scene has told it."""
+
+
 class HallTuning(NamedTuple):
     """The hall's distances."""
 
@@ -165,6 +191,7 @@ FEATURES = FeatureTuning()
 REFERENCE = ReferenceTuning()
 MARKERS = MarkerTuning()
 BELIEF = BeliefTuning()
+FOCAL = FocalTuning()
 HALL = HallTuning()
 ZOOM = ZoomTuning()
 STITCHING = StitchingTuning()

@@ -13,8 +13,8 @@ from typing import Any, Final
 
 from pzcap.io.capture import MANIFEST
 from pzcap.io.files import checked, written_whole
-from pzcap.io.manifest import load_json
-from pzcap.types import SEGMENTS, Pose
+from pzcap.io.manifest import covariance_entry, load_json
+from pzcap.types import SEGMENTS, Array, Pose
 
 USUAL: Final = "keyframes.json"
 
@@ -45,16 +45,22 @@ class KeyframeFile:
             return {}
         return {str(entry["timecode"]).replace(";", ":"): entry for entry in load_json(self.path).value}
 
-    def write(self, poses: Mapping[str, Pose], untouched: Mapping[str, dict[str, Any]]) -> str:
-        """Replace the file by ``poses`` by timecode, in their order; where an entry is ``untouched`` it stands as it
-        was. Returns the new digest. Without any pose there is no file, and capture.json says so."""
+    def write(
+        self, poses: Mapping[str, Pose], untouched: Mapping[str, dict[str, Any]], covariances: Mapping[str, Array]
+    ) -> str:
+        """Replace the file by ``poses`` by timecode, in their order, with the ``covariances`` (43, 43) of those that
+        clicks tell of; where an entry is ``untouched`` it stands as it was. Returns the new digest. Without any pose
+        there is no file, and capture.json says so."""
         path = self.path
         self._back_up(path)
         if not poses:
             self._name(None)
             path.unlink(missing_ok=True)
             return ""
-        content = [untouched.get(timecode) or _entry(timecode, pose) for timecode, pose in poses.items()]
+        content = [
+            untouched.get(timecode) or _entry(timecode, pose, covariances.get(timecode))
+            for timecode, pose in poses.items()
+        ]
         data = (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode()
         with written_whole(path) as partial:
             partial.write_bytes(data)
@@ -82,9 +88,11 @@ class KeyframeFile:
             partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _entry(timecode: str, pose: Pose) -> dict[str, Any]:
+def _entry(timecode: str, pose: Pose, covariance: Array | None) -> dict[str, Any]:
+    known = {} if covariance is None else {"covariance": covariance_entry(covariance)}
     return {
         "timecode": timecode,
         "root_position_m": pose.root_position_m.tolist(),
         "rotations_wxyz": dict(zip(SEGMENTS, pose.rotations.tolist(), strict=True)),
+        **known,
     }

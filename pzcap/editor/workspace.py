@@ -20,6 +20,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from pzcap.body import skeleton
+from pzcap.body.anthropometry import UNMEASURED
 from pzcap.body.kinematics import difference, retract
 from pzcap.body.skeleton import Body
 from pzcap.editor import resolve
@@ -37,6 +38,7 @@ from pzcap.editor.inverse_kinematics import (
 from pzcap.editor.keyframe_file import KeyframeFile
 from pzcap.io.capture import FrameSets, frame_sets, read_capture
 from pzcap.io.files import written_whole
+from pzcap.io.manifest import covariance_entry
 from pzcap.types import SEGMENTS, Array, Capture, Keyframe, Motion, Pose, PzcapError, Reconstruction
 
 FOLDER: Final = "editing"
@@ -71,8 +73,6 @@ class Workspace:
     """A capture that is being edited. Raises PzcapError where it cannot be. Safe for threads."""
 
     def __init__(self, capture: Capture, found: Reconstruction) -> None:
-        if capture.subject is None:
-            raise PzcapError(f"{capture.folder}: no subject.json, so there is no body to pose; measure the athlete")
         self.capture, self.folder = capture, capture.folder / FOLDER
         self.sets: FrameSets = frame_sets(capture)
         if found.timecodes != self.sets.timecodes or found.camera_names != tuple(c.name for c in capture.cameras):
@@ -81,7 +81,7 @@ class Workspace:
                 "give those of this capture"
             )
         self.footage = Footage(self.sets, found)
-        self.body: Body = skeleton.build(capture.subject)
+        self.body: Body = skeleton.build(capture.subject or UNMEASURED)
         self._base = _digest(found.motion)
         self.motion: Motion = self._kept_motion() or found.motion or resolve.untracked(len(self.sets))
         self.difference: resolve.Difference | None = None
@@ -349,15 +349,26 @@ class Workspace:
     def _write(self) -> None:
         """Write keyframes.json as the history has it, where it differs."""
         poses = {self._timecodes[key]: self._posed(key) for key in self.keys()}
+        known = {timecode: own for timecode in poses if (own := self._known(self.frame_of[timecode])) is not None}
         before = self._file.entries()
         untouched = {
             timecode: entry
             for timecode, entry in before.items()
-            if timecode in poses and _same(poses[timecode], _pose_of(entry))
+            if timecode in poses
+            and _same(poses[timecode], _pose_of(entry))
+            and (timecode not in known or entry.get("covariance") == covariance_entry(known[timecode]))
         }
         if untouched.keys() == poses.keys() == before.keys():
             return
-        self.history.saved(self._file.write(poses, untouched))
+        self.history.saved(self._file.write(poses, untouched, known))
+
+    def _known(self, frame: int) -> Array | None:
+        """Covariance (43, 43) of a keyframe's pose by its clicks; None where nothing has been clicked: a hand posed it
+        otherwise."""
+        edit = self.edit(frame)
+        if not edit.clicks or edit.pose is None:
+            return None
+        return self._covariance(frame, self.problem(frame), edit, edit.pose)
 
     # ----------------------------------------------------------------------------------------------------------
     # Tracking anew
@@ -369,7 +380,7 @@ class Workspace:
         with self.lock:
             keys = self.keys()
             frames = resolve.interval(keys, frame, len(self.sets), _RESOLVE_REACH)
-            posed = [Keyframe(key, self._posed(key)) for key in keys if key in frames]
+            posed = [Keyframe(key, self._posed(key), self._known(key)) for key in keys if key in frames]
         new = resolve.tracked_anew(self.footage, self.body, posed, frames, report, cancelled)
         with self.lock:
             self.motion, self.difference = resolve.merged(self.motion, new, frames, keys)

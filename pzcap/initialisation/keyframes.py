@@ -50,7 +50,7 @@ def find_keyframes(
     for frame, (pose, seen) in enumerate(zip(poses, sightings, strict=True)):
         known = pose_fit.known(body, pose, seen, config)
         if known.views >= JUDGEMENT.least_views and known.misfit < JUDGEMENT.largest_misfit:
-            candidates[frame] = Keyframe(frame, pose, known.covariance)
+            candidates[frame] = Keyframe(frame, pose, known.covariance, found=True)
             variances[frame] = float(np.mean(known.sigma_m**2)) * max(known.misfit / JUDGEMENT.usual_misfit, 1.0) ** 2
     by_hand = {key.frame: float(config.keyframe_position_sigma_m**2) for key in given}
     sure: set[int] = set()

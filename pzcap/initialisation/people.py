@@ -106,7 +106,7 @@ def _followed(instants: Sequence[Detections]) -> list[Sighting]:
 
 def _people(instant: Detections) -> list[_Person]:
     """The people of an instant, each with the detections that agree best; nobody, where nobody is found."""
-    left = [[] if view is None else _most_central(view[0], view[1])[: PEOPLE.most_people] for view in instant.views]
+    left = [[] if view is None else most_central(view[0], view[1])[: PEOPLE.most_people] for view in instant.views]
     people: list[_Person] = []
     while any(left):
         best = max((_judged(instant, chosen) for chosen in _choices(left)), key=lambda person: person.score)
@@ -127,7 +127,7 @@ def _choices(left: Sequence[Sequence[int]]) -> list[tuple[int | None, ...]]:
     return [way for way in ways if any(one is not None for one in way)]
 
 
-def _most_central(camera: Camera, people: Array) -> list[int]:
+def most_central(camera: Camera, people: Array) -> list[int]:
     """The people (P, 26, 3) of a view, those nearest to the picture's middle first."""
     return sorted(range(len(people)), key=lambda one: _off_centre(camera, people[one]))
 

@@ -64,7 +64,49 @@ class JudgementTuning(NamedTuple):
     misplaced: float = 0.6  # probability of any joint's being misplaced, from which on the images do not bear it out
 
 
+class HeadsTuning(NamedTuple):
+    """Poses of the cameras to each other by the moving body."""
+
+    first_points: int = 600  # that first values are found from
+    fewest_points: int = 40  # that two cameras, or a camera and others, have to see in common
+    step_deg: float = 2.0  # of the headings that are tried
+    steps: int = 6  # of reweighting
+    fine_rad: float = 0.010  # a heading is refined until its step is so fine
+    least_lever: float = 0.05  # sine of the angle between a ray and the base line: a ray along it tells nothing
+    least_worth: float = 0.15  # of the first pair: share of rays that agree times the sine at which they meet
+    least_agreement: float = 0.2  # share of a further camera's rays that agree
+    agree_rad: float = 0.02  # rays further off than this are wrong
+    first_adjusted: int = 2  # more cameras than so many are adjusted before the next is placed
+    least_sigma_rad: float = 3e-4  # of a ray: no detector is better
+    iterations: int = 40
+    loose: float = 6.0  # sigmas of the robust weights, in the first half of the iterations
+    tight: float = 3.0
+    lean_rad: float = 0.005  # of a head from the vertical, each way: a third of a degree
+    settled_rad: float = 1e-6
+    damping: float = 1e-4  # of a point, against one ray: one that nothing weighs stays
+    doubt: float = 10.0  # so many keypoints tell as much as one would: frames that are alike mislead alike
+    most_frames: int = 300  # that are used
+    rounds: int = 2  # of telling people and sides, and of adjusting anew
+    fewest_lengths: int = 8  # of a limb, that its length is the median of
+    floor_percentile: float = 2.0  # of the feet's heights: lower ones are wrong
+    sole_m: float = 0.01  # that a foot's keypoints lie above the floor
+
+
+class HeightTuning(NamedTuple):
+    """Height of the athlete by contours."""
+
+    tried: int = 60  # frames whose poses are fitted to keypoints
+    frames: int = 20  # of these, from all over the take, whose contours are used
+    fewest: int = 3
+    rounds: int = 6  # of fitting poses and shape in turns
+    step_m: float = 1e-4  # for the slope of the height
+    sigma: float = 0.004  # of its logarithm, however many frames: hair, shoes, outlines that are off alike
+    open: float = 10.0  # times the sigma of the scale by limbs, by which the size is open: contours alone tell it
+
+
 PEOPLE = PeopleTuning()
+HEADS = HeadsTuning()
+HEIGHT = HeightTuning()
 SELECTION = SelectionTuning()
 JUDGEMENT = JudgementTuning()
 FIT = FitTuning()

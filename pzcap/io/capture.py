@@ -59,6 +59,7 @@ def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
         _check_videos(camera)
         if camera.motion is not None and not without_clocks:
             check_clock(camera.name, VideoReader(camera.motion), rate, sync)
+    posed = read_keyframes(keyframes_path, rate) if keyframes_path else {}
     return Capture(
         folder=folder,
         name=manifest["name"].text(),
@@ -66,7 +67,8 @@ def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
         cameras=cameras,
         calibration_object=read_object(object_path) if object_path else None,
         subject=read_subject(subject_path) if subject_path else None,
-        keyframe_poses=read_keyframes(keyframes_path, rate) if keyframes_path else {},
+        keyframe_poses={timecode: pose for timecode, (pose, _) in posed.items()},
+        keyframe_covariances={timecode: known for timecode, (_, known) in posed.items() if known is not None},
         full_turn=manifest["full_turn"].boolean(),
         sync=sync,
     )
@@ -251,7 +253,7 @@ def frame_sets(capture: Capture) -> FrameSets:
                 f"{capture.folder}: the keyframe at {timecode} lies outside the recordings' common range"
                 f" {sets.timecodes[0]} to {sets.timecodes[-1]}; correct its timecode or remove it"
             )
-        keyframes.append(Keyframe(frame=index, pose=pose))
+        keyframes.append(Keyframe(frame=index, pose=pose, covariance=capture.keyframe_covariances.get(timecode)))
     sets.keyframes = tuple(sorted(keyframes, key=lambda keyframe: keyframe.frame))
     return sets
 

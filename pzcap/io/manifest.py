@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -128,6 +128,10 @@ def load_json(path: Path, remedy: str = "write it (docs/capture.md)", most_bytes
         raise PzcapError(f"{path}: is not valid JSON ({error}); correct it there") from error
 
 
+_DOF: Final = 43
+"""Numbers that a pose changes by (`pzcap.body.skeleton`)."""
+
+
 def read_object(path: Path) -> CalibrationObject:
     """Read and check object.json."""
     root = load_json(path)
@@ -203,14 +207,14 @@ def _read_lengths(entry: Json) -> dict[str, float]:
     return {name: entry[name].length() for name in MEASUREMENTS if name in entry.value}
 
 
-def read_keyframes(path: Path, rate: Fraction) -> dict[str, Pose]:
-    """Read and check keyframes.json: the poses by timecode "hh:mm:ss:ff", quaternions normalised; of none, some or all
-    frames.
+def read_keyframes(path: Path, rate: Fraction) -> dict[str, tuple[Pose, Array | None]]:
+    """Read and check keyframes.json: the poses by timecode "hh:mm:ss:ff", quaternions normalised, and the covariance
+    (43, 43) of those that have one; of none, some or all frames.
 
     Drop-frame timecode is written with a colon or a semicolon: the recordings say how to count.
     """
     root = load_json(path)
-    poses: dict[str, Pose] = {}
+    poses: dict[str, tuple[Pose, Array | None]] = {}
     for entry in root.list():
         try:
             colons = entry["timecode"].text().replace(";", ":")
@@ -227,5 +231,21 @@ def read_keyframes(path: Path, rate: Fraction) -> dict[str, Pose]:
         norms = np.linalg.norm(rotations, axis=1, keepdims=True)
         if abs(norms[worst := int(np.argmax(np.abs(norms - 1))), 0] - 1) > _UNIT_TOLERANCE:
             raise table[SEGMENTS[worst]].error(f"the quaternion's length is {norms[worst, 0]:.4g}; it must be 1")
-        poses[timecode] = Pose(entry["root_position_m"].place(3), rotations / norms)
+        poses[timecode] = Pose(entry["root_position_m"].place(3), rotations / norms), _read_covariance(entry)
     return poses
+
+
+def covariance_entry(covariance: Array) -> list[float]:
+    """A covariance (43, 43) as keyframes.json has it: the lower triangle, row by row, to six digits."""
+    return [float(f"{value:.6g}") for value in covariance[np.tril_indices(len(covariance))]]
+
+
+def _read_covariance(entry: Json) -> Array | None:
+    if entry.value.get("covariance") is None:
+        return None
+    rows, columns = np.tril_indices(_DOF)
+    covariance = np.zeros((_DOF, _DOF))
+    covariance[rows, columns] = covariance[columns, rows] = entry["covariance"].array(len(rows))
+    if np.linalg.eigvalsh(covariance)[0] <= 0.0:
+        raise entry["covariance"].error("is not positive definite; leave it out, and the pose counts as a hand's")
+    return covariance

@@ -1,4 +1,4 @@
-"""Errors of the motion, joint by joint. Nothing is aligned before it is compared, but for `similarity_aligned`."""
+"""Errors of the motion, joint by joint. Nothing is aligned before it is compared, but where a name says so."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ class BodyErrors:
     airborne: Mask  # (F,) no contact with the floor
     given: Mask | None = None  # (F, 16) the estimate gives this joint; None: all in the valid frames
     aligned_m: Array | None = None  # (F, 16) the distances after one similarity transform of the whole motion
+    similarity: Similarity | None = None  # that transform
 
     @property
     def scored(self) -> Mask:
@@ -44,7 +45,7 @@ def body_errors(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], 
     lengths = [_limbs_m(joints[whole]) for joints in (body.joints_m, true)]
     keyframe = body.keyframe | (truth.keyframe[frames] & known)
     scored = given & ~keyframe[:, None]
-    aligned = similarity_aligned(body.joints_m, true, scored)
+    similarity = similarity_of(body.joints_m[scored], true[scored])
     return BodyErrors(
         joints_m=np.linalg.norm(body.joints_m - true, axis=2),
         sigma_m=body.sigma_m,
@@ -54,14 +55,27 @@ def body_errors(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], 
         inverted=truth.inverted[frames],
         airborne=truth.airborne[frames],
         given=given,
-        aligned_m=None if aligned is None else np.linalg.norm(aligned - true, axis=2),
+        aligned_m=None if similarity is None else np.linalg.norm(similarity.apply(body.joints_m) - true, axis=2),
+        similarity=similarity,
     )
 
 
-def similarity_aligned(joints_m: Array, true_m: Array, counted: Mask) -> Array | None:
-    """``joints_m`` (F, 16, 3) after the turn, shift and scaling that bring those ``counted`` (F, 16) nearest to the
-    true ones (Umeyama, 1991); None where they do not fix it."""
-    found, true = joints_m[counted], true_m[counted]
+@dataclass(frozen=True, slots=True, eq=False)
+class Similarity:
+    """A turn, a scaling and a shift."""
+
+    rotation: Array  # (3, 3)
+    scale: float
+    shift: Array  # (3,)
+
+    def apply(self, points_m: Array) -> Array:
+        """``points_m`` (..., 3) after it."""
+        return np.asarray(self.scale * points_m @ self.rotation.T + self.shift)
+
+
+def similarity_of(found: Array, true: Array) -> Similarity | None:
+    """The similarity that brings points (N, 3) that were ``found`` nearest to the ``true`` ones (Umeyama, 1991); None
+    where they do not fix it."""
     if len(found) < 3:
         return None
     middle, there = found.mean(axis=0), true.mean(axis=0)
@@ -71,7 +85,7 @@ def similarity_aligned(joints_m: Array, true_m: Array, counted: Mask) -> Array |
         return None
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     rotation, scale = (u * signs) @ vt, float(values @ signs) / spread
-    return np.asarray(scale * (joints_m - middle) @ rotation.T + there)
+    return Similarity(rotation, scale, there - scale * rotation @ middle)
 
 
 def _limbs_m(joints_m: Array) -> Array:

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.scoring.body_errors import Similarity
 from pzcap.scoring.projection import angle_between, inside, project, turned, wrapped
 from pzcap.scoring.records import CameraTrack, Series, TrueCamera
 from pzcap.types import Array, Mask
@@ -36,6 +37,7 @@ class CameraErrors:
     rotation_rad: Series | None = None  # angle between the estimated and the true camera axes
     common_rad: Series | None = None  # angle to the true camera axes, after the one rotation that suits most frames
     centre_m: Series | None = None  # distance between the estimated and the true projection centre
+    aligned_centre_m: Series | None = None  # the same after the similarity that brings the motion to the true one
 
 
 def camera_errors(
@@ -66,6 +68,16 @@ def own_world_errors(track: CameraTrack, true: TrueCamera, frames: NDArray[np.in
     """The errors of a camera whose rotations are in a frame of its own: focal length, and what one rotation leaves."""
     focal = np.where(track.valid, track.focal_px / true.track.focal_px[frames] - 1.0, 0.0)
     return CameraErrors(focal=Series(focal, track.valid), common_rad=_after_common_rotation(track, true, frames))
+
+
+def aligned_centres(
+    track: CameraTrack, true: TrueCamera, frames: NDArray[np.int64], similarity: Similarity
+) -> Series | None:
+    """Distances (F,) between estimated and true projection centres, the former after a ``similarity``."""
+    if track.poses is None or true.track.poses is None:
+        return None
+    off = similarity.apply(track.poses.position_m) - true.track.poses.position_m[frames]
+    return Series(np.linalg.norm(off, axis=1), track.valid)
 
 
 def pan_and_focal(track: CameraTrack, true: TrueCamera, frames: NDArray[np.int64]) -> tuple[Series, Series]:

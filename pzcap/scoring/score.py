@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.scoring.body_errors import BodyErrors, body_errors
-from pzcap.scoring.camera_errors import CameraErrors, camera_errors, own_world_errors
+from pzcap.scoring.camera_errors import CameraErrors, aligned_centres, camera_errors, own_world_errors
 from pzcap.scoring.records import Results, TrueCapture, matched, within
 
 
@@ -27,7 +27,8 @@ class Errors:
 
 
 def score(results: Results, truth: TrueCapture) -> Errors:
-    """Compare ``results`` with ``truth``. Nothing is aligned; what is missing is counted and costs no accuracy.
+    """Compare ``results`` with ``truth``. Nothing is aligned, but where a name says so; what is missing is counted and
+    costs no accuracy.
 
     Raises PzcapError if the truth is of another capture.
     """
@@ -46,6 +47,12 @@ def score(results: Results, truth: TrueCapture) -> Errors:
         lost += int(np.sum(recorded & ~found))
         answered += int(np.sum(recorded & found))
     body = None if results.body is None else body_errors(results.body, truth, frames, known)
+    if body is not None and body.similarity is not None:
+        for number, (name, track) in enumerate(zip(results.camera_names, results.cameras, strict=True)):
+            true = truth.cameras[truth.camera_names.index(name)]
+            if track is not None and not results.own_world:
+                aligned = aligned_centres(within(track, true.recorded[frames] & known), true, frames, body.similarity)
+                cameras[number] = replace(cameras[number], aligned_centre_m=aligned)
     posed = [] if body is None else frames[body.keyframe & known].tolist()
     hidden = len({*posed, *np.flatnonzero(truth.keyframe).tolist()})
     return Errors(

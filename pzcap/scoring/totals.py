@@ -41,6 +41,7 @@ def scene_metrics(cameras: Sequence[CameraErrors], lost: int) -> list[Metric]:
     parts = [c.reprojection_points_px for c in cameras if c.reprojection_points_px is not None]
     points = np.concatenate(parts) if parts else np.zeros(0)
     common = np.degrees(joined([c.common_rad for c in cameras]))
+    aligned = [1000.0 * joined([c.aligned_centre_m]) for c in cameras]
     jaccard = [
         100.0 * joined([None if c.jaccard is None else c.jaccard[row] for c in cameras])
         for row in range(len(JACCARD_PX))
@@ -57,6 +58,9 @@ def scene_metrics(cameras: Sequence[CameraErrors], lost: int) -> list[Metric]:
         Metric("panzoom.rotation.common.median", percentile(common, 50), "deg"),
         Metric("panzoom.rotation.common.rms", rms(common), "deg"),
         Metric("panzoom.position.rms", rms(1000.0 * joined([c.centre_m for c in cameras])), "mm"),
+        Metric(
+            "panzoom.position.similarity", max((float(one.mean()) for one in aligned if len(one)), default=None), "mm"
+        ),
         Metric("panzoom.lost", float(lost) if any(c.focal for c in cameras) else None, "frames"),
         Metric("panzoom.bound_ratio.pan", _over([(c.pan_rad, c.pan_bound_rad) for c in cameras]), "1"),
         Metric("panzoom.bound_ratio.focal", _over([(c.focal, c.focal_bound) for c in cameras]), "1"),
@@ -77,7 +81,7 @@ def body_metrics(body: BodyErrors | None) -> list[Metric]:
     if body is None:
         none = np.zeros(0)
         scored = inverted = airborne = covered = beyond = limbs = aligned = none
-        keyframes = lost = None
+        keyframes = lost = size = None
     else:
         counted = body.scored_joints
         millimetres = 1000.0 * body.joints_m
@@ -90,6 +94,7 @@ def body_metrics(body: BodyErrors | None) -> list[Metric]:
             beyond = 100.0 * (body.joints_m > 3.0 * body.sigma_m)[counted].astype(np.float64)
         limbs = 100.0 * body.limbs
         aligned = np.zeros(0) if body.aligned_m is None else 1000.0 * body.aligned_m[counted]
+        size = None if body.similarity is None else 100.0 * (1.0 / body.similarity.scale - 1.0)
         keyframes = float(np.sum(body.keyframe))
         whole = body.valid if body.given is None else body.given.all(axis=1)
         lost = float(np.sum(~whole | np.any(body.joints_m > LOST_M, axis=1)))
@@ -100,6 +105,7 @@ def body_metrics(body: BodyErrors | None) -> list[Metric]:
         Metric("body.mpjpe.inverted", mean(inverted), "mm"),
         Metric("body.mpjpe.airborne", mean(airborne), "mm"),
         Metric("body.mpjpe.similarity", mean(aligned), "mm"),
+        Metric("body.size.similarity", None if size is None else abs(size), "%"),  # over the true one's, less 1
         Metric("body.mpjpe.true_cameras", None, "mm"),
         Metric("body.covered", mean(covered), "%", "higher"),  # by one sigma: 68 of an honest one
         Metric("body.beyond3", mean(beyond), "%"),  # three sigma

@@ -49,7 +49,7 @@ class BodyEstimate:
         """The estimate after a keyframe, whose pose was ``fitted`` to the images; ``speed`` (16, 6) is that of the
         segments there."""
         shape, landmarks, frames = self.shape, self.landmarks, forward(self.body, fitted)
-        by_hand = key.covariance is None
+        by_hand = not key.found
         if config.shape_weight:
             objective = PoseObjective(self.body, views, speed)
             contour = _less_of_cloth(objective.contour(*objective.place(fitted), _terms(config)), self.body, config)

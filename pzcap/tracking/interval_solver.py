@@ -160,7 +160,7 @@ def tracked(
 def trusted(key: Keyframe, found: PoseEstimate) -> PoseEstimate:
     """The pose ``found`` of a keyframe. A hand knows where the limbs are: what the images do not bear out is a
     contradiction (`pzcap.extras.keyframe_diagnostics`), and adds nothing to the sigmas. A detector may be wrong."""
-    return replace(found, contour=NO_CONTOUR, seen=True) if key.covariance is None else found
+    return replace(found, contour=NO_CONTOUR, seen=True) if not key.found else found
 
 
 def misplaced(contour: Array) -> Array:

@@ -228,9 +228,7 @@ def collect(results: Iterable[Tracked], keyframes: Sequence[Keyframe], body: Bod
         rotations=np.array([t.pose.rotations for t in found]).reshape(-1, len(SEGMENTS), 4),
         joints_m=np.array([t.joints_m for t in found]).reshape(-1, len(SEGMENTS), 3),
         sigma_m=np.array([t.sigma_m for t in found]).reshape(-1, len(SEGMENTS)),
-        keyframes=np.array(
-            sorted({k.frame for k in keyframes if k.covariance is None} & {t.frame for t in found}), np.int64
-        ),
+        keyframes=np.array(sorted({k.frame for k in keyframes if not k.found} & {t.frame for t in found}), np.int64),
         valid=np.array([t.valid for t in found], bool),
         body=moved(body),
     )

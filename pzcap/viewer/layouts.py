@@ -171,7 +171,7 @@ def _reference(reconstruction: Reconstruction) -> rrb.Grid:
     views = []
     for name, reference in zip(reconstruction.camera_names, reconstruction.references, strict=True):
         bounds = None
-        if reference is not None:
+        if reference is not None and len(reference.points_px):
             low, high = reference.points_px.min(axis=0), reference.points_px.max(axis=0)
             margin = 0.2 * (high - low)
             bounds = rrb.VisualBounds2D(

@@ -23,6 +23,8 @@ class CrewConfig:
     """Standard deviation of a reading of the tape, m: repeated readings of a girth differ by as much."""
     tape: Literal["full", "stature", "none"] = "full"
     """What is measured with it. full: all that subject.json has a name for; stature: nothing else; none: nothing."""
+    calibration_object: bool = True
+    """Film a calibration object at the reference pose. Off: the crew has none, and no reference image either."""
     tape_guess: Share = 0.0
     """Relative standard deviation of each length where it is guessed by eye and from tables in place of a tape, and
     subject.json says so; of girths a quarter more. 0: all is measured."""

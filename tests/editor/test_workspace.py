@@ -50,6 +50,38 @@ def test_a_pose_is_a_keyframe_once_it_is_sure_and_is_read_as_one(folder: Path) -
     assert np.linalg.norm(off, axis=1).max() < 0.03
 
 
+def test_what_clicks_leave_open_is_handed_on_with_the_pose(folder: Path) -> None:
+    space = edited.workspace(folder)
+    pose_all(space, 3)
+    (read,) = frame_sets(read_capture(folder)).keyframes
+    assert read.covariance is not None
+    assert not read.found
+    np.testing.assert_allclose(read.covariance, space._known(3), rtol=1e-4, atol=1e-12)  # type: ignore[arg-type]
+    seen = space.problem(3).sigma_m(read.pose, read.covariance)
+    np.testing.assert_allclose(seen, space.sigma_m(3, space.problem(3), space.edit(3)), rtol=1e-3)
+    space.set_key(5, is_key=True)  # nothing is clicked there: a hand's usual error
+    assert [key.covariance is None for key in frame_sets(read_capture(folder)).keyframes] == [False, True]
+
+
+def test_a_covariance_that_is_none_is_refused(folder: Path) -> None:
+    pose_all(edited.workspace(folder), 3)
+    path = folder / "keyframes.json"
+    content = json.loads(path.read_text())
+    content[0]["covariance"][0] = -1.0
+    path.write_text(json.dumps(content))
+    with pytest.raises(PzcapError, match="not positive definite"):
+        read_capture(folder)
+
+
+def test_somebody_whom_nobody_measured_can_be_posed(folder: Path) -> None:
+    content = json.loads((folder / "capture.json").read_text())
+    (folder / "capture.json").write_text(json.dumps(content | {"subject": None}))
+    space = edited.workspace(folder)
+    pose_all(space, 3)
+    off = joints(space.body, space.edit(3).pose) - joints(edited.BODY, edited.true_pose(3))  # type: ignore[arg-type]
+    assert np.linalg.norm(off, axis=1).max() < 0.15
+
+
 def test_killed_at_any_time_it_goes_on_where_it_was(folder: Path) -> None:
     space = edited.workspace(folder, tracked=True)
     clicks = edited.clicks(2, (0, 1))[:4]

@@ -83,6 +83,7 @@ def test_every_metric_of_the_list_is_there(whole: Reconstruction, truth: Truth) 
         "panzoom.refined.pan.rms", "panzoom.refined.focal.rms",
         "panzoom.reprojection.rms", "panzoom.reprojection.mean", "panzoom.reprojection.p95",
         "panzoom.jac5", "panzoom.jac10", "panzoom.jac20", "panzoom.rotation.rms", "panzoom.position.rms",
+        "panzoom.position.similarity", "body.size.similarity",
         "panzoom.rotation.common.median", "panzoom.rotation.common.rms",
         "panzoom.completeness", "body.completeness", "panzoom.lost",
         "panzoom.bound_ratio.pan", "panzoom.bound_ratio.focal", "panzoom.nees",

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from pzcap.camera_set import what_is_lacking
 from pzcap.command.check import forecast
 from pzcap.command.check.body_check import check_body
 from pzcap.command.check.findings import Finding, Level, worst
@@ -200,7 +201,9 @@ def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
             text = "there are none yet, nor keypoints: the body is tracked from either"
             yield Finding(Level.WARN, "", "keyframes", text)
     if capture.calibration_object is None:
-        yield Finding(Level.FAIL, "", "object", _OBJECT)
+        lacking = what_is_lacking(capture)
+        text = "none: the athlete's keypoints and stature have to place the cameras, whose heads must be level"
+        yield Finding(Level.FAIL if lacking else Level.WARN, "", "object", f"{_OBJECT}: {lacking}" if lacking else text)
     if capture.subject is None:
         yield Finding(
             Level.WARN, "", "subject", "no tape measurements (subject.json) yet: measure before the athlete goes"

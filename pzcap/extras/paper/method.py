@@ -32,6 +32,8 @@ def without_floor(config: PanZoomConfig) -> PanZoomConfig:
 def calibrate(footage: Footage, config: PanZoomConfig, report: Report = no_report) -> CalibratedCamera:
     """Calibrate one camera as sections 3.4 to 3.5 do. Raises PzcapError where object or sweep are not found."""
     reference_image, sweep = footage.reference_image, footage.sweep
+    if footage.calibration_object is None:
+        raise PzcapError("method=paper needs a calibration object; take method=exact, which does without")
     first = reference_camera.calibrate(reference_image, footage.calibration_object, config.reference)
     height, width = reference_image.shape[:2]
     focal = first.camera.focal_px

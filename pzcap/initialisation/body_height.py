@@ -1,0 +1,124 @@
+"""Height of the athlete in the cameras' units of length, from the contours of some frames.
+
+The body is fitted to the silhouettes of frames from all over the take, its pose in each, its shape (lengths, size and
+skin, `pzcap.body.shape_estimation`) common to all, in turns until both stay. Of a body whose size is open the contours
+tell it to half a percent: soles and vertex are seen, whatever a detector means by a hip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pzcap.body.shape_estimation import Shape, ShapeEstimate
+from pzcap.body.skeleton import Body
+from pzcap.initialisation import pose_fit
+from pzcap.initialisation.limb_poses import pose_of_points
+from pzcap.initialisation.people import Sighting
+from pzcap.initialisation.triangulation import rays_of, triangulate
+from pzcap.initialisation.tuning import HEIGHT, JUDGEMENT, PEOPLE
+from pzcap.tracking.body_estimate import BodyEstimate
+from pzcap.tracking.interval_solver import fit_keyframe, misplaced
+from pzcap.tracking.keypoint_residuals import LandmarkEstimate
+from pzcap.tracking.observation import ViewInput, crop_view
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.skin_colour_model import SkinColourModel
+from pzcap.types import PARENTS, SEGMENTS, Array, Indices, Keyframe, MovedBody
+
+Observe = Callable[[Keyframe], Sequence[ViewInput | None]]
+"""The views of a keyframe's instant, the athlete cut out where the keyframe has the body."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenHeight:
+    """Height of the athlete over that of a body."""
+
+    ratio: float
+    sigma: float
+    frames: tuple[int, ...]  # that it was seen in
+
+
+def standing_height(offsets_m: Array, skin_m: Array, skin_segment: Indices) -> float:
+    """From the soles to the top of the head of a body that stands upright, its joints (16, 3) in their parents' frames
+    and its skin (V, 3) in those of its segments."""
+    height_m = np.zeros(len(SEGMENTS))
+    for s, parent in enumerate(PARENTS):
+        if parent >= 0:
+            height_m[s] = height_m[parent] + offsets_m[s, 2]
+    return float(np.ptp(height_m[skin_segment] + skin_m[:, 2]))
+
+
+def height_of(body: Body) -> float:
+    """Standing height of a body, metres."""
+    return standing_height(body.offsets_m, body.surface.points_m, body.surface.segment)
+
+
+def height_of_moved(body: MovedBody) -> float:
+    """Standing height of the body of a motion, metres."""
+    return standing_height(body.offsets_m, body.skin_m, body.skin_segment)
+
+
+def seen_height(
+    body: Body, sightings: Sequence[tuple[int, Sighting]], observe: Observe, config: TrackingConfig
+) -> SeenHeight | None:
+    """Height by the contours of the best frames among the ``sightings``, each with its number, of a ``body`` whose size
+    is open; None where too few bear the keypoints out."""
+    keys = _keys(body, sightings, config)
+    seen = [(key, observe(key)) for key in keys]
+    base = ShapeEstimate.of(body)
+    amounts = base.amounts_m
+    still = np.zeros((len(SEGMENTS), 6))
+    used: list[int] = []
+    for number in range(HEIGHT.rounds):
+        shape = replace(base, amounts_m=amounts)
+        now = replace(shape.body(amounts), landmarks=body.landmarks)
+        known = Shape(amounts, np.zeros(len(SEGMENTS)))
+        estimate = BodyEstimate(now, shape, known, LandmarkEstimate.of(body.landmarks))
+        used, following = [], []
+        for key, inputs in seen:
+            crops = [
+                None if view is None else crop_view(now, view, key.pose, config.cut_out_margin, SkinColourModel())
+                for view in inputs
+            ]
+            if sum(crop is not None for crop in crops) < JUDGEMENT.least_views:
+                continue
+            fit, _ = fit_keyframe(now, key, crops, still, config)
+            following.append((replace(key, pose=fit.pose), inputs))
+            if number < HEIGHT.rounds - 1 or float(misplaced(fit.contour).max()) < JUDGEMENT.misplaced:
+                estimate = estimate.with_keyframe(key, fit.pose, crops, still, config)
+                used.append(key.frame)
+        seen = following
+        if len(used) < HEIGHT.fewest:
+            return None
+        equations = estimate.shape.equations
+        amounts = np.asarray(np.linalg.solve(equations.information, equations.vector))
+    usual = height_of(body)
+    steps = np.eye(len(amounts)) * HEIGHT.step_m
+    slope = np.array([height_of(base.body(amounts + step)) for step in steps]) - height_of(base.body(amounts))
+    slope /= HEIGHT.step_m
+    variance = float(slope @ np.linalg.solve(equations.information, slope))
+    return SeenHeight(
+        height_of(base.body(amounts)) / usual, float(np.hypot(np.sqrt(variance) / usual, HEIGHT.sigma)), tuple(used)
+    )
+
+
+def _keys(body: Body, sightings: Sequence[tuple[int, Sighting]], config: TrackingConfig) -> list[Keyframe]:
+    """The best-fitting frame of each of some equal parts of the take."""
+    best: dict[int, tuple[float, Keyframe]] = {}
+    for number in np.unique(np.linspace(0, len(sightings) - 1, HEIGHT.tried).round().astype(int)).tolist():
+        frame, seen = sightings[number]
+        views = [view for view in seen if view is not None]
+        if len(views) < JUDGEMENT.least_views:
+            continue
+        met = triangulate(rays_of(views, PEOPLE.least_confidence), PEOPLE.agree_m)
+        start = pose_of_points(met.points_m, met.found)
+        if start is None:
+            continue
+        [pose] = pose_fit.fit(body, [seen], [start], config)
+        known = pose_fit.known(body, pose, seen, config)
+        part = number * HEIGHT.frames // len(sightings)
+        if known.misfit < JUDGEMENT.largest_misfit and known.misfit < best.get(part, (np.inf, None))[0]:
+            best[part] = known.misfit, Keyframe(frame, pose, known.covariance, found=True)
+    return [key for _, key in best.values()]

@@ -1,0 +1,377 @@
+"""Cameras placed without a calibration object: by the athlete, whose stature is known.
+
+Each camera has been calibrated in a world of its own, in which its head is level. All frames are localised; the rays to
+the athlete's keypoints tell how the cameras stand to each other (`pzcap.initialisation.camera_poses`), the feet where
+the floor is, and the lengths of the limbs, of which the stature tells something, how long a metre is. That is good to a
+percent or two, so the body is tracked with its size open; once its contours have told that size in the cameras' units,
+`in_metres` scales everything to the stature that was measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.body.anthropometry import Measured
+from pzcap.body.landmarks import SIGMA_M
+from pzcap.body.skeleton import Body, of
+from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.calibration.correspondences import height_of as camera_height
+from pzcap.events import Progress
+from pzcap.geometry import camera as geometry
+from pzcap.initialisation.body_height import height_of, height_of_moved, seen_height
+from pzcap.initialisation.camera_poses import HeadRays, Heads, adjust, floor_height, place_heads
+from pzcap.initialisation.people import Detections, Sighting, athlete, most_central
+from pzcap.initialisation.tuning import HEADS, HEIGHT, PEOPLE
+from pzcap.io.capture import FrameSets
+from pzcap.io.detections import KEYPOINTS
+from pzcap.starting_poses import Localising, Segment, track_input
+from pzcap.tracking.observation import ViewInput
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.tracker import Tracker
+from pzcap.types import (
+    MEASUREMENTS,
+    Array,
+    Camera,
+    InverseDepthMap,
+    Keyframe,
+    Localisation,
+    Mask,
+    Panorama,
+    PanZoomCamera,
+    PzcapError,
+    Reconstruction,
+    ReferenceCamera,
+)
+
+Number = TypeVar("Number", bound=np.generic)
+
+_AT: Final = {name: row for row, name in enumerate(KEYPOINTS)}
+
+
+class _Link(NamedTuple):
+    """A distance between keypoints, or between the middles of two, that measurements tell."""
+
+    ends: tuple[tuple[str, ...], tuple[str, ...]]
+    told: Mapping[str, float]  # by measurement
+    quantile: float = 0.5  # of its length over the frames: a back is straight in some only
+    sigma_m: float = 0.0  # beside what measurements and detector leave open
+
+
+def _pair(name: str) -> tuple[str, str]:
+    return f"left_{name}", f"right_{name}"
+
+
+_LINKS: Final = (
+    *(
+        _Link(((f"{side}_{a}",), (f"{side}_{b}",)), {measurement: 1.0})
+        for side in ("left", "right")
+        for a, b, measurement in (
+            ("shoulder", "elbow", "upper_arm"), ("elbow", "wrist", "forearm"), ("hip", "knee", "thigh"),
+            ("knee", "ankle", "shank"),
+        )
+    ),
+    _Link((_pair("hip"), _pair("shoulder")), {"trunk": 1.0, "shoulder_drop": -1.0}, 0.8, 0.015),
+    _Link((_pair("shoulder"), _pair("ear")), {"shoulder_drop": 1.0, "head": 0.48}, 0.8, 0.015),
+)  # fmt: skip
+"""From ankle to ear without a gap: what a detector means by a hip makes a thigh longer and the trunk shorter."""
+_FEET: Final = [_AT[f"{side}_{name}"] for side in ("left", "right") for name in ("heel", "big_toe", "small_toe")]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """An instant that the cameras were placed by."""
+
+    frame: int
+    located: tuple[Localisation | None, ...]
+    athlete: Sighting  # by the cameras where they were placed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """Cameras placed by the athlete."""
+
+    cameras: tuple[CalibratedCamera | None, ...]
+    instants: tuple[Seen, ...]
+    sigma_m: Array  # (C,) of their places, in the cameras' own units of length
+    scale_sigma: float  # relative, of these units
+
+
+def place_cameras(
+    calibrated: Sequence[CalibratedCamera | None], sets: FrameSets, body: Body, localise: Localising
+) -> Generator[Progress, None, Placed]:
+    """Place the ``calibrated`` cameras, each level in a world of its own, in one world: z up from the floor, the middle
+    of what the athlete does above the origin, x as the first of them looks at pan 0.
+
+    Raises PzcapError where the keypoints do not tell how they stand.
+    """
+    instants: list[Detections] = []
+    located: list[tuple[int, tuple[Localisation | None, ...]]] = []
+    every = max(len(sets) // HEADS.most_frames, 1)
+    for frames in sets:
+        seen = localise(frames, None)
+        if frames.index % every == 0:
+            cameras, people = localise.cameras(seen.localisations), seen.frames.keypoints
+            views = (None if one is None else (one, found) for one, found in zip(cameras, people, strict=True))
+            instants.append(Detections(tuple(views)))
+            located.append((frames.index, seen.localisations))
+        yield Progress("place cameras", frames.index + 1, len(sets))
+    heads = [None if one is None else one.camera for one in calibrated]
+    try:
+        found = place_heads(_rays(heads, [_central(instant) for instant in instants]))
+        for _ in range(HEADS.rounds):  # who is who, and left and right, are told from here on
+            scale, sigma = scale_by_limbs(_by_frame(found.points), _by_frame(found.seen), body)
+            found = found.moved(np.eye(3), scale, np.zeros(3))
+            sightings = athlete([_in_world(found, heads, instant) for instant in instants])
+            own = [_as_calibrated(sighting, instant) for sighting, instant in zip(sightings, instants, strict=True)]
+            found = adjust(_rays(heads, own), found.rotation, found.place, found.placed)
+        scale, sigma = scale_by_limbs(_by_frame(found.points), _by_frame(found.seen), body)
+    except (PzcapError, np.linalg.LinAlgError) as error:
+        raise PzcapError(
+            f"without a calibration object the cameras cannot be placed: {error}; film one, or let the athlete cross "
+            "the field of all cameras, and run another detector"
+        ) from error
+    found = _in_own_world(found, scale)
+    sightings = athlete([_in_world(found, heads, instant) for instant in instants])
+    sigma_m = np.sqrt(np.array([np.trace(found.covariance[k + 3 : k + 6, k + 3 : k + 6]) for k in _blocks(found)]))
+    return Placed(
+        tuple(
+            None if one is None or not found.placed[c] else _placed(one, found.rotation[c], found.place[c])
+            for c, one in enumerate(calibrated)
+        ),
+        tuple(Seen(*where, sighting) for where, sighting in zip(located, sightings, strict=True)),
+        sigma_m,
+        sigma,
+    )
+
+
+def _blocks(heads: Heads) -> range:
+    return range(0, 6 * len(heads.place), 6)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Rays
+
+
+def _central(instant: Detections) -> Sighting:
+    """The most central person of each view: cameras follow the athlete."""
+    found: list[tuple[Camera, Array] | None] = []
+    for view in instant.views:
+        order = [] if view is None else most_central(*view)
+        found.append((view[0], view[1][order[0]]) if view is not None and order else None)
+    return tuple(found)
+
+
+def _rays(heads: Sequence[PanZoomCamera | None], sightings: Sequence[Sighting]) -> HeadRays:
+    """The rays of all keypoints of all instants, by cameras as they were calibrated."""
+    count = len(KEYPOINTS)
+    shape = (len(heads), len(sightings), count)
+    origins, directions, confidence = np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape)
+    directions[..., 0] = 1.0
+    for t, sighting in enumerate(sightings):
+        for c, (head, view) in enumerate(zip(heads, sighting, strict=True)):
+            if head is None or view is None:
+                continue
+            camera, person = view
+            rotation, place_m = head.world_T_head[:3, :3], head.world_T_head[:3, 3]
+            origins[c, t] = (camera.world_T_cam[:3, 3] - place_m) @ rotation
+            directions[c, t] = geometry.rays(camera, person[:, :2]) @ rotation
+            confidence[c, t] = np.where(person[:, 2] < PEOPLE.least_confidence, 0.0, person[:, 2])
+    return HeadRays(
+        *(values.reshape(len(heads), -1, *values.shape[3:]) for values in (origins, directions, confidence))
+    )
+
+
+def _by_frame(values: NDArray[Number]) -> NDArray[Number]:
+    """Values (N, ...) of points as (T, 26, ...)."""
+    return values.reshape(-1, len(KEYPOINTS), *values.shape[1:])
+
+
+def _in_world(found: Heads, heads: Sequence[PanZoomCamera | None], instant: Detections) -> Detections:
+    """The detections of an instant by cameras where they were ``found`` to stand."""
+    views: list[tuple[Camera, Array] | None] = []
+    for c, (head, view) in enumerate(zip(heads, instant.views, strict=True)):
+        if head is None or view is None or not found.placed[c]:
+            views.append(None)
+            continue
+        there = _transform(found.rotation[c], found.place[c]) @ np.linalg.inv(head.world_T_head)
+        views.append((replace(view[0], world_T_cam=there @ view[0].world_T_cam), view[1]))
+    return Detections(tuple(views))
+
+
+def _as_calibrated(sighting: Sighting, instant: Detections) -> Sighting:
+    """The athlete's keypoints with the cameras as they were calibrated."""
+    return tuple(
+        None if view is None or own is None else (own[0], view[1])
+        for view, own in zip(sighting, instant.views, strict=True)
+    )
+
+
+def _transform(rotation: Array, place_m: Array) -> Array:
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = rotation, place_m
+    return found
+
+
+# --------------------------------------------------------------------------------------------------------------
+# How long a metre is, and where the floor
+
+
+def scale_by_limbs(points: Array, seen: Mask, body: Body) -> tuple[float, float]:
+    """Metres for each unit of the ``points`` (T, 26, 3), of those ``seen`` (T, 26), and its relative standard
+    deviation: limbs are as long as the ``body``'s measurements have them, with all that is not known of these and of
+    what the detector means (generalised least squares on their logarithms). Raises PzcapError where none is seen."""
+    rows: list[_Link] = []
+    observed, noise = [], []
+    for link in _LINKS:
+        ends = [[_AT[name] for name in names] for names in link.ends]
+        both = seen[:, ends[0] + ends[1]].all(axis=1)
+        lengths = np.linalg.norm(points[both][:, ends[0]].mean(axis=1) - points[both][:, ends[1]].mean(axis=1), axis=1)
+        if len(lengths) < HEADS.fewest_lengths:
+            continue
+        middle = float(np.median(lengths))
+        spread = 1.4826 * float(np.median(np.abs(lengths - middle)))
+        rows.append(link)
+        observed.append(float(np.quantile(lengths, link.quantile)))
+        noise.append(spread / middle * np.sqrt(HEADS.doubt / len(lengths)))
+    if not rows:
+        raise PzcapError("no limb of the athlete is seen by two cameras often enough")
+    by_measurement = np.array([[link.told.get(name, 0.0) for name in MEASUREMENTS] for link in rows])
+    by_landmark = np.zeros((len(rows), len(KEYPOINTS)))
+    for k, link in enumerate(rows):
+        for sign, names in zip((-1.0, 1.0), link.ends, strict=True):
+            by_landmark[k, [_AT[name] for name in names]] = sign / len(names)
+    lengths_m = by_measurement @ body.measured.values_m
+    covariance = by_measurement @ body.measured.covariance_m2 @ by_measurement.T
+    covariance += (by_landmark * SIGMA_M**2) @ by_landmark.T + np.diag([link.sigma_m**2 for link in rows])
+    covariance = covariance / np.outer(lengths_m, lengths_m) + np.diag(np.square(noise))
+    weight = np.linalg.solve(covariance, np.ones(len(rows)))
+    variance = 1.0 / float(weight.sum())
+    return float(np.exp(variance * weight @ np.log(lengths_m / np.array(observed)))), float(np.sqrt(variance))
+
+
+def _in_own_world(found: Heads, scale: float) -> Heads:
+    """The heads in metres, in the world that `place_cameras` says."""
+    first = int(np.argmax(found.placed))
+    ahead = found.rotation[first, :, 0]
+    yaw = -np.arctan2(ahead[1], ahead[0])
+    rotation = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    points, seen = found.points @ rotation.T * scale, found.seen
+    by_frame, there = _by_frame(points), _by_frame(seen)
+    feet = by_frame[:, _FEET, 2][there[:, _FEET]]
+    middle = np.median(points[seen], axis=0)
+    floor = floor_height(feet) if len(feet) else float(points[seen, 2].min())
+    return found.moved(rotation, scale, -np.array([middle[0], middle[1], floor - HEADS.sole_m]))
+
+
+def _placed(one: CalibratedCamera, rotation: Array, place_m: Array) -> CalibratedCamera:
+    """A camera on its head there, what it knows in camera heights brought to metres."""
+    return _scaled_camera(one, place_m[2] / camera_height(one.reference.camera), _transform(rotation, place_m))
+
+
+def _scaled_camera(one: CalibratedCamera, factor: float, world_T_head: Array) -> CalibratedCamera:
+    camera = _scaled_head(one.camera, factor, world_T_head)
+    panorama = _scaled_panorama(one.panorama, factor)
+    there = geometry.at(camera, 0.0, camera.tilt_rad, one.reference.camera.focal_px)
+    return CalibratedCamera(replace(one.reference, camera=there), panorama, camera)
+
+
+def _scaled_head(camera: PanZoomCamera, factor: float, world_T_head: Array) -> PanZoomCamera:
+    return replace(
+        camera, world_T_head=world_T_head, offset_m=factor * camera.offset_m, travel_m=factor * camera.travel_m
+    )
+
+
+def _scaled_panorama(panorama: Panorama, factor: float) -> Panorama:
+    hall = panorama.surroundings
+    scaled = InverseDepthMap(factor * hall.height_m, hall.walls / factor, hall.departures, hall.slopes)
+    return replace(panorama, surroundings=scaled)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# The body's size
+
+
+def of_open_size(body: Body, sigma: float) -> Body:
+    """The body in units of length that are uncertain by a relative ``sigma``."""
+    values, covariance = body.measured.values_m, body.measured.covariance_m2
+    return of(Measured(values, covariance + sigma**2 * np.outer(values, values)), body.loose_m)
+
+
+def scaled_by_contours(
+    placed: Placed, sets: FrameSets, body: Body, localise: Localising, segment: Segment, config: TrackingConfig
+) -> Placed:
+    """The cameras with their scale by the athlete's height as contours show it, where these do; ``segment`` knows the
+    cameras as they are ``placed``, and ``localise`` how their rows are exposed."""
+    open_body = of_open_size(body, HEIGHT.open * placed.scale_sigma)
+    located = {seen.frame: seen.located for seen in placed.instants}
+
+    def observe(key: Keyframe) -> Sequence[ViewInput | None]:
+        [frames] = sets.between(key.frame, key.frame + 1)
+        expected = Tracker(open_body, [key], config)
+        return track_input(segment(localise.as_found(frames, located[key.frame]), expected)).views
+
+    found = seen_height(open_body, [(seen.frame, seen.athlete) for seen in placed.instants], observe, config)
+    if found is None:
+        return placed
+    factor = 1.0 / found.ratio
+    cameras = tuple(
+        None if one is None else _scaled_camera(one, factor, _scaled(one.camera.world_T_head, factor))
+        for one in placed.cameras
+    )
+    return replace(placed, cameras=cameras, sigma_m=factor * placed.sigma_m, scale_sigma=found.sigma)
+
+
+def _scaled(world_T: Array, factor: float) -> Array:
+    return _transform(world_T[:3, :3], factor * world_T[:3, 3])
+
+
+def in_metres(found: Reconstruction, body: Body, placed: Placed) -> Reconstruction:
+    """``found`` scaled so that the athlete is as tall as the ``body`` that was measured, with a note on how well all is
+    known."""
+    stature_m = body.measured.value("stature")
+    sigma = float(np.hypot(body.measured.sigma("stature") / stature_m, HEIGHT.sigma))
+    if found.motion is None or found.motion.body is None:
+        return replace(found, notes=(*found.notes, _note(found, placed, 1.0, placed.scale_sigma)))
+    factor = height_of(body) / height_of_moved(found.motion.body)
+
+    def reference(one: ReferenceCamera | None) -> ReferenceCamera | None:
+        if one is None:
+            return None
+        return replace(one, camera=replace(one.camera, world_T_cam=_scaled(one.camera.world_T_cam, factor)))
+
+    motion, own = found.motion, found.motion.body
+    scaled = replace(
+        motion, root_position_m=factor * motion.root_position_m, joints_m=factor * motion.joints_m,
+        sigma_m=factor * motion.sigma_m,
+        body=replace(own, offsets_m=factor * own.offsets_m, ends_m=factor * own.ends_m, skin_m=factor * own.skin_m),
+    )  # fmt: skip
+    return replace(
+        found,
+        references=tuple(map(reference, found.references)),
+        cameras=tuple(
+            None if one is None else _scaled_head(one, factor, _scaled(one.world_T_head, factor))
+            for one in found.cameras
+        ),
+        panoramas=tuple(None if one is None else _scaled_panorama(one, factor) for one in found.panoramas),
+        motion=scaled,
+        notes=(*found.notes, _note(found, placed, factor, sigma)),
+    )
+
+
+def _note(found: Reconstruction, placed: Placed, factor: float, sigma: float) -> str:
+    lost = [
+        name
+        for name, before, one in zip(found.camera_names, found.panoramas, placed.cameras, strict=True)
+        if before is not None and one is None
+    ]
+    text = (
+        f"no calibration object: the cameras were placed by the athlete's keypoints, to "
+        f"{100 * factor * float(placed.sigma_m[placed.sigma_m > 0.0].mean()):.1f} cm, and lengths by the stature, to "
+        f"{100 * sigma:.1f} %; the world is its own, z up from the floor, x as the first camera looks at pan 0"
+    )
+    return text + (f"; not placed, since too little is seen from there: camera {', '.join(lost)}" if lost else "")

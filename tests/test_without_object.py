@@ -1,0 +1,84 @@
+"""A world that the athlete measures out, where there is no calibration object."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pzcap.body import skeleton
+from pzcap.body.kinematics import forward
+from pzcap.camera_set import what_is_lacking
+from pzcap.initialisation.body_height import height_of, height_of_moved
+from pzcap.io.capture import read_capture
+from pzcap.tracking.keypoint_residuals import in_world
+from pzcap.types import SEGMENTS, Array, PanZoomCamera, Pose, PzcapError, Subject
+from pzcap.without_object import Placed, in_metres, of_open_size, scale_by_limbs
+from tests.scenes.fabricated import reconstruction
+
+_STATURE = Subject({"stature": 1.70}, 0.005)
+
+
+def _keypoints(body: skeleton.Body) -> Array:
+    """(40, 26, 3) of somebody who stands about."""
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1))
+    poses = [Pose(np.array([0.1 * k, 0.0, 0.9]), upright) for k in range(40)]
+    return np.array([in_world(body.landmarks, forward(body, pose)) for pose in poses])
+
+
+def test_limbs_of_known_length_tell_how_long_a_metre_is() -> None:
+    body = skeleton.build(_STATURE)
+    points = _keypoints(body) / 3.0
+    scale, sigma = scale_by_limbs(points, np.ones(points.shape[:2], bool), body)
+    assert scale == pytest.approx(3.0, rel=1e-3)
+    assert 0.01 < sigma < 0.06  # of a stature alone, and of a detector that may mean another hip
+
+
+def test_limbs_that_nobody_sees_tell_nothing() -> None:
+    with pytest.raises(PzcapError, match="no limb"):
+        scale_by_limbs(np.zeros((40, 26, 3)), np.zeros((40, 26), bool), skeleton.build(_STATURE))
+
+
+def test_a_body_is_as_tall_as_its_stature() -> None:
+    body = skeleton.build(_STATURE)
+    assert height_of(body) == pytest.approx(1.70, abs=0.02)
+    assert height_of_moved(skeleton.moved(body)) == height_of(body)
+    open_size = of_open_size(body, 0.03)
+    assert open_size.measured.value("stature") == body.measured.value("stature")
+    assert open_size.measured.sigma("stature") == pytest.approx(np.hypot(0.005, 0.03 * 1.70), rel=0.05)
+
+
+def test_everything_is_scaled_until_the_athlete_is_as_tall_as_measured() -> None:
+    body = skeleton.build(_STATURE)
+    small = replace(
+        skeleton.moved(body),
+        offsets_m=0.9 * skeleton.moved(body).offsets_m, skin_m=0.9 * skeleton.moved(body).skin_m,
+    )  # fmt: skip
+    found = reconstruction()
+    assert found.motion is not None
+    found = replace(found, motion=replace(found.motion, body=small))
+    placed = Placed((None,) * len(found.cameras), (), np.full(len(found.cameras), 0.02), 0.03)
+    scaled = in_metres(found, body, placed)
+    assert scaled.motion is not None
+    np.testing.assert_allclose(scaled.motion.joints_m, found.motion.joints_m / 0.9)  # type: ignore[union-attr]
+    for before, after in zip(found.cameras, scaled.cameras, strict=True):
+        assert isinstance(before, PanZoomCamera)
+        assert isinstance(after, PanZoomCamera)
+        np.testing.assert_allclose(after.world_T_head[:3, 3], before.world_T_head[:3, 3] / 0.9)
+        np.testing.assert_array_equal(after.world_T_head[:3, :3], before.world_T_head[:3, :3])
+        np.testing.assert_allclose(after.offset_m, before.offset_m / 0.9)
+    assert "2.2 cm" in scaled.notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"full_turn": False}, "all the way round"),
+        ({}, "keypoints of two cameras"),
+    ],
+)
+def test_what_cannot_be_done_without_is_named(small_capture: Path, changed: dict[str, bool], told: str) -> None:
+    capture = replace(read_capture(small_capture / "capture"), calibration_object=None, full_turn=True)
+    assert told in (what_is_lacking(replace(capture, full_turn=changed.get("full_turn", True))) or "")
