@@ -5,6 +5,7 @@
     python -m experiments.compare keypoints seed=0                      # without keypoints, with them, from them alone
     python -m experiments.compare fixed_tools seed=0                    # Pose2Sim, aniposelib, on virtual fixed cameras
     python -m experiments.compare burden seed=0                         # what each thing that a crew brings is worth
+    python -m experiments.compare forecast seed=0                       # what `pzcap check` foresees, what is reached
     python -m experiments.compare peers every=10 methods=[ours,sift]    # other ways to pan and zoom, docs/peers.md
     python -m experiments.compare self_calibration seed=0               # against three self-calibrations
 
@@ -34,7 +35,9 @@ from experiments.studies.jobs import alone
 from experiments.terminal import terminal
 from pzcap.types import PzcapError
 
-NAMES: Final = ("ablation", "operators", "keypoints", "burden", "fixed_tools", "peers", "self_calibration")
+NAMES: Final = (
+    "ablation", "operators", "keypoints", "burden", "fixed_tools", "forecast", "peers", "self_calibration",
+)  # fmt: skip
 
 
 def comparison(name: str) -> Comparison[Any]:
