@@ -31,6 +31,7 @@ from pzcap.events import (
     FrameSegmented,
     Progress,
 )
+from pzcap.frame_slips import FrameOffsets, slip_notes
 from pzcap.geometry.camera import at
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.localisation.localise import Localiser, predicted
@@ -167,14 +168,18 @@ def stages(
         poses: list[Tracked] = []
         set_by_hand = {keyframe.frame for keyframe in sets.keyframes} if tracker else set()
         views: dict[int, SeenViews] = {}  # of the keyframes
+        offsets = FrameOffsets(len(capture.cameras))
         for event in follow(sets, localise, segment, tracker):
             match event:
                 case FrameLocalised(_, localisations):
                     located.append(localisations)
-                case FrameSegmented(frames, cameras_then, silhouettes) if frames.index in set_by_hand:
-                    views[frames.index] = SeenViews(cameras_then, silhouettes)
+                case FrameSegmented(frames, cameras_then, silhouettes) if tracker:
+                    offsets.see(frames.index, cameras_then, silhouettes)
+                    if frames.index in set_by_hand:
+                        views[frames.index] = SeenViews(cameras_then, silhouettes)
                 case BodyTracked(tracked):
                     poses += tracked
+                    offsets.track(tracked)
             yield event
     if body is not None:
         wrong_object = object_of_another_size(sets.keyframes, body, views)
@@ -185,6 +190,7 @@ def stages(
             size = body_size(body, seen, config.tracking.cut_out_margin)
             notes += athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views))
     tracks = panzoom_tracks(calibrated, located)
+    notes += slip_notes(offsets, tracks, tuple(files.name for files in capture.cameras), sets.timecodes)
     notes += [
         f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"
         for files, taken, track in zip(capture.cameras, known, tracks, strict=False)

@@ -23,7 +23,7 @@ from pzcap.tracking.camera_refinement import MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
 from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import Placed, Views
-from pzcap.tracking.pixel_time import ClockEstimate, ClockEvidence, ClockSystem
+from pzcap.tracking.pixel_time import ClockEstimate, ClockSystem
 from pzcap.tracking.pose_objective import PosedBody, PoseObjective, in_motion
 from pzcap.tracking.reacquisition import PassResults, reacquire
 from pzcap.tracking.settings import TrackingConfig
@@ -40,7 +40,6 @@ class RefinedBatch:
     frames: list[PoseEstimate]
     objectives: list[PoseObjective]  # their cameras and clocks corrected
     clocks: ClockEstimate
-    clock_evidence: list[ClockEvidence]  # of each frame
     cameras: list[list[MarginalisedCamera | None]]
     report: SolveReport
 
@@ -105,7 +104,7 @@ class _Batch:
         hessians, contours = [np.zeros((DOF, DOF)) for _ in poses], [NO_CONTOUR for _ in poses]
         cameras: list[list[MarginalisedCamera | None]] = [[None] * len(each.views) for each in objectives]
         steps, cost, clock = np.zeros((len(poses), DOF)), 0.0, clocks_of(objectives)
-        known, evidence = self.clocks, list[ClockEvidence]()
+        known = self.clocks
         for count in range(config.polishing_sweeps):
             if count:
                 drapes = [each.drape for each in objectives]
@@ -131,7 +130,7 @@ class _Batch:
             weak = np.diag(1.0 / config.prediction_sigma**2)  # what no view shows still moves as other frames do
             for hessian, gradient, own in zip(hessians, gradients, told, strict=True):
                 crosses.append(system.add(own, hessian + weak, gradient))
-            known, evidence = system.solve(clock), system.evidence(clock)
+            known = system.solve(clock)
             ticked, clock = known.clock - clock, known.clock
             gradients = [each - cross @ ticked for each, cross in zip(gradients, crosses, strict=True)]
             chain = [*self.before, *poses]
@@ -146,8 +145,7 @@ class _Batch:
         seen = [any(view is not None for view in each.views) for each in objectives]
         frames = [PoseEstimate(*each) for each in zip(poses, hessians, contours, seen, strict=True)]
         converged = bool(np.abs(steps).max(initial=0.0) < config.step_tolerance)
-        report = SolveReport(converged, config.polishing_sweeps, cost)
-        return RefinedBatch(frames, objectives, known, evidence, cameras, report)
+        return RefinedBatch(frames, objectives, known, cameras, SolveReport(converged, config.polishing_sweeps, cost))
 
 
 def clocks_of(objectives: Sequence[PoseObjective]) -> Array:

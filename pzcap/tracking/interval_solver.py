@@ -25,7 +25,7 @@ from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose
 from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import ViewCrop, Views
-from pzcap.tracking.pixel_time import ClockEstimate, ClockEvidence
+from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective, in_motion, misfit_px2
 from pzcap.tracking.reacquisition import PassResults
 from pzcap.tracking.settings import TrackingConfig
@@ -87,7 +87,6 @@ class IntervalResult:
     tracked: list[Tracked]  # the frames, and the keyframe that ends them
     estimate: BodyEstimate
     clocks: ClockEstimate
-    clock_evidence: dict[int, ClockEvidence]  # by frame
     before: Sequence[Pose]  # of the last two frames
     report: SolveReport
 
@@ -102,7 +101,7 @@ def solved(problem: IntervalProblem) -> IntervalResult:
         assert anchor is not None, "an interval has a frame or a keyframe"
         fit, report = fit_keyframe(problem.estimate.body, anchor.key, anchor.views, anchor.speed, config)
         keyframe = tracked(problem.estimate, config, anchor.key.frame, trusted(anchor.key, fit))
-        return IntervalResult([keyframe], problem.estimate, problem.clocks, {}, [fit.pose], report)
+        return IntervalResult([keyframe], problem.estimate, problem.clocks, [fit.pose], report)
     poses, disagreement, passes = _passes(problem)
     numbers, views = [each.frame for each in problem.instants], [each.views for each in problem.instants]
     if anchor is not None:  # a frame like the others, with the hand's pose as prior
@@ -118,9 +117,9 @@ def solved(problem: IntervalProblem) -> IntervalResult:
             numbers, frames, disagreement, batch.objectives, batch.cameras, strict=True
         )
     ]
-    told = dict(zip(numbers, batch.clock_evidence, strict=True))
-    last = [*problem.before, *(found.pose for found in frames)][-2:]
-    return IntervalResult(done, estimate, batch.clocks, told, last, batch.report)
+    return IntervalResult(
+        done, estimate, batch.clocks, [*problem.before, *(found.pose for found in frames)][-2:], batch.report
+    )
 
 
 def fit_keyframe(

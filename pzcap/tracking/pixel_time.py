@@ -147,41 +147,30 @@ class ClockEstimate:
         return np.sqrt(np.diag(apart @ np.linalg.inv(self.information) @ apart))
 
 
-class ClockEvidence(NamedTuple):
-    """What one instant tells of the clocks: a cost of ``clock' information clock / 2 - clock' vector``."""
-
-    information: Array  # (C, C)
-    vector: Array  # (C,)
-
-
 class ClockSystem:
     """Normal equations of all clocks, gathered from instants whose poses are eliminated."""
 
     def __init__(self, prior: ClockEstimate) -> None:
         self._prior = prior
-        self._instants: list[tuple[Array, Array]] = []  # information (C, C) and pull (C,) of each
+        self._information = np.zeros_like(prior.information)
+        self._pull = np.zeros_like(prior.clock)
 
     def add(self, clocks: Sequence[ClockEquations | None], hessian: Array, gradient: Array) -> Array:
         """Add an instant with the normal equations of its pose, (43, 43) and (43,); return the cross terms (43, C)."""
-        cross, own, pull = np.zeros((DOF, len(clocks))), np.zeros(len(clocks)), np.zeros(len(clocks))
+        cross = np.zeros((DOF, len(clocks)))
         for c, one in enumerate(clocks):
             if one is not None:
-                cross[:, c], own[c], pull[c] = one.cross, one.information, one.pull
+                cross[:, c] = one.cross
+                self._information[c, c] += one.information
+                self._pull[c] += one.pull
         solved = np.linalg.solve(hessian, np.column_stack([cross, gradient]))
-        self._instants.append((np.diag(own) - cross.T @ solved[:, :-1], pull - cross.T @ solved[:, -1]))
+        self._information -= cross.T @ solved[:, :-1]
+        self._pull -= cross.T @ solved[:, -1]
         return cross
-
-    def evidence(self, clock: Array) -> list[ClockEvidence]:
-        """What each instant tells, where the clocks are at ``clock`` (C,) now."""
-        worth = 1.0 / CLOCK.doubt
-        return [
-            ClockEvidence(worth * information, worth * (pull + information @ clock))
-            for information, pull in self._instants
-        ]
 
     def solve(self, clock: Array) -> ClockEstimate:
         """The clocks, which are at ``clock`` (C,) now."""
         prior, worth = self._prior, 1.0 / CLOCK.doubt
-        information = prior.information + worth * sum(each for each, _ in self._instants)
-        pull = worth * sum(each for _, each in self._instants) - prior.information @ (clock - prior.clock)
+        information = prior.information + worth * self._information
+        pull = worth * self._pull - prior.information @ (clock - prior.clock)
         return ClockEstimate(clock + np.linalg.solve(information, pull), information)

@@ -34,7 +34,7 @@ from pzcap.tracking.interval_solver import (
 )
 from pzcap.tracking.keyframes import joint_sigma_m
 from pzcap.tracking.observation import ViewCrop, ViewInput, crop_view, expect
-from pzcap.tracking.pixel_time import ClockEstimate, ClockEvidence
+from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_shape
@@ -71,7 +71,6 @@ class Tracker:
         self._last_key = max(self._keys)
         self._estimate = BodyEstimate.of(self.body)
         self.clocks: ClockEstimate | None = None  # None: before the first instant
-        self.clock_evidence: dict[int, ClockEvidence] = {}  # by frame; of those between keyframes
         self._before: Sequence[Pose] = ()  # the last frames before those that wait
         self._solving: Future[IntervalResult] | None = None
         self._ahead: FrameTracker | None = None
@@ -176,7 +175,6 @@ class Tracker:
         result, self._solving = runtime.taken(self._solving), None
         self._estimate, self._before, self.body = result.estimate, result.before, result.estimate.body
         self.clocks = result.clocks
-        self.clock_evidence |= result.clock_evidence
         return result.tracked
 
     def _lead_in(self, anchor: Anchor) -> list[Tracked]:
