@@ -101,7 +101,7 @@ class FrameOffsets:
         """The frames (N,) that were told, and each camera's offset there, (N, C): how many frames late its pictures
         are; NaN of one that tells nothing."""
         frames = sorted(frame for frame, scores in self.scores.items() if np.isfinite(scores).any())
-        scores = np.array([self.scores[frame] for frame in frames]).reshape(len(frames), self._cameras, -1)
+        scores = np.array([self.scores[frame] for frame in frames]).reshape(-1, self._cameras, len(_OFFSETS))
         found = np.full((len(frames), self._cameras), np.nan)
         for camera in range(self._cameras):
             told = np.isfinite(scores[:, camera]).all(axis=1)
