@@ -2,6 +2,6 @@
 
 `ablation` (error budget of the body), `operators` (pan and zoom against less), `keypoints` with `triangulation`,
 `fixed_tools` (Pose2Sim and aniposelib on virtual fixed cameras), `forecast` (of `pzcap check`, and what is reached),
-`peers` (other people's ways to pan and zoom),
+`wrong_footage` (is its cause named?), `peers` (other people's ways to pan and zoom),
 `self_calibration` with its `baselines`.
 """
