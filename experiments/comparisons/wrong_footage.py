@@ -170,9 +170,10 @@ def compare(config: WrongFootageConfig, folder: Path, console: Console) -> Seque
             if not config.faults or fault.key in config.faults or fault.key == "right":
                 figures, told = _tried(fault, capture, truth, usual, config, folder, bars)
                 rows.append(Row(fault.key, fault.label, figures))
-                said += [f"{fault.label}:", *(f"  {each}" for each in told)]
-    with written_whole(folder / SAID) as partial:
-        partial.write_text("\n".join(said) + "\n", encoding="utf-8")
+                found = ", ".join(f"{key} {value:.3g}" for key, value in figures.items() if value is not None)
+                said += [f"{fault.label} ({found}):", *(f"  {each}" for each in told)]
+                with written_whole(folder / SAID) as partial:
+                    partial.write_text("\n".join(said) + "\n", encoding="utf-8")
     return rows
 
 
