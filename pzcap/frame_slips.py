@@ -30,8 +30,9 @@ _WIDTH: Final = 160
 _MOST_LOG_ODDS: Final = 4.0
 _ALONG: Final = np.linspace(0.0, 1.0, 6)
 """Shares of the way from a joint to the one before it, at which points are laid to the athlete."""
-_CHANGE: Final = 12.0
-"""Log-odds, a point, summed over the frames, that a change of offset has to bring."""
+_CHANGE: Final = 8.0
+"""Log-odds, a point, summed over the frames, that an offset, or a change of it, has to bring: right footage of two
+seconds brings 1, a frame that was lost in its middle 40."""
 _NEAR: Final = 5
 """Frames before and after the body's best guess in which pan and zoom may tell the frame."""
 _LEAP_SIGMAS: Final = 6.0
@@ -135,8 +136,9 @@ def _kept(camera: Camera, silhouette: Silhouette) -> _Kept:
 
 
 def _path(scores: Array) -> Array:
-    """(N,) the offsets that gather most of the ``scores`` (N, 2 REACH + 1), each change costing _CHANGE (Viterbi)."""
-    total, came = scores[0].copy(), []
+    """(N,) the offsets that gather most of the ``scores`` (N, 2 REACH + 1), the first one that is not 0 and each change
+    costing _CHANGE (Viterbi)."""
+    total, came = scores[0] - _CHANGE * (_OFFSETS != 0), []
     for each in scores[1:]:
         best = int(np.argmax(total))
         change = total[best] - _CHANGE > total
