@@ -198,9 +198,10 @@ def stages(
     ]
     heads = with_clocks(localise.heads(capture.frame_rate), tracker, capture.frame_rate)
     if not config.panzoom.free_tilt:
+        usual_clock_s = float(np.median([head.clock_s for head in heads if head is not None] or [0.0]))
         for name, head, track in zip((files.name for files in capture.cameras), heads, tracks, strict=True):
             if head is not None and track is not None:
-                notes += camera_notes(name, head, track)
+                notes += camera_notes(name, head, track, usual_clock_s)
     yield Finished(Reconstruction(
         capture_name=capture.name,
         method=config.panzoom.method,
