@@ -56,7 +56,7 @@ _TILT_RAD: Final = np.deg2rad(0.02)
 """Tilt or roll, on average over the motion, from which on a tripod is said to have settled."""
 
 
-def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_clock_s: float = 0.0) -> list[str]:
+def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_clock_s: float) -> list[str]:
     """Notes on what the motion has shown of camera ``name`` and a studio's would not do; all of it is corrected for.
     ``usual_clock_s``: the median of all cameras' clocks, which one that is a whole frame off does not move."""
     notes = []
