@@ -54,7 +54,7 @@ class Fault:
     anew: bool = False  # the cameras' own files change
 
 
-def recorded_again(capture: Capture, folder: Path, *, lost: int = 0, late: int = 0) -> Capture:
+def recorded_again(capture: Capture, folder: Path, *, lost: int = 0, late: int = 0, mirrored: bool = False) -> Capture:
     """The motion of the first camera without so many pictures in the middle, the others one after the other, and its
     timecode so many frames later; no keyframe where that camera has nothing any more."""
     files = capture.cameras[0]
@@ -62,7 +62,11 @@ def recorded_again(capture: Capture, folder: Path, *, lost: int = 0, late: int =
     reader = VideoReader(files.motion)
     assert reader.timecode is not None, "the simulator writes one"
     middle = reader.frame_count // 2
-    pictures = (image for at, (_, image) in enumerate(reader) if not middle <= at < middle + lost)
+    pictures = (
+        np.ascontiguousarray(image[:, ::-1]) if mirrored else image
+        for at, (_, image) in enumerate(reader)
+        if not middle <= at < middle + lost
+    )
     timecode = frames_to_timecode(timecode_to_frames(reader.timecode, reader.frame_rate) + late, reader.frame_rate)
     path = folder / f"motion_{files.name}.mp4"
     write_video(path, pictures, reader.frame_rate, crf=12, timecode=timecode)
@@ -121,6 +125,11 @@ def with_keyframes(moved_m: Array, only: int | None = None) -> Callable[[Capture
     return change
 
 
+def with_a_mirror(capture: Capture, folder: Path) -> Capture:
+    """The motion of camera 1, left and right exchanged."""
+    return recorded_again(capture, folder, mirrored=True)
+
+
 def with_motions_exchanged(capture: Capture, _: Path) -> Capture:
     """The motions of the first two cameras, in each other's place."""
     one, other = capture.cameras[:2]
@@ -150,7 +159,8 @@ FAULTS: Final = (
     Fault("keyframe_behind_wall", "one keyframe behind the walls", with_keyframes(np.array([0.0, 30.0, 0.0]), 1),
           "no view shows anybody where it stands"),
     Fault("motions_exchanged", "motions of cameras 1 and 2 exchanged", with_motions_exchanged,
-          "camera [12]: .*(of another camera|exchanged|was moved)"),
+          "camera 1: its motion fits the sweep of camera 2, and not its own"),
+    Fault("mirrored", "motion of camera 1 mirrored", with_a_mirror, "camera 1: its motion is mirrored against"),
     Fault("another_sweep", "sweep of camera 1 given to camera 2", with_another_sweep,
           "camera 2: .*it is another camera's", True),
 )  # fmt: skip
