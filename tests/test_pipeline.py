@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.comparisons.wrong_footage import recorded_again
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import taken_over
 from pzcap.events import BodyTracked, Finished, FrameLocalised, FrameSegmented
