@@ -9,7 +9,7 @@ DEV := $(VENV)/.dev
 CLIENTS := .clients/.done
 INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --progress-bar off --constraint constraints.txt
 
-.PHONY: demo test test-all test-clients fuzz gate baseline docs check setup clean
+.PHONY: demo test test-all test-clients fuzz kills gate baseline docs check setup clean
 .DEFAULT_GOAL := demo
 
 demo: $(LAB)  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
@@ -20,6 +20,9 @@ test: check  ## everything that has to hold
 
 fuzz: $(DEV)  ## 10,000 damaged files: each a result or one line; 20 minutes on a free machine
 	PZCAP_FUZZ=10000 $(RUN)/python -m pytest tests/fuzz
+
+kills: $(DEV)  ## 100 kills of shoots, runs and sweeps at random moments: nothing lost, nobody left; half an hour
+	$(RUN)/python -m tests.fuzz.kills 100
 
 test-all: check  ## and the tests that take minutes each
 	$(RUN)/python -m pytest -n 2 --dist loadgroup -m "heavy or not heavy"

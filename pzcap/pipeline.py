@@ -32,6 +32,7 @@ from pzcap.events import (
     FrameSegmented,
     Progress,
 )
+from pzcap.frame_slips import FrameOffsets, slip_notes
 from pzcap.geometry.camera import at
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.localisation.fields import expected_second
@@ -183,15 +184,24 @@ def stages(
         poses: list[Tracked] = []
         set_by_hand = {keyframe.frame for keyframe in sets.keyframes} if tracker else set()
         views: dict[int, SeenViews] = {}  # of the keyframes
+        offsets = FrameOffsets(len(capture.cameras))
         for event in follow(sets, localise, segment, tracker):
             match event:
                 case FrameLocalised(_, localisations):
                     located.append(localisations)
-                case FrameSegmented(frames, cameras_then, silhouettes) if frames.index in set_by_hand:
-                    views[frames.index] = SeenViews(cameras_then, silhouettes)
+                case FrameSegmented(frames, cameras_then, silhouettes) if tracker:
+                    offsets.see(frames.index, cameras_then, silhouettes)
+                    if frames.index in set_by_hand:
+                        views[frames.index] = SeenViews(cameras_then, silhouettes)
                 case BodyTracked(tracked):
                     poses += tracked
+                    offsets.track(tracked)
             yield event
+        tracks = panzoom_tracks(calibrated, located)
+        names = tuple(files.name for files in capture.cameras)
+        for index, track in enumerate(tracks):
+            if track is not None and capture.cameras[index].motion and not track.valid.any():
+                notes.append(never_located(index, names, localise, sets, bool(known and known[index])))
     if body is not None:
         wrong_object = object_of_another_size(sets.keyframes, body, views)
         blind = unseen_keyframes(sets.keyframes, body, views, sets.timecodes)
@@ -200,23 +210,19 @@ def stages(
             seen = [(key.pose, *views[key.frame]) for key in sets.keyframes if key.frame in views]
             size = body_size(body, seen, config.tracking.cut_out_margin)
             notes += athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views))
-    tracks = panzoom_tracks(calibrated, located)
-    notes += [
-        f"camera {files.name}: no frame agrees with the take before; it was moved since then, calibrate it anew"
-        for files, taken, track in zip(capture.cameras, known, tracks, strict=False)
-        if taken and files.motion and track and not track.valid.any()
-    ]
+    notes += slip_notes(offsets, tracks, names, sets.timecodes)
     heads = with_clocks(localise.heads(capture.frame_rate), tracker, capture.frame_rate)
     if not config.panzoom.free_tilt:
-        for name, head, track in zip((files.name for files in capture.cameras), heads, tracks, strict=True):
+        usual_clock_s = float(np.median([head.clock_s for head in heads if head is not None] or [0.0]))
+        for name, head, track in zip(names, heads, tracks, strict=True):
             if head is not None and track is not None:
-                notes += camera_notes(name, head, track)
+                notes += camera_notes(name, head, track, usual_clock_s)
     found = Reconstruction(
         capture_name=capture.name,
         method=config.panzoom.method,
         frame_rate=capture.frame_rate,
         timecodes=sets.timecodes,
-        camera_names=tuple(files.name for files in capture.cameras),
+        camera_names=names,
         references=tuple(None if one is None else one.reference for one in calibrated),
         cameras=heads,
         panoramas=tuple(None if one is None else one.panorama for one in calibrated),
@@ -343,6 +349,28 @@ class ViewLocaliser:
                 localisation = replace(localisation, second_field=there)
         self.histories[index] = history.followed_by(localisation, prior)
         return replace(localisation, readout=history.readout.share)
+
+
+def never_located(index: int, names: Sequence[str], localise: ViewLocaliser, sets: FrameSets, taken_over: bool) -> str:
+    """A note on a camera of whose motion no frame was located: of which camera it is, if of any."""
+    camera = f"camera {names[index]}"
+    for frame in sorted({0, len(sets) // 2}):
+        [frames] = sets.between(frame, frame + 1)
+        image = frames.images[index]
+        if image is None:
+            continue
+        for other, localiser in enumerate(localise.localisers):
+            if other != index and localiser is not None and localiser.localise(image, None).valid:
+                return (
+                    f"{camera}: its motion fits the sweep of camera {names[other]}, and not its own: the files of two "
+                    "cameras were exchanged"
+                )
+        own = localise.localisers[index]
+        if own is not None and own.localise(np.ascontiguousarray(image[:, ::-1]), None).valid:
+            return f"{camera}: its motion is mirrored against its sweep"
+    if taken_over:
+        return f"{camera}: no frame agrees with the take before; it was moved since then, calibrate it anew"
+    return f"{camera}: no frame of its motion fits its sweep; it was moved between the two, or filmed another hall"
 
 
 def segment_views(

@@ -56,8 +56,9 @@ _TILT_RAD: Final = np.deg2rad(0.02)
 """Tilt or roll, on average over the motion, from which on a tripod is said to have settled."""
 
 
-def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack) -> list[str]:
-    """Notes on what the motion has shown of camera ``name`` and a studio's would not do; all of it is corrected for."""
+def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_clock_s: float) -> list[str]:
+    """Notes on what the motion has shown of camera ``name`` and a studio's would not do; all of it is corrected for.
+    ``usual_clock_s``: the median of all cameras' clocks, which one that is a whole frame off does not move."""
     notes = []
     if abs(head.readout_s) > max(_READOUT_S, _SIGMAS * head.readout_sigma_s):
         upside_down = "" if head.readout_s > 0.0 else ", from the bottom up"
@@ -65,11 +66,12 @@ def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack) -> list[st
             f"camera {name}: its shutter rolls: {1e3 * abs(head.readout_s):.1f} ms (standard deviation "
             f"{1e3 * head.readout_sigma_s:.1f}) from the first row to the last{upside_down}"
         )
-    if abs(head.clock_s) > max(_CLOCK_S, _SIGMAS * head.clock_sigma_s):
-        late = "after" if head.clock_s > 0.0 else "before"
+    clock_s = head.clock_s - usual_clock_s
+    if abs(clock_s) > max(_CLOCK_S, _SIGMAS * head.clock_sigma_s):
+        late = "after" if clock_s > 0.0 else "before"
         notes.append(
-            f"camera {name}: it exposes {1e3 * abs(head.clock_s):.1f} ms (standard deviation "
-            f"{1e3 * head.clock_sigma_s:.1f}) {late} the mean of all: the cameras are not locked to each other"
+            f"camera {name}: it exposes {1e3 * abs(clock_s):.1f} ms (standard deviation "
+            f"{1e3 * head.clock_sigma_s:.1f}) {late} the median of all: the cameras are not locked to each other"
         )
     if track.valid.any():
         off = (

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.comparisons.wrong_footage import recorded_again
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import taken_over
 from pzcap.events import BodyTracked, Finished, FrameLocalised, FrameSegmented
@@ -190,6 +191,25 @@ def test_a_camera_that_was_moved_since_the_other_take_is_named(
     assert moved.startswith("camera 1: no frame agrees")
     assert result.tracks[0] is not None
     assert not result.tracks[0].valid.any()
+
+
+@pytest.mark.heavy
+@pytest.mark.xdist_group("pipeline")
+def test_motions_that_were_exchanged_or_mirrored_are_named(
+    capture: Capture, reconstruction: Reconstruction, tmp_path: Path
+) -> None:
+    """Their tripods are not blamed for it."""
+    one, other, *_ = bare(capture).cameras
+    exchanged = (dataclasses.replace(one, motion=other.motion), dataclasses.replace(other, motion=one.motion))
+    two = dataclasses.replace(bare(capture), subject=None, cameras=exchanged)
+    notes = reconstruct(two, Config(), cameras=reconstruction).notes
+    assert [note for note in notes if "motion" in note] == [
+        f"camera {a}: its motion fits the sweep of camera {b}, and not its own: the files of two cameras were exchanged"
+        for a, b in ((1, 2), (2, 1))
+    ]
+    mirrored = recorded_again(dataclasses.replace(two, cameras=(one, other)), tmp_path, mirrored=True)
+    notes = reconstruct(mirrored, Config(), cameras=reconstruction).notes
+    assert "camera 1: its motion is mirrored against its sweep" in notes
 
 
 @pytest.mark.xdist_group("pipeline")

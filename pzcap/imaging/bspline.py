@@ -23,6 +23,7 @@ from pzcap.types import Array, Float32, Image
 SMOOTHING = 0.64  # variance, square pixels: of what is compared
 SPLINE = 1.0 / 3.0  # of which the spline brings about so much
 PIXEL = 1.0 / 12.0  # variance of a pixel itself, a square
+LEAST_SHRINK = 0.4  # nothing is made finer than 2.5 times: `softened` would have to sharpen it
 STEPS = 64.0  # to a grey level
 
 POLE = np.sqrt(3.0) - 2.0

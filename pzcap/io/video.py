@@ -93,6 +93,7 @@ class _Listed(NamedTuple):
     origin: Fraction  # of index 0, in the same
     frame: Fraction  # duration of one, in the same
     base: Fraction  # s
+    reordered: int  # by how much the presentation of a frame comes after its decoding, at most, in the same
 
 
 class _Trembling(NamedTuple):
@@ -128,7 +129,7 @@ class VideoReader:
             self.frame_rate = Fraction(rate)
             self.timecode = _find_timecode(container)
             listed = self._list(container, stream)
-        self._times, self.frame_count = listed.times, len(listed.times)
+        self._times, self.frame_count, self._reordered = listed.times, len(listed.times), listed.reordered
         indices = [round((int(time) - listed.origin) / listed.frame) for time in listed.times]
         self.times_s = np.array([float(time - listed.origin) for time in listed.times.tolist()]) * float(listed.base)
         self.constant_rate = all(a < b for a, b in pairwise(indices))
@@ -182,7 +183,8 @@ class VideoReader:
         with self._open() as container:
             stream = self._stream(container)
             if numbers[0] > 0:
-                container.seek(int(self._times[numbers[0]]), stream=stream)  # lands on the last intra frame before
+                # lands on the last intra frame that is decoded by then: with B frames, one that is shown later may be
+                container.seek(int(self._times[numbers[0]]) - self._reordered, stream=stream)
             try:
                 for time, fields in self._pictures(container, stream):
                     if time < self._times[numbers[0]]:
@@ -228,10 +230,12 @@ class VideoReader:
         """List the packets; what an edit list cuts off is left out."""
         base = Fraction(stream.time_base or 1)
         found: list[int] = []
+        reordered = 0
         try:
             for packet in container.demux(stream):
                 if packet.pts is not None:
                     found.append(packet.pts)
+                    reordered = max(reordered, packet.pts - (packet.pts if packet.dts is None else packet.dts))
                 if len(found) > limits.FRAMES:
                     raise PzcapError(f"{self.path}: more than {limits.FRAMES} frames; cut it into takes")
         except FFmpegError as error:
@@ -242,17 +246,17 @@ class VideoReader:
             raise PzcapError(f"{self.path}: the video holds no frames; copy it again from the camera")
         times, frame = np.array(sorted(found), np.int64), 1 / (base * self.frame_rate)
         if not container.format.name.startswith("mov"):
-            return _Listed(times, Fraction(0), frame, base)
+            return _Listed(times, Fraction(0), frame, base, reordered)
         edit = read_edit(self.path, stream.id)
         if edit is None:  # without one, what is shown first is shown at once, however late decoding makes it
-            return _Listed(times, Fraction(int(times[0])), frame, base)
+            return _Listed(times, Fraction(int(times[0])), frame, base, reordered)
         begin, rounded = edit.begin_s / base, edit.rounded_s / base
         shown = times > float(begin - rounded)
         if edit.shown_s is not None:
             shown &= times < float(begin + edit.shown_s / base - rounded)
         if not shown.any():
             raise PzcapError(f"{self.path}: its edit list shows none of its frames; export it again")
-        return _Listed(times[shown], begin - edit.delay_s / base, frame, base)
+        return _Listed(times[shown], begin - edit.delay_s / base, frame, base, reordered)
 
     def _check_format(self, stream: VideoStream) -> None:
         context = stream.codec_context

@@ -25,6 +25,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pzcap.imaging import bspline
 from pzcap.imaging.colour import grey
 from pzcap.localisation import row_bands
 from pzcap.localisation.frame_pixels import FramePixels, level_pixels
@@ -215,6 +216,8 @@ class Aligner:
     def _fit_level(self, index: int, frame: Image, hidden: Mask | None, at: ViewPlace, belief: Belief) -> Fit:
         """Fit to one of `LEVELS`."""
         level, steps = self.sampler.levels[index], LEVELS[index].steps
+        if not at.focal_px * level.scale > bspline.LEAST_SHRINK * self.sampler.px_per_rad:  # diverged, on wrong footage
+            raise NothingToCompare
         pixels = level_pixels(frame, hidden, self.camera.lens, at.focal_px, self.sampler.px_per_rad, level)
         look, start = partial(self.sampler.sample, level), State(at, None)
         if level.scale > 1:  # too coarse to tell rows apart

@@ -9,7 +9,7 @@ import pytest
 from pzcap.command.check import body_check
 from pzcap.command.check.body_check import Seen, judged
 from pzcap.command.check.findings import Level
-from pzcap.command.check.forecast import CameraForecast, bound, findings, forecast_camera, joints_mm, noise
+from pzcap.command.check.forecast import CameraForecast, Forecast, bound, findings, forecast_camera, joints_mm, noise
 
 FOCAL = 500.0
 
@@ -65,10 +65,10 @@ def test_joints_get_worse_with_pixels_cameras_and_keyframes() -> None:
     near, far = camera(distance_m=6.0), camera(distance_m=18.0)
     assert joints_mm([near] * 4, 1.0) < joints_mm([far] * 4, 1.0) < joints_mm([far] * 2, 1.0)
     assert joints_mm([far] * 4, 1.0) < joints_mm([far] * 4, 3.0)
-    [*_, last] = findings({"1": far, "2": far}, 3.0)
+    [*_, last] = findings(Forecast({"1": far, "2": far}, 3.0))
     assert last.line().startswith("look   forecast: joints to ")
     assert "a keyframe every 3.0 s only" in last.text
-    assert len(list(findings({"1": far}, 1.0))) == 1  # one camera alone follows no body
+    assert len(list(findings(Forecast({"1": far}, 1.0)))) == 1  # one camera alone follows no body
 
 
 def test_a_silhouette_is_found_at_its_size() -> None:

@@ -117,8 +117,10 @@ def stale(folder: Path) -> list[str]:
     return [name for name in names if name.endswith((".partial", ".lock")) or ".partial/" in name or "/." in f"/{name}"]
 
 
-def trial(work: Work, folder: Path, sent: signal.Signals, after_s: float, wanted: dict[str, str]) -> list[str]:
-    """Kill once and do it again: what went wrong."""
+def trial(
+    work: Work, folder: Path, sent: signal.Signals, after_s: float, wanted: dict[str, str], usual: set[str]
+) -> list[str]:  # fmt: skip
+    """Kill once and do it again: what went wrong. ``usual``: hidden files of one that was never killed."""
     mark = uuid.uuid4().hex
     process = start(work.line(folder), mark)
     try:
@@ -135,9 +137,7 @@ def trial(work: Work, folder: Path, sent: signal.Signals, after_s: float, wanted
         wrong.append(f"the next one ends with {status}")
     elif work.results(folder) != wanted:
         wrong.append("the results are others")
-    hidden = [
-        name for name in stale(folder) if not name.startswith((".hydra", "run/.hydra")) and "multirun.yaml" not in name
-    ]
+    hidden = [name for name in stale(folder) if name not in usual]
     if hidden:
         wrong.append(f"left behind: {', '.join(hidden[:3])}")
     return wrong
@@ -153,7 +153,7 @@ def main() -> int:
     kinds = [said.only] if said.only else list(WORK)
     failed = 0
     with tempfile.TemporaryDirectory() as place:
-        wanted, lasts = {}, {}
+        wanted, lasts, usual = {}, {}, {}
         if "run" in kinds and "PZCAP_CAPTURE" not in os.environ:
             from tests.scenes.captures import SMALL, shot
 
@@ -163,14 +163,14 @@ def main() -> int:
             folder.mkdir()
             status, lasts[kind] = finished(WORK[kind], folder)
             assert status == 0, f"{kind} ends with {status}"
-            wanted[kind] = WORK[kind].results(folder)
+            wanted[kind], usual[kind] = WORK[kind].results(folder), set(stale(folder))
             assert wanted[kind]
             print(f"{kind}: {len(wanted[kind])} results in {lasts[kind]:.1f} s", flush=True)
         for number in range(said.count):
             kind, sent = kinds[number % len(kinds)], SIGNALS[number // len(kinds) % len(SIGNALS)]
             folder, after_s = Path(place) / f"{kind}-{number}", rng.uniform(0.0, lasts[kind])
             folder.mkdir()
-            wrong = trial(WORK[kind], folder, sent, after_s, wanted[kind])
+            wrong = trial(WORK[kind], folder, sent, after_s, wanted[kind], usual[kind])
             failed += bool(wrong)
             print(f"{number + 1}: {kind}, {sent.name} after {after_s:.2f} s: {'; '.join(wrong) or 'right'}", flush=True)
             shutil.rmtree(folder, ignore_errors=True)

@@ -52,6 +52,14 @@ def test_b_frames_begin_at_the_start_timecode(muxer: dict[str, str], tmp_path: P
     assert [number(image) for _, image in VideoReader(path).read(7, 12)] == [7, 8, 9, 10, 11]
 
 
+def test_every_picture_before_an_intra_frame_is_found_by_itself(tmp_path: Path) -> None:
+    """An intra frame is decoded before the B frames that are shown before it: a search by time must not land there."""
+    options = {"preset": "veryfast", "x264-params": "bframes=3:b-adapt=0:keyint=12:scenecut=0"}
+    reader = VideoReader(encode(tmp_path / "motion.mp4", pictures(30), RATE, options=options))
+    for k in range(30):
+        assert [(index, number(image)) for index, image in reader.read(k, k + 1)] == [(k, k)]
+
+
 @pytest.mark.parametrize("group", [1, 5, 10])
 @pytest.mark.parametrize("shown", [12, 20])
 def test_a_recording_trimmed_at_its_end(group: int, shown: int, tmp_path: Path) -> None:

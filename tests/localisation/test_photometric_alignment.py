@@ -229,6 +229,13 @@ def test_the_wrong_place_does_not_agree(aligner: Aligner) -> None:
         assert aligner.align(image, ViewPlace(pan, TILT, FOCAL), 15.0).agreement < 0.4
 
 
+def test_a_fit_that_has_diverged_ends(aligner: Aligner) -> None:
+    """On footage of somewhere else the focal length may go anywhere, and no frame is made finer without end."""
+    image = synthetic.render(OPTICS, 0.3, FOCAL)
+    for focal_px in (1.0, np.nan):
+        assert aligner.align(image, ViewPlace(0.3, TILT, focal_px), 1.0).agreement == 0.0
+
+
 def test_where_nothing_is_known_nothing_agrees(panorama: Panorama) -> None:
     nothing = Aligner(replace(panorama, valid=np.zeros_like(panorama.valid)), camera_of(OPTICS))
     found = nothing.align(synthetic.render(OPTICS, 0.3, FOCAL), ViewPlace(0.3, TILT, FOCAL), 15.0)

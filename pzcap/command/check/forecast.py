@@ -116,16 +116,45 @@ def joints_mm(cameras: Sequence[CameraForecast], keyframe_s: float) -> float:
     return float(np.hypot(BODY_MM, share * pixel))
 
 
-def findings(cameras: Mapping[str, CameraForecast], keyframe_s: float | None) -> Iterator[Finding]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Forecast:
+    """Forecast of a capture."""
+
+    cameras: Mapping[str, CameraForecast]
+    keyframe_s: float | None  # between keyframes; None: the body is not tracked by any
+
+    @property
+    def pan_deg(self) -> float:
+        """Of the pan, root mean square of all cameras; NaN without one."""
+        return float(np.rad2deg(_root_mean_square([each.pan_rad for each in self.cameras.values()])))
+
+    @property
+    def focal_percent(self) -> float:
+        """Of the focal length, root mean square of all cameras; NaN without one."""
+        return 100.0 * _root_mean_square([each.log_focal for each in self.cameras.values()])
+
+    @property
+    def joints_mm(self) -> float | None:
+        """Of the joints; None where no body can be tracked."""
+        if self.keyframe_s is None or len(self.cameras) < 2:
+            return None
+        return joints_mm(list(self.cameras.values()), self.keyframe_s)
+
+
+def _root_mean_square(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if values else float("nan")
+
+
+def findings(forecast: Forecast) -> Iterator[Finding]:
     """The forecast, in lines."""
+    cameras, keyframe_s, joints = forecast.cameras, forecast.keyframe_s, forecast.joints_mm
     for name, each in cameras.items():
         pan, focal = float(np.rad2deg(each.pan_rad)), 100.0 * each.log_focal
         faint = pan > _FAINT["pan"] or focal > _FAINT["focal"]
         text = f"pan to {pan:.2g} degrees, focal length to {focal:.2g} %; limited by {' and '.join(each.limits)}"
         yield Finding(Level.WARN if faint else Level.OK, name, "forecast", text)
-    if keyframe_s is None or len(cameras) < 2:
+    if keyframe_s is None or joints is None:
         return
-    joints = joints_mm(list(cameras.values()), keyframe_s)
     pixel = 1000.0 * float(np.median([each.footprint_m for each in cameras.values()]))
     reasons = [f"a pixel is {pixel:.0f} mm at the athlete", f"{len(cameras)} cameras"]
     if keyframe_s > 1.2 * _DENSE_S:

@@ -22,6 +22,10 @@ _TURNED_DEG: Final = 20.0
 _SURE: Final = 80.0
 """Features that agree, a picture, from which on nobody else's sweep has to be asked."""
 _BETTER: Final = 1.5
+_USUAL: Final = 0.5
+"""Share of the pictures that fit: features tell little of a picture at a long zoom, and half of them do not."""
+_FEWEST: Final = 0.25
+"""The same, below which all are of something else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +76,7 @@ def check_belonging(
             text = f"fits the sweep of camera {best_other}, not its own; were two cameras' files swapped?"
             return own, [Finding(Level.FAIL, camera, subject, text)]
     share = float(np.mean(own.found))
-    if share < 0.5:
+    if share < _FEWEST:
         text = "its pictures do not fit the sweep; was the tripod moved, or is it of another camera or hall?"
         if place([mirrored(image) for image in images], sweeps[camera]).strength > ENOUGH:
             text = "is mirrored against the sweep: it fits in a mirror; record it straight"
@@ -81,7 +85,7 @@ def check_belonging(
     if turned > _TURNED_DEG:
         text = f"stands turned by {turned:.0f} degrees against the sweep; record both the same way up"
         return own, [Finding(Level.FAIL, camera, subject, text)]
-    level = Level.OK if share == 1.0 else Level.WARN
+    level = Level.OK if share >= _USUAL else Level.WARN
     return own, [Finding(level, camera, subject, f"{own.found.sum()} of {len(images)} pictures fit the sweep")]
 
 

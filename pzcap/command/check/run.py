@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -54,36 +54,46 @@ def check_folder(folder: Path, page: Path) -> int:
     """Check the capture in ``folder``, write the ``page``, print what was found; the exit status, 1 where something has
     to be shot again."""
     capture = read_capture(folder)
-    with ProgressLine() as line, one_thread_each():
-        findings, pictures = check_capture(capture, line)
+    with ProgressLine() as line:
+        checked = check_capture(capture, line.update)
     order = list(Level)
-    for finding in sorted(findings, key=lambda each: -order.index(each.level)):
+    for finding in sorted(checked.findings, key=lambda each: -order.index(each.level)):
         print(finding.line())
     page.parent.mkdir(parents=True, exist_ok=True)
-    write_page(page, f"Check of {capture.name}", findings, pictures)
+    write_page(page, f"Check of {capture.name}", checked.findings, checked.pictures)
     print(page)
-    return int(worst(findings) is Level.FAIL)
+    return int(worst(checked.findings) is Level.FAIL)
 
 
-def check_capture(capture: Capture, line: ProgressLine) -> tuple[list[Finding], dict[str, Pictures]]:
-    """Findings about a capture, and the pictures of its page."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Checked:
+    """What a check has found."""
+
+    findings: list[Finding]
+    pictures: dict[str, Pictures]  # of the page, by camera
+    forecast: forecast.Forecast
+
+
+def check_capture(capture: Capture, report: Callable[[str, int, int], None]) -> Checked:
+    """Check a capture. ``report(stage, done, total)`` hears of the progress."""
     halls: dict[str, Hall] = {}
     motions: dict[str, tuple[Places | None, list[Finding]]] = {}
     total = 2 * len(capture.cameras)
-    with ThreadPoolExecutor(2) as pool:
+    with one_thread_each(), ThreadPoolExecutor(2) as pool:
         for files, hall in zip(
             capture.cameras, pool.map(lambda files: _empty_hall(capture, files), capture.cameras), strict=True
         ):
             halls[files.name] = hall
-            line.update("hall", len(halls), total)
+            report("hall", len(halls), total)
         for files, motion in zip(
             capture.cameras, pool.map(lambda files: _motion(capture, files, halls), capture.cameras), strict=True
         ):
             motions[files.name] = motion
-            line.update("motion", len(halls) + len(motions), total)
+            report("motion", len(halls) + len(motions), total)
     findings, pictures = list(_together(capture, halls)), {}
     places = {name: found for name, (found, own) in motions.items() if found is not None and _fits(own)}
-    findings += _forecast(capture, halls, places)
+    expected = _forecast(capture, halls, places)
+    findings += forecast.findings(expected)
     fitting = {name: halls[name] for name in places}
     findings += check_body(
         capture,
@@ -95,14 +105,14 @@ def check_capture(capture: Capture, line: ProgressLine) -> tuple[list[Finding], 
         shown, own = motions[name]
         findings += [*hall.findings, *own]
         pictures[name] = Pictures(hall.reference, hall.sweep, shown)
-    return findings, pictures
+    return Checked(findings, pictures, expected)
 
 
 def _fits(findings: Sequence[Finding]) -> bool:
     return all(finding.level is not Level.FAIL for finding in findings)
 
 
-def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str, Places]) -> list[Finding]:
+def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str, Places]) -> forecast.Forecast:
     """Accuracy to expect of the cameras whose files fit each other, and of the body."""
     found: dict[str, forecast.CameraForecast] = {}
     roots = [pose.root_position_m for pose in capture.keyframe_poses.values()]
@@ -127,7 +137,7 @@ def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str,
     if roots and capture.subject is not None:
         with suppress(PzcapError):  # it has been said
             keyframe_s = len(frame_sets(capture)) / float(capture.frame_rate) / max(len(roots) - 1, 1)
-    return list(forecast.findings(found, keyframe_s))
+    return forecast.Forecast(found, keyframe_s)
 
 
 def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:

@@ -21,6 +21,8 @@ KEY_DEG: Final = 7.0
 THUMBNAIL: Final = 160
 _USUAL_FIELD: Final = 1.2
 """Focal length over width, where no reference image tells it."""
+_BACK_DEG: Final = 30.0
+"""Turning back that no sweep is found from; of 10 degrees, and a stop, one is as good as any."""
 _UNSURE: Final = 0.03
 """Response of the phase correlation, below which a step is not known."""
 
@@ -92,7 +94,8 @@ def _motion(sweep: Sweep, moves: Array, rate: float) -> Iterator[tuple[Level, st
     way = np.sign(np.median(turned))
     back = float(np.sum(np.abs(turned[turned * way < 0]))) if way else 0.0
     if back > np.deg2rad(5.0):
-        yield Level.FAIL, f"turns back by {np.rad2deg(back):.0f} degrees; turn the head one way throughout"
+        text = f"turns back by {np.rad2deg(back):.0f} degrees; turn the head one way throughout"
+        yield graded(np.rad2deg(back), 5.0, _BACK_DEG), text
     rise = float(np.abs(np.cumsum(down)).max()) / sweep.focal
     if np.rad2deg(rise) > 3.0:
         yield Level.WARN, f"rises or falls by {np.rad2deg(rise):.1f} degrees; lock the tilt, level the pan axis"

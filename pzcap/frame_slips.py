@@ -1,0 +1,218 @@
+"""Cameras whose pictures are whole frames early or late: a start timecode that is wrong, or a frame that was lost in
+the middle and the recording closed up, so that no stamp shows it.
+
+The body is found from all cameras together. In each view it is laid to the colours of the athlete not only as it was
+at that instant, but also as it was some frames before and after: the camera shows the instant that fits best. Along a
+take that offset stays the same; where it changes, and stays changed, frames were lost or doubled. Clocks that are off
+by less than a frame are the tracker's (`pzcap.tracking.pixel_time`), which sees nothing of larger offsets: such views
+contradict the others by more than it takes for an error of the images, and are passed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pzcap.geometry.camera import project
+from pzcap.tracking.tracker import Tracked
+from pzcap.types import PARENTS, Array, Camera, PanZoomTrack, Silhouette
+
+REACH: Final = 4
+"""Frames, early or late, that are told."""
+_OFFSETS: Final = np.arange(-REACH, REACH + 1)
+_WIDTH: Final = 160
+"""Of the picture of the athlete's colours that is kept of a view until the body is known."""
+_MOST_LOG_ODDS: Final = 4.0
+_ALONG: Final = np.linspace(0.0, 1.0, 6)
+"""Shares of the way from a joint to the one before it, at which points are laid to the athlete."""
+_CHANGE: Final = 8.0
+"""Log-odds, a point, summed over the frames, that an offset, or a change of it, has to bring: right footage of two
+seconds brings 1, a frame that was lost in its middle 40."""
+_NEAR: Final = 5
+"""Frames before and after the body's best guess in which pan and zoom may tell the frame."""
+_LEAP_SIGMAS: Final = 6.0
+"""Leap of pan and zoom, beside what is usual, from which on it tells the frame."""
+
+
+class Slip(NamedTuple):
+    """Frames that a camera has lost, or doubled."""
+
+    camera: int
+    frame: int  # the first one that shows another instant
+    lost: int  # frames; negative: so many too many
+
+
+class _Kept(NamedTuple):
+    camera: Camera  # scaled to the picture
+    log_odds: NDArray[np.int8]  # (h, w) an eighth of a unit of _MOST_LOG_ODDS / 16
+
+
+class FrameOffsets:
+    """Gathers the views as they come, and the body once it is known: pictures wait no longer than the tracker does."""
+
+    def __init__(self, cameras: int) -> None:
+        self._cameras = cameras
+        self._views: dict[int, list[_Kept | None]] = {}
+        self._points: dict[int, Array] = {}
+        self._latest = -1
+        self.scores: dict[int, Array] = {}  # frame -> (C, 2 REACH + 1) log-odds a point; NaN: not told
+
+    def see(self, frame: int, cameras: Sequence[Camera | None], silhouettes: Sequence[Silhouette | None]) -> None:
+        """Keep what the views of a frame show of the athlete."""
+        self._views[frame] = [
+            None if camera is None or silhouette is None or not silhouette.valid else _kept(camera, silhouette)
+            for camera, silhouette in zip(cameras, silhouettes, strict=True)
+        ]
+
+    def track(self, found: Sequence[Tracked]) -> None:
+        """Take in the body of some frames, in order; score those that are between known ones by now."""
+        for each in found:
+            if each.valid:
+                self._points[each.frame] = along_limbs(each.joints_m)
+            self._latest = max(self._latest, each.frame)
+        for frame in [each for each in self._views if each <= self._latest - REACH]:
+            self.scores[frame] = self._scored(frame, self._views.pop(frame))
+        for frame in [each for each in self._points if each < self._latest - 2 * REACH]:
+            del self._points[frame]
+
+    def _scored(self, frame: int, views: Sequence[_Kept | None]) -> Array:
+        scores = np.full((self._cameras, len(_OFFSETS)), np.nan)
+        bodies = [self._points.get(frame + offset) for offset in _OFFSETS.tolist()]
+        if any(body is None for body in bodies):
+            return scores
+        points = np.concatenate([body for body in bodies if body is not None])
+        for number, view in enumerate(views):
+            if view is not None:
+                pixels, depth = project(view.camera, points)
+                columns, rows = np.round(pixels).astype(int).T
+                height, width = view.log_odds.shape
+                inside = (depth > 0.0) & (columns >= 0) & (rows >= 0) & (columns < width) & (rows < height)
+                seen = np.full(len(points), -127.0)
+                seen[inside] = view.log_odds[rows[inside], columns[inside]]
+                if inside.mean() > 0.5:  # else the athlete walks out of the picture
+                    scores[number] = seen.reshape(len(_OFFSETS), -1).mean(axis=1) * _MOST_LOG_ODDS / 127.0
+        return scores
+
+    def offsets(self) -> tuple[list[int], Array]:
+        """The frames (N,) that were told, and each camera's offset there, (N, C): how many frames late its pictures
+        are; NaN of one that tells nothing."""
+        frames = sorted(frame for frame, scores in self.scores.items() if np.isfinite(scores).any())
+        scores = np.array([self.scores[frame] for frame in frames]).reshape(-1, self._cameras, len(_OFFSETS))
+        found = np.full((len(frames), self._cameras), np.nan)
+        for camera in range(self._cameras):
+            told = np.isfinite(scores[:, camera]).all(axis=1)
+            if told.any():
+                found[:, camera] = np.interp(
+                    np.arange(len(frames)), np.flatnonzero(told), _path(scores[told, camera])
+                ).round()
+        return frames, found
+
+
+def along_limbs(joints_m: Array) -> Array:
+    """(N, 3) Points between the joints (16, 3) and those before them."""
+    parents = np.array(PARENTS[1:])
+    way = joints_m[parents] - joints_m[1:]
+    return np.asarray((joints_m[1:, None] + _ALONG[:, None] * way[:, None]).reshape(-1, 3))
+
+
+def _kept(camera: Camera, silhouette: Silhouette) -> _Kept:
+    """What a view shows of the athlete by the colours, small."""
+    height, width = silhouette.evidence.shape
+    share = min(1.0, _WIDTH / width)
+    size = max(1, round(share * width)), max(1, round(share * height))
+    odds = np.clip(silhouette.evidence, -_MOST_LOG_ODDS, _MOST_LOG_ODDS) * (127.0 / _MOST_LOG_ODDS)
+    small = cv2.resize(odds, size, interpolation=cv2.INTER_AREA)
+    scale = np.array([size[0] / camera.width, size[1] / camera.height])
+    principal = scale * (camera.principal_px + 0.5) - 0.5
+    shrunk = replace(
+        camera, width=size[0], height=size[1], focal_px=float(scale[0]) * camera.focal_px, principal_px=principal
+    )
+    return _Kept(shrunk, np.asarray(np.round(small), np.int8))
+
+
+def _path(scores: Array) -> Array:
+    """(N,) the offsets that gather most of the ``scores`` (N, 2 REACH + 1), each change costing _CHANGE and one that is
+    there from the start half of it: a timecode is wrong more often than that a frame is lost so soon (Viterbi)."""
+    total, came = scores[0] - 0.5 * _CHANGE * (_OFFSETS != 0), []
+    for each in scores[1:]:
+        best = int(np.argmax(total))
+        change = total[best] - _CHANGE > total
+        came.append(np.where(change, best, np.arange(len(total))))
+        total = np.where(change, total[best] - _CHANGE, total) + each
+    state = int(np.argmax(total))
+    states = [state]
+    for back in reversed(came):
+        state = int(back[state])
+        states.append(state)
+    return _OFFSETS[states[::-1]].astype(np.float64)
+
+
+def slips(frames: Sequence[int], offsets: Array, tracks: Sequence[PanZoomTrack | None]) -> list[Slip]:
+    """Changes of the ``offsets`` (N, C) of a camera; the frame is that at which pan and zoom leap, where they do."""
+    found = []
+    for camera in range(offsets.shape[1]):
+        for k in (np.flatnonzero(np.abs(np.diff(offsets[:, camera])) > 0.5) + 1).tolist():
+            lost = int(offsets[k, camera] - offsets[k - 1, camera])
+            track = tracks[camera]
+            leap = None if track is None else leap_near(track, frames[k], lost)
+            found.append(Slip(camera, frames[k] if leap is None else leap, lost))
+    return found
+
+
+def leap_near(track: PanZoomTrack, frame: int, lost: int) -> int | None:
+    """The frame about ``frame`` before which pan and zoom go ``1 + lost`` times as far as a frame before and after;
+    None where the camera hardly moved, or moved otherwise."""
+    best: tuple[float, int] | None = None
+    series = [track.pan_rad, np.log(track.focal_px)]
+    steps = [np.diff(np.where(track.valid, each, np.nan)) for each in series]
+    around = [_between(each) for each in steps]
+    usual = [1.4826 * np.nanmedian(np.abs(a - b)) + 1e-7 for a, b in zip(steps, around, strict=True)]
+    for k in range(max(2, frame - 1 - _NEAR), min(len(steps[0]) - 2, frame + _NEAR)):
+        normal = sum((b[k] / s) ** 2 for b, s in zip(around, usual, strict=True))
+        excess = sum(b[k] * (a[k] - b[k]) / s**2 for a, b, s in zip(steps, around, usual, strict=True))
+        sigmas = excess / np.sqrt(normal) * np.sign(lost)
+        if np.isfinite(sigmas) and sigmas > _LEAP_SIGMAS and 0.5 * abs(lost) < abs(excess / normal) < 1.5 * abs(lost):
+            best = max(best or (0.0, 0), (float(sigmas), k + 1))
+    return None if best is None else best[1]
+
+
+def _between(steps: Array) -> Array:
+    """(N,) each of some steps by those before and after it, a cubic; NaN where there are none."""
+    found = np.full(len(steps), np.nan)
+    if len(steps) >= 5:
+        found[2:-2] = (-steps[:-4] + 4.0 * steps[1:-3] + 4.0 * steps[3:-1] - steps[4:]) / 6.0
+    return found
+
+
+def slip_notes(
+    offsets: FrameOffsets, tracks: Sequence[PanZoomTrack | None], names: Sequence[str], timecodes: Sequence[str]
+) -> list[str]:
+    """Notes on cameras that show other instants than the others do."""
+    frames, found = offsets.offsets()
+    if len(frames) < 2:
+        return []
+    notes = []
+    for camera, frame, lost in slips(frames, found, tracks):
+        many = f"{abs(lost)} frame" + "s" * (abs(lost) > 1)
+        what = f"{many} lost there, and the recording closed up" if lost > 0 else f"{many} too many there, doubled"
+        notes.append(
+            f"camera {names[camera]}: from frame {frame} ({timecodes[frame]}) on its pictures show the athlete "
+            f"{many} {'later' if lost > 0 else 'earlier'} than before, against the other cameras: {what}; give the "
+            "frames after it their true time stamps, or cut the take there"
+        )
+    told = np.flatnonzero(np.isfinite(found[0])).tolist()
+    for camera in told if len(told) > 2 else ():  # of two, each is as far from the other
+        off = int(found[0, camera] - np.median([found[0, other] for other in told if other != camera]))
+        if off:
+            many = f"{abs(off)} frame" + "s" * (abs(off) > 1)
+            later, low = ("later", "low") if off > 0 else ("earlier", "high")
+            notes.append(
+                f"camera {names[camera]}: its pictures show the athlete {many} {later} than those of the other cameras "
+                f"with the same timecode: its timecode is {many} too {low}; correct it"
+            )
+    return notes
