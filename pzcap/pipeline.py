@@ -203,13 +203,7 @@ def stages(
             if track is not None and capture.cameras[index].motion and not track.valid.any():
                 notes.append(never_located(index, names, localise, sets, bool(known and known[index])))
     if body is not None:
-        wrong_object = object_of_another_size(sets.keyframes, body, views)
-        blind = unseen_keyframes(sets.keyframes, body, views, sets.timecodes)
-        notes += [wrong_object] if wrong_object else blind
-        if not wrong_object and not blind:
-            seen = [(key.pose, *views[key.frame]) for key in sets.keyframes if key.frame in views]
-            size = body_size(body, seen, config.tracking.cut_out_margin)
-            notes += athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views))
+        notes += _papers_against_views(body, sets, views, config.tracking)
     notes += slip_notes(offsets, tracks, names, sets.timecodes)
     heads = with_clocks(localise.heads(capture.frame_rate), tracker, capture.frame_rate)
     if not config.panzoom.free_tilt:
@@ -237,6 +231,19 @@ def stages(
     if by_athlete:
         found = in_metres(found, measured, placed)
     yield Finished(found)
+
+
+def _papers_against_views(
+    body: skeleton.Body, sets: FrameSets, views: dict[int, SeenViews], config: TrackingConfig
+) -> list[str]:
+    """What the ``views`` of the keyframes say against the crew's papers, the likeliest cause alone."""
+    if wrong_object := object_of_another_size(sets.keyframes, body, views):
+        return [wrong_object]
+    if blind := unseen_keyframes(sets.keyframes, body, views, sets.timecodes):
+        return blind
+    seen = [(key.pose, *views[key.frame]) for key in sets.keyframes if key.frame in views]
+    size = body_size(body, seen, config.cut_out_margin)
+    return athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views))
 
 
 # --------------------------------------------------------------------------------------------------------------
