@@ -36,7 +36,7 @@ def model() -> CalibrationParameters:
 
 def off_by(error: Array) -> Array:
     """Covariances of frames by a calibration that is off by ``error`` (U,), or by its opposite."""
-    return propagated(Fitted(model(), np.outer(error, error), SolveReport(True, 1, 0.0)), COUNT, SIZE)
+    return propagated(Fitted(model(), np.outer(error, error), 1.0, SolveReport(True, 1, 0.0)), COUNT, SIZE)
 
 
 def registered(error: Array, sweep_frame: int, zoom: float) -> Array:
