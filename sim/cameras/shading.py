@@ -17,7 +17,6 @@ import numpy as np
 
 from pzcap.types import Array
 
-_SHARPER: Final = -0.5  # bias of the textures' level of detail: pictures are made smaller, so that half a level is free
 _TEXTURED: Final = 1.0  # shininess of materials with a texture; geoms without a material have 0.5
 
 _WORLD_R_ORIGIN_EYE: Final = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -51,7 +50,7 @@ varying float alpha;
 varying vec3 always, unless_shadowed, at;
 varying vec2 uv;
 void main() {
-    vec3 colour = gl_FrontMaterial.shininess > 100.0 ? texture2D(texture, uv, SHARPER).rgb : vec3(1.0);
+    vec3 colour = gl_FrontMaterial.shininess > 100.0 ? texture2D(texture, uv).rgb : vec3(1.0);
     vec3 level = always;
     if (unless_shadowed.g > 0.0) level += step(0.99, shadow2D(shadow, at).r) * unless_shadowed;
     gl_FragColor = vec4(colour * level, alpha);
@@ -81,7 +80,6 @@ class ShadowedPass:
         words = {
             "LIGHTS": str(headlight + model.nlight),
             "CASTS": str(headlight + int(np.flatnonzero(model.light_castshadow)[0])),
-            "SHARPER": str(_SHARPER),
         }
         self._program = self._build(words)
         self._matrix = self._gl.glGetUniformLocation(self._program, "shadow_T_eye")
