@@ -144,7 +144,12 @@ def _start(matched: Matched, config: PanZoomConfig) -> tuple[CalibrationParamete
         (_fit(replace(matched, links=some), each.parameters, few, no_report).fitted, each.parameters)
         for each in (one, other)
     ]
-    (best, start), (worst, _) = sorted(fits, key=lambda fit: fit[0].sigma)
+    (best, start), (worst, other_start) = sorted(fits, key=lambda fit: fit[0].sigma)
+    usual, other_usual = (
+        abs(each.parameters.offset[0]) < BELIEF.unusual * matched.sigmas.offset for each in (best, worst)
+    )
+    if worst.sigma < BELIEF.doubtful * best.sigma and usual != other_usual:
+        return (start if usual else other_start), 0.0
     apart = abs(float(worst.parameters.log_focal[0] - best.parameters.log_focal[0]))
     return start, apart if worst.sigma < BELIEF.clearly_worse * best.sigma else 0.0
 

@@ -85,6 +85,8 @@ class BeliefTuning(NamedTuple):
     clearly_worse: float = 1.002
     """A minimum whose residuals are not so many times those of the other may be the right one. Seen: 0.999 to 1.008 by
     features, 1.006 to 1.04 by grey values."""
+    doubtful: float = 1.01
+    """Of two minima whose grey values' residuals differ by less, the one whose offset is usual is taken."""
 
 
 class FocalTuning(NamedTuple):
