@@ -44,7 +44,7 @@ BASE: Final = replace(SMALL, motion_frames=24)
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """What grows, and the shoots of some of its values."""
+    """A quantity that grows, and the shoots of some of its values."""
 
     label: str
     values: tuple[int, ...]
@@ -67,7 +67,7 @@ AXES: Final[Mapping[str, Axis]] = {
 
 @dataclass(frozen=True, slots=True)
 class Spent:
-    """What a reconstruction took."""
+    """Time and memory that a reconstruction took."""
 
     calibration_s: float  # CPU
     motion_s: float  # CPU

@@ -185,7 +185,7 @@ def _missing(capture: Capture, files: CameraFiles) -> str | None:
 
 
 def what_is_lacking(capture: Capture) -> str | None:
-    """What a capture without a calibration object needs in its place, the first that it has not; None: it has all."""
+    """The first thing that a capture without a calibration object needs and has not; None: it has all."""
     seen = sum(1 for files in capture.cameras if files.keypoints and files.motion and files.sweep)
     if not capture.full_turn:
         return "a sweep has to go all the way round, or nothing tells the focal length"

@@ -121,7 +121,7 @@ def along_limbs(joints_m: Array) -> Array:
 
 
 def _kept(camera: Camera, silhouette: Silhouette) -> _Kept:
-    """What a view shows of the athlete by the colours, small."""
+    """Athlete's colours in a view, small."""
     height, width = silhouette.evidence.shape
     share = min(1.0, _WIDTH / width)
     size = max(1, round(share * width)), max(1, round(share * height))

@@ -236,7 +236,7 @@ def stages(
 def _papers_against_views(
     body: skeleton.Body, sets: FrameSets, views: dict[int, SeenViews], config: TrackingConfig
 ) -> list[str]:
-    """What the ``views`` of the keyframes say against the crew's papers, the likeliest cause alone."""
+    """Contradictions of the keyframes' ``views`` to the crew's papers, the likeliest cause alone."""
     if wrong_object := object_of_another_size(sets.keyframes, body, views):
         return [wrong_object]
     if blind := unseen_keyframes(sets.keyframes, body, views, sets.timecodes):

@@ -20,7 +20,7 @@ settings.load_profile("gate")
 
 @pytest.fixture(scope="session")
 def small_run(small_capture: Path) -> Reconstruction:
-    """What the pipeline makes of the small capture. Read only. The tests that take it are of the group "pipeline",
+    """The pipeline's result on the small capture. Read only. The tests that take it are of the group "pipeline",
     which one process has, so that it is made once."""
     return reconstruct(read_capture(small_capture / "capture"), Config())
 

@@ -43,7 +43,7 @@ FOOTAGE: Final[Mapping[str, Callable[[ShootConfig], ShootConfig]]] = {
         sensor=replace(shoot.sensor, largest_roll=45, clock_offset=0.5, clock_drift_ppm=50.0),
     ),
 }  # fmt: skip
-"""What was filmed, by the shoot of the usual."""
+"""Captures that were filmed, by the shoot of the usual."""
 MEAN: Final = "body.mpjpe.mean"
 ALIGNED: Final = "body.mpjpe.similarity"
 CUT_OFF: Final = 4.0

@@ -74,7 +74,7 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
 
 
 def _shoots(config: AppConfig) -> list[tuple[str, str, str, ShootConfig | None]]:
-    """What is compared before the real detector: key, label, group, and what is shot for it; None: what is there."""
+    """Rows before the real detector: key, label, group, and what is shot for each; None: what is there."""
     if config.capture is not None:
         return [("hand", "keyframes by hand", "hand", None), ("own", "the capture's keypoints", "simulated", None)]
     shoot = config.shoot
@@ -114,7 +114,7 @@ def _row(
 
 
 def likeness(capture: Capture, truth: Truth) -> dict[str, float | None]:
-    """What the keypoints of a capture are like against the truth, of the person nearest to the athlete in each
+    """Errors of a capture's keypoints against the truth, of the person nearest to the athlete in each
     picture."""
     sets = frame_sets(capture)
     frame_of = {timecode: number for number, timecode in enumerate(truth.timecodes)}

@@ -1,4 +1,4 @@
-"""What `pzcap check` says of right footage, and how accurate it foresees the result, against what is reached.
+"""Forecast of `pzcap check`, and its word on right footage, against what is reached.
 
     python -m experiments.compare forecast seed=0                                    # all of EXPERIMENTS
     python -m experiments.compare forecast experiments=[own_clocks,mains_light] shoot.width=320 shoot.height=240

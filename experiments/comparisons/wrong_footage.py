@@ -192,7 +192,7 @@ def _tried(
     fault: Fault, capture: Capture, truth: Truth, usual: Reconstruction, config: WrongFootageConfig, folder: Path,
     bars: Bars,
 ) -> tuple[dict[str, float | None], list[str]]:  # fmt: skip
-    """What a fault costs, and what is said that right footage does not raise."""
+    """Cost of a fault, and the notes that right footage does not raise."""
 
     def told(stage: str, done: int, total: int) -> None:
         bars.update(f"{fault.label}: {stage}", done, total)

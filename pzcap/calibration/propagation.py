@@ -60,7 +60,7 @@ def propagated(fitted: Fitted, count: int, size: tuple[int, int], scale_sigma: f
 
 
 def _links(model: CalibrationParameters, frame: int, count: int, size: tuple[int, int]) -> list[Link]:
-    """What a ``frame`` shows where frames of the sweep, spread over its field of view, show it."""
+    """Points of a ``frame`` in the frames of the sweep, spread over its field of view, that show them."""
     view, (width, height) = model.view(frame), size
     across, down = (np.linspace(0.0, side - 1.0, nodes) for side, nodes in zip(size, PROPAGATION.grid, strict=True))
     pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)

@@ -178,8 +178,7 @@ class PoseObjective:
         return PoseEquations(hessian, gradient, contour, brightness, cameras, sums, twists, drape)
 
     def clocks(self, posed: PosedBody, normal: PoseEquations) -> list[ClockEquations | None]:
-        """What the equations of the ``posed`` body say of the clock of each view; None where its velocity is not
-        known."""
+        """Equations of each view's clock, from those of the ``posed`` body; None where its velocity is not known."""
         found: list[ClockEquations | None] = []
         for view, own, camera in zip(self.views, normal.views, normal.cameras, strict=True):
             if view is None or self.velocity is None:
@@ -255,7 +254,7 @@ class PoseObjective:
 
 
 def camera_moves(view: ViewCrop, prior: CameraPrior, posed: PosedBody) -> Array:
-    """What pan and zoom of a view's camera are as motions of the segments of the ``posed`` body."""
+    """Pan and zoom of a view's camera as motions of the segments of the ``posed`` body."""
     return segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, posed.centre)
 
 

@@ -1,4 +1,4 @@
-"""What calibration's own errors do to the frames of the motion."""
+"""Errors of calibration, as they reach the frames of the motion."""
 
 from __future__ import annotations
 

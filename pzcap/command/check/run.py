@@ -67,7 +67,7 @@ def check_folder(folder: Path, page: Path) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checked:
-    """What a check has found."""
+    """Result of a check."""
 
     findings: list[Finding]
     pictures: dict[str, Pictures]  # of the page, by camera
