@@ -34,6 +34,7 @@ from experiments.report.plots import COLOURS, svg
 from experiments.terminal import table, terminal
 from pzcap.events import FrameLocalised
 from pzcap.io.capture import read_capture
+from pzcap.io.files import written_whole
 from pzcap.pipeline import Config, stages
 from pzcap.types import PzcapError
 from sim.session import ShootConfig
@@ -132,10 +133,12 @@ def measure(names: Sequence[str], values: Sequence[int], folder: Path, out: Cons
         out.print(table(axis.label, heads, rows))
         drawn[name] = (axis.label, amounts, list(found.values()), [head.removeprefix(">") for head in heads], rows)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "scaling.json").write_text(json.dumps(
-        {name: [{"amount": amount, **asdict(spent)} for amount, spent in zip(amounts, spents, strict=True)]
-         for name, (_, amounts, spents, _, _) in drawn.items()}, indent=1,
-    ))  # fmt: skip
+    figures = {
+        name: [{"amount": amount, **asdict(spent)} for amount, spent in zip(amounts, spents, strict=True)]
+        for name, (_, amounts, spents, _, _) in drawn.items()
+    }
+    with written_whole(folder / "scaling.json") as partial:
+        partial.write_text(json.dumps(figures, indent=1), encoding="utf-8")
     sections = [
         {"title": label, "figure": _figure(label, amounts, spents), "heads": heads, "rows": rows}
         for label, amounts, spents, heads, rows in drawn.values()

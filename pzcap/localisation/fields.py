@@ -22,7 +22,7 @@ from pzcap.types import Array, Localisation
 
 
 def expected_second(history: History, found: Localisation) -> Localisation:
-    """Where the second field of a frame that was ``found`` is expected, by how the camera turned to get there; of its
+    """Place at which the second field of a frame ``found`` is expected, by how the camera turned to get there; of its
     sway is believed what was of the frame's."""
     rate = np.zeros(2) if history.last is None else rate_between(history.last, found)
     return replace(
