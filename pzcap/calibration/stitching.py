@@ -163,8 +163,11 @@ class _Canvas:
         column, row = cylinder.smooth_map(to_frame, stop - start, self.weight.shape[0])
         flat = self.flat * np.float32(np.exp(-log_gain))
         level = image.astype(np.float32) * (flat if image.ndim == 2 else flat[..., None])
-        warped = bspline.warped(level.reshape(*level.shape[:2], -1), column, row)
         weight = cv2.remap(self.trust, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        if before is None:  # to tell who walks there is enough
+            warped = cv2.remap(level, column, row, cv2.INTER_LINEAR)[..., None]
+        else:
+            warped = bspline.warped(level, column, row)
         columns = np.arange(start, stop) % self.weight.shape[1]  # a strip may lie across the seam of a full turn
         if before is not None:
             seen = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGR2GRAY), np.float32)

@@ -153,6 +153,8 @@ def distort(xy: Array, d: Distortion) -> Array:
 def undistort(xy: Array, d: Distortion) -> Array:
     """The inverse of `distort`; (..., 2) to (..., 2), by Newton's method on the radius and, where there are tangential
     coefficients, on the point."""
+    if d == NONE:
+        return xy
     edge = _fold(d)
     furthest = np.sqrt(edge) * _radial(edge, d) * (1 - 1e-9) if np.isfinite(edge) else np.inf
     straight = np.empty(xy.shape)
