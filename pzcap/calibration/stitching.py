@@ -168,12 +168,22 @@ class _Canvas:
             warped = cv2.remap(level, column, row, cv2.INTER_LINEAR)[..., None]
         else:
             warped = bspline.warped(level, column, row)
-        columns = np.arange(start, stop) % self.weight.shape[1]  # a strip may lie across the seam of a full turn
-        if before is not None:
-            seen = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGR2GRAY), np.float32)
-            weight = np.asarray(weight * agreement(seen - before[:, columns].astype(np.float32)), np.float32)
-        self.colour[:, columns] += warped * weight[..., None]
-        self.weight[:, columns] += weight
+        for here, there in self._parts(start, stop):
+            own, part = weight[:, there], warped[:, there]
+            if before is not None:
+                seen = np.asarray(cv2.cvtColor(part, cv2.COLOR_BGR2GRAY), np.float32)
+                own = own * agreement(seen - before[:, here].astype(np.float32))
+            self.colour[:, here] += part * own[..., None]
+            self.weight[:, here] += own
+
+    def _parts(self, start: int, stop: int) -> list[tuple[slice, slice]]:
+        """The canvas's columns of a strip that begins and ends there, and the strip's: in two where it lies across the
+        seam of a full turn."""
+        width = self.weight.shape[1]
+        turned = start // width * width
+        first, end = start - turned, stop - turned
+        parts = [(slice(first, min(end, width)), slice(0, width - first))]
+        return parts if end <= width else [*parts, (slice(0, end - width), slice(width - first, None))]
 
     def finish(self) -> tuple[Image, Mask]:
         valid = self.weight > 1e-3
