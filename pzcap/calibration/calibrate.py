@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pzcap.calibration import photometric_bundle_adjustment, reference_camera, stitching
-from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust
-from pzcap.calibration.correspondences import Matched, enough, height_of, match
+from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust, enough
+from pzcap.calibration.correspondences import Matched, height_of, match
 from pzcap.calibration.focal_from_sweep import camera_of_sweep, levelled
 from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.propagation import propagated
@@ -140,18 +140,18 @@ def _start(matched: Matched, config: PanZoomConfig) -> tuple[CalibrationParamete
     if same or worse.residual_px > BELIEF.clearly_worse * better.residual_px:
         return better.parameters, 0.0
     few = replace(config, sweep=replace(config.sweep, pixels=config.sweep.pixels // BELIEF.deciding))
-    fits = [
-        (_fit(replace(matched, links=some), each.parameters, few, no_report).fitted, each.parameters)
-        for each in (one, other)
-    ]
-    (best, start), (worst, other_start) = sorted(fits, key=lambda fit: fit[0].sigma)
+    fits = [_fit(replace(matched, links=some), each.parameters, few, no_report).fitted for each in (one, other)]
+    best, worst = sorted(fits, key=lambda fit: fit.sigma)
+    found, other_found = (_without_departures(fit.parameters, matched.start) for fit in (best, worst))
+    apart = abs(float(other_found.log_focal[0] - found.log_focal[0]))
+    if apart < BELIEF.same_focal:
+        return found, 0.0
     usual, other_usual = (
-        abs(each.parameters.offset[0]) < BELIEF.unusual * matched.sigmas.offset for each in (best, worst)
-    )
+        abs(each.offset[0]) < BELIEF.unusual * matched.sigmas.offset for each in (found, other_found)
+    )  # fmt: skip
     if worst.sigma < BELIEF.doubtful * best.sigma and usual != other_usual:
-        return (start if usual else other_start), 0.0
-    apart = abs(float(worst.parameters.log_focal[0] - best.parameters.log_focal[0]))
-    return start, apart if worst.sigma < BELIEF.clearly_worse * best.sigma else 0.0
+        return (found if usual else other_found), 0.0
+    return found, apart if worst.sigma < BELIEF.clearly_worse * best.sigma else 0.0
 
 
 class _Fit(NamedTuple):
@@ -193,11 +193,10 @@ def _fit_grey_values(
         view = model.view(number)
         lens = view.focal_px, float(view.principal_px[0])
         kept[number] = stored(image * (flat * np.float32(gain)), lens, config.sweep.smoothing)
-    pairs = dict.fromkeys((link.first, link.second) for link in matched.links)
+    most = PHOTOMETRIC.steps_on_some + PHOTOMETRIC.steps
     return photometric_bundle_adjustment.adjust(
-        _with_departures(model), kept, list(pairs), matched.sigmas, prior=_with_departures(matched.start),
-        pixels=config.sweep.pixels, smoothing=config.sweep.smoothing,
-        report=lambda done: report("adjust grey values", done, PHOTOMETRIC.steps_on_some + PHOTOMETRIC.steps),
+        _with_departures(model), kept, matched.links, matched.sigmas, prior=_with_departures(matched.start),
+        config=config.sweep, report=lambda done: report("adjust grey values", done, most),
     )  # fmt: skip
 
 
@@ -226,6 +225,11 @@ def _rotated(hall: InverseDepthMap, origin_rad: float, height_m: float) -> Inver
 def _with_departures(model: CalibrationParameters) -> CalibrationParameters:
     """Add departures at all nodes of the hall, 0 as yet: features are too few to estimate them."""
     return replace(model, surroundings=replace(model.surroundings, departures=np.zeros((HALL.slopes, HALL.azimuths))))
+
+
+def _without_departures(model: CalibrationParameters, start: CalibrationParameters) -> CalibrationParameters:
+    """The same with as many departures as a ``start`` has, all of them 0."""
+    return replace(model, surroundings=replace(model.surroundings, departures=start.surroundings.departures))
 
 
 def _sweep_inliers(adjusted: Adjusted, links: Sequence[Link], count: int) -> NDArray[np.int64]:

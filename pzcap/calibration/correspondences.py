@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pzcap.calibration.bundle_adjustment import Link, adjust
+from pzcap.calibration.bundle_adjustment import Link, adjust, enough
 from pzcap.calibration.features import Features
 from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters, Sigmas
 from pzcap.calibration.settings import PanZoomConfig
@@ -82,11 +82,6 @@ def match(
     others = [grey(image) for image in [reference_image, *zoomed]]
     sigmas = sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
     return Matched(chained, others, [number for number, _ in chosen], sweep_links, links, start, sigmas)
-
-
-def enough(links: Sequence[Link]) -> list[Link]:
-    """A fifth of the matches: enough for first values."""
-    return [link.subset(slice(None, None, 5)) for link in links]
 
 
 def first_values(view: View, pan_rad: Array) -> CalibrationParameters:

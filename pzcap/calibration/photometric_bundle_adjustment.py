@@ -16,7 +16,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.calibration.bundle_adjustment import SIDES, add_link, add_nodes, new_link_sums, new_transfer, transfer
+from pzcap.calibration.bundle_adjustment import (
+    SIDES,
+    SOME_MATCHES,
+    Link,
+    add_link,
+    add_nodes,
+    enough,
+    matches_of,
+    new_link_sums,
+    new_transfer,
+    normal_equations,
+    transfer,
+)
 from pzcap.calibration.parameters import (
     CalibrationParameters,
     Sigmas,
@@ -26,6 +38,7 @@ from pzcap.calibration.parameters import (
     to_vector,
     view_jacobians,
 )
+from pzcap.calibration.sweep import SweepConfig
 from pzcap.calibration.tuning import PHOTOMETRIC
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import VIEW
@@ -101,20 +114,28 @@ def _edges(image: Stored | Float32, most: int, border: int) -> NDArray[np.int16]
 
 
 def adjust(
-    start: CalibrationParameters, frames: Stored, pairs: Sequence[tuple[int, int]], sigmas: Sigmas, *,
-    prior: CalibrationParameters, pixels: int, smoothing: float, report: Callable[[int], None],
+    start: CalibrationParameters, frames: Stored, links: Sequence[Link], sigmas: Sigmas, *,
+    prior: CalibrationParameters, config: SweepConfig, report: Callable[[int], None],
 ) -> Fitted:  # fmt: skip
-    """Fit the parameters, from a ``start`` right to about a pixel, to the grey values of ``pairs`` of ``frames``
-    (F, H, W), smoothed by ``smoothing`` square pixels, in at most ``pixels`` of each pair, first in some."""
+    """Fit the parameters, from a ``start`` right to about a pixel, to the grey values of ``frames`` (F, H, W) that
+    ``links`` are between, and to some of their matches, in at most ``config.pixels`` of each pair, first in some.
+
+    Matches are worse than grey values, but not misled by what these are: light that is modelled a little wrong drives
+    focal length, projection centre and walls, which make up for each other, slowly away together.
+    """
     # the images know inverse distance times offset: walls held to their prior would push the projection centre away
     loose = replace(sigmas, walls=3.0, unevenness=1.0, departures=0.1, roughness=0.05)
     believed, mean = information(start, loose), to_vector(prior)
+    pixels, smoothing = config.pixels, config.smoothing
     edges = [_edges(frame, pixels, _border_px(smoothing)) for frame in frames]
+    pairs = dict.fromkeys((link.first, link.second) for link in links)
     overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, pair, pixels, smoothing)) is not None]
     held, done = int(start.pan_of[0]), 0
+    some_matches = matches_of(enough(links))
+    length = np.empty(len(some_matches.pixels))
 
     def solved(
-        start: CalibrationParameters, compared: _Pixels, schedule: Schedule, settled_rad: float
+        start: CalibrationParameters, compared: _Pixels, every: int, schedule: Schedule, settled_rad: float
     ) -> Solution[CalibrationParameters]:
         def linearise(state: CalibrationParameters, scale: float) -> NormalEquations:
             nonlocal done
@@ -125,19 +146,23 @@ def adjust(
             done += 1
             report(done)
             sigma = normal_sigma(compared.residual[np.isfinite(compared.residual)])
-            return NormalEquations(normal, gradient, sigma, cost)
+            matched = normal_equations(state, some_matches, PHOTOMETRIC.match_scale_px, length)
+            # few of each stand for all: with so many pixels so many matches
+            share = (sigma / matched.sigma) ** 2 * (SOME_MATCHES / every)
+            return NormalEquations(normal + share * matched.normal, gradient + share * matched.gradient, sigma, cost)
 
         return minimise(
             start, linearise, retract, lambda step: np.abs(step[: len(start.pan_rad)]).max() < settled_rad, schedule,
-            prior=Prior(believed, lambda state: to_vector(state) - mean, PHOTOMETRIC.alike), held=held,
+            prior=Prior(believed, lambda state: to_vector(state) - mean, PHOTOMETRIC.alike / every), held=held,
         )  # fmt: skip
 
     few = _compared(overlaps, PHOTOMETRIC.some)
-    near = solved(start, few, Schedule(PHOTOMETRIC.steps_on_some, 30.0, least_steps=3), PHOTOMETRIC.settled_on_some_rad)
+    schedule = Schedule(PHOTOMETRIC.steps_on_some, 30.0, least_steps=3)
+    near = solved(start, few, PHOTOMETRIC.some, schedule, PHOTOMETRIC.settled_on_some_rad)
     compared = _compared(overlaps)
     compared.gains[:] = few.gains
     state, normal, sigma, _, ended = solved(
-        near.state, compared, Schedule(PHOTOMETRIC.steps, near.scale, least_steps=2), PHOTOMETRIC.settled_rad
+        near.state, compared, 1, Schedule(PHOTOMETRIC.steps, near.scale, least_steps=2), PHOTOMETRIC.settled_rad
     )
     # of pixels that err independently, the squared distances have the mean 4 sigma^2
     covariance = np.linalg.inv(normal) * (PHOTOMETRIC.doubt * float(compared.beside.mean()) / 4.0)

@@ -176,7 +176,9 @@ class PhotometricTuning(NamedTuple):
     """Gauss-Newton steps on these, at most."""
     settled_on_some_rad: float = 1e-5
     """Largest change of a pan that ends these."""
-    alike: float = 10.0
+    match_scale_px: float = 1.0
+    """Scale of the robust weight of matches of features."""
+    alike: float = 40.0
     """Pixels that tell as much against a belief as one independent one would: what is left over is no noise but the
     same in neighbouring ones, and in all overlaps of a frame."""
     doubt: float = 16.0
