@@ -25,7 +25,8 @@ from experiments.config import AppConfig
 from experiments.progress import Bars
 from pzcap.io.capture import frame_sets
 from pzcap.io.files import written_whole
-from pzcap.io.video import VideoReader, frames_to_timecode, timecode_to_frames
+from pzcap.io.timecode import frames_to_timecode, timecode_to_frames
+from pzcap.io.video import VideoReader
 from pzcap.pipeline import reconstruct
 from pzcap.types import Array, CameraFiles, Capture, PzcapError, Reconstruction
 from sim.capture_writer import write_video
