@@ -3,7 +3,7 @@
 The spine, in reading order; everything else is a leaf that one may skip:
 
     types                                              conventions, the skeleton, every record that crosses a stage
-    pipeline                                           the stages, and the one loop over the frames
+    pipeline, views                                    the stages, and the one loop over the frames
     geometry.lens, geometry.camera                     from a direction to a pixel
     solver.robust, solver.gauss_newton                 how everything here is fitted
     calibration.parameters, .bundle_adjustment, .photometric_bundle_adjustment, .stitching, .calibrate

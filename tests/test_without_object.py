@@ -12,10 +12,11 @@ from pzcap.body import skeleton
 from pzcap.body.kinematics import forward
 from pzcap.camera_set import what_is_lacking
 from pzcap.initialisation.body_height import height_of, height_of_moved
+from pzcap.initialisation.limb_lengths import scale_by_limbs
 from pzcap.io.capture import read_capture
 from pzcap.tracking.keypoint_residuals import in_world
 from pzcap.types import SEGMENTS, Array, PanZoomCamera, Pose, PzcapError, Subject
-from pzcap.without_object import Placed, in_metres, of_open_size, scale_by_limbs
+from pzcap.without_object import Placed, in_metres, of_open_size
 from tests.scenes.fabricated import reconstruction
 
 _STATURE = Subject({"stature": 1.70}, 0.005)
