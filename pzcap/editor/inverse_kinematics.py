@@ -317,3 +317,8 @@ def _compare(
             slope = pixel_gradient(across, down, depth, camera, 1.0 - axis, float(axis))
             for k in range(3):
                 slopes[n, axis, k] = slope[k] / sigma
+
+
+def handle_name(handle: int) -> str:
+    """A handle as a person calls it."""
+    return HANDLES[handle].replace("_", " ")
