@@ -15,11 +15,10 @@ from pzcap.body.skeleton import Body
 from pzcap.editor.footage import Footage
 from pzcap.editor.history import FrameEdit, History
 from pzcap.editor.inverse_kinematics import Problem, loose, standing
+from pzcap.editor.tuning import EDITS
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.types import Array, Capture, Motion, Pose, PzcapError, Reconstruction
 
-_LEAST_M: Final = 1e-3  # standard deviation of a tracked joint
-_COPY_REACH: Final = 90  # frames; a pose from further away tells nothing
 ORIGINS: Final = {
     "keyframe": "a keyframe that was there", "tracker": "as tracked", "between": "between two keyframes",
     "copied": "copied from the nearest keyframe", "standing": "standing",
@@ -97,7 +96,7 @@ class Edits:
                 start = self._posed(before)
                 return retract(start, share * difference(self._posed(after), start))
             case "copied":
-                near = [key for key in self._around(frame) if key is not None and abs(key - frame) <= _COPY_REACH]
+                near = [key for key in self._around(frame) if key is not None and abs(key - frame) <= EDITS.copy_reach]
                 return self._posed(min(near, key=lambda key: abs(key - frame))) if near else None
             case _:
                 return standing(self.footage.cameras(frame))
@@ -130,7 +129,7 @@ class Edits:
     def _covariance(self, frame: int, problem: Problem, edit: FrameEdit, pose: Pose) -> Array:
         before = loose(edit.origin)
         if edit.origin == "tracker" and self.motion.valid[frame]:
-            before = problem.information(self._tracked(frame), np.maximum(self.motion.sigma_m[frame], _LEAST_M))
+            before = problem.information(self._tracked(frame), np.maximum(self.motion.sigma_m[frame], EDITS.least_m))
         return problem.covariance(pose, edit.clicks, before)
 
     def known(self, frame: int) -> Array | None:

@@ -21,6 +21,7 @@ from pzcap.editor.history import FrameEdit, History
 from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Problem, handle_name, is_ready
 from pzcap.editor.keyframe_file import KeyframeFile, same_pose
 from pzcap.editor.motion_file import MotionFile, digest_of
+from pzcap.editor.tuning import WORKSPACE
 from pzcap.io.capture import read_capture
 from pzcap.types import Capture, Keyframe, Pose, PzcapError, Reconstruction
 
@@ -29,8 +30,6 @@ FOLDER: Final = "editing"
 _HISTORY: Final = "history.jsonl"
 _LOCK: Final = "lock"
 _MOTION: Final = "motion.npz"
-_DRAG_STEPS: Final = 6
-_RESOLVE_REACH: Final = 100  # frames beyond the last keyframe
 _LIMBS: Final = {"arms": ("elbow", "wrist", "fingertip"), "legs": ("knee", "ankle", "toe", "heel")}
 
 
@@ -74,7 +73,7 @@ class Workspace(Edits):
         """The body as it follows a handle; nothing is changed yet. ``before`` is what the same drag gave last."""
         edit, problem, start = self._held(frame, click, before)
         clicks = edit.clicked(click).clicks
-        return Dragged(frame, click, problem.solve(start, clicks, _DRAG_STEPS).pose, clicks)
+        return Dragged(frame, click, problem.solve(start, clicks, WORKSPACE.drag_steps).pose, clicks)
 
     def drop(self, frame: int, click: Click, dragged: Dragged | None) -> None:
         """Take a handle's place in a view as observed, and fit the pose to all that was."""
@@ -241,7 +240,7 @@ class Workspace(Edits):
         """Track the interval around a frame anew from its keyframes; what has changed by it."""
         with self.lock:
             keys = self.keys()
-            frames = resolve.interval(keys, frame, len(self.sets), _RESOLVE_REACH)
+            frames = resolve.interval(keys, frame, len(self.sets), WORKSPACE.resolve_reach)
             posed = [Keyframe(key, self._posed(key), self.known(key)) for key in keys if key in frames]
         new = resolve.tracked_anew(self.footage, self.body, posed, frames, report, cancelled)
         with self.lock:

@@ -6,25 +6,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import cv2
 import numpy as np
 
 from pzcap.command.check.findings import Finding, Level, graded
+from pzcap.command.check.tuning import SWEEP
 from pzcap.command.check.views import View, overlap, relate, small, step, view
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image
-
-KEY_DEG: Final = 7.0
-"""Degrees between the views that are kept."""
-THUMBNAIL: Final = 160
-_USUAL_FIELD: Final = 1.2
-"""Focal length over width, where no reference image tells it."""
-_BACK_DEG: Final = 30.0
-"""Turning back that no sweep is found from; of 10 degrees, and a stop, one is as good as any."""
-_UNSURE: Final = 0.03
-"""Response of the phase correlation, below which a step is not known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +36,7 @@ class Sweep:
 
 def check_sweep(camera: str, path: Path, focal: float | None, full_turn: bool) -> tuple[Sweep, list[Finding]]:
     """The sweep of a camera, and what there is to say about it. ``focal``: over the width, of the reference image."""
-    reader, used = VideoReader(path), focal or _USUAL_FIELD
+    reader, used = VideoReader(path), focal or SWEEP.usual_field
     steps, small_before = [], None
     keys: list[View] = []
     angles, key_angles, thumbnails, last_key, gains = [0.0], [], [], np.inf, []
@@ -58,7 +48,7 @@ def check_sweep(camera: str, path: Path, focal: float | None, full_turn: bool) -
             angles.append(angles[-1] + float(np.arctan(across / used)))
             one, other = overlap(small_before, here, across)
             gains.append(float(np.log(max(other.mean(), 1.0) / max(one.mean(), 1.0))) if one.size else 0.0)
-        if abs(angles[-1] - last_key) > np.deg2rad(KEY_DEG) or not keys:
+        if abs(angles[-1] - last_key) > np.deg2rad(SWEEP.key_deg) or not keys:
             keys.append(view(image))
             key_angles.append(angles[-1])
             thumbnails.append(_thumbnail(image))
@@ -79,7 +69,7 @@ def _motion(sweep: Sweep, moves: Array, rate: float) -> Iterator[tuple[Level, st
         return
     across, down, sure = moves.T
     turned = np.diff(sweep.angles_rad)
-    lost = float(np.mean(sure < _UNSURE))
+    lost = float(np.mean(sure < SWEEP.unsure))
     shared = 1.0 - float(np.percentile(np.abs(across), 95))
     speed = np.rad2deg(float(np.median(np.abs(turned)))) * rate
     yield (
@@ -95,7 +85,7 @@ def _motion(sweep: Sweep, moves: Array, rate: float) -> Iterator[tuple[Level, st
     back = float(np.sum(np.abs(turned[turned * way < 0]))) if way else 0.0
     if back > np.deg2rad(5.0):
         text = f"turns back by {np.rad2deg(back):.0f} degrees; turn the head one way throughout"
-        yield graded(np.rad2deg(back), 5.0, _BACK_DEG), text
+        yield graded(np.rad2deg(back), 5.0, SWEEP.back_deg), text
     rise = float(np.abs(np.cumsum(down)).max()) / sweep.focal
     if np.rad2deg(rise) > 3.0:
         yield Level.WARN, f"rises or falls by {np.rad2deg(rise):.1f} degrees; lock the tilt, level the pan axis"
@@ -146,5 +136,5 @@ def _round(sweep: Sweep, full_turn: bool) -> Iterator[tuple[Level, str]]:
 
 
 def _thumbnail(image: Image) -> Image:
-    height = round(THUMBNAIL * image.shape[0] / image.shape[1])
-    return np.asarray(cv2.resize(image, (THUMBNAIL, height), interpolation=cv2.INTER_AREA), np.uint8)
+    height = round(SWEEP.thumbnail * image.shape[0] / image.shape[1])
+    return np.asarray(cv2.resize(image, (SWEEP.thumbnail, height), interpolation=cv2.INTER_AREA), np.uint8)
