@@ -11,7 +11,6 @@ OpenCV keep to one each. What Numba compiles is compiled before the clock starts
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
@@ -29,7 +28,7 @@ from rich.text import Text
 from experiments.errors import guard
 from experiments.metrics import machine
 from experiments.progress import Bars
-from experiments.terminal import table, terminal
+from experiments.terminal import command_line, table, terminal
 from pzcap import pipeline
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
@@ -209,7 +208,7 @@ def _ready(capture: Capture, folder: Path, method: str) -> list[CalibratedCamera
 
 
 def _job() -> None:
-    parser = argparse.ArgumentParser(prog="python -m experiments.bench", description="Where the time goes.")
+    parser = command_line("bench", __doc__)
     parser.add_argument("capture", type=Path, help="a capture folder, docs/capture.md")
     parser.add_argument("--reconstruction", type=Path, help="one of it, that a run left: do not calibrate")
     given = parser.parse_args()

@@ -7,7 +7,6 @@ CAPTURE has truth/ beside it, whence the plan of the hall is drawn; 640 x 480 is
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,6 +20,7 @@ from matplotlib.figure import Figure
 from experiments.errors import guard
 from experiments.footage import capture_in, truth_beside
 from experiments.report.plots import STYLE
+from experiments.terminal import command_line
 from pzcap.command.check.reference_check import check_reference
 from pzcap.io.capture import frame_sets, read_capture, read_image
 from pzcap.io.video import VideoReader
@@ -114,7 +114,7 @@ def _plan(capture: Capture, truth: Truth, path: Path) -> Path:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.guide_pictures", description=__doc__)
+    parser = command_line("guide_pictures", __doc__)
     parser.add_argument("capture", type=Path)
     parser.add_argument("folder", type=Path)
     given = parser.parse_args(arguments)
