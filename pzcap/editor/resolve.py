@@ -12,7 +12,7 @@ import numpy as np
 
 from pzcap import pipeline
 from pzcap.body.skeleton import Body
-from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.camera_set import calibrated_of
 from pzcap.editor.footage import Footage
 from pzcap.events import BodyTracked, FrameLocalised, Progress
 from pzcap.io.capture import FrameSets
@@ -78,12 +78,7 @@ def tracked_anew(
 ) -> Motion:  # fmt: skip
     """The motion of ``frames``, tracked from the ``keyframes`` among them. PzcapError where there are none, or it was
     ``cancelled``."""
-    config, found = pipeline.Config(), footage.found
-    parts = zip(found.references, found.panoramas, found.cameras, strict=True)
-    calibrated = [
-        None if reference is None or panorama is None or head is None else CalibratedCamera(reference, panorama, head)
-        for reference, panorama, head in parts
-    ]
+    config, calibrated = pipeline.Config(), calibrated_of(footage.found)
     own = [key for key in keyframes if key.frame in frames]
     tracker = Tracker(body, own, replace(config.tracking, longest_lead=len(frames)))
 

@@ -194,7 +194,7 @@ def log_reference(
     image: Image,
     reference: ReferenceCamera | None,
     capture: Capture,
-    jpeg_quality: int = 75,
+    jpeg_quality: int,
 ) -> None:
     """The image of the calibration object, its corners as detected and as projected, its wireframe (Fig. 8)."""
     rec.log(f"{path}/image", encoded(image, jpeg_quality), static=True)
@@ -213,7 +213,7 @@ def log_reference(
         rec.log(f"{path}/wireframe", rr.LineStrips2D(strips, colors=(80, 120, 255), radii=0.8), static=True)
 
 
-def log_panorama(rec: rr.RecordingStream, path: str, panorama: Panorama, jpeg_quality: int = 75) -> None:
+def log_panorama(rec: rr.RecordingStream, path: str, panorama: Panorama, jpeg_quality: int) -> None:
     """The panorama, where each frame of the sweep looked, and where the reference pose looks."""
     shown = centred(panorama)
     image = np.where(shown.valid[..., None], shown.image, np.uint8(0))
@@ -256,7 +256,7 @@ def log_keypoints(rec: rr.RecordingStream, name: str, people: Array) -> None:
     rec.log(path, points if len(found) else rr.Clear(recursive=False))
 
 
-def log_silhouette(rec: rr.RecordingStream, name: str, silhouette: Silhouette | None, jpeg_quality: int = 75) -> None:
+def log_silhouette(rec: rr.RecordingStream, name: str, silhouette: Silhouette | None, jpeg_quality: int) -> None:
     """The outline over the view; the warped panorama and the probability as pictures of half the size."""
     part = path_part(name)
     path, pictures = f"{view_path('/world', name)}/outline", f"/foreground/{part}"

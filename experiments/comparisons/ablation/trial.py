@@ -20,7 +20,7 @@ from experiments.config import CONVERTER
 from experiments.score import body_errors, frames_of
 from pzcap import pipeline
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.camera_set import calibrated_of
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.extras.cpu_clock import cpu_clock
 from pzcap.io.capture import FrameSets, frame_sets
@@ -144,13 +144,7 @@ class _Stages:
 
     def __init__(self, material: Material, variant: Variant, config: pipeline.Config, pool: ThreadPoolExecutor) -> None:
         self._material, self._variant, self._config, self._pool = material, variant, config, pool
-        found = material.found
-        parts = zip(found.references, found.panoramas, found.cameras, strict=True)
-        self._cameras = [
-            None if reference is None or panorama is None or head is None
-            else CalibratedCamera(reference, panorama, head)
-            for reference, panorama, head in parts
-        ]  # fmt: skip
+        self._cameras = calibrated_of(material.found)
 
     def localise(self, frames: FrameSet, tracker: Expecting | None) -> FrameLocalised:
         """The views where they were found, shaken where the variant says so."""

@@ -113,13 +113,6 @@ def mirrored(image: Image) -> Image:
     return np.ascontiguousarray(image[:, ::-1])
 
 
-def sharpness_across(picture: Image) -> float:
-    """Energy of the slopes across over that of the slopes down: blur by panning takes away the former alone."""
-    values = picture.astype(np.float32)
-    across, down = np.diff(values, axis=1), np.diff(values, axis=0)
-    return float(np.mean(across * across) / max(float(np.mean(down * down)), 1e-6))
-
-
 def overlap(first: Image, second: Image, across: float) -> tuple[Array, Array]:
     """Parts that two small pictures share, where the second has moved by ``across`` widths."""
     width = first.shape[1]
