@@ -23,8 +23,8 @@ import numpy as np
 from omegaconf import OmegaConf
 from rich.console import Console
 
+from experiments.comparisons.fixed_tools import LIMBS
 from experiments.comparisons.harness import (
-    LIMBS,
     Column,
     Comparison,
     Report,

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import matplotlib as mpl
 import numpy as np
@@ -155,12 +155,6 @@ def scored_capture(config: AppConfig, report: Report) -> tuple[Capture, Truth]:
 
 # --------------------------------------------------------------------------------------------------------------
 # What comparisons of the body share
-
-
-LIMBS: Final = tuple(
-    f"{side}_{name}" for side in ("left", "right") for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-)
-"""Joints that are keypoints as well."""
 
 
 def body(reconstruction: Reconstruction, truth: Truth) -> dict[str, float | None]:

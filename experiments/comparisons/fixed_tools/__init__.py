@@ -22,7 +22,7 @@ import numpy as np
 from rich.console import Console
 
 from experiments.comparisons.fixed_tools.clients import HERE, installed, run
-from experiments.comparisons.harness import LIMBS, Column, Comparison, Row, scored_with_keypoints, without_keypoints
+from experiments.comparisons.harness import Column, Comparison, Row, scored_with_keypoints, without_keypoints
 from experiments.comparisons.triangulation import triangulate
 from experiments.config import AppConfig
 from experiments.progress import Bars
@@ -33,6 +33,10 @@ from pzcap.pipeline import reconstruct
 from pzcap.scoring.records import by_timecode
 from pzcap.types import JOINTS, Array, Mask, PzcapError
 
+LIMBS: Final = tuple(
+    f"{side}_{name}" for side in ("left", "right") for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+)
+"""Joints that are keypoints as well."""
 _MISSING: Final = "not installed: make test-clients"
 
 

@@ -13,8 +13,7 @@ import pytest
 from rich.console import Console
 
 from experiments.comparisons import fixed_tools
-from experiments.comparisons.fixed_tools import clients, read_pose2sim
-from experiments.comparisons.harness import LIMBS
+from experiments.comparisons.fixed_tools import LIMBS, clients, read_pose2sim
 from experiments.config import AppConfig
 from pzcap.types import JOINTS, PzcapError
 from tests.scenes import exported
