@@ -103,35 +103,34 @@ class Transfer(NamedTuple):
     by_near: Array  # (2,) and by the inverse distance there
     nodes: NDArray[np.int64]  # (NODES,) of which that is made (`cylinder.near_at`)
     shares: Array  # (NODES,)
+    here: Array  # (2, SEEN) scratch, as the next ones: memory that a kernel asks for by the pixel costs half its time
+    there: Array  # (2, SEEN)
+    by_centre: Array  # (2, 2, 3) parallax by inverse distance times centre: back from the first view, on to the second
 
 
 @njit(cache=True, nogil=True)
 def new_transfer() -> Transfer:
-    return Transfer(np.empty(2), np.empty((2, SIDES)), np.empty(2), np.zeros(NODES, np.int64), np.zeros(NODES))
+    pixel, by_views, by_near = np.empty(2), np.empty((2, SIDES)), np.empty(2)
+    nodes, shares, by_centre = np.zeros(NODES, np.int64), np.zeros(NODES), np.zeros((2, 2, 3))
+    return Transfer(pixel, by_views, by_near, nodes, shares, np.empty((2, SEEN)), np.empty((2, SEEN)), by_centre)
 
 
 @njit(cache=True, nogil=True)
 def transfer(first: Array, second: Array, u: float, v: float, hall: Hall, out: Transfer) -> None:
     """Project what the ``first`` view shows at (u, v) into the ``second``, with derivatives, but for how the parallax
     itself turns with the view: some thousandths."""
-    pixel, by_views, by_near, nodes, shares = out
+    pixel, by_views, by_near, nodes, shares, here, there, by_centre = out
     azimuth, slope = pixel_to_direction_kernel(first, u, v)
-    here, there = np.empty((2, SEEN)), np.empty((2, SEEN))
     direction_to_pixel_with_derivatives(first, azimuth, slope, here)
-    # parallax of (azimuth, slope) by inverse distance times centre: back from the first, on to the second
-    by_centre, parallax = np.zeros((2, 2, 3)), np.zeros(2)
-    near = 0.0
+    near, moved, lifted = 0.0, 0.0, 0.0  # parallax of azimuth and slope
     if len(hall[1]):
         near = near_at(hall, azimuth, slope, nodes, shares)
-        for side, view, sign in ((0, first, -1.0), (1, second, 1.0)):
-            sin_a, cos_a = np.sin(azimuth - view[0]), np.cos(azimuth - view[0])
-            by_centre[side, 0, 0], by_centre[side, 0, 1] = sign * sin_a, -sign * cos_a
-            by_centre[side, 1, 0], by_centre[side, 1, 1] = sign * slope * cos_a, sign * slope * sin_a
-            by_centre[side, 1, 2] = -sign
-            for k in range(2):
-                for axis in range(3):
-                    parallax[k] += by_centre[side, k, axis] * view[CENTRE + axis]
-    direction_to_pixel_with_derivatives(second, azimuth + near * parallax[0], slope + near * parallax[1], there)
+        back, on = (
+            _by_centre(first, azimuth, slope, -1.0, by_centre[0]),
+            _by_centre(second, azimuth, slope, 1.0, by_centre[1]),
+        )
+        moved, lifted = back[0] + on[0], back[1] + on[1]
+    direction_to_pixel_with_derivatives(second, azimuth + near * moved, slope + near * lifted, there)
     # the pixel in the first frame stays: its direction moves against what the parameters do to it
     determinant = here[0, 8] * here[1, 9] - here[0, 9] * here[1, 8]
     for row in range(2):
@@ -148,7 +147,17 @@ def transfer(first: Array, second: Array, u: float, v: float, hall: Hall, out: T
             for axis in range(3):
                 along = there[row, 8] * by_centre[side, 0, axis] + there[row, 9] * by_centre[side, 1, axis]
                 by_views[row, side * VIEW + CENTRE + axis] = near * along
-        by_near[row] = there[row, 8] * parallax[0] + there[row, 9] * parallax[1]
+        by_near[row] = there[row, 8] * moved + there[row, 9] * lifted
+
+
+@njit(cache=True, nogil=True)
+def _by_centre(view: Array, azimuth: float, slope: float, sign: float, out: Array) -> tuple[float, float]:
+    """Parallax of a direction from the pan axis to the projection centre, by inverse distance; ``out`` (2, 3) takes
+    what it is by the centre."""
+    sin_a, cos_a = sign * np.sin(azimuth - view[0]), sign * np.cos(azimuth - view[0])
+    out[0, 0], out[0, 1], out[1, 0], out[1, 1], out[1, 2] = sin_a, -cos_a, slope * cos_a, slope * sin_a, -sign
+    forward, left, up = view[CENTRE], view[CENTRE + 1], view[CENTRE + 2]
+    return sin_a * forward - cos_a * left, slope * (cos_a * forward + sin_a * left) - sign * up
 
 
 class Matches(NamedTuple):
@@ -176,23 +185,50 @@ def normal_equations(state: CalibrationParameters, matches: Matches, scale: floa
     return NormalEquations(normal, gradient, max(float(np.median(length)) / 1.1774, BUNDLE.least_sigma_px), cost)
 
 
+class LinkSums(NamedTuple):
+    """Normal equations of one link, by both views with their lens (S = SIDES) and by the nodes of the hall that it
+    touches, numbered as they come."""
+
+    views: Array  # (S, S)
+    by_views: Array  # (S,) gradient
+    cross: Array  # (K, S) nodes by views
+    nodes: Array  # (K, K)
+    by_nodes: Array  # (K,) gradient
+    number: NDArray[np.int64]  # (K,) of each node of the hall; -1 where it is not touched
+    used: NDArray[np.int64]  # (K,) the node that has a number
+
+
 @njit(cache=True, nogil=True)
-def hall_nodes(
-    first: Array, points: Array | NDArray[np.int16], hall: Hall, number: NDArray[np.int64], used: NDArray[np.int64]
+def new_link_sums(hall: Hall) -> LinkSums:
+    """Sums for any link, for `restart`."""
+    most = hall[1].size + hall[2].size
+    number, used = np.full(most, -1), np.empty(most, np.int64)
+    sums = np.empty((SIDES, SIDES)), np.empty(SIDES), np.empty((most, SIDES)), np.empty((most, most)), np.empty(most)
+    return LinkSums(*sums, number, used)
+
+
+@njit(cache=True, nogil=True)
+def add_nodes(
+    sums: LinkSums, count: int, seen: Transfer, along: Array, weight: float, pull: float, touched: NDArray[np.int64]
 ) -> int:
-    """Number the nodes of the inverse distance that the points (N, 2) of a frame touch, and count them: ``used``
-    (A + R A,) takes their indices, ``number`` (A + R A,) the inverse of that, a node's number or -1."""
-    count = 0
-    number[:] = -1
-    nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
-    for n in range(len(points) if len(hall[1]) else 0):
-        azimuth, slope = pixel_to_direction_kernel(first, points[n, 0], points[n, 1])
-        near_at(hall, azimuth, slope, nodes, shares)
-        for node in nodes:
-            if number[node] < 0:
-                number[node] = count
-                used[count] = node
-                count += 1
+    """Add the part of a pixel's residuals that depends on the nodes of the hall; how many are touched by then, of
+    which ``count`` were before. By inverse distance, ``along`` (S,) is the normal matrix's row of both views,
+    ``weight`` its diagonal and ``pull`` the gradient; ``touched`` (NODES,) takes the numbers of the pixel's nodes."""
+    _, _, cross, nodes, by_nodes, number, used = sums
+    for k in range(NODES):
+        node = seen.nodes[k]
+        if number[node] < 0:
+            number[node], used[count] = count, node
+            cross[count, :], nodes[count, : count + 1], nodes[:count, count], by_nodes[count] = 0.0, 0.0, 0.0, 0.0
+            count += 1
+        touched[k] = number[node]
+    for k in range(NODES):
+        i, share = touched[k], seen.shares[k]
+        by_nodes[i] += share * pull
+        for j in range(SIDES):
+            cross[i, j] += share * along[j]
+        for other in range(NODES):
+            nodes[i, touched[other]] += share * weight * seen.shares[other]
     return count
 
 
@@ -202,57 +238,59 @@ def _accumulate(
 ) -> float:
     """Add up normal matrix (U, U), gradient (U,) and cost of all matches, and note their residuals' ``length`` (N,): a
     link's by the views and nodes that they depend on, which `add_link` carries over to the parameters."""
-    seen, cost = new_transfer(), 0.0
-    number, used = np.empty((2, hall[1].size + hall[2].size), np.int64)
-    touched = np.arange(SIDES + NODES if len(hall[1]) else SIDES)
+    seen, cost, sums = new_transfer(), 0.0, new_link_sums(hall)
+    along, touched = np.empty(SIDES), np.empty(NODES, np.int64)
     for link in range(len(matches.ends)):
         first, second = jacobians.views[matches.ends[link, 0]], jacobians.views[matches.ends[link, 1]]
-        pixels = matches.pixels[matches.bounds[link] : matches.bounds[link + 1]]
-        count = hall_nodes(first, pixels, hall, number, used)
-        summed, along, row = np.zeros((SIDES + count, SIDES + count)), np.zeros(SIDES + count), np.zeros(SIDES + count)
+        pixels, count = matches.pixels[matches.bounds[link] : matches.bounds[link + 1]], 0
+        rows, residuals, weights = np.empty((2 * len(pixels), SIDES)), np.empty(2 * len(pixels)), np.empty(len(pixels))
         for n in range(len(pixels)):
             transfer(first, second, pixels[n, 0], pixels[n, 1], hall, seen)
-            residual = seen.pixel - pixels[n, 2:]
-            squared = residual[0] * residual[0] + residual[1] * residual[1]
+            across, down = seen.pixel[0] - pixels[n, 2], seen.pixel[1] - pixels[n, 3]
+            squared = across * across + down * down
             length[matches.bounds[link] + n] = np.sqrt(squared)
             weight = geman_mcclure(np.sqrt(squared), scale)
             cost += weight * squared
-            for k in range(len(touched) - SIDES):
-                touched[SIDES + k] = SIDES + number[seen.nodes[k]]
-            for side in range(2):
-                row[:SIDES] = seen.by_views[side]
-                for k in range(len(touched) - SIDES):
-                    row[touched[SIDES + k]] = seen.shares[k] * seen.by_near[side]
-                for k in range(len(touched)):
-                    i = touched[k]
-                    weighted = weight * row[i]
-                    along[i] += weighted * residual[side]
-                    for j in touched[: k + 1]:  # each pair once: either way round, since nodes come in any order
-                        summed[i, j] += weighted * row[j]
-        summed += summed.T - np.diag(np.diag(summed))
-        add_link(summed, along, jacobians, matches.ends[link], used[:count], normal, gradient)
+            rows[2 * n : 2 * n + 2] = seen.by_views
+            residuals[2 * n], residuals[2 * n + 1], weights[n] = across, down, weight
+            if len(hall[1]):
+                by_u, by_v = weight * seen.by_near[0], weight * seen.by_near[1]
+                for k in range(SIDES):
+                    along[k] = by_u * seen.by_views[0, k] + by_v * seen.by_views[1, k]
+                amount, pull = by_u * seen.by_near[0] + by_v * seen.by_near[1], by_u * across + by_v * down
+                count = add_nodes(sums, count, seen, along, amount, pull, touched)
+        weighted = rows * np.repeat(weights, 2).reshape(-1, 1)
+        sums.views[:], sums.by_views[:] = weighted.T @ rows, weighted.T @ residuals
+        add_link(sums, count, jacobians, matches.ends[link], normal, gradient)
     return cost
 
 
 @njit(cache=True, nogil=True)
 def add_link(
-    summed: Array, along: Array, jacobians: ViewJacobians, ends: NDArray[np.int64], used: NDArray[np.int64],
-    normal: Array, gradient: Array,
-) -> None:  # fmt: skip
-    """Add a link's normal matrix and gradient, by both views and the nodes ``used``, to those of the parameters by the
-    chain rule."""
+    sums: LinkSums, count: int, jacobians: ViewJacobians, ends: NDArray[np.int64], normal: Array, gradient: Array
+) -> None:
+    """Add a link's sums, ``count`` nodes among them, to those of the parameters by the chain rule, and forget which
+    nodes they were."""
     columns, width = jacobians.columns, jacobians.columns.shape[1]
-    own = 2 * width  # columns of both views' own parameters; those of the lens and the hall follow
-    chain = np.zeros((len(along), own + HIGHER + len(used)))
-    into = np.empty(own + HIGHER + len(used), np.int64)
+    own = 2 * width + HIGHER  # columns of both views' own parameters, and of the lens
+    chain, into = np.zeros((SIDES, own)), np.empty(own, np.int64)
     for side in range(2):
         chain[side * VIEW : (side + 1) * VIEW, side * width : (side + 1) * width] = jacobians.by_parameters[ends[side]]
         into[side * width : (side + 1) * width] = columns[ends[side]]
-    chain[2 * VIEW :, own:] = np.eye(HIGHER + len(used))
-    into[own : own + HIGHER] = jacobians.higher + np.arange(HIGHER)
-    into[own + HIGHER :] = columns.max() + 1 + used  # the hall comes after all that a view depends on
-    whole, part = chain.T @ (summed @ chain), chain.T @ along
-    for i in range(len(into)):
+    chain[2 * VIEW :, 2 * width :] = np.eye(HIGHER)
+    into[2 * width :] = jacobians.higher + np.arange(HIGHER)
+    whole, part, cross = chain.T @ (sums.views @ chain), chain.T @ sums.by_views, sums.cross[:count] @ chain
+    for i in range(own):
         gradient[into[i]] += part[i]
-        for j in range(len(into)):
+        for j in range(own):
             normal[into[i], into[j]] += whole[i, j]
+    hall = columns.max() + 1  # it comes after all that a view depends on
+    for k in range(count):
+        row = hall + sums.used[k]
+        gradient[row] += sums.by_nodes[k]
+        for i in range(own):
+            normal[row, into[i]] += cross[k, i]
+            normal[into[i], row] += cross[k, i]
+        for other in range(count):
+            normal[row, hall + sums.used[other]] += sums.nodes[k, other]
+        sums.number[sums.used[k]] = -1

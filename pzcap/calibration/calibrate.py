@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from pzcap.calibration import photometric_bundle_adjustment, reference_camera, stitching
 from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust
-from pzcap.calibration.correspondences import Matched, height_of, match
+from pzcap.calibration.correspondences import Matched, enough, height_of, match
 from pzcap.calibration.focal_from_sweep import camera_of_sweep, levelled
 from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.propagation import propagated
@@ -127,7 +127,7 @@ def _start(matched: Matched, config: PanZoomConfig) -> tuple[CalibrationParamete
     as one before it and walls as they are. From one start it is chance which is found: the other side is tried, too,
     and a part of the grey values decides, which tell the two apart better.
     """
-    some = [link.subset(slice(None, None, 5)) for link in matched.links]  # enough for a start
+    some = enough(matched.links)
     one = adjust(matched.start, some, matched.sigmas, scale_px=4.0, iterations=12)
     beside, nearness = BELIEF.other_side
     opposite = replace(

@@ -144,7 +144,7 @@ def retract(state: CalibrationParameters, step: Array) -> CalibrationParameters:
 class ViewJacobians(NamedTuple):
     """The frames' views, and their derivatives by the parameters, for kernels."""
 
-    views: Array  # (F, VIEW + 3) as `View.vector`
+    views: Array  # (F, VIEW + 7) as `View.vector`
     by_parameters: Array  # (F, VIEW, C) by the C parameters that a view depends on
     columns: NDArray[np.int64]  # (F, C) where these stand in the vector
     higher: int  # where k2, p1 and p2, on which all views depend alike, begin in the vector

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.calibration.bundle_adjustment import SIDES, add_link, hall_nodes, new_transfer, transfer
+from pzcap.calibration.bundle_adjustment import SIDES, add_link, add_nodes, new_link_sums, new_transfer, transfer
 from pzcap.calibration.parameters import (
     CalibrationParameters,
     Sigmas,
@@ -93,7 +93,7 @@ def _edges(image: Stored | Float32, most: int, border: int) -> NDArray[np.int16]
     tile = PHOTOMETRIC.tile_px
     rows, columns = (side // tile for side in strength.shape)
     tiles = strength[: rows * tile, : columns * tile].reshape(rows, tile, columns, tile).swapaxes(1, 2)
-    strongest = min(max(round(20 * most / (rows * columns)), 1), tile**2 - 1)
+    strongest = min(max(round(PHOTOMETRIC.choice * most / (rows * columns)), 1), tile**2 - 1)
     best = np.sort(np.argpartition(-tiles.reshape(rows, columns, tile**2), strongest, axis=2)[:, :, :strongest], axis=2)
     row = np.arange(rows)[:, None, None] * tile + best // tile
     column = np.arange(columns)[None, :, None] * tile + best % tile
@@ -139,6 +139,10 @@ def adjust(
     return Fitted(state, np.asarray(covariance, np.float64), sigma, ended)
 
 
+WIDTH: Final = SIDES + 3
+"""Of a pixel's row: derivatives by both views, residual, derivatives by gain and shading."""
+
+
 class _Pixels(NamedTuple):
     """The pixels of all overlaps, for kernels."""
 
@@ -157,17 +161,19 @@ def _accumulate(
 ) -> float:
     """Add up normal matrix (U, U), gradient (U,) and cost of all pixels, each overlap's gain and shading eliminated by
     the Schur complement."""
-    seen, cost = new_transfer(), 0.0
-    number, used = np.empty((2, hall[1].size + hall[2].size), np.int64)
-    touched = np.arange(SIDES + NODES if len(hall[1]) else SIDES)
+    seen, cost, sums = new_transfer(), 0.0, new_link_sums(hall)
+    along, touched = np.empty(SIDES), np.empty(NODES, np.int64)
+    most = hall[1].size + hall[2].size
+    lit_by_nodes = np.empty((2, most))
     for link in range(len(pixels.ends)):
         first, second = jacobians.views[pixels.ends[link, 0]], jacobians.views[pixels.ends[link, 1]]
         image, gains = images[pixels.ends[link, 1]], pixels.gains[link]
-        count = hall_nodes(first, pixels.points[pixels.bounds[link] : pixels.bounds[link + 1]], hall, number, used)
-        size = SIDES + count
-        summed, along, row = np.zeros((size, size)), np.zeros(size), np.zeros(size)
-        shade, shade_by, shade_along = np.zeros((2, 2)), np.zeros((2, size)), np.zeros(2)
-        for n in range(pixels.bounds[link], pixels.bounds[link + 1]):
+        begin, end = pixels.bounds[link], pixels.bounds[link + 1]
+        used, count = 0, 0
+        lit_by_nodes[:] = 0.0
+        # a row a pixel: both views, the residual, gain and shading
+        rows, weights = np.empty((end - begin, WIDTH)), np.empty(end - begin)
+        for n in range(begin, end):
             u, v = float(pixels.points[n, 0]), float(pixels.points[n, 1])
             transfer(first, second, u, v, hall, seen)
             inside, value, by_x, by_y = cubic(image, seen.pixel[0], seen.pixel[1])
@@ -180,35 +186,38 @@ def _accumulate(
             pixels.residual[n] = difference
             weight = geman_mcclure(difference, scale)
             cost += weight * difference * difference
+            row = rows[used]
             for k in range(SIDES):
                 row[k] = by_x * seen.by_views[0, k] + by_y * seen.by_views[1, k]
-            for k in range(len(touched) - SIDES):
-                touched[SIDES + k] = SIDES + number[seen.nodes[k]]
-                row[touched[SIDES + k]] = seen.shares[k] * (by_x * seen.by_near[0] + by_y * seen.by_near[1])
-            for k in range(len(touched)):
-                i = touched[k]
-                weighted = weight * row[i]
-                along[i] += weighted * difference
-                shade_by[0, i] -= weighted * lit
-                shade_by[1, i] -= weighted * shaded
-                for j in touched[: k + 1]:  # each pair once: either way round, since nodes come in any order
-                    summed[i, j] += weighted * row[j]
-            shade[0, 0] += weight * lit * lit
-            shade[0, 1] += weight * lit * shaded
-            shade[1, 1] += weight * shaded * shaded
-            shade_along[0] -= weight * lit * difference
-            shade_along[1] -= weight * shaded * difference
-        summed += summed.T - np.diag(np.diag(summed))
-        shade[1, 0] = shade[0, 1]
+            row[SIDES], row[SIDES + 1], row[SIDES + 2], weights[used] = difference, -lit, -shaded, weight
+            used += 1
+            if most:
+                near = by_x * seen.by_near[0] + by_y * seen.by_near[1]
+                pull = weight * near
+                for k in range(SIDES):
+                    along[k] = pull * row[k]
+                count = add_nodes(sums, count, seen, along, pull * near, pull * difference, touched)
+                for k in range(NODES):
+                    lit_by_nodes[0, touched[k]] -= seen.shares[k] * pull * lit
+                    lit_by_nodes[1, touched[k]] -= seen.shares[k] * pull * shaded
+        rows = rows[:used]
+        summed = (rows * weights[:used].reshape(-1, 1)).T @ rows
+        shade, shade_by = summed[SIDES + 1 :, SIDES + 1 :].copy(), summed[SIDES + 1 :, :SIDES].copy()
+        shade_along = summed[SIDES + 1 :, SIDES].copy()
         shade[0, 0] += 1e-9
         shade[1, 1] += 1e-9 + 1e-3 * shade[0, 0]  # frames are flattened before: little shading is left
         shade_along[1] += 1e-3 * shade[0, 0] * gains[1]
         solved = np.linalg.inv(shade)
         gains -= solved @ shade_along
-        summed -= shade_by.T @ (solved @ shade_by)
-        along -= shade_by.T @ (solved @ shade_along)
-        pixels.beside[link] = _beside(summed, along)
-        add_link(summed, along, jacobians, pixels.ends[link], used[:count], normal, gradient)
+        by_nodes = lit_by_nodes[:, :count].copy()
+        to_views, to_nodes = solved @ shade_by, solved @ by_nodes
+        sums.views[:] = summed[:SIDES, :SIDES] - shade_by.T @ to_views
+        sums.by_views[:] = summed[:SIDES, SIDES] - to_views.T @ shade_along
+        sums.cross[:count] -= by_nodes.T @ to_views
+        sums.nodes[:count, :count] -= by_nodes.T @ to_nodes
+        sums.by_nodes[:count] -= to_nodes.T @ shade_along
+        pixels.beside[link] = _beside(sums.views, sums.by_views)
+        add_link(sums, count, jacobians, pixels.ends[link], normal, gradient)
     return cost
 
 

@@ -163,14 +163,27 @@ class _Canvas:
         column, row = cylinder.smooth_map(to_frame, stop - start, self.weight.shape[0])
         flat = self.flat * np.float32(np.exp(-log_gain))
         level = image.astype(np.float32) * (flat if image.ndim == 2 else flat[..., None])
-        warped = bspline.warped(level.reshape(*level.shape[:2], -1), column, row)
         weight = cv2.remap(self.trust, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        columns = np.arange(start, stop) % self.weight.shape[1]  # a strip may lie across the seam of a full turn
-        if before is not None:
-            seen = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGR2GRAY), np.float32)
-            weight = np.asarray(weight * agreement(seen - before[:, columns].astype(np.float32)), np.float32)
-        self.colour[:, columns] += warped * weight[..., None]
-        self.weight[:, columns] += weight
+        if before is None:  # to tell who walks there is enough
+            warped = cv2.remap(level, column, row, cv2.INTER_LINEAR)[..., None]
+        else:
+            warped = bspline.warped(level, column, row)
+        for here, there in self._parts(start, stop):
+            own, part = weight[:, there], warped[:, there]
+            if before is not None:
+                seen = np.asarray(cv2.cvtColor(part, cv2.COLOR_BGR2GRAY), np.float32)
+                own = own * agreement(seen - before[:, here].astype(np.float32))
+            self.colour[:, here] += part * own[..., None]
+            self.weight[:, here] += own
+
+    def _parts(self, start: int, stop: int) -> list[tuple[slice, slice]]:
+        """The canvas's columns of a strip that begins and ends there, and the strip's: in two where it lies across the
+        seam of a full turn."""
+        width = self.weight.shape[1]
+        turned = start // width * width
+        first, end = start - turned, stop - turned
+        parts = [(slice(first, min(end, width)), slice(0, width - first))]
+        return parts if end <= width else [*parts, (slice(0, end - width), slice(width - first, None))]
 
     def finish(self) -> tuple[Image, Mask]:
         valid = self.weight > 1e-3

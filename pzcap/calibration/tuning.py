@@ -162,6 +162,9 @@ class PhotometricTuning(NamedTuple):
 
     tile_px: int = 16
     """Side of the squares that each give the same number of edges, so that they come from everywhere."""
+    choice: float = 8.0
+    """Edges of a frame that are looked for, times the pixels of a pair that are compared: a pair that overlaps by an
+    eighth still has them."""
     border: float = 6.0
     """Pixels at the edge left out, times the smoothing, which reaches beyond."""
     steps: int = 4

@@ -44,10 +44,12 @@ class View:
     centre_m: Array = field(default_factory=lambda: ON_AXIS)  # (3,) of projection: forward, left, up from the pan axis
 
     def vector(self) -> Array:
-        """(VIEW + 3,) the view as `direction_to_pixel_with_derivatives` takes it; k2, p1 and p2 come last."""
+        """(VIEW + 7,) the view as `direction_to_pixel_with_derivatives` takes it: after k2, p1 and p2 come cosine and
+        sine of tilt and of roll, which kernels would else compute for every pixel."""
         return np.array([
             self.pan_rad, self.tilt_rad, self.focal_px, self.roll_rad, *self.principal_px, self.distortion.k1,
             *self.centre_m, *self.distortion[1:],
+            np.cos(self.tilt_rad), np.sin(self.tilt_rad), np.cos(self.roll_rad), np.sin(self.roll_rad),
         ])  # fmt: skip
 
 
@@ -140,14 +142,14 @@ def direction_to_pixel(view: View, azimuth_rad: Array, slope: Array) -> tuple[Ar
 def pixel_to_direction(view: View, points_px: Array) -> tuple[Array, Array]:
     """Pixels (..., 2) to directions of the head frame: azimuth (...) in (-pi, pi] around the pan, and slope (...)."""
     xy = lens.undistort((points_px - view.principal_px) / view.focal_px, view.distortion)
-    azimuth, slope = _direction(xy[..., 0], xy[..., 1], view.tilt_rad, view.roll_rad)
+    tilt, roll = view.tilt_rad, view.roll_rad
+    azimuth, slope = _direction(xy[..., 0], xy[..., 1], np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll))
     return view.pan_rad + azimuth, slope
 
 
 @register_jitable
-def _direction(x: Any, y: Any, tilt_rad: float, roll_rad: float) -> tuple[Any, Any]:
+def _direction(x: Any, y: Any, cos_t: float, sin_t: float, cos_r: float, sin_r: float) -> tuple[Any, Any]:
     """Azimuth from the pan, and slope, of undistorted coordinates; of numbers in kernels and of arrays."""
-    cos_t, sin_t, cos_r, sin_r = np.cos(tilt_rad), np.sin(tilt_rad), np.cos(roll_rad), np.sin(roll_rad)
     left, down = -(cos_r * x - sin_r * y), sin_r * x + cos_r * y
     forward, up = cos_t + sin_t * down, sin_t - cos_t * down
     return np.arctan2(left, forward), up / np.sqrt(forward * forward + left * left)
@@ -174,10 +176,10 @@ coefficients of the lens: k2, p1 and p2."""
 def direction_to_pixel_with_derivatives(view: Array, azimuth: float, slope: float, seen: Array) -> None:
     """`direction_to_pixel` and its derivatives for one direction in front of the camera, into ``seen`` (2, SEEN). For
     other kernels; ``view`` is `View.vector`."""
-    pan, tilt, focal, roll, principal_x, principal_y, k1 = view[:7]
-    distortion = Distortion(k1, view[VIEW], view[VIEW + 1], view[VIEW + 2])
+    pan, _, focal, _, principal_x, principal_y, k1 = view[:7]
+    k2, p1, p2, cos_t, sin_t, cos_r, sin_r = view[VIEW:]
+    distortion = Distortion(k1, k2, p1, p2)
     cos_a, sin_a = np.cos(azimuth - pan), np.sin(azimuth - pan)
-    cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
     y, z = sin_t * cos_a - cos_t * slope, cos_t * cos_a + sin_t * slope
     x_n, y_n = (-cos_r * sin_a + sin_r * y) / z, (sin_r * sin_a + cos_r * y) / z
     x_d, y_d = distort_point(x_n, y_n, distortion)
@@ -209,10 +211,10 @@ def direction_to_pixel_with_derivatives(view: Array, azimuth: float, slope: floa
 @njit(cache=True, nogil=True)
 def pixel_to_direction_kernel(view: Array, u: float, v: float) -> tuple[float, float]:
     """`pixel_to_direction` for one pixel: azimuth and slope. For other kernels; ``view`` is `View.vector`."""
-    pan, tilt, focal, roll, principal_x, principal_y, k1 = view[:7]
-    distortion = Distortion(k1, view[VIEW], view[VIEW + 1], view[VIEW + 2])
-    x, y = undistort_point((u - principal_x) / focal, (v - principal_y) / focal, distortion, 5)
-    azimuth, slope = _direction(x, y, tilt, roll)
+    pan, _, focal, _, principal_x, principal_y, k1 = view[:7]
+    k2, p1, p2, cos_t, sin_t, cos_r, sin_r = view[VIEW:]
+    x, y = undistort_point((u - principal_x) / focal, (v - principal_y) / focal, Distortion(k1, k2, p1, p2), 3)
+    azimuth, slope = _direction(x, y, cos_t, sin_t, cos_r, sin_r)
     return pan + azimuth, slope
 
 

@@ -13,12 +13,14 @@ are polynomials in ``log(focal_px / reference_focal_px)`` (`pzcap.types.Lens`).
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from operator import mul
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
 from numba.extending import register_jitable
-from numpy.polynomial.polynomial import polyder, polyval
 
 from pzcap.types import Array, Camera, Lens
 
@@ -125,18 +127,23 @@ def of(camera: Camera) -> Distortion:
 
 def at(lens: Lens, focal_px: float) -> tuple[Array, Distortion]:
     """Principal point (2,) in pixels and distortion of ``lens`` zoomed to ``focal_px``."""
-    return _derivative(lens, focal_px, 0)
+    x = math.log(focal_px / lens.reference_focal_px)
+    return _at(lens, lambda power: x**power)
 
 
 def slope(lens: Lens, focal_px: float) -> tuple[Array, Distortion]:
     """Derivative of `at` with respect to log focal: (2,) pixels, and of each coefficient."""
-    return _derivative(lens, focal_px, 1)
+    x = math.log(focal_px / lens.reference_focal_px)
+    return _at(lens, lambda power: power * x ** max(power - 1, 0))
 
 
-def _derivative(lens: Lens, focal_px: float, order: int) -> tuple[Array, Distortion]:
-    x, polynomials = np.log(focal_px / lens.reference_focal_px), (lens.principal_px, lens.k1, lens.k2, lens.p1, lens.p2)
-    principal, *coefficients = (polyval(x, polyder(polynomial, order)) for polynomial in polynomials)
-    return np.asarray(principal), Distortion(*map(float, coefficients))
+def _at(lens: Lens, basis: Callable[[int], float]) -> tuple[Array, Distortion]:
+    """Principal point and distortion by the polynomials' terms, of which ``basis`` gives each power's. Several times a
+    step of every frame, which numpy's polynomials take a seventh of."""
+    polynomials = (lens.k1, lens.k2, lens.p1, lens.p2)
+    terms = [basis(power) for power in range(max(map(len, (lens.principal_px, *polynomials))))]
+    principal = np.array(terms[: len(lens.principal_px)]) @ lens.principal_px
+    return principal, Distortion(*(sum(map(mul, terms, each.tolist())) for each in polynomials))
 
 
 def distort(xy: Array, d: Distortion) -> Array:
@@ -153,6 +160,8 @@ def distort(xy: Array, d: Distortion) -> Array:
 def undistort(xy: Array, d: Distortion) -> Array:
     """The inverse of `distort`; (..., 2) to (..., 2), by Newton's method on the radius and, where there are tangential
     coefficients, on the point."""
+    if d == NONE:
+        return xy
     edge = _fold(d)
     furthest = np.sqrt(edge) * _radial(edge, d) * (1 - 1e-9) if np.isfinite(edge) else np.inf
     straight = np.empty(xy.shape)

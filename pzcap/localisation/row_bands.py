@@ -26,21 +26,35 @@ def fit(ratio: Array, time: Array, squared: Array) -> Array:
     """Bands (K,) from ``ratio`` (N,) of frame to panorama at row times (N,), and at ``squared`` distances (N,) from the
     principal point, of which vignetting is a function; NO_BANDS where there are none to speak of.
 
-    Most pixels show the hall: iteratively reweighted least squares, with the bands held to 0 by a prior.
+    Most pixels show the hall: iteratively reweighted least squares, with the bands held to 0 by a prior. Some of them
+    tell whether there are any, which is seldom.
     """
     usual = float(np.median(ratio))
     if usual <= 0.0 or len(ratio) < BANDS.least_pixels:
         return NO_BANDS
+    some = slice(None, None, BANDS.telling)
+    if _strength(_fitted(ratio[some] / usual, time[some], squared[some])) < BANDS.suspicious:
+        return NO_BANDS
+    bands = _fitted(ratio / usual, time, squared)
+    return bands if _strength(bands) > BANDS.least else NO_BANDS
+
+
+def _strength(bands: Array) -> float:
+    """Root mean square of the gain's change."""
+    return float(np.sqrt(np.sum(bands**2) / 2.0))
+
+
+def _fitted(ratio: Array, time: Array, squared: Array) -> Array:
+    """`fit`, of a ``ratio`` that is 1 in most pixels."""
     design = np.column_stack([np.ones_like(time), squared, _cosines(time, BANDS.cosines)])
     prior = np.diag([0.0, 0.0, *np.full(BANDS.cosines, BANDS.sigma**-2.0)])
-    residual, found = ratio / usual - 1.0, np.zeros(design.shape[1])
+    residual, found = ratio - 1.0, np.zeros(design.shape[1])
     for _ in range(BANDS.rounds):
         noise = max(normal_sigma(residual), 1e-3)
         weighted = design * geman_mcclure(residual, BANDS.scale_sigmas * noise)[:, None] / noise**2
-        found = np.linalg.solve(weighted.T @ design + prior, weighted.T @ (ratio / usual - 1.0))
-        residual = ratio / usual - 1.0 - design @ found
-    bands = np.asarray(found[2:] / (1.0 + found[0]), np.float64)
-    return bands if np.sqrt(np.sum(bands**2) / 2.0) > BANDS.least else NO_BANDS
+        found = np.linalg.solve(weighted.T @ design + prior, weighted.T @ (ratio - 1.0))
+        residual = ratio - 1.0 - design @ found
+    return np.asarray(found[2:] / (1.0 + found[0]), np.float64)
 
 
 def without_bands(image: Image, bands: Array) -> Image:

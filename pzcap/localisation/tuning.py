@@ -112,6 +112,10 @@ class BandsTuning(NamedTuple):
     """Standard deviation of each."""
     least: float = 0.02
     """Root mean square from which on there are bands at all."""
+    telling: int = 3
+    """One pixel in so many tells whether it is worth while to look for them."""
+    suspicious: float = 0.015
+    """Root mean square, by those, from which on it is."""
     probes: int = 8
     """Frames of a sweep that are looked at first."""
     least_pixels: int = 200
