@@ -197,7 +197,7 @@ def _fit_grey_values(
     return photometric_bundle_adjustment.adjust(
         _with_departures(model), kept, list(pairs), matched.sigmas, prior=_with_departures(matched.start),
         pixels=config.sweep.pixels, smoothing=config.sweep.smoothing,
-        report=lambda done: report("adjust grey values", done, PHOTOMETRIC.steps),
+        report=lambda done: report("adjust grey values", done, PHOTOMETRIC.steps_on_some + PHOTOMETRIC.steps),
     )  # fmt: skip
 
 

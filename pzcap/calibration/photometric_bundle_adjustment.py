@@ -31,7 +31,7 @@ from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import VIEW
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall
 from pzcap.imaging.bspline import Stored, at_pixels, cubic, softened_further
-from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
+from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, Solution, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure, normal_sigma
 from pzcap.types import Array, Float32
 
@@ -105,42 +105,56 @@ def adjust(
     prior: CalibrationParameters, pixels: int, smoothing: float, report: Callable[[int], None],
 ) -> Fitted:  # fmt: skip
     """Fit the parameters, from a ``start`` right to about a pixel, to the grey values of ``pairs`` of ``frames``
-    (F, H, W), smoothed by ``smoothing`` square pixels, in at most ``pixels`` of each pair."""
+    (F, H, W), smoothed by ``smoothing`` square pixels, in at most ``pixels`` of each pair, first in some."""
     # the images know inverse distance times offset: walls held to their prior would push the projection centre away
     loose = replace(sigmas, walls=3.0, unevenness=1.0, departures=0.1, roughness=0.05)
     believed, mean = information(start, loose), to_vector(prior)
     edges = [_edges(frame, pixels, _border_px(smoothing)) for frame in frames]
     overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, pair, pixels, smoothing)) is not None]
-    ends, points, greys = zip(*overlaps, strict=True)
-    bounds, grey = np.cumsum([0, *map(len, greys)]), np.concatenate(greys)
-    gains, beside = np.tile([1.0, 0.0], (len(overlaps), 1)), np.zeros(len(overlaps))
-    compared = _Pixels(np.array(ends), bounds, np.vstack(points), grey, gains, np.zeros_like(grey), beside)
-    done = 0
+    held, done = int(start.pan_of[0]), 0
 
-    def linearise(state: CalibrationParameters, scale: float) -> NormalEquations:
-        nonlocal done
-        normal, gradient = np.zeros_like(believed), np.zeros_like(mean)
-        cost = _accumulate(
-            compared, frames, view_jacobians(state), kernel_hall(state.surroundings), scale, normal, gradient
-        )
-        done += 1
-        report(done)
-        return NormalEquations(normal, gradient, normal_sigma(compared.residual[np.isfinite(compared.residual)]), cost)
+    def solved(
+        start: CalibrationParameters, compared: _Pixels, schedule: Schedule, settled_rad: float
+    ) -> Solution[CalibrationParameters]:
+        def linearise(state: CalibrationParameters, scale: float) -> NormalEquations:
+            nonlocal done
+            normal, gradient = np.zeros_like(believed), np.zeros_like(mean)
+            cost = _accumulate(
+                compared, frames, view_jacobians(state), kernel_hall(state.surroundings), scale, normal, gradient
+            )
+            done += 1
+            report(done)
+            sigma = normal_sigma(compared.residual[np.isfinite(compared.residual)])
+            return NormalEquations(normal, gradient, sigma, cost)
 
-    held = int(start.pan_of[0])
-    state, normal, sigma, _, ended = minimise(
-        start, linearise, retract, lambda step: np.abs(step[: len(start.pan_rad)]).max() < PHOTOMETRIC.settled_rad,
-        Schedule(PHOTOMETRIC.steps, 30.0, least_steps=3),
-        prior=Prior(believed, lambda state: to_vector(state) - mean, PHOTOMETRIC.alike), held=held,
-    )  # fmt: skip
+        return minimise(
+            start, linearise, retract, lambda step: np.abs(step[: len(start.pan_rad)]).max() < settled_rad, schedule,
+            prior=Prior(believed, lambda state: to_vector(state) - mean, PHOTOMETRIC.alike), held=held,
+        )  # fmt: skip
+
+    few = _compared(overlaps, PHOTOMETRIC.some)
+    near = solved(start, few, Schedule(PHOTOMETRIC.steps_on_some, 30.0, least_steps=3), PHOTOMETRIC.settled_on_some_rad)
+    compared = _compared(overlaps)
+    compared.gains[:] = few.gains
+    state, normal, sigma, _, ended = solved(
+        near.state, compared, Schedule(PHOTOMETRIC.steps, near.scale, least_steps=2), PHOTOMETRIC.settled_rad
+    )
     # of pixels that err independently, the squared distances have the mean 4 sigma^2
-    covariance = np.linalg.inv(normal) * (PHOTOMETRIC.doubt * float(beside.mean()) / 4.0)
+    covariance = np.linalg.inv(normal) * (PHOTOMETRIC.doubt * float(compared.beside.mean()) / 4.0)
     covariance[held, held] = 0.0
     return Fitted(state, np.asarray(covariance, np.float64), sigma, ended)
 
 
 WIDTH: Final = SIDES + 3
 """Of a pixel's row: derivatives by both views, residual, derivatives by gain and shading."""
+
+
+def _compared(overlaps: Sequence[_Overlap], every: int = 1) -> _Pixels:
+    """One of so many pixels of all overlaps, with first values of what is found of each."""
+    ends, points, greys = zip(*((one.ends, one.points_px[::every], one.grey[::every]) for one in overlaps), strict=True)
+    bounds, grey = np.cumsum([0, *map(len, greys)]), np.concatenate(greys)
+    gains, beside = np.tile([1.0, 0.0], (len(overlaps), 1)), np.zeros(len(overlaps))
+    return _Pixels(np.array(ends), bounds, np.vstack(points), grey, gains, np.zeros_like(grey), beside)
 
 
 class _Pixels(NamedTuple):

@@ -169,6 +169,13 @@ class PhotometricTuning(NamedTuple):
     """Pixels at the edge left out, times the smoothing, which reaches beyond."""
     steps: int = 4
     """Gauss-Newton steps, at most."""
+    some: int = 4
+    """One of so many pixels is compared at first: focal length, walls and projection centre make up for each other, and
+    come to rest slowly."""
+    steps_on_some: int = 12
+    """Gauss-Newton steps on these, at most."""
+    settled_on_some_rad: float = 1e-5
+    """Largest change of a pan that ends these."""
     alike: float = 10.0
     """Pixels that tell as much against a belief as one independent one would: what is left over is no noise but the
     same in neighbouring ones, and in all overlaps of a frame."""

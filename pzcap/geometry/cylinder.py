@@ -59,6 +59,9 @@ def inverse_distance(surroundings: InverseDepthMap, azimuth_rad: Array, slope: A
 
 
 NODES: Final = 6
+FOOT: Final = 0.02
+"""Inverse heights of the camera over which the floor passes into a wall. Were it an edge, a wall that is too far off
+would be held there by its foot: of the floor's pixels none would say that it should be nearer."""
 
 
 @njit(cache=True, nogil=True)
@@ -83,9 +86,10 @@ def near_at(hall: Hall, azimuth: float, slope: float, nodes: NDArray[np.int64], 
         1.0 + shares[2] * departures[row, column] + shares[3] * departures[row, beyond]
         + shares[4] * departures[row + 1, column] + shares[5] * departures[row + 1, beyond]
     )  # fmt: skip
-    before = nearer if wall > floor else 0.0
+    apart = np.sqrt((wall - floor) ** 2 + (FOOT / height) ** 2)
+    nearest = 0.5 * (wall + floor + apart)  # the larger of the two, but for the foot
+    before = 0.5 * (1.0 + (wall - floor) / apart) * nearer
     shares[0], shares[1] = before * (1 - a), before * a
-    nearest = max(wall, floor)
     for k in range(2, NODES):
         shares[k] *= nearest
     return nearest * nearer

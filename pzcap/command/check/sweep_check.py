@@ -12,7 +12,7 @@ import numpy as np
 
 from pzcap.command.check.findings import Finding, Level, graded
 from pzcap.command.check.tuning import SWEEP
-from pzcap.command.check.views import View, overlap, relate, small, step, view
+from pzcap.command.check.views import Relation, View, overlap, relate, small, step, view
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image
 
@@ -58,7 +58,9 @@ def check_sweep(camera: str, path: Path, focal: float | None, full_turn: bool) -
     sweep = Sweep(used, np.array(angles), tuple(keys), np.array(key_angles), tuple(thumbnails), brightness)
     moves = np.array(steps).reshape(-1, 3)
     found = [*_motion(sweep, moves, float(reader.frame_rate)), *_light(np.array(gains), keys)]
-    found += _round(sweep, full_turn)
+    closing = _closing(sweep) if full_turn else None
+    found += _round(sweep, full_turn, closing)
+    found += _level(sweep, moves[:, 1], closing[1].down if closing else 0.0)
     return sweep, [Finding(level, camera, "sweep", text) for level, text in found]
 
 
@@ -67,7 +69,7 @@ def _motion(sweep: Sweep, moves: Array, rate: float) -> Iterator[tuple[Level, st
     if len(moves) < 8:
         yield Level.FAIL, f"has {len(moves) + 1} frames; turn the head slowly through the whole range"
         return
-    across, down, sure = moves.T
+    across, _, sure = moves.T
     turned = np.diff(sweep.angles_rad)
     lost = float(np.mean(sure < SWEEP.unsure))
     shared = 1.0 - float(np.percentile(np.abs(across), 95))
@@ -86,7 +88,20 @@ def _motion(sweep: Sweep, moves: Array, rate: float) -> Iterator[tuple[Level, st
     if back > np.deg2rad(5.0):
         text = f"turns back by {np.rad2deg(back):.0f} degrees; turn the head one way throughout"
         yield graded(np.rad2deg(back), 5.0, SWEEP.back_deg), text
-    rise = float(np.abs(np.cumsum(down)).max()) / sweep.focal
+
+
+def _level(sweep: Sweep, down: Array, net: float) -> Iterator[tuple[Level, str]]:
+    """Rise and fall of the pictures, of which each moves ``down`` (N,) from the one before, and the one that shows the
+    start again by ``net`` altogether.
+
+    A step ``down`` that goes with the angle is no rise: a camera that leans to a side moves so as it turns, and so do
+    rows that are interpolated, whose places are known to a fraction only. All round, ``net`` tells the rise instead.
+    """
+    if len(down) < 8:
+        return
+    way = np.concatenate([[0.0], np.cumsum(down)])
+    even = way[-1] * sweep.angles_rad / sweep.angles_rad[-1] if sweep.angles_rad[-1] else 0.0
+    rise = float(np.abs(way - even).max() + abs(net)) / sweep.focal
     if np.rad2deg(rise) > 3.0:
         yield Level.WARN, f"rises or falls by {np.rad2deg(rise):.1f} degrees; lock the tilt, level the pan axis"
 
@@ -110,16 +125,21 @@ def _light(gains: Array, keys: list[View]) -> Iterator[tuple[Level, str]]:
         yield Level.WARN, f"its exposure drifts by {100 * (np.exp(drift) - 1):.0f} %; fix exposure and gain"
 
 
-def _round(sweep: Sweep, full_turn: bool) -> Iterator[tuple[Level, str]]:
+def _closing(sweep: Sweep) -> tuple[int, Relation] | None:
+    """The number of the key view that shows the start again, best of all, and how; None if none does."""
+    ends = [k for k in range(len(sweep.keys)) if abs(sweep.key_angles_rad[k]) > np.deg2rad(300)]
+    relations = [(k, relate(sweep.keys[0], sweep.keys[k])) for k in ends]
+    best = max(relations, key=lambda pair: pair[1].inliers, default=None)
+    return best if best is not None and best[1].found else None
+
+
+def _round(sweep: Sweep, full_turn: bool, closing: tuple[int, Relation] | None) -> Iterator[tuple[Level, str]]:
     """Check of the angle that is covered, and of the circle's closure."""
     span = np.rad2deg(sweep.span_rad)
     if not full_turn:
         yield graded(-span, -110.0, -60.0), f"covers {span:.0f} degrees (120 or more is good)"
         return
-    first, ends = sweep.keys[0], [k for k in range(len(sweep.keys)) if abs(sweep.key_angles_rad[k]) > np.deg2rad(300)]
-    relations = [(k, relate(first, sweep.keys[k])) for k in ends]
-    closing = max(relations, key=lambda pair: pair[1].inliers, default=None)
-    if closing is None or not closing[1].found:
+    if closing is None:
         yield (
             Level.FAIL,
             f"covers {span:.0f} degrees and does not come round to its start; turn by 380, or give --partial-sweep",
