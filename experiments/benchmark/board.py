@@ -215,8 +215,8 @@ def _panels(name: str, entries: Sequence[Mapping[str, Any]], axis: Axis) -> dict
     )
     titles = (
         "error",
-        "loss: not answered",
-        "honesty: within one sigma, 68 is right" if bodily else "honesty: NEES, 1 is right",
+        "not answered",
+        "honesty: within sigma (68)" if bodily else "honesty: NEES (1)",
     )
 
     def draw(figure: Figure) -> None:
@@ -226,8 +226,10 @@ def _panels(name: str, entries: Sequence[Mapping[str, Any]], axis: Axis) -> dict
                 values = [entry["scores"][name].get(capture, {}).get(metric) for capture in axis.captures]
                 values = [None if v is None else 100.0 - v for v in values] if lost else values
                 _line(axes, np.arange(len(values)), values, entry["label"] if axes is panels[0] else None, number)
-            unit = "%" if lost else _unit(entered, metric) or "1"
-            _finish(axes, list(axis.values), f"{title} [{unit}]", logarithmic=not lost and metric != "body.covered")
+            unit = "%" if lost else _unit(entered, metric)
+            if unit in FAILS:
+                axes.axhline(FAILS[unit], color=plots.MUTED, ls=":", lw=1.2)
+            _finish(axes, list(axis.values), f"{title} [{unit}]" if unit else title, logarithmic=unit != "%")
         figure.legend(loc="outside right upper", handlelength=2.4)
 
     return {"axis": axis.name, "track": track.label, "captures": axis.captures, "svg": plots.svg(12.5, 2.8, draw)}
@@ -250,5 +252,7 @@ def _finish(axes: Axes, names: Sequence[str], title: str, *, logarithmic: bool =
     shown = (
         np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines]) if axes.lines else np.zeros(0)
     )
-    if logarithmic and np.any(shown > 0.0):
+    if not logarithmic:
+        axes.set_ylim(-4.0, 104.0)
+    elif np.any(shown > 0.0):
         axes.set_yscale("log")
