@@ -186,10 +186,10 @@ def test_a_frame_late_shows_of_somebody_who_walks() -> None:
     results, truth = good()
     assert results.body is not None
     walked = truth.joints_m[0] + np.arange(results.frames)[:, None, None] * np.array([0.02, 0.0, 0.0])
-    late = replace(results.body, joints_m=walked + [0.02, 0.001, 0.0])
+    late = replace(results.body, joints_m=walked + np.array([0.02, 0.001, 0.0]))
     walking = replace(truth, joints_m=walked)
     assert any("joints are those 1 frames later" in line for line in suspicions(replace(results, body=late), walking))
-    right = replace(results.body, joints_m=walked + [0.012, 0.0, 0.0])  # off, and no other frame's
+    right = replace(results.body, joints_m=walked + np.array([0.012, 0.0, 0.0]))  # off, and no other frame's
     assert not any("joints are" in line for line in suspicions(replace(results, body=right), walking))
 
 
