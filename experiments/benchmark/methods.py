@@ -278,8 +278,12 @@ def run_fixed_tools(given: Given) -> dict[str, Answered]:
             answers[tool] = Answered(None, 0.0, None, "needs its own environment: make test-clients")
             continue
         start = time.perf_counter()
-        with TemporaryDirectory() as work:
-            places = triangulation(Take(found, given.capture), Path(work))
+        try:
+            with TemporaryDirectory() as work:
+                places = triangulation(Take(found, given.capture), Path(work))
+        except PzcapError as error:  # of this tool: the other may do it
+            answers[tool] = Answered(None, 0.0, None, str(error))
+            continue
         joints = all_joints({name: places[:, k] for k, name in enumerate(LIMBS)}, subject)
         known: Mask = np.all(np.isfinite(joints), axis=2)
         results = replace(results_of(found), method=tool, body=BodyTrack(np.nan_to_num(joints), known, None, keyframe))

@@ -61,9 +61,14 @@ def test_a_tool_for_fixed_cameras_answers_with_the_joints_it_gives(
         places[3] = np.nan  # a frame that it has no answer for
         return np.asarray(places)
 
-    monkeypatch.setattr(methods, "TOOLS", {"pose2sim": off})
+    def fails(*_: object) -> Array:
+        raise PzcapError("aniposelib: it does not work")
+
+    monkeypatch.setattr(methods, "TOOLS", {"aniposelib": fails, "pose2sim": off})
     monkeypatch.setattr(methods, "all_joints", some_joints)
-    found = values(methods.run_fixed_tools(given)["pose2sim"])
+    answers = methods.run_fixed_tools(given)
+    assert answers["aniposelib"].missing == "aniposelib: it does not work"  # and the other goes on
+    found = values(answers["pose2sim"])
     assert found["body.mpjpe.mean"] == pytest.approx(10.0)
     assert found["body.completeness"] == pytest.approx(100.0 * 17 * 12 / (18 * 16))  # two keyframes, one without
     assert found["panzoom.completeness"] == 100.0  # our cameras
