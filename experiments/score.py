@@ -48,7 +48,7 @@ class Score:
     foreground: tuple[ForegroundErrors, ...] | None
     body: BodyErrors | None
     plain: scoring.Errors  # what files alone would give
-    lost: int  # recorded views without a valid estimate
+    lost: int | None  # recorded views without a valid estimate; None: the body alone was estimated
     own_world: bool = False  # no calibration object: nothing but what is aligned can be compared
 
 
