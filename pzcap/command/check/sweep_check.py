@@ -16,6 +16,8 @@ from pzcap.command.check.views import Relation, View, overlap, relate, small, st
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image
 
+_MAINS: Final = "a shutter of 1/50 or 1/100 s (1/60 or 1/120 s) fits the mains"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
@@ -117,12 +119,15 @@ def _light(gains: Array, keys: list[View]) -> Iterator[tuple[Level, str]]:
     flicker = float(1.4826 * np.median(np.abs(gains - trend)))
     yield (
         graded(flicker, 0.02, 0.08),
-        f"flickers by {100 * flicker:.1f} % from frame to frame"
-        + ("; a shutter of 1/50 or 1/100 s (1/60 or 1/120 s) fits the mains" if flicker > 0.02 else ""),
+        f"flickers by {100 * flicker:.1f} % from frame to frame" + (f"; {_MAINS}" if flicker > 0.02 else ""),
     )
     drift = float(np.ptp(np.cumsum(gains)))
     if drift > 0.4:
-        yield Level.WARN, f"its exposure drifts by {100 * (np.exp(drift) - 1):.0f} %; fix exposure and gain"
+        yield (
+            Level.WARN,
+            f"its brightness drifts by {100 * (np.exp(drift) - 1):.0f} %; fix exposure and gain; if they are, "
+            f"lamps flicker nearly in step with the frames: {_MAINS}",
+        )
 
 
 def _closing(sweep: Sweep) -> tuple[int, Relation] | None:
