@@ -21,6 +21,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from experiments.config import AppConfig, default_tree, keys, nearest
+from pzcap.command.printing import print_anything
 from pzcap.types import PzcapError
 
 
@@ -75,6 +76,7 @@ def guard(main: Callable[[], object], config: type[AppConfig] = AppConfig) -> in
     """Run ``main``, a Hydra application that is told a ``config``; the exit status."""
     # Hydra swallows exceptions and prints its own several lines, unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
+    print_anything()
     setattr(JobReturn, "return_value", property(_value_or_error, _keep))  # noqa: B010
     try:
         with _terminable(), redirect_stdout(cast(TextIO, _Output(sys.stdout))):
