@@ -3,8 +3,9 @@
     python -m tests.fuzz.kills 100            # a third of each; -9, TERM and INT in turn
     python -m tests.fuzz.kills 30 --only sweep --seed 7
 
-After each kill all processes that the command started must be gone within 5 s; the same command, started again, must
-end with the same results as one that was never killed, and leave nothing temporary behind. Exit status 1 if not.
+After each kill all processes that the command started must be gone 5 s after it; a command that was asked to end may
+take 10 s to clear away what is half done. The same command, started again, must end with the same results as one that
+was never killed, and leave nothing temporary behind. Exit status 1 if not.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ import psutil
 from tests.scenes.sweeps import ENVIRONMENT, ROOT, command
 
 GONE_S = 5.0
+TIDY_S = 10.0
+"""In which a command that was asked to end clears away what is half done."""
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 MARK = "PZCAP_KILL"
 TIMES = ("speed.", "memory.")
@@ -127,11 +130,13 @@ def trial(
         process.wait(after_s)
     except subprocess.TimeoutExpired:
         process.send_signal(sent)
-    until = time.monotonic() + GONE_S + (0.0 if sent is signal.SIGKILL else 10.0)  # who is asked may tidy up
+    begun = time.monotonic()
     process.wait()
-    while orphans(mark) and time.monotonic() < until:
+    ended = time.monotonic()
+    wrong = [f"it ended after {ended - begun:.1f} s"] if ended > begun + TIDY_S else []
+    while orphans(mark) and time.monotonic() < ended + GONE_S:
         time.sleep(0.1)
-    wrong = [f"process {one.pid} lives on: {' '.join(one.cmdline())[:80]}" for one in orphans(mark)]
+    wrong += [f"process {one.pid} lives on: {' '.join(one.cmdline())[:80]}" for one in orphans(mark)]
     status, _ = finished(work, folder)
     if status:
         wrong.append(f"the next one ends with {status}")
