@@ -134,15 +134,20 @@ def flags_first(arguments: Sequence[str]) -> list[str]:
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """SIGTERM interrupts as the keyboard does: what is half done is cleared away, and the command says that it ends."""
+    """SIGTERM interrupts as the keyboard does: what is half done is cleared away, and the command says that it ends.
+    Where interrupts are ignored, as of what a shell runs in the background, they go on being."""
     if threading.current_thread() is not threading.main_thread():  # no other is given signals
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = {each: signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGINT)}
+    asked = [each for each, handler in before.items() if handler is not signal.SIG_IGN or each is signal.SIGTERM]
+    for each in asked:
+        signal.signal(each, signal.default_int_handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for each in asked:
+            signal.signal(each, before[each])
 
 
 def report(error: Exception) -> bool:

@@ -38,7 +38,8 @@ MARK = "PZCAP_KILL"
 TIMES = ("speed.", "memory.")
 """Beginnings of the names of metrics that differ from run to run."""
 SHOOT = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # as experiments/__init__.py has it of a command
 from pathlib import Path
 from experiments.errors import guard
 from experiments.footage import shot
