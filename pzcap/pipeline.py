@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -184,11 +184,15 @@ def stages(
         poses: list[Tracked] = []
         set_by_hand = {keyframe.frame for keyframe in sets.keyframes} if tracker else set()
         views: dict[int, SeenViews] = {}  # of the keyframes
+        unbiased: dict[int, SeenViews] = {}  # cut out without a word of where the body should be
         offsets = FrameOffsets(len(capture.cameras))
         for event in follow(sets, localise, segment, tracker):
             match event:
-                case FrameLocalised(_, localisations):
+                case FrameLocalised(frames, localisations):
                     located.append(localisations)
+                    if frames.index in set_by_hand:
+                        alone = segment(event, None)
+                        unbiased[frames.index] = SeenViews(alone.cameras, alone.silhouettes)
                 case FrameSegmented(frames, cameras_then, silhouettes) if tracker:
                     offsets.see(frames.index, cameras_then, silhouettes)
                     if frames.index in set_by_hand:
@@ -203,8 +207,10 @@ def stages(
             if track is not None and capture.cameras[index].motion and not track.valid.any():
                 notes.append(never_located(index, names, localise, sets, bool(known and known[index])))
     if body is not None:
-        notes += _papers_against_views(body, sets, views, config.tracking)
-    notes += slip_notes(offsets, tracks, names, sets.timecodes)
+        against_papers = _papers_against_views(body, sets, views, unbiased, config.tracking)
+        notes += against_papers.notes
+        if not against_papers.misplaced:  # else no view shows the athlete where the body is thought to be
+            notes += slip_notes(offsets, tracks, names, sets.timecodes)
     heads = with_clocks(localise.heads(capture.frame_rate), tracker, capture.frame_rate)
     if not config.panzoom.free_tilt:
         usual_clock_s = float(np.median([head.clock_s for head in heads if head is not None] or [0.0]))
@@ -233,17 +239,24 @@ def stages(
     yield Finished(found)
 
 
+class _AgainstPapers(NamedTuple):
+    notes: list[str]
+    misplaced: bool  # the keyframes, and with them the body, are not where the cameras see somebody
+
+
 def _papers_against_views(
-    body: skeleton.Body, sets: FrameSets, views: dict[int, SeenViews], config: TrackingConfig
-) -> list[str]:
-    """Contradictions of the keyframes' ``views`` to the crew's papers, the likeliest cause alone."""
-    if wrong_object := object_of_another_size(sets.keyframes, body, views):
-        return [wrong_object]
+    body: skeleton.Body, sets: FrameSets, views: dict[int, SeenViews], unbiased: dict[int, SeenViews],
+    config: TrackingConfig,
+) -> _AgainstPapers:  # fmt: skip
+    """Contradictions of the keyframes' ``views`` to the crew's papers, the likeliest cause alone. Those that are
+    ``unbiased`` were cut out by the colours alone, where a body that is expected elsewhere leaves no trace."""
+    if wrong_object := object_of_another_size(sets.keyframes, body, unbiased):
+        return _AgainstPapers([wrong_object], True)
     if blind := unseen_keyframes(sets.keyframes, body, views, sets.timecodes):
-        return blind
+        return _AgainstPapers(blind, True)
     seen = [(key.pose, *views[key.frame]) for key in sets.keyframes if key.frame in views]
     size = body_size(body, seen, config.cut_out_margin)
-    return athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views))
+    return _AgainstPapers(athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views)), False)
 
 
 # --------------------------------------------------------------------------------------------------------------

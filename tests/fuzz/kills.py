@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import os
 import random
 import shutil
@@ -28,6 +27,7 @@ from pathlib import Path
 
 import psutil
 
+from experiments.metrics import read_metrics
 from tests.scenes.sweeps import ENVIRONMENT, ROOT, command
 
 GONE_S = 5.0
@@ -66,8 +66,8 @@ def _shot(folder: Path) -> dict[str, str]:
 
 
 def _figures(folder: Path) -> dict[str, str]:
-    found = json.loads((folder / "run" / "metrics.json").read_text())["metrics"]
-    return {key: json.dumps(value) for key, value in found.items() if not key.startswith(TIMES)}
+    found, _ = read_metrics(folder / "run" / "metrics.json")
+    return {each.key: repr(each.value) for each in found if not each.key.startswith(TIMES)}
 
 
 def _run(folder: Path) -> list[str]:
