@@ -207,7 +207,7 @@ def stages(
             if track is not None and capture.cameras[index].motion and not track.valid.any():
                 notes.append(never_located(index, names, localise, sets, bool(known and known[index])))
     if body is not None:
-        against_papers = _papers_against_views(body, sets, views, unbiased, config.tracking)
+        against_papers = papers_against_views(body, sets, views, unbiased, config.tracking)
         notes += against_papers.notes
         if not against_papers.misplaced:  # else no view shows the athlete where the body is thought to be
             notes += slip_notes(offsets, tracks, names, sets.timecodes)
@@ -239,24 +239,26 @@ def stages(
     yield Finished(found)
 
 
-class _AgainstPapers(NamedTuple):
+class AgainstPapers(NamedTuple):
+    """What the views of the keyframes say against the crew's papers."""
+
     notes: list[str]
     misplaced: bool  # the keyframes, and with them the body, are not where the cameras see somebody
 
 
-def _papers_against_views(
+def papers_against_views(
     body: skeleton.Body, sets: FrameSets, views: dict[int, SeenViews], unbiased: dict[int, SeenViews],
     config: TrackingConfig,
-) -> _AgainstPapers:  # fmt: skip
+) -> AgainstPapers:  # fmt: skip
     """Contradictions of the keyframes' ``views`` to the crew's papers, the likeliest cause alone. Those that are
     ``unbiased`` were cut out by the colours alone, where a body that is expected elsewhere leaves no trace."""
     if wrong_object := object_of_another_size(sets.keyframes, body, unbiased):
-        return _AgainstPapers([wrong_object], True)
+        return AgainstPapers([wrong_object], True)
     if blind := unseen_keyframes(sets.keyframes, body, views, sets.timecodes):
-        return _AgainstPapers(blind, True)
+        return AgainstPapers(blind, True)
     seen = [(key.pose, *views[key.frame]) for key in sets.keyframes if key.frame in views]
     size = body_size(body, seen, config.cut_out_margin)
-    return _AgainstPapers(athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views)), False)
+    return AgainstPapers(athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views)), False)
 
 
 # --------------------------------------------------------------------------------------------------------------
