@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,26 +29,31 @@ from pzcap.tracking.body_size import body_size
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import Capture, Localisation, PanZoomCamera, PanZoomTrack, Reconstruction
-from pzcap.views import ViewLocaliser
+from pzcap.views import Segment, ViewLocaliser
 
 
 class Gathered:
-    """What is kept of the events of the loop over the frames. ``tracker``: where a body is tracked."""
+    """What is kept of the events of the loop over the frames. ``segment``: stage 5; ``tracker``: where a body is
+    tracked."""
 
-    def __init__(self, capture: Capture, sets: FrameSets, tracker: Tracker | None) -> None:
-        self._capture, self._sets, self._tracker = capture, sets, tracker
+    def __init__(self, capture: Capture, sets: FrameSets, segment: Segment, tracker: Tracker | None) -> None:
+        self._capture, self._sets, self._segment, self._tracker = capture, sets, segment, tracker
         self.names = tuple(files.name for files in capture.cameras)
         self._located: list[tuple[Localisation | None, ...]] = []
         self._poses: list[Tracked] = []
         self._set_by_hand = {keyframe.frame for keyframe in sets.keyframes}
         self._views: dict[int, SeenViews] = {}  # of the keyframes
+        self._unbiased: dict[int, SeenViews] = {}  # cut out without a word of where the body should be
         self._offsets = FrameOffsets(len(capture.cameras))
 
     def take(self, event: FrameLocalised | FrameSegmented | BodyTracked | Progress) -> None:
         """Keep what the result is made of."""
         match event:
-            case FrameLocalised(_, localisations):
+            case FrameLocalised(frames, localisations):
                 self._located.append(localisations)
+                if self._tracker and frames.index in self._set_by_hand:
+                    alone = self._segment(event, None)
+                    self._unbiased[frames.index] = SeenViews(alone.cameras, alone.silhouettes)
             case FrameSegmented(frames, cameras, silhouettes) if self._tracker:
                 self._offsets.see(frames.index, cameras, silhouettes)
                 if frames.index in self._set_by_hand:
@@ -70,18 +77,16 @@ class Gathered:
             if track is not None and self._capture.cameras[index].motion and not track.valid.any()
         ]
 
-    def contradictions(self, body: Body | None, config: TrackingConfig) -> list[str]:
-        """Notes on what in the keyframes' views contradicts the crew's papers, the likeliest cause alone."""
+    def contradictions(
+        self, body: Body | None, tracks: Sequence[PanZoomTrack | None], config: TrackingConfig
+    ) -> list[str]:
+        """Notes on what in the keyframes' views contradicts the crew's papers, and on frames that a camera lost."""
+        slips = partial(slip_notes, self._offsets, tracks, self.names, self._sets.timecodes)
         if body is None:
-            return []
-        sets, views = self._sets, self._views
-        if wrong_object := object_of_another_size(sets.keyframes, body, views):
-            return [wrong_object]
-        if blind := unseen_keyframes(sets.keyframes, body, views, sets.timecodes):
-            return blind
-        seen = [(key.pose, *views[key.frame]) for key in sets.keyframes if key.frame in views]
-        size = body_size(body, seen, config.cut_out_margin)
-        return athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views))
+            return slips()
+        found = papers_against_views(body, self._sets, self._views, self._unbiased, config)
+        # where the body is misplaced, no view shows the athlete where it is thought to be
+        return found.notes if found.misplaced else [*found.notes, *slips()]
 
     def reconstruction(
         self, calibrated: Sequence[CalibratedCamera | None], tracks: tuple[PanZoomTrack | None, ...],
@@ -89,7 +94,7 @@ class Gathered:
     ) -> Reconstruction:  # fmt: skip
         """The result: the cameras as ``calibrated``, their ``heads`` as the frames have shown them, and the body."""
         heads = _with_clocks(heads, self._tracker, self._capture.frame_rate)
-        found = [*notes, *slip_notes(self._offsets, tracks, self.names, self._sets.timecodes)]
+        found = list(notes)
         if not config.free_tilt:
             usual_clock_s = float(np.median([head.clock_s for head in heads if head is not None] or [0.0]))
             for name, head, track in zip(self.names, heads, tracks, strict=True):
@@ -113,6 +118,27 @@ class Gathered:
             motion=self._tracker.motion(self._poses) if self._tracker else None,
             notes=tuple(found),
         )  # fmt: skip
+
+
+class AgainstPapers(NamedTuple):
+    """What the views of the keyframes say against the crew's papers."""
+
+    notes: list[str]
+    misplaced: bool  # the keyframes, and with them the body, are not where the cameras see somebody
+
+
+def papers_against_views(
+    body: Body, sets: FrameSets, views: dict[int, SeenViews], unbiased: dict[int, SeenViews], config: TrackingConfig
+) -> AgainstPapers:
+    """Contradictions of the keyframes' ``views`` to the crew's papers, the likeliest cause alone. Those that are
+    ``unbiased`` were cut out by the colours alone, where a body that is expected elsewhere leaves no trace."""
+    if wrong_object := object_of_another_size(sets.keyframes, body, unbiased):
+        return AgainstPapers([wrong_object], True)
+    if blind := unseen_keyframes(sets.keyframes, body, views, sets.timecodes):
+        return AgainstPapers(blind, True)
+    seen = [(key.pose, *views[key.frame]) for key in sets.keyframes if key.frame in views]
+    size = body_size(body, seen, config.cut_out_margin)
+    return AgainstPapers(athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views)), False)
 
 
 def _never_located(index: int, names: Sequence[str], localise: ViewLocaliser, sets: FrameSets, taken_over: bool) -> str:

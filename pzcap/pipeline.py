@@ -142,13 +142,13 @@ def stages(
         tracker = None
         if body is not None:
             tracker = yield from body_tracker(body, capture, sets, localise, segment, config.tracking, notes)
-        gathered = Gathered(capture, sets, tracker)
+        gathered = Gathered(capture, sets, segment, tracker)
         for event in follow(sets, localise, segment, tracker):
             gathered.take(event)
             yield event
         tracks = gathered.tracks(calibrated)
         notes += gathered.never_located(tracks, localise, known)
-    notes += gathered.contradictions(body, config.tracking)
+    notes += gathered.contradictions(body, tracks, config.tracking)
     heads = localise.heads(capture.frame_rate)
     found = gathered.reconstruction(calibrated, tracks, heads, config.panzoom, notes)
     yield Finished(found if placed is None else in_metres(found, measured, placed))

@@ -61,7 +61,16 @@ Float32 = NDArray[np.float32]
 
 
 class PzcapError(Exception):
-    """A fault that a user can mend: the message says in one line what is wrong, where, and what to do about it."""
+    """A fault that a user can mend: the message says in one line what is wrong, where, and what to do about it.
+
+    What it quotes may hold anything: a line break becomes a space, and what no terminal prints its escape.
+    """
+
+    def __str__(self) -> str:
+        return "".join(
+            sign if sign.isprintable() else " " if sign.isspace() else sign.encode("unicode_escape").decode()
+            for sign in super().__str__()
+        )
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from pzcap.io.capture import MANIFEST
-from pzcap.io.files import checked, written_whole
+from pzcap.io.files import checked, write_json, written_whole
 from pzcap.io.manifest import covariance_entry, load_json
 from pzcap.types import SEGMENTS, Array, Pose
 
@@ -93,8 +93,7 @@ class KeyframeFile:
         if content.get("keyframes") == name or (content.get("keyframes") and name):
             return
         content["keyframes"] = name
-        with written_whole(path) as partial:
-            partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_json(path, content)
 
 
 def _entry(timecode: str, pose: Pose, covariance: Array | None) -> dict[str, Any]:

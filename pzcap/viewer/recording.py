@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from pzcap.events import CameraCalibrated, Event, FrameLocalised, FrameSegmented
 from pzcap.io.capture import read_image
+from pzcap.io.files import with_utf8_name
 from pzcap.types import (
     Array,
     Capture,
@@ -60,7 +61,8 @@ class Recorder:
         self.rec = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
         self.rec.set_log_time_enabled(False)
         self.rec.set_log_tick_enabled(False)
-        self.rec.save(self._partial)
+        with with_utf8_name(self._partial) as named:
+            self.rec.save(named)
         self.rec.send_recording_name(plain(name))
         self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(MAX_PENDING)
         self._worker = threading.Thread(target=self._work, name="recorder", daemon=True)
@@ -164,8 +166,8 @@ class Recorder:
 def has_footer(path: Path) -> bool:
     """True where the recording at ``path`` was closed properly: its footer is written last."""
     try:
-        with warnings.catch_warnings(action="ignore"):
-            rr.chunk.RrdReader(path).store()
+        with warnings.catch_warnings(action="ignore"), with_utf8_name(path) as named:
+            rr.chunk.RrdReader(named).store()
     except Exception:  # the reader's exceptions have no common type of their own
         return False
     return True
