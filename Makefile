@@ -9,11 +9,16 @@ DEV := $(VENV)/.dev
 CLIENTS := .clients/.done
 INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --progress-bar off --constraint constraints.txt
 
-.PHONY: demo test test-all test-clients fuzz kills gate baseline docs check setup clean
+.PHONY: demo benchmark test test-all test-clients fuzz kills gate baseline docs check setup clean
 .DEFAULT_GOAL := demo
 
 demo: $(LAB)  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
 	$(RUN)/python -m experiments.run experiment=floor_exercise seed=0 hydra.run.dir=outputs/demo
+
+benchmark: $(LAB)  ## shoot the mini split, let all methods of this tree answer, and make the board of them: an hour
+	$(RUN)/python -m experiments.benchmark make split=mini
+	$(RUN)/python -m experiments.benchmark score split=mini
+	$(RUN)/python -m experiments.benchmark board split=mini
 
 test: check  ## everything that has to hold
 	$(RUN)/python -m pytest -n 2 --dist loadgroup

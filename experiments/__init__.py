@@ -2,6 +2,7 @@
 
 import os
 import resource
+import signal
 import sys
 from pathlib import Path
 from typing import Final
@@ -20,7 +21,16 @@ def _check_room() -> None:
         )
 
 
+def _end_when_interrupted() -> None:
+    """Have an interrupt end a command at once until `experiments.errors.guard` takes over: while modules are loaded,
+    Python passes over a KeyboardInterrupt now and then, and the command would go on."""
+    is_command = sys.argv[:1] == ["-m"]  # so until ``python -m`` has found the module
+    if is_command and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 _check_room()
+_end_when_interrupted()
 
 # The work runs in threads of its own; OpenBLAS threads beneath them wait for each other and for the cores. This must be
 # said before numpy is first imported.

@@ -11,7 +11,6 @@ OpenCV keep to one each. What Numba compiles is compiled before the clock starts
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
@@ -29,7 +28,7 @@ from rich.text import Text
 from experiments.errors import guard
 from experiments.metrics import machine
 from experiments.progress import Bars
-from experiments.terminal import table, terminal
+from experiments.terminal import command_line, table, terminal
 from pzcap import pipeline
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
@@ -39,8 +38,8 @@ from pzcap.io import results
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.runtime import one_thread_each
 from pzcap.starting_poses import body_to_track, body_tracker
-from pzcap.tracking.tracker import Tracker
 from pzcap.types import Capture, FrameSet, PzcapError
+from pzcap.views import Expecting, ViewLocaliser, segment_views
 
 COLD_EVERY: Final = 10  # frame sets
 WARM: Final = 3  # frame sets before the clock starts
@@ -141,19 +140,19 @@ def _follow(
     nothing, besides."""
     sets = frame_sets(capture)
     body = body_to_track(capture, sets, config.tracking, [])
-    localise = stages.index.time(pipeline.ViewLocaliser, cameras, config.panzoom, pool, capture.frame_rate)
+    localise = stages.index.time(ViewLocaliser, cameras, config.panzoom, pool, capture.frame_rate)
 
-    def localise_timed(frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
+    def localise_timed(frames: FrameSet, tracker: Expecting | None) -> FrameLocalised:
         if frames.index % COLD_EVERY == WARM:
             for localiser, image in zip(localise.localisers, frames.images, strict=True):
                 if localiser is not None and image is not None:
                     stages.cold.time(localiser.localise, image, None)
         return localise(frames, tracker)
 
-    segment, followed = partial(pipeline.segment_views, cameras, config, pool), False
+    segment, followed = partial(segment_views, cameras, config.foreground, config.panzoom, pool), False
     tracker = None
     if body is not None:
-        starting = body_tracker(body, sets, capture.frame_rate, localise, segment, config.tracking, [])
+        starting = body_tracker(body, capture, sets, localise, segment, config.tracking, [])
         tracker = stages.start.time(_outcome, starting)
     for event in pipeline.follow(sets, localise_timed, segment, tracker):
         match event:
@@ -209,7 +208,7 @@ def _ready(capture: Capture, folder: Path, method: str) -> list[CalibratedCamera
 
 
 def _job() -> None:
-    parser = argparse.ArgumentParser(prog="python -m experiments.bench", description="Where the time goes.")
+    parser = command_line("bench", __doc__)
     parser.add_argument("capture", type=Path, help="a capture folder, docs/capture.md")
     parser.add_argument("--reconstruction", type=Path, help="one of it, that a run left: do not calibrate")
     given = parser.parse_args()

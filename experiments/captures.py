@@ -8,20 +8,19 @@ Whatever is removed is shot again when a run asks for it. Light beyond ``output.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from experiments.config import AppConfig
 from experiments.errors import guard
-from experiments.terminal import table, terminal
+from experiments.terminal import command_line, table, terminal
 from sim.capture_cache import Kept, kept, remove
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.captures", description="What is kept of shoots.")
+    parser = command_line("captures", __doc__)
     parser.add_argument("--folder", type=Path, default=Path(AppConfig().output.captures), help="where they are kept")
     parser.add_argument("--remove", choices=("light", "captures", "all"), help="what to remove")
     options = parser.parse_args(arguments)

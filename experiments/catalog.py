@@ -9,7 +9,6 @@ that Python takes to load the libraries is in neither.
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import sys
 import time
@@ -24,7 +23,7 @@ from experiments.config import nearest
 from experiments.errors import guard
 from experiments.recordings import readable
 from experiments.review import RECORDING, runs_in
-from experiments.terminal import print_whole, table, terminal
+from experiments.terminal import command_line, print_whole, table, terminal
 from pzcap.types import PzcapError
 
 
@@ -57,7 +56,7 @@ def _column(runs: Any, prefix: str, name: str) -> Any:
 
 
 def _command() -> None:
-    parser = argparse.ArgumentParser(prog="experiments.catalog", description=(__doc__ or "").partition("\n")[0])
+    parser = command_line("catalog", __doc__)
     parser.add_argument("folder", type=Path, help="of a study, or of any runs")
     parser.add_argument("setting", help="such as shoot.sensor.read_noise")
     parser.add_argument("metric", help="such as panzoom.pan.rms")

@@ -14,7 +14,6 @@ exit status 1 where they do not.
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import shutil
@@ -34,7 +33,7 @@ from rich.console import Console
 
 from experiments.errors import AlreadyReported, guard
 from experiments.studies.study import TABLE
-from experiments.terminal import table, terminal
+from experiments.terminal import command_line, table, terminal
 from pzcap.types import PzcapError
 
 FOLDER: Final = Path("outputs/efficiency")
@@ -137,8 +136,7 @@ def _only(folder: Path) -> Path:
 
 def main() -> int:
     """The command. Exit status 0, or 1."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(prog="python -m experiments.efficiency", description=__doc__, formatter_class=raw)
+    parser = command_line("efficiency", __doc__)
     parser.add_argument("--jobs", type=int, default=6)
     parser.add_argument("--cores", type=int, default=2)
     options, overrides = parser.parse_known_args()

@@ -21,6 +21,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from experiments.config import AppConfig, default_tree, keys, nearest
+from pzcap.command.printing import print_anything
 from pzcap.types import PzcapError
 
 
@@ -75,6 +76,7 @@ def guard(main: Callable[[], object], config: type[AppConfig] = AppConfig) -> in
     """Run ``main``, a Hydra application that is told a ``config``; the exit status."""
     # Hydra swallows exceptions and prints its own several lines, unless it is told to let them through.
     os.environ["HYDRA_FULL_ERROR"] = "1"
+    print_anything()
     setattr(JobReturn, "return_value", property(_value_or_error, _keep))  # noqa: B010
     try:
         with _terminable(), redirect_stdout(cast(TextIO, _Output(sys.stdout))):
@@ -132,15 +134,20 @@ def flags_first(arguments: Sequence[str]) -> list[str]:
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """SIGTERM interrupts as the keyboard does: what is half done is cleared away, and the command says that it ends."""
+    """SIGTERM interrupts as the keyboard does: what is half done is cleared away, and the command says that it ends.
+    Where interrupts are ignored, as of what a shell runs in the background, they go on being."""
     if threading.current_thread() is not threading.main_thread():  # no other is given signals
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = {each: signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGINT)}
+    asked = [each for each, handler in before.items() if handler is not signal.SIG_IGN or each is signal.SIGTERM]
+    for each in asked:
+        signal.signal(each, signal.default_int_handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for each in asked:
+            signal.signal(each, before[each])
 
 
 def report(error: Exception) -> bool:

@@ -10,7 +10,6 @@ and a table of what moved, where a figure got worse by more than that.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
@@ -30,7 +29,7 @@ from experiments.config import build, plain, structured
 from experiments.errors import AlreadyReported, guard
 from experiments.metrics import Direction, Metric, format_value, run_info
 from experiments.run import CONF, run
-from experiments.terminal import print_whole, table, terminal
+from experiments.terminal import command_line, print_whole, table, terminal
 from pzcap.io.files import written_whole
 from pzcap.types import PzcapError
 
@@ -240,8 +239,7 @@ def _renew(config: GateConfig, extra: Sequence[str], out: Console, err: Console)
 
 def main() -> int:
     """The command. Exit status 0, or 1."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(prog="python -m experiments.gate", description=__doc__, formatter_class=raw)
+    parser = command_line("gate", __doc__)
     parser.add_argument("--renew", action="store_true", help="make the baseline of what is reached now")
     options, extra = parser.parse_known_args()
     task = _renew if options.renew else _compare

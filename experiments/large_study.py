@@ -10,7 +10,6 @@ memory; it does not grow with the number of runs.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -27,7 +26,7 @@ from experiments.errors import guard
 from experiments.memory import watched
 from experiments.metrics import Metric, metrics_text, run_info
 from experiments.studies import jobs, page, study
-from experiments.terminal import table, terminal
+from experiments.terminal import command_line, table, terminal
 from pzcap.types import PzcapError
 
 NOISES: Final = tuple(0.5 * k for k in range(10))
@@ -84,8 +83,7 @@ def stubs(runs: int, folder: Path) -> Iterator[Path]:
 
 def main() -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(prog="python -m experiments.large_study", description=__doc__, formatter_class=raw)
+    parser = command_line("large_study", __doc__)
     parser.add_argument("--runs", type=int, default=100_000)
     runs = parser.parse_args().runs
 

@@ -75,7 +75,7 @@ def machine() -> dict[str, Any]:
 def write_metrics(path: Path, metrics: Iterable[Metric], run: Mapping[str, Any]) -> None:
     """Write metrics.json. Whole or not at all."""
     with written_whole(path) as partial:
-        partial.write_text(metrics_text(metrics, run), encoding="utf-8")
+        partial.write_text(metrics_text(metrics, run), encoding="utf-8", errors="backslashreplace")  # as JSON has it
 
 
 def metrics_text(metrics: Iterable[Metric], run: Mapping[str, Any]) -> str:

@@ -25,6 +25,8 @@ def opened(path: Path) -> Iterator[RrdReader]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # several lines on a recording that was never finished
             yield RrdReader(checked(path))
+    except UnicodeEncodeError as error:
+        raise PzcapError(f"{path}: Rerun reads no path that is not UTF-8; rename its folder") from error
     except (RuntimeError, ValueError, LookupError) as error:
         first = str(error).partition("\n")[0].replace(f" at {path}", "").replace(str(path), "it")
         raise PzcapError(f"{path}: damaged, or never finished ({first}); make the run again") from error

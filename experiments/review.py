@@ -10,7 +10,6 @@ that list in it, RUN/review.rrd or RUN/comparison.rrd, which `rerun` opens anywh
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import sys
 import uuid
@@ -27,6 +26,7 @@ from experiments.errors import guard
 from experiments.recordings import check, each, opened
 from experiments.report import bookmarks
 from experiments.report.bookmarks import Bookmark
+from experiments.terminal import command_line
 from pzcap.io import results
 from pzcap.io.files import written_whole
 from pzcap.types import PzcapError
@@ -178,8 +178,7 @@ def _open(folders: Sequence[Path]) -> None:
 
 def main() -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(prog="python -m experiments.review", description=__doc__, formatter_class=raw)
+    parser = command_line("review", __doc__)
     parser.add_argument("folder", type=Path, help="of a run or a study")
     parser.add_argument("other", type=Path, nargs="?", help="of a run to compare it with")
     given = parser.parse_args()

@@ -31,7 +31,7 @@ from experiments.errors import guard
 from experiments.footage import SMALL, shot
 from experiments.memory import watched
 from experiments.report.plots import COLOURS, svg
-from experiments.terminal import table, terminal
+from experiments.terminal import command_line, table, terminal
 from pzcap.events import FrameLocalised
 from pzcap.io.capture import read_capture
 from pzcap.io.files import written_whole
@@ -163,8 +163,7 @@ def _figure(label: str, amounts: Sequence[float], spents: Sequence[Spent]) -> ob
 
 def main() -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(prog="python -m experiments.scaling", description=__doc__, formatter_class=raw)
+    parser = command_line("scaling", __doc__)
     parser.add_argument("axes", nargs="*", choices=[*AXES, []], help="what grows; all if none is given")
     parser.add_argument("--values", nargs="+", type=int, default=[], help="of the one axis that is given")
     parser.add_argument("--out", type=Path, default=FOLDER)

@@ -37,6 +37,8 @@ class CameraErrors(scoring_cameras.CameraErrors):
     sweep_pan_rad: Array | None = None  # (M,) a frame of the sweep, one common offset removed
     position_m: float | None = None  # distance of the reference camera's centre from the true one
     reference_px: float | None = None  # RMS residual of the calibration object
+    readout_s: float | None = None  # estimated minus true
+    clock_s: float | None = None  # estimated minus true in the middle of the take; what all cameras share is nobody's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +50,7 @@ class Score:
     foreground: tuple[ForegroundErrors, ...] | None
     body: BodyErrors | None
     plain: scoring.Errors  # what files alone would give
-    lost: int  # recorded views without a valid estimate
+    lost: int | None  # recorded views without a valid estimate; None: the body alone was estimated
     own_world: bool = False  # no calibration object: nothing but what is aligned can be compared
 
 
@@ -141,6 +143,11 @@ def _with_calibration(
         found["reference_px"] = float(np.sqrt(np.mean(np.sum(reference.residuals_px**2, axis=1))))
     if panorama is not None:
         found["sweep_pan_rad"] = sweep_errors(panorama, truth, true)
+    head = reconstruction.cameras[number]
+    if head is not None and reconstruction.motion is not None:
+        middle_s = float(frames[known].mean() / truth.frame_rate)
+        found["readout_s"] = head.readout_s - float(truth.readout_s[true])
+        found["clock_s"] = head.clock_s - float(truth.clock_offset_s[true] + truth.clock_drift[true] * middle_s)
     refined, there = reconstruction.refined[number], plain_truth.cameras[true]
     if refined is not None:
         track = within(camera_track(refined, None), known)

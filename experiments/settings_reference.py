@@ -34,7 +34,9 @@ def markdown() -> str:
 
 def descriptions(kind: type = AppConfig, prefix: str = "") -> dict[str, str]:
     """Dotted key -> the docstring under it, of every setting that has one."""
-    hints, found = get_type_hints(kind), {prefix + name: text for name, text in _texts(kind).items()}
+    written = [base for base in reversed(kind.__mro__) if is_dataclass(base)]
+    texts = {name: text for base in written for name, text in _texts(base).items()}
+    hints, found = get_type_hints(kind), {prefix + name: text for name, text in texts.items()}
     for field in fields(kind):
         if is_dataclass(hints[field.name]):
             found |= descriptions(hints[field.name], f"{prefix}{field.name}.")

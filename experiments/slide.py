@@ -9,7 +9,6 @@ what each moved by from the first to the last frame that something in the direct
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,7 +21,7 @@ from rich.console import Console
 from experiments.errors import guard
 from experiments.progress import Bars
 from experiments.report.pictures import draw_dots, draw_strips
-from experiments.terminal import terminal
+from experiments.terminal import command_line, terminal
 from pzcap.extras.slide import Slide, SlideConfig, advise
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
@@ -97,7 +96,7 @@ def assist(
 
 
 def _command() -> None:
-    parser = argparse.ArgumentParser(prog="experiments.slide", description="How to slide the camera, from a short pan.")
+    parser = command_line("slide", __doc__)
     parser.add_argument("clip", type=Path, help="a video, or a folder of images")
     parser.add_argument("--near", type=float, required=True, metavar="M", help="distance of the near object")
     parser.add_argument("--far", type=float, required=True, metavar="M", help="distance of what is behind it")

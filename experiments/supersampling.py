@@ -11,7 +11,6 @@ one, and how much too large it is, as an error of pan, tilt and focal length wou
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -22,7 +21,7 @@ import numpy as np
 from rich.console import Console
 
 from experiments.errors import guard
-from experiments.terminal import table, terminal
+from experiments.terminal import command_line, table, terminal
 from pzcap.types import Array, Image
 from sim.cameras.film import FilmCamera
 from sim.cameras.sensor import SensorConfig
@@ -114,10 +113,7 @@ def measure(scales: Sequence[float], config: ShootConfig, views: int, out: Conso
 
 def main() -> int:
     """The command. Exit status 0, or 1 with a line on stderr."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(
-        prog="python -m experiments.supersampling", description=__doc__, formatter_class=raw
-    )
+    parser = command_line("supersampling", __doc__)
     parser.add_argument("scales", nargs="*", type=float, help="rendered pixels for each pixel of the image")
     parser.add_argument("--views", type=int, default=9, help="pictures, two thirds of them of the sweep")
     options = parser.parse_args()

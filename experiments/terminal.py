@@ -1,7 +1,8 @@
-"""The terminal, as every command prints to it."""
+"""The terminal, as every command is given there, and prints to it."""
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal
@@ -10,6 +11,12 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+
+def command_line(name: str, about: str | None) -> argparse.ArgumentParser:
+    """Arguments of ``python -m experiments.NAME``; its help is ``about``, the module's docstring, as it stands."""
+    raw = argparse.RawDescriptionHelpFormatter
+    return argparse.ArgumentParser(prog=f"python -m experiments.{name}", description=about, formatter_class=raw)
 
 
 def terminal(**how: Any) -> Console:

@@ -22,6 +22,8 @@ def metrics(result: Score) -> list[Metric]:
     sweeps = [c.sweep_pan_rad for c in cameras if c.sweep_pan_rad is not None]
     positions = [c.position_m for c in cameras if c.position_m is not None]
     residuals = [c.reference_px for c in cameras if c.reference_px is not None]
+    readouts = np.array([c.readout_s for c in cameras if c.readout_s is not None])
+    clocks = np.array([c.clock_s for c in cameras if c.clock_s is not None])
     views = result.foreground or ()
     found = [
         Metric("reference.reprojection.rms", float(np.mean(residuals)) if residuals else None, "px"),
@@ -31,6 +33,8 @@ def metrics(result: Score) -> list[Metric]:
         Metric("panzoom.refined.pan.rms", rms(np.degrees(joined([c.refined_pan_rad for c in cameras]))), "deg"),
         Metric("panzoom.refined.focal.rms", rms(100.0 * joined([c.refined_focal for c in cameras])), "%"),
         *scene_metrics(cameras, result.lost),
+        Metric("cameras.readout.rms", 1000.0 * float(np.sqrt(np.mean(readouts**2))) if len(readouts) else None, "ms"),
+        Metric("cameras.clock.rms", 1000.0 * float(clocks.std()) if len(clocks) else None, "ms"),
         Metric("foreground.iou", mean(joined([view.iou for view in views])), "1", "higher"),
         Metric("foreground.outline", mean(joined([view.outline_px for view in views])), "px"),
         Metric("foreground.shadow", mean(100.0 * joined([view.shadow for view in views])), "%"),

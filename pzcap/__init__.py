@@ -2,8 +2,8 @@
 
 The spine, in reading order; everything else is a leaf that one may skip:
 
-    types                                              conventions, the skeleton, every record that crosses a stage
-    pipeline                                           the stages, and the one loop over the frames
+    types                                              conventions, and every record that crosses a stage
+    pipeline, views                                    the stages, and the one loop over the frames
     geometry.lens, geometry.camera                     from a direction to a pixel
     solver.robust, solver.gauss_newton                 how everything here is fitted
     calibration.parameters, .bundle_adjustment, .photometric_bundle_adjustment, .stitching, .calibrate
@@ -14,6 +14,11 @@ The spine, in reading order; everything else is a leaf that one may skip:
     tracking.frame_tracker, .interval_solver, .batch_refinement
                                                        from keyframe to keyframe
 
-`extras` holds what one comparison, one experiment or one tool needs, `viewer` what shows records in Rerun; the core
-imports neither.
+Beside the stages stand the modules at the top that prepare them and judge what they find (`camera_set`,
+`starting_poses`, `without_object`, `assembly`, `plausibility`, `frame_slips`), and `initialisation`, for footage
+without keyframes by hand.
+
+Around the method stand the tools that a crew uses (`synchronisation`, `command`, `editor`, `export`, `scoring`),
+`extras` for what one comparison or one experiment needs, and `viewer`, which shows records in Rerun; the method imports
+none of these.
 """

@@ -39,6 +39,15 @@ from pzcap.types import (
 )
 
 
+def calibrated_of(found: Reconstruction) -> tuple[CalibratedCamera | None, ...]:
+    """The cameras of a reconstruction as they were calibrated; None for one that was not."""
+    parts = zip(found.references, found.panoramas, found.cameras, strict=True)
+    return tuple(
+        None if reference is None or panorama is None or head is None else CalibratedCamera(reference, panorama, head)
+        for reference, panorama, head in parts
+    )
+
+
 def taken_over(
     capture: Capture, earlier: Reconstruction, method: str, notes: list[str]
 ) -> tuple[CalibratedCamera | None, ...]:
@@ -52,12 +61,7 @@ def taken_over(
         raise PzcapError(
             f"'{earlier.capture_name}' was calibrated with method={earlier.method}, not {method}; give the same method"
         )
-    parts = zip(earlier.references, earlier.panoramas, earlier.cameras, strict=True)
-    known = {
-        name: CalibratedCamera(reference, panorama, camera)
-        for name, (reference, panorama, camera) in zip(earlier.camera_names, parts, strict=True)
-        if reference is not None and panorama is not None and camera is not None
-    }
+    known = dict(zip(earlier.camera_names, calibrated_of(earlier), strict=True))
     found = tuple(known.get(files.name) for files in capture.cameras)
     if not any(found):
         raise PzcapError(

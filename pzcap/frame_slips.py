@@ -20,23 +20,12 @@ from numpy.typing import NDArray
 
 from pzcap.geometry.camera import project
 from pzcap.tracking.tracker import Tracked
+from pzcap.tuning import SLIPS
 from pzcap.types import PARENTS, Array, Camera, PanZoomTrack, Silhouette
 
-REACH: Final = 4
-"""Frames, early or late, that are told."""
-_OFFSETS: Final = np.arange(-REACH, REACH + 1)
-_WIDTH: Final = 160
-"""Of the picture of the athlete's colours that is kept of a view until the body is known."""
-_MOST_LOG_ODDS: Final = 4.0
+_OFFSETS: Final = np.arange(-SLIPS.reach, SLIPS.reach + 1)
 _ALONG: Final = np.linspace(0.0, 1.0, 6)
 """Shares of the way from a joint to the one before it, at which points are laid to the athlete."""
-_CHANGE: Final = 8.0
-"""Log-odds, a point, summed over the frames, that an offset, or a change of it, has to bring: right footage of two
-seconds brings 1, a frame that was lost in its middle 40."""
-_NEAR: Final = 5
-"""Frames before and after the body's best guess in which pan and zoom may tell the frame."""
-_LEAP_SIGMAS: Final = 6.0
-"""Leap of pan and zoom, beside what is usual, from which on it tells the frame."""
 
 
 class Slip(NamedTuple):
@@ -75,9 +64,9 @@ class FrameOffsets:
             if each.valid:
                 self._points[each.frame] = along_limbs(each.joints_m)
             self._latest = max(self._latest, each.frame)
-        for frame in [each for each in self._views if each <= self._latest - REACH]:
+        for frame in [each for each in self._views if each <= self._latest - SLIPS.reach]:
             self.scores[frame] = self._scored(frame, self._views.pop(frame))
-        for frame in [each for each in self._points if each < self._latest - 2 * REACH]:
+        for frame in [each for each in self._points if each < self._latest - 2 * SLIPS.reach]:
             del self._points[frame]
 
     def _scored(self, frame: int, views: Sequence[_Kept | None]) -> Array:
@@ -95,7 +84,7 @@ class FrameOffsets:
                 seen = np.full(len(points), -127.0)
                 seen[inside] = view.log_odds[rows[inside], columns[inside]]
                 if inside.mean() > 0.5:  # else the athlete walks out of the picture
-                    scores[number] = seen.reshape(len(_OFFSETS), -1).mean(axis=1) * _MOST_LOG_ODDS / 127.0
+                    scores[number] = seen.reshape(len(_OFFSETS), -1).mean(axis=1) * SLIPS.most_log_odds / 127.0
         return scores
 
     def offsets(self) -> tuple[list[int], Array]:
@@ -123,9 +112,9 @@ def along_limbs(joints_m: Array) -> Array:
 def _kept(camera: Camera, silhouette: Silhouette) -> _Kept:
     """Athlete's colours in a view, small."""
     height, width = silhouette.evidence.shape
-    share = min(1.0, _WIDTH / width)
+    share = min(1.0, SLIPS.width / width)
     size = max(1, round(share * width)), max(1, round(share * height))
-    odds = np.clip(silhouette.evidence, -_MOST_LOG_ODDS, _MOST_LOG_ODDS) * (127.0 / _MOST_LOG_ODDS)
+    odds = np.clip(silhouette.evidence, -SLIPS.most_log_odds, SLIPS.most_log_odds) * (127.0 / SLIPS.most_log_odds)
     small = cv2.resize(odds, size, interpolation=cv2.INTER_AREA)
     scale = np.array([size[0] / camera.width, size[1] / camera.height])
     principal = scale * (camera.principal_px + 0.5) - 0.5
@@ -138,12 +127,12 @@ def _kept(camera: Camera, silhouette: Silhouette) -> _Kept:
 def _path(scores: Array) -> Array:
     """(N,) the offsets that gather most of the ``scores`` (N, 2 REACH + 1), each change costing _CHANGE and one that is
     there from the start half of it: a timecode is wrong more often than that a frame is lost so soon (Viterbi)."""
-    total, came = scores[0] - 0.5 * _CHANGE * (_OFFSETS != 0), []
+    total, came = scores[0] - 0.5 * SLIPS.change * (_OFFSETS != 0), []
     for each in scores[1:]:
         best = int(np.argmax(total))
-        change = total[best] - _CHANGE > total
+        change = total[best] - SLIPS.change > total
         came.append(np.where(change, best, np.arange(len(total))))
-        total = np.where(change, total[best] - _CHANGE, total) + each
+        total = np.where(change, total[best] - SLIPS.change, total) + each
     state = int(np.argmax(total))
     states = [state]
     for back in reversed(came):
@@ -172,11 +161,15 @@ def leap_near(track: PanZoomTrack, frame: int, lost: int) -> int | None:
     steps = [np.diff(np.where(track.valid, each, np.nan)) for each in series]
     around = [_between(each) for each in steps]
     usual = [1.4826 * np.nanmedian(np.abs(a - b)) + 1e-7 for a, b in zip(steps, around, strict=True)]
-    for k in range(max(2, frame - 1 - _NEAR), min(len(steps[0]) - 2, frame + _NEAR)):
+    for k in range(max(2, frame - 1 - SLIPS.near), min(len(steps[0]) - 2, frame + SLIPS.near)):
         normal = sum((b[k] / s) ** 2 for b, s in zip(around, usual, strict=True))
         excess = sum(b[k] * (a[k] - b[k]) / s**2 for a, b, s in zip(steps, around, usual, strict=True))
         sigmas = excess / np.sqrt(normal) * np.sign(lost)
-        if np.isfinite(sigmas) and sigmas > _LEAP_SIGMAS and 0.5 * abs(lost) < abs(excess / normal) < 1.5 * abs(lost):
+        if (
+            np.isfinite(sigmas)
+            and sigmas > SLIPS.leap_sigmas
+            and 0.5 * abs(lost) < abs(excess / normal) < 1.5 * abs(lost)
+        ):
             best = max(best or (0.0, 0), (float(sigmas), k + 1))
     return None if best is None else best[1]
 

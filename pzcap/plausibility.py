@@ -13,32 +13,18 @@ from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.geometry.camera import project
 from pzcap.tracking.body_size import BodySize
+from pzcap.tuning import PLAUSIBILITY
 from pzcap.types import MEASUREMENTS, Camera, Keyframe, PanZoomCamera, PanZoomTrack, Silhouette, Subject
-
-_FOCAL: Final = 2e-4
-"""Difference of the focal lengths of reference image and sweep, which a locked lens keeps to 2e-5; a lens that focused
-anew in the middle of a sweep leaves 1e-3."""
-
-_EVEN: Final = 127
-"""Of a silhouette, from which on a pixel shows the athlete rather than not."""
 
 _OBJECT: Final = "object.json: "  # begins a note
 _SCALES: Final = tuple(percent / 100 for percent in range(70, 141))
 """Sizes of the hall that are tried, as shares of what object.json makes it."""
-_SAME_SIZE: Final = 0.025
-"""Departure that a hand's keyframes may mimic."""
-_FITS: Final = 0.5
-"""Share of the joints that lie on the athlete, at least: 0.9 where all is right, 0.65 where the object alone is not."""
-_ALIKE: Final = 0.02
-"""Difference of that share that says nothing: a limb is as wide as some steps."""
-_BETTER: Final = 0.25
-"""Gain of that share that chance does not bring."""
 
 
 def lens_moved(name: str, calibrated: CalibratedCamera) -> str | None:
     """A note where the sweep of camera ``name`` was taken through another lens than the reference image."""
     still_px, sweep_px = calibrated.reference.camera.focal_px, calibrated.camera.lens.reference_focal_px
-    if abs(sweep_px / still_px - 1.0) < _FOCAL:
+    if abs(sweep_px / still_px - 1.0) < PLAUSIBILITY.focal:
         return None
     return (
         f"camera {name}: the focal length of its sweep, {sweep_px:.2f} px, is not that of its reference image, "
@@ -46,28 +32,18 @@ def lens_moved(name: str, calibrated: CalibratedCamera) -> str | None:
     )
 
 
-_READOUT_S: Final = 1.5e-3
-"""Read-out time from which on a camera is said to have a rolling shutter."""
-_CLOCK_S: Final = 1.5e-3
-"""Offset from which on a clock is said to be off."""
-_SIGMAS: Final = 5.0
-"""Standard deviations from which on either is sure."""
-_TILT_RAD: Final = np.deg2rad(0.02)
-"""Tilt or roll, on average over the motion, from which on a tripod is said to have settled."""
-
-
 def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_clock_s: float) -> list[str]:
     """Notes on what the motion has shown of camera ``name`` and a studio's would not do; all of it is corrected for.
     ``usual_clock_s``: the median of all cameras' clocks, which one that is a whole frame off does not move."""
     notes = []
-    if abs(head.readout_s) > max(_READOUT_S, _SIGMAS * head.readout_sigma_s):
+    if abs(head.readout_s) > max(PLAUSIBILITY.readout_s, PLAUSIBILITY.sigmas * head.readout_sigma_s):
         upside_down = "" if head.readout_s > 0.0 else ", from the bottom up"
         notes.append(
             f"camera {name}: its shutter rolls: {1e3 * abs(head.readout_s):.1f} ms (standard deviation "
             f"{1e3 * head.readout_sigma_s:.1f}) from the first row to the last{upside_down}"
         )
     clock_s = head.clock_s - usual_clock_s
-    if abs(clock_s) > max(_CLOCK_S, _SIGMAS * head.clock_sigma_s):
+    if abs(clock_s) > max(PLAUSIBILITY.clock_s, PLAUSIBILITY.sigmas * head.clock_sigma_s):
         late = "after" if clock_s > 0.0 else "before"
         notes.append(
             f"camera {name}: it exposes {1e3 * abs(clock_s):.1f} ms (standard deviation "
@@ -78,7 +54,7 @@ def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_cloc
             float(np.median(track.tilt_rad[track.valid])) - head.tilt_rad,
             float(np.median(track.roll_rad[track.valid])),
         )
-        if max(map(abs, off)) > _TILT_RAD:
+        if max(map(abs, off)) > PLAUSIBILITY.tilt_rad:
             notes.append(
                 f"camera {name}: in the motion it is tilted by {np.rad2deg(off[0]):+.3f} and rolled by "
                 f"{np.rad2deg(off[1]):+.3f} degrees against the sweep: the tripod has settled or was touched"
@@ -124,8 +100,12 @@ def object_of_another_size(keyframes: Sequence[Keyframe], body: Body, views: Map
         return None
     shares = {scale: _share_on_athlete(keyframes, body, views, scale) for scale in _SCALES}
     highest = max(shares.values())
-    best = round(float(np.mean([scale for scale, share in shares.items() if share > highest - _ALIKE])), 2)
-    if abs(best - 1.0) < _SAME_SIZE or highest < _FITS or highest - shares[1.0] < _BETTER:
+    best = round(float(np.mean([scale for scale, share in shares.items() if share > highest - PLAUSIBILITY.alike])), 2)
+    if (
+        abs(best - 1.0) < PLAUSIBILITY.same_size
+        or highest < PLAUSIBILITY.fits
+        or highest - shares[1.0] < PLAUSIBILITY.better
+    ):
         return None
     # tripods too far by so much: what is written is too large
     kind = "smaller" if best < 1.0 else "larger"
@@ -204,6 +184,6 @@ def _is_seen(key: Keyframe, body: Body, seen: SeenViews) -> bool:
         pixels, depth = project(camera, joints(body, key.pose))
         inside = (depth > 0.0) & np.all((pixels >= 0.0) & (pixels < (camera.width - 1, camera.height - 1)), axis=1)
         column, row = np.round(pixels[inside]).astype(int).T
-        if np.any(silhouette.probability[row, column] > _EVEN):
+        if np.any(silhouette.probability[row, column] > PLAUSIBILITY.even):
             return True
     return not told

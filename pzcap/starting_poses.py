@@ -2,55 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
-from fractions import Fraction
-from typing import Protocol, TypeAlias
+from collections.abc import Generator, Sequence
+from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from pzcap.body import skeleton
 from pzcap.body.anthropometry import UNMEASURED
 from pzcap.body.skeleton import Body
-from pzcap.events import FrameLocalised, FrameSegmented, Progress
+from pzcap.events import FrameSegmented, Progress
 from pzcap.initialisation.keyframes import find_keyframes
 from pzcap.initialisation.people import Detections
 from pzcap.initialisation.selection import worthwhile
 from pzcap.io.capture import FrameSets
 from pzcap.io.detections import NOBODY
 from pzcap.plausibility import guessed_measurements
-from pzcap.segmentation.foreground import Expected
 from pzcap.tracking import keyframes
 from pzcap.tracking.pixel_time import Exposure
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.tracker import Tracker, TrackInput, ViewInput
-from pzcap.types import Camera, Capture, FrameSet, Keyframe, Localisation
+from pzcap.types import Capture, Keyframe, Localisation
+from pzcap.views import Segment, ViewLocaliser
+
+_WORST_CLOCK: Final = 1.5  # frames: more, and the motion of a frame is no longer a straight line
 
 
-class Expecting(Protocol):
-    """Something that expects the body somewhere."""
-
-    def expect(self, frame: int, camera: Camera) -> Expected | None:
-        """Prior of the silhouette in a view of a ``frame``; None where nothing is expected."""
-
-
-Segment: TypeAlias = Callable[[FrameLocalised, Expecting | None], FrameSegmented]
-"""Stage 5, as `pzcap.pipeline` has it."""
-
-
-class Localising(Protocol):
-    """Stage 4, as `pzcap.pipeline.ViewLocaliser` has it."""
-
-    def __call__(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
-        """Localise the views of an instant."""
-
-    def restart(self) -> None:
-        """Forget the frames so far."""
-
-    def as_found(self, frames: FrameSet, found: tuple[Localisation | None, ...]) -> FrameLocalised:
-        """``frames`` that were ``found`` before."""
-
-    def cameras(self, found: Sequence[Localisation | None]) -> tuple[Camera | None, ...]:
-        """The cameras of an instant that was ``found``."""
+def _with_clock_sigma(config: TrackingConfig, capture: Capture) -> TrackingConfig:
+    """The settings, with clocks as uncertain as sync.json says where there is one."""
+    if capture.sync is None or not config.clock_sigma:
+        return config
+    worst = max(clock.sigma_s for clock in capture.sync.values()) * float(capture.frame_rate)
+    return replace(config, clock_sigma=max(config.clock_sigma, min(worst, _WORST_CLOCK)))
 
 
 def body_to_track(capture: Capture, sets: FrameSets, config: TrackingConfig, notes: list[str]) -> Body | None:
@@ -71,13 +54,13 @@ def body_to_track(capture: Capture, sets: FrameSets, config: TrackingConfig, not
 
 
 def body_tracker(
-    body: Body, sets: FrameSets, frame_rate: Fraction, localise: Localising, segment: Segment, config: TrackingConfig,
+    body: Body, capture: Capture, sets: FrameSets, localise: ViewLocaliser, segment: Segment, config: TrackingConfig,
     notes: list[str],
 ) -> Generator[Progress, None, Tracker | None]:  # fmt: skip
     """The tracker of stage 6, which starts from the keyframes of ``sets`` and, where these leave gaps, from others that
     are found in a detector's keypoints; None, and a reason added to ``notes``, where there are neither."""
-    found: list[Keyframe] = []
-    rate, given = float(frame_rate), [key.frame for key in sets.keyframes]
+    config, found = _with_clock_sigma(config, capture), list[Keyframe]()
+    rate, given = float(capture.frame_rate), [key.frame for key in sets.keyframes]
     if config.keypoint_keyframes and sets.people(0) and worthwhile(given, len(sets), rate):
         found = yield from keyframes_from_keypoints(body, sets, rate, localise, segment, config)
         names = ", ".join(f"{key.frame} ({sets.timecodes[key.frame]})" for key in found)
@@ -93,7 +76,7 @@ def body_tracker(
 
 
 def keyframes_from_keypoints(
-    body: Body, sets: FrameSets, rate: float, localise: Localising, segment: Segment, config: TrackingConfig
+    body: Body, sets: FrameSets, rate: float, localise: ViewLocaliser, segment: Segment, config: TrackingConfig
 ) -> Generator[Progress, None, list[Keyframe]]:
     """Keyframes beside those of ``sets`` (`pzcap.initialisation`). All frames are localised for it, and then again in
     their turn, when the tracker says where the body is."""

@@ -9,15 +9,14 @@ percent or two, so the body is tracked with its size open; once its contours hav
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.body.anthropometry import Measured
-from pzcap.body.landmarks import SIGMA_M
 from pzcap.body.skeleton import Body, of
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.correspondences import height_of as camera_height
@@ -25,60 +24,24 @@ from pzcap.events import Progress
 from pzcap.geometry import camera as geometry
 from pzcap.initialisation.body_height import height_of, height_of_moved, seen_height
 from pzcap.initialisation.camera_poses import HeadRays, Heads, adjust, floor_height, place_heads
+from pzcap.initialisation.limb_lengths import scale_by_limbs
 from pzcap.initialisation.people import Detections, Sighting, athlete, most_central
 from pzcap.initialisation.tuning import HEADS, HEIGHT, PEOPLE
 from pzcap.io.capture import FrameSets
 from pzcap.io.detections import KEYPOINTS
-from pzcap.starting_poses import Localising, Segment, track_input
+from pzcap.scaling import scaled, scaled_camera, scaled_pose
+from pzcap.starting_poses import track_input
 from pzcap.tracking.observation import ViewInput
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.tracker import Tracker
-from pzcap.types import (
-    MEASUREMENTS,
-    Array,
-    Camera,
-    InverseDepthMap,
-    Keyframe,
-    Localisation,
-    Mask,
-    Panorama,
-    PanZoomCamera,
-    PzcapError,
-    Reconstruction,
-    ReferenceCamera,
-)
+from pzcap.types import Array, Camera, Keyframe, Localisation, PanZoomCamera, PzcapError, Reconstruction
+from pzcap.views import Segment, ViewLocaliser
 
 Number = TypeVar("Number", bound=np.generic)
 
 _AT: Final = {name: row for row, name in enumerate(KEYPOINTS)}
 
 
-class _Link(NamedTuple):
-    """A distance between keypoints, or between the middles of two, that measurements tell."""
-
-    ends: tuple[tuple[str, ...], tuple[str, ...]]
-    told: Mapping[str, float]  # by measurement
-    quantile: float = 0.5  # of its length over the frames: a back is straight in some only
-    sigma_m: float = 0.0  # beside what measurements and detector leave open
-
-
-def _pair(name: str) -> tuple[str, str]:
-    return f"left_{name}", f"right_{name}"
-
-
-_LINKS: Final = (
-    *(
-        _Link(((f"{side}_{a}",), (f"{side}_{b}",)), {measurement: 1.0})
-        for side in ("left", "right")
-        for a, b, measurement in (
-            ("shoulder", "elbow", "upper_arm"), ("elbow", "wrist", "forearm"), ("hip", "knee", "thigh"),
-            ("knee", "ankle", "shank"),
-        )
-    ),
-    _Link((_pair("hip"), _pair("shoulder")), {"trunk": 1.0, "shoulder_drop": -1.0}, 0.8, 0.015),
-    _Link((_pair("shoulder"), _pair("ear")), {"shoulder_drop": 1.0, "head": 0.48}, 0.8, 0.015),
-)  # fmt: skip
-"""From ankle to ear without a gap: what a detector means by a hip makes a thigh longer and the trunk shorter."""
 _FEET: Final = [_AT[f"{side}_{name}"] for side in ("left", "right") for name in ("heel", "big_toe", "small_toe")]
 
 
@@ -102,13 +65,23 @@ class Placed:
 
 
 def place_cameras(
-    calibrated: Sequence[CalibratedCamera | None], sets: FrameSets, body: Body, localise: Localising
-) -> Generator[Progress, None, Placed]:
+    calibrated: Sequence[CalibratedCamera | None], sets: FrameSets, body: Body, localise: ViewLocaliser,
+    segment_by: Callable[[Sequence[CalibratedCamera | None]], Segment], config: TrackingConfig,
+) -> Generator[Progress, None, Placed]:  # fmt: skip
     """Place the ``calibrated`` cameras, each level in a world of its own, in one world: z up from the floor, the middle
-    of what the athlete does above the origin, x as the first of them looks at pan 0.
+    of what the athlete does above the origin, x as the first of them looks at pan 0. ``segment_by`` makes stage 5 of
+    cameras.
 
     Raises PzcapError where the keypoints do not tell how they stand.
     """
+    placed = yield from _placed_by_keypoints(calibrated, sets, body, localise)
+    return _scaled_by_contours(placed, sets, body, localise, segment_by(placed.cameras), config)
+
+
+def _placed_by_keypoints(
+    calibrated: Sequence[CalibratedCamera | None], sets: FrameSets, body: Body, localise: ViewLocaliser
+) -> Generator[Progress, None, Placed]:
+    """The cameras in one world, its lengths by the limbs."""
     instants: list[Detections] = []
     located: list[tuple[int, tuple[Localisation | None, ...]]] = []
     every = max(len(sets) // HEADS.most_frames, 1)
@@ -218,40 +191,7 @@ def _transform(rotation: Array, place_m: Array) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------------------
-# How long a metre is, and where the floor
-
-
-def scale_by_limbs(points: Array, seen: Mask, body: Body) -> tuple[float, float]:
-    """Metres for each unit of the ``points`` (T, 26, 3), of those ``seen`` (T, 26), and its relative standard
-    deviation: limbs are as long as the ``body``'s measurements have them, with all that is not known of these and of
-    what the detector means (generalised least squares on their logarithms). Raises PzcapError where none is seen."""
-    rows: list[_Link] = []
-    observed, noise = [], []
-    for link in _LINKS:
-        ends = [[_AT[name] for name in names] for names in link.ends]
-        both = seen[:, ends[0] + ends[1]].all(axis=1)
-        lengths = np.linalg.norm(points[both][:, ends[0]].mean(axis=1) - points[both][:, ends[1]].mean(axis=1), axis=1)
-        if len(lengths) < HEADS.fewest_lengths:
-            continue
-        middle = float(np.median(lengths))
-        spread = 1.4826 * float(np.median(np.abs(lengths - middle)))
-        rows.append(link)
-        observed.append(float(np.quantile(lengths, link.quantile)))
-        noise.append(spread / middle * np.sqrt(HEADS.doubt / len(lengths)))
-    if not rows:
-        raise PzcapError("no limb of the athlete is seen by two cameras often enough")
-    by_measurement = np.array([[link.told.get(name, 0.0) for name in MEASUREMENTS] for link in rows])
-    by_landmark = np.zeros((len(rows), len(KEYPOINTS)))
-    for k, link in enumerate(rows):
-        for sign, names in zip((-1.0, 1.0), link.ends, strict=True):
-            by_landmark[k, [_AT[name] for name in names]] = sign / len(names)
-    lengths_m = by_measurement @ body.measured.values_m
-    covariance = by_measurement @ body.measured.covariance_m2 @ by_measurement.T
-    covariance += (by_landmark * SIGMA_M**2) @ by_landmark.T + np.diag([link.sigma_m**2 for link in rows])
-    covariance = covariance / np.outer(lengths_m, lengths_m) + np.diag(np.square(noise))
-    weight = np.linalg.solve(covariance, np.ones(len(rows)))
-    variance = 1.0 / float(weight.sum())
-    return float(np.exp(variance * weight @ np.log(lengths_m / np.array(observed)))), float(np.sqrt(variance))
+# The world: how long a metre is, where the floor
 
 
 def _in_own_world(found: Heads, scale: float) -> Heads:
@@ -270,40 +210,15 @@ def _in_own_world(found: Heads, scale: float) -> Heads:
 
 def _placed(one: CalibratedCamera, rotation: Array, place_m: Array) -> CalibratedCamera:
     """A camera on its head there, what it knows in camera heights brought to metres."""
-    return _scaled_camera(one, place_m[2] / camera_height(one.reference.camera), _transform(rotation, place_m))
-
-
-def _scaled_camera(one: CalibratedCamera, factor: float, world_T_head: Array) -> CalibratedCamera:
-    camera = _scaled_head(one.camera, factor, world_T_head)
-    panorama = _scaled_panorama(one.panorama, factor)
-    there = geometry.at(camera, 0.0, camera.tilt_rad, one.reference.camera.focal_px)
-    return CalibratedCamera(replace(one.reference, camera=there), panorama, camera)
-
-
-def _scaled_head(camera: PanZoomCamera, factor: float, world_T_head: Array) -> PanZoomCamera:
-    return replace(
-        camera, world_T_head=world_T_head, offset_m=factor * camera.offset_m, travel_m=factor * camera.travel_m
-    )
-
-
-def _scaled_panorama(panorama: Panorama, factor: float) -> Panorama:
-    hall = panorama.surroundings
-    scaled = InverseDepthMap(factor * hall.height_m, hall.walls / factor, hall.departures, hall.slopes)
-    return replace(panorama, surroundings=scaled)
+    return scaled_camera(one, place_m[2] / camera_height(one.reference.camera), _transform(rotation, place_m))
 
 
 # --------------------------------------------------------------------------------------------------------------
 # The body's size
 
 
-def of_open_size(body: Body, sigma: float) -> Body:
-    """The body in units of length that are uncertain by a relative ``sigma``."""
-    values, covariance = body.measured.values_m, body.measured.covariance_m2
-    return of(Measured(values, covariance + sigma**2 * np.outer(values, values)), body.loose_m)
-
-
-def scaled_by_contours(
-    placed: Placed, sets: FrameSets, body: Body, localise: Localising, segment: Segment, config: TrackingConfig
+def _scaled_by_contours(
+    placed: Placed, sets: FrameSets, body: Body, localise: ViewLocaliser, segment: Segment, config: TrackingConfig
 ) -> Placed:
     """The cameras with their scale by the athlete's height as contours show it, where these do; ``segment`` knows the
     cameras as they are ``placed``, and ``localise`` how their rows are exposed."""
@@ -320,14 +235,16 @@ def scaled_by_contours(
         return placed
     factor = 1.0 / found.ratio
     cameras = tuple(
-        None if one is None else _scaled_camera(one, factor, _scaled(one.camera.world_T_head, factor))
+        None if one is None else scaled_camera(one, factor, scaled_pose(one.camera.world_T_head, factor))
         for one in placed.cameras
     )
     return replace(placed, cameras=cameras, sigma_m=factor * placed.sigma_m, scale_sigma=found.sigma)
 
 
-def _scaled(world_T: Array, factor: float) -> Array:
-    return _transform(world_T[:3, :3], factor * world_T[:3, 3])
+def of_open_size(body: Body, sigma: float) -> Body:
+    """The body in units of length that are uncertain by a relative ``sigma``."""
+    values, covariance = body.measured.values_m, body.measured.covariance_m2
+    return of(Measured(values, covariance + sigma**2 * np.outer(values, values)), body.loose_m)
 
 
 def in_metres(found: Reconstruction, body: Body, placed: Placed) -> Reconstruction:
@@ -338,29 +255,7 @@ def in_metres(found: Reconstruction, body: Body, placed: Placed) -> Reconstructi
     if found.motion is None or found.motion.body is None:
         return replace(found, notes=(*found.notes, _note(found, placed, 1.0, placed.scale_sigma)))
     factor = height_of(body) / height_of_moved(found.motion.body)
-
-    def reference(one: ReferenceCamera | None) -> ReferenceCamera | None:
-        if one is None:
-            return None
-        return replace(one, camera=replace(one.camera, world_T_cam=_scaled(one.camera.world_T_cam, factor)))
-
-    motion, own = found.motion, found.motion.body
-    scaled = replace(
-        motion, root_position_m=factor * motion.root_position_m, joints_m=factor * motion.joints_m,
-        sigma_m=factor * motion.sigma_m,
-        body=replace(own, offsets_m=factor * own.offsets_m, ends_m=factor * own.ends_m, skin_m=factor * own.skin_m),
-    )  # fmt: skip
-    return replace(
-        found,
-        references=tuple(map(reference, found.references)),
-        cameras=tuple(
-            None if one is None else _scaled_head(one, factor, _scaled(one.world_T_head, factor))
-            for one in found.cameras
-        ),
-        panoramas=tuple(None if one is None else _scaled_panorama(one, factor) for one in found.panoramas),
-        motion=scaled,
-        notes=(*found.notes, _note(found, placed, factor, sigma)),
-    )
+    return replace(scaled(found, factor), notes=(*found.notes, _note(found, placed, factor, sigma)))
 
 
 def _note(found: Reconstruction, placed: Placed, factor: float, sigma: float) -> str:

@@ -118,7 +118,7 @@ def make_room(root: Path, light_gb: float) -> list[Kept]:
     lights, total, removed = [one for one in kept(root) if one.is_light], 0, []
     for light in lights:
         total += light.size_bytes
-        if total > light_gb * 1e9 and light.used_s > _IN_USE_S:
+        if total > light_gb * 1e9 and abs(light.used_s) > _IN_USE_S:  # below 0: the clock was set back since
             remove(light.folder)
             removed.append(light)
     return removed

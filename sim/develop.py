@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pzcap.io.video import frames_to_timecode
+from pzcap.io.timecode import frames_to_timecode
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask
 from sim import motion
 from sim.cameras.optics import vignette

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.io.video import frames_per_day, frames_to_timecode
+from pzcap.io.timecode import frames_per_day, frames_to_timecode
 from pzcap.ranges import Range
 from pzcap.types import Array, PzcapError
 from sim import motion

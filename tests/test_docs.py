@@ -62,9 +62,10 @@ def test_every_setting_experiment_study_and_name_is_there(page: Path) -> None:
 
 
 def test_every_setting_is_in_the_reference_and_told_from_the_source() -> None:
-    page = settings_reference.markdown()
+    page, texts = settings_reference.markdown(), settings_reference.descriptions()
     for key in leaves(default_tree()):
         assert f"| `{key}` |" in page
+        assert texts.get(key), key
     told = "Standard deviation, grey levels. It does not depend on the light; 2 of 255 is what a lit hall leaves."
     assert f"| `shoot.sensor.read_noise` | `2.0` | from 0 to 128 | {told} |" in page
     assert (AppConfig.__doc__ or "") in page

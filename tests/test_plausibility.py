@@ -7,11 +7,13 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from pzcap.assembly import papers_against_views
 from pzcap.body import skeleton
 from pzcap.body.kinematics import joints
 from pzcap.calibration.blame import sweep_is_foreign
@@ -21,6 +23,7 @@ from pzcap.camera_set import calibrate_camera, calibrate_cameras, footage_of
 from pzcap.geometry.camera import project
 from pzcap.io.capture import read_capture
 from pzcap.plausibility import SeenViews, blames_object, lens_moved, object_of_another_size, unseen_keyframes
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import Camera, Capture, Keyframe, Pose, PzcapError, Silhouette
 from tests.scenes import fabricated
 
@@ -186,3 +189,26 @@ def test_keyframes_that_are_wrong_themselves_do_not_blame_the_object(capture: Ca
     moved = [keyframe(3, (3.3, 1.5, 0.9)), keyframe(7, (-2.4, -2.6, 0.9)), keyframe(9, (1.6, 3.5, 0.9))]
     assert object_of_another_size(moved, body, views) is None
     assert object_of_another_size(right[:1], body, {3: seen_at(right[0], body, 1.1)}) is None
+
+
+def test_a_body_that_is_expected_elsewhere_hides_no_object_of_another_size(capture: Capture) -> None:
+    """A tracker that follows wrong keyframes cuts out what it expects there."""
+    assert capture.subject is not None
+    body = skeleton.build(capture.subject)
+    keys = (keyframe(3, (3.0, 1.0, 0.9)), keyframe(7, (-2.0, -3.0, 0.9)))
+    sets: Any = SimpleNamespace(keyframes=keys, timecodes=TIMECODES)
+    expected = {key.frame: seen_at(key, body, 1.0) for key in keys}
+    by_colours = {key.frame: seen_at(key, body, 1.1) for key in keys}
+    found = papers_against_views(body, sets, expected, by_colours, TrackingConfig())
+    assert blames_object(found.notes)
+    assert found.misplaced
+
+
+def test_where_a_keyframe_is_wrong_no_camera_is_said_to_have_lost_frames(view: SeenViews, capture: Capture) -> None:
+    assert capture.subject is not None
+    body = skeleton.build(capture.subject)
+    keys = (keyframe(3, (0.0, 300.0, 900.0)),)
+    sets: Any = SimpleNamespace(keyframes=keys, timecodes=TIMECODES)
+    found = papers_against_views(body, sets, {3: view}, {3: view}, TrackingConfig())
+    assert "no view shows anybody where it stands" in found.notes[0]
+    assert found.misplaced

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -92,7 +91,7 @@ def test_keypoints_that_do_not_serve_are_said_not_to(capture: Capture, sets: Fra
     def segment(*_: object) -> Any:
         raise AssertionError("no frame is looked at")
 
-    told, tracker = ended(body_tracker(body, sets, Fraction(30), localise, segment, CONFIG, notes))
+    told, tracker = ended(body_tracker(body, capture, sets, localise, segment, CONFIG, notes))
     assert tracker is None
     assert localise.restarted
     assert [each.done for each in told] == list(range(1, len(sets) + 1))
@@ -111,7 +110,7 @@ def test_what_is_found_joins_what_a_hand_has_set(
     monkeypatch.setattr(starting_poses, "worthwhile", lambda *_: True)
     monkeypatch.setattr(starting_poses, "find_keyframes", lambda *_: [other])
     notes: list[str] = []
-    _, tracker = ended(body_tracker(body, sets, Fraction(30), Nowhere(), SimpleNamespace, CONFIG, notes))  # type: ignore[arg-type]
+    _, tracker = ended(body_tracker(body, capture, sets, Nowhere(), SimpleNamespace, CONFIG, notes))  # type: ignore[arg-type]
     assert sorted(tracker._keys) == [by_hand.frame, other.frame]
     assert f"{other.frame} ({sets.timecodes[other.frame]})" in notes[0]
 

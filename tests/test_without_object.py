@@ -9,36 +9,14 @@ import numpy as np
 import pytest
 
 from pzcap.body import skeleton
-from pzcap.body.kinematics import forward
 from pzcap.camera_set import what_is_lacking
 from pzcap.initialisation.body_height import height_of, height_of_moved
 from pzcap.io.capture import read_capture
-from pzcap.tracking.keypoint_residuals import in_world
-from pzcap.types import SEGMENTS, Array, PanZoomCamera, Pose, PzcapError, Subject
-from pzcap.without_object import Placed, in_metres, of_open_size, scale_by_limbs
+from pzcap.types import PanZoomCamera, Subject
+from pzcap.without_object import Placed, in_metres, of_open_size
 from tests.scenes.fabricated import reconstruction
 
 _STATURE = Subject({"stature": 1.70}, 0.005)
-
-
-def _keypoints(body: skeleton.Body) -> Array:
-    """(40, 26, 3) of somebody who stands about."""
-    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1))
-    poses = [Pose(np.array([0.1 * k, 0.0, 0.9]), upright) for k in range(40)]
-    return np.array([in_world(body.landmarks, forward(body, pose)) for pose in poses])
-
-
-def test_limbs_of_known_length_tell_how_long_a_metre_is() -> None:
-    body = skeleton.build(_STATURE)
-    points = _keypoints(body) / 3.0
-    scale, sigma = scale_by_limbs(points, np.ones(points.shape[:2], bool), body)
-    assert scale == pytest.approx(3.0, rel=1e-3)
-    assert 0.01 < sigma < 0.06  # of a stature alone, and of a detector that may mean another hip
-
-
-def test_limbs_that_nobody_sees_tell_nothing() -> None:
-    with pytest.raises(PzcapError, match="no limb"):
-        scale_by_limbs(np.zeros((40, 26, 3)), np.zeros((40, 26), bool), skeleton.build(_STATURE))
 
 
 def test_a_body_is_as_tall_as_its_stature() -> None:

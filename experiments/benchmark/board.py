@@ -37,6 +37,8 @@ HEADS: Final = {
     "body.mpjpe.similarity": "joints* mean", "body.covered": "within one sigma",
 }  # fmt: skip
 """A star stands for: after the one rotation a camera, or the similarity of the motion, that suits it best."""
+FAILS: Final = {"deg": 1.0, "mm": 100.0}
+"""A method fails where it answers less than half, or where its main error is larger than this."""
 CLAIMS: Final = {
     "reproduced": "run by whoever runs this board",
     "code public": "its code is there for anybody to run",
@@ -71,7 +73,9 @@ def write(folder: Path, entries: Path) -> Path:
     }  # fmt: skip
     pages.write(place / PAGE, "board.html.j2", context)
     panels = [_panels(track, found, axis) for track in TRACKS for axis in axes if _entered(found, track)]
-    pages.write(place / BREAKS, "breaks.html.j2", context | {"panels": panels, "page": PAGE})
+    failures = [_failures(track, found, axes) for track in TRACKS if _entered(found, track)] if axes else []
+    broken = {"panels": panels, "page": PAGE, "failures": failures, "limits": FAILS}
+    pages.write(place / BREAKS, "breaks.html.j2", context | broken)
     return place / PAGE
 
 
@@ -91,6 +95,25 @@ def axes_of(split: Mapping[str, Any]) -> list[Axis]:
                 found.append(Axis(name, tuple(str(captures[c][name]) for c in ordered), tuple(ordered)))
                 break
     return found
+
+
+def _failures(name: str, entries: Sequence[Mapping[str, Any]], axes: Sequence[Axis]) -> dict[str, Any]:
+    """A row a method of a track: the values of each axis at which it fails."""
+    complete, main = TRACKS[name].columns[:2]
+
+    def fails(entry: Mapping[str, Any], capture: str) -> bool:
+        found = entry["scores"][name].get(capture, {})
+        error, limit = found.get(main), FAILS[entry["units"].get(main, ["mm"])[0]]
+        return error is None or error > limit or (found.get(complete) or 0.0) < 50.0
+
+    rows = []
+    for entry in _entered(entries, name):
+        cells = [
+            [value for value, capture in zip(axis.values, axis.captures, strict=True) if fails(entry, capture)]
+            for axis in axes
+        ]
+        rows.append({"label": entry["label"], "cells": [", ".join(cell) or "–" for cell in cells]})
+    return {"track": TRACKS[name].label, "rows": rows}
 
 
 def _entered(entries: Sequence[Mapping[str, Any]], track: str) -> list[Mapping[str, Any]]:
@@ -192,8 +215,8 @@ def _panels(name: str, entries: Sequence[Mapping[str, Any]], axis: Axis) -> dict
     )
     titles = (
         "error",
-        "loss: not answered",
-        "honesty: within one sigma, 68 is right" if bodily else "honesty: NEES, 1 is right",
+        "not answered",
+        "honesty: within sigma (68)" if bodily else "honesty: NEES (1)",
     )
 
     def draw(figure: Figure) -> None:
@@ -203,8 +226,10 @@ def _panels(name: str, entries: Sequence[Mapping[str, Any]], axis: Axis) -> dict
                 values = [entry["scores"][name].get(capture, {}).get(metric) for capture in axis.captures]
                 values = [None if v is None else 100.0 - v for v in values] if lost else values
                 _line(axes, np.arange(len(values)), values, entry["label"] if axes is panels[0] else None, number)
-            unit = "%" if lost else _unit(entered, metric) or "1"
-            _finish(axes, list(axis.values), f"{title} [{unit}]", logarithmic=not lost and metric != "body.covered")
+            unit = "%" if lost else _unit(entered, metric)
+            if unit in FAILS:
+                axes.axhline(FAILS[unit], color=plots.MUTED, ls=":", lw=1.2)
+            _finish(axes, list(axis.values), f"{title} [{unit}]" if unit else title, logarithmic=unit != "%")
         figure.legend(loc="outside right upper", handlelength=2.4)
 
     return {"axis": axis.name, "track": track.label, "captures": axis.captures, "svg": plots.svg(12.5, 2.8, draw)}
@@ -227,5 +252,7 @@ def _finish(axes: Axes, names: Sequence[str], title: str, *, logarithmic: bool =
     shown = (
         np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines]) if axes.lines else np.zeros(0)
     )
-    if logarithmic and np.any(shown > 0.0):
+    if not logarithmic:
+        axes.set_ylim(-4.0, 104.0)
+    elif np.any(shown > 0.0):
         axes.set_yscale("log")

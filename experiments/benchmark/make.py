@@ -62,6 +62,8 @@ OUT: Final = Path("outputs/benchmark")
 HANDED: Final = ("capture", "given", "plain_truth")
 """Folders of a job, and where each is handed out: footage, given, truth."""
 PLACES: Final = ("footage", "given", "truth")
+CONFIG: Final = "config.json"
+"""Configuration of a job, in its folder."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +136,7 @@ def _job(composed: DictConfig) -> None:
 def shoot(tree: dict[str, Any], folder: Path, console: Console) -> None:
     """One capture, all that is handed out of it, and what is not, into ``folder``."""
     config = structured(tree, BenchmarkConfig, "configuration")
+    _write_json(folder / CONFIG, tree)
     with Bars(console) as bars:
         shot = footage.shot(config.shoot, Path(config.output.captures), bars.update, config.output.light_gb)
     for name in ("capture", "truth"):

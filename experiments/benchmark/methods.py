@@ -6,19 +6,24 @@ share most of their work, such as those of the peer bench, are run together.
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 import numpy as np
 
-from experiments import memory
+from experiments import footage, memory
+from experiments.benchmark.make import CONFIG, BenchmarkConfig
 from experiments.benchmark.tracks import PEERS_EVERY, SELF_CALIBRATION_EVERY
 from experiments.comparisons.ablation import trial as ablation
 from experiments.comparisons.ablation.variants import Known, Variant
+from experiments.comparisons.fixed_tools import LIMBS, TOOLS
+from experiments.comparisons.fixed_tools.clients import installed
 from experiments.comparisons.peers import bench
 from experiments.comparisons.peers.material import Material, from_capture
 from experiments.comparisons.self_calibration import trial as self_calibration
@@ -31,16 +36,17 @@ from experiments.comparisons.self_calibration.baselines import (
     wu_radke,
 )
 from experiments.comparisons.self_calibration.material import hall_footage, motion_footage, shots_of
-from experiments.comparisons.triangulation import triangulated
-from experiments.config import AppConfig
+from experiments.comparisons.triangulation import all_joints, triangulate, triangulated
+from experiments.config import AppConfig, structured
 from experiments.score import frames_of
+from pzcap.export.take import Take
 from pzcap.extras import reconstruct
 from pzcap.extras.plain_results import body_track, results_of
 from pzcap.geometry import camera as geometry
 from pzcap.io import results as reconstruction_files
 from pzcap.io.capture import frame_sets, read_capture
-from pzcap.scoring.records import CameraPoses, CameraTrack, Results
-from pzcap.types import Camera, Capture, PzcapError, Reconstruction
+from pzcap.scoring.records import BodyTrack, CameraPoses, CameraTrack, Results
+from pzcap.types import Camera, Capture, Mask, PzcapError, Reconstruction
 from sim import truth as truth_files
 from sim.truth import Truth
 
@@ -71,6 +77,12 @@ class Given:
         return read_capture(self.job / "capture")
 
     @cached_property
+    def shot(self) -> BenchmarkConfig:
+        """Configuration that it was shot by: for the same motion, filmed otherwise."""
+        tree = json.loads((self.job / CONFIG).read_text(encoding="utf-8"))
+        return structured(tree, BenchmarkConfig, f"{self.job / CONFIG}")
+
+    @cached_property
     def truth(self) -> Truth:
         """The simulator's truth: for tracks that are given some of it."""
         return truth_files.load(self.job / "truth")
@@ -83,7 +95,7 @@ class Given:
     @cached_property
     def ours(self) -> tuple[Reconstruction, float, float]:
         """Our reconstruction, from the footage alone; seconds and MiB."""
-        return _reconstructed(self, self.config)
+        return _reconstructed(self.capture, self.config, self.report)
 
     @cached_property
     def found(self) -> ablation.Material:
@@ -113,10 +125,10 @@ class Method:
 # Runs: capture in, the answers of one or more methods out
 
 
-def _reconstructed(given: Given, config: AppConfig) -> tuple[Reconstruction, float, float]:
+def _reconstructed(capture: Capture, config: AppConfig, report: Report) -> tuple[Reconstruction, float, float]:
     start = time.perf_counter()
     with memory.watched() as peak:
-        found = reconstruct.reconstruct(given.capture, config.reconstruct, given.report)
+        found = reconstruct.reconstruct(capture, config.reconstruct, report)
     return found, time.perf_counter() - start, peak.mib
 
 
@@ -130,11 +142,8 @@ def run_paper(given: Given) -> dict[str, Answered]:
     """The paper's own panorama, calibration and localisation (eqs. 6, 15); no body."""
     panzoom = replace(given.config.reconstruct.panzoom, method="paper")
     config = replace(given.config, reconstruct=replace(given.config.reconstruct, panzoom=panzoom))
-    alone = replace(given.capture, subject=None)
-    start = time.perf_counter()
-    with memory.watched() as peak:
-        found = reconstruct.reconstruct(alone, config.reconstruct, given.report)
-    return {"paper": Answered(results_of(found), time.perf_counter() - start, peak.mib)}
+    found, seconds, mib = _reconstructed(replace(given.capture, subject=None), config, given.report)
+    return {"paper": Answered(results_of(found), seconds, mib)}
 
 
 def run_peers(given: Given) -> dict[str, Answered]:
@@ -255,6 +264,54 @@ def run_triangulated(given: Given) -> dict[str, Answered]:
     return answers
 
 
+def run_fixed_tools(given: Given) -> dict[str, Answered]:
+    """Tools for fixed cameras, on the keypoints carried over to virtual ones that stand for ours."""
+    subject = given.capture.subject
+    if subject is None or not any(camera.keypoints for camera in given.capture.cameras):
+        return {tool: Answered(None, 0.0, None, "needs keypoints and measurements") for tool in TOOLS}
+    found, seconds, mib = given.ours
+    keyframe = np.zeros(len(found.timecodes), bool)
+    keyframe[[key.frame for key in frame_sets(given.capture).keyframes]] = True
+    answers = {}
+    for tool, triangulation in TOOLS.items():
+        if not installed(tool):
+            answers[tool] = Answered(None, 0.0, None, "needs its own environment: make test-clients")
+            continue
+        start = time.perf_counter()
+        try:
+            with TemporaryDirectory() as work:
+                places = triangulation(Take(found, given.capture), Path(work))
+        except PzcapError as error:  # of this tool: the other may do it
+            answers[tool] = Answered(None, 0.0, None, str(error))
+            continue
+        joints = all_joints({name: places[:, k] for k, name in enumerate(LIMBS)}, subject)
+        known: Mask = np.all(np.isfinite(joints), axis=2)
+        results = replace(results_of(found), method=tool, body=BodyTrack(np.nan_to_num(joints), known, None, keyframe))
+        answers[tool] = Answered(results, seconds + time.perf_counter() - start, mib)
+    return answers
+
+
+def run_locked(given: Given) -> dict[str, Answered]:
+    """The same motion, filmed by cameras that stand still and have all of its way in view: what panning is worth."""
+    shoot = given.shot.shoot
+    config = replace(shoot, operator=replace(shoot.operator, moves="none"))
+    shot = footage.shot(config, Path(given.shot.output.captures), given.report, given.shot.output.light_gb)
+    if not np.array_equal(truth_files.load(shot / "truth").joints_m, given.truth.joints_m):
+        raise PzcapError(f"{shot}: another motion than that of {given.job}; make the split again")
+    capture = replace(read_capture(shot / "capture"), keyframe_poses=given.capture.keyframe_poses)
+    found, seconds, mib = _reconstructed(capture, given.config, given.report)
+    body = {"locked": None if found.motion is None else body_track(found.motion)}
+    if any(camera.keypoints for camera in capture.cameras):
+        body["locked_triangulated"] = body_track(triangulate(capture, found))
+    nobody = (None,) * len(found.camera_names)
+    return {
+        key: Answered(None, 0.0, None, "found no body")
+        if track is None
+        else Answered(replace(_results(given, key, nobody), body=track), seconds, mib)
+        for key, track in body.items()
+    }
+
+
 def run_trackers(given: Given) -> dict[str, Answered]:
     """Our tracker by true cameras, and by true cameras and masks."""
     answers = {}
@@ -302,9 +359,14 @@ RUNS: Final[Mapping[str, Callable[[Given], dict[str, Answered]]]] = {
     "peers": run_peers,
     "self_calibration": run_self_calibration,
     "triangulated": run_triangulated,
+    "fixed_tools": run_fixed_tools,
+    "locked": run_locked,
     "trackers": run_trackers,
 }
 
+_LOCKED: Final = (
+    "other footage: the same motion by cameras that stand still and have all of its way in view; cameras are not scored"
+)
 GIVEN_PANORAMA: Final = ("cameras_given_panorama",)
 METHODS: Final[tuple[Method, ...]] = (
     Method("ours", "pzcap", ("everything", "cameras"), "ours"),
@@ -330,6 +392,24 @@ METHODS: Final[tuple[Method, ...]] = (
     Method("sinha_pollefeys", "Sinha and Pollefeys (2006)", ("self_calibration",), "self_calibration"),
     Method("wu_radke", "Wu and Radke (2013)", ("self_calibration",), "self_calibration"),
     Method("triangulated", "keypoints triangulated, pzcap's cameras", ("everything",), "triangulated"),
+    Method(
+        "pose2sim",
+        "Pose2Sim 0.10, virtual fixed cameras",
+        ("everything",),
+        "fixed_tools",
+        published="joint angles of the legs, mean error: walking 3.0, running 4.1, cycling 4.0 deg "
+        "(Pagnon et al. 2022, Sensors 22, 2712)",
+        notes="triangulation and filter; virtual cameras that stand for pzcap's, keypoints carried over",
+    ),
+    Method(
+        "aniposelib",
+        "aniposelib 0.8, virtual fixed cameras",
+        ("everything",),
+        "fixed_tools",
+        notes="triangulation alone; virtual cameras that stand for pzcap's, keypoints carried over",
+    ),
+    Method("locked", "pzcap, locked cameras", ("everything",), "locked", notes=_LOCKED),
+    Method("locked_triangulated", "keypoints triangulated, locked cameras", ("everything",), "locked", notes=_LOCKED),
     Method("triangulated_true_cameras", "keypoints triangulated", ("body_given_cameras",), "triangulated"),
     Method("tracker_true_cameras", "pzcap's tracker", ("body_given_cameras",), "trackers"),
     Method("tracker_true_cameras_masks", "pzcap's tracker", ("body_given_cameras_masks",), "trackers"),

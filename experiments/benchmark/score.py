@@ -31,9 +31,11 @@ from experiments.progress import Bars
 from experiments.run import CONF
 from experiments.terminal import terminal
 from pzcap.io.files import written_whole
-from pzcap.scoring.files import write_results
+from pzcap.scoring.files import read_results, write_results
 from pzcap.scoring.readers.conventions import Conventions
 from pzcap.scoring.readers.read import read
+from pzcap.scoring.score import score
+from pzcap.scoring.totals import metrics
 from pzcap.scoring.truth_files import read_truth
 from pzcap.types import PzcapError
 
@@ -68,7 +70,11 @@ def _run(folder: Path, given: Given, capture: str, run: str, again: bool) -> Non
     keys = [method.key for method in METHODS if method.run == run]
     if not again and all(_took(folder, key, capture).get("code") == _code() for key in keys):
         return
-    for key, answered in RUNS[run](given).items():
+    try:
+        answers = RUNS[run](given)
+    except PzcapError as error:  # on this footage: it is a capture without an answer
+        answers = {key: Answered(None, 0.0, None, str(error)) for key in keys}
+    for key, answered in answers.items():
         _keep(folder, key, capture, answered)
 
 
@@ -99,6 +105,9 @@ def _keep(folder: Path, key: str, capture: str, answered: Answered) -> None:
     took.parent.mkdir(parents=True, exist_ok=True)
     if answered.results is not None:
         write_results(answered.results, place)
+        true = read_truth(folder / "truth" / capture)
+        if metrics(score(read_results(place), true)) != metrics(score(answered.results, true)):
+            raise PzcapError(f"{place}: files score otherwise than what they were written from; report this bug")
     what = {
         "code": _code(), "seconds": answered.seconds, "memory_mib": answered.memory_mib, "missing": answered.missing
     }  # fmt: skip

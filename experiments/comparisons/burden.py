@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,11 +21,21 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from experiments.comparisons.harness import Column, Comparison, Row, scored_capture
-from experiments.comparisons.keypoints import body
+from experiments.comparisons.harness import (
+    Bar,
+    Column,
+    Comparison,
+    Report,
+    Row,
+    body,
+    draw_bars,
+    labelled,
+    scored_capture,
+    with_differences,
+    without_keypoints,
+)
 from experiments.config import AppConfig
 from experiments.progress import Bars
-from experiments.report.plots import COLOURS, INK, MUTED
 from pzcap.extras.reconstruct import reconstruct
 from pzcap.io.capture import frame_sets
 from pzcap.types import Capture, PzcapError, Reconstruction
@@ -52,10 +61,6 @@ CUT_OFF: Final = 4.0
 
 def _without_zoom(capture: Capture) -> Capture:
     return replace(capture, cameras=tuple(replace(camera, zoom=None) for camera in capture.cameras))
-
-
-def _without_keypoints(capture: Capture) -> Capture:
-    return replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
 
 
 def _without_keyframes(capture: Capture) -> Capture:
@@ -110,11 +115,11 @@ VARIANTS: Final = (
     Variant("no_zoom", "no zoom run", "cameras", (_without_zoom,)),
     Variant("no_timecode", "no timecode, claps", "cameras", footage="no_timecode"),
     Variant("stature", "stature, no tape", "body", (_stature_alone,)),
-    Variant("no_keypoints", "no detector", "body", (_without_keypoints,)),
+    Variant("no_keypoints", "no detector", "body", (without_keypoints,)),
     Variant("one_keyframe", "one keyframe by hand", "body", (_one_keyframe,)),
-    Variant("one_alone", "one keyframe, no detector", "body", (_one_keyframe, _without_keypoints)),
+    Variant("one_alone", "one keyframe, no detector", "body", (_one_keyframe, without_keypoints)),
     Variant("no_keyframes", "no keyframe by hand", "body", (_without_keyframes,)),
-    Variant("neither", "neither keyframe nor detector", "body", (_without_keyframes, _without_keypoints)),
+    Variant("neither", "neither keyframe nor detector", "body", (_without_keyframes, without_keypoints)),
     Variant("no_hand", "no keyframe, no tape", "together", (_without_keyframes, _stature_alone)),
     Variant("least", "no keyframe, tape or zoom run", "together",
             (_without_keyframes, _stature_alone, _without_zoom)),
@@ -143,10 +148,10 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
                 rows.append(Row(variant.key, variant.label, {}, variant.group, "would have to be shot"))
             else:
                 rows.append(_row(variant, *material, config, known, bars.update))
-    return _with_differences(rows)
+    return with_differences(rows, MEAN)
 
 
-def _shot(config: AppConfig, footage: str, report: Callable[[str, int, int], None]) -> tuple[Capture, Truth] | None:
+def _shot(config: AppConfig, footage: str, report: Report) -> tuple[Capture, Truth] | None:
     """The same take by a crew that filmed otherwise; None where the capture is somebody's own."""
     if config.capture is not None:
         return None
@@ -155,16 +160,13 @@ def _shot(config: AppConfig, footage: str, report: Callable[[str, int, int], Non
 
 def _row(
     variant: Variant, capture: Capture, truth: Truth, config: AppConfig,
-    known: dict[tuple[object, ...], Reconstruction], report: Callable[[str, int, int], None],
+    known: dict[tuple[object, ...], Reconstruction], report: Report,
 ) -> Row[Any]:  # fmt: skip
     """The figures of one crew. Its cameras are ``known`` where another's were calibrated from the same."""
     mine = variant.of(capture)
 
-    def told(stage: str, done: int, total: int) -> None:
-        report(f"{variant.label}: {stage}", done, total)
-
     try:
-        found = reconstruct(mine, config.reconstruct, told, known.get(variant.cameras))
+        found = reconstruct(mine, config.reconstruct, labelled(report, variant.label), known.get(variant.cameras))
     except PzcapError as error:
         return Row(variant.key, variant.label, {}, variant.group, str(error))
     known.setdefault(variant.cameras, found)
@@ -180,39 +182,15 @@ def _row(
     return Row(variant.key, variant.label, figures, variant.group)
 
 
-def _with_differences(rows: Sequence[Row[Any]]) -> list[Row[Any]]:
-    """The rows, each with its mean error beyond that of the first."""
-    usual = rows[0].figures.get(MEAN)
-    found = []
-    for row in rows:
-        mean = row.figures.get(MEAN)
-        more = None if mean is None or usual is None else mean - usual
-        found.append(replace(row, figures={**row.figures, "more": more} if row.figures else {}))
-    return found
-
-
 def draw(figure: Figure, rows: Sequence[Row[Any]]) -> None:
     """A bar a crew, cut off where it is far longer than that of the one with everything."""
-    groups = dict(zip(dict.fromkeys(row.group for row in rows), (MUTED, *COLOURS), strict=False))
-    steps = (1.0 + 0.6 * (one.group != other.group) for one, other in pairwise(rows))
-    at = np.cumsum([0.0, *steps])
+    bars = [
+        Bar(row, next((each for name in (MEAN, ALIGNED) if (each := row.figures.get(name)) is not None), None),
+            row.figures.get("body.lost"))
+        for row in rows
+    ]  # fmt: skip
     longest = CUT_OFF * (rows[0].figures.get(MEAN) or 10.0)
-    axes = figure.subplots()
-    for y, row in zip(at.tolist(), rows, strict=True):
-        mean, aligned = row.figures.get(MEAN), row.figures.get(ALIGNED)
-        mean = aligned if mean is None else mean
-        if mean is None:
-            axes.annotate("no body", (0.0, y), (4, 0), textcoords="offset points", va="center", color=MUTED)
-            continue
-        axes.barh(y, min(mean, longest), 0.72, color=groups[row.group])
-        lost = row.figures.get("body.lost")
-        said = f"{mean:.1f}" + (f", {lost:.0f} frames lost" if lost else "")
-        axes.annotate(said, (min(mean, longest), y), (4, 0), textcoords="offset points", va="center", color=INK)
-    axes.set_xlim(0.0, 1.25 * longest)
-    axes.set_yticks(at, [row.label for row in rows])
-    axes.set_ylim(float(at[-1]) + 0.7, -0.7)
-    axes.grid(visible=False, axis="y")
-    axes.set_xlabel("mean joint error [mm]; *: after one similarity of the whole motion")
+    draw_bars(figure, bars, longest, "mean joint error [mm]; *: after one similarity of the whole motion")
 
 
 COMPARISON: Final[Comparison[Any]] = Comparison(

@@ -14,7 +14,7 @@ of the results, and blazepose.json holds those of a few frames with the cameras 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -23,8 +23,17 @@ import numpy as np
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from experiments.comparisons.harness import Column, Comparison, Row, scored_capture
-from experiments.comparisons.keypoints import body
+from experiments.comparisons.fixed_tools import LIMBS
+from experiments.comparisons.harness import (
+    Column,
+    Comparison,
+    Report,
+    Row,
+    body,
+    labelled,
+    scored_capture,
+    without_keypoints,
+)
 from experiments.config import AppConfig
 from experiments.progress import Bars
 from experiments.run import CONF
@@ -43,13 +52,9 @@ from sim.truth import Truth
 SAMPLE: Final = "blazepose.json"
 _SAMPLED: Final = 12
 """Instants in the sample."""
-_JOINTS: Final = tuple(
-    f"{side}_{name}" for side in ("left", "right") for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-)
-"""That are keypoints as well."""
-_KEYPOINT: Final = np.array([KEYPOINTS.index(name) for name in _JOINTS])
-_JOINT: Final = np.array([JOINTS.index(name) for name in _JOINTS])
-_OTHER_SIDE: Final = np.roll(np.arange(len(_JOINTS)), len(_JOINTS) // 2)
+_KEYPOINT: Final = np.array([KEYPOINTS.index(name) for name in LIMBS])
+_JOINT: Final = np.array([JOINTS.index(name) for name in LIMBS])
+_OTHER_SIDE: Final = np.roll(np.arange(len(LIMBS)), len(LIMBS) // 2)
 
 
 def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[Any]]:
@@ -59,7 +64,7 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
     with Bars(console) as bars:
         for key, label, group, shoot in _shoots(config):
             capture, truth = scored_capture(config if shoot is None else replace(config, shoot=shoot), bars.update)
-            capture = _by_hand(capture) if key == "hand" else replace(capture, keyframe_poses={})
+            capture = without_keypoints(capture) if key == "hand" else replace(capture, keyframe_poses={})
             row, cameras = _row((key, label, group), capture, truth, config, cameras, bars.update)
             rows.append(row)
         capture = replace(capture, keyframe_poses={})
@@ -91,22 +96,15 @@ def _shoots(config: AppConfig) -> list[tuple[str, str, str, ShootConfig | None]]
     ]
 
 
-def _by_hand(capture: Capture) -> Capture:
-    return replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
-
-
 def _row(
     named: tuple[str, str, str], capture: Capture, truth: Truth, config: AppConfig, cameras: Reconstruction | None,
-    report: Callable[[str, int, int], None],
+    report: Report,
 ) -> tuple[Row[Any], Reconstruction]:  # fmt: skip
     """The figures of one way to keyframes, and its reconstruction; ``cameras``, where known, are not calibrated
     again."""
     key, label, group = named
 
-    def told(stage: str, done: int, total: int) -> None:
-        report(f"{label}: {stage}", done, total)
-
-    found = reconstruct(capture, config.reconstruct, told, cameras)
+    found = reconstruct(capture, config.reconstruct, labelled(report, label), cameras)
     if found.motion is None:
         return Row(key, label, {}, group, found.notes[-1]), found
     figures = body(found, truth) | ({} if key == "hand" else likeness(capture, truth))
@@ -160,7 +158,7 @@ def _off(person: Array, pixels: Array, mm_per_px: Array) -> tuple[Array, Array]:
     return straight[there], crossed[there]
 
 
-def _detected(capture: Capture, folder: Path, report: Callable[[str, int, int], None]) -> Capture:
+def _detected(capture: Capture, folder: Path, report: Report) -> Capture:
     """The capture with the keypoints that BlazePose finds in its videos. Raises PzcapError where it is not there."""
     detect = detector("mediapipe", ())
     cameras = []

@@ -9,10 +9,13 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.text import Text
@@ -20,13 +23,17 @@ from rich.text import Text
 from experiments import footage
 from experiments.config import AppConfig
 from experiments.metrics import Direction, Metric, run_info, write_metrics
-from experiments.report.plots import STYLE
+from experiments.report.plots import COLOURS, INK, MUTED, STYLE
+from experiments.score import score
 from experiments.terminal import print_whole, table
+from experiments.totals import metrics
 from pzcap.io.capture import read_capture
-from pzcap.types import Capture, PzcapError
+from pzcap.types import Capture, PzcapError, Reconstruction
 from sim.truth import Truth
 
 T = TypeVar("T")
+Report = Callable[[str, int, int], None]
+"""Of a stage, what is done of it, and how much there is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +144,79 @@ def _write_csv(path: Path, comparison: Comparison[T], rows: Sequence[Row[T]]) ->
             writer.writerow([row.group, row.key, row.label, *("" if value is None else value for value in values)])
 
 
-def scored_capture(config: AppConfig, report: Callable[[str, int, int], None]) -> tuple[Capture, Truth]:
+def scored_capture(config: AppConfig, report: Report) -> tuple[Capture, Truth]:
     """The capture that is named, or else shot, and the truth beside it. Raises PzcapError where there is none."""
     shot = footage.capture_of(config, report)
     truth = footage.truth_beside(shot)
     if truth is None:
         raise PzcapError(f"{shot}: a comparison needs the truth; give a capture with truth/ beside it, or none")
     return read_capture(shot), truth
+
+
+# --------------------------------------------------------------------------------------------------------------
+# What comparisons of the body share
+
+
+def body(reconstruction: Reconstruction, truth: Truth) -> dict[str, float | None]:
+    """The scores of the body alone."""
+    bodily = replace(reconstruction, tracks=(None,) * len(reconstruction.tracks))
+    return {metric.key: metric.value for metric in metrics(score(bodily, truth, None))}
+
+
+def without_keypoints(capture: Capture) -> Capture:
+    """The capture as if no detector had been run."""
+    return replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
+
+
+def scored_with_keypoints(config: AppConfig, report: Report) -> tuple[Capture, Truth]:
+    """`scored_capture`, which raises PzcapError as well where no camera has keypoints."""
+    capture, truth = scored_capture(config, report)
+    if not any(camera.keypoints for camera in capture.cameras):
+        raise PzcapError(f"{capture.folder}: no camera has keypoints; name them in capture.json (docs/capture.md)")
+    return capture, truth
+
+
+def labelled(report: Report, label: str) -> Report:
+    """``report``, each stage named after the variant that it is of."""
+    return lambda stage, done, total: report(f"{label}: {stage}", done, total)
+
+
+def with_differences(rows: Sequence[Row[T]], mean: str) -> list[Row[T]]:
+    """The rows, each with how much its figure ``mean`` is beyond that of the first, as ``more``."""
+    usual = rows[0].figures.get(mean)
+    found = []
+    for row in rows:
+        own = row.figures.get(mean)
+        more = None if own is None or usual is None else own - usual
+        found.append(replace(row, figures={**row.figures, "more": more} if row.figures else {}))
+    return found
+
+
+class Bar(NamedTuple):
+    """Error of a row as a bar."""
+
+    row: Row[Any]
+    mean: float | None  # mm; None: no body
+    lost: float | None  # frames
+
+
+def draw_bars(figure: Figure, shown: Sequence[Bar], longest: float, label: str) -> Axes:
+    """A bar a row, cut off where it is longer than ``longest``, with its figures beside it; groups stand apart, each in
+    its colour."""
+    colours = dict(zip(dict.fromkeys(bar.row.group for bar in shown), (MUTED, *COLOURS), strict=False))
+    steps = (1.0 + 0.6 * (one.row.group != other.row.group) for one, other in pairwise(shown))
+    at = np.cumsum([0.0, *steps])
+    axes = figure.subplots()
+    plain = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # lines stay legible behind figures
+    for y, (row, mean, lost) in zip(at.tolist(), shown, strict=True):
+        length = min(mean or 0.0, longest)
+        axes.barh(y, length, 0.72, color=colours[row.group])
+        said = "no body" if mean is None else f"{mean:.1f}" + (f", {lost:.0f} frames lost" if lost else "")
+        colour = MUTED if mean is None else INK
+        axes.annotate(said, (length, y), (4, 0), textcoords="offset points", va="center", color=colour, bbox=plain)
+    axes.set_xlim(0.0, 1.25 * min(longest, max(bar.mean or 0.0 for bar in shown)))
+    axes.set_yticks(at, [bar.row.label for bar in shown])
+    axes.set_ylim(float(at[-1]) + 0.7, -0.7)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel(label)
+    return axes

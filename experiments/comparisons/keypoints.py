@@ -15,26 +15,19 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from experiments.comparisons.harness import Column, Comparison, Row, scored_capture
+from experiments.comparisons.harness import Column, Comparison, Row, body, scored_with_keypoints, without_keypoints
 from experiments.comparisons.triangulation import triangulate
 from experiments.config import AppConfig
 from experiments.progress import Bars
-from experiments.score import score
-from experiments.totals import metrics
 from pzcap.pipeline import reconstruct
-from pzcap.types import PzcapError, Reconstruction
-from sim.truth import Truth
 
 
 def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[Any]]:
     """Each way to the body. Raises PzcapError where no camera has keypoints."""
     del folder
     with Bars(console) as bars:
-        capture, truth = scored_capture(config, bars.update)
-        if not any(camera.keypoints for camera in capture.cameras):
-            raise PzcapError(f"{capture.folder}: no camera has keypoints; name them in capture.json (docs/capture.md)")
-        plain = replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
-        without = reconstruct(plain, config.reconstruct, bars.update)
+        capture, truth = scored_with_keypoints(config, bars.update)
+        without = reconstruct(without_keypoints(capture), config.reconstruct, bars.update)
         joined = reconstruct(capture, config.reconstruct, bars.update, without)
         alone = replace(without, motion=triangulate(capture, without))
     ways = {
@@ -43,12 +36,6 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
         "alone": ("keypoints alone", alone),
     }
     return [Row(key, label, body(found, truth)) for key, (label, found) in ways.items()]
-
-
-def body(reconstruction: Reconstruction, truth: Truth) -> dict[str, float | None]:
-    """The scores of the body alone."""
-    bodily = replace(reconstruction, tracks=(None,) * len(reconstruction.tracks))
-    return {metric.key: metric.value for metric in metrics(score(bodily, truth, None))}
 
 
 COMPARISON: Final[Comparison[Any]] = Comparison(

@@ -6,7 +6,7 @@ Then each keypoint's way is filtered. It is what Pose2Sim and anipose do, here w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Final
 
@@ -28,6 +28,7 @@ from pzcap.types import (
     Motion,
     PzcapError,
     Reconstruction,
+    Subject,
 )
 
 LEAST_CONFIDENCE: Final = 0.2
@@ -46,8 +47,7 @@ def triangulate(capture: Capture, reconstruction: Reconstruction) -> Motion:
 def triangulated(capture: Capture, cameras: Callable[[int], Sequence[Camera | None]]) -> Motion:
     """The joints, from the capture's keypoints and the ``cameras`` of each frame; its rotations are none.
 
-    Joints of the trunk that no detector finds are put where they are in somebody who stands upright. Raises PzcapError
-    where the capture has no keypoints, or a joint is never seen by two cameras.
+    Raises PzcapError where the capture has no keypoints, or a joint is never seen by two cameras.
     """
     sets = frame_sets(capture)
     if not sets.people(0):
@@ -64,17 +64,25 @@ def triangulated(capture: Capture, cameras: Callable[[int], Sequence[Camera | No
         points[frame], off[frame] = meet(views)
     at = {name: KEYPOINTS.index(name) for name in (*_TRIPOD, *(set(JOINTS) & set(KEYPOINTS)))}
     found = {name: smooth(points[:, k], off[:, k], float(capture.frame_rate), name) for name, k in at.items()}
-    hips, shoulders = ((found[f"left_{name}"] + found[f"right_{name}"]) / 2 for name in ("hip", "shoulder"))
-    up = shoulders - hips
-    neck = shoulders + up / np.linalg.norm(up, axis=1, keepdims=True) * measured(capture.subject).value("shoulder_drop")
-    found |= {"pelvis": hips, "neck": neck}
-    found |= {"lumbar": hips + LUMBAR_FRACTION * (neck - hips), "thorax": hips + THORAX_FRACTION * (neck - hips)}
-    joints = np.stack([found[name] for name in JOINTS], axis=1)
+    joints = all_joints(found, capture.subject)
     identity = np.zeros((*joints.shape[:2], 4))
     identity[..., 0] = 1.0
     sigma = np.full(joints.shape[:2], np.sqrt(np.mean(off[np.isfinite(off)] ** 2)))
     keyframes = np.array([key.frame for key in sets.keyframes], np.int64)  # not used, and not scored, as with others
-    return Motion(hips, identity, joints, sigma, keyframes, np.ones(len(sets), bool))
+    return Motion(joints[:, JOINTS.index("pelvis")], identity, joints, sigma, keyframes, np.ones(len(sets), bool))
+
+
+def all_joints(found: Mapping[str, Array], subject: Subject) -> Array:
+    """All joints (F, 16, 3), from the places (F, 3) of those of the limbs.
+
+    The trunk's, which no detector finds, are put where they are in somebody who stands upright.
+    """
+    hips, shoulders = ((found[f"left_{name}"] + found[f"right_{name}"]) / 2 for name in ("hip", "shoulder"))
+    up = shoulders - hips
+    neck = shoulders + up / np.linalg.norm(up, axis=1, keepdims=True) * measured(subject).value("shoulder_drop")
+    trunk = {"pelvis": hips, "neck": neck, "lumbar": hips + LUMBAR_FRACTION * (neck - hips)}
+    trunk["thorax"] = hips + THORAX_FRACTION * (neck - hips)
+    return np.stack([{**found, **trunk}[name] for name in JOINTS], axis=1)
 
 
 def cameras_at(reconstruction: Reconstruction, frame: int) -> list[Camera | None]:

@@ -19,13 +19,13 @@ from typing import Any, Final
 import numpy as np
 from rich.console import Console
 
-from experiments.comparisons.harness import Column, Comparison, Row, scored_capture
-from experiments.comparisons.keypoints import body
+from experiments.comparisons.harness import Column, Comparison, Row, body, labelled, scored_capture
 from experiments.config import AppConfig
 from experiments.progress import Bars
 from pzcap.io.capture import frame_sets
 from pzcap.io.files import written_whole
-from pzcap.io.video import VideoReader, frames_to_timecode, timecode_to_frames
+from pzcap.io.timecode import frames_to_timecode, timecode_to_frames
+from pzcap.io.video import VideoReader
 from pzcap.pipeline import reconstruct
 from pzcap.types import Array, CameraFiles, Capture, PzcapError, Reconstruction
 from sim.capture_writer import write_video
@@ -194,15 +194,11 @@ def _tried(
 ) -> tuple[dict[str, float | None], list[str]]:  # fmt: skip
     """Cost of a fault, and the notes that right footage does not raise."""
 
-    def told(stage: str, done: int, total: int) -> None:
-        bars.update(f"{fault.label}: {stage}", done, total)
-
     figures: dict[str, float | None] = {}
     try:
         wrong = fault.change(capture, folder)
-        found = (
-            usual if wrong is capture else reconstruct(wrong, config.reconstruct, told, None if fault.anew else usual)
-        )
+        told, known = labelled(bars.update, fault.label), None if fault.anew else usual
+        found = usual if wrong is capture else reconstruct(wrong, config.reconstruct, told, known)
     except PzcapError as error:
         notes = [str(error)]
     else:

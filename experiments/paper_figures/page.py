@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from experiments import pages
 from experiments.paper_figures.canvas import Drawn
 from experiments.paper_figures.material import Run
-from pzcap.io.files import written_whole
+from pzcap.io.files import with_utf8_name, written_whole
 from pzcap.viewer import columns
 from pzcap.viewer.columns import plain, view_path
 
@@ -38,7 +38,8 @@ def write_recording(folder: Path, figures: Sequence[Drawn], walk: Run) -> None:
     """Each figure and its caption as a tab, and the pedestrian in the hall with time running (Figs. 11 and 12)."""
     with written_whole(folder / RECORDING) as partial:
         rec = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
-        rec.save(partial)
+        with with_utf8_name(partial) as named:
+            rec.save(named)
         rec.send_recording_name("figures")
         rec.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         columns.send_reconstruction(rec, walk.reconstruction, walk.subject)

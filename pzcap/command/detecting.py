@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pzcap.extras.detectors import coco_results, detector
 from pzcap.io.capture import MANIFEST, read_capture
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_json, written_whole
 from pzcap.io.manifest import load_json
 from pzcap.io.video import VideoReader
 from pzcap.types import PzcapError
@@ -37,6 +37,5 @@ def detect_keypoints(folder: Path, by: str, models: Sequence[Path], *, replace: 
         entries[camera.name] |= {"keypoints": path.relative_to(folder).as_posix(), "keypoints_from": 0}
         pictured = len({entry["image_id"] for entry in found})
         print(f"camera {camera.name}: somebody in {pictured} of {len(reader.indices)} pictures; {path}")
-    with written_whole(folder / MANIFEST) as partial:
-        partial.write_text(json.dumps(manifest, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(folder / MANIFEST, manifest)
     return 0

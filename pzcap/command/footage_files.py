@@ -159,7 +159,7 @@ def _described(path: Path, role: str, known_by: str) -> File:
 def _first_frame(path: Path) -> tuple[bool, int]:
     """Scan type of a video, True if interlaced, and the degrees by which its container turns it."""
     try:
-        with av.open(str(checked(path))) as container:
+        with av.open(str(checked(path)), metadata_errors="replace") as container:
             frame = next(container.decode(container.streams.video[0]))
             return bool(frame.interlaced_frame), int(frame.rotation)
     except (FFmpegError, StopIteration) as error:

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from pzcap.command.printing import print_anything
 from pzcap.types import PzcapError
 
 FORMATS_HELP = "see pzcap doctor for the list; several are given one after the other"
@@ -95,6 +96,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit status."""
     given = parser().parse_args(arguments)
+    print_anything()
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # what is half done is cleared away
     try:
         status: int = given.run(given)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -11,7 +10,7 @@ from pzcap.command.footage_files import File, cameras_in, multiples, troubles
 from pzcap.command.progress import ProgressLine
 from pzcap.command.syncing import SYNC, report, synchronised
 from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, PAPERS, VERSION, read_capture
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_json
 from pzcap.types import PzcapError
 
 TABLE = ("camera", "is its", "file", "known by", "size", "frames", "frames/s", "timecode", "scan")
@@ -41,8 +40,7 @@ def write_capture(
         "cameras": [_entry(camera, files, folder) for camera, files in cameras.items()],
         **texts,
     }
-    with written_whole(manifest) as partial:
-        partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(manifest, content)
     print(f"{manifest}: written; the sweeps {'go' if full_turn else 'do not go'} all the way round")
     found = list(troubles(cameras))
     unreadable = any(file.trouble for files in cameras.values() for file in files)

@@ -14,7 +14,7 @@ from pzcap.command.check.reference_check import check_reference
 from pzcap.command.progress import ProgressLine
 from pzcap.io.capture import MANIFEST, read_capture, read_image
 from pzcap.io.clocks import SYNC_FORMAT, SYNC_VERSION
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_json
 from pzcap.io.video import VideoReader
 from pzcap.synchronisation.synchronise import WAYS, Recording, Report, Synchronisation, synchronise
 from pzcap.types import CameraClock, CameraFiles, Capture, PzcapError
@@ -80,15 +80,10 @@ def write_sync(folder: Path, clocks: dict[str, CameraClock]) -> None:
         }
         for name, clock in clocks.items()
     ]
-    _write(folder / SYNC, {"format": SYNC_FORMAT, "version": SYNC_VERSION, "cameras": entries})
+    write_json(folder / SYNC, {"format": SYNC_FORMAT, "version": SYNC_VERSION, "cameras": entries})
     manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8-sig"))
     if manifest.get("sync") != SYNC:
-        _write(folder / MANIFEST, {**manifest, "sync": SYNC})
-
-
-def _write(path: Path, content: object) -> None:
-    with written_whole(path) as partial:
-        partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_json(folder / MANIFEST, {**manifest, "sync": SYNC})
 
 
 def _distance(capture: Capture, camera: CameraFiles) -> float | None:

@@ -1,5 +1,7 @@
 """The editor of keyframes: a page at 127.0.0.1 on which a hand poses the body. docs/editor.md says how it is used.
 
 `inverse_kinematics` solves a pose from clicks, `history` keeps every change, `keyframe_file` writes keyframes.json,
-`footage` decodes frames, `workspace` brings them together, `resolve` tracks an interval anew, `server` serves the page.
+`motion_file` what was tracked anew. `footage` decodes frames, `edits` knows each of them, `workspace` has the commands
+that change them, `resolve` tracks an interval anew. `showing` is what a page is told, `talk` what it says, `desk` the
+threads that do it, `server` HTTP and WebSocket.
 """

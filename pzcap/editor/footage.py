@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from pzcap.body.skeleton import Body
+from pzcap.editor.tuning import FOOTAGE
 from pzcap.geometry.camera import of_track
 from pzcap.io.capture import FrameSets
 from pzcap.localisation.rectification import upright_views
@@ -25,12 +26,6 @@ from pzcap.tracking.observation import ViewInput, expect
 from pzcap.types import Array, Camera, FrameSet, Image, Localisation, PanZoomTrack, Pose, Reconstruction
 
 _KEPT_BYTES: Final = 300 << 20  # of compressed frames
-_BEFORE: Final = 8  # frames that are kept before a wanted one
-_ON: Final = 12  # frames that are decoded to go on rather than to begin anew
-_QUALITY: Final = 92  # of JPEG
-_EXPECTED_SIGMA_M: Final = 0.15  # of a pose, where its silhouette is looked for
-_MARGIN: Final = 0.4  # around it, in sizes of the body
-_EDGE_PX: Final = 0.7  # by which an outline may be simplified
 
 
 class Footage:
@@ -83,8 +78,8 @@ class Footage:
 
     def _decode(self, frame: int) -> FrameSet:
         """Decode up to ``frame``, and keep it with those before it that have to be decoded for it."""
-        if not self._next <= frame < self._next + _ON:
-            start = max(frame - _BEFORE, 0)
+        if not self._next <= frame < self._next + FOOTAGE.on:
+            start = max(frame - FOOTAGE.before, 0)
             self._coming, self._next = self.sets.between(start, len(self.sets)), start
         while True:
             frames = self.upright(next(self._coming))
@@ -112,7 +107,7 @@ class Footage:
             if camera is None or image is None or panorama is None or head is None or place is None:
                 found.append(None)
                 continue
-            expected = None if pose is None else expect(body, pose, _EXPECTED_SIGMA_M, camera, _MARGIN)
+            expected = None if pose is None else expect(body, pose, FOOTAGE.expected_sigma_m, camera, FOOTAGE.margin)
             if expected is not None:  # its surroundings alone: the outline shall tell whether the body fits it
                 odds = config.prior_log_odds / 2.0 * np.hypot(config.prediction_sigma_px, expected.sigma_px)
                 expected = replace(expected, distance_px=np.full_like(expected.distance_px, odds))
@@ -123,14 +118,14 @@ class Footage:
 def outlines(mask: Array | np.ndarray) -> list[Array]:
     """The outlines (N, 2) of a mask (H, W), pixels."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    simple = (cv2.approxPolyDP(contour, _EDGE_PX, True)[:, 0].astype(np.float64) for contour in contours)
+    simple = (cv2.approxPolyDP(contour, FOOTAGE.edge_px, True)[:, 0].astype(np.float64) for contour in contours)
     return [line for line in simple if len(line) > 2]
 
 
 def _compressed(image: Image | None) -> bytes | None:
     if image is None:
         return None
-    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])
+    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, FOOTAGE.quality])[1])
 
 
 def _decompressed(jpeg: bytes) -> Image:

@@ -27,6 +27,7 @@ from pzcap.body.kinematics import (
     world_points,
 )
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS, Body, moved
+from pzcap.editor.tuning import POSING
 from pzcap.geometry.camera import rays
 from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray, to_pixel
 from pzcap.tracking.body_constraints import collision_residuals, collision_shapes
@@ -44,14 +45,6 @@ MIRRORED: Final[Indices] = np.array([
     for name in HANDLES
 ])  # fmt: skip
 """(23,) The handle on the other side of the body; a middle one's is itself."""
-
-_TAPE_M: Final = 0.010  # by which a handle of the body as taped stands off from where a person takes it to be
-_LIMIT_RAD: Final = 0.02  # standard deviation beyond a joint's limits
-_STRONGEST: Final = (
-    8.0  # sigmas; a hand that is further off pulls no harder, or a joint would give way beyond its limits
-)
-_NEAREST_M: Final = 0.2  # before the camera; what is nearer, or behind it, no click bears on
-_READY_M: Final = 0.12  # a pose whose joints are all known to this is one to track from
 
 
 def _easy() -> Array:
@@ -112,7 +105,7 @@ class Problem:
         for number, camera in enumerate(self.cameras):
             own = np.flatnonzero(view == number)
             if camera is not None and len(own):
-                _compare(world[handle], own, pinhole(camera), seen, _TAPE_M, off, slopes)
+                _compare(world[handle], own, pinhole(camera), seen, POSING.tape_m, off, slopes)
         by_handle = point_jacobians(frames, SEGMENT, world)
         rows = np.matmul(slopes, by_handle[handle]).reshape(-1, DOF)
         return off.ravel(), rows
@@ -121,34 +114,34 @@ class Problem:
         """Normal equations (43, 43) and (43,) of the clicks and of the body's own constraints, and their cost."""
         residual, rows = self.residuals(pose, clicks)
         excess, violated = limit_residuals(pose)
-        stiffness = violated / _LIMIT_RAD**2
+        stiffness = violated / POSING.limit_rad**2
         inside, depth = collision_residuals(collision_shapes(self.body), forward(self.body, pose))
         far = np.linalg.norm(residual.reshape(-1, 2), axis=1)
-        weight = np.repeat(_STRONGEST / np.maximum(far, _STRONGEST), 2)  # Huber's
+        weight = np.repeat(POSING.strongest / np.maximum(far, POSING.strongest), 2)  # Huber's
         hessian = (rows.T * weight) @ rows + np.diag(stiffness) + inside.T @ inside
         gradient = rows.T @ (weight * residual) - stiffness * excess - inside.T @ depth
-        pulls = np.where(far > _STRONGEST, _STRONGEST * (2.0 * far - _STRONGEST), far**2)
+        pulls = np.where(far > POSING.strongest, POSING.strongest * (2.0 * far - POSING.strongest), far**2)
         cost = pulls.sum() + stiffness @ excess**2 + depth @ depth
         return hessian, gradient, float(cost)
 
     def solve(self, start: Pose, clicks: Sequence[Click], most_steps: int) -> Solved:
         """The pose nearest to ``start`` that fits the ``clicks``, by so many steps at most."""
-        damping, metric = _FIRST_DAMPING, np.diag(1.0 / _EASE**2)
+        damping, metric = POSING.first_damping, np.diag(1.0 / _EASE**2)
         pose, (hessian, gradient, cost) = start, self.normal(start, clicks)
         for _ in range(1, most_steps + 1):
             delta = np.asarray(np.linalg.solve(hessian + damping * metric, gradient), np.float64)
-            longest = float(np.max(np.abs(delta) / _EASE)) / _LONGEST
+            longest = float(np.max(np.abs(delta) / _EASE)) / POSING.longest
             tried = retract(pose, np.asarray(delta / max(longest, 1.0), np.float64))
             after = self.normal(tried, clicks)
             if after[2] < cost:
-                settled = damping < _SMALL_DAMPING and cost - after[2] < _SETTLED * (1.0 + cost)
+                settled = damping < POSING.small_damping and cost - after[2] < POSING.settled * (1.0 + cost)
                 pose, (hessian, gradient, cost) = tried, after
-                damping = max(0.2 * damping, _LEAST_DAMPING)
+                damping = max(0.2 * damping, POSING.least_damping)
                 if settled:
                     break
             else:
                 damping *= 8.0
-                if damping > _MOST_DAMPING:
+                if damping > POSING.most_damping:
                     break
         return Solved(pose, cost)
 
@@ -159,13 +152,13 @@ class Problem:
         back by small steps. If the clicks are not fitted, all ways to turn the body are tried; and the limbs of the
         ``handles``, or all of a body that has been turned, are tried twisted. What fits clearly better is taken.
         """
-        best = self.solve(start, clicks, _AT_LEISURE)
+        best = self.solve(start, clicks, POSING.at_leisure)
         if self._is_doubted(best.pose, clicks):
             other = self._better(best, (_turned(start, turn) for turn in _TURNS), clicks)
             handles = handles if other is best else range(len(HANDLES))
             best = other
         for limb, segments in enumerate(LIMBS):
-            if best.cost > _CLEARLY and any(SEGMENT[handle] in segments for handle in handles):
+            if best.cost > POSING.clearly and any(SEGMENT[handle] in segments for handle in handles):
                 best = self._better(best, [turned(limb, best.pose, turn) for turn in _TWISTS], clicks)
         return best
 
@@ -173,14 +166,14 @@ class Problem:
         """True if a pose fits its clicks so badly that the body may be turned otherwise; a wrong click or two are no
         reason to think that."""
         squares = np.sort(np.sum(self.residuals(pose, clicks)[0].reshape(-1, 2) ** 2, axis=1))
-        most = squares[: int(np.ceil(_MOST * len(squares)))]
-        return len(most) > 0 and float(most.mean()) > _DOUBTED
+        most = squares[: int(np.ceil(POSING.most * len(squares)))]
+        return len(most) > 0 and float(most.mean()) > POSING.doubted
 
     def _better(self, best: Solved, starts: Iterable[Pose], clicks: Sequence[Click]) -> Solved:
         for start in starts:
-            other = self.solve(start, clicks, _TRIED)
-            if other.cost < best.cost - _CLEARLY:
-                best = self.solve(other.pose, clicks, _AT_LEISURE)
+            other = self.solve(start, clicks, POSING.tried)
+            if other.cost < best.cost - POSING.clearly:
+                best = self.solve(other.pose, clicks, POSING.at_leisure)
         return best
 
     def covariance(self, pose: Pose, clicks: Sequence[Click], before: Array) -> Array:
@@ -218,10 +211,10 @@ class Problem:
         for _ in range(1, 31):
             frames = forward(self.body, pose)
             points = world_points(frames, SEGMENT, handle_points(self.body))
-            rows = (point_jacobians(frames, SEGMENT, points) / _TAPE_M).reshape(-1, DOF)
-            off = (target_m - points).ravel() / _TAPE_M
+            rows = (point_jacobians(frames, SEGMENT, points) / POSING.tape_m).reshape(-1, DOF)
+            off = (target_m - points).ravel() / POSING.tape_m
             excess, violated = limit_residuals(pose)
-            stiffness = violated / _LIMIT_RAD**2
+            stiffness = violated / POSING.limit_rad**2
             now = float(off @ off + stiffness @ excess**2)
             if cost - now < 1e-3 * now:
                 break
@@ -231,17 +224,6 @@ class Problem:
         return Solved(pose, cost)
 
 
-_LONGEST: Final = 2.0  # of a step, in what each degree of freedom gives way by
-_SETTLED: Final = 1e-3  # relative fall of the cost that is not worth another step
-_FIRST_DAMPING: Final = 1e-2
-_LEAST_DAMPING: Final = 1e-5
-_SMALL_DAMPING: Final = 0.1  # a step that is damped more may be short although there is far to go
-_MOST_DAMPING: Final = 1e6
-_AT_LEISURE: Final = 60  # steps, at most
-_TRIED: Final = 20  # steps of another start
-_MOST: Final = 0.85  # share of the clicks that are likely to be right
-_DOUBTED: Final = 1.2  # squared sigmas by which these are missed by a pose that is doubted
-_CLEARLY: Final = 2.0  # squared sigmas by which another must fit better
 _TWISTS: Final = np.array([(0.0, 0.0, twist * np.pi / 2, bend) for twist in range(4) for bend in (0.0, 0.8)][1:])
 """(7, 4) Turns of a limb, as `pzcap.tracking.limbs.turned` takes them."""
 _TURNS: Final = tuple(
@@ -265,7 +247,7 @@ def handle_points(body: Body) -> Array:
 
 def is_ready(sigma_m: Array) -> bool:
     """True if a pose with such sigmas (23,) of its handles is good enough to track from."""
-    return bool(sigma_m[: len(JOINTS)].max() < _READY_M)
+    return bool(sigma_m[: len(JOINTS)].max() < POSING.ready_m)
 
 
 def standing(cameras: Sequence[Camera | None]) -> Pose | None:
@@ -308,7 +290,7 @@ def _compare(
     is not before the camera both stay as they are."""
     for n in which:
         across, down, depth = ray(points[n, 0], points[n, 1], points[n, 2], camera)
-        if depth < _NEAREST_M:
+        if depth < POSING.nearest_m:
             continue
         u, v = to_pixel(across, down, camera)
         sigma = np.sqrt(seen[n, 2] ** 2 + (tape_m * camera.focal / depth) ** 2)
@@ -317,3 +299,8 @@ def _compare(
             slope = pixel_gradient(across, down, depth, camera, 1.0 - axis, float(axis))
             for k in range(3):
                 slopes[n, axis, k] = slope[k] / sigma
+
+
+def handle_name(handle: int) -> str:
+    """A handle as a person calls it."""
+    return HANDLES[handle].replace("_", " ")

@@ -11,8 +11,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from pzcap.io.capture import MANIFEST
-from pzcap.io.files import checked, written_whole
+from pzcap.io.files import checked, write_json, written_whole
 from pzcap.io.manifest import covariance_entry, load_json
 from pzcap.types import SEGMENTS, Array, Pose
 
@@ -45,13 +47,20 @@ class KeyframeFile:
             return {}
         return {str(entry["timecode"]).replace(";", ":"): entry for entry in load_json(self.path).value}
 
-    def write(
-        self, poses: Mapping[str, Pose], untouched: Mapping[str, dict[str, Any]], covariances: Mapping[str, Array]
-    ) -> str:
+    def write(self, poses: Mapping[str, Pose], covariances: Mapping[str, Array]) -> str | None:
         """Replace the file by ``poses`` by timecode, in their order, with the ``covariances`` (43, 43) of those that
-        clicks tell of; where an entry is ``untouched`` it stands as it was. Returns the new digest. Without any pose
-        there is no file, and capture.json says so."""
-        path = self.path
+        clicks tell of; an entry that says the same stands as it was. Returns the new digest; None where all is as it
+        was. Without any pose there is no file, and capture.json says so."""
+        before, path = self.entries(), self.path
+        untouched = {
+            timecode: entry
+            for timecode, entry in before.items()
+            if timecode in poses
+            and same_pose(poses[timecode], _pose_of(entry))
+            and (timecode not in covariances or entry.get("covariance") == covariance_entry(covariances[timecode]))
+        }
+        if untouched.keys() == poses.keys() == before.keys():
+            return None
         self._back_up(path)
         if not poses:
             self._name(None)
@@ -84,8 +93,7 @@ class KeyframeFile:
         if content.get("keyframes") == name or (content.get("keyframes") and name):
             return
         content["keyframes"] = name
-        with written_whole(path) as partial:
-            partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_json(path, content)
 
 
 def _entry(timecode: str, pose: Pose, covariance: Array | None) -> dict[str, Any]:
@@ -96,3 +104,16 @@ def _entry(timecode: str, pose: Pose, covariance: Array | None) -> dict[str, Any
         "rotations_wxyz": dict(zip(SEGMENTS, pose.rotations.tolist(), strict=True)),
         **known,
     }
+
+
+def same_pose(one: Pose, other: Pose) -> bool:
+    """True if two poses are the same but for rounding and the sign of quaternions."""
+    turned = np.abs(np.sum(one.rotations * other.rotations, axis=1))
+    return bool(np.abs(one.root_position_m - other.root_position_m).max() < 1e-9 and np.abs(turned - 1.0).max() < 1e-12)
+
+
+def _pose_of(entry: dict[str, Any]) -> Pose:
+    table = entry["rotations_wxyz"]
+    rotations = np.array([table[name] for name in SEGMENTS], float)
+    rotations /= np.linalg.norm(rotations, axis=1, keepdims=True)
+    return Pose(np.array(entry["root_position_m"], float), rotations)

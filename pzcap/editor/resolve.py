@@ -12,7 +12,7 @@ import numpy as np
 
 from pzcap import pipeline
 from pzcap.body.skeleton import Body
-from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.camera_set import calibrated_of
 from pzcap.editor.footage import Footage
 from pzcap.events import BodyTracked, FrameLocalised, Progress
 from pzcap.io.capture import FrameSets
@@ -23,6 +23,7 @@ from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import Array, FrameSet, Keyframe, Motion, Pose, PzcapError
+from pzcap.views import Expecting, segment_views
 
 
 def fitted_to_images(footage: Footage, body: Body, frame: int, pose: Pose, known: Array) -> Pose:
@@ -77,21 +78,16 @@ def tracked_anew(
 ) -> Motion:  # fmt: skip
     """The motion of ``frames``, tracked from the ``keyframes`` among them. PzcapError where there are none, or it was
     ``cancelled``."""
-    config, found = pipeline.Config(), footage.found
-    parts = zip(found.references, found.panoramas, found.cameras, strict=True)
-    calibrated = [
-        None if reference is None or panorama is None or head is None else CalibratedCamera(reference, panorama, head)
-        for reference, panorama, head in parts
-    ]
+    config, calibrated = pipeline.Config(), calibrated_of(footage.found)
     own = [key for key in keyframes if key.frame in frames]
     tracker = Tracker(body, own, replace(config.tracking, longest_lead=len(frames)))
 
-    def localise(views: FrameSet, _: Tracker | None) -> FrameLocalised:
+    def localise(views: FrameSet, _: Expecting | None) -> FrameLocalised:
         return FrameLocalised(footage.upright(views), footage.localisations(views.index))
 
     poses: list[Tracked] = []
     with one_thread_each(), ThreadPoolExecutor(config.threads) as pool:
-        segment = partial(pipeline.segment_views, calibrated, config, pool)
+        segment = partial(segment_views, calibrated, config.foreground, config.panzoom, pool)
         for event in pipeline.follow(_Some(footage.sets, frames), localise, segment, tracker):
             match event:
                 case BodyTracked(tracked):

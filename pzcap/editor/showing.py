@@ -10,9 +10,10 @@ import numpy as np
 
 from pzcap.body.kinematics import forward, place
 from pzcap.body.skeleton import Body
+from pzcap.editor.edits import ORIGINS
 from pzcap.editor.footage import outlines
-from pzcap.editor.inverse_kinematics import HANDLES, SEGMENT, Click, Problem, epipolar
-from pzcap.editor.workspace import ORIGINS, Dragged, Workspace, handle_name
+from pzcap.editor.inverse_kinematics import HANDLES, SEGMENT, Click, Problem, epipolar, handle_name
+from pzcap.editor.workspace import Dragged, Workspace
 from pzcap.extras import keyframe_diagnostics
 from pzcap.geometry.pinhole import projected
 from pzcap.tracking import keyframes, visibility

@@ -8,10 +8,6 @@ state since. After each the history is on the disk, and keyframes.json is what t
 from __future__ import annotations
 
 import fcntl
-import hashlib
-import threading
-import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,43 +15,21 @@ from typing import Any, BinaryIO, Final
 
 import numpy as np
 
-from pzcap.body import skeleton
-from pzcap.body.anthropometry import UNMEASURED
-from pzcap.body.kinematics import difference, retract
-from pzcap.body.skeleton import Body
 from pzcap.editor import resolve
-from pzcap.editor.footage import Footage
+from pzcap.editor.edits import ORIGINS, Edits, posed_in
 from pzcap.editor.history import FrameEdit, History
-from pzcap.editor.inverse_kinematics import (
-    HANDLES,
-    MIRRORED,
-    Click,
-    Problem,
-    is_ready,
-    loose,
-    standing,
-)
-from pzcap.editor.keyframe_file import KeyframeFile
-from pzcap.io.capture import FrameSets, frame_sets, read_capture
-from pzcap.io.files import written_whole
-from pzcap.io.manifest import covariance_entry
-from pzcap.types import SEGMENTS, Array, Capture, Keyframe, Motion, Pose, PzcapError, Reconstruction
+from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Problem, handle_name, is_ready
+from pzcap.editor.keyframe_file import KeyframeFile, same_pose
+from pzcap.editor.motion_file import MotionFile, digest_of
+from pzcap.editor.tuning import WORKSPACE
+from pzcap.io.capture import read_capture
+from pzcap.types import Capture, Keyframe, Pose, PzcapError, Reconstruction
 
 FOLDER: Final = "editing"
 """Beside capture.json: the history, backups, and what was tracked anew."""
 _HISTORY: Final = "history.jsonl"
 _LOCK: Final = "lock"
 _MOTION: Final = "motion.npz"
-_ARRAYS: Final = ("root_position_m", "rotations", "joints_m", "sigma_m", "keyframes", "valid")
-_DRAG_STEPS: Final = 6
-_LEAST_M: Final = 1e-3  # standard deviation of a tracked joint
-_COPY_REACH: Final = 90  # frames; a pose from further away tells nothing
-_RESOLVE_REACH: Final = 100  # frames beyond the last keyframe
-ORIGINS: Final = {
-    "keyframe": "a keyframe that was there", "tracker": "as tracked", "between": "between two keyframes",
-    "copied": "copied from the nearest keyframe", "standing": "standing",
-}  # fmt: skip
-"""Where a pose was begun from, as a person calls it."""
 _LIMBS: Final = {"arms": ("elbow", "wrist", "fingertip"), "legs": ("knee", "ankle", "toe", "heel")}
 
 
@@ -69,30 +43,21 @@ class Dragged:
     clicks: tuple[Click, ...]  # all that it is fitted to
 
 
-class Workspace:
+class Workspace(Edits):
     """A capture that is being edited. Raises PzcapError where it cannot be. Safe for threads."""
 
     def __init__(self, capture: Capture, found: Reconstruction) -> None:
-        self.capture, self.folder = capture, capture.folder / FOLDER
-        self.sets: FrameSets = frame_sets(capture)
-        if found.timecodes != self.sets.timecodes or found.camera_names != tuple(c.name for c in capture.cameras):
-            raise PzcapError(
-                f"{capture.folder}: the results are of '{found.capture_name}', with other frames or cameras; "
-                "give those of this capture"
-            )
-        self.footage = Footage(self.sets, found)
-        self.body: Body = skeleton.build(capture.subject or UNMEASURED)
-        self._base = _digest(found.motion)
-        self.motion: Motion = self._kept_motion() or found.motion or resolve.untracked(len(self.sets))
+        super().__init__(capture, found)
+        self.folder = capture.folder / FOLDER
+        self._motion_file = MotionFile(self.folder / _MOTION, digest_of(found.motion))
+        kept = self._motion_file.load(len(self.sets))
+        self.motion = kept or found.motion or resolve.untracked(len(self.sets))
         self.difference: resolve.Difference | None = None
-        self.lock = threading.RLock()
         self._touched: dict[int, int] = {}  # version in which a frame was changed last
         self.folder.mkdir(exist_ok=True)
         self._only = _alone(self.folder / _LOCK)
         self.history = History.open(self.folder / _HISTORY)
         self._file = KeyframeFile(capture.folder, self.folder / "backups")
-        self.frame_of = {timecode.replace(";", ":"): n for n, timecode in enumerate(self.sets.timecodes)}
-        self._timecodes = tuple(self.frame_of)
         with self.lock:
             self._adopt()
             self._write()
@@ -102,101 +67,13 @@ class Workspace:
         self._only.close()
 
     # ----------------------------------------------------------------------------------------------------------
-    # State
-
-    @property
-    def version(self) -> int:
-        """It grows with every change."""
-        return self.history.version
-
-    def keys(self) -> list[int]:
-        """The frames whose pose stands in keyframes.json."""
-        with self.lock:
-            return sorted(
-                self.frame_of[timecode]
-                for timecode, edit in self.history.frames.items()
-                if edit.is_key and edit.pose is not None and timecode in self.frame_of
-            )
-
-    def touched(self) -> list[int]:
-        """The frames in which something was clicked."""
-        return sorted(self.frame_of[t] for t, edit in self.history.frames.items() if edit.clicks and t in self.frame_of)
-
-    def edit(self, frame: int) -> FrameEdit:
-        """What a hand has made of a frame; where it has made nothing, the pose that it begins with."""
-        with self.lock:
-            edit = self.history.frame(self._timecodes[frame])
-            if edit.pose is not None:
-                return edit
-            pose, origin = self.prediction(frame)
-            return replace(edit, pose=pose, origin=origin)
-
-    def prediction(self, frame: int) -> tuple[Pose | None, str]:
-        """The pose that a frame begins with, and where that is from: the tracker, else the keyframes around, else one
-        near by, else standing in the middle of the views."""
-        for origin in ("tracker", "between", "copied"):
-            pose = self.start(frame, origin)
-            if pose is not None:
-                return pose, origin
-        return standing(self.footage.cameras(frame)), "standing"
-
-    def start(self, frame: int, origin: str) -> Pose | None:
-        """The pose of a frame that comes from an ``origin``; None where that has none."""
-        match origin:
-            case "tracker":
-                return self._tracked(frame) if self.motion.valid[frame] else None
-            case "between":
-                before, after = self._around(frame)
-                if before is None or after is None:
-                    return None
-                share = (frame - before) / (after - before)
-                start = self._posed(before)
-                return retract(start, share * difference(self._posed(after), start))
-            case "copied":
-                near = [key for key in self._around(frame) if key is not None and abs(key - frame) <= _COPY_REACH]
-                return self._posed(min(near, key=lambda key: abs(key - frame))) if near else None
-            case _:
-                return standing(self.footage.cameras(frame))
-
-    def _around(self, frame: int) -> tuple[int | None, int | None]:
-        keys = self.keys()
-        return (
-            max((key for key in keys if key < frame), default=None),
-            min((key for key in keys if key > frame), default=None),
-        )
-
-    def _posed(self, key: int) -> Pose:
-        pose = self.history.frame(self._timecodes[key]).pose
-        assert pose is not None
-        return pose
-
-    def _tracked(self, frame: int) -> Pose:
-        return Pose(self.motion.root_position_m[frame].copy(), self.motion.rotations[frame].copy())
-
-    def problem(self, frame: int) -> Problem:
-        """The cameras of a frame, and the body."""
-        return Problem(self.body, self.footage.cameras(frame))
-
-    def sigma_m(self, frame: int, problem: Problem, edit: FrameEdit) -> Array:
-        """(23,) Standard deviation of each handle's distance from where it is, by the clicks and by what was known
-        before these."""
-        pose = _there(edit)
-        return problem.sigma_m(pose, self._covariance(frame, problem, edit, pose))
-
-    def _covariance(self, frame: int, problem: Problem, edit: FrameEdit, pose: Pose) -> Array:
-        before = loose(edit.origin)
-        if edit.origin == "tracker" and self.motion.valid[frame]:
-            before = problem.information(self._tracked(frame), np.maximum(self.motion.sigma_m[frame], _LEAST_M))
-        return problem.covariance(pose, edit.clicks, before)
-
-    # ----------------------------------------------------------------------------------------------------------
     # Commands
 
     def drag(self, frame: int, click: Click, before: Dragged | None) -> Dragged:
         """The body as it follows a handle; nothing is changed yet. ``before`` is what the same drag gave last."""
         edit, problem, start = self._held(frame, click, before)
         clicks = edit.clicked(click).clicks
-        return Dragged(frame, click, problem.solve(start, clicks, _DRAG_STEPS).pose, clicks)
+        return Dragged(frame, click, problem.solve(start, clicks, WORKSPACE.drag_steps).pose, clicks)
 
     def drop(self, frame: int, click: Click, dragged: Dragged | None) -> None:
         """Take a handle's place in a view as observed, and fit the pose to all that was."""
@@ -252,7 +129,7 @@ class Workspace:
             edit, problem = self.edit(frame), self.problem(frame)
             ends = _LIMBS.get(limbs, ())
             chosen = [n for n, name in enumerate(HANDLES) if name.partition("_")[2] in ends]
-            pose = problem.exchanged(_there(edit), chosen)
+            pose = problem.exchanged(posed_in(edit), chosen)
             swapped = [*chosen] or [*range(len(HANDLES))]
             clicks = tuple(
                 one._replace(handle=int(MIRRORED[one.handle])) if one.handle in swapped else one for one in edit.clicks
@@ -267,7 +144,7 @@ class Workspace:
         with self.lock:
             self._check_seen(frame, seen)
             version, edit, problem = self.version, self.edit(frame), self.problem(frame)
-        pose = _there(edit)
+        pose = posed_in(edit)
         known = np.asarray(np.linalg.inv(self._covariance(frame, problem, edit, pose)), np.float64)
         pose = resolve.fitted_to_images(self.footage, self.body, frame, pose, known)
         with self.lock:
@@ -278,7 +155,7 @@ class Workspace:
         """Make a frame a keyframe as it is, or none."""
         with self.lock:
             edit = self.edit(frame)
-            _there(edit)
+            posed_in(edit)
             self._change(frame, replace(edit, is_key=is_key), "made a keyframe" if is_key else "no keyframe any more")
 
     def begin_from(self, frame: int, origin: str, seen: int) -> None:
@@ -339,7 +216,7 @@ class Workspace:
         poses = read_capture(self.capture.folder).keyframe_poses
         for timecode, pose in poses.items():
             mine = self.history.frame(timecode)
-            if not (mine.is_key and mine.pose is not None and _same(mine.pose, pose)):
+            if not (mine.is_key and mine.pose is not None and same_pose(mine.pose, pose)):
                 self.history.found(timecode, FrameEdit(pose, "keyframe", (), frozenset(), True))
         for timecode, mine in list(self.history.frames.items()):
             if mine.is_key and timecode not in poses:
@@ -349,26 +226,10 @@ class Workspace:
     def _write(self) -> None:
         """Write keyframes.json as the history has it, where it differs."""
         poses = {self._timecodes[key]: self._posed(key) for key in self.keys()}
-        known = {timecode: own for timecode in poses if (own := self._known(self.frame_of[timecode])) is not None}
-        before = self._file.entries()
-        untouched = {
-            timecode: entry
-            for timecode, entry in before.items()
-            if timecode in poses
-            and _same(poses[timecode], _pose_of(entry))
-            and (timecode not in known or entry.get("covariance") == covariance_entry(known[timecode]))
-        }
-        if untouched.keys() == poses.keys() == before.keys():
-            return
-        self.history.saved(self._file.write(poses, untouched, known))
-
-    def _known(self, frame: int) -> Array | None:
-        """Covariance (43, 43) of a keyframe's pose by its clicks; None where nothing has been clicked: a hand posed it
-        otherwise."""
-        edit = self.edit(frame)
-        if not edit.clicks or edit.pose is None:
-            return None
-        return self._covariance(frame, self.problem(frame), edit, edit.pose)
+        known = {timecode: own for timecode in poses if (own := self.known(self.frame_of[timecode])) is not None}
+        digest = self._file.write(poses, known)
+        if digest is not None:
+            self.history.saved(digest)
 
     # ----------------------------------------------------------------------------------------------------------
     # Tracking anew
@@ -379,44 +240,16 @@ class Workspace:
         """Track the interval around a frame anew from its keyframes; what has changed by it."""
         with self.lock:
             keys = self.keys()
-            frames = resolve.interval(keys, frame, len(self.sets), _RESOLVE_REACH)
-            posed = [Keyframe(key, self._posed(key), self._known(key)) for key in keys if key in frames]
+            frames = resolve.interval(keys, frame, len(self.sets), WORKSPACE.resolve_reach)
+            posed = [Keyframe(key, self._posed(key), self.known(key)) for key in keys if key in frames]
         new = resolve.tracked_anew(self.footage, self.body, posed, frames, report, cancelled)
         with self.lock:
             self.motion, self.difference = resolve.merged(self.motion, new, frames, keys)
-            with written_whole(self.folder / _MOTION) as partial, partial.open("wb") as file:
-                arrays = {name: getattr(self.motion, name) for name in _ARRAYS}
-                np.savez_compressed(file, allow_pickle=False, base=np.array(self._base), **arrays)
+            self._motion_file.save(self.motion)
             return self.difference
-
-    def _kept_motion(self) -> Motion | None:
-        """What was tracked anew when these results were edited before; None where others have been made since."""
-        path = self.folder / _MOTION
-        if not path.is_file():
-            return None
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                base, motion = str(file["base"]), Motion(**{name: file[name] for name in _ARRAYS})
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise PzcapError(f"{path}: damaged ({error}); remove it, and solve again on the page") from error
-        return motion if base == self._base and len(motion.valid) == len(self.sets) else None
 
     def _view_name(self, camera: int) -> str:
         return f"camera {self.footage.found.camera_names[camera]}"
-
-
-def _digest(motion: Motion | None) -> str:
-    """By which a motion is known again."""
-    if motion is None:
-        return ""
-    return hashlib.sha256(motion.root_position_m.tobytes() + motion.rotations.tobytes()).hexdigest()
-
-
-def _there(edit: FrameEdit) -> Pose:
-    """The pose of a frame. PzcapError where there is no body."""
-    if edit.pose is None:
-        raise PzcapError("there is no body in this frame")
-    return edit.pose
 
 
 def _alone(path: Path) -> BinaryIO:
@@ -430,21 +263,3 @@ def _alone(path: Path) -> BinaryIO:
             f"{path.parent.parent}: another pzcap edit is at work on it; use its page, or end it"
         ) from error
     return file
-
-
-def handle_name(handle: int) -> str:
-    """A handle as a person calls it."""
-    return HANDLES[handle].replace("_", " ")
-
-
-def _same(one: Pose, other: Pose) -> bool:
-    """True if two poses are the same but for rounding and the sign of quaternions."""
-    turned = np.abs(np.sum(one.rotations * other.rotations, axis=1))
-    return bool(np.abs(one.root_position_m - other.root_position_m).max() < 1e-9 and np.abs(turned - 1.0).max() < 1e-12)
-
-
-def _pose_of(entry: dict[str, Any]) -> Pose:
-    table = entry["rotations_wxyz"]
-    rotations = np.array([table[name] for name in SEGMENTS], float)
-    rotations /= np.linalg.norm(rotations, axis=1, keepdims=True)
-    return Pose(np.array(entry["root_position_m"], float), rotations)

@@ -158,7 +158,7 @@ def library(name: str, form: str) -> Any:
 
 def write_text(path: Path, text: str) -> Path:
     """Write a text file, whole or not at all; the path."""
-    return write_bytes(path, text.encode())
+    return write_bytes(path, text.encode(errors="replace"))  # names may hold what no text does
 
 
 def write_bytes(path: Path, content: bytes) -> Path:

@@ -28,7 +28,9 @@ def results_of(reconstruction: Reconstruction) -> Results:
 def camera_track(track: PanZoomTrack, camera: PanZoomCamera | None) -> CameraTrack:
     """The track of one camera; with poses where the camera itself is known."""
     poses = None if camera is None else _poses(track, camera)
-    return CameraTrack(track.valid, track.focal_px, track.pan_rad, track.covariance, poses)
+    covariance = track.covariance.copy()
+    covariance[:, 1, 0] = covariance[:, 0, 1]  # as files have it: an inverse is symmetric but for its last digit
+    return CameraTrack(track.valid, track.focal_px, track.pan_rad, covariance, poses)
 
 
 def body_track(motion: Motion) -> BodyTrack:

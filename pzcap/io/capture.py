@@ -21,7 +21,8 @@ from pzcap.io.detections import NOBODY, read_keypoints
 from pzcap.io.files import checked
 from pzcap.io.manifest import Json, load_json, read_keyframes, read_object, read_subject
 from pzcap.io.picture_header import is_whole, picture_size
-from pzcap.io.video import VideoReader, frames_per_day, frames_to_timecode, timecode_to_frames
+from pzcap.io.timecode import frames_per_day, frames_to_timecode, timecode_to_frames
+from pzcap.io.video import VideoReader
 from pzcap.types import Array, CameraFiles, Capture, FrameSet, Image, Keyframe, PzcapError
 
 FORMAT = "pzcap-capture"

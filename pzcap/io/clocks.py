@@ -16,7 +16,8 @@ import numpy as np
 
 from pzcap.io import limits
 from pzcap.io.manifest import load_json
-from pzcap.io.video import VideoReader, frames_per_day, timecode_to_frames
+from pzcap.io.timecode import frames_per_day, timecode_to_frames
+from pzcap.io.video import VideoReader
 from pzcap.types import Array, CameraClock, Capture, Indices, PzcapError
 
 SYNC_FORMAT: Final = "pzcap-sync"

@@ -13,6 +13,8 @@ PICTURE_SIDE_PX: Final = 16_384
 """Columns, or rows, of a still or a frame: twice those of 8K."""
 PICTURE_PX: Final = 2**26
 """Pixels of a still or a frame: twice those of 8K."""
+PANORAMA_PX: Final = 2**28
+"""Pixels of a saved panorama: a full turn of 4K cameras has half as many."""
 FRAMES: Final = 1_000_000
 """Frames of a video: nine hours at 30 a second."""
 SPARSEST: Final = 50

@@ -14,7 +14,7 @@ import numpy as np
 
 from pzcap.io import limits
 from pzcap.io.files import checked, leads_out
-from pzcap.io.video import frames_to_timecode, timecode_to_frames
+from pzcap.io.timecode import frames_to_timecode, timecode_to_frames
 from pzcap.types import (
     GARMENTS,
     MEASUREMENTS,

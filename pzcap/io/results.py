@@ -20,7 +20,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.io.files import checked, leads_out, written_whole
+from pzcap.io import limits
+from pzcap.io.files import checked, leads_out, write_json, written_whole
+from pzcap.io.picture_header import picture_size
 from pzcap.io.record_checks import check_array, check_record
 from pzcap.types import (
     ENDS,
@@ -104,8 +106,7 @@ def save(reconstruction: Reconstruction, folder: Path) -> None:
 
     with written_whole(folder / ARRAYS) as partial, partial.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
-    with written_whole(folder / MANIFEST) as partial:
-        partial.write_bytes((json.dumps(manifest, indent=1, ensure_ascii=False) + "\n").encode())
+    write_json(folder / MANIFEST, manifest)
 
 
 def load(folder: Path) -> Reconstruction:
@@ -204,8 +205,13 @@ def _decode_panorama(folder: Path, name: str) -> dict[str, NDArray[Any]]:
         raise PzcapError(f"{folder / MANIFEST}: {name} leads out of the folder; save the reconstruction again")
     path = folder / name
     try:
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if checked(path).is_file() else None
-    except cv2.error:  # of a size that cannot be
+        data = checked(path).read_bytes()  # OpenCV itself does not survive a name that is not UTF-8
+        size = picture_size(data)
+        if size is not None and size[0] * size[1] > limits.PANORAMA_PX:
+            most = f"{limits.PANORAMA_PX / 1e6:.0f} million"
+            raise PzcapError(f"{path}: {size[0]} x {size[1]} pixels, where {most} are the most")
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if size else None
+    except (OSError, cv2.error):  # not there, or of a size that cannot be
         image = None
     if image is None or image.ndim != 3 or image.shape[2] != 4 or image.dtype != np.uint8:
         raise PzcapError(f"{path}: no readable PNG with an alpha channel; save the reconstruction again")

@@ -6,14 +6,13 @@ every number is the same, so that files score as the records in memory do, to th
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_json
 from pzcap.scoring.records import BodyTrack, CameraPoses, CameraTrack, Results
 from pzcap.scoring.tables import (
     GUIDE,
@@ -244,8 +243,7 @@ def write_results(results: Results, folder: Path, about: Mapping[str, Any] | Non
     }
     if tracks or results.body is None:  # a table without a row: asked for, and nothing found
         write_table(folder / CAMERAS, ("camera", *CAMERA_COLUMNS), camera_rows(tracks))
-    with written_whole(folder / HEADER) as partial:
-        partial.write_text(json.dumps(header, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(folder / HEADER, header)
 
 
 CAMERA_COLUMNS: Final = ("frame", "focal_px", *POSE, *DISTORTION, "pan_rad", *COVARIANCE)

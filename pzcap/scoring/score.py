@@ -19,7 +19,7 @@ class Errors:
     truth_frames: NDArray[np.int64]  # (F,) index into the truth of each frame
     cameras: tuple[CameraErrors, ...]  # (C,) of the results
     body: BodyErrors | None
-    lost: int  # recorded views of these cameras without a valid estimate
+    lost: int | None  # recorded views of these cameras without a valid estimate; None: it is about the body alone
     views: int  # recorded views of all cameras of the truth: those that could have been answered
     answered: int  # of them with a valid estimate
     joints: int  # joints in all frames of the truth but the keyframes
@@ -59,7 +59,7 @@ def score(results: Results, truth: TrueCapture) -> Errors:
         truth_frames=frames,
         cameras=tuple(cameras),
         body=body,
-        lost=lost,
+        lost=lost if body is None or any(track is not None for track in results.cameras) else None,
         views=int(sum(true.recorded.sum() for true in truth.cameras)),
         answered=answered,
         joints=(len(truth.timecodes) - hidden) * truth.joints_m.shape[1],

@@ -14,6 +14,8 @@ from pzcap.types import JOINTS, Array, Mask
 
 NEAR_M: Final = 0.03
 """Joints nearer to the truth than this, in the median, are meant as they are written."""
+SHIFT_M: Final = 0.01
+"""The same for frames that are counted otherwise: somebody who walks is 3 cm further a frame later."""
 SIDES: Final = tuple(
     JOINTS.index(name.replace("left", "R").replace("right", "left").replace("R", "right")) for name in JOINTS
 )
@@ -27,6 +29,10 @@ def suspicious_body(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int6
         return
     true = truth.joints_m[frames]
     off = _off(body.joints_m, true, given)
+    best = min(SHIFTS, key=lambda shift: _shifted(body, truth, frames, given, shift))
+    if off > SHIFT_M and better(_shifted(body, truth, frames, given, best), off):
+        yield f"joints are those {abs(best)} frames {'later' if best > 0 else 'earlier'}: count frames from 0"
+        return
     if off <= NEAR_M:
         yield from _strange_claim(body, given, off)
         return
@@ -39,10 +45,6 @@ def suspicious_body(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int6
         if better(_off(body.joints_m @ axes.T, true, given), off):
             yield f"joints have other axes ({words}): write z up, as the calibration object has it"
             return
-    best = min(SHIFTS, key=lambda shift: _shifted(body, truth, frames, given, shift))
-    if better(_shifted(body, truth, frames, given, best), off):
-        yield f"joints are those {abs(best)} frames {'later' if best > 0 else 'earlier'}: count frames from 0"
-        return
     if better(_off(body.joints_m[:, SIDES], true, given & given[:, SIDES]), _sides_off(body, true, given)):
         yield "left and right joints are exchanged: left is the athlete's own left"
         return

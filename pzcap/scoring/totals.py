@@ -36,7 +36,7 @@ def angle_metrics(cameras: Sequence[CameraErrors]) -> list[Metric]:
     ]
 
 
-def scene_metrics(cameras: Sequence[CameraErrors], lost: int) -> list[Metric]:
+def scene_metrics(cameras: Sequence[CameraErrors], lost: int | None) -> list[Metric]:
     """The whole camera: where it shows the static scene, where it stands, and what it claims."""
     parts = [c.reprojection_points_px for c in cameras if c.reprojection_points_px is not None]
     points = np.concatenate(parts) if parts else np.zeros(0)
@@ -61,7 +61,7 @@ def scene_metrics(cameras: Sequence[CameraErrors], lost: int) -> list[Metric]:
         Metric(
             "panzoom.position.similarity", max((float(one.mean()) for one in aligned if len(one)), default=None), "mm"
         ),
-        Metric("panzoom.lost", float(lost) if any(c.focal for c in cameras) else None, "frames"),
+        Metric("panzoom.lost", None if lost is None else float(lost), "frames"),
         Metric("panzoom.bound_ratio.pan", _over([(c.pan_rad, c.pan_bound_rad) for c in cameras]), "1"),
         Metric("panzoom.bound_ratio.focal", _over([(c.focal, c.focal_bound) for c in cameras]), "1"),
         Metric("panzoom.nees", mean(joined([c.nees for c in cameras])), "1"),

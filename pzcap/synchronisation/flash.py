@@ -13,11 +13,9 @@ import numpy as np
 
 from pzcap.io.video import VideoReader
 from pzcap.synchronisation.offsets import Delay
+from pzcap.synchronisation.tuning import FLASH
 from pzcap.types import Array, Image
 
-_BLOCKS: Final = (12, 8)  # columns and rows of the picture: most have to grow brighter
-_STEP: Final = 0.05  # of the logarithm of the brightness
-_CLEAR: Final = 8.0  # times what is usual from frame to frame
 _FRAME_SIGMA: Final = float(np.sqrt(2.0 / 12.0))  # each camera takes it up to a frame late
 
 
@@ -33,7 +31,7 @@ class Steps:
 def brightness(image: Image) -> Array:
     """(96,) logarithm of the brightness of the blocks of a picture."""
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
-    small = cv2.resize(grey, _BLOCKS, interpolation=cv2.INTER_AREA).astype(np.float64)
+    small = cv2.resize(grey, FLASH.blocks, interpolation=cv2.INTER_AREA).astype(np.float64)
     return np.asarray(np.log(small.ravel() + 4.0))
 
 
@@ -42,7 +40,7 @@ def steps(reader: VideoReader, levels: Array) -> Steps:
     change = np.median(np.diff(levels, axis=0), axis=1)
     # a camera that pans changes blocks one by one, and a lamp nearly all of them alike
     usual = 1.4826 * np.median(np.abs(change - np.median(change))) if len(change) else 0.0
-    found = np.flatnonzero(np.abs(change) > max(_STEP, _CLEAR * usual))
+    found = np.flatnonzero(np.abs(change) > max(FLASH.step, FLASH.clear * usual))
     return Steps(reader.times_s[found + 1], change[found], 1.0 / float(reader.frame_rate))
 
 

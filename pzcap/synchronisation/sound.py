@@ -22,28 +22,10 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
 from pzcap.io.files import checked
 from pzcap.synchronisation.offsets import Delay
+from pzcap.synchronisation.tuning import SOUND
 from pzcap.types import Array
 
 SAMPLES_PER_S: Final = 8_000
-SOUND_M_PER_S: Final = 343.0
-LONGEST_S: Final = 1_200.0
-"""Sound of a recording that is listened to, from its beginning."""
-_BAND_HZ: Final = (200.0, 3_500.0)
-_SURE: Final = 9.0
-"""Height of a peak, in standard deviations of the correlation, from which on it is one."""
-_NEXT: Final = 0.65
-"""Height of the next peak, apart from its neighbourhood, as a share of it, up to which there is no doubt."""
-_NEIGHBOURHOOD_S: Final = 0.12  # echoes, and sounds from elsewhere in the hall
-_SPREAD_S: Final = 0.0015
-_RECORDER_S: Final = 0.005  # between sound and picture of a camera
-_MIDDLE_M: Final = 2.0  # of the sound from the middle, difference of two cameras
-_ANYWHERE_M: Final = 6.0  # where cameras' places are not known
-_BANG: Final = 8.0  # times the usual energy of a frame
-_FRAME: Final = 32  # samples
-_HELD: Final = (1, 12)  # frames before and after a bang that are kept
-_WINDOW_S: Final = 20.0
-_DRIFT: Final = 2e-5  # standard deviation of a rate that is believed
-_WINDOWS: Final = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +52,7 @@ def sound_of(path: Path, distance_m: float | None) -> Sound | None:
                 for part in resampler.resample(frame):
                     pieces.append(part.to_ndarray().ravel().astype(np.float64))
                     length += len(pieces[-1])
-                if length > LONGEST_S * SAMPLES_PER_S:
+                if length > SOUND.longest_s * SAMPLES_PER_S:
                     break
     except (FFmpegError, ValueError):  # a track that nobody can decode is none
         return None
@@ -89,10 +71,10 @@ def delays(sounds: Sequence[Sound]) -> Iterator[Delay]:
         if found is None:
             continue
         if first.distance_m is None or second.distance_m is None:
-            yield Delay(a, b, found, float(np.hypot(_RECORDER_S, _ANYWHERE_M / SOUND_M_PER_S)))
+            yield Delay(a, b, found, float(np.hypot(SOUND.recorder_s, SOUND.anywhere_m / SOUND.sound_m_per_s)))
         else:
-            later = (second.distance_m - first.distance_m) / SOUND_M_PER_S
-            yield Delay(a, b, found - later, float(np.hypot(_RECORDER_S, _MIDDLE_M / SOUND_M_PER_S)))
+            later = (second.distance_m - first.distance_m) / SOUND.sound_m_per_s
+            yield Delay(a, b, found - later, float(np.hypot(SOUND.recorder_s, SOUND.middle_m / SOUND.sound_m_per_s)))
 
 
 def rates(sounds: Sequence[Sound], offset_s: Array) -> Array:
@@ -106,29 +88,29 @@ def rates(sounds: Sequence[Sound], offset_s: Array) -> Array:
 
 def _drift(one: Array, other: Array, delay_s: float) -> float:
     """Growth of the delay, s / s, over windows of two recordings; 0 where it is not known well."""
-    window, shift = round(_WINDOW_S * SAMPLES_PER_S), round(delay_s * SAMPLES_PER_S)
+    window, shift = round(SOUND.window_s * SAMPLES_PER_S), round(delay_s * SAMPLES_PER_S)
     times, later = [], []
     for start in range(max(0, -shift), min(len(one), len(other) - shift) - window, window):
         there = correlated(one[start : start + window], other[start + shift : start + shift + window])
         if there is not None and abs(there) < 0.5:
             times.append((start + window / 2) / SAMPLES_PER_S)
             later.append(there)
-    if len(times) < _WINDOWS:
+    if len(times) < SOUND.windows:
         return 0.0
     (slope, _), covariance = np.polyfit(times, later, 1, cov=True)
-    return float(slope) if np.sqrt(covariance[0, 0]) < _DRIFT else 0.0
+    return float(slope) if np.sqrt(covariance[0, 0]) < SOUND.drift else 0.0
 
 
 def bangs(samples: Array) -> Array:
     """The samples (N,), muted where nothing bangs; as they are, where nothing does at all."""
-    frames = len(samples) // _FRAME
-    energy = np.sum(samples[: frames * _FRAME].reshape(frames, _FRAME) ** 2, axis=1)
-    loud = np.flatnonzero(energy > _BANG * np.median(energy) + 1e-12)
+    frames = len(samples) // SOUND.frame
+    energy = np.sum(samples[: frames * SOUND.frame].reshape(frames, SOUND.frame) ** 2, axis=1)
+    loud = np.flatnonzero(energy > SOUND.bang * np.median(energy) + 1e-12)
     if not loud.size:
         return samples
     kept = np.zeros(len(samples), bool)
     for frame in loud.tolist():
-        kept[max(0, frame - _HELD[0]) * _FRAME : (frame + _HELD[1]) * _FRAME] = True
+        kept[max(0, frame - SOUND.held[0]) * SOUND.frame : (frame + SOUND.held[1]) * SOUND.frame] = True
     return np.where(kept, samples, 0.0)
 
 
@@ -137,18 +119,18 @@ def correlated(one: Array, other: Array) -> float | None:
     count = next_fast_len(len(one) + len(other), real=True)
     cross = rfft(bangs(other), count) * np.conj(rfft(bangs(one), count))
     frequency = rfftfreq(count, 1.0 / SAMPLES_PER_S)
-    band = (frequency >= _BAND_HZ[0]) & (frequency <= _BAND_HZ[1])
+    band = (frequency >= SOUND.band_hz[0]) & (frequency <= SOUND.band_hz[1])
     whitened = np.where(band, cross / (np.abs(cross) + 1e-12 * np.abs(cross).max() + 1e-300), 0.0)
     # hands that clap move about: what several claps say falls within some milliseconds of each other
-    spread = np.exp(-2.0 * (np.pi * frequency * _SPREAD_S) ** 2)
+    spread = np.exp(-2.0 * (np.pi * frequency * SOUND.spread_s) ** 2)
     sharp = irfft(whitened, count)
     correlation = irfft(rfft(np.maximum(sharp, 0.0), count) * spread, count)
     correlation -= correlation.mean()
     lags = np.arange(count)
     lags[lags >= len(other)] -= count
     peak = int(np.argmax(correlation))
-    far = np.abs(lags - lags[peak]) > _NEIGHBOURHOOD_S * SAMPLES_PER_S
+    far = np.abs(lags - lags[peak]) > SOUND.neighbourhood_s * SAMPLES_PER_S
     height, noise = float(correlation[peak]), float(np.std(correlation))
-    if height < _SURE * noise or float(correlation[far].max(initial=0.0)) > _NEXT * height:
+    if height < SOUND.sure * noise or float(correlation[far].max(initial=0.0)) > SOUND.next * height:
         return None
     return float(lags[peak] / SAMPLES_PER_S)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Final
 
 import cv2
 import numpy as np
@@ -18,18 +17,8 @@ from scipy.signal import correlate
 
 from pzcap.io.video import VideoReader
 from pzcap.synchronisation.offsets import Delay
+from pzcap.synchronisation.tuning import MOTION
 from pzcap.types import Array, Image
-
-_WIDTH: Final = 320
-_MOVES_PX: Final = 0.7  # a frame, beside the background
-_CORNERS: Final = 300
-_FEWEST: Final = 12  # corners that a background's motion is known by
-_LEAST_S: Final = 1.5  # that two recordings have to have in common
-_LEAST_SHARE: Final = 0.5  # of the shorter one
-_GRID: Final = 4  # steps a frame
-_SURE: Final = 0.6  # correlation
-_NEXT: Final = 0.85  # of the next peak, as a share
-_FRAMES_SIGMA: Final = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +41,7 @@ class RisingSignal:
     def add(self, image: Image) -> None:
         """Add the next picture."""
         grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-        scale = _WIDTH / grey.shape[1]
+        scale = MOTION.width / grey.shape[1]
         small = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
         if self._before is not None:
             self._speed.append(self._falls(self._before, small))
@@ -64,12 +53,12 @@ class RisingSignal:
         return Rising(times, np.array(self._speed), 1.0 / float(reader.frame_rate))
 
     def _falls(self, before: Image, now: Image) -> float:
-        corners = cv2.goodFeaturesToTrack(before, _CORNERS, 0.01, 6)
-        if corners is None or len(corners) < _FEWEST:
+        corners = cv2.goodFeaturesToTrack(before, MOTION.corners, 0.01, 6)
+        if corners is None or len(corners) < MOTION.fewest:
             return 0.0
         there, status, _ = cv2.calcOpticalFlowPyrLK(before, now, corners, np.empty_like(corners))
         kept = status.ravel() == 1
-        if kept.sum() < _FEWEST:
+        if kept.sum() < MOTION.fewest:
             return 0.0
         similarity, _ = cv2.estimateAffinePartial2D(corners[kept], there[kept], ransacReprojThreshold=1.0)
         if similarity is None:
@@ -81,7 +70,7 @@ class RisingSignal:
         flow = self._flow.calc(
             np.where(inside, placed, now).astype(np.uint8), now, np.zeros((height, width, 2), np.float32)
         )
-        moves = inside & (np.linalg.norm(flow, axis=2) > _MOVES_PX)
+        moves = inside & (np.linalg.norm(flow, axis=2) > MOTION.moves_px)
         return float(flow[..., 1][moves].sum()) / np.sqrt(float(moves.sum()) + 50.0)
 
 
@@ -89,9 +78,9 @@ def delays(signals: Sequence[Rising]) -> Iterator[Delay]:
     """Those delays between pairs of cameras that their signals give without doubt."""
     for a, b in combinations(range(len(signals)), 2):
         frame_s = max(signals[a].frame_s, signals[b].frame_s)
-        found = correlated(signals[a], signals[b], frame_s / _GRID)
+        found = correlated(signals[a], signals[b], frame_s / MOTION.grid)
         if found is not None:
-            yield Delay(a, b, found, _FRAMES_SIGMA * frame_s)
+            yield Delay(a, b, found, MOTION.frames_sigma * frame_s)
 
 
 def correlated(one: Rising, other: Rising, step_s: float) -> float | None:
@@ -99,7 +88,7 @@ def correlated(one: Rising, other: Rising, step_s: float) -> float | None:
     if min(len(one.speed), len(other.speed)) < 4:
         return None
     first, second = _even(one, step_s), _even(other, step_s)
-    least = max(_LEAST_S / step_s, _LEAST_SHARE * min(len(first), len(second)))
+    least = max(MOTION.least_s / step_s, MOTION.least_share * min(len(first), len(second)))
     lags = np.arange(-(len(first) - 1), len(second))
     overlap = np.minimum(len(first), len(second) - lags) - np.maximum(0, -lags)
     product = correlate(second, first, "full", method="fft")
@@ -113,7 +102,7 @@ def correlated(one: Rising, other: Rising, step_s: float) -> float | None:
     peak = int(np.argmax(correlation))
     far = np.abs(lags - lags[peak]) * step_s > 0.25
     height, following = float(correlation[peak]), float(correlation[far].max(initial=-1.0))
-    if height < _SURE or following > _NEXT * height:
+    if height < MOTION.sure or following > MOTION.next * height:
         return None
     return float(lags[peak] * step_s + other.times_s[0] - one.times_s[0])
 

@@ -236,7 +236,12 @@ def send_skin(rec: rr.RecordingStream, path: str, subject: Subject, motion: Moti
 def send_properties(rec: rr.RecordingStream, properties: Mapping[str, Mapping[str, Any]]) -> None:
     """Recording properties: group -> name -> value (text or number)."""
     for group, values in properties.items():
-        rec.send_property(group, rr.AnyValues(**values))
+        rec.send_property(group, rr.AnyValues(**{name: _encodable(value) for name, value in values.items()}))
+
+
+def _encodable(value: Any) -> Any:
+    """``value``; of a text that UTF-8 does not hold, such as a path in another encoding, its escapes."""
+    return value.encode(errors="backslashreplace").decode() if isinstance(value, str) else value
 
 
 def _send_strips(

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from pzcap.events import CameraCalibrated, Event, FrameLocalised, FrameSegmented
 from pzcap.io.capture import read_image
+from pzcap.io.files import with_utf8_name
 from pzcap.types import (
     Array,
     Capture,
@@ -60,7 +61,8 @@ class Recorder:
         self.rec = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
         self.rec.set_log_time_enabled(False)
         self.rec.set_log_tick_enabled(False)
-        self.rec.save(self._partial)
+        with with_utf8_name(self._partial) as named:
+            self.rec.save(named)
         self.rec.send_recording_name(plain(name))
         self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(MAX_PENDING)
         self._worker = threading.Thread(target=self._work, name="recorder", daemon=True)
@@ -164,8 +166,8 @@ class Recorder:
 def has_footer(path: Path) -> bool:
     """True where the recording at ``path`` was closed properly: its footer is written last."""
     try:
-        with warnings.catch_warnings(action="ignore"):
-            rr.chunk.RrdReader(path).store()
+        with warnings.catch_warnings(action="ignore"), with_utf8_name(path) as named:
+            rr.chunk.RrdReader(named).store()
     except Exception:  # the reader's exceptions have no common type of their own
         return False
     return True
@@ -194,7 +196,7 @@ def log_reference(
     image: Image,
     reference: ReferenceCamera | None,
     capture: Capture,
-    jpeg_quality: int = 75,
+    jpeg_quality: int,
 ) -> None:
     """The image of the calibration object, its corners as detected and as projected, its wireframe (Fig. 8)."""
     rec.log(f"{path}/image", encoded(image, jpeg_quality), static=True)
@@ -213,7 +215,7 @@ def log_reference(
         rec.log(f"{path}/wireframe", rr.LineStrips2D(strips, colors=(80, 120, 255), radii=0.8), static=True)
 
 
-def log_panorama(rec: rr.RecordingStream, path: str, panorama: Panorama, jpeg_quality: int = 75) -> None:
+def log_panorama(rec: rr.RecordingStream, path: str, panorama: Panorama, jpeg_quality: int) -> None:
     """The panorama, where each frame of the sweep looked, and where the reference pose looks."""
     shown = centred(panorama)
     image = np.where(shown.valid[..., None], shown.image, np.uint8(0))
@@ -256,7 +258,7 @@ def log_keypoints(rec: rr.RecordingStream, name: str, people: Array) -> None:
     rec.log(path, points if len(found) else rr.Clear(recursive=False))
 
 
-def log_silhouette(rec: rr.RecordingStream, name: str, silhouette: Silhouette | None, jpeg_quality: int = 75) -> None:
+def log_silhouette(rec: rr.RecordingStream, name: str, silhouette: Silhouette | None, jpeg_quality: int) -> None:
     """The outline over the view; the warped panorama and the probability as pictures of half the size."""
     part = path_part(name)
     path, pictures = f"{view_path('/world', name)}/outline", f"/foreground/{part}"

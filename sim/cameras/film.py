@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from pzcap.types import Array, Image, Mask, Pose
 from sim.cameras.operator import PanTiltZoom
-from sim.cameras.optics import (
+from sim.cameras.optics import Rig
+from sim.cameras.plate import (
     Maps,
     Moment,
     Plate,
-    Rig,
     fine_size,
     lens_maps,
     plate_for,
@@ -138,7 +138,7 @@ class FilmCamera:
         """The same, each row at its own time.
 
         Plates are drawn at a few moments, where the hall is empty at one. A row takes the nearest, through the camera
-        of its own time (`optics.roll`): the hall is exact in every row, and of a body alone the motion is in steps.
+        of its own time (`plate.roll`): the hall is exact in every row, and of a body alone the motion is in steps.
         """
         rig, readout_s, turned_rad = self._rig, self._config.readout_s, np.deg2rad(self._config.grid_turn_deg)
         width, height = fine_size(rig, scale).tolist()

@@ -5,10 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from pzcap.command.check.sweep_check import Sweep, _level
 from pzcap.command.main import main
 from tests.scenes import wrong_footage as wrong
+
+LEVELLED = "lock the tilt, level the pan axis"
 
 
 def check(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
@@ -142,3 +146,16 @@ def test_what_cannot_be_read_is_one_line(tmp_path: Path, capsys: pytest.CaptureF
     said = capsys.readouterr()
     assert "no such file" in said.err or "capture.json" in said.err
     assert said.err.count("\n") == 1
+
+
+def test_a_camera_that_leans_does_not_rise_and_one_that_tilts_does() -> None:
+    """A lean of half a degree moves the picture by three degrees in a full turn, and evenly."""
+    angles = np.deg2rad(np.linspace(0.0, 368.0, 185))
+    sweep = Sweep(1.4, angles, (), np.empty(0), (), 100.0)
+    leaning = 1.4 * np.diff(angles) * np.deg2rad(0.5)
+    assert list(_level(sweep, leaning, 0.0)) == []
+    tilted = leaning + 1.4 * np.deg2rad(4.0) * np.diff(np.sin(angles) ** 2)  # up, down, up and down again
+    assert [text for _, text in _level(sweep, tilted, 0.0)] == ["rises or falls by 4.0 degrees; " + LEVELLED]
+    assert [text for _, text in _level(sweep, leaning, 1.4 * np.deg2rad(3.5))] == [
+        "rises or falls by 3.5 degrees; " + LEVELLED
+    ]

@@ -56,7 +56,7 @@ def test_what_clicks_leave_open_is_handed_on_with_the_pose(folder: Path) -> None
     (read,) = frame_sets(read_capture(folder)).keyframes
     assert read.covariance is not None
     assert not read.found
-    np.testing.assert_allclose(read.covariance, space._known(3), rtol=1e-4, atol=1e-12)  # type: ignore[arg-type]
+    np.testing.assert_allclose(read.covariance, space.known(3), rtol=1e-4, atol=1e-12)  # type: ignore[arg-type]
     seen = space.problem(3).sigma_m(read.pose, read.covariance)
     np.testing.assert_allclose(seen, space.sigma_m(3, space.problem(3), space.edit(3)), rtol=1e-3)
     space.set_key(5, is_key=True)  # nothing is clicked there: a hand's usual error

@@ -91,6 +91,10 @@ def test_a_run_and_a_check_are_reached_by_nobody_else(small_capture: Path, tmp_p
         [sys.executable, "-m", "experiments.run", f"capture={small_capture}", f"hydra.run.dir={tmp_path / 'run'}"],
         [sys.executable, "-m", "pzcap.command", "check", str(small_capture / "capture"),
          "--page", str(tmp_path / "check.html")],
+        [sys.executable, "-m", "pzcap.command", "reconstruct", str(small_capture / "capture"),
+         "--out", str(tmp_path / "results")],
+        [sys.executable, "-m", "pzcap.command", "export", str(tmp_path / "results"), "--to", "usd", "freed",
+         "--out", str(tmp_path / "exported")],
     ]  # fmt: skip
     for line in lines:
         process, found = subprocess.Popen(line, cwd=ROOT, env=ENVIRONMENT, stderr=subprocess.DEVNULL), set()

@@ -74,6 +74,21 @@ def test_cameras_that_the_body_has_corrected_are_scored_beside_those_of_the_back
     assert values(score(nobody, truth, None))["panzoom.refined.pan.rms"] is None
 
 
+def test_read_outs_and_clocks_are_scored_but_for_what_all_clocks_share(whole: Reconstruction, truth: Truth) -> None:
+    off, heads = whole, whole.cameras
+    for number, (clock_s, readout_s) in enumerate([(0.003, 0.002), (0.001, 0.0), (0.001, 0.0), (0.003, 0.0)]):
+        head = heads[number]
+        assert head is not None
+        off = change(off, "cameras", number, clock_s=clock_s, readout_s=readout_s)
+    found = values(score(off, truth, None))
+    assert found["cameras.readout.rms"] == pytest.approx(1.0)
+    assert found["cameras.clock.rms"] == pytest.approx(1.0)
+    late = dataclasses.replace(truth, clock_offset_s=truth.clock_offset_s + np.array([0.002, 0.0, 0.0, 0.002]))
+    assert values(score(off, late, None))["cameras.clock.rms"] == pytest.approx(0.0, abs=1e-9)
+    nobody = dataclasses.replace(whole, motion=None, refined=(None,) * len(whole.tracks))
+    assert values(score(nobody, truth, None))["cameras.clock.rms"] is None
+
+
 def test_every_metric_of_the_list_is_there(whole: Reconstruction, truth: Truth) -> None:
     found = values(score(whole, truth, None))
     assert set(found) == {
@@ -87,7 +102,7 @@ def test_every_metric_of_the_list_is_there(whole: Reconstruction, truth: Truth) 
         "panzoom.rotation.common.median", "panzoom.rotation.common.rms",
         "panzoom.completeness", "body.completeness", "panzoom.lost",
         "panzoom.bound_ratio.pan", "panzoom.bound_ratio.focal", "panzoom.nees",
-        "foreground.iou", "foreground.outline", "foreground.shadow",
+        "cameras.readout.rms", "cameras.clock.rms", "foreground.iou", "foreground.outline", "foreground.shadow",
         "body.mpjpe.mean", "body.mpjpe.p95", "body.mpjpe.max", "body.mpjpe.inverted", "body.mpjpe.airborne",
         "body.mpjpe.similarity", "body.mpjpe.true_cameras", "body.covered", "body.beyond3",
         "body.limb.rms", "body.limb.max", "body.keyframes", "body.lost",

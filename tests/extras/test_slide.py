@@ -21,7 +21,8 @@ from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE, Distortion
 from pzcap.types import Array, Camera, Image, PzcapError
-from sim.cameras.optics import OpticsConfig, build_rig, lens_maps, plate_for, through_lens
+from sim.cameras.optics import OpticsConfig, build_rig
+from sim.cameras.plate import lens_maps, plate_for, through_lens
 from sim.cameras.render import Stage
 from tests.scenes import synthetic
 

@@ -18,6 +18,7 @@ import sim
 from experiments.footage import SMALL, shot
 from experiments.run import RESULTS, main
 from pzcap import pipeline
+from pzcap.io.capture import read_capture
 from pzcap.io.video import VideoReader
 from pzcap.types import PzcapError
 from sim.capture_writer import write_video
@@ -120,6 +121,13 @@ def test_broken_footage(fault: str, footage: Path, refused: Callable[..., str]) 
 def test_a_misspelt_entry_is_not_taken_for_a_missing_file(footage: Path, refused: Callable[..., str]) -> None:
     change(footage / "capture.json", lambda m: m["cameras"][0].update(swep=m["cameras"][0].pop("sweep")))
     assert 'unknown entry "swep"; the nearest are sweep' in refused(f"capture={footage}")
+
+
+def test_what_a_line_quotes_is_of_one_line_and_moves_no_cursor(footage: Path) -> None:
+    change(footage / "capture.json", lambda m: m.update({"one\ntwo\x1b[2J": 3}))
+    with pytest.raises(PzcapError) as caught:
+        read_capture(footage)
+    assert 'unknown entry "one two\\x1b[2J"; the nearest are' in str(caught.value)
 
 
 def test_no_such_folder(tmp_path: Path, refused: Callable[..., str]) -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from pzcap.io.capture import frame_sets, read_capture, read_image
 from pzcap.io.manifest import read_subject
-from pzcap.io.video import frames_to_timecode, timecode_to_frames
+from pzcap.io.timecode import frames_to_timecode, timecode_to_frames
 from pzcap.types import (
     MEASUREMENTS,
     CalibrationObject,

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pzcap.io import limits
+from pzcap.io import limits, results
 from pzcap.io.arrays import announced
 from pzcap.io.capture import frame_sets, read_capture, read_image
 from pzcap.io.picture_header import picture_size
@@ -78,6 +78,13 @@ def test_a_small_file_of_a_billion_pixels_is_not_decoded(tmp_path: Path) -> None
     with in_little(100), pytest.raises(PzcapError) as caught:
         read_image(path)
     assert str(caught.value) == f"{path}: 32000 x 32000 pixels, where 16384 a side, 67 million in all are the most"
+
+
+def test_a_saved_panorama_of_a_billion_pixels_is_not_decoded(tmp_path: Path) -> None:
+    results.save(fabricated.reconstruction(), tmp_path)
+    (tmp_path / "panorama1.png").write_bytes(png(64, 48).replace(struct.pack(">II", 64, 48), b"\0\0\x80\0" * 2))
+    with in_little(100), pytest.raises(PzcapError, match=r"panorama1\.png: 32768 x 32768 pixels, where 268 million"):
+        results.load(tmp_path)
 
 
 @pytest.mark.parametrize("ending", [".png", ".jpg"])

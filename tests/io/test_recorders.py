@@ -13,7 +13,8 @@ import pytest
 from av.video.reformatter import ColorRange, Colorspace
 
 from pzcap.io.capture import frame_sets, read_capture
-from pzcap.io.video import VideoReader, frames_per_day, frames_to_timecode, timecode_to_frames
+from pzcap.io.timecode import frames_per_day, frames_to_timecode, timecode_to_frames
+from pzcap.io.video import VideoReader
 from pzcap.types import SEGMENTS, Image, PzcapError
 from sim.capture_writer import write_video
 from tests.scenes.recorders import MIRROR, TURNS, encode, flag, number, pictures, trim

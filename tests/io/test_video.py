@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pzcap.io.video import VideoReader, frames_per_day, frames_to_timecode, timecode_to_frames
+from pzcap.io.timecode import frames_per_day, frames_to_timecode, timecode_to_frames
+from pzcap.io.video import VideoReader
 from pzcap.types import Image, PzcapError
 from sim.capture_writer import write_video
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import numpy as np
 import pytest
 
 from pzcap.scoring.command import REFUSED, SUSPICIOUS, main
+from pzcap.scoring.suspicions import suspicions
 from pzcap.types import JOINTS
-from tests.scenes.plain import edited, header, written
+from tests.scenes.plain import edited, good, header, written
 
 Rows = list[dict[str, str]]
 ROTATION = [f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3)]
@@ -178,6 +180,17 @@ def test_what_reads_well_and_is_not_meant_is_named(
     assert len(said) <= 8  # a line a camera, and what follows from it
     assert main([str(results), str(truth)]) == SUSPICIOUS  # scored all the same
     assert "panzoom.pan.rms" in capsys.readouterr().out
+
+
+def test_a_frame_late_shows_of_somebody_who_walks() -> None:
+    results, truth = good()
+    assert results.body is not None
+    walked = truth.joints_m[0] + np.arange(results.frames)[:, None, None] * np.array([0.02, 0.0, 0.0])
+    late = replace(results.body, joints_m=walked + np.array([0.02, 0.001, 0.0]))
+    walking = replace(truth, joints_m=walked)
+    assert any("joints are those 1 frames later" in line for line in suspicions(replace(results, body=late), walking))
+    right = replace(results.body, joints_m=walked + np.array([0.012, 0.0, 0.0]))  # off, and no other frame's
+    assert not any("joints are" in line for line in suspicions(replace(results, body=right), walking))
 
 
 def relative(rows: Rows) -> Rows:

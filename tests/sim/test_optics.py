@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from pzcap.types import Array
-from sim.cameras.optics import OpticsConfig, Rig, build_rig, lens_maps, plate_for, through_lens, vignette
+from sim.cameras.optics import OpticsConfig, Rig, build_rig, vignette
+from sim.cameras.plate import lens_maps, plate_for, through_lens
 from sim.cameras.render import Stage
 
 CLEAN = OpticsConfig(

@@ -11,7 +11,8 @@ import pytest
 from pzcap.types import Array, Image, Indices, Pose, PzcapError
 from sim.cameras.film import FilmCamera
 from sim.cameras.operator import PanTiltZoom
-from sim.cameras.optics import Moment, Rig, fine_size, plate_under, roll, rolled_maps
+from sim.cameras.optics import Rig
+from sim.cameras.plate import Moment, fine_size, plate_under, roll, rolled_maps
 from sim.cameras.render import Stage
 from sim.cameras.sensor import SensorConfig, field_delay_s, row_delay_s
 from tests.sim.test_optics import make_rig

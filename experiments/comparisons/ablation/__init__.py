@@ -24,7 +24,6 @@ the tracker and its worker process, a frame set, one variant after the other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,12 +34,20 @@ from rich.console import Console
 
 from experiments.comparisons.ablation.trial import attempt, prepare
 from experiments.comparisons.ablation.variants import VARIANTS
-from experiments.comparisons.harness import Column, Comparison, Row, scored_capture
+from experiments.comparisons.harness import (
+    Bar,
+    Column,
+    Comparison,
+    Row,
+    draw_bars,
+    scored_capture,
+    with_differences,
+)
 from experiments.config import AppConfig
 from experiments.progress import Bars
 from experiments.report.plots import COLOURS, INK, MUTED
 
-GROUPS: Final = dict(zip(("default", "evidence", "keyframes", "cameras", "truth"), (MUTED, *COLOURS), strict=False))
+MEAN: Final = "mpjpe.mean"
 CUT_OFF: Final = 3.0
 """Times the default's error, where a bar ends."""
 
@@ -53,37 +60,20 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
         material = prepare(capture, truth, config.reconstruct, bars.update)
     with Bars(console) as bars:
         outcomes = [attempt(material, variant, config.reconstruct, bars.update) for variant in VARIANTS]
-    usual = outcomes[0].figures["mpjpe.mean"]
     rows: list[Row[Any]] = []
     for outcome in outcomes:
-        mean = outcome.figures["mpjpe.mean"]
-        more = None if mean is None or usual is None else mean - usual
-        figures = outcome.figures | {"more": more, "cpu": outcome.cpu_ms, "keyframes": outcome.keyframes_per_s}
+        figures = outcome.figures | {"cpu": outcome.cpu_ms, "keyframes": outcome.keyframes_per_s}
         rows.append(Row(outcome.variant.key, outcome.variant.label, figures, outcome.variant.group))
-    return rows
+    return with_differences(rows, MEAN)
 
 
 def draw_budget(figure: Figure, rows: Sequence[Row[Any]]) -> None:
-    """A bar a variant, cut off where it is far longer than the default's, with its figures beside it."""
-    shown = [(row, mean) for row in rows if (mean := row.figures["mpjpe.mean"]) is not None]
-    steps = (1.0 + 0.6 * (one.group != other.group) for (one, _), (other, _) in pairwise(shown))
-    at, means = np.cumsum([0.0, *steps]), np.array([mean for _, mean in shown])
+    """A bar a variant, cut off where it is far longer than the default's."""
+    bars = [Bar(row, row.figures[MEAN], row.figures["lost"]) for row in rows if row.figures[MEAN] is not None]
+    means = [bar.mean or 0.0 for bar in bars]
     longest = CUT_OFF * means[0]
-    axes = figure.subplots()
-    axes.barh(at, np.minimum(means, longest), 0.72, color=[GROUPS[row.group] for row, _ in shown])
-    axes.axvline(means[0], color=INK, lw=0.8, ls="--")
-    plain = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # the dashed line stays legible beside figures
-    for y, (row, mean) in zip(at.tolist(), shown, strict=True):
-        lost = row.figures["lost"]
-        said = f"{mean:.1f}" + (f", {lost:.0f} frames lost" if lost else "")
-        place = (min(mean, longest), y)
-        axes.annotate(said, place, (4, 0), textcoords="offset points", va="center", color=INK, bbox=plain)
-    axes.set_xlim(0.0, 1.25 * min(float(means.max()), longest))
-    axes.set_yticks(at, [row.label for row, _ in shown])
-    axes.invert_yaxis()
-    axes.margins(y=0.02)
-    axes.grid(visible=False, axis="y")
-    axes.set_xlabel("mean joint error [mm]" + (", bars cut off" if means.max() > longest else ""))
+    label = "mean joint error [mm]" + (", bars cut off" if max(means) > longest else "")
+    draw_bars(figure, bars, longest, label).axvline(means[0], color=INK, lw=0.8, ls="--")
 
 
 def draw_keyframes(figure: Figure, rows: Sequence[Row[Any]]) -> None:
@@ -92,12 +82,12 @@ def draw_keyframes(figure: Figure, rows: Sequence[Row[Any]]) -> None:
     posed.sort(key=lambda row: row.figures["keyframes"] or 0.0)
     rate = [row.figures["keyframes"] or 0.0 for row in posed]
     axes = figure.subplots()
-    for name, colour, dash, label in (("mpjpe.mean", COLOURS[0], "-", "mean"), ("mpjpe.p95", MUTED, "--", "p95")):
+    for name, colour, dash, label in ((MEAN, COLOURS[0], "-", "mean"), ("mpjpe.p95", MUTED, "--", "p95")):
         values = [row.figures[name] or np.nan for row in posed]
         axes.plot(rate, values, dash, marker="o", color=colour, label=label)
     for row, x in zip(posed, rate, strict=True):
         if lost := row.figures["lost"]:
-            place = (x, row.figures["mpjpe.mean"] or 0.0)
+            place = (x, row.figures[MEAN] or 0.0)
             axes.annotate(f"{lost:.0f} frames lost", place, (6, 3), textcoords="offset points", color=INK, fontsize=8)
     axes.set(xscale="log", yscale="log", xlabel="keyframes a second", ylabel="joint error [mm]")
     axes.set_xticks(rate, [f"{value:.2g}" for value in rate])
@@ -112,7 +102,7 @@ COMPARISON: Final[Comparison[Any]] = Comparison(
     name="ablation",
     about=__doc__ or "",
     columns=(
-        Column("mpjpe.mean", "mean", "mm", "{:.1f}"),
+        Column(MEAN, "mean", "mm", "{:.1f}"),
         Column("mpjpe.p95", "p95", "mm", "{:.1f}"),
         Column("mpjpe.inverted", "inverted", "mm", "{:.1f}"),
         Column("mpjpe.airborne", "airborne", "mm", "{:.1f}"),

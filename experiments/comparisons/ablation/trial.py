@@ -20,13 +20,12 @@ from experiments.config import CONVERTER
 from experiments.score import body_errors, frames_of
 from pzcap import pipeline
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.camera_set import calibrated_of
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.extras.cpu_clock import cpu_clock
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.localisation.rectification import upright_views
 from pzcap.scoring.totals import body_metrics
-from pzcap.starting_poses import Expecting
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import (
     Capture,
@@ -41,6 +40,7 @@ from pzcap.types import (
     Silhouette,
     Subject,
 )
+from pzcap.views import Expecting, segment_views
 from sim.people.crew import CrewConfig, keyframe_indices, pose_by_hand
 from sim.scene import stream
 from sim.truth import Truth
@@ -144,15 +144,9 @@ class _Stages:
 
     def __init__(self, material: Material, variant: Variant, config: pipeline.Config, pool: ThreadPoolExecutor) -> None:
         self._material, self._variant, self._config, self._pool = material, variant, config, pool
-        found = material.found
-        parts = zip(found.references, found.panoramas, found.cameras, strict=True)
-        self._cameras = [
-            None if reference is None or panorama is None or head is None
-            else CalibratedCamera(reference, panorama, head)
-            for reference, panorama, head in parts
-        ]  # fmt: skip
+        self._cameras = calibrated_of(material.found)
 
-    def localise(self, frames: FrameSet, tracker: Tracker | None) -> FrameLocalised:
+    def localise(self, frames: FrameSet, tracker: Expecting | None) -> FrameLocalised:
         """The views where they were found, shaken where the variant says so."""
         del tracker
         found = tuple(self._located(c, frames.index) for c in range(len(frames.images)))
@@ -176,8 +170,7 @@ class _Stages:
         variant, truth = self._variant, self._material.truth
         expecting = tracker if variant.expected else None
         silhouettes = replace(self._config.foreground, others=variant.others)
-        config = replace(self._config, foreground=silhouettes)
-        cut = pipeline.segment_views(self._cameras, config, self._pool, seen, expecting)
+        cut = segment_views(self._cameras, silhouettes, self._config.panzoom, self._pool, seen, expecting)
         if not variant.corrected:
             cut = replace(cut, priors=(None,) * len(cut.cameras))
         at = int(self._material.true_frames[seen.frames.index])

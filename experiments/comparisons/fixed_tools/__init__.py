@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -23,7 +22,7 @@ import numpy as np
 from rich.console import Console
 
 from experiments.comparisons.fixed_tools.clients import HERE, installed, run
-from experiments.comparisons.harness import Column, Comparison, Row, scored_capture
+from experiments.comparisons.harness import Column, Comparison, Row, scored_with_keypoints, without_keypoints
 from experiments.comparisons.triangulation import triangulate
 from experiments.config import AppConfig
 from experiments.progress import Bars
@@ -37,6 +36,7 @@ from pzcap.types import JOINTS, Array, Mask, PzcapError
 LIMBS: Final = tuple(
     f"{side}_{name}" for side in ("left", "right") for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 )
+"""Joints that are keypoints as well."""
 _MISSING: Final = "not installed: make test-clients"
 
 
@@ -44,11 +44,8 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
     """Each tool on the same keypoints. Raises PzcapError where no camera has any."""
     del folder
     with Bars(console) as bars:
-        capture, truth = scored_capture(config, bars.update)
-        if not any(camera.keypoints for camera in capture.cameras):
-            raise PzcapError(f"{capture.folder}: no camera has keypoints; name them in capture.json (docs/capture.md)")
-        plain = replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
-        without = reconstruct(plain, config.reconstruct, bars.update)
+        capture, truth = scored_with_keypoints(config, bars.update)
+        without = reconstruct(without_keypoints(capture), config.reconstruct, bars.update)
         joined = reconstruct(capture, config.reconstruct, bars.update, without)
         if joined.motion is None or without.motion is None:
             raise PzcapError(f"{capture.folder}: no body was tracked; it needs subject.json and keyframes.json")

@@ -135,7 +135,10 @@ def _read(path: Path, kind: type[T]) -> T:
 def _panorama(folder: Path) -> Panorama:
     path = folder / "panorama.png"
     file = _read(folder / "panorama.json", PanoramaFile)
-    image = cv2.imread(str(checked(path)), cv2.IMREAD_UNCHANGED)
+    try:  # by its bytes: OpenCV itself does not survive a name that is not UTF-8
+        image = cv2.imdecode(np.fromfile(checked(path), np.uint8), cv2.IMREAD_UNCHANGED)
+    except (OSError, cv2.error):
+        image = None
     if image is None or image.dtype != np.uint8 or image.ndim != 3:
         raise PzcapError(f"{path}: is no PNG of 8 bits in colour; write it again ({DOCS})")
     valid = image[:, :, 3] > 0 if image.shape[2] == 4 else np.ones(image.shape[:2], bool)

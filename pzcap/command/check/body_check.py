@@ -20,22 +20,14 @@ from pzcap.body.skeleton import Body
 from pzcap.command.check.findings import Finding, Level
 from pzcap.command.check.reference_check import Reference
 from pzcap.command.check.sweep_check import Sweep
+from pzcap.command.check.tuning import BODY
 from pzcap.command.check.views import Relation, View, best, view
 from pzcap.geometry.camera import project
 from pzcap.io.capture import frame_sets
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Camera, Capture, Image, Indices, Pose, PzcapError
 
-KEYFRAMES: Final = 3
-"""Keyframes that are looked at."""
-_OFF: Final = 0.06  # of a size of 1
-_AWAY: Final = 0.35  # of the body's height in the picture
-_FEWEST: Final = 4
-_CHANGED: Final = 12  # grey levels
 _RATIOS: Final = np.arange(0.70, 1.42, 0.02)
-_FURTHEST: Final = 1.2  # heights from where the keyframe puts the athlete
-_LEAST_SCORE: Final = 0.45
-_SMALLEST_PX: Final = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +53,7 @@ def check_body(
         return
     body = skeleton.build(capture.subject)
     faces = skeleton.moved(body).skin_faces
-    some = np.unique(np.linspace(0, len(sets.keyframes) - 1, KEYFRAMES).round().astype(int)).tolist()
+    some = np.unique(np.linspace(0, len(sets.keyframes) - 1, BODY.keyframes).round().astype(int)).tolist()
     seen: list[Seen] = []
     for number, files in enumerate(capture.cameras):
         reference, sweep = references.get(files.name), sweeps.get(files.name)
@@ -81,16 +73,16 @@ def check_body(
 
 def judged(seen: Sequence[Seen]) -> Iterator[Finding]:
     """Findings about the athlete as seen in some pictures."""
-    if len(seen) < _FEWEST:
+    if len(seen) < BODY.fewest:
         return
     ratio, away = (float(np.median([getattr(each, name) for each in seen])) for name in ("ratio", "away"))
-    if away > _AWAY:
+    if away > BODY.away:
         text = (
             f"the athlete stands {away:.1f} body heights from where the keyframes put them; is object.json of another "
             "size, or keyframes.json of another take?"
         )
         yield Finding(Level.FAIL, "", "keyframes", text)
-    elif abs(ratio - 1.0) > _OFF:
+    elif abs(ratio - 1.0) > BODY.off:
         text = (
             f"the athlete looks {ratio:.2f} times as large as subject.json makes them; is it of another person, or "
             "object.json of an object of another size?"
@@ -120,7 +112,7 @@ def _seen(
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     height, width = here.picture.shape
     tall = float(high[1] - low[1])
-    if tall < _SMALLEST_PX or (low < 0).any() or high[0] > width or high[1] > height:
+    if tall < BODY.smallest_px or (low < 0).any() or high[0] > width or high[1] > height:
         return None
     return _covered(_changed(here, sweep.keys[index], relation), pixels, faces, tall)
 
@@ -149,7 +141,7 @@ def _changed(here: View, key: View, relation: Relation) -> Image:
     apart = here.picture.astype(np.float32)
     near = gain * empty.astype(np.float32)
     low, high = cv2.erode(near, np.ones((3, 3), np.uint8)), cv2.dilate(near, np.ones((3, 3), np.uint8))
-    changed = known & ((apart < low - _CHANGED) | (apart > high + _CHANGED))
+    changed = known & ((apart < low - BODY.changed) | (apart > high + BODY.changed))
     return np.asarray(255 * changed, np.uint8)
 
 
@@ -164,13 +156,13 @@ def _covered(changed: Image, pixels: Array, faces: Indices, tall: float) -> Seen
     there = cv2.matchTemplate(around, np.ones((2 * half[1] + 1, 2 * half[0] + 1), np.float32), cv2.TM_CCORR)
     rows, columns = np.mgrid[: there.shape[0], : there.shape[1]]
     away = np.hypot(columns + half[0] - border - middle[0], rows + half[1] - border - middle[1]) / tall
-    best_score, found = _LEAST_SCORE, None
+    best_score, found = BODY.least_score, None
     for ratio in _RATIOS.tolist():
         inside = np.zeros((2 * half[1] + 1, 2 * half[0] + 1), np.uint8)
         for corners in np.round((pixels - middle)[faces] * ratio + half).astype(np.int32):
             cv2.fillConvexPoly(inside, corners, 1)
         both = cv2.matchTemplate(around, inside.astype(np.float32), cv2.TM_CCORR)
-        scores = np.where(away < _FURTHEST, 2.0 * both / (float(inside.sum()) + there), 0.0)
+        scores = np.where(away < BODY.furthest, 2.0 * both / (float(inside.sum()) + there), 0.0)
         at = np.unravel_index(int(np.argmax(scores)), scores.shape)
         if scores[at] > best_score:
             best_score, found = float(scores[at]), Seen(ratio, float(away[at]))

@@ -18,22 +18,9 @@ import numpy as np
 
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.command.check.findings import Finding, Level
+from pzcap.command.check.tuning import FORECAST
 from pzcap.types import Array, Image
 
-WORTH: Final = 4.0
-"""Variance reached over that of the bound of independent pixels: compression, interpolation, a panorama with noise."""
-PARTIAL_SCALE: Final = 0.0002
-"""Standard deviation of the scale of a sweep of 120 degrees."""
-PARTIAL_POWER: Final = 2.2
-"""How much faster than in proportion the scale gets worse with a shorter sweep."""
-COARSE_PX: Final = 640.0
-"""Width of a picture below which the floor of the pan, in pixels, rises: it samples the hall too coarsely."""
-BODY_MM: Final = 2.5
-"""Of a joint, by the lengths of the body alone."""
-JOINT_PX: Final = 0.42
-"""Of a joint, pixels at the athlete, by four cameras and a keyframe a second."""
-_FULL: Final = 4  # cameras
-_DENSE_S: Final = 1.0  # between keyframes
 _FAINT: Final = {"pan": 0.01, "focal": 0.1, "joints": 15.0}
 """Degrees, percent and millimetres from which on there is something to look at."""
 
@@ -58,14 +45,14 @@ def forecast_camera(
     config = PanZoomConfig()
     height, width = images[0].shape[:2]
     bounds = np.array([bound(image, focal) for image, focal in zip(images, focal_px, strict=True)])
-    pan, zoom = (WORTH * float(np.mean(bounds[:, k, k])) for k in range(2))
+    pan, zoom = (FORECAST.worth * float(np.mean(bounds[:, k, k])) for k in range(2))
     parts = {"noise and bare walls": (pan, zoom)}
     parts["what no footage has gone below"] = (
-        (config.floor_px * max(1.0, COARSE_PX / width) / reference_px) ** 2,
+        (config.floor_px * max(1.0, FORECAST.coarse_px / width) / reference_px) ** 2,
         (config.floor_edge_px / (0.5 * width)) ** 2,
     )
     if span_rad is not None:
-        scale = PARTIAL_SCALE * (np.deg2rad(120.0) / max(span_rad, 0.1)) ** PARTIAL_POWER
+        scale = FORECAST.partial_scale * (np.deg2rad(120.0) / max(span_rad, 0.1)) ** FORECAST.partial_power
         parts[f"a sweep of {np.rad2deg(span_rad):.0f} degrees, which does not fix its scale"] = (
             float(np.mean((scale * pan_rad) ** 2)),
             scale**2,
@@ -112,8 +99,8 @@ def noise(grey: Array | Image | np.ndarray) -> float:
 def joints_mm(cameras: Sequence[CameraForecast], keyframe_s: float) -> float:
     """Mean distance of the joints from the truth."""
     pixel = 1000.0 * float(np.sqrt(np.mean([each.footprint_m**2 for each in cameras])))
-    share = JOINT_PX * np.sqrt(_FULL / len(cameras)) * max(1.0, keyframe_s / _DENSE_S) ** 0.5
-    return float(np.hypot(BODY_MM, share * pixel))
+    share = FORECAST.joint_px * np.sqrt(FORECAST.full / len(cameras)) * max(1.0, keyframe_s / FORECAST.dense_s) ** 0.5
+    return float(np.hypot(FORECAST.body_mm, share * pixel))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +144,7 @@ def findings(forecast: Forecast) -> Iterator[Finding]:
         return
     pixel = 1000.0 * float(np.median([each.footprint_m for each in cameras.values()]))
     reasons = [f"a pixel is {pixel:.0f} mm at the athlete", f"{len(cameras)} cameras"]
-    if keyframe_s > 1.2 * _DENSE_S:
+    if keyframe_s > 1.2 * FORECAST.dense_s:
         reasons.append(f"a keyframe every {keyframe_s:.1f} s only")
     text = f"joints to {joints:.0f} mm on average: {', '.join(reasons)}"
     yield Finding(Level.WARN if joints > _FAINT["joints"] else Level.OK, "", "forecast", text)

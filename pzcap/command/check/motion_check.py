@@ -5,27 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
 from pzcap.command.check.findings import Finding, Level
 from pzcap.command.check.sweep_check import Sweep
+from pzcap.command.check.tuning import MOTION
 from pzcap.command.check.views import ENOUGH, Relation, best, mirrored, view
 from pzcap.command.check.zoom_check import ZoomRun
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image, Mask
-
-SAMPLES: Final = 8
-_TILT_DEG: Final = 0.35
-_TURNED_DEG: Final = 20.0
-_SURE: Final = 80.0
-"""Features that agree, a picture, from which on nobody else's sweep has to be asked."""
-_BETTER: Final = 1.5
-_USUAL: Final = 0.5
-"""Share of the pictures that fit: features tell little of a picture at a long zoom, and half of them do not."""
-_FEWEST: Final = 0.25
-"""The same, below which all are of something else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +43,7 @@ def place(images: Sequence[Image], sweep: Sweep) -> Places:
     return Places(tuple(images), tuple(relation for _, relation in found), np.array(angles))
 
 
-def samples(path: Path, count: int = SAMPLES) -> list[Image]:
+def samples(path: Path, count: int = MOTION.samples) -> list[Image]:
     """Some pictures of a video, evenly over its length."""
     reader = VideoReader(path)
     wanted = reader.indices[
@@ -69,23 +58,23 @@ def check_belonging(
     """Pictures of a camera on its own sweep; where they hardly fit, on those of others and in a mirror. Cameras in one
     hall share walls, so that another's pictures may fit a little: they are of the camera that they fit best."""
     own = place(images, sweeps[camera])
-    if own.strength < _SURE:
+    if own.strength < MOTION.sure:
         others = {name: place(images, sweep).strength for name, sweep in sweeps.items() if name != camera}
         best_other = max(others, key=lambda name: others[name], default=camera)
-        if others and others[best_other] > max(ENOUGH, _BETTER * own.strength):
+        if others and others[best_other] > max(ENOUGH, MOTION.better * own.strength):
             text = f"fits the sweep of camera {best_other}, not its own; were two cameras' files swapped?"
             return own, [Finding(Level.FAIL, camera, subject, text)]
     share = float(np.mean(own.found))
-    if share < _FEWEST:
+    if share < MOTION.fewest:
         text = "its pictures do not fit the sweep; was the tripod moved, or is it of another camera or hall?"
         if place([mirrored(image) for image in images], sweeps[camera]).strength > ENOUGH:
             text = "is mirrored against the sweep: it fits in a mirror; record it straight"
         return own, [Finding(Level.FAIL, camera, subject, text)]
     turned = float(np.median([abs(r.turn_deg) for r in own.relations if r.found]))
-    if turned > _TURNED_DEG:
+    if turned > MOTION.turned_deg:
         text = f"stands turned by {turned:.0f} degrees against the sweep; record both the same way up"
         return own, [Finding(Level.FAIL, camera, subject, text)]
-    level = Level.OK if share >= _USUAL else Level.WARN
+    level = Level.OK if share >= MOTION.usual else Level.WARN
     return own, [Finding(level, camera, subject, f"{own.found.sum()} of {len(images)} pictures fit the sweep")]
 
 
@@ -93,7 +82,7 @@ def check_tilt(camera: str, subject: str, places: Places, sweep: Sweep) -> Itera
     """Check that the tilt is that of the sweep. Zoom moves the middle of the picture a little: only much is told."""
     down = [r.down / max(r.scale, 1.0) for r in places.relations if r.found]
     tilt = np.rad2deg(float(np.median(down)) / sweep.focal) if down else 0.0
-    if abs(tilt) > _TILT_DEG:
+    if abs(tilt) > MOTION.tilt_deg:
         way = "lower" if tilt > 0 else "higher"
         text = f"looks {abs(tilt):.2f} degrees {way} than the sweep; the tripod was moved, or settled"
         yield Finding(Level.FAIL if abs(tilt) > 1.0 else Level.WARN, camera, subject, text)

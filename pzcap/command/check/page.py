@@ -61,7 +61,7 @@ def write_page(path: Path, title: str, findings: Sequence[Finding], pictures: di
         f"<style>{_STYLE}</style><body>{body}</body></html>\n"
     )
     with written_whole(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_text(text, encoding="utf-8", errors="replace")  # names may hold what no text does
 
 
 def _table(findings: Iterable[Finding]) -> str:

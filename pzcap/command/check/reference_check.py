@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
 
 import cv2
 import numpy as np
@@ -12,11 +11,9 @@ import numpy as np
 from pzcap.calibration import reference_camera
 from pzcap.calibration.reference_camera import ReferenceConfig
 from pzcap.command.check.findings import Finding, Level, graded
+from pzcap.command.check.tuning import REFERENCE
 from pzcap.command.check.views import mirrored
 from pzcap.types import Array, CalibrationObject, Image, PzcapError, ReferenceCamera
-
-_SMALLEST_PX: Final = 20.0
-_TURNED_DEG: Final = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +57,7 @@ def _of_object(image: Image, found: ReferenceCamera, known: CalibrationObject) -
         f"{len(corners)} of {len(known.markers)} markers found, {sides.min():.0f} to {sides.max():.0f} px wide"
         + ("; more of them fix the pose better" if len(corners) < 6 else ""),
     )
-    if np.median(sides) < _SMALLEST_PX:
+    if np.median(sides) < REFERENCE.smallest_px:
         yield Level.WARN, f"its markers are {np.median(sides):.0f} px wide; 20 or more are good: zoom in, or go nearer"
     off = float(np.sqrt(np.mean(np.sum(found.residuals_px**2, axis=1))))
     yield (
@@ -85,7 +82,7 @@ def _of_pose(found: ReferenceCamera) -> Iterator[tuple[Level, str]]:
     pose, focal = camera.world_T_cam, camera.focal_px / camera.width
     roll = np.rad2deg(np.arctan2(-pose[2, 0], -pose[2, 1]))
     place = pose[:3, 3]
-    if abs(roll) > _TURNED_DEG:
+    if abs(roll) > REFERENCE.turned_deg:
         yield (
             Level.FAIL,
             f"the picture stands turned by {roll:.0f} degrees; record it upright, and remove no rotation tag",

@@ -12,19 +12,12 @@ import cv2
 import numpy as np
 
 from pzcap.command.check.findings import Finding, Level, graded
+from pzcap.command.check.tuning import SWEEP
 from pzcap.command.check.views import Relation, View, overlap, relate, small, step, view
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image
 
-KEY_DEG: Final = 7.0
-"""Degrees between the views that are kept."""
-THUMBNAIL: Final = 160
-_USUAL_FIELD: Final = 1.2
-"""Focal length over width, where no reference image tells it."""
-_BACK_DEG: Final = 30.0
-"""Turning back that no sweep is found from; of 10 degrees, and a stop, one is as good as any."""
-_UNSURE: Final = 0.03
-"""Response of the phase correlation, below which a step is not known."""
+_MAINS: Final = "a shutter of 1/50 or 1/100 s (1/60 or 1/120 s) fits the mains"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +39,7 @@ class Sweep:
 
 def check_sweep(camera: str, path: Path, focal: float | None, full_turn: bool) -> tuple[Sweep, list[Finding]]:
     """The sweep of a camera, and what there is to say about it. ``focal``: over the width, of the reference image."""
-    reader, used = VideoReader(path), focal or _USUAL_FIELD
+    reader, used = VideoReader(path), focal or SWEEP.usual_field
     steps, small_before = [], None
     keys: list[View] = []
     angles, key_angles, thumbnails, last_key, gains = [0.0], [], [], np.inf, []
@@ -58,7 +51,7 @@ def check_sweep(camera: str, path: Path, focal: float | None, full_turn: bool) -
             angles.append(angles[-1] + float(np.arctan(across / used)))
             one, other = overlap(small_before, here, across)
             gains.append(float(np.log(max(other.mean(), 1.0) / max(one.mean(), 1.0))) if one.size else 0.0)
-        if abs(angles[-1] - last_key) > np.deg2rad(KEY_DEG) or not keys:
+        if abs(angles[-1] - last_key) > np.deg2rad(SWEEP.key_deg) or not keys:
             keys.append(view(image))
             key_angles.append(angles[-1])
             thumbnails.append(_thumbnail(image))
@@ -81,7 +74,7 @@ def _motion(sweep: Sweep, moves: Array, rate: float) -> Iterator[tuple[Level, st
         return
     across, _, sure = moves.T
     turned = np.diff(sweep.angles_rad)
-    lost = float(np.mean(sure < _UNSURE))
+    lost = float(np.mean(sure < SWEEP.unsure))
     shared = 1.0 - float(np.percentile(np.abs(across), 95))
     speed = np.rad2deg(float(np.median(np.abs(turned)))) * rate
     yield (
@@ -97,7 +90,7 @@ def _motion(sweep: Sweep, moves: Array, rate: float) -> Iterator[tuple[Level, st
     back = float(np.sum(np.abs(turned[turned * way < 0]))) if way else 0.0
     if back > np.deg2rad(5.0):
         text = f"turns back by {np.rad2deg(back):.0f} degrees; turn the head one way throughout"
-        yield graded(np.rad2deg(back), 5.0, _BACK_DEG), text
+        yield graded(np.rad2deg(back), 5.0, SWEEP.back_deg), text
 
 
 def _level(sweep: Sweep, down: Array, net: float) -> Iterator[tuple[Level, str]]:
@@ -127,12 +120,15 @@ def _light(gains: Array, keys: list[View]) -> Iterator[tuple[Level, str]]:
     flicker = float(1.4826 * np.median(np.abs(gains - trend)))
     yield (
         graded(flicker, 0.02, 0.08),
-        f"flickers by {100 * flicker:.1f} % from frame to frame"
-        + ("; a shutter of 1/50 or 1/100 s (1/60 or 1/120 s) fits the mains" if flicker > 0.02 else ""),
+        f"flickers by {100 * flicker:.1f} % from frame to frame" + (f"; {_MAINS}" if flicker > 0.02 else ""),
     )
     drift = float(np.ptp(np.cumsum(gains)))
     if drift > 0.4:
-        yield Level.WARN, f"its exposure drifts by {100 * (np.exp(drift) - 1):.0f} %; fix exposure and gain"
+        yield (
+            Level.WARN,
+            f"its brightness drifts by {100 * (np.exp(drift) - 1):.0f} %; fix exposure and gain; if they are, "
+            f"lamps flicker nearly in step with the frames: {_MAINS}",
+        )
 
 
 def _closing(sweep: Sweep) -> tuple[int, Relation] | None:
@@ -166,5 +162,5 @@ def _round(sweep: Sweep, full_turn: bool, closing: tuple[int, Relation] | None) 
 
 
 def _thumbnail(image: Image) -> Image:
-    height = round(THUMBNAIL * image.shape[0] / image.shape[1])
-    return np.asarray(cv2.resize(image, (THUMBNAIL, height), interpolation=cv2.INTER_AREA), np.uint8)
+    height = round(SWEEP.thumbnail * image.shape[0] / image.shape[1])
+    return np.asarray(cv2.resize(image, (SWEEP.thumbnail, height), interpolation=cv2.INTER_AREA), np.uint8)

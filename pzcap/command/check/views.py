@@ -14,15 +14,10 @@ import cv2
 import numpy as np
 
 from pzcap.calibration.features import Features, match
+from pzcap.command.check.tuning import VIEWS
 from pzcap.types import Array, Image
 
 WIDTH: Final = 640
-_MOST_FEATURES: Final = 600
-_CONTRAST: Final = 50.0
-_MOST_GAIN: Final = 4.0
-_RATIO: Final = 0.85
-_TOLERANCE_PX: Final = 4.0
-_STEP_WIDTH: Final = 320
 ENOUGH: Final = 14
 """Features that agree, from which on two pictures show the same; chance gives up to ten."""
 
@@ -66,9 +61,9 @@ def small(image: Image, width: int = WIDTH) -> Image:
 def view(image: Image) -> View:
     """A picture and its features."""
     picture = small(image)
-    detector = cv2.AKAZE.create(threshold=3e-4, max_points=_MOST_FEATURES)
+    detector = cv2.AKAZE.create(threshold=3e-4, max_points=VIEWS.most_features)
     # the detector's threshold is one of contrast: a dark picture shall have as many features as a bright one
-    gain = min(_CONTRAST / max(float(picture.std()), 1.0), _MOST_GAIN)
+    gain = min(VIEWS.contrast / max(float(picture.std()), 1.0), VIEWS.most_gain)
     even = np.clip(gain * (picture.astype(np.float32) - picture.mean()) + 128.0, 0.0, 255.0).astype(np.uint8)
     points, descriptors = detector.detectAndCompute(even, None)
     if not points:
@@ -79,12 +74,12 @@ def view(image: Image) -> View:
 
 def relate(first: View, second: View) -> Relation:
     """Place of the middle of ``first`` in ``second``."""
-    pairs = match(first.features, second.features, _RATIO)
+    pairs = match(first.features, second.features, VIEWS.ratio)
     if len(pairs) < ENOUGH:
         return NOTHING
     here, there = first.features.points_px[pairs[:, 0]], second.features.points_px[pairs[:, 1]]
     cv2.setRNGSeed(1)
-    similarity, agree = cv2.estimateAffinePartial2D(here, there, ransacReprojThreshold=_TOLERANCE_PX, maxIters=500)
+    similarity, agree = cv2.estimateAffinePartial2D(here, there, ransacReprojThreshold=VIEWS.tolerance_px, maxIters=500)
     if similarity is None:
         return NOTHING
     height, width = first.picture.shape
@@ -100,7 +95,7 @@ def relate(first: View, second: View) -> Relation:
 def step(first: Image, second: Image) -> tuple[float, float, float]:
     """By how much the picture moves from one frame to the next, across and down, in widths of the picture, and how sure
     that is, 0 to 1. By phase correlation (Kuglin and Hines, 1975): for steps of less than a third of a picture."""
-    one, other = (small(image, _STEP_WIDTH).astype(np.float32) for image in (first, second))
+    one, other = (small(image, VIEWS.step_width).astype(np.float32) for image in (first, second))
     window = cv2.createHanningWindow(one.shape[::-1], cv2.CV_32F)
     (across, down), response = cv2.phaseCorrelate(one, other, window)
     return across / one.shape[1], down / one.shape[1], float(response)
@@ -116,13 +111,6 @@ def best(wanted: View, views: Sequence[View]) -> tuple[int, Relation]:
 def mirrored(image: Image) -> Image:
     """The picture as a mirror shows it."""
     return np.ascontiguousarray(image[:, ::-1])
-
-
-def sharpness_across(picture: Image) -> float:
-    """Energy of the slopes across over that of the slopes down: blur by panning takes away the former alone."""
-    values = picture.astype(np.float32)
-    across, down = np.diff(values, axis=1), np.diff(values, axis=0)
-    return float(np.mean(across * across) / max(float(np.mean(down * down)), 1e-6))
 
 
 def overlap(first: Image, second: Image, across: float) -> tuple[Array, Array]:

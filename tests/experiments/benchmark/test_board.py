@@ -181,6 +181,13 @@ def test_what_breaks_which_method_has_an_axis_of_what_differs_alone(page: Path, 
     assert "nan" not in text.lower().replace("nance", "")
 
 
+def test_what_a_method_fails_at_is_named(page: Path) -> None:
+    (table,) = Page(page.parent / board.BREAKS).tables
+    assert table[:3] == [["fails at", "noise", "motion"], ["Everything"], ["pzcap", "–", "–"]]
+    # it has no results of that capture
+    assert table[3:] == [["Cameras alone"], ["pzcap", "–", "–"], ["A <b>lab</b>'s", "–", "jump"]]
+
+
 def test_one_file_added_is_one_row_more(folder: Path, tmp_path: Path) -> None:
     copied = tmp_path / "dev"
     shutil.copytree(folder, copied)

@@ -116,7 +116,7 @@ def test_the_truth_of_a_split_that_is_kept_is_not_given(tmp_path: Path) -> None:
 @pytest.mark.parametrize("launcher", ["joblib", "ray"])
 def test_by_any_launcher_the_footage_is_the_same(launcher: str, split: Path, tmp_path: Path) -> None:
     pytest.importorskip(launcher)
-    other = made(tmp_path, "open", f"hydra/launcher={launcher}")
+    other = made(tmp_path, "open", f"hydra/launcher={launcher}", f"output.captures={tmp_path / 'captures'}")
     assert read_manifest(other / "manifest.json") == read_manifest(split / "manifest.json")
     for name in (PLAIN, NOISY):
         for file in ("cameras.csv", "joints.csv", "points.csv"):
@@ -125,7 +125,8 @@ def test_by_any_launcher_the_footage_is_the_same(launcher: str, split: Path, tmp
 
 @pytest.mark.slow
 def test_killed_it_goes_on_where_it_was(split: Path, tmp_path: Path) -> None:
-    line = command(tmp_path, "open")
+    anew = f"output.captures={tmp_path / 'captures'}"  # filmed, and not found there
+    line = command(tmp_path, "open", anew)
     process = subprocess.Popen(line, stderr=subprocess.DEVNULL, cwd=ROOT, env=ENVIRONMENT, start_new_session=True)
     jobs = tmp_path / "out" / "tiny" / "open" / "jobs"
     deadline = time.monotonic() + 300.0
@@ -136,7 +137,7 @@ def test_killed_it_goes_on_where_it_was(split: Path, tmp_path: Path) -> None:
     process.wait()
     assert not (jobs.parent / "manifest.json").exists()
     began = (jobs / PLAIN / "job.json").stat().st_mtime_ns
-    folder = made(tmp_path, "open")
+    folder = made(tmp_path, "open", anew)
     assert (jobs / PLAIN / "job.json").stat().st_mtime_ns == began  # was not done again
     assert read_manifest(folder / "manifest.json") == read_manifest(split / "manifest.json")
     assert not list(jobs.glob(".*.partial"))

@@ -55,8 +55,8 @@ def material(monkeypatch: pytest.MonkeyPatch) -> Any:
     assert whole.motion is not None
     truth = SimpleNamespace(joints_m=whole.motion.joints_m, timecodes=whole.timecodes)
     capture = SimpleNamespace(cameras=(SimpleNamespace(keypoints=Path("k")),), folder=Path("capture"))
-    monkeypatch.setattr(fixed_tools, "scored_capture", lambda *_: (capture, truth))
-    monkeypatch.setattr(fixed_tools, "replace", lambda each, **_: each)
+    monkeypatch.setattr(fixed_tools, "scored_with_keypoints", lambda *_: (capture, truth))
+    monkeypatch.setattr(fixed_tools, "without_keypoints", lambda each: each)
     monkeypatch.setattr(fixed_tools, "reconstruct", lambda *_: whole)
     monkeypatch.setattr(fixed_tools, "triangulate", lambda *_: whole.motion)
     monkeypatch.setattr(fixed_tools, "Bars", lambda _: nullcontext(SimpleNamespace(update=lambda *_: None)))

@@ -1,0 +1,176 @@
+"""The result put together: what the loop over the frames has left, and notes on what in it contradicts the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fractions import Fraction
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from pzcap.body.skeleton import Body
+from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.camera_set import panzoom_tracks, refined
+from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
+from pzcap.frame_slips import FrameOffsets, slip_notes
+from pzcap.io.capture import FrameSets
+from pzcap.plausibility import (
+    SeenViews,
+    athlete_of_another_size,
+    camera_notes,
+    object_of_another_size,
+    share_on_athlete,
+    unseen_keyframes,
+)
+from pzcap.tracking.body_size import body_size
+from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.tracker import Tracked, Tracker
+from pzcap.types import Capture, Localisation, PanZoomCamera, PanZoomTrack, Reconstruction
+from pzcap.views import Segment, ViewLocaliser
+
+
+class Gathered:
+    """What is kept of the events of the loop over the frames. ``segment``: stage 5; ``tracker``: where a body is
+    tracked."""
+
+    def __init__(self, capture: Capture, sets: FrameSets, segment: Segment, tracker: Tracker | None) -> None:
+        self._capture, self._sets, self._segment, self._tracker = capture, sets, segment, tracker
+        self.names = tuple(files.name for files in capture.cameras)
+        self._located: list[tuple[Localisation | None, ...]] = []
+        self._poses: list[Tracked] = []
+        self._set_by_hand = {keyframe.frame for keyframe in sets.keyframes}
+        self._views: dict[int, SeenViews] = {}  # of the keyframes
+        self._unbiased: dict[int, SeenViews] = {}  # cut out without a word of where the body should be
+        self._offsets = FrameOffsets(len(capture.cameras))
+
+    def take(self, event: FrameLocalised | FrameSegmented | BodyTracked | Progress) -> None:
+        """Keep what the result is made of."""
+        match event:
+            case FrameLocalised(frames, localisations):
+                self._located.append(localisations)
+                if self._tracker and frames.index in self._set_by_hand:
+                    alone = self._segment(event, None)
+                    self._unbiased[frames.index] = SeenViews(alone.cameras, alone.silhouettes)
+            case FrameSegmented(frames, cameras, silhouettes) if self._tracker:
+                self._offsets.see(frames.index, cameras, silhouettes)
+                if frames.index in self._set_by_hand:
+                    self._views[frames.index] = SeenViews(cameras, silhouettes)
+            case BodyTracked(tracked):
+                self._poses += tracked
+                self._offsets.track(tracked)
+
+    def tracks(self, calibrated: Sequence[CalibratedCamera | None]) -> tuple[PanZoomTrack | None, ...]:
+        """Pan and zoom of each camera over the frames."""
+        return panzoom_tracks(calibrated, self._located)
+
+    def never_located(
+        self, tracks: Sequence[PanZoomTrack | None], localise: ViewLocaliser,
+        known: Sequence[CalibratedCamera | None],
+    ) -> list[str]:  # fmt: skip
+        """Notes on the cameras of which no frame was located. ``known``: those that were taken over, if any."""
+        return [
+            _never_located(index, self.names, localise, self._sets, bool(known and known[index]))
+            for index, track in enumerate(tracks)
+            if track is not None and self._capture.cameras[index].motion and not track.valid.any()
+        ]
+
+    def contradictions(
+        self, body: Body | None, tracks: Sequence[PanZoomTrack | None], config: TrackingConfig
+    ) -> list[str]:
+        """Notes on what in the keyframes' views contradicts the crew's papers, and on frames that a camera lost."""
+        slips = partial(slip_notes, self._offsets, tracks, self.names, self._sets.timecodes)
+        if body is None:
+            return slips()
+        found = papers_against_views(body, self._sets, self._views, self._unbiased, config)
+        # where the body is misplaced, no view shows the athlete where it is thought to be
+        return found.notes if found.misplaced else [*found.notes, *slips()]
+
+    def reconstruction(
+        self, calibrated: Sequence[CalibratedCamera | None], tracks: tuple[PanZoomTrack | None, ...],
+        heads: tuple[PanZoomCamera | None, ...], config: PanZoomConfig, notes: Sequence[str],
+    ) -> Reconstruction:  # fmt: skip
+        """The result: the cameras as ``calibrated``, their ``heads`` as the frames have shown them, and the body."""
+        heads = _with_clocks(heads, self._tracker, self._capture.frame_rate)
+        found = list(notes)
+        if not config.free_tilt:
+            usual_clock_s = float(np.median([head.clock_s for head in heads if head is not None] or [0.0]))
+            for name, head, track in zip(self.names, heads, tracks, strict=True):
+                if head is not None and track is not None:
+                    found += camera_notes(name, head, track, usual_clock_s)
+        return Reconstruction(
+            capture_name=self._capture.name,
+            method=config.method,
+            frame_rate=self._capture.frame_rate,
+            timecodes=self._sets.timecodes,
+            camera_names=self.names,
+            references=tuple(None if one is None else one.reference for one in calibrated),
+            cameras=heads,
+            panoramas=tuple(None if one is None else one.panorama for one in calibrated),
+            tracks=tracks,
+            refined=tuple(
+                None if track is None or head is None or not self._poses
+                else refined(track, head, number, self._poses, config)
+                for number, (track, head) in enumerate(zip(tracks, heads, strict=True))
+            ),
+            motion=self._tracker.motion(self._poses) if self._tracker else None,
+            notes=tuple(found),
+        )  # fmt: skip
+
+
+class AgainstPapers(NamedTuple):
+    """What the views of the keyframes say against the crew's papers."""
+
+    notes: list[str]
+    misplaced: bool  # the keyframes, and with them the body, are not where the cameras see somebody
+
+
+def papers_against_views(
+    body: Body, sets: FrameSets, views: dict[int, SeenViews], unbiased: dict[int, SeenViews], config: TrackingConfig
+) -> AgainstPapers:
+    """Contradictions of the keyframes' ``views`` to the crew's papers, the likeliest cause alone. Those that are
+    ``unbiased`` were cut out by the colours alone, where a body that is expected elsewhere leaves no trace."""
+    if wrong_object := object_of_another_size(sets.keyframes, body, unbiased):
+        return AgainstPapers([wrong_object], True)
+    if blind := unseen_keyframes(sets.keyframes, body, views, sets.timecodes):
+        return AgainstPapers(blind, True)
+    seen = [(key.pose, *views[key.frame]) for key in sets.keyframes if key.frame in views]
+    size = body_size(body, seen, config.cut_out_margin)
+    return AgainstPapers(athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views)), False)
+
+
+def _never_located(index: int, names: Sequence[str], localise: ViewLocaliser, sets: FrameSets, taken_over: bool) -> str:
+    """A note on a camera of whose motion no frame was located: of which camera it is, if of any."""
+    camera = f"camera {names[index]}"
+    for frame in sorted({0, len(sets) // 2}):
+        [frames] = sets.between(frame, frame + 1)
+        image = frames.images[index]
+        if image is None:
+            continue
+        for other, localiser in enumerate(localise.localisers):
+            if other != index and localiser is not None and localiser.localise(image, None).valid:
+                return (
+                    f"{camera}: its motion fits the sweep of camera {names[other]}, and not its own: the files of two "
+                    "cameras were exchanged"
+                )
+        own = localise.localisers[index]
+        if own is not None and own.localise(np.ascontiguousarray(image[:, ::-1]), None).valid:
+            return f"{camera}: its motion is mirrored against its sweep"
+    if taken_over:
+        return f"{camera}: no frame agrees with the take before; it was moved since then, calibrate it anew"
+    return f"{camera}: no frame of its motion fits its sweep; it was moved between the two, or filmed another hall"
+
+
+def _with_clocks(
+    heads: tuple[PanZoomCamera | None, ...], tracker: Tracker | None, frame_rate: Fraction
+) -> tuple[PanZoomCamera | None, ...]:
+    """The cameras with their clocks, as the body has shown them by now."""
+    if tracker is None or tracker.clocks is None:
+        return heads
+    period_s, clocks = float(1 / frame_rate), tracker.clocks
+    return tuple(
+        None if head is None else replace(head, clock_s=float(clock) * period_s, clock_sigma_s=float(sigma) * period_s)
+        for head, clock, sigma in zip(heads, clocks.clock, clocks.sigma, strict=True)
+    )

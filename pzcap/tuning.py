@@ -1,0 +1,44 @@
+"""Constants of the notes on a take that no user sets, a table a topic."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+
+class PlausibilityTuning(NamedTuple):
+    """Contradictions of the footage to the papers."""
+
+    focal: float = 2e-4
+    """Difference of the focal lengths of reference image and sweep, which a locked lens keeps to 2e-5; a lens
+    that focused anew in the middle of a sweep leaves 1e-3."""
+    even: int = 127  # of a silhouette, from which on a pixel shows the athlete rather than not
+    same_size: float = 0.025  # departure that a hand's keyframes may mimic
+    fits: float = 0.5
+    """Share of the joints that lie on the athlete, at least: 0.9 where all is right, 0.65 where the object
+    alone is not."""
+    alike: float = 0.02  # difference of that share that says nothing: a limb is as wide as some steps
+    better: float = 0.25  # gain of that share that chance does not bring
+    readout_s: float = 1.5e-3  # read-out time from which on a camera is said to have a rolling shutter
+    clock_s: float = 1.5e-3  # offset from which on a clock is said to be off
+    sigmas: float = 5.0  # standard deviations from which on either is sure
+    tilt_rad: float = np.deg2rad(0.02)
+    """Tilt or roll, on average over the motion, from which on a tripod is said to have settled."""
+
+
+class SlipTuning(NamedTuple):
+    """Frames that a recording lost."""
+
+    reach: int = 4  # frames, early or late, that are told
+    width: int = 160  # of the picture of the athlete's colours that is kept of a view until the body is known
+    most_log_odds: float = 4.0  # of a pixel
+    change: float = 8.0
+    """Log-odds, a point, summed over the frames, that an offset, or a change of it, has to bring: right footage
+    of two seconds brings 1, a frame that was lost in its middle 40."""
+    near: int = 5  # frames before and after the body's best guess in which pan and zoom may tell the frame
+    leap_sigmas: float = 6.0  # leap of pan and zoom, beside what is usual, from which on it tells the frame
+
+
+PLAUSIBILITY: Final = PlausibilityTuning()
+SLIPS: Final = SlipTuning()

@@ -1,0 +1,138 @@
+"""Stages 4 and 5: the views of an instant found on their panoramas, and the athlete cut out of them, side by side."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from fractions import Fraction
+from functools import partial
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.calibration.settings import PanZoomConfig
+from pzcap.events import FrameLocalised, FrameSegmented
+from pzcap.geometry.camera import at
+from pzcap.localisation.fields import expected_second
+from pzcap.localisation.localise import Localiser, predicted
+from pzcap.localisation.panorama_sampler import place_of
+from pzcap.localisation.readout import History, Readout, Sway
+from pzcap.localisation.rectification import upright_views
+from pzcap.runtime import give_back
+from pzcap.segmentation.foreground import Expected, ForegroundConfig, separate
+from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
+from pzcap.types import Camera, FrameSet, Image, Localisation, Mask, PanZoomCamera, Silhouette
+
+
+class Expecting(Protocol):
+    """Something that expects the body somewhere."""
+
+    def expect(self, frame: int, camera: Camera) -> Expected | None:
+        """Prior of the silhouette in a view of a ``frame``; None where nothing is expected."""
+
+
+Localise: TypeAlias = Callable[[FrameSet, Expecting | None], FrameLocalised]
+"""Stage 4, as `ViewLocaliser` is one; what expects the body says where it hides the hall."""
+Segment: TypeAlias = Callable[[FrameLocalised, Expecting | None], FrameSegmented]
+"""Stage 5, as `segment_views` is one."""
+
+
+class ViewLocaliser:
+    """Stage 4: localises the views of an instant side by side, each from where its camera was seen last."""
+
+    def __init__(
+        self, cameras: Sequence[CalibratedCamera | None], config: PanZoomConfig, pool: ThreadPoolExecutor,
+        frame_rate: Fraction, localiser: Callable[..., Any] = Localiser,
+    ) -> None:  # fmt: skip
+        """``localiser`` makes of a panorama, a PanZoomCamera and a PanZoomConfig what has `Localiser.localise`."""
+        self._heads = [None if one is None else one.camera for one in cameras]
+        # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
+        self.localisers = [None if one is None else localiser(one.panorama, one.camera, config) for one in cameras]
+        give_back()
+        self._pool, self._config, self._frame_rate = pool, config, float(frame_rate)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the frames so far: the next one is the first."""
+        beliefs = self._config.beliefs
+        sway = np.full(2, np.deg2rad(beliefs.sway_deg) ** 2)
+        self.histories = [
+            None if head is None
+            else History(Readout.of(head, self._frame_rate, beliefs.readout), Sway(head.tilt_rad, sway))
+            for head in self._heads
+        ]  # fmt: skip
+
+    def __call__(self, frames: FrameSet, tracker: Expecting | None) -> FrameLocalised:
+        """Localise ``frames``, and put their rows right; ``tracker``, where there is one, says where it expects the
+        body."""
+        started = time.perf_counter()
+        one = partial(self._one, frames.index, tracker)
+        second = frames.second_fields or (None,) * len(frames.images)
+        found = tuple(self._pool.map(one, range(len(frames.images)), frames.images, second))
+        return replace(self.as_found(replace(frames, second_fields=()), found), seconds=time.perf_counter() - started)
+
+    def as_found(self, frames: FrameSet, found: tuple[Localisation | None, ...]) -> FrameLocalised:
+        """``frames`` that were ``found`` before, their rows put right."""
+        return FrameLocalised(upright_views(frames, self._heads, found), found)
+
+    def cameras(self, found: Sequence[Localisation | None]) -> tuple[Camera | None, ...]:
+        """The cameras of an instant that was ``found``; None where one is lost."""
+        return tuple(
+            None if head is None or one is None or not one.valid else at(head, *place_of(one)[:4])
+            for head, one in zip(self._heads, found, strict=True)
+        )
+
+    def heads(self, frame_rate: Fraction) -> tuple[PanZoomCamera | None, ...]:
+        """The cameras, with the read-out time that their frames have shown by now."""
+        period_s = float(1 / frame_rate)
+        return tuple(
+            None if head is None or each is None
+            else replace(head, readout_s=each.readout.share * period_s, readout_sigma_s=each.readout.sigma * period_s)
+            for head, each in zip(self._heads, self.histories, strict=True)
+        )  # fmt: skip
+
+    def _one(
+        self, frame: int, tracker: Expecting | None, index: int, image: Image | None, second: Image | None
+    ) -> Localisation | None:
+        localiser, head, history = self.localisers[index], self._heads[index], self.histories[index]
+        if localiser is None or head is None or history is None or image is None:
+            return None
+
+        def hidden(prior: Localisation) -> Mask | None:
+            camera = at(head, *place_of(prior)[:4])
+            expected = None if tracker is None else tracker.expect(frame, camera)
+            return None if expected is None else expected.covered(camera.height, camera.width)
+
+        prior = predicted(history)
+        localisation: Localisation = localiser.localise(image, prior, hidden)
+        if second is not None and localisation.valid:
+            later = localiser.localise(second, expected_second(history, localisation), hidden)
+            if later.valid:
+                there = np.array([later.pan_rad, np.log(later.focal_px)])
+                localisation = replace(localisation, second_field=there)
+        self.histories[index] = history.followed_by(localisation, prior)
+        return replace(localisation, readout=history.readout.share)
+
+
+def segment_views(
+    cameras: Sequence[CalibratedCamera | None], silhouettes: ForegroundConfig, panzoom: PanZoomConfig,
+    pool: ThreadPoolExecutor, seen: FrameLocalised, tracker: Expecting | None,
+) -> FrameSegmented:  # fmt: skip
+    """Stage 5: the athlete cut out of the views of an instant, side by side; ``tracker`` says where it expects the
+    body."""
+    started = time.perf_counter()
+
+    def one(index: int) -> tuple[Camera | None, Silhouette | None, CameraPrior | None]:
+        image, found, known = seen.frames.images[index], seen.localisations[index], cameras[index]
+        if known is None or image is None or found is None or not found.valid:
+            return None, None, None
+        camera = at(known.camera, *place_of(found)[:4])
+        expected = None if tracker is None else tracker.expect(seen.frames.index, camera)
+        cut_out = separate(image, known.panorama, known.camera, found, silhouettes, expected)
+        return camera, cut_out, camera_prior(panzoom, known.camera, found)
+
+    found, cut_outs, priors = zip(*pool.map(one, range(len(seen.frames.images))), strict=True)
+    return FrameSegmented(seen.frames, found, cut_outs, priors, time.perf_counter() - started)
