@@ -143,7 +143,7 @@ def _table(name: str, track: Track, entries: Sequence[Mapping[str, Any]], place:
         rows.append({
             "entry": entry, "cells": cells, "pictures": pictures, "hash": entry["predictions_sha256"][:12],
             "recording": recording if recording and (place / recording).is_file() else "",
-            "seconds": "–" if entry.get("seconds") is None else f"{entry['seconds']:.0f}",
+            "seconds": "–" if entry.get("seconds") is None else f"{entry['seconds']:.3g}",
             "memory": "–" if entry.get("memory_mib") is None else f"{entry['memory_mib']:.0f}",
         })  # fmt: skip
     columns = [{"key": column, "head": head(column), "unit": _unit(entered, column)} for column in track.columns]
@@ -252,7 +252,10 @@ def _finish(axes: Axes, names: Sequence[str], title: str, *, logarithmic: bool =
     shown = (
         np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines]) if axes.lines else np.zeros(0)
     )
-    if not logarithmic:
+    if not np.any(np.isfinite(shown)):
+        axes.set_yticks([])
+        axes.text(0.5, 0.5, "nobody says", transform=axes.transAxes, ha="center", color=plots.MUTED)
+    elif not logarithmic:
         axes.set_ylim(-4.0, 104.0)
     elif np.any(shown > 0.0):
         axes.set_yscale("log")

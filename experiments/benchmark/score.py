@@ -124,13 +124,13 @@ def _enter(folder: Path, split: Mapping[str, Any], method: Method) -> Path | Non
         terminal(stderr=True).print(f"{method.label}: {', '.join(missing)}", highlight=False)
         return None
     memory = [one["memory_mib"] for one in took if one.get("memory_mib")]
-    here = machine()
+    here, where = machine(), f"release={split['release']} split={split['split']}"
     description = Description(
         key=method.key,
         label=method.label,
         tracks=method.tracks,
         claim="reproduced",
-        command=f"python -m experiments.benchmark score split={split['split']} methods=[{method.key}]",
+        command=f"python -m experiments.benchmark score {where} methods=[{method.key}]",
         commit=_commit(),
         machine=f"{here['cpu']}, {here['cores']} cores",
         seconds=round(sum(one.get("seconds", 0.0) for one in took), 1),

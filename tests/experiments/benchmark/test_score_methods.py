@@ -69,7 +69,7 @@ def test_the_entry_says_what_it_took_and_shows_its_worst(folder: Path) -> None:
     assert entry["claim"] == "reproduced"
     assert entry["seconds"] == 10.0
     assert entry["memory_mib"] == 100.0
-    assert entry["command"] == "python -m experiments.benchmark score split=dev methods=[shum_szeliski]"
+    assert entry["command"] == "python -m experiments.benchmark score release=9.9 split=dev methods=[shum_szeliski]"
     assert entry["machine"]
     means = entry["means"]["self_calibration"]
     assert means["panzoom.completeness"] == 100.0
