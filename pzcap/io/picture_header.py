@@ -9,6 +9,8 @@ _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _JPEG: Final = b"\xff\xd8"
 _FRAMES: Final = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 """Second bytes of the JPEG markers that begin a frame's header."""
+_CHUNK: Final = 12
+"""Bytes of a PNG's part beside its content: length, kind, check sum."""
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
@@ -23,8 +25,19 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
 def is_whole(data: bytes) -> bool:
     """True where a PNG's or JPEG's last part is there. Within a JPEG's data, a marker is never met by chance."""
     if data.startswith(_PNG):
-        return b"IEND" in data[-64:]
+        return _has_all_chunks(data)
     return data.rfind(b"\xff\xd9") > data.rfind(b"\xff\xda")
+
+
+def _has_all_chunks(data: bytes) -> bool:
+    """True where each part of a PNG is there as long as it says: for one that is not OpenCV takes up to 2 GiB."""
+    place = len(_PNG)
+    while place + _CHUNK <= len(data):
+        (length,) = struct.unpack_from(">I", data, place)
+        if data[place + 4 : place + 8] == b"IEND":
+            return True
+        place += _CHUNK + length
+    return False
 
 
 def _png(data: bytes) -> tuple[int, int] | None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pzcap.io import limits
 from pzcap.io.files import checked, leads_out, write_json, written_whole
-from pzcap.io.picture_header import picture_size
+from pzcap.io.picture_header import is_whole, picture_size
 from pzcap.io.record_checks import check_array, check_record
 from pzcap.types import (
     ENDS,
@@ -210,7 +210,8 @@ def _decode_panorama(folder: Path, name: str) -> dict[str, NDArray[Any]]:
         if size is not None and size[0] * size[1] > limits.PANORAMA_PX:
             most = f"{limits.PANORAMA_PX / 1e6:.0f} million"
             raise PzcapError(f"{path}: {size[0]} x {size[1]} pixels, where {most} are the most")
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if size else None
+        whole = size is not None and is_whole(data)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if whole else None
     except (OSError, cv2.error):  # not there, or of a size that cannot be
         image = None
     if image is None or image.ndim != 3 or image.shape[2] != 4 or image.dtype != np.uint8:
