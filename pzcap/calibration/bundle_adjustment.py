@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -54,12 +54,9 @@ class Link:
         return Link(self.first, self.second, self.first_px[which], self.second_px[which], self.log_ratio[which])
 
 
-SOME_MATCHES: Final = 5
-
-
 def enough(links: Sequence[Link]) -> list[Link]:
-    """One in SOME_MATCHES of the matches: enough for first values."""
-    return [link.subset(slice(None, None, SOME_MATCHES)) for link in links]
+    """A fifth of the matches: enough for first values, and to hold what grey values leave open."""
+    return [link.subset(slice(None, None, 5)) for link in links]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from pzcap.calibration.bundle_adjustment import (
     SIDES,
-    SOME_MATCHES,
     Link,
     add_link,
     add_nodes,
@@ -147,8 +146,8 @@ def adjust(
             report(done)
             sigma = normal_sigma(compared.residual[np.isfinite(compared.residual)])
             matched = normal_equations(state, some_matches, PHOTOMETRIC.match_scale_px, length)
-            # few of each stand for all: with so many pixels so many matches
-            share = (sigma / matched.sigma) ** 2 * (SOME_MATCHES / every)
+            # some stand for themselves alone, since a feature's matches err alike; and for fewer where pixels are fewer
+            share = (sigma / matched.sigma) ** 2 / every
             return NormalEquations(normal + share * matched.normal, gradient + share * matched.gradient, sigma, cost)
 
         return minimise(

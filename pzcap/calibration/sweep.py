@@ -35,7 +35,7 @@ class SweepConfig:
     """Features a frame, at most, the strongest first."""
     ratio: float = 0.85
     """Lowe's ratio test: distance of the nearest descriptor to that of the second nearest, at most."""
-    min_step: float = 0.06
+    min_step: float = 0.04
     """Image widths. Frames less far apart are left out: they add time, and no information."""
     max_skip: int = 8
     """Frames in a row that are left out, at most."""
@@ -49,7 +49,7 @@ class SweepConfig:
     """Square pixels: variance by which frames are smoothed before their grey values are compared."""
     super_resolve: bool = False
     """Make the panorama that frames are aligned with finer than a pixel: takes some minutes a camera."""
-    pixels: int = 1400
+    pixels: int = 700
     """Pixels of two overlapping frames whose grey values are compared, at most: more take longer."""
 
 
