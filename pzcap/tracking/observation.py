@@ -22,7 +22,7 @@ from pzcap.segmentation.foreground import Expected
 from pzcap.tracking import keypoint_residuals, visibility
 from pzcap.tracking.camera_refinement import CameraPrior, corrected
 from pzcap.tracking.pixel_time import AT_ONCE, Exposure
-from pzcap.tracking.residuals import CropImage
+from pzcap.tracking.residuals import CropImage, Outlines
 from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.tracking.tuning import VIEW
 from pzcap.tracking.visibility import GROUP, ProjectedSkin, ZBuffer, empty_z_buffer
@@ -68,6 +68,11 @@ class ViewCrop:
     def silhouette(self) -> CropImage:
         """The probability that it is the athlete."""
         return CropImage(self.probability, float(self.left), float(self.top), 1.0)
+
+    @property
+    def outlines(self) -> Outlines:
+        """What its edges are sought in."""
+        return Outlines(self.silhouette, self.arms, self.others)
 
     def corrected(self, step: Array) -> ViewCrop:
         """The same, its camera corrected by a ``step`` (2,) of pan and log focal."""

@@ -247,9 +247,7 @@ class PoseObjective:
         edges, camera = self.body.surface.edges, pinhole(view.camera)
         found = PointResiduals.empty(len(edges))
         sought = ContourTerms(terms.reach_px, terms.contour_sigma_px, terms.contour_weight)
-        count = residuals.contour(
-            skin, edges, seen, camera, where.z_buffer, view.silhouette, view.arms, view.others, sought, found, cost
-        )
+        count = residuals.contour(skin, edges, seen, camera, where.z_buffer, view.outlines, sought, found, cost)
         return found.first(count)
 
 

@@ -47,6 +47,14 @@ class Template(NamedTuple):
     trust: Float32  # (V,) 0 unseen .. 1.
 
 
+class Outlines(NamedTuple):
+    """What the edges of a view are sought in, and where none are."""
+
+    silhouette: CropImage  # probability that it is the athlete
+    arms: Image  # (h, w) likewise, that it is a lower arm
+    people: Image  # (h / 2, w / 2) where somebody else is; or empty
+
+
 class BrightnessTerms(NamedTuple):
     """Weights of the residuals of brightness."""
 
@@ -150,7 +158,7 @@ def _products(rows: Array, weights: Array, count: int, joint: Array) -> None:
 @njit(cache=True, nogil=True, error_model="numpy")
 def contour(
     skin: SkinPoints, edges: Indices, seen: ProjectedSkin, camera: Pinhole, z_buffer: ZBuffer,
-    silhouette: CropImage, arms: Image, people: Image, terms: ContourTerms, found: PointResiduals, cost: Array,
+    outlines: Outlines, terms: ContourTerms, found: PointResiduals, cost: Array,
 ) -> int:  # fmt: skip
     """Occluding contour of the body against silhouette and arms: fills in ``found`` and returns how many there are.
 
@@ -158,14 +166,15 @@ def contour(
     nothing hides it. Along its normal in the image, within reach, the edge of the ``silhouette`` is sought: the
     crossing of 1/2 that falls towards the outside (which is the check of the contour's normal) and lies nearest, unless
     another part of the body has its own edge there. If another part lies just outside, the point counts only if it is
-    before that and of a segment that is known from the rest by its colours: then the edge of the ``arms``, cropped like
-    the silhouette, is sought, unless the other arm is there.
+    before that and of a segment that is known from the rest by its colours: then the edge of the ``arms`` is sought,
+    unless the other arm is there.
 
-    Where somebody else (``people``, at half the resolution, or empty) is or begins, no edge is sought.
+    Where somebody else (``people``) is or begins, no edge is sought.
 
     The residual is the signed distance to the edge, weighted by Geman-McClure. ``cost`` (16, 3) gains, of the
     silhouettes' edges alone, squared distances, points with an edge found and points sought.
     """
+    silhouette, arms, people = outlines
     shape = silhouette.image.shape
     scale, count = z_buffer.scale, 0
     stride = 2 if terms.reach > 12.0 else 1  # pixels: a coarse search needs no fine steps
