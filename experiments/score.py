@@ -161,12 +161,11 @@ def _with_calibration(
 def sweep_errors(panorama: Panorama, truth: Truth, true: int) -> Array:
     """Errors of pan (M,) of the sweep's frames that were used, rad, one common offset removed.
 
-    Which ones of the sweep these are, nobody has noted: the true frame is the one that stands nearest, frames being a
+    Where some were left out, nobody has noted which: the true frame is the one that stands nearest, frames being a
     thousand times further apart than their errors.
     """
     frames = truth.sweep_pan_rad[true]
-    off = geometry.wrapped(panorama.sweep_pan_rad[:, None] - frames)
-    for _ in range(2):  # the offset is small, and none is left the second time
-        nearest = np.take_along_axis(off, np.abs(off).argmin(axis=1)[:, None], axis=1)[:, 0]
-        off = geometry.wrapped(off - np.angle(np.mean(np.exp(1j * nearest))))
-    return np.asarray(np.take_along_axis(off, np.abs(off).argmin(axis=1)[:, None], axis=1)[:, 0])
+    if len(panorama.sweep_pan_rad) != len(frames):
+        frames = frames[np.abs(geometry.wrapped(panorama.sweep_pan_rad[:, None] - frames)).argmin(axis=1)]
+    sweep = geometry.wrapped(panorama.sweep_pan_rad - frames)
+    return geometry.wrapped(sweep - np.angle(np.mean(np.exp(1j * sweep))))

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from pzcap.calibration import photometric_bundle_adjustment
+from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.parameters import CalibrationParameters, Sigmas, retract, to_vector
+from pzcap.calibration.sweep import SweepConfig
+from pzcap.geometry.camera import direction_to_pixel, pixel_to_direction
 from pzcap.imaging.bspline import STEPS, Stored, stored
 from pzcap.imaging.colour import grey
 from pzcap.types import FAR_AWAY, Array
@@ -49,6 +52,19 @@ def off(seed: int) -> CalibrationParameters:
 
 
 PIXELS = 700
+SETTINGS = SweepConfig(pixels=PIXELS, smoothing=0.64)
+
+
+def links() -> list[Link]:
+    """Matches on a grid of each pair of frames, a quarter of a pixel off, as features are."""
+    rng, model, found = np.random.default_rng(7), truth(), []
+    grid = np.stack(np.meshgrid(np.linspace(0, 319, 20), np.linspace(0, 239, 15)), axis=-1).reshape(-1, 2)
+    for first, second in PAIRS:
+        seen, _ = direction_to_pixel(model.view(second), *pixel_to_direction(model.view(first), grid))
+        inside = np.all((seen >= 0.0) & (seen <= np.array([319.0, 239.0])), axis=1)
+        noisy = seen[inside] + rng.normal(0.0, 0.25, (int(inside.sum()), 2))
+        found.append(Link(first, second, grid[inside], noisy, np.zeros(len(noisy))))
+    return found
 
 
 def silent(done: int) -> None:
@@ -57,7 +73,7 @@ def silent(done: int) -> None:
 
 def adjusted(frames: Stored, start: CalibrationParameters) -> photometric_bundle_adjustment.Fitted:
     return photometric_bundle_adjustment.adjust(
-        start, frames, PAIRS, SIGMAS, prior=start, pixels=PIXELS, smoothing=0.64, report=silent
+        start, frames, links(), SIGMAS, prior=start, config=SETTINGS, report=silent
     )
 
 

@@ -187,6 +187,18 @@ def test_the_sweep_is_scored_without_its_common_offset(whole: Reconstruction, tr
     assert values(score(off, truth, None))["panorama.pan.rms"] == pytest.approx(expected, rel=1e-3)
 
 
+def test_a_sweep_of_which_frames_were_left_out_is_scored_by_those_that_were_used(
+    whole: Reconstruction, truth: Truth
+) -> None:
+    panorama = whole.panoramas[1]
+    assert panorama is not None
+    wave = np.deg2rad(0.1) * np.tile([1.0, -1.0], 5)
+    off = change(whole, "panoramas", 1, sweep_pan_rad=panorama.sweep_pan_rad[::3] + wave)
+    others = [len(one.sweep_pan_rad) for number, one in enumerate(whole.panoramas) if number != 1 and one is not None]
+    expected = 0.1 * np.sqrt(len(wave) / (len(wave) + sum(others)))
+    assert values(score(off, truth, None))["panorama.pan.rms"] == pytest.approx(expected, rel=1e-3)
+
+
 def test_lost_counts_recorded_views_only(whole: Reconstruction, truth: Truth) -> None:
     track = whole.tracks[0]
     assert track is not None
