@@ -164,9 +164,10 @@ def _calibrated(
     for event in calibrate_cameras(capture, one, pool, notes, known):
         if isinstance(event, CameraCalibrated):
             calibrated[event.index] = event.calibrated
-            if event.calibrated and method is EXACT:
-                notes += filter(None, [lens_moved(capture.cameras[event.index].name, event.calibrated)])
         yield event
+    for files, camera in zip(capture.cameras, calibrated, strict=True):  # not as they come: notes stay in order
+        if camera is not None and method is EXACT:
+            notes += filter(None, [lens_moved(files.name, camera)])
     return calibrated
 
 
