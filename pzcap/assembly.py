@@ -33,7 +33,7 @@ from pzcap.views import Segment, ViewLocaliser
 
 
 class Gathered:
-    """What is kept of the events of the loop over the frames. ``segment``: stage 5; ``tracker``: where a body is
+    """Record of the events of the loop over the frames. ``segment``: stage 5; ``tracker``: where a body is
     tracked."""
 
     def __init__(self, capture: Capture, sets: FrameSets, segment: Segment, tracker: Tracker | None) -> None:
@@ -121,7 +121,7 @@ class Gathered:
 
 
 class AgainstPapers(NamedTuple):
-    """What the views of the keyframes say against the crew's papers."""
+    """Contradictions of the keyframes' views to the crew's papers."""
 
     notes: list[str]
     misplaced: bool  # the keyframes, and with them the body, are not where the cameras see somebody

@@ -1,4 +1,4 @@
-"""What is known of each frame: what a hand has made of it, and the pose that it begins with where that is nothing."""
+"""Knowledge of each frame: the work of a hand on it, and the pose that it begins with where there is none."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ORIGINS: Final = {
     "keyframe": "a keyframe that was there", "tracker": "as tracked", "between": "between two keyframes",
     "copied": "copied from the nearest keyframe", "standing": "standing",
 }  # fmt: skip
-"""Where a pose was begun from, as a person calls it."""
+"""Origins of a pose, as a person calls them."""
 
 
 class Edits:
@@ -66,7 +66,7 @@ class Edits:
         return sorted(self.frame_of[t] for t, edit in self.history.frames.items() if edit.clicks and t in self.frame_of)
 
     def edit(self, frame: int) -> FrameEdit:
-        """What a hand has made of a frame; where it has made nothing, the pose that it begins with."""
+        """A frame by hand; where no hand was, the pose that it begins with."""
         with self.lock:
             edit = self.history.frame(self._timecodes[frame])
             if edit.pose is not None:

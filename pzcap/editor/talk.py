@@ -1,4 +1,4 @@
-"""What a page says, and what is done about it."""
+"""Messages of a page, and the answers to them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pzcap.types import PzcapError
 
 
 class Talk:
-    """What one page says, and what it is told."""
+    """Messages of one page, and what it is told."""
 
     def __init__(self, desk: Desk, tell: Callable[[Json], Awaitable[None]]) -> None:
         self._desk, self._tell = desk, tell

@@ -35,7 +35,7 @@ class SmoothConfig:
     """Smoothing of the finished tracks. Off by default: a frame's camera is then what this frame alone says."""
 
     enabled: bool = False
-    """Whether the tracks are smoothed at all."""
+    """Smooth the tracks at all."""
     pan_deg_s3: float = 0.0
     """Standard deviation of the jerk of pan; 0: found from the track."""
     zoom_s3: float = 0.0

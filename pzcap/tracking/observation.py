@@ -71,7 +71,7 @@ class ViewCrop:
 
     @property
     def outlines(self) -> Outlines:
-        """What its edges are sought in."""
+        """Pictures that its edges are sought in."""
         return Outlines(self.silhouette, self.arms, self.others)
 
     def corrected(self, step: Array) -> ViewCrop:

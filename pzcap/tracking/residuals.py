@@ -48,7 +48,7 @@ class Template(NamedTuple):
 
 
 class Outlines(NamedTuple):
-    """What the edges of a view are sought in, and where none are."""
+    """Pictures that a view's edges are sought in, and of people where none are."""
 
     silhouette: CropImage  # probability that it is the athlete
     arms: Image  # (h, w) likewise, that it is a lower arm

@@ -62,7 +62,7 @@ class BodyTuning(NamedTuple):
 
 
 class ForecastTuning(NamedTuple):
-    """What is foreseen; fitted to captures of the simulator."""
+    """Terms of the forecast; fitted to captures of the simulator."""
 
     worth: float = 4.0
     """Variance reached over that of the bound of independent pixels: compression, interpolation, a panorama
