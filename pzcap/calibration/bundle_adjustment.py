@@ -205,7 +205,7 @@ class LinkSums(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def new_link_sums(hall: Hall) -> LinkSums:
-    """Sums for any link, for `restart`."""
+    """Sums for any link: `add_link` leaves them ready for the next."""
     most = hall[1].size + hall[2].size
     number, used = np.full(most, -1), np.empty(most, np.int64)
     sums = np.empty((SIDES, SIDES)), np.empty(SIDES), np.empty((most, SIDES)), np.empty((most, most)), np.empty(most)
