@@ -20,7 +20,7 @@ from pzcap.calibration import photometric_bundle_adjustment, reference_camera, s
 from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust, enough
 from pzcap.calibration.correspondences import Matched, height_of, match
 from pzcap.calibration.focal_from_sweep import camera_of_sweep, levelled
-from pzcap.calibration.parameters import CalibrationParameters
+from pzcap.calibration.parameters import CalibrationParameters, Sigmas
 from pzcap.calibration.propagation import propagated
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames
@@ -81,8 +81,8 @@ def calibrate(
         first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
     chained, count = matched.chained, len(matched.chained.pan_rad)
-    start, undecided = _start(matched, config)
-    adjusted, brightness, fitted = _fit(matched, start, config, report)
+    fits = [_fit(matched, start, config, report) for start in _starts(matched, config)]
+    (adjusted, brightness, fitted), undecided = _likeliest(fits, matched.sigmas)
     model = fitted.parameters
 
     taken = model.view(count)
@@ -120,12 +120,12 @@ def _unplaced(camera: Camera) -> ReferenceCamera:
     return ReferenceCamera(camera, np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2)))
 
 
-def _start(matched: Matched, config: PanZoomConfig) -> tuple[CalibrationParameters, float]:
-    """The better minimum of the features' cost, and how far off in log focal length another one is that is as good.
+def _starts(matched: Matched, config: PanZoomConfig) -> list[CalibrationParameters]:
+    """The better minimum of the features' cost, and another one if it may be as good.
 
     A projection centre behind the axis, walls all alike and a longer focal length explain the features nearly as well
     as one before it and walls as they are. From one start it is chance which is found: the other side is tried, too,
-    and a part of the grey values decides, which tell the two apart better.
+    and a part of the grey values decides, which tell the two apart better. Where it cannot, the whole has to.
     """
     some = enough(matched.links)
     one = adjust(matched.start, some, matched.sigmas, scale_px=4.0, iterations=12)
@@ -137,21 +137,14 @@ def _start(matched: Matched, config: PanZoomConfig) -> tuple[CalibrationParamete
     other = adjust(opposite, some, matched.sigmas, prior=matched.start, scale_px=4.0, iterations=12)
     better, worse = sorted((one, other), key=lambda each: each.residual_px)
     same = abs(one.parameters.log_focal[0] - other.parameters.log_focal[0]) < BELIEF.same_focal
-    if same or worse.residual_px > BELIEF.clearly_worse * better.residual_px:
-        return better.parameters, 0.0
+    if same or worse.residual_px > BELIEF.worse_by_features * better.residual_px:
+        return [better.parameters]
     few = replace(config, sweep=replace(config.sweep, pixels=config.sweep.pixels // BELIEF.deciding))
     fits = [_fit(replace(matched, links=some), each.parameters, few, no_report).fitted for each in (one, other)]
     best, worst = sorted(fits, key=lambda fit: fit.sigma)
     found, other_found = (_without_departures(fit.parameters, matched.start) for fit in (best, worst))
-    apart = abs(float(other_found.log_focal[0] - found.log_focal[0]))
-    if apart < BELIEF.same_focal:
-        return found, 0.0
-    usual, other_usual = (
-        abs(each.offset[0]) < BELIEF.unusual * matched.sigmas.offset for each in (found, other_found)
-    )  # fmt: skip
-    if worst.sigma < BELIEF.doubtful * best.sigma and usual != other_usual:
-        return (found if usual else other_found), 0.0
-    return found, apart if worst.sigma < BELIEF.clearly_worse * best.sigma else 0.0
+    same = abs(float(other_found.log_focal[0] - found.log_focal[0])) < BELIEF.same_focal
+    return [found] if same or worst.sigma > BELIEF.worse_by_some * best.sigma else [found, other_found]
 
 
 class _Fit(NamedTuple):
@@ -172,6 +165,22 @@ def _fit(matched: Matched, start: CalibrationParameters, config: PanZoomConfig, 
     count, first = len(matched.chained.pan_rad), adjusted.parameters.view(0)
     brightness = stitching.fit_brightness(matched.sweep_links, count, first, width, height)
     return _Fit(adjusted, brightness, _fit_grey_values(matched, adjusted.parameters, brightness, config, report))
+
+
+def _likeliest(fits: Sequence[_Fit], sigmas: Sigmas) -> tuple[_Fit, float]:
+    """The likeliest of one or two fits, and the deviation of log focal length for the odds that the other is right."""
+    if len(fits) == 1:
+        return fits[0], 0.0
+    worth = PHOTOMETRIC.alike * min(fit.fitted.sigma for fit in fits) ** 2
+
+    def deviance(fit: _Fit) -> float:
+        off = fit.fitted.parameters.offset / sigmas.offset
+        return fit.fitted.report.cost / worth + float(off @ off)
+
+    best, other = sorted(fits, key=deviance)
+    apart = abs(float(other.fitted.parameters.log_focal[0] - best.fitted.parameters.log_focal[0]))
+    odds = math.exp(-0.5 * (deviance(other) - deviance(best)))
+    return best, apart * math.sqrt(odds / (1.0 + odds))
 
 
 def is_unusual(higher: Array, sigmas: Array) -> bool:

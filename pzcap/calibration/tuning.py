@@ -82,11 +82,10 @@ class BeliefTuning(NamedTuple):
     """Relative: starts that end nearer to each other in focal length have found the same minimum."""
     deciding: int = 4
     """Of so many grey values one is used to decide between two minima."""
-    clearly_worse: float = 1.002
-    """A minimum whose residuals are not so many times those of the other may be the right one. Seen: 0.999 to 1.008 by
-    features, 1.006 to 1.04 by grey values."""
-    doubtful: float = 1.01
-    """Of two minima whose grey values' residuals differ by less, the one whose offset is usual is taken."""
+    worse_by_features: float = 1.002
+    """A minimum whose residuals are not so many times those of the other may be the right one. Seen: 0.999 to 1.008."""
+    worse_by_some: float = 1.005
+    """The same by a part of the grey values. Seen: 0.997 to 1.04."""
 
 
 class FocalTuning(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -12,16 +13,21 @@ import pytest
 
 from experiments.footage import SMALL
 from pzcap.calibration import calibrate, reference_camera
+from pzcap.calibration.bundle_adjustment import Adjusted
 from pzcap.calibration.calibrate import Footage, no_report
 from pzcap.calibration.correspondences import match, sigmas_of
 from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters
+from pzcap.calibration.photometric_bundle_adjustment import Fitted
 from pzcap.calibration.settings import PanZoomConfig
+from pzcap.calibration.stitching import Brightness
+from pzcap.calibration.tuning import PHOTOMETRIC
 from pzcap.camera_set import calibrate_camera
 from pzcap.geometry.camera import at
 from pzcap.io.video import VideoReader
 from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner
+from pzcap.solver.gauss_newton import SolveReport
 from pzcap.types import Camera, InverseDepthMap, Panorama
 from sim.cameras.film import FilmCamera
 from sim.cameras.operator import sweep, through
@@ -44,6 +50,40 @@ def taken(height_m: float) -> Camera:
     stood = camera.world_T_cam.copy()
     stood[2, 3] = height_m
     return replace(camera, world_T_cam=stood)
+
+
+def model_at(focal_px: float, offset: float) -> CalibrationParameters:
+    return CalibrationParameters(
+        np.zeros(1), np.log([focal_px]), np.zeros(1, int), np.zeros(1, int), -0.07, 0.01, np.array([[160.0, 121.0]]),
+        np.array([-0.05, 0.07]), np.zeros(3), np.array([offset, 0.0]), 0.0, HALL,
+    )  # fmt: skip
+
+
+def fit_of(focal_px: float, offset: float, cost: float) -> calibrate._Fit:
+    report = SolveReport(True, 4, cost)
+    fitted = Fitted(model_at(focal_px, offset), np.eye(1), 2.0, report)
+    return calibrate._Fit(cast(Adjusted, None), cast(Brightness, None), fitted)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_of_two_minima_the_likelier_is_taken_and_the_other_is_doubt(turned: bool) -> None:
+    sigmas = sigmas_of(taken(1.6), BeliefConfig(), True, True)
+    worth = PHOTOMETRIC.alike * 2.0**2
+    right = fit_of(FOCAL, 0.003, 1e6)
+    equal, wrong = (fit_of(1.01 * FOCAL, 0.003, 1e6 + worth * beyond) for beyond in (0, 30))
+    unusual = fit_of(1.01 * FOCAL, 4 * sigmas.offset, 1e6 - 3 * worth)
+
+    def of(*fits: calibrate._Fit) -> tuple[calibrate._Fit, float]:
+        return calibrate._likeliest(fits[::-1] if turned else fits, sigmas)
+
+    assert calibrate._likeliest([right], sigmas) == (right, 0.0)
+    assert of(right, equal)[1] == pytest.approx(np.log(1.01) / np.sqrt(2.0))
+    best, doubt = of(right, wrong)
+    assert best is right
+    assert doubt == pytest.approx(np.log(1.01) * np.exp(-30 / 4), rel=0.1)
+    best, doubt = of(right, unusual)  # a better cost of three does not make up for an offset of four deviations
+    assert best is right
+    assert doubt == pytest.approx(np.log(1.01) * np.exp(-13 / 4), rel=0.1)
 
 
 def test_what_was_adjusted_is_what_the_camera_has() -> None:
@@ -123,8 +163,7 @@ def test_what_is_believed_of_walls_does_not_push_the_projection_centre_out(tmp_p
     )
     lost = calibrate.adjust(beside, matched.links, matched.sigmas, scale_px=4.0, iterations=12).parameters
     assert np.exp(lost.log_focal[0]) > 1.02 * rig.reference_focal_px
-    start, undecided = calibrate._start(replace(matched, start=beside), PanZoomConfig())
+    (start,) = calibrate._starts(replace(matched, start=beside), PanZoomConfig())
     fitted = calibrate._fit(matched, start, PanZoomConfig(), no_report).fitted.parameters
     assert np.exp(fitted.log_focal[0]) == pytest.approx(rig.reference_focal_px, rel=3e-4)
     assert start.offset[0] > 0.0
-    assert undecided == 0.0
