@@ -154,10 +154,10 @@ class ReacquisitionTuning(NamedTuple):
     beside: int = 6  # frames on either side of a lost one that may be wrong with it
     largest_hall: float = 0.25  # share of hall in what a limb covers, all views together, from which on it is lost
     least_area_m2: float = 0.05  # covered area to tell that by
-    unlike_m2: float = 0.006  # negative similarity from which on a limb is lost: less is an odd light
-    sizes_rad: tuple[float, ...] = (0.8, 0.4, 0.16, 0.06)  # spread of the postures tried, from coarse to fine
+    unlike_m2: float = 0.003  # negative similarity from which on a limb is lost: less is an odd light
+    sizes_rad: tuple[float, ...] = (1.2, 0.6, 0.3, 0.14, 0.06)  # spread of the postures tried, from coarse to fine
     coarse_rad: float = 0.3  # postures that are spread by more are scored in coarse images
-    leap_m: float = 0.04  # motion of a joint in a frame, besides what was expected, that is usual
+    leap_m: float = 0.08  # motion of a joint in a frame, besides what was expected, that is usual
     leap_m2: float = 0.005  # cost of that in a limb's score; it grows as the square of the length
     worst_leap: float = 10.0  # squares that count at most: an arm that swings moves further, and scores where it is
     least_gain_m2: float = 0.002  # of a limb that is taken as reacquired: a search finds what looks a little better
