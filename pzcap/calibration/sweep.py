@@ -89,7 +89,7 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
         found.append(detect(images[-1], config))
         last = len(kept) - 1
         if last > 0:
-            link = _link_to_next(found, last - 1, view, expected, config)
+            link = _link_to_next(found, last - 1, view, expected, len(links[-1].first_px) if links else 0, config)
             if link is None:
                 raise PzcapError(
                     f"sweep: frames {kept[-2]} and {index} show nothing in common; pan more slowly, past texture"
@@ -108,12 +108,14 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
 
 
 def _link_to_next(
-    found: Sequence[Features], first: int, view: View, expected: float | None, config: SweepConfig
+    found: Sequence[Features], first: int, view: View, expected: float | None, before: int, config: SweepConfig
 ) -> Link | None:
-    """`link_pan` of a frame and the next. Where few matches are near what is ``expected`` the pan may have stopped,
-    started or turned back, and these be chance: then by those of any pan, if they are more."""
+    """`link_pan` of a frame and the next. Where few matches are near what is ``expected``, few also beside the link
+    ``before``, the pan may have stopped, started or turned back, and these be chance: then by those of any pan, if they
+    are more."""
     link = link_pan(found, first, first + 1, view, expected, config)
-    if expected is None or (link is not None and len(link.first_px) >= FEATURES.sure_links * config.min_matches):
+    sure = max(FEATURES.sure_links * config.min_matches, FEATURES.sure_share * before)
+    if expected is None or (link is not None and len(link.first_px) >= sure):
         return link
     anywhere = link_pan(found, first, first + 1, view, None, config)
     return max(link, anywhere, key=lambda one: 0 if one is None else len(one.first_px))

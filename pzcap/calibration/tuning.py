@@ -11,7 +11,9 @@ class FeatureTuning(NamedTuple):
     max_distance: int = 130
     """Bits of 486. Descriptors further apart are not of the same thing, however much further all others are."""
     sure_links: float = 4.0
-    """Times the least number of matches that make a link: so many near the pan that is expected are no chance."""
+    """Times the least number of matches that make a link: fewer near the pan that is expected may be chance."""
+    sure_share: float = 0.5
+    """Share of the matches of the link before: so may fewer. Where a pan turned back, 65 beside 800 were."""
     all_scales: tuple[int, int] = (4, 4)
     """Octaves of AKAZE, and levels in each, as its authors have it."""
     few_scales: tuple[int, int] = (2, 2)

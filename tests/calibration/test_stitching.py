@@ -127,10 +127,15 @@ def test_a_pan_that_went_on_unexpectedly_is_found_where_it_went() -> None:
     found = [sweep.detect(image, LOOSE) for _, image in synthetic.frames(OPTICS, np.deg2rad([0.0, 9.0]))]
     misled = sweep.link_pan(found, 0, 1, guess, np.deg2rad(1.0), LOOSE)
     assert misled is not None
-    link = sweep._link_to_next(found, 0, guess, np.deg2rad(1.0), LOOSE)
-    assert link is not None
-    assert len(link.first_px) > 3 * len(misled.first_px)
-    assert np.rad2deg(sweep._turn(link, guess)) == pytest.approx(9.0, abs=0.2)
+    content = replace(LOOSE, min_matches=len(misled.first_px) // 5)  # with which the chance matches are enough
+    for before, config in ((0, LOOSE), (3 * len(misled.first_px), content)):
+        link = sweep._link_to_next(found, 0, guess, np.deg2rad(1.0), before, config)
+        assert link is not None
+        assert len(link.first_px) > 3 * len(misled.first_px)
+        assert np.rad2deg(sweep._turn(link, guess)) == pytest.approx(9.0, abs=0.2)
+    believed = sweep._link_to_next(found, 0, guess, np.deg2rad(1.0), 0, content)
+    assert believed is not None
+    assert len(believed.first_px) == len(misled.first_px)
 
 
 def test_gaps_and_open_circles_are_said_in_one_line() -> None:
