@@ -24,7 +24,7 @@ from pzcap.calibration.parameters import CalibrationParameters, Sigmas
 from pzcap.calibration.propagation import propagated
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames
-from pzcap.calibration.tuning import BELIEF, HALL, PHOTOMETRIC, PROPAGATION
+from pzcap.calibration.tuning import BELIEF, FEATURES, HALL, PHOTOMETRIC, PROPAGATION
 from pzcap.geometry import camera as geometry
 from pzcap.imaging.bspline import stored
 from pzcap.types import (
@@ -35,6 +35,7 @@ from pzcap.types import (
     InverseDepthMap,
     Panorama,
     PanZoomCamera,
+    PzcapError,
     ReferenceCamera,
 )
 
@@ -84,6 +85,7 @@ def calibrate(
     fits = [_fit(matched, start, config, report) for start in _starts(matched, config)]
     (adjusted, brightness, fitted), undecided = _likeliest(fits, matched.sigmas)
     model = fitted.parameters
+    _require_whole(adjusted, matched.sweep_links, chained.kept)
 
     taken = model.view(count)
     intrinsics = {"focal_px": taken.focal_px, "principal_px": taken.principal_px, **taken.distortion._asdict()}
@@ -239,6 +241,23 @@ def _with_departures(model: CalibrationParameters) -> CalibrationParameters:
 def _without_departures(model: CalibrationParameters, start: CalibrationParameters) -> CalibrationParameters:
     """The same with as many departures as a ``start`` has, all of them 0."""
     return replace(model, surroundings=replace(model.surroundings, departures=start.surroundings.departures))
+
+
+def _require_whole(adjusted: Adjusted, links: Sequence[Link], kept: NDArray[np.int64]) -> None:
+    """Raise PzcapError where of the matches of a sweep's frames ``kept`` (M,) with those beyond hardly any agree: there
+    the sweep is torn, and the circle does not fix the focal length. ``links`` come first in what was adjusted."""
+    matches, agreed = np.zeros(len(kept) - 1, np.int64), np.zeros(len(kept) - 1, np.int64)
+    for link, inliers in zip(links, adjusted.inliers, strict=False):
+        if link.second - link.first < len(kept) // 2:  # the others are across the seam
+            matches[link.first : link.second] += len(link.first_px)
+            agreed[link.first : link.second] += inliers
+    torn = np.flatnonzero(agreed < FEATURES.least_agreed * matches)
+    if len(torn):
+        first = int(torn[0])
+        raise PzcapError(
+            f"sweep: of {matches[first]} matches across frames {kept[first]} and {kept[first + 1]} {agreed[first]} "
+            "agree with the rest: it does not hold together there; pan evenly and slowly, and shoot the sweep again"
+        )
 
 
 def _sweep_inliers(adjusted: Adjusted, links: Sequence[Link], count: int) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ import pytest
 
 from experiments.footage import SMALL
 from pzcap.calibration import calibrate, reference_camera
-from pzcap.calibration.bundle_adjustment import Adjusted
+from pzcap.calibration.bundle_adjustment import Adjusted, Link
 from pzcap.calibration.calibrate import Footage, no_report
 from pzcap.calibration.correspondences import match, sigmas_of
 from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters
@@ -28,7 +28,7 @@ from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.solver.gauss_newton import SolveReport
-from pzcap.types import Camera, InverseDepthMap, Panorama
+from pzcap.types import Camera, InverseDepthMap, Panorama, PzcapError
 from sim.cameras.film import FilmCamera
 from sim.cameras.operator import sweep, through
 from sim.cameras.optics import vignette
@@ -50,6 +50,19 @@ def taken(height_m: float) -> Camera:
     stood = camera.world_T_cam.copy()
     stood[2, 3] = height_m
     return replace(camera, world_T_cam=stood)
+
+
+def test_a_sweep_that_is_torn_is_said_so() -> None:
+    kept, ends = np.arange(10, 22), [(k, k + 1) for k in range(11)] + [(k, k + 3) for k in range(9)] + [(0, 11)]
+    links = [Link(*each, np.zeros((50, 2)), np.zeros((50, 2)), np.zeros(50)) for each in ends]
+
+    def adjusted(torn: int) -> Adjusted:
+        inliers = [5 if first <= torn < second and second - first < 6 else 48 for first, second in ends]
+        return Adjusted(model_at(FOCAL, 0.003), 0.3, np.array([*inliers, 50]), SolveReport(True, 3, 1.0))
+
+    calibrate._require_whole(adjusted(-1), links, kept)
+    with pytest.raises(PzcapError, match="of 200 matches across frames 16 and 17 20 agree"):
+        calibrate._require_whole(adjusted(6), links, kept)
 
 
 def model_at(focal_px: float, offset: float) -> CalibrationParameters:
