@@ -61,7 +61,7 @@ class FrameOffsets:
     def track(self, found: Sequence[Tracked]) -> None:
         """Take in the body of some frames, in order; score those that are between known ones by now."""
         for each in found:
-            if each.valid:
+            if each.valid and each.lost < SLIPS.most_lost:
                 self._points[each.frame] = along_limbs(each.joints_m)
             self._latest = max(self._latest, each.frame)
         for frame in [each for each in self._views if each <= self._latest - SLIPS.reach]:

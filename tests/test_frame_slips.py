@@ -83,8 +83,8 @@ def seen(offsets: Sequence[Sequence[float]]) -> tuple[FrameOffsets, list[Any]]:
     return found, tracks
 
 
-def tracked(frame: int, joints_m: Array) -> Any:
-    return SimpleNamespace(frame=frame, joints_m=joints_m, valid=frame not in (12, 13))
+def tracked(frame: int, joints_m: Array, lost: float = 0.0) -> Any:
+    return SimpleNamespace(frame=frame, joints_m=joints_m, valid=frame not in (12, 13), lost=lost)
 
 
 def still() -> list[np.ndarray]:
@@ -137,6 +137,18 @@ def test_a_camera_that_stands_still_tells_no_frame() -> None:
     moving = SimpleNamespace(**(vars(track) | {"pan_rad": np.append(np.arange(30), np.arange(31, 61)) * 0.01}))
     assert leap_near(moving, 28, 1) == 30  # type: ignore[arg-type]
     assert leap_near(moving, 28, 2) is None  # type: ignore[arg-type]
+
+
+def test_a_body_that_may_be_lost_tells_nothing() -> None:
+    found = FrameOffsets(1)
+    view = looking(0, np.zeros(3), 0.0)
+    outline = silhouette(view, joints(BODY, swing(0.0)), np.random.default_rng(0))
+    for frame in range(40):
+        found.see(frame, [view], [outline])
+        found.track([tracked(frame, joints(BODY, swing(0.0)), lost=0.5 if frame == 20 else 0.0)])
+    told = [frame for frame, scores in found.scores.items() if np.isfinite(scores).all()]
+    assert {5, 30} < set(told)
+    assert not {16, 20, 24} & set(told)
 
 
 def test_a_view_without_a_body_or_an_athlete_is_passed_over() -> None:

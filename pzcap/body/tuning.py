@@ -19,7 +19,7 @@ class ShapeTuning(NamedTuple):
     texture_curvature: float = 0.4
     # Factor of the deviation that is left of the tape's: the frames are believed so little, since they err alike, that
     # it comes out too large. The one number of a joint's sigma that is fitted, to what is covered on captures.
-    doubt: float = 0.9
+    doubt: float = 0.75
 
 
 SHAPE = ShapeTuning()

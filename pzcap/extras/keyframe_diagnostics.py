@@ -91,7 +91,7 @@ def _contradiction(motion: Motion, key: Keyframe, body: Body, hand_sigma: Array)
         return None
     said, spread = _in_line(motion, near, key.frame)
     hand = _Hand.of(body, key.pose, hand_sigma)
-    seen_m, sigma_m = joints(body, said), spread * motion.sigma_m[key.frame]
+    seen_m, sigma_m = joints(body, said), spread * motion.sigma_m[[key.frame, *near]].max(axis=0)
     excess = hand.excess(seen_m, sigma_m)
     parts = tuple(part for part in sorted(PARTS, key=excess.__getitem__, reverse=True) if excess[part] > 1.0)
     if not parts:

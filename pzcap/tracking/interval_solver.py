@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import expit
 
 from pzcap.body.kinematics import forward, joint_jacobians
 from pzcap.body.shape_estimation import Shape
@@ -24,6 +25,7 @@ from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose
 from pzcap.tracking.keyframes import information
+from pzcap.tracking.limbs import mismatch
 from pzcap.tracking.observation import ViewCrop, Views
 from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective, in_motion, misfit_px2
@@ -45,6 +47,7 @@ class Tracked:
     valid: bool
     shape: Shape  # of the body that was tracked
     corrections: tuple[Correction | None, ...]  # of the cameras, one a view; empty: not solved with other frames
+    lost: float = 0.0  # probability that the body as a whole is not where it was found, see `lost`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,11 +115,14 @@ def solved(problem: IntervalProblem) -> IntervalResult:
     if anchor is not None:
         frames[-1] = trusted(anchor.key, frames[-1])
     done = [
-        tracked(estimate, config, number, found, apart, list(zip(objective.views, cameras, strict=True)))
+        tracked(
+            estimate, config, number, found, apart, list(zip(objective.views, cameras, strict=True)),
+            lost(objective, found.pose),
+        )
         for number, found, apart, objective, cameras in zip(
             numbers, frames, disagreement, batch.objectives, batch.cameras, strict=True
         )
-    ]
+    ]  # fmt: skip
     return IntervalResult(
         done, estimate, batch.clocks, [*problem.before, *(found.pose for found in frames)][-2:], batch.report
     )
@@ -137,24 +143,25 @@ def fit_keyframe(
 def tracked(
     estimate: BodyEstimate, config: TrackingConfig, frame: int, found: PoseEstimate,
     disagreement_m: Array | float = 0.0,
-    cameras: Sequence[tuple[ViewCrop | None, MarginalisedCamera | None]] = (),
+    cameras: Sequence[tuple[ViewCrop | None, MarginalisedCamera | None]] = (), lost: float = 0.0,
 ) -> Tracked:  # fmt: skip
     """The body at an instant. ``disagreement_m`` (16,) is the distance of two estimates of a joint that do not agree.
-    ``cameras``, where they were corrected, is each view with the camera as it is now, and the marginalised one."""
+    ``cameras``, where they were corrected, is each view with the camera as it is now, and the marginalised one;
+    ``lost`` the probability that the whole body is elsewhere."""
     frames = forward(estimate.body, found.pose)
     information = found.hessian + np.diag(1.0 / config.prediction_sigma**2)
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     jacobians = joint_jacobians(frames)
     variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
-    disputed, unsure = (0.5 * np.asarray(disagreement_m)) ** 2, misplaced(found.contour) * INTERVAL.misplaced_m**2
-    variance += estimate.known.joint_variance_m2 + disputed + unsure
+    disputed, unsure = (0.5 * np.asarray(disagreement_m)) ** 2, misplaced(found.contour) + lost
+    variance += estimate.known.joint_variance_m2 + disputed + unsure * INTERVAL.misplaced_m**2
     corrections = tuple(
         None if view is None or view.camera_prior is None or camera is None
         else Correction(view.camera_prior.correction, camera.covariance_with(covariance))
         for view, camera in cameras
     )  # fmt: skip
     sigma = np.sqrt(variance)
-    return Tracked(frame, found.pose, frames[:, :3, 3], sigma, found.seen, estimate.known, corrections)
+    return Tracked(frame, found.pose, frames[:, :3, 3], sigma, found.seen, estimate.known, corrections, lost)
 
 
 def trusted(key: Keyframe, found: PoseEstimate) -> PoseEstimate:
@@ -169,6 +176,12 @@ def misplaced(contour: Array) -> Array:
     it was fitted stands in docs/method.md."""
     misfit_px = np.sqrt(misfit_px2(contour + contour[np.maximum(PARENTS, 0)], 1.0))
     return np.asarray(1.0 / (1.0 + np.exp(INTERVAL.misplaced_px - misfit_px) ** INTERVAL.misplaced_slope))
+
+
+def lost(objective: PoseObjective, pose: Pose) -> float:
+    """Probability that the body as a whole is not at ``pose``, by `limbs.mismatch`."""
+    odds = INTERVAL.mismatch_slope * (mismatch(objective.views, objective.place(pose)[1]) - INTERVAL.mismatch)
+    return float(expit(odds))
 
 
 def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:

@@ -44,6 +44,10 @@ POSTURES: Final[Array] = _postures()
 """(K, 4) Turns of a limb to try when it may be anywhere in its reach, radians: as `turned` takes them."""
 
 
+_EDGE: Final = np.ones((3, 3), np.uint8)
+"""Pixels of a ground about the body's edge that say nothing: they show both."""
+
+
 def turned(limb: int, pose: Pose, turn: Array) -> Pose:
     """The pose with one limb turned by (4,): its ball joint about its own three axes, then its hinge."""
     delta = np.zeros(DOF)
@@ -131,6 +135,18 @@ def grounds(views: Views, placed: Placed) -> list[Ground]:
         bare = np.maximum(likely / np.float32(127.5) - np.float32(1.0), np.float32(0.0))
         found.append(Ground(pinhole(view.camera), corner, view.belief, cover, bare))
     return found
+
+
+def mismatch(views: Views, placed: Placed) -> float:
+    """Area in which body and silhouettes differ, all views together, a share of the body's: hall that it covers, and
+    what shows the athlete beside it. Somebody else who is not told from the athlete makes it large, and a lost body."""
+    differ, size = 0.0, 0
+    for ground in grounds(views, placed):
+        covered = ground.cover > 0
+        beside = cv2.dilate(covered.astype(np.uint8), _EDGE) == 0
+        differ += float(np.maximum(ground.belief, 0.0)[beside].sum() - np.minimum(ground.belief, 0.0)[covered].sum())
+        size += int(covered.sum())
+    return differ / size if size else 0.0
 
 
 def patches(body: Body, limb: int, frames: Array, grounds: Sequence[Ground]) -> list[Patch]:

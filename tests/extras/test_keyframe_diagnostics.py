@@ -84,6 +84,9 @@ def test_what_the_images_do_not_tell_contradicts_nothing() -> None:
     unsure = np.full((FRAMES, 16), 0.01)
     unsure[10, 4:7] = 0.5
     assert contradicted(keys, motion(unsure)) == ()
+    beside = np.full((FRAMES, 16), 0.01)
+    beside[[8, 9, 11, 12], 4:7] = 0.5
+    assert contradicted(keys, motion(beside)) == ()
     alone = motion()
     alone.valid[:] = False
     assert contradicted(keys, alone) == ()

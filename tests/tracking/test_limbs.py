@@ -1,11 +1,51 @@
-"""A limb is supported by the silhouettes that show it."""
+"""A limb is supported by the silhouettes that show it; where these are not of the body as a whole, it is lost."""
 
 from __future__ import annotations
 
-from pzcap.tracking.limbs import grounds, support
-from tests.scenes.tracked import clip, true_body
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pzcap.tracking.interval_solver import lost
+from pzcap.tracking.limbs import grounds, mismatch, support
+from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.types import Pose
+from tests.scenes.tracked import clip, observed, true_body
+
+
+def differing(objective: PoseObjective, pose: Pose) -> float:
+    return mismatch(objective.views, objective.place(pose)[1])
 
 
 def test_a_limb_seen_by_nobody_has_no_support() -> None:
     body, pose = true_body(), clip().poses[3]
     assert not support(body, pose, grounds([None] * 4, [None] * 4)).any()
+
+
+def test_body_and_silhouettes_differ_little_where_it_is_and_much_elsewhere() -> None:
+    objective, pose = observed(5, true_body()), clip().poses[5]
+    away = Pose(pose.root_position_m + np.array([0.3, 0.3, 0.0]), pose.rotations)
+    assert differing(objective, pose) < 0.1
+    assert differing(objective, away) > 0.5
+    assert lost(objective, pose) < 1e-3
+    assert lost(objective, away) > 0.99
+
+
+def test_somebody_who_is_not_told_from_the_athlete_makes_the_body_doubtful() -> None:
+    objective, pose = observed(5, true_body()), clip().poses[5]
+    alone = differing(objective, pose)
+    beside = []
+    for view in objective.views:
+        assert view is not None
+        belief = view.belief.copy()
+        belief[:, : belief.shape[1] // 3] = 1.0
+        beside.append(replace(view, belief=belief))
+    with_somebody = PoseObjective(objective.body, beside)
+    assert differing(with_somebody, pose) > alone + 0.2
+    unknown = [view and replace(view, belief=np.zeros_like(view.belief)) for view in objective.views]
+    assert differing(PoseObjective(objective.body, unknown), pose) == 0.0
+
+
+def test_without_views_nothing_differs() -> None:
+    assert mismatch([None] * 4, [None] * 4) == pytest.approx(0.0)
