@@ -21,6 +21,7 @@ from pzcap.plausibility import (
     SeenViews,
     athlete_of_another_size,
     camera_notes,
+    lost_body,
     object_of_another_size,
     share_on_athlete,
     unseen_keyframes,
@@ -86,7 +87,10 @@ class Gathered:
             return slips()
         found = papers_against_views(body, self._sets, self._views, self._unbiased, config)
         # where the body is misplaced, no view shows the athlete where it is thought to be
-        return found.notes if found.misplaced else [*found.notes, *slips()]
+        if found.misplaced:
+            return found.notes
+        lost = {pose.frame: pose.lost for pose in self._poses}
+        return [*found.notes, *slips(), *lost_body(lost, self._sets.timecodes)]
 
     def reconstruction(
         self, calibrated: Sequence[CalibratedCamera | None], tracks: tuple[PanZoomTrack | None, ...],

@@ -12,6 +12,7 @@ from pzcap.body.kinematics import joints
 from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.geometry.camera import project
+from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.body_size import BodySize
 from pzcap.tuning import PLAUSIBILITY
 from pzcap.types import MEASUREMENTS, Camera, Keyframe, PanZoomCamera, PanZoomTrack, Silhouette, Subject
@@ -60,6 +61,23 @@ def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_cloc
                 f"{np.rad2deg(off[1]):+.3f} degrees against the sweep: the tripod has settled or was touched"
             )
     return notes
+
+
+def lost_body(lost: Mapping[int, float], timecodes: Sequence[str]) -> list[str]:
+    """A note on the stretches of frames in which the body is not where silhouettes show somebody; ``lost``: the
+    probability of that, a frame."""
+    doubtful = np.zeros(len(timecodes), bool)
+    doubtful[[frame for frame, probability in lost.items() if probability > 0.5]] = True
+    stretches = [each for each in runs(doubtful) if len(each) >= PLAUSIBILITY.lost_frames]
+    if not stretches:
+        return []
+    longest, frames = max(stretches, key=len), sum(map(len, stretches))
+    more = f" and {len(stretches) - 1} more stretch{'es' * (len(stretches) > 2)}" if len(stretches) > 1 else ""
+    return [
+        f"the body may be lost in {frames} frames: {longest[0]} to {longest[-1]} ({timecodes[longest[0]]} to "
+        f"{timecodes[longest[-1]]}){more}; the views show somebody where it is not: one who is not told from the "
+        "athlete, or the athlete; pose a keyframe there"
+    ]
 
 
 class SeenViews(NamedTuple):

@@ -20,6 +20,7 @@ class PlausibilityTuning(NamedTuple):
     alone is not."""
     alike: float = 0.02  # difference of that share that says nothing: a limb is as wide as some steps
     better: float = 0.25  # gain of that share that chance does not bring
+    lost_frames: int = 3  # in a row, from which on a body that may be lost is worth a word
     readout_s: float = 1.5e-3  # read-out time from which on a camera is said to have a rolling shutter
     clock_s: float = 1.5e-3  # offset from which on a clock is said to be off
     sigmas: float = 5.0  # standard deviations from which on either is sure

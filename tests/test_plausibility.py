@@ -22,7 +22,14 @@ from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, footage_of
 from pzcap.geometry.camera import project
 from pzcap.io.capture import read_capture
-from pzcap.plausibility import SeenViews, blames_object, lens_moved, object_of_another_size, unseen_keyframes
+from pzcap.plausibility import (
+    SeenViews,
+    blames_object,
+    lens_moved,
+    lost_body,
+    object_of_another_size,
+    unseen_keyframes,
+)
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import Camera, Capture, Keyframe, Pose, PzcapError, Silhouette
 from tests.scenes import fabricated
@@ -212,3 +219,16 @@ def test_where_a_keyframe_is_wrong_no_camera_is_said_to_have_lost_frames(view: S
     found = papers_against_views(body, sets, {3: view}, {3: view}, TrackingConfig())
     assert "no view shows anybody where it stands" in found.notes[0]
     assert found.misplaced
+
+
+# --------------------------------------------------------------------------------------------------------------
+# A body that may be lost
+
+
+def test_stretches_in_which_the_body_may_be_lost_are_named() -> None:
+    sure = dict.fromkeys(range(30), 0.01)
+    assert lost_body(sure | {4: 0.9, 5: 0.9}, TIMECODES) == []  # two frames: an odd light
+    (one,) = lost_body(sure | dict.fromkeys(range(7, 12), 0.8), TIMECODES)
+    assert "in 5 frames: 7 to 11 (10:00:00:07 to 10:00:00:11); " in one
+    (three,) = lost_body(sure | dict.fromkeys([0, 1, 2, 7, 8, 9, 10, 20, 21, 22], 0.8), TIMECODES)
+    assert "in 10 frames: 7 to 10 (10:00:00:07 to 10:00:00:10) and 2 more stretches; " in three
