@@ -11,6 +11,7 @@ import rerun as rr
 
 from experiments.config import CONVERTER, build, leaves
 from experiments.metrics import Metric, format_value, meets_target
+from experiments.own_world import brought_in
 from experiments.score import Score
 from pzcap.scoring.records import Series
 from pzcap.types import JOINTS, Reconstruction
@@ -24,10 +25,12 @@ from sim.truth import Truth
 def finish(recorder: Recorder, reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> None:
     """Send everything that is known once the reconstruction is done: results, truth and errors of all frames."""
     recorder.drain()
+    truth, result = brought_in(truth, result, reconstruction.camera_names)
     with recorder.timed() as rec:
         columns.send_reconstruction(rec, reconstruction, recorder.capture.subject)
         if truth is not None and result is not None:
             _send_truth(rec, reconstruction, truth, result)
+        if result is not None:
             _send_errors(rec, reconstruction, result)
 
 
