@@ -118,11 +118,15 @@ def _send_errors(rec: rr.RecordingStream, reconstruction: Reconstruction, result
 def _page(found: Sequence[Metric], run: Mapping[str, Any]) -> str:
     marks = {True: "reached", False: "**missed**", None: ""}
     rows = [
-        f"| {metric.key} | {format_value(metric)} | {metric.unit} | {marks[meets_target(metric)]} |"
+        f"| {metric.key} | {format_value(metric)}{_unit(metric)} | {marks[meets_target(metric)]} |"
         for metric in found
         if metric.value is not None
     ]
-    table = "\n".join(["| metric | value | unit | target |", "|---|---:|---|---|", *rows])
+    table = "\n".join(["| metric | value | target |", "|---|---:|---|", *rows])
     versions = ", ".join(f"{name} {version}" for name, version in run["versions"].items())
     machine = run["machine"]
     return f"# Totals\n\n{table}\n\nSeed {run['seed']}; {machine['cpu']}, {machine['cores']} cores; {versions}.\n"
+
+
+def _unit(metric: Metric) -> str:
+    return "" if metric.unit == "1" else f" {metric.unit}"
