@@ -43,7 +43,7 @@ def test_what_the_axis_leaves_out_is_said() -> None:
 
 def own() -> tuple[Truth, Score, Reconstruction]:
     """A truth, and errors against it of an estimate in a world that is turned, shifted and a tenth smaller."""
-    found = fabricated.reconstruction()
+    found = fabricated.reconstruction(cameras=2, frames=6)
     truth = truth_of(found)
     assert found.motion is not None
     turn = fabricated.rotation_z(2.0)
@@ -75,7 +75,6 @@ def test_a_world_of_its_own_is_shown_beside_a_truth_brought_into_it() -> None:
         assert after.nees is None
         assert after.reprojection_px is None
     assert "NEES" not in plots.honesty(found, shown)
-    assert "NEES" in plots.honesty(found, result)
 
 
 def test_where_an_object_tells_the_world_nothing_is_moved() -> None:
