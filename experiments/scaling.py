@@ -23,6 +23,7 @@ from typing import Final
 import numpy as np
 import psutil
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 from rich.console import Console
 
 from experiments import pages
@@ -122,14 +123,15 @@ def measure(names: Sequence[str], values: Sequence[int], folder: Path, out: Cons
             out.print(f"{name} {value}: reconstructing", highlight=False)
             found[value] = in_a_process_of_its_own(capture)
         amounts = [axis.amount(value) for value in found]
+        apart = amounts != list(found)  # one column is enough where the value is the amount
         rows = [
-            [str(value), str(amount), *(f"{getattr(spent, key):.1f}" for key in QUANTITIES)]
+            [str(value), *([f"{amount:,}"] if apart else []), *(f"{getattr(spent, key):.1f}" for key in QUANTITIES)]
             for amount, (value, spent) in zip(amounts, found.items(), strict=True)
         ]
         if len(found) > 1:
             slopes = (exponent(amounts, [getattr(spent, key) for spent in found.values()]) for key in QUANTITIES)
-            rows.append(["exponent", "", *(f"{slope:.2f}" for slope in slopes)])
-        heads = (name, f">{axis.label}", *(f">{label}" for label in QUANTITIES.values()))
+            rows.append(["exponent", *([""] if apart else []), *(f"{slope:.2f}" for slope in slopes)])
+        heads = (name, *([f">{axis.label}"] if apart else []), *(f">{label}" for label in QUANTITIES.values()))
         out.print(table(axis.label, heads, rows))
         drawn[name] = (axis.label, amounts, list(found.values()), [head.removeprefix(">") for head in heads], rows)
     folder.mkdir(parents=True, exist_ok=True)
@@ -147,6 +149,12 @@ def measure(names: Sequence[str], values: Sequence[int], folder: Path, out: Cons
     out.print(f"{folder / 'index.html'}", highlight=False)
 
 
+def _short(amount: float) -> str:
+    return next(
+        (f"{amount / unit:.3g}{sign}" for unit, sign in ((1e6, "M"), (1e3, "k")) if amount >= unit), f"{amount:g}"
+    )
+
+
 def _figure(label: str, amounts: Sequence[float], spents: Sequence[Spent]) -> object:
     """A panel a quantity, logarithmic both ways, beside what would be in proportion."""
 
@@ -157,6 +165,12 @@ def _figure(label: str, amounts: Sequence[float], spents: Sequence[Spent]) -> ob
             axes.loglog(amounts, [values[0] * amount / amounts[0] for amount in amounts], "--", color="#9aa0a6")
             axes.set_title(name)
             axes.set_xlabel(label)
+            axes.xaxis.set_major_locator(FixedLocator(list(amounts)))
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda amount, _: _short(amount)))
+            axes.xaxis.set_minor_locator(NullLocator())
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
+            axes.yaxis.set_minor_formatter(NullFormatter())
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
 
     return svg(11.0, 3.2, draw)
 

@@ -30,6 +30,7 @@ PAGE: Final = "index.html"
 BREAKS: Final = "breaks.html"
 COLOURS: Final = (*plots.COLOURS, "#7c4dff", "#6d4c41", "#00838f", "#c62828", "#9e9d24", "#455a64")
 DASHES: Final = ("-", "--", ":")
+MARKERS: Final = ("o", "s", "^", "D", "v", "P")
 HEADS: Final = {
     "panzoom.completeness": "views answered", "body.completeness": "joints answered", "body.lost": "frames lost",
     "panzoom.jac5": "JaC@5", "panzoom.nees": "NEES", "panzoom.bound_ratio.pan": "pan over its bound",
@@ -183,8 +184,10 @@ def _best(entered: Sequence[Mapping[str, Any]], track: str, column: str) -> floa
 
 
 def _style(number: int) -> dict[str, Any]:
-    return {"color": COLOURS[number % len(COLOURS)], "ls": DASHES[number // len(COLOURS) % len(DASHES)], "marker": "o",
-            "ms": 4.0}  # fmt: skip
+    """A colour, and where colours come again another dash and another sign: points have no line to tell them by."""
+    again = number // len(COLOURS)
+    return {"color": COLOURS[number % len(COLOURS)], "ls": DASHES[again % len(DASHES)],
+            "marker": MARKERS[again % len(MARKERS)], "ms": 4.0}  # fmt: skip
 
 
 def by_capture(entered: Sequence[Mapping[str, Any]], name: str, track: Track) -> Markup:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import groupby
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from experiments import pages
 from experiments.metrics import TARGETS, Metric, format_value, meets_target
+from experiments.own_world import brought_in
 from experiments.report import pictures, plots
 from experiments.score import Score
 from pzcap.body.skeleton import build
@@ -76,7 +76,9 @@ def write_report(path: Path, material: Material, command: str) -> None:
 
 
 def _context(material: Material, command: str) -> dict[str, Any]:
-    reconstruction, truth, result = material.reconstruction, material.truth, material.score
+    reconstruction = material.reconstruction
+    truth, result = brought_in(material.truth, material.score, reconstruction.camera_names)
+    material = replace(material, truth=truth, score=result)
     body = None if result is None else result.body
     by_key = {metric.key: metric for metric in material.metrics}
     own_world = result is not None and result.own_world
@@ -110,14 +112,33 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "worst": shown.worst(),
         "stage_times": plots.stage_times(material.stage_s) if material.stage_s else None,
         "groups": [
-            (name, [(m, format_value(m), meets_target(m)) for m in members])
-            for name, members in groupby(material.metrics, lambda metric: metric.key.partition(".")[0])
+            (name, [_row(metric) for metric in material.metrics if _group(metric) == name])
+            for name in dict.fromkeys(_group(metric) for metric in material.metrics)
         ],
         "command": command,
         "versions": material.run["versions"],
         "machine": material.run["machine"],
         "config": json.dumps(material.run["config"], indent=2, ensure_ascii=False),
     }
+
+
+def _group(metric: Metric) -> str:
+    return metric.key.partition(".")[0]
+
+
+def _row(metric: Metric) -> dict[str, Any]:
+    return {
+        "key": metric.key,
+        "value": format_value(metric),
+        "unit": "" if metric.unit == "1" else metric.unit,
+        "target": _target(metric),
+        "reached": meets_target(metric),
+    }
+
+
+def _target(metric: Metric) -> str | None:
+    target = TARGETS.get(metric.key)
+    return None if target is None else f"{'≤' if metric.direction == 'lower' else '≥'} {target:g}"
 
 
 def _advice(material: Material) -> tuple[list[int], int | None]:
@@ -132,13 +153,12 @@ def _advice(material: Material) -> tuple[list[int], int | None]:
 
 
 def _headline(metric: Metric, name: str, text: str) -> dict[str, Any]:
-    target = TARGETS.get(metric.key)
     return {
         "name": name,
         "value": format_value(metric),
         "unit": "" if metric.unit == "1" else {"deg": "°"}.get(metric.unit, metric.unit),
         "text": text,
-        "target": None if target is None else f"{'≤' if metric.direction == 'lower' else '≥'} {target:g}",
+        "target": _target(metric),
         "reached": meets_target(metric),
     }
 

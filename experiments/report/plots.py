@@ -103,11 +103,12 @@ def pan_zoom(figure: Figure, reconstruction: Reconstruction, truth: Truth | None
         frames = np.arange(len(track.valid))
         if truth is not None and result is not None:
             at = truth.camera_names.index(name)
-            column[0].plot(frames, np.degrees(truth.pan_rad[at, result.truth_frames]), color=INK, lw=3.2, alpha=0.22)
+            pan = np.degrees(np.unwrap(truth.pan_rad[at, result.truth_frames]))
+            column[0].plot(frames, pan, color=INK, lw=3.2, alpha=0.22)
             column[1].plot(
                 frames, truth.focal_px[at, result.truth_frames], color=INK, lw=3.2, alpha=0.22, label="truth"
             )
-        _line(column[0], Series(np.degrees(track.pan_rad), track.valid), colour)
+        _line(column[0], Series(np.degrees(_unwrapped(track.pan_rad, track.valid)), track.valid), colour)
         _line(column[1], Series(track.focal_px.copy(), track.valid), colour, label="estimate")
         if camera is not None:
             column[1].axhline(camera.lens.reference_focal_px, color=MUTED, ls=":", lw=1.2, label="reference")
@@ -130,10 +131,11 @@ def honesty(figure: Figure, reconstruction: Reconstruction, result: Score) -> No
     half of the dots lie within the inner circle and 95 % within the outer one.
     """
     names, count = reconstruction.camera_names, len(reconstruction.camera_names)
-    figure.set_size_inches(11.5, 6.6)
-    rows: Any = figure.subfigures(2, 1, height_ratios=[2.0, 1.15])
+    whitened = any(errors.normalised is not None for errors in result.cameras)
+    figure.set_size_inches(11.5, 6.6 if whitened else 4.2)
+    rows: Any = figure.subfigures(2, 1, height_ratios=[2.0, 1.15]) if whitened else [figure]
     axes = rows[0].subplots(2, count, sharex=True, sharey="row", squeeze=False)
-    clouds = rows[1].subplots(1, count, squeeze=False)[0]
+    clouds = rows[1].subplots(1, count, squeeze=False)[0] if whitened else []
     for number, name in enumerate(names):
         errors, colour = result.cameras[number], COLOURS[number % 4]
         axes[0, number].set_title(f"Camera {literal(name)}")
@@ -141,10 +143,12 @@ def honesty(figure: Figure, reconstruction: Reconstruction, result: Score) -> No
         pan, focal = np.degrees(1.0), 100.0
         _size(axes[0, number], errors.pan_rad, errors.pan_sigma_rad, errors.pan_bound_rad, pan, colour)
         _size(axes[1, number], errors.focal, errors.focal_sigma, errors.focal_bound, focal, colour)
-        _cloud(clouds[number], errors, colour)
+        if whitened:
+            _cloud(clouds[number], errors, colour)
     axes[0, 0].set_ylabel("size of pan error [deg]")
     axes[1, 0].set_ylabel("size of focal error [%]")
-    clouds[0].set_ylabel("focal error / sigma")
+    if whitened:
+        clouds[0].set_ylabel("focal error / sigma")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     if handles:
         rows[0].legend(handles, labels, loc="outside upper left", ncols=3, handlelength=1.6)
@@ -155,10 +159,13 @@ def top_view(figure: Figure, reconstruction: Reconstruction, truth: Truth | None
     """The athlete's path and the cameras from above at four instants, on a grid of 2 m (Fig. 11)."""
     frames = len(reconstruction.timecodes)
     instants = np.unique(np.linspace(0, frames - 1, 4).astype(int))
-    figure.set_size_inches(11.5, 2.9)
-    axes = figure.subplots(1, len(instants), sharey=True, squeeze=False)[0]
+    low, high = _extent(reconstruction)
+    figure.set_size_inches(11.5, 0.9 + 2.5 * (high[1] - low[1]) / (high[0] - low[0]) * 4 / len(instants))
+    axes = figure.subplots(1, len(instants), sharex=True, sharey=True, squeeze=False)[0]
+    axes[0].set_ylabel("y [m]")
     for plot, frame in zip(axes, instants, strict=True):
         _hall(plot, reconstruction, int(frame))
+        plot.set_xlabel("x [m]")
         if truth is not None and result is not None:
             path = truth.joints_m[result.truth_frames, 0]
             plot.plot(path[:, 0], path[:, 1], color=INK, lw=3.0, alpha=0.2)
@@ -185,7 +192,8 @@ def body_error(figure: Figure, body: BodyErrors, contradicted: Sequence[int], su
     _line(plot, Series(worst.copy(), body.valid), MUTED, label="worst joint", lw=1.0)
     _line(plot, Series(mean.copy(), body.valid), INK, label="mean of the 16 joints", lw=1.8)
     keys = np.flatnonzero(body.keyframe)
-    plot.plot(keys, np.zeros(len(keys)), "^", color=KEY, ms=6, clip_on=False, label="keyframe", zorder=5)
+    if len(keys):
+        plot.plot(keys, np.zeros(len(keys)), "^", color=KEY, ms=6, clip_on=False, label="keyframe", zorder=5)
     if contradicted:
         crosses = np.zeros(len(contradicted))
         plot.plot(contradicted, crosses, "x", color=INK, ms=9, mew=2, clip_on=False, label="contradicted", zorder=6)
@@ -193,7 +201,11 @@ def body_error(figure: Figure, body: BodyErrors, contradicted: Sequence[int], su
         plot.axvline(suggested, color=KEY, ls=":", lw=1.4, label="next keyframe")
     plot.set(xlabel="frame", ylabel="joint error [mm]", xlim=(0, max(frames[-1], 1)))
     # A single joint that is lost for a moment shall not flatten all the rest.
-    plot.set_ylim(0, max(1.3 * mean.max(), float(np.percentile(worst, 97)), 10.0))
+    top = max(1.3 * mean.max(), float(np.percentile(worst, 97)), 10.0)
+    plot.set_ylim(0, top)
+    if worst.max() > 1.1 * top:
+        said = f"worst joint up to {worst.max():.0f} mm, in frame {int(worst.argmax())}"
+        plot.set_title(said, loc="right", color="#5f6368", fontsize=8.5, fontweight="normal")
     plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=7, borderaxespad=0.2)
 
 
@@ -209,7 +221,7 @@ def joint_bars(figure: Figure, body: BodyErrors) -> None:
     plot.set_xticks(at, [name.replace("_", "\n") for name in JOINTS])
     plot.set_ylabel("joint error [mm]")
     plot.grid(axis="x", visible=False)
-    plot.legend(loc="upper left")
+    plot.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
 
 
 @_as_svg
@@ -240,6 +252,13 @@ def stage_times(figure: Figure, stage_s: Mapping[str, float]) -> None:
 
 
 # --------------------------------------------------------------------------------------------------------------
+
+
+def _unwrapped(angles_rad: Array, valid: Mask) -> Array:
+    """Angles (F,) without jumps of a turn between those that are ``valid``."""
+    found = angles_rad.copy()
+    found[valid] = np.unwrap(found[valid])
+    return found
 
 
 def _line(plot: Axes, series: Series, colour: str, **style: Any) -> None:
@@ -296,7 +315,7 @@ def _cloud(plot: Axes, errors: CameraErrors, colour: str) -> None:
     plot.plot(*edge.T, "x", color=KEY, ms=4)  # further out than the plot reaches
     nees = float(np.mean(errors.nees.values[errors.nees.valid]))
     verdict, ink = _verdict(nees)
-    plot.set_title(f"NEES {nees:.2f}: {verdict}", color=ink, loc="center")
+    plot.set_title(f"NEES {nees:.3g}: {verdict}", color=ink, loc="center")
     inside = 100.0 * np.mean(np.hypot(*dots.T) < CHI_95)
     plot.text(0.02, 0.02, f"{inside:.0f} % inside", transform=plot.transAxes, color=INK, fontsize=8.0)
 
@@ -306,8 +325,8 @@ def _verdict(nees: float) -> tuple[str, str]:
     if 0.5 <= nees <= 2.0:
         return "believable", "#137a43"
     if nees < 0.5:
-        return f"sigma {1.0 / np.sqrt(max(nees, 1e-6)):.1f}x too large", "#b06000"
-    return f"sigma {np.sqrt(nees):.1f}x too small", KEY
+        return f"sigma {1.0 / np.sqrt(max(nees, 1e-6)):.2g}x too large", "#b06000"
+    return f"sigma {np.sqrt(nees):.2g}x too small", KEY
 
 
 def _shade(plot: Axes, where: Mask, colour: str, label: str) -> None:
@@ -326,12 +345,20 @@ def triangle(camera: PanZoomCamera, pan_rad: float, focal_px: float) -> Array:
     return np.array([apex, end + side, end - side, apex])
 
 
+def _extent(reconstruction: Reconstruction) -> Array:
+    """The least and the greatest (2, 2) x and y to show: at least a hall about the origin, with all cameras in it."""
+    places = [camera.world_T_head[:2, 3] for camera in reconstruction.cameras if camera is not None]
+    spanned = np.vstack([[-13.0, -10.5], [13.0, 10.5], *(place + off for place in places for off in (-1.0, 1.0))])
+    return np.array([spanned.min(axis=0), spanned.max(axis=0)])
+
+
 def _hall(plot: Axes, reconstruction: Reconstruction, frame: int) -> None:
     """The floor, and each camera as a triangle as long as its focal length."""
-    plot.set(xlim=(-13, 13), ylim=(-10.5, 10.5), aspect="equal")
-    ticks: NDArray[np.int64] = np.arange(-12, 13, 2)
-    plot.set_xticks(ticks, ["" if tick % 6 else str(tick) for tick in ticks])
-    plot.set_yticks(ticks[1:-1], ["" if tick % 6 else str(tick) for tick in ticks[1:-1]])
+    low, high = _extent(reconstruction)
+    plot.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    for axis, first, last in ((plot.xaxis, low[0], high[0]), (plot.yaxis, low[1], high[1])):
+        ticks: NDArray[np.int64] = np.arange(2 * np.ceil(first / 2), last, 2).astype(int)
+        axis.set_ticks(ticks, ["" if tick % 6 else str(tick) for tick in ticks])
     for number, (camera, track) in enumerate(zip(reconstruction.cameras, reconstruction.tracks, strict=True)):
         if camera is None or track is None:
             continue

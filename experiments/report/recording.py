@@ -11,6 +11,7 @@ import rerun as rr
 
 from experiments.config import CONVERTER, build, leaves
 from experiments.metrics import Metric, format_value, meets_target
+from experiments.own_world import brought_in
 from experiments.score import Score
 from pzcap.scoring.records import Series
 from pzcap.types import JOINTS, Reconstruction
@@ -24,10 +25,12 @@ from sim.truth import Truth
 def finish(recorder: Recorder, reconstruction: Reconstruction, truth: Truth | None, result: Score | None) -> None:
     """Send everything that is known once the reconstruction is done: results, truth and errors of all frames."""
     recorder.drain()
+    truth, result = brought_in(truth, result, reconstruction.camera_names)
     with recorder.timed() as rec:
         columns.send_reconstruction(rec, reconstruction, recorder.capture.subject)
         if truth is not None and result is not None:
             _send_truth(rec, reconstruction, truth, result)
+        if result is not None:
             _send_errors(rec, reconstruction, result)
 
 
@@ -115,11 +118,15 @@ def _send_errors(rec: rr.RecordingStream, reconstruction: Reconstruction, result
 def _page(found: Sequence[Metric], run: Mapping[str, Any]) -> str:
     marks = {True: "reached", False: "**missed**", None: ""}
     rows = [
-        f"| {metric.key} | {format_value(metric)} | {metric.unit} | {marks[meets_target(metric)]} |"
+        f"| {metric.key} | {format_value(metric)}{_unit(metric)} | {marks[meets_target(metric)]} |"
         for metric in found
         if metric.value is not None
     ]
-    table = "\n".join(["| metric | value | unit | target |", "|---|---:|---|---|", *rows])
+    table = "\n".join(["| metric | value | target |", "|---|---:|---|", *rows])
     versions = ", ".join(f"{name} {version}" for name, version in run["versions"].items())
     machine = run["machine"]
     return f"# Totals\n\n{table}\n\nSeed {run['seed']}; {machine['cpu']}, {machine['cores']} cores; {versions}.\n"
+
+
+def _unit(metric: Metric) -> str:
+    return "" if metric.unit == "1" else f" {metric.unit}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-from pzcap.command.places import load_results, made_of
+from pzcap.command.places import has_results, load_results, made_of
 from pzcap.command.progress import ProgressLine
 from pzcap.events import Finished, Progress
 from pzcap.extras.reconstruct import Config, stages
@@ -27,6 +27,8 @@ def edit(place: Path, capture: Path | None, port: int, browse: bool) -> int:
     if (place / MANIFEST).is_file():
         taken = read_capture(place)
         found = _cameras(taken, place / FOLDER / RECONSTRUCTION)
+    elif not has_results(place) and capture is None:
+        raise PzcapError(f"{place}: neither a {MANIFEST} in it nor a reconstruction; give a capture or RESULTS")
     else:
         found = load_results(place)
         taken = read_capture(capture or made_of(place))

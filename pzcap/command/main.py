@@ -13,7 +13,7 @@ from pathlib import Path
 from pzcap.command.printing import print_anything
 from pzcap.types import PzcapError
 
-FORMATS_HELP = "see pzcap doctor for the list; several are given one after the other"
+FORMATS_HELP = "pzcap doctor lists them; several may be given, one after the other"
 
 
 def parser() -> argparse.ArgumentParser:
@@ -25,7 +25,10 @@ def parser() -> argparse.ArgumentParser:
     )
     parts = whole.add_subparsers(dest="part", required=True, metavar="PART")
 
-    one = parts.add_parser("new", help="write a capture.json that names a crew's own files where they lie")
+    def part(name: str, help: str) -> argparse.ArgumentParser:
+        return parts.add_parser(name, help=help, description=f"{help[0].upper()}{help[1:]}.")
+
+    one = part("new", help="write a capture.json that names a crew's own files where they lie")
     one.add_argument("folder", type=Path, metavar="FOLDER", help="holds a folder of files for each camera")
     one.add_argument("--name", help="of the take (that of the folder)")
     one.add_argument("--partial-sweep", action="store_true", help="the sweeps do not go all the way round")
@@ -34,22 +37,22 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--replace", action="store_true", help="write capture.json anew where there is one")
     one.set_defaults(run=_new)
 
-    one = parts.add_parser("sync", help="find how cameras without timecode lie to each other; write sync.json")
+    one = part("sync", help="find how cameras without timecode lie to each other; write sync.json")
     one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json")
     one.add_argument("--by", choices=("sound", "flash", "motion"), help="this way alone (one after the other)")
     one.set_defaults(run=_sync)
 
-    one = parts.add_parser("check", help="say what to shoot again while the hall is still rented")
+    one = part("check", help="say what to shoot again while the hall is still rented")
     one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json")
     one.add_argument("--page", type=Path, metavar="FILE", help="page with pictures (FOLDER/check.html)")
     one.set_defaults(run=_check)
 
-    one = parts.add_parser("marker-cube", help="write the calibration object: a PDF to print, and its object.json")
-    one.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    one = part("marker-cube", help="write the calibration object: a PDF to print, and its object.json")
+    one.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for both files")
     one.add_argument("--edge", type=float, default=2.0, metavar="METRES", help="edge of the cube (2)")
     one.set_defaults(run=_marker_cube)
 
-    one = parts.add_parser("keypoints", help="run a detector over the motion, to do without keyframes")
+    one = part("keypoints", help="run a detector over the motion, to do without keyframes")
     one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json, which is to name what is found")
     one.add_argument(
         "--by", required=True, metavar="DETECTOR", help="rtmlib (RTMPose), mediapipe (BlazePose), or MODULE:FUNCTION"
@@ -58,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--replace", action="store_true", help="find keypoints anew where there are some")
     one.set_defaults(run=_keypoints)
 
-    one = parts.add_parser("reconstruct", help="find cameras and body in a capture folder")
+    one = part("reconstruct", help="find cameras and body in a capture folder")
     one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json (pzcap new writes one)")
     one.add_argument("--out", type=Path, required=True, metavar="RESULTS", help="folder for what is found")
     one.add_argument(
@@ -67,28 +70,34 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--threads", type=int, default=2, help="views that are worked on side by side (2)")
     one.set_defaults(run=_reconstruct)
 
-    one = parts.add_parser("edit", help="pose and correct keyframes by dragging joints on a page in the browser")
+    one = part("edit", help="pose and correct keyframes by dragging joints on a page in the browser")
     one.add_argument("place", type=Path, metavar="RESULTS|FOLDER", help="results, or a capture without any")
     one.add_argument("--capture", type=Path, metavar="FOLDER", help="of the results, where they do not tell it")
     one.add_argument("--port", type=int, default=0, help="at 127.0.0.1 (any that is free)")
     one.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
     one.set_defaults(run=_edit)
 
-    one = parts.add_parser("export", help="write results in the formats of other tools")
+    one = part("export", help="write results in the formats of other tools")
     one.add_argument("results", type=Path, metavar="RESULTS", help="what pzcap reconstruct left")
     one.add_argument("--to", required=True, nargs="+", metavar="FORMAT", help=FORMATS_HELP)
-    one.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    one.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FOLDER",
+        help="for the files; of several formats a folder each in it",
+    )
     one.add_argument(
         "--capture", type=Path, metavar="FOLDER", help="the capture, for formats that take its keypoints along"
     )
     one.add_argument("--udp", metavar="HOST:PORT", help="freed: send the messages as well, at the rate of the take")
     one.set_defaults(run=_export)
 
-    one = parts.add_parser("review", help="open the recording of results in the Rerun viewer")
-    one.add_argument("results", type=Path, metavar="RESULTS")
+    one = part("review", help="open the recording of results in the Rerun viewer")
+    one.add_argument("results", type=Path, metavar="RESULTS", help="what pzcap reconstruct left")
     one.set_defaults(run=_review)
 
-    one = parts.add_parser("doctor", help="say what is installed, what is missing, and the line to type")
+    one = part("doctor", help="say what is installed, what is missing, and the line to type")
     one.set_defaults(run=_doctor)
     return whole
 

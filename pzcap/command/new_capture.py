@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
+from typing import Final
 
 from pzcap.command.footage_files import File, cameras_in, multiples, troubles
 from pzcap.command.progress import ProgressLine
@@ -13,6 +14,12 @@ from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, PAPERS, VERSION, read_ca
 from pzcap.io.files import write_json
 from pzcap.types import PzcapError
 
+_CURES: Final = {
+    "object": "missing; pzcap marker-cube writes it with the cube to print; without any, keypoints place the cameras",
+    "subject": "missing; the athlete's stature is the least, tape measurements are better (docs/capture.md)",
+    "keyframes": "missing; pzcap edit poses them by hand, pzcap keypoints finds what does instead",
+}
+"""What to do about each paper that is not there."""
 TABLE = ("camera", "is its", "file", "known by", "size", "frames", "frames/s", "timecode", "scan")
 
 
@@ -30,7 +37,7 @@ def write_capture(
     texts = {key: f"{key}.json" if (folder / f"{key}.json").is_file() else None for key in PAPERS}
     for key, file in texts.items():
         if key != "sync" or file:
-            print(f"{key}.json: {'found' if file else 'missing, see docs/capture.md'}")
+            print(f"{key}.json: {'found' if file else _CURES[key]}")
     content = {
         "format": FORMAT,
         "version": VERSION,

@@ -20,8 +20,17 @@ NO_RERUN: Final = "the viewer is not installed; pip install 'pzcap[rerun]'"
 
 def load_results(folder: Path) -> Reconstruction:
     """The reconstruction in ``folder``, where a run left one, or that ``folder`` is itself. PzcapError if neither."""
+    return results.load(_reconstruction(folder))
+
+
+def has_results(folder: Path) -> bool:
+    """Whether there is anything in ``folder`` that `load_results` would read."""
+    return (_reconstruction(folder) / results.MANIFEST).is_file()
+
+
+def _reconstruction(folder: Path) -> Path:
     inside = folder / RECONSTRUCTION
-    return results.load(inside if inside.is_dir() else folder)
+    return inside if inside.is_dir() else folder
 
 
 def recording_in(folder: Path) -> Path:

@@ -42,7 +42,7 @@ def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
     video that cannot be opened, whose clock is not known, or that has another frame rate than the manifest or another
     size than the camera's other files.
     """
-    manifest = load_json(folder / MANIFEST, "give the folder that holds it, or write one (docs/capture.md)")
+    manifest = load_json(folder / MANIFEST, "give the folder that holds it; pzcap new FOLDER writes one")
     if manifest["format"].text() != FORMAT or manifest["version"].value != VERSION:
         raise manifest.error(f'this is not format "{FORMAT}", version {VERSION}; convert it (docs/capture.md)')
     manifest.only(*_ENTRIES)

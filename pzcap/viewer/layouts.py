@@ -42,9 +42,10 @@ def overview(reconstruction: Reconstruction, *, scored: bool) -> rrb.Container:
         top = rrb.Horizontal(sides[0], hall, sides[1], column_shares=[1.0, 2.1, 1.0])
     stages = _reference(reconstruction), _panoramas(reconstruction), _matches(reconstruction), _foreground(names)
     pictures = rrb.Tabs(*stages, name="Stages", active_tab=1)
-    summary = rrb.TextDocumentView(name="Summary", origin="/summary")
+    documents = [rrb.TextDocumentView(name=name, origin=f"/{name.lower()}") for name in ("Summary", "Notes")]
+    texts = rrb.Tabs(*documents, name="Texts", active_tab=0 if scored else 1)
     plots = rrb.Tabs(_errors(), _tracks(), _pixels(), name="Plots", active_tab=0) if scored else _tracks()
-    bottom = rrb.Horizontal(pictures, plots, summary, column_shares=[1.5, 1.3, 0.8])
+    bottom = rrb.Horizontal(pictures, plots, texts, column_shares=[1.5, 1.3, 0.8])
     return rrb.Vertical(top, bottom, row_shares=[1.55, 1.0], name="Overview")
 
 
@@ -131,9 +132,17 @@ def _hall(reconstruction: Reconstruction) -> rrb.Spatial3DView:
         overrides={view: rr.Pinhole.from_fields().visualizer() for view in located},  # without its axes
         background=(24, 25, 30),
         line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            position=(0.0, -16.0, 8.5), look_target=(0.0, -1.2, 0.0), eye_up=(0.0, 0.0, 1.0)
-        ),
+        eye_controls=_eye(reconstruction),
+    )
+
+
+def _eye(reconstruction: Reconstruction) -> rrb.EyeControls3D:
+    """From before the hall, and so far away that no camera is cut off at the edge of a view that is wider than high."""
+    places = np.array([camera.world_T_head[:2, 3] for camera in reconstruction.cameras if camera is not None])
+    low, high = (places.min(axis=0), places.max(axis=0)) if len(places) else (np.zeros(2), np.zeros(2))
+    (x, y), radius = (low + high) / 2.0, max(float(np.linalg.norm(high - low)) / 2.0, 6.0)
+    return rrb.EyeControls3D(
+        position=(x, y - 1.65 * radius, 0.8 * radius), look_target=(x, y - 0.1 * radius, 0.0), eye_up=(0.0, 0.0, 1.0)
     )
 
 

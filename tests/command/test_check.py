@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import av
+import cv2
 import numpy as np
 import pytest
 
-from pzcap.command.check.sweep_check import Sweep, _level
+from pzcap.command.check.findings import Finding, Level
+from pzcap.command.check.run import _empty_hall
+from pzcap.command.check.sweep_check import Sweep, _level, check_sweep
 from pzcap.command.main import main
+from pzcap.io.capture import read_capture
+from pzcap.types import Capture
 from tests.scenes import wrong_footage as wrong
 
 LEVELLED = "lock the tilt, level the pan axis"
@@ -159,3 +166,49 @@ def test_a_camera_that_leans_does_not_rise_and_one_that_tilts_does() -> None:
     assert [text for _, text in _level(sweep, leaning, 1.4 * np.deg2rad(3.5))] == [
         "rises or falls by 3.5 degrees; " + LEVELLED
     ]
+
+
+def turned(path: Path, degrees: float, focal: float) -> Path:
+    """A video of a camera that turns to the left by ``degrees`` at ``focal`` widths, a tenth of a picture a frame,
+    in a round hall of noise."""
+    width, height = 160, 120
+    circle = round(2.0 * np.pi * focal * width)
+    rng = np.random.default_rng(4)
+    wall = cv2.resize(rng.integers(0, 255, (height // 4, circle // 4), dtype=np.uint8), (circle, height))
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25, options={"crf": "10"})
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for k in range(round(degrees / 360.0 * circle / (width // 10))):
+            picture = np.roll(wall, k * (width // 10), axis=1)[:, :width]
+            shown = np.repeat(picture[:, :, None], 3, axis=2)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(shown), format="bgr24")))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize("focal", [0.7, 1.6])
+def test_a_circle_tells_the_focal_length_that_no_reference_image_does(focal: float, tmp_path: Path) -> None:
+    sweep, found = check_sweep("1", turned(tmp_path / "sweep.mp4", 385.0, focal), None, full_turn=True)
+    assert sweep.focal == pytest.approx(focal, rel=0.03)
+    assert np.rad2deg(sweep.span_rad) == pytest.approx(385.0, rel=0.03)
+    [said] = [each for each in found if "comes round" in each.text]
+    assert said.level is Level.OK
+    assert "reference" not in said.text
+
+
+def test_a_sweep_at_another_zoom_than_the_reference_image_is_told(tmp_path: Path) -> None:
+    _, found = check_sweep("1", turned(tmp_path / "sweep.mp4", 385.0, 1.0), 0.8, full_turn=True)
+    [said] = [each for each in found if "comes round" in each.text]
+    assert said.level is Level.FAIL
+    assert "was the zoom ring moved" in said.text
+
+
+def test_only_an_object_needs_a_reference_image(small_capture: Path) -> None:
+    capture = read_capture(small_capture / "capture")
+    files = replace(capture.cameras[0], reference=None, sweep=None, zoom=None)
+
+    def said(capture: Capture) -> list[Finding]:
+        return [each for each in _empty_hall(capture, files).findings if each.subject == "reference"]
+
+    assert [each.level for each in said(capture)] == [Level.FAIL]
+    assert said(replace(capture, calibration_object=None)) == []

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pzcap.command import doctor, reviewing
-from pzcap.command.main import main
+from pzcap.command.main import main, parser
 from pzcap.command.progress import ProgressLine
 from pzcap.export.formats import FORMATS
 from pzcap.io import results
@@ -52,11 +52,11 @@ def test_several_formats_have_a_folder_each(saved: Path, tmp_path: Path) -> None
         (["export", "SAVED", "--to", "bvhh", "--out", "x"], "no format 'bvhh'; there are trc, c3d, bvh"),
         (["export", "SAVED", "--to", "bvh", "--out", "x", "--udp", "127.0.0.1:1"], "--udp goes with --to freed alone"),
         (["export", "SAVED", "--to", "freed", "--out", "x", "--udp", "here"], "--udp here: give HOST:PORT"),
-        (["reconstruct", "nowhere", "--out", "x"], "nowhere/capture.json"),
+        (["reconstruct", "nowhere", "--out", "x"], "the folder that holds it; pzcap new FOLDER writes one"),
         (["reconstruct", "nowhere", "--out", "x", "--threads", "0"], "threads is 0"),
         (["reconstruct", "nowhere", "--out", "x", "--cameras", "there"], "there: no reconstruction.json"),
         (["review", "SAVED"], "no recording.rrd in it"),
-        (["edit", "nowhere"], "nowhere: no reconstruction.json"),
+        (["edit", "nowhere"], "nowhere: neither a capture.json in it nor a reconstruction"),
         (["edit", "SAVED"], "does not tell which capture it was made of; give --capture FOLDER"),
         (["edit", "SAVED", "--capture", "nowhere"], "nowhere/capture.json"),
         (["export", "SAVED", "--to", "bvh", "--out", "FILE"], "File exists"),
@@ -74,6 +74,14 @@ def test_what_is_wrong_is_one_line(
     assert said.err.count("\n") == 1
     assert says in said.err
     assert said.out == ""
+
+
+@pytest.mark.parametrize("part", ["new", "check", "export", "review"])
+def test_the_help_of_a_part_says_what_it_does(part: str, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = next(line for line in parser().format_help().splitlines() if line.strip().startswith(part))
+    with pytest.raises(SystemExit):
+        main([part, "--help"])
+    assert whole.split()[1] in capsys.readouterr().out.split("positional arguments")[0].lower()
 
 
 def test_without_the_viewer_a_review_says_what_to_install(

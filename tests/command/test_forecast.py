@@ -71,6 +71,12 @@ def test_joints_get_worse_with_pixels_cameras_and_keyframes() -> None:
     assert len(list(findings(Forecast({"1": far}, 1.0)))) == 1  # one camera alone follows no body
 
 
+def test_cameras_that_nothing_places_have_a_forecast_and_joints_have_none() -> None:
+    anywhere = camera(distance_m=None)
+    assert anywhere.pan_rad == camera().pan_rad
+    assert [each.camera for each in findings(Forecast({"1": anywhere, "2": anywhere}, 1.0))] == ["1", "2"]
+
+
 def test_a_silhouette_is_found_at_its_size() -> None:
     """A figure drawn a tenth larger than expected, beside where it is expected, among clutter."""
     points = np.array([[0, 0], [30, 0], [30, 120], [0, 120], [12, 40], [60, 45], [12, 55]], float)

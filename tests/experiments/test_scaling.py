@@ -54,3 +54,12 @@ def test_a_reconstruction_is_measured(small_capture: Path) -> None:
     assert spent.calibration_s > 1.0
     assert spent.motion_s > 0.1
     assert 100.0 < spent.peak_mib < 3000.0
+
+
+def test_labels_of_the_axis_are_the_values_that_were_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scaling, "shot", lambda *_: tmp_path)
+    monkeypatch.setattr(scaling, "in_a_process_of_its_own", lambda _: scaling.Spent(10.0, 20.0, 300.0))
+    scaling.measure(["frames"], [150, 600, 3000], tmp_path, terminal())
+    page = (tmp_path / "index.html").read_text()
+    assert [page.count(f">{value}</text>") for value in ("150", "600", "3k")] == [3, 3, 3]
+    assert page.count("<th>frame") == 1  # the value is the amount

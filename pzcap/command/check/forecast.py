@@ -31,12 +31,12 @@ class CameraForecast:
 
     pan_rad: float
     log_focal: float
-    footprint_m: float  # of a pixel at the athlete
+    footprint_m: float | None  # of a pixel at the athlete; None: how far away that is nobody has measured
     limits: tuple[str, ...]  # what they come from, most important first
 
 
 def forecast_camera(
-    images: Sequence[Image], focal_px: Array, pan_rad: Array, distance_m: float, reference_px: float,
+    images: Sequence[Image], focal_px: Array, pan_rad: Array, distance_m: float | None, reference_px: float,
     span_rad: float | None, zoomed: bool,
 ) -> CameraForecast:  # fmt: skip
     """Forecast of a camera from pictures of the motion at ``focal_px`` (N,) and ``pan_rad`` (N,) from the reference
@@ -64,7 +64,7 @@ def forecast_camera(
     total = np.sum(list(parts.values()), axis=0)
     order = sorted(parts, key=lambda name: -max(np.array(parts[name]) / total))
     limits = tuple(name for name in order if max(np.array(parts[name]) / total) > 0.25)
-    footprint = distance_m / float(np.median(focal_px))
+    footprint = None if distance_m is None else distance_m / float(np.median(focal_px))
     return CameraForecast(float(np.sqrt(total[0])), float(np.sqrt(total[1])), footprint, limits)
 
 
@@ -98,9 +98,13 @@ def noise(grey: Array | Image | np.ndarray) -> float:
 
 def joints_mm(cameras: Sequence[CameraForecast], keyframe_s: float) -> float:
     """Mean distance of the joints from the truth."""
-    pixel = 1000.0 * float(np.sqrt(np.mean([each.footprint_m**2 for each in cameras])))
+    pixel = 1000.0 * float(np.sqrt(np.mean(np.square(_footprints_m(cameras)))))
     share = FORECAST.joint_px * np.sqrt(FORECAST.full / len(cameras)) * max(1.0, keyframe_s / FORECAST.dense_s) ** 0.5
     return float(np.hypot(FORECAST.body_mm, share * pixel))
+
+
+def _footprints_m(cameras: Sequence[CameraForecast]) -> list[float]:
+    return [each.footprint_m for each in cameras if each.footprint_m is not None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +127,7 @@ class Forecast:
     @property
     def joints_mm(self) -> float | None:
         """Of the joints; None where no body can be tracked."""
-        if self.keyframe_s is None or len(self.cameras) < 2:
+        if self.keyframe_s is None or len(_footprints_m(list(self.cameras.values()))) < 2:
             return None
         return joints_mm(list(self.cameras.values()), self.keyframe_s)
 
@@ -142,7 +146,7 @@ def findings(forecast: Forecast) -> Iterator[Finding]:
         yield Finding(Level.WARN if faint else Level.OK, name, "forecast", text)
     if keyframe_s is None or joints is None:
         return
-    pixel = 1000.0 * float(np.median([each.footprint_m for each in cameras.values()]))
+    pixel = 1000.0 * float(np.median(_footprints_m(list(cameras.values()))))
     reasons = [f"a pixel is {pixel:.0f} mm at the athlete", f"{len(cameras)} cameras"]
     if keyframe_s > 1.2 * FORECAST.dense_s:
         reasons.append(f"a keyframe every {keyframe_s:.1f} s only")

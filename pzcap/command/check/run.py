@@ -118,18 +118,25 @@ def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str,
     roots = [pose.root_position_m for pose in capture.keyframe_poses.values()]
     for name, places in motions.items():
         hall = halls[name]
-        if hall.sweep is None or hall.reference is None or hall.reference.camera is None or not places.found.any():
+        if hall.sweep is None or not places.found.any():
             continue
-        camera = hall.reference.camera.camera
-        there = np.mean(roots, axis=0) if roots else hall.reference.camera.points_m.mean(axis=0)
+        if hall.reference is not None and hall.reference.camera is not None:
+            camera = hall.reference.camera.camera
+            there = np.mean(roots, axis=0) if roots else hall.reference.camera.points_m.mean(axis=0)
+            distance_m = float(np.linalg.norm(there - camera.world_T_cam[:3, 3]))
+            focal_px = camera.focal_px
+        elif capture.calibration_object is None and what_is_lacking(capture) is None:
+            distance_m, focal_px = None, hall.sweep.focal * places.images[0].shape[1]
+        else:
+            continue
         kept = np.flatnonzero(places.found)
         scales = 1.0 / np.array([places.relations[k].scale for k in kept])
         found[name] = forecast.forecast_camera(
             images=[places.images[k] for k in kept],
-            focal_px=camera.focal_px * scales,
+            focal_px=focal_px * scales,
             pan_rad=places.angles_rad[kept] - hall.reference_rad,
-            distance_m=float(np.linalg.norm(there - camera.world_T_cam[:3, 3])),
-            reference_px=camera.focal_px,
+            distance_m=distance_m,
+            reference_px=focal_px,
             span_rad=None if capture.full_turn else hall.sweep.span_rad,
             zoomed=hall.zoom.widest is not None,
         )
@@ -144,9 +151,9 @@ def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:
     """Reference image, sweep and zoom run of one camera."""
     findings: list[Finding] = []
     reference, sweep, zoom = None, None, ZoomRun(None, None)
-    if files.reference is None:
+    if files.reference is None and capture.calibration_object is not None:
         findings.append(Finding(Level.FAIL, files.name, "reference", "there is none; the camera cannot be placed"))
-    else:
+    elif files.reference is not None:
         reference, found = check_reference(files.name, read_image(files.reference), capture.calibration_object)
         findings += found
     if files.sweep is None:

@@ -4,7 +4,7 @@ camera is compared with."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -38,7 +38,8 @@ class Sweep:
 
 
 def check_sweep(camera: str, path: Path, focal: float | None, full_turn: bool) -> tuple[Sweep, list[Finding]]:
-    """The sweep of a camera, and what there is to say about it. ``focal``: over the width, of the reference image."""
+    """The sweep of a camera, and what there is to say about it. ``focal``: over the width, of the reference image;
+    None: it is unknown, and found from the circle where the sweep closes one."""
     reader, used = VideoReader(path), focal or SWEEP.usual_field
     steps, small_before = [], None
     keys: list[View] = []
@@ -60,9 +61,11 @@ def check_sweep(camera: str, path: Path, focal: float | None, full_turn: bool) -
     brightness = float(np.mean([key.picture.mean() for key in keys]))
     sweep = Sweep(used, np.array(angles), tuple(keys), np.array(key_angles), tuple(thumbnails), brightness)
     moves = np.array(steps).reshape(-1, 3)
+    closing = _closing(sweep, SWEEP.least_round_deg if focal else SWEEP.least_guessed_deg) if full_turn else None
+    if focal is None and closing is not None:
+        sweep = _closed(sweep, closing)
     found = [*_motion(sweep, moves, float(reader.frame_rate)), *_light(np.array(gains), keys)]
-    closing = _closing(sweep) if full_turn else None
-    found += _round(sweep, full_turn, closing)
+    found += _round(sweep, full_turn, closing, focal is not None)
     found += _level(sweep, moves[:, 1], closing[1].down if closing else 0.0)
     return sweep, [Finding(level, camera, "sweep", text) for level, text in found]
 
@@ -131,16 +134,36 @@ def _light(gains: Array, keys: list[View]) -> Iterator[tuple[Level, str]]:
         )
 
 
-def _closing(sweep: Sweep) -> tuple[int, Relation] | None:
-    """The number of the key view that shows the start again, best of all, and how; None if none does."""
-    ends = [k for k in range(len(sweep.keys)) if abs(sweep.key_angles_rad[k]) > np.deg2rad(300)]
+def _closing(sweep: Sweep, least_deg: float) -> tuple[int, Relation] | None:
+    """The number of the key view, ``least_deg`` from the first or more, that shows the start again, best of all, and
+    how; None if none does."""
+    ends = [k for k in range(len(sweep.keys)) if abs(sweep.key_angles_rad[k]) > np.deg2rad(least_deg)]
     relations = [(k, relate(sweep.keys[0], sweep.keys[k])) for k in ends]
     best = max(relations, key=lambda pair: pair[1].inliers, default=None)
     return best if best is not None and best[1].found else None
 
 
-def _round(sweep: Sweep, full_turn: bool, closing: tuple[int, Relation] | None) -> Iterator[tuple[Level, str]]:
-    """Check of the angle that is covered, and of the circle's closure."""
+def _turned(sweep: Sweep, closing: tuple[int, Relation]) -> float:
+    """Angle in radians from the first picture to where the sweep shows the same again."""
+    index, relation = closing
+    return float(abs(sweep.key_angles_rad[index] + relation.across / sweep.focal))
+
+
+def _closed(sweep: Sweep, closing: tuple[int, Relation]) -> Sweep:
+    """The sweep by the focal length at which its circle comes to a full turn; its steps are small angles, which all
+    are in inverse proportion to it."""
+    ratio = 2.0 * np.pi / _turned(sweep, closing)
+    return replace(
+        sweep, focal=sweep.focal / ratio,
+        angles_rad=sweep.angles_rad * ratio, key_angles_rad=sweep.key_angles_rad * ratio,
+    )  # fmt: skip
+
+
+def _round(
+    sweep: Sweep, full_turn: bool, closing: tuple[int, Relation] | None, measured: bool
+) -> Iterator[tuple[Level, str]]:
+    """Check of the angle that is covered, and of the circle's closure. ``measured``: the focal length is that of the
+    reference image, and not of the circle itself."""
     span = np.rad2deg(sweep.span_rad)
     if not full_turn:
         yield graded(-span, -110.0, -60.0), f"covers {span:.0f} degrees (120 or more is good)"
@@ -151,12 +174,15 @@ def _round(sweep: Sweep, full_turn: bool, closing: tuple[int, Relation] | None) 
             f"covers {span:.0f} degrees and does not come round to its start; turn by 380, or give --partial-sweep",
         )
         return
-    index, relation = closing
-    at = abs(sweep.key_angles_rad[index]) + np.sign(sweep.key_angles_rad[index]) * relation.across / sweep.focal
-    miss = np.rad2deg(abs(at)) / 360.0 - 1.0
+    if not measured:
+        field = 2.0 * np.rad2deg(np.arctan(0.5 / sweep.focal))
+        yield Level.OK, f"comes round to its start, which tells the focal length: it sees {field:.0f} degrees across"
+        return
+    turned = np.rad2deg(_turned(sweep, closing))
+    miss = turned / 360.0 - 1.0
     yield (
         graded(abs(miss), 0.06, 0.15),
-        f"comes round to its start; by the reference image's focal length that is {np.rad2deg(abs(at)):.0f} degrees"
+        f"comes round to its start; by the reference image's focal length that is {turned:.0f} degrees"
         + ("; was the zoom ring moved between the two?" if abs(miss) > 0.06 else ""),
     )
 

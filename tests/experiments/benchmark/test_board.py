@@ -296,3 +296,8 @@ def test_files_and_memory_agree_for_an_entry(folder: Path) -> None:
     for name in splits.CAPTURES:
         again = score(read_results(folder / "results" / "ours" / name), read_truth(folder / "truth" / name))
         assert {m.key: m.value for m in metrics(again)} == entry["scores"]["cameras"][name]
+
+
+def test_no_two_of_twenty_entries_look_the_same() -> None:
+    looks = {(style["color"], style["marker"]) for style in map(board._style, range(20))}
+    assert len(looks) == 20
