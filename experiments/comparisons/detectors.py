@@ -25,6 +25,10 @@ from rich.console import Console
 
 from experiments.comparisons.fixed_tools import LIMBS
 from experiments.comparisons.harness import (
+    COVERED,
+    LOST,
+    MEAN,
+    P95,
     Column,
     Comparison,
     Report,
@@ -103,7 +107,6 @@ def _row(
     """The figures of one way to keyframes, and its reconstruction; ``cameras``, where known, are not calibrated
     again."""
     key, label, group = named
-
     found = reconstruct(capture, config.reconstruct, labelled(report, label), cameras)
     if found.motion is None:
         return Row(key, label, {}, group, found.notes[-1]), found
@@ -204,18 +207,16 @@ def sample(capture: Capture, truth: Truth, found: Reconstruction) -> dict[str, A
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="detectors",
-    about=__doc__ or "",
     columns=(
-        Column("body.mpjpe.mean", "mean mm", "mm", "{:.1f}"),
-        Column("body.mpjpe.p95", "p95 mm", "mm", "{:.1f}"),
-        Column("body.lost", "lost", "frames", "{:.0f}"),
-        Column("body.covered", "covered %", "%", "{:.0f}", "higher"),
+        MEAN,
+        P95,
+        LOST,
+        COVERED,
         Column("found", "found %", "%", "{:.0f}", "higher"),
         Column("off", "off mm", "mm", "{:.0f}"),
         Column("exchanged", "exchanged %", "%", "{:.0f}"),
     ),
     compare=compare,
-    plots={},
     experiment="no_hand",
     variants="keyframes",
     note="found: pictures with somebody; off: median distance on the body; exchanged: left for right",

@@ -100,7 +100,6 @@ def draw_keyframes(figure: Figure, rows: Sequence[Row[Any]]) -> None:
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="ablation",
-    about=__doc__ or "",
     columns=(
         Column(MEAN, "mean", "mm", "{:.1f}"),
         Column("mpjpe.p95", "p95", "mm", "{:.1f}"),
