@@ -28,9 +28,8 @@ from experiments.comparisons.self_calibration.material import Footage, hall_foot
 from experiments.config import AppConfig
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.camera_set import calibrate_camera, footage_of
-from pzcap.geometry.camera import at
+from pzcap.geometry.camera import of_frame
 from pzcap.localisation import localise
-from pzcap.localisation.panorama_sampler import place_of
 from pzcap.types import Array, Capture, Mask, PzcapError
 from sim.truth import Truth
 
@@ -86,7 +85,7 @@ def ours(prepared: CalibratedCamera, config: AppConfig, footage: Footage, masked
         found = localiser.localise(shown, last)
         found = localiser.localise(shown, found) if found.valid else found
         last = found if found.valid else None
-        camera = at(prepared.camera, *place_of(found)[:4])
+        camera = of_frame(prepared.camera, found)
         rotation.append(camera.world_T_cam[:3, :3])
         lens.append([np.log(camera.focal_px), *camera.principal_px, camera.k1])
         valid.append(found.valid)
