@@ -17,7 +17,7 @@ from typing import Any, Final
 from pzcap import runtime
 from pzcap.assembly import Gathered
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import CalibratedCamera, no_report
+from pzcap.calibration.calibrate import CalibratedCamera, Report, no_report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, taken_over
 from pzcap.events import (
@@ -78,7 +78,7 @@ EXACT: Final = Method("exact", calibrate_camera, Localiser)
 
 
 def reconstruct(
-    capture: Capture, config: Config, report: Callable[[str, int, int], None] = no_report,
+    capture: Capture, config: Config, report: Report = no_report,
     cameras: Reconstruction | None = None,
 ) -> Reconstruction:  # fmt: skip
     """Run every stage that ``capture`` has the material for. See `stages` for ``cameras``.
@@ -88,7 +88,7 @@ def reconstruct(
     return finished(stages(capture, config, cameras), report)
 
 
-def finished(events: Iterator[Event], report: Callable[[str, int, int], None]) -> Reconstruction:
+def finished(events: Iterator[Event], report: Report) -> Reconstruction:
     """The reconstruction that ``events`` end with."""
     for event in events:
         match event:

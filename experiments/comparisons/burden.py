@@ -29,7 +29,6 @@ from experiments.comparisons.harness import (
     Bar,
     Column,
     Comparison,
-    Report,
     Row,
     body,
     draw_bars,
@@ -40,6 +39,7 @@ from experiments.comparisons.harness import (
 )
 from experiments.config import AppConfig
 from experiments.progress import Bars
+from pzcap.calibration.calibrate import Report
 from pzcap.extras.reconstruct import reconstruct
 from pzcap.io.capture import frame_sets
 from pzcap.types import Capture, PzcapError, Reconstruction

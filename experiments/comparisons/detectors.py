@@ -31,7 +31,6 @@ from experiments.comparisons.harness import (
     P95,
     Column,
     Comparison,
-    Report,
     Row,
     body,
     labelled,
@@ -41,6 +40,7 @@ from experiments.comparisons.harness import (
 from experiments.config import AppConfig
 from experiments.progress import Bars
 from experiments.run import CONF
+from pzcap.calibration.calibrate import Report
 from pzcap.extras.detectors import coco_results, detector
 from pzcap.extras.reconstruct import reconstruct
 from pzcap.geometry.camera import of_track, project

@@ -27,14 +27,13 @@ from experiments.report.plots import COLOURS, INK, MUTED, STYLE
 from experiments.score import score
 from experiments.terminal import print_whole, table
 from experiments.totals import metrics
+from pzcap.calibration.calibrate import Report
 from pzcap.io.capture import read_capture
 from pzcap.pipeline import reconstruct
 from pzcap.types import Capture, PzcapError, Reconstruction
 from sim.truth import Truth
 
 T = TypeVar("T")
-Report = Callable[[str, int, int], None]
-"""Of a stage, what is done of it, and how much there is."""
 
 
 @dataclass(frozen=True, slots=True)

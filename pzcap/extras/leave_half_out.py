@@ -18,7 +18,7 @@ same for all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -46,7 +46,7 @@ def pans(
     camera: PanZoomCamera,
     images: Sequence[Image],
     level: Levels,
-    report: Callable[[str, int, int], None],
+    report: Report,
 ) -> Array:
     """(K,) pans of the frames that a panorama was stitched of, better than its ``sweep_pan_rad``.
 
@@ -74,7 +74,7 @@ def _aligner(
     level: Levels,
     frames: NDArray[np.int64],
     pixels: int,
-    report: Callable[[str, int, int], None],
+    report: Report,
 ) -> SuperresolvedAligner:
     """Aligns with cells that are made of some ``frames`` of the sweep."""
     some = replace(panorama, sweep_pan_rad=panorama.sweep_pan_rad[frames])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,14 +14,13 @@ import numpy as np
 from experiments import memory
 from experiments.benchmark.make import CONFIG, BenchmarkConfig
 from experiments.config import AppConfig, structured
+from pzcap.calibration.calibrate import Report
 from pzcap.extras import reconstruct
 from pzcap.io.capture import FrameSets, frame_sets, read_capture
 from pzcap.scoring.records import CameraPoses, CameraTrack, Results
 from pzcap.types import Camera, Capture, Reconstruction
 from sim import truth as truth_files
 from sim.truth import Truth
-
-Report = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,7 +26,7 @@ from experiments.comparisons.self_calibration.baselines import (
 )
 from experiments.comparisons.self_calibration.material import Footage, hall_footage, motion_footage, shots_of
 from experiments.config import AppConfig
-from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.calibration.calibrate import CalibratedCamera, Report
 from pzcap.camera_set import calibrate_camera, footage_of
 from pzcap.geometry.camera import of_frame
 from pzcap.localisation import localise
@@ -100,7 +100,7 @@ def corrected(hall: Shots, calibrated: Frames, model: ZoomModel, filmed: Shots) 
 
 
 def compare(
-    capture: Capture, truth: Truth, config: AppConfig, report_step: Callable[[str, int, int], None]
+    capture: Capture, truth: Truth, config: AppConfig, report_step: Report
 ) -> dict[tuple[str, str], list[Errors]]:
     """(method, condition) -> errors a camera."""
     result: dict[tuple[str, str], list[Errors]] = {(m, c): [] for m in METHODS for c in CONDITIONS}
