@@ -208,16 +208,8 @@ def _panels(name: str, entries: Sequence[Mapping[str, Any]], axis: Axis) -> dict
     """Error, loss and honesty along one axis, for all methods of a track."""
     track, entered = TRACKS[name], _entered(entries, name)
     bodily = track.columns[0].startswith("body")
-    shown = (
-        (track.columns[1], False),
-        (track.columns[0], True),
-        ("body.covered" if bodily else "panzoom.nees", False),
-    )
-    titles = (
-        "error",
-        "not answered",
-        "honesty: within sigma (68)" if bodily else "honesty: NEES (1)",
-    )
+    shown = ((track.columns[1], False), (track.columns[0], True), ("body.covered" if bodily else "panzoom.nees", False))
+    titles = ("error", "not answered", "honesty: within sigma (68)" if bodily else "honesty: NEES (1)")
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, len(shown))

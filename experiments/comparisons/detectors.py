@@ -145,11 +145,7 @@ def likeness(capture: Capture, truth: Truth) -> dict[str, float | None]:
     if not found:
         return {"found": 0.0 if pictures else None}
     off = np.concatenate(off_mm)
-    return {
-        "found": 100.0 * found / pictures,
-        "off": float(np.median(off)),
-        "exchanged": 100.0 * exchanged / found,
-    }
+    return {"found": 100.0 * found / pictures, "off": float(np.median(off)), "exchanged": 100.0 * exchanged / found}
 
 
 def _off(person: Array, pixels: Array, mm_per_px: Array) -> tuple[Array, Array]:

@@ -216,12 +216,7 @@ def _tried(
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="wrong_footage",
-    columns=(
-        MEAN,
-        P95,
-        Column("named", "named", "", "{:.0f}", "higher"),
-        Column("notes", "notes", "", "{:.0f}"),
-    ),
+    columns=(MEAN, P95, Column("named", "named", "", "{:.0f}", "higher"), Column("notes", "notes", "", "{:.0f}")),
     compare=compare,
     experiment="floor_exercise",
     variants="wrong",

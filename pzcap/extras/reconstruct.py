@@ -60,10 +60,7 @@ def method_of(config: Config) -> tuple[pipeline.Method, Config]:
 
 
 def reconstruct(
-    capture: Capture,
-    config: Config,
-    report: Report = no_report,
-    cameras: Reconstruction | None = None,
+    capture: Capture, config: Config, report: Report = no_report, cameras: Reconstruction | None = None
 ) -> Reconstruction:
     """Run `stages`, and give back what they end with; as `pzcap.pipeline.reconstruct`."""
     return pipeline.finished(stages(capture, config, cameras), report)

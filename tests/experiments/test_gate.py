@@ -29,11 +29,7 @@ from tests.scenes.fabricated_truth import truth_of
 CONFIG = GateConfig(
     common=("a=1",),
     cases={"one": ("b=2",)},
-    tolerances=(
-        Tolerance("speed.*", ignored=True),
-        Tolerance("*.lost"),
-        Tolerance("*", relative=0.1, absolute=0.001),
-    ),
+    tolerances=(Tolerance("speed.*", ignored=True), Tolerance("*.lost"), Tolerance("*", relative=0.1, absolute=0.001)),
 )
 BEFORE = (
     Metric("panzoom.pan.rms", 0.002, "deg"),

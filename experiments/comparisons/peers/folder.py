@@ -183,11 +183,7 @@ def _truth(path: Path, frames: Sequence[Path]) -> dict[str, Estimate]:
 
 
 def _stitched(
-    images: list[Image],
-    camera: PanZoomCamera,
-    full_turn: bool,
-    config: PanZoomConfig,
-    report: Report,
+    images: list[Image], camera: PanZoomCamera, full_turn: bool, config: PanZoomConfig, report: Report
 ) -> tuple[Panorama, NDArray[np.int64]]:
     """The panorama of a sweep whose lens, tilt and roll are known, its first frame at pan 0; and its frames."""
     count = len(images)
