@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.config import nearest
-from experiments.metrics import Metric
 from experiments.score import score
 from experiments.totals import metrics
 from pzcap.io.capture import frame_sets, read_capture
+from pzcap.io.record_checks import SHAPES
+from pzcap.scoring.metric import Metric
 from pzcap.types import Capture, Motion, PanZoomTrack, PzcapError, Reconstruction
 from sim.truth import Truth
 
@@ -29,23 +30,8 @@ Estimator = Callable[[Capture], Estimate]
 T = TypeVar("T", PanZoomTrack, Motion)
 
 GUIDE: Final = "(docs/estimators.md)"
-_SHAPES: Final[dict[str, tuple[tuple[int, ...], Any]]] = {
-    # PanZoomTrack
-    "pan_rad": ((), np.float64),
-    "tilt_rad": ((), np.float64),
-    "roll_rad": ((), np.float64),
-    "focal_px": ((), np.float64),
-    "covariance": ((2, 2), np.float64),
-    "inliers": ((), np.int64),
-    # Motion
-    "root_position_m": ((3,), np.float64),
-    "rotations": ((16, 4), np.float64),
-    "joints_m": ((16, 3), np.float64),
-    "sigma_m": ((16,), np.float64),
-    # both
-    "valid": ((), np.bool_),
-}
-"""Shape of a field behind its first axis, which is that of the frame sets, and type."""
+_KINDS: Final = {"valid": np.bool_, "inliers": np.int64}
+"""Type of an array's numbers, where it is not float64."""
 
 
 def find(name: str) -> Estimator:
@@ -147,20 +133,16 @@ def _not_a_track(found: Any) -> str | None:
 def _checked(part: T, frames: int, where: str) -> T:
     """``part`` with arrays of the right type. PzcapError where a shape is wrong or a valid number not finite."""
     arrays: dict[str, Any] = {}
-    inner: tuple[int, ...]
-    for field in fields(part):
-        if field.name in ("keyframes", "body", "shear", "readout"):
+    for name, (first, *inner) in SHAPES[Motion if isinstance(part, Motion) else PanZoomTrack].items():
+        if first != "F":  # not a value a frame set
             continue
-        inner, kind = _SHAPES[field.name]
         try:
-            array = np.array(getattr(part, field.name), kind)
+            array: NDArray[Any] = np.array(getattr(part, name), _KINDS.get(name, np.float64))
         except (TypeError, ValueError) as error:
-            raise PzcapError(f"{where}: {field.name} is no array of numbers {GUIDE}") from error
-        if array.shape != (frames, *inner):
-            raise PzcapError(
-                f"{where}: {field.name} has shape {array.shape}, not {(frames, *inner)}: {frames} frame sets {GUIDE}"
-            )
-        arrays[field.name] = array
+            raise PzcapError(f"{where}: {name} is no array of numbers {GUIDE}") from error
+        if array.shape != (shape := (frames, *inner)):
+            raise PzcapError(f"{where}: {name} has shape {array.shape}, not {shape}: {frames} frame sets {GUIDE}")
+        arrays[name] = array
     for name, array in arrays.items():
         if not np.isfinite(array[arrays["valid"]]).all():
             raise PzcapError(f"{where}: {name} is not finite where valid; set valid to False there {GUIDE}")

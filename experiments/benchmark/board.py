@@ -23,8 +23,9 @@ from experiments import pages
 from experiments.benchmark.entries import read_entries
 from experiments.benchmark.make import described
 from experiments.benchmark.tracks import TRACKS, Track
-from experiments.metrics import Metric, format_value
+from experiments.metrics import format_value
 from experiments.report import plots
+from pzcap.scoring.metric import Metric
 
 PAGE: Final = "index.html"
 BREAKS: Final = "breaks.html"

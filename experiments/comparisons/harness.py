@@ -22,7 +22,7 @@ from rich.text import Text
 
 from experiments import footage
 from experiments.config import AppConfig
-from experiments.metrics import Direction, Metric, run_info, write_metrics
+from experiments.metrics import run_info, write_metrics
 from experiments.report.plots import COLOURS, INK, MUTED, STYLE
 from experiments.score import score
 from experiments.terminal import print_whole, table
@@ -30,6 +30,7 @@ from experiments.totals import metrics
 from pzcap.calibration.calibrate import Report
 from pzcap.io.capture import read_capture
 from pzcap.pipeline import reconstruct
+from pzcap.scoring.metric import Direction, Metric
 from pzcap.types import Capture, PzcapError, Reconstruction
 from sim.truth import Truth
 

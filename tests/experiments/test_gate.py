@@ -17,9 +17,9 @@ from experiments import gate
 from experiments.config import build
 from experiments.errors import AlreadyReported
 from experiments.gate import Case, GateConfig, Tolerance, figures, judge, moves, read_baseline, write_baseline
-from experiments.metrics import Metric
 from experiments.score import score
 from experiments.totals import metrics
+from pzcap.scoring.metric import Metric
 from pzcap.types import PzcapError, Reconstruction
 from tests.scenes import fabricated
 from tests.scenes.biased import lengthened
