@@ -51,7 +51,7 @@ class ViewLocaliser:
         # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
         self.localisers = [None if one is None else localiser(one.panorama, one.camera, config) for one in cameras]
         give_back()
-        self._pool, self._config, self._frame_rate = pool, config, float(frame_rate)
+        self._pool, self._config, self._frame_rate = pool, config, frame_rate
         self.restart()
 
     def restart(self) -> None:
@@ -60,7 +60,7 @@ class ViewLocaliser:
         sway = np.full(2, np.deg2rad(beliefs.sway_deg) ** 2)
         self.histories = [
             None if head is None
-            else History(Readout.of(head, self._frame_rate, beliefs.readout), Sway(head.tilt_rad, sway))
+            else History(Readout.of(head, float(self._frame_rate), beliefs.readout), Sway(head.tilt_rad, sway))
             for head in self._heads
         ]  # fmt: skip
 
@@ -84,9 +84,9 @@ class ViewLocaliser:
             for head, one in zip(self._heads, found, strict=True)
         )
 
-    def heads(self, frame_rate: Fraction) -> tuple[PanZoomCamera | None, ...]:
+    def with_readout(self) -> tuple[PanZoomCamera | None, ...]:
         """The cameras, with the read-out time that their frames have shown by now."""
-        period_s = float(1 / frame_rate)
+        period_s = float(1 / self._frame_rate)
         return tuple(
             None if head is None or each is None
             else replace(head, readout_s=each.readout.share * period_s, readout_sigma_s=each.readout.sigma * period_s)

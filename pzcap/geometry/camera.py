@@ -54,6 +54,7 @@ class View:
 
 
 VIEW: Final = 10
+"""Numbers of `View.vector` that calibration takes derivatives by: from the pan to the projection centre."""
 PARAMETERS: Final[tuple[str, ...]] = ("pan", "tilt", "log_focal", "roll", "principal_x", "principal_y", "k1")
 """Columns of `derivatives`."""
 
@@ -172,9 +173,8 @@ SEEN: Final = 13
 BY_PARAMETERS: Final = slice(1, 8)
 BY_DIRECTION: Final = slice(8, 10)
 HIGHER: Final = 3
-"""Columns that `direction_to_pixel_with_derivatives` writes for each coordinate: the pixel, its derivatives with
-respect to PARAMETERS, to azimuth and slope, and last to the HIGHER
-coefficients of the lens: k2, p1 and p2."""
+"""`direction_to_pixel_with_derivatives` writes SEEN columns for each coordinate: the pixel (0), its derivatives by
+PARAMETERS, by azimuth and slope, and last by the HIGHER coefficients of the lens: k2, p1 and p2."""
 
 
 @njit(cache=True, nogil=True)

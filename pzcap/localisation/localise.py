@@ -84,7 +84,8 @@ class Localiser:
         self, image: Image, start: ViewPlace, off_px: float, body: Mask | None = None,
         expected: Localisation | None = None,
     ) -> Alignment:  # fmt: skip
-        """Align from a ``start`` whose sway and shear are known as well as ``expected``, else as a frame's are."""
+        """Align from a ``start`` that is off by up to ``off_px`` pixels of the panorama: 1.5, 4 or 15, the reaches of
+        one, two and all three `LEVELS`. Its sway and shear are known as well as ``expected``, else as a frame's are."""
         beliefs, camera = self._config.beliefs, self._camera
         sway, shear = np.full(2, np.deg2rad(beliefs.sway_deg)), beliefs.readout * np.array(READOUT.fastest)
         if expected is not None:
