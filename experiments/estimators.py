@@ -93,31 +93,35 @@ def evaluate(estimator: Estimator, capture: Path, truth: Truth, name: str) -> tu
 
 def _nothing_but(found: Any, capture: Capture, name: str, where: str) -> Reconstruction:
     """A reconstruction of ``capture`` that holds the tracks or the motion in ``found``, and nothing else."""
-    count = len(capture.cameras)
-    none: tuple[None, ...] = (None,) * count
-    tracks: tuple[PanZoomTrack | None, ...] = none
-    if not isinstance(found, Motion):
-        strange = _not_a_track(found)
-        if strange is not None:
-            raise PzcapError(
-                f"{where} returned a {strange}; return a PanZoomTrack a camera, a Motion, or a Reconstruction {GUIDE}"
-            )
-        tracks = tuple(found)
-        if len(tracks) != count:
-            raise PzcapError(f"{where}: {len(tracks)} tracks for {count} cameras; give None for one not found {GUIDE}")
+    nothing = replace(unfound(capture, name), notes=(f"estimated by {name}",))
+    if isinstance(found, Motion):
+        return replace(nothing, motion=found)
+    strange, count = _not_a_track(found), len(capture.cameras)
+    if strange is not None:
+        raise PzcapError(
+            f"{where} returned a {strange}; return a PanZoomTrack a camera, a Motion, or a Reconstruction {GUIDE}"
+        )
+    if len(found) != count:
+        raise PzcapError(f"{where}: {len(found)} tracks for {count} cameras; give None for one not found {GUIDE}")
+    return replace(nothing, tracks=tuple(found))
+
+
+def unfound(capture: Capture, method: str) -> Reconstruction:
+    """A reconstruction of ``capture`` in which nothing has been found."""
+    none: tuple[None, ...] = (None,) * len(capture.cameras)
     return Reconstruction(
         capture_name=capture.name,
-        method=name,
+        method=method,
         frame_rate=capture.frame_rate,
         timecodes=frame_sets(capture).timecodes,
         camera_names=tuple(camera.name for camera in capture.cameras),
         references=none,
         cameras=none,
         panoramas=none,
-        tracks=tracks,
+        tracks=none,
         refined=none,
-        motion=found if isinstance(found, Motion) else None,
-        notes=(f"estimated by {name}",),
+        motion=None,
+        notes=(),
     )
 
 
