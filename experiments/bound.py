@@ -80,10 +80,7 @@ class Bound:
 
 
 def bounds(
-    reconstruction: Reconstruction,
-    truth: Truth,
-    frames: NDArray[np.int64],
-    report: Callable[[int, int], None],
+    reconstruction: Reconstruction, truth: Truth, frames: NDArray[np.int64], report: Callable[[int, int], None]
 ) -> tuple[Bound | None, ...]:
     """The bound for every camera and frame set; ``frames`` (F,) are indices into the truth.
 

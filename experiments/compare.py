@@ -43,18 +43,19 @@ NAMES: Final = (
 )  # fmt: skip
 
 
-def comparison(name: str) -> Comparison[Any]:
-    """The comparison of that name. Raises PzcapError, with those that there are, where there is none."""
+def comparison(name: str) -> tuple[Comparison[Any], str]:
+    """The comparison of that name, and what is said of it. Raises PzcapError, with those that there are, where there is
+    none."""
     if name not in NAMES:
         raise PzcapError(f"no comparison '{name}'; {nearest(name, NAMES)}: one of {', '.join(NAMES)}")
-    found: Comparison[Any] = importlib.import_module(f"experiments.comparisons.{name}").COMPARISON
-    return found
+    module = importlib.import_module(f"experiments.comparisons.{name}")
+    return module.COMPARISON, (module.__doc__ or "").strip()
 
 
 def _run(name: str) -> None:
-    chosen = comparison(name)
+    chosen, about = comparison(name)
     if "--about" in sys.argv:
-        print(chosen.about.strip())
+        print(about)
         return
     ConfigStore.instance().store(name=f"{name}_base", node=default_tree(chosen.config))
 
@@ -84,7 +85,7 @@ def main() -> int:
     if not name:
         print((__doc__ or "").strip())
         return 0 if len(sys.argv) > 1 else 1
-    config = comparison(name).config if name in NAMES else None
+    config = comparison(name)[0].config if name in NAMES else None
     return guard(lambda: _run(name), config) if config else guard(lambda: _run(name))
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.config import nearest
-from experiments.metrics import Metric
 from experiments.score import score
 from experiments.totals import metrics
 from pzcap.io.capture import frame_sets, read_capture
+from pzcap.io.record_checks import SHAPES
+from pzcap.scoring.metric import Metric
 from pzcap.types import Capture, Motion, PanZoomTrack, PzcapError, Reconstruction
 from sim.truth import Truth
 
@@ -29,23 +30,8 @@ Estimator = Callable[[Capture], Estimate]
 T = TypeVar("T", PanZoomTrack, Motion)
 
 GUIDE: Final = "(docs/estimators.md)"
-_SHAPES: Final[dict[str, tuple[tuple[int, ...], Any]]] = {
-    # PanZoomTrack
-    "pan_rad": ((), np.float64),
-    "tilt_rad": ((), np.float64),
-    "roll_rad": ((), np.float64),
-    "focal_px": ((), np.float64),
-    "covariance": ((2, 2), np.float64),
-    "inliers": ((), np.int64),
-    # Motion
-    "root_position_m": ((3,), np.float64),
-    "rotations": ((16, 4), np.float64),
-    "joints_m": ((16, 3), np.float64),
-    "sigma_m": ((16,), np.float64),
-    # both
-    "valid": ((), np.bool_),
-}
-"""Shape of a field behind its first axis, which is that of the frame sets, and type."""
+_KINDS: Final = {"valid": np.bool_, "inliers": np.int64}
+"""Type of an array's numbers, where it is not float64."""
 
 
 def find(name: str) -> Estimator:
@@ -107,31 +93,35 @@ def evaluate(estimator: Estimator, capture: Path, truth: Truth, name: str) -> tu
 
 def _nothing_but(found: Any, capture: Capture, name: str, where: str) -> Reconstruction:
     """A reconstruction of ``capture`` that holds the tracks or the motion in ``found``, and nothing else."""
-    count = len(capture.cameras)
-    none: tuple[None, ...] = (None,) * count
-    tracks: tuple[PanZoomTrack | None, ...] = none
-    if not isinstance(found, Motion):
-        strange = _not_a_track(found)
-        if strange is not None:
-            raise PzcapError(
-                f"{where} returned a {strange}; return a PanZoomTrack a camera, a Motion, or a Reconstruction {GUIDE}"
-            )
-        tracks = tuple(found)
-        if len(tracks) != count:
-            raise PzcapError(f"{where}: {len(tracks)} tracks for {count} cameras; give None for one not found {GUIDE}")
+    nothing = replace(unfound(capture, name), notes=(f"estimated by {name}",))
+    if isinstance(found, Motion):
+        return replace(nothing, motion=found)
+    strange, count = _not_a_track(found), len(capture.cameras)
+    if strange is not None:
+        raise PzcapError(
+            f"{where} returned a {strange}; return a PanZoomTrack a camera, a Motion, or a Reconstruction {GUIDE}"
+        )
+    if len(found) != count:
+        raise PzcapError(f"{where}: {len(found)} tracks for {count} cameras; give None for one not found {GUIDE}")
+    return replace(nothing, tracks=tuple(found))
+
+
+def unfound(capture: Capture, method: str) -> Reconstruction:
+    """A reconstruction of ``capture`` in which nothing has been found."""
+    none: tuple[None, ...] = (None,) * len(capture.cameras)
     return Reconstruction(
         capture_name=capture.name,
-        method=name,
+        method=method,
         frame_rate=capture.frame_rate,
         timecodes=frame_sets(capture).timecodes,
         camera_names=tuple(camera.name for camera in capture.cameras),
         references=none,
         cameras=none,
         panoramas=none,
-        tracks=tracks,
+        tracks=none,
         refined=none,
-        motion=found if isinstance(found, Motion) else None,
-        notes=(f"estimated by {name}",),
+        motion=None,
+        notes=(),
     )
 
 
@@ -147,20 +137,16 @@ def _not_a_track(found: Any) -> str | None:
 def _checked(part: T, frames: int, where: str) -> T:
     """``part`` with arrays of the right type. PzcapError where a shape is wrong or a valid number not finite."""
     arrays: dict[str, Any] = {}
-    inner: tuple[int, ...]
-    for field in fields(part):
-        if field.name in ("keyframes", "body", "shear", "readout"):
+    for name, (first, *inner) in SHAPES[Motion if isinstance(part, Motion) else PanZoomTrack].items():
+        if first != "F":  # not a value a frame set
             continue
-        inner, kind = _SHAPES[field.name]
         try:
-            array = np.array(getattr(part, field.name), kind)
+            array: NDArray[Any] = np.array(getattr(part, name), _KINDS.get(name, np.float64))
         except (TypeError, ValueError) as error:
-            raise PzcapError(f"{where}: {field.name} is no array of numbers {GUIDE}") from error
-        if array.shape != (frames, *inner):
-            raise PzcapError(
-                f"{where}: {field.name} has shape {array.shape}, not {(frames, *inner)}: {frames} frame sets {GUIDE}"
-            )
-        arrays[field.name] = array
+            raise PzcapError(f"{where}: {name} is no array of numbers {GUIDE}") from error
+        if array.shape != (shape := (frames, *inner)):
+            raise PzcapError(f"{where}: {name} has shape {array.shape}, not {shape}: {frames} frame sets {GUIDE}")
+        arrays[name] = array
     for name, array in arrays.items():
         if not np.isfinite(array[arrays["valid"]]).all():
             raise PzcapError(f"{where}: {name} is not finite where valid; set valid to False there {GUIDE}")

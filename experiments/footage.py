@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from experiments.config import AppConfig
-from pzcap.calibration.calibrate import no_report
+from pzcap.calibration.calibrate import Report, no_report
 from pzcap.command.syncing import SYNC, synchronised
 from pzcap.io.capture import read_capture
 from sim import truth as truth_files
@@ -42,7 +41,7 @@ def reconstruction_in(results: Path) -> Path:
     return inside if inside.is_dir() else results
 
 
-def capture_of(config: AppConfig, report: Callable[[str, int, int], None]) -> Path:
+def capture_of(config: AppConfig, report: Report) -> Path:
     """The capture that a run works on: the one it is told, else that of the shoot's config."""
     if config.capture is not None:
         return capture_in(Path(config.capture).resolve())
@@ -52,9 +51,7 @@ def capture_of(config: AppConfig, report: Callable[[str, int, int], None]) -> Pa
     return capture  # known, whoever reads the capture says so
 
 
-def shot(
-    config: ShootConfig, root: Path, report: Callable[[str, int, int], None] = no_report, light_gb: float = LIGHT_GB
-) -> Path:
+def shot(config: ShootConfig, root: Path, report: Report = no_report, light_gb: float = LIGHT_GB) -> Path:
     """The folder of a shoot in ``root``, ``capture/`` and ``truth/`` in it: shot now, or kept from before."""
     shooting = shoot_cached(config, root, light_gb)
     while True:

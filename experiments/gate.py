@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -27,10 +27,11 @@ from rich.text import Text
 
 from experiments.config import build, plain, structured
 from experiments.errors import AlreadyReported, guard
-from experiments.metrics import Direction, Metric, format_value, run_info
+from experiments.metrics import format_value, run_info
 from experiments.run import CONF, run
 from experiments.terminal import command_line, print_whole, table, terminal
 from pzcap.io.files import written_whole
+from pzcap.scoring.metric import Direction, Metric
 from pzcap.types import PzcapError
 
 GATE: Final = CONF / "gate.yaml"
@@ -159,16 +160,7 @@ def write_baseline(path: Path, cases: Mapping[str, Case], info: Mapping[str, Any
     """Write the baseline: case -> overrides, and metric -> value, unit, direction, tolerance. Whole or not at all."""
     content = {
         "made_with": {"versions": info["versions"], "machine": info["machine"]},
-        "cases": {
-            name: {
-                "overrides": list(case.overrides),
-                "figures": {
-                    key: {"value": f.value, "unit": f.unit, "direction": f.direction, "tolerance": f.tolerance}
-                    for key, f in case.figures.items()
-                },
-            }
-            for name, case in cases.items()
-        },
+        "cases": {name: asdict(case) for name, case in cases.items()},
     }
     with written_whole(path) as partial:
         partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -24,9 +24,10 @@ from rich.console import Console
 from experiments.config import default_tree
 from experiments.errors import guard
 from experiments.memory import watched
-from experiments.metrics import Metric, metrics_text, run_info
+from experiments.metrics import metrics_text, run_info
 from experiments.studies import jobs, page, study
 from experiments.terminal import command_line, table, terminal
+from pzcap.scoring.metric import Metric
 from pzcap.types import PzcapError
 
 NOISES: Final = tuple(0.5 * k for k in range(10))

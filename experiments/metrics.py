@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pzcap.io.files import checked, written_whole
-from pzcap.scoring.metric import Direction as Direction
-from pzcap.scoring.metric import Metric as Metric
+from pzcap.scoring.metric import Metric
 from pzcap.types import PzcapError
 
 TARGETS: Final[Mapping[str, float]] = {

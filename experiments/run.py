@@ -32,7 +32,7 @@ from rich.text import Text
 from experiments import estimators, footage, memory
 from experiments.config import AppConfig, build, default_tree, plain
 from experiments.errors import flags_first, guard, reported
-from experiments.metrics import Metric, format_value, meets_target, run_info, write_metrics
+from experiments.metrics import format_value, meets_target, run_info, write_metrics
 from experiments.progress import Bars
 from experiments.report import recording
 from experiments.report.page import Material, write_report
@@ -45,6 +45,7 @@ from pzcap import events
 from pzcap.extras import reconstruct
 from pzcap.io import results
 from pzcap.io.capture import read_capture
+from pzcap.scoring.metric import Metric
 from pzcap.types import Array, Capture, PzcapError, Reconstruction
 from pzcap.viewer.recording import Recorder, outlines
 

@@ -10,7 +10,7 @@ import pytest
 from experiments import footage
 from experiments.config import AppConfig
 from experiments.estimators import Estimator, evaluate
-from experiments.metrics import Metric
+from pzcap.scoring.metric import Metric
 from pzcap.types import PzcapError
 
 ScoreEstimator = Callable[[Estimator], dict[str, Metric]]

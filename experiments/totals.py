@@ -7,9 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from experiments.metrics import Metric
 from experiments.score import Score
-from pzcap.scoring.metric import mean, rms
+from pzcap.scoring.metric import Metric, mean, rms
 from pzcap.scoring.totals import angle_metrics, body_metrics, completeness, joined, scene_metrics
 
 

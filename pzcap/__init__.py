@@ -3,7 +3,8 @@
 The spine, in reading order; everything else is a leaf that one may skip:
 
     types                                              conventions, and every record that crosses a stage
-    pipeline, views                                    the stages, and the one loop over the frames
+    pipeline, views                                    the stages, and the one loop over the frames (what a stage
+                                                       yields is a record of `events`)
     geometry.lens, geometry.camera                     from a direction to a pixel
     solver.robust, solver.gauss_newton                 how everything here is fitted
     calibration.parameters, .bundle_adjustment, .photometric_bundle_adjustment, .stitching, .calibrate

@@ -17,7 +17,7 @@ from typing import Any, Final
 from pzcap import runtime
 from pzcap.assembly import Gathered
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import CalibratedCamera, no_report
+from pzcap.calibration.calibrate import CalibratedCamera, Report, no_report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, taken_over
 from pzcap.events import (
@@ -78,7 +78,7 @@ EXACT: Final = Method("exact", calibrate_camera, Localiser)
 
 
 def reconstruct(
-    capture: Capture, config: Config, report: Callable[[str, int, int], None] = no_report,
+    capture: Capture, config: Config, report: Report = no_report,
     cameras: Reconstruction | None = None,
 ) -> Reconstruction:  # fmt: skip
     """Run every stage that ``capture`` has the material for. See `stages` for ``cameras``.
@@ -88,7 +88,7 @@ def reconstruct(
     return finished(stages(capture, config, cameras), report)
 
 
-def finished(events: Iterator[Event], report: Callable[[str, int, int], None]) -> Reconstruction:
+def finished(events: Iterator[Event], report: Report) -> Reconstruction:
     """The reconstruction that ``events`` end with."""
     for event in events:
         match event:
@@ -123,20 +123,22 @@ def stages(
         calibrated = yield from _calibrated(capture, config, method, pool, notes, known)
         if body:
             runtime.submit(warm_up)  # not before: cameras being calibrated take most of the memory that there is
-        localise = ViewLocaliser(calibrated, config.panzoom, pool, capture.frame_rate, method.localiser)
-        placed = None
+        localise_by = partial(
+            ViewLocaliser, config=config.panzoom, pool=pool, frame_rate=capture.frame_rate, localiser=method.localiser
+        )
+        segment_by = partial(_segmenter, config, pool)
+        localise, placed = localise_by(calibrated), None
         if capture.calibration_object is None and not any(known) and any(calibrated):
             assert capture.subject is not None, "no camera is calibrated then"
             measured = skeleton.build(capture.subject)
-            segment_by = partial(_segmenter, config, pool)
             placed = yield from place_cameras(calibrated, sets, measured, localise, segment_by, config.tracking)
             calibrated = placed.cameras
             body = None if body is None else of_open_size(measured, placed.scale_sigma)
             if sets.keyframes:
                 sets.keyframes = ()
                 notes.append("keyframes.json is not used: without a calibration object nobody knows its world")
-            localise = ViewLocaliser(calibrated, config.panzoom, pool, capture.frame_rate, method.localiser)
-        segment = _segmenter(config, pool, calibrated)
+            localise = localise_by(calibrated)
+        segment = segment_by(calibrated)
         yield CamerasReady(time.perf_counter() - started)
 
         tracker = None
@@ -149,8 +151,7 @@ def stages(
         tracks = gathered.tracks(calibrated)
         notes += gathered.never_located(tracks, localise, known)
     notes += gathered.contradictions(body, tracks, config.tracking)
-    heads = localise.heads(capture.frame_rate)
-    found = gathered.reconstruction(calibrated, tracks, heads, config.panzoom, notes)
+    found = gathered.reconstruction(calibrated, tracks, localise.with_readout(), config.panzoom, notes)
     yield Finished(found if placed is None else in_metres(found, measured, placed))
 
 

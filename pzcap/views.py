@@ -15,10 +15,9 @@ import numpy as np
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.events import FrameLocalised, FrameSegmented
-from pzcap.geometry.camera import at
+from pzcap.geometry.camera import of_frame
 from pzcap.localisation.fields import expected_second
-from pzcap.localisation.localise import Localiser, predicted
-from pzcap.localisation.panorama_sampler import place_of
+from pzcap.localisation.localise import Localiser
 from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import upright_views
 from pzcap.runtime import give_back
@@ -52,7 +51,7 @@ class ViewLocaliser:
         # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
         self.localisers = [None if one is None else localiser(one.panorama, one.camera, config) for one in cameras]
         give_back()
-        self._pool, self._config, self._frame_rate = pool, config, float(frame_rate)
+        self._pool, self._config, self._frame_rate = pool, config, frame_rate
         self.restart()
 
     def restart(self) -> None:
@@ -61,7 +60,7 @@ class ViewLocaliser:
         sway = np.full(2, np.deg2rad(beliefs.sway_deg) ** 2)
         self.histories = [
             None if head is None
-            else History(Readout.of(head, self._frame_rate, beliefs.readout), Sway(head.tilt_rad, sway))
+            else History(Readout.of(head, float(self._frame_rate), beliefs.readout), Sway(head.tilt_rad, sway))
             for head in self._heads
         ]  # fmt: skip
 
@@ -81,13 +80,13 @@ class ViewLocaliser:
     def cameras(self, found: Sequence[Localisation | None]) -> tuple[Camera | None, ...]:
         """The cameras of an instant that was ``found``; None where one is lost."""
         return tuple(
-            None if head is None or one is None or not one.valid else at(head, *place_of(one)[:4])
+            None if head is None or one is None or not one.valid else of_frame(head, one)
             for head, one in zip(self._heads, found, strict=True)
         )
 
-    def heads(self, frame_rate: Fraction) -> tuple[PanZoomCamera | None, ...]:
+    def with_readout(self) -> tuple[PanZoomCamera | None, ...]:
         """The cameras, with the read-out time that their frames have shown by now."""
-        period_s = float(1 / frame_rate)
+        period_s = float(1 / self._frame_rate)
         return tuple(
             None if head is None or each is None
             else replace(head, readout_s=each.readout.share * period_s, readout_sigma_s=each.readout.sigma * period_s)
@@ -102,11 +101,11 @@ class ViewLocaliser:
             return None
 
         def hidden(prior: Localisation) -> Mask | None:
-            camera = at(head, *place_of(prior)[:4])
+            camera = of_frame(head, prior)
             expected = None if tracker is None else tracker.expect(frame, camera)
             return None if expected is None else expected.covered(camera.height, camera.width)
 
-        prior = predicted(history)
+        prior = history.predicted()
         localisation: Localisation = localiser.localise(image, prior, hidden)
         if second is not None and localisation.valid:
             later = localiser.localise(second, expected_second(history, localisation), hidden)
@@ -129,7 +128,7 @@ def segment_views(
         image, found, known = seen.frames.images[index], seen.localisations[index], cameras[index]
         if known is None or image is None or found is None or not found.valid:
             return None, None, None
-        camera = at(known.camera, *place_of(found)[:4])
+        camera = of_frame(known.camera, found)
         expected = None if tracker is None else tracker.expect(seen.frames.index, camera)
         cut_out = separate(image, known.panorama, known.camera, found, silhouettes, expected)
         return camera, cut_out, camera_prior(panzoom, known.camera, found)

@@ -16,6 +16,7 @@ from pzcap.geometry.camera import project
 from pzcap.types import Array, Camera, Silhouette
 from tests.scenes.bodies import BODY
 from tests.scenes.body_scene import POSITIONS, swing
+from tests.scenes.captures import facing
 
 FRAMES = 60
 RATE = 30.0
@@ -33,14 +34,7 @@ def focal_at(camera: int, time_s: float) -> float:
 
 
 def looking(camera: int, target: Array, time_s: float) -> Camera:
-    place = POSITIONS[camera]
-    forward = (target - place) / np.linalg.norm(target - place)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    world_T_cam = np.eye(4)
-    world_T_cam[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    world_T_cam[:3, 3] = place
-    return Camera(320, 240, world_T_cam, focal_at(camera, time_s), np.array([159.5, 119.5]), 0.0)
+    return Camera(320, 240, facing(POSITIONS[camera], target), focal_at(camera, time_s), np.array([159.5, 119.5]), 0.0)
 
 
 def silhouette(camera: Camera, joints_m: Array, rng: np.random.Generator) -> Silhouette:

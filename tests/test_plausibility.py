@@ -33,6 +33,7 @@ from pzcap.plausibility import (
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import Camera, Capture, Keyframe, Pose, PzcapError, Silhouette
 from tests.scenes import fabricated
+from tests.scenes.captures import facing
 
 TIMECODES = tuple(f"10:00:00:{frame:02}" for frame in range(30))
 
@@ -144,13 +145,7 @@ def test_where_all_are_elsewhere_the_frame_is_wrong_and_not_each(view: SeenViews
 
 
 def looking(place: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:
-    forward = np.subtract(target, place) / np.linalg.norm(np.subtract(target, place))
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    world_T_cam = np.eye(4)
-    world_T_cam[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    world_T_cam[:3, 3] = place
-    return Camera(640, 480, world_T_cam, 700.0, np.array([319.5, 239.5]), 0.0)
+    return Camera(640, 480, facing(np.array(place), np.array(target)), 700.0, np.array([319.5, 239.5]), 0.0)
 
 
 def seen_at(key: Keyframe, body: skeleton.Body, size: float) -> SeenViews:

@@ -23,8 +23,9 @@ from experiments import pages
 from experiments.benchmark.entries import read_entries
 from experiments.benchmark.make import described
 from experiments.benchmark.tracks import TRACKS, Track
-from experiments.metrics import Metric, format_value
+from experiments.metrics import format_value
 from experiments.report import plots
+from pzcap.scoring.metric import Metric
 
 PAGE: Final = "index.html"
 BREAKS: Final = "breaks.html"
@@ -211,16 +212,8 @@ def _panels(name: str, entries: Sequence[Mapping[str, Any]], axis: Axis) -> dict
     """Error, loss and honesty along one axis, for all methods of a track."""
     track, entered = TRACKS[name], _entered(entries, name)
     bodily = track.columns[0].startswith("body")
-    shown = (
-        (track.columns[1], False),
-        (track.columns[0], True),
-        ("body.covered" if bodily else "panzoom.nees", False),
-    )
-    titles = (
-        "error",
-        "not answered",
-        "honesty: within sigma (68)" if bodily else "honesty: NEES (1)",
-    )
+    shown = ((track.columns[1], False), (track.columns[0], True), ("body.covered" if bodily else "panzoom.nees", False))
+    titles = ("error", "not answered", "honesty: within sigma (68)" if bodily else "honesty: NEES (1)")
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, len(shown))

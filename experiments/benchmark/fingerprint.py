@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -104,9 +104,7 @@ def differences(found: Fingerprint, frozen: Fingerprint, same_kind: bool) -> Ite
 
 def write_manifest(path: Path, release: str, split: str, found: Mapping[str, Fingerprint]) -> None:
     """Write what the captures of a split are, and where they were shot."""
-    captures = {
-        name: {"files": one.files, "frames": one.frames, "blocks": one.blocks} for name, one in sorted(found.items())
-    }
+    captures = {name: asdict(one) for name, one in found.items()}
     content = {"release": release, "split": split, "kind": kind(), "captures": captures}
     with written_whole(path) as partial:
         partial.write_text(json.dumps(content, separators=(",", ":"), sort_keys=True) + "\n", encoding="utf-8")

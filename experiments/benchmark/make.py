@@ -22,7 +22,7 @@ import shutil
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -39,6 +39,7 @@ from experiments import bound, footage
 from experiments.benchmark.fingerprint import Fingerprint, compared, fingerprint, write_manifest
 from experiments.benchmark.release import FOLDER, BenchmarkCapture, ReleaseConfig, captures_of, read_release, split_of
 from experiments.config import AppConfig, default_tree, structured
+from experiments.estimators import unfound
 from experiments.plain_truth import keyframes_of, true_capture
 from experiments.progress import Bars
 from experiments.run import CONF
@@ -49,7 +50,7 @@ from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.camera_set import calibrate_camera, calibrate_cameras
 from pzcap.events import CameraCalibrated
 from pzcap.io import results
-from pzcap.io.capture import MANIFEST, frame_sets, read_capture
+from pzcap.io.capture import MANIFEST, read_capture
 from pzcap.runtime import one_thread_each
 from pzcap.scoring import files
 from pzcap.scoring.tables import write_table
@@ -185,19 +186,11 @@ def _calibrated(capture: Capture, config: AppConfig, bars: Bars) -> Reconstructi
                 found[event.index] = event.calibrated
             else:
                 bars.update(event.stage, event.done, event.total)
-    none: tuple[None, ...] = (None,) * len(found)
-    return Reconstruction(
-        capture_name=capture.name,
-        method="exact",
-        frame_rate=capture.frame_rate,
-        timecodes=frame_sets(capture).timecodes,
-        camera_names=tuple(camera.name for camera in capture.cameras),
+    return replace(
+        unfound(capture, "exact"),
         references=tuple(None if one is None else one.reference for one in found),
         cameras=tuple(None if one is None else one.camera for one in found),
         panoramas=tuple(None if one is None else one.panorama for one in found),
-        tracks=none,
-        refined=none,
-        motion=None,
         notes=tuple(notes),
     )
 

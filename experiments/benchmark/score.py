@@ -23,7 +23,8 @@ from typing import Any, Final
 from experiments.benchmark import worst
 from experiments.benchmark.entries import Description, check, entry_of, read_description, write_entry
 from experiments.benchmark.make import described
-from experiments.benchmark.methods import METHODS, RUNS, Answered, Given, Method
+from experiments.benchmark.methods.given import Answered, Given
+from experiments.benchmark.methods.rows import METHODS, RUNS, Method
 from experiments.benchmark.tracks import TRACKS
 from experiments.config import AppConfig, nearest
 from experiments.metrics import machine
@@ -39,7 +40,7 @@ from pzcap.scoring.totals import metrics
 from pzcap.scoring.truth_files import read_truth
 from pzcap.types import PzcapError
 
-SOURCES: Final = ("pzcap", "experiments/comparisons", "experiments/benchmark/methods.py")
+SOURCES: Final = ("pzcap", "experiments/comparisons", "experiments/benchmark/methods")
 """Of what the answers of a method depend on; the score itself is none of it."""
 SCORING: Final = "pzcap/scoring"
 

@@ -28,7 +28,6 @@ class Track:
     given: str  # besides the rules
     columns: tuple[str, ...]  # metrics; the second is what rows are sorted by
     every: int = 1  # of cameras, only each so many-th frame counts
-    needs_truth: bool = False  # true cameras or masks are handed out for it
 
 
 TRACKS: Final[dict[str, Track]] = {
@@ -46,9 +45,9 @@ TRACKS: Final[dict[str, Track]] = {
         ("panzoom.completeness", "panzoom.rotation.common.median", "panzoom.rotation.common.rms",
          "panzoom.focal.median", "panzoom.focal.rms"), every=SELF_CALIBRATION_EVERY,
     ),
-    "body_given_cameras": Track("Body, true cameras given", "true cameras of all frames", MOTION, needs_truth=True),
+    "body_given_cameras": Track("Body, true cameras given", "true cameras of all frames", MOTION),
     "body_given_cameras_masks": Track(
-        "Body, true cameras and masks given", "true cameras and silhouettes of all frames", MOTION, needs_truth=True
+        "Body, true cameras and masks given", "true cameras and silhouettes of all frames", MOTION
     ),
     "one_camera": Track("One camera only", "the footage of one camera", ("body.completeness", "body.mpjpe.similarity",
                         "body.mpjpe.mean", "body.limb.rms", "panzoom.pan.rms", "panzoom.focal.rms")),

@@ -22,10 +22,13 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from experiments.comparisons.harness import (
+    COVERED,
+    LOST,
+    MEAN,
+    P95,
     Bar,
     Column,
     Comparison,
-    Report,
     Row,
     body,
     draw_bars,
@@ -36,6 +39,7 @@ from experiments.comparisons.harness import (
 )
 from experiments.config import AppConfig
 from experiments.progress import Bars
+from pzcap.calibration.calibrate import Report
 from pzcap.extras.reconstruct import reconstruct
 from pzcap.io.capture import frame_sets
 from pzcap.types import Capture, PzcapError, Reconstruction
@@ -53,7 +57,6 @@ FOOTAGE: Final[Mapping[str, Callable[[ShootConfig], ShootConfig]]] = {
     ),
 }  # fmt: skip
 """Captures that were filmed, by the shoot of the usual."""
-MEAN: Final = "body.mpjpe.mean"
 ALIGNED: Final = "body.mpjpe.similarity"
 CUT_OFF: Final = 4.0
 """Times the error with everything, where a bar ends."""
@@ -148,7 +151,7 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
                 rows.append(Row(variant.key, variant.label, {}, variant.group, "would have to be shot"))
             else:
                 rows.append(_row(variant, *material, config, known, bars.update))
-    return with_differences(rows, MEAN)
+    return with_differences(rows, MEAN.key)
 
 
 def _shot(config: AppConfig, footage: str, report: Report) -> tuple[Capture, Truth] | None:
@@ -164,7 +167,6 @@ def _row(
 ) -> Row[Any]:  # fmt: skip
     """The figures of one crew. Its cameras are ``known`` where another's were calibrated from the same."""
     mine = variant.of(capture)
-
     try:
         found = reconstruct(mine, config.reconstruct, labelled(report, variant.label), known.get(variant.cameras))
     except PzcapError as error:
@@ -185,25 +187,24 @@ def _row(
 def draw(figure: Figure, rows: Sequence[Row[Any]]) -> None:
     """A bar a crew, cut off where it is far longer than that of the one with everything."""
     bars = [
-        Bar(row, next((each for name in (MEAN, ALIGNED) if (each := row.figures.get(name)) is not None), None),
-            row.figures.get("body.lost"))
+        Bar(row, next((each for name in (MEAN.key, ALIGNED) if (each := row.figures.get(name)) is not None), None),
+            row.figures.get(LOST.key))
         for row in rows
     ]  # fmt: skip
-    longest = CUT_OFF * (rows[0].figures.get(MEAN) or 10.0)
+    longest = CUT_OFF * (rows[0].figures.get(MEAN.key) or 10.0)
     draw_bars(figure, bars, longest, "mean joint error [mm]; *: after one similarity of the whole motion")
 
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="burden",
-    about=__doc__ or "",
     columns=(
-        Column(MEAN, "mean mm", "mm", "{:.1f}"),
-        Column("body.mpjpe.p95", "p95 mm", "mm", "{:.1f}"),
+        MEAN,
+        P95,
         Column("more", "± mean", "mm", "{:+.1f}"),
         Column(ALIGNED, "aligned mm", "mm", "{:.1f}"),
         Column("body.size.similarity", "size %", "%", "{:.2f}"),
-        Column("body.lost", "lost", "frames", "{:.0f}"),
-        Column("body.covered", "covered %", "%", "{:.0f}", "higher"),
+        LOST,
+        COVERED,
     ),
     compare=compare,
     plots={"burden.png": ((7.2, 0.27 * 1.15 * len(VARIANTS) + 0.9), draw)},

@@ -25,9 +25,12 @@ from rich.console import Console
 
 from experiments.comparisons.fixed_tools import LIMBS
 from experiments.comparisons.harness import (
+    COVERED,
+    LOST,
+    MEAN,
+    P95,
     Column,
     Comparison,
-    Report,
     Row,
     body,
     labelled,
@@ -37,6 +40,7 @@ from experiments.comparisons.harness import (
 from experiments.config import AppConfig
 from experiments.progress import Bars
 from experiments.run import CONF
+from pzcap.calibration.calibrate import Report
 from pzcap.extras.detectors import coco_results, detector
 from pzcap.extras.reconstruct import reconstruct
 from pzcap.geometry.camera import of_track, project
@@ -103,7 +107,6 @@ def _row(
     """The figures of one way to keyframes, and its reconstruction; ``cameras``, where known, are not calibrated
     again."""
     key, label, group = named
-
     found = reconstruct(capture, config.reconstruct, labelled(report, label), cameras)
     if found.motion is None:
         return Row(key, label, {}, group, found.notes[-1]), found
@@ -142,11 +145,7 @@ def likeness(capture: Capture, truth: Truth) -> dict[str, float | None]:
     if not found:
         return {"found": 0.0 if pictures else None}
     off = np.concatenate(off_mm)
-    return {
-        "found": 100.0 * found / pictures,
-        "off": float(np.median(off)),
-        "exchanged": 100.0 * exchanged / found,
-    }
+    return {"found": 100.0 * found / pictures, "off": float(np.median(off)), "exchanged": 100.0 * exchanged / found}
 
 
 def _off(person: Array, pixels: Array, mm_per_px: Array) -> tuple[Array, Array]:
@@ -204,18 +203,16 @@ def sample(capture: Capture, truth: Truth, found: Reconstruction) -> dict[str, A
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="detectors",
-    about=__doc__ or "",
     columns=(
-        Column("body.mpjpe.mean", "mean mm", "mm", "{:.1f}"),
-        Column("body.mpjpe.p95", "p95 mm", "mm", "{:.1f}"),
-        Column("body.lost", "lost", "frames", "{:.0f}"),
-        Column("body.covered", "covered %", "%", "{:.0f}", "higher"),
+        MEAN,
+        P95,
+        LOST,
+        COVERED,
         Column("found", "found %", "%", "{:.0f}", "higher"),
         Column("off", "off mm", "mm", "{:.0f}"),
         Column("exchanged", "exchanged %", "%", "{:.0f}"),
     ),
     compare=compare,
-    plots={},
     experiment="no_hand",
     variants="keyframes",
     note="found: pictures with somebody; off: median distance on the body; exchanged: left for right",

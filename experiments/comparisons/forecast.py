@@ -108,7 +108,6 @@ def _columns(key: str, unit: str) -> tuple[Column, Column, Column]:
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="forecast",
-    about=__doc__ or "",
     columns=(
         *_columns("pan", "deg"),
         *_columns("focal", "%"),
@@ -117,7 +116,6 @@ COMPARISON: Final[Comparison[Any]] = Comparison(
         Column("look", "look", "", "{:.0f}"),
     ),
     compare=compare,
-    plots={},
     experiment="floor_exercise",
     variants="experiment",
     config=ForecastConfig,

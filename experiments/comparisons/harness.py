@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import matplotlib as mpl
 import numpy as np
@@ -22,18 +22,19 @@ from rich.text import Text
 
 from experiments import footage
 from experiments.config import AppConfig
-from experiments.metrics import Direction, Metric, run_info, write_metrics
+from experiments.metrics import run_info, write_metrics
 from experiments.report.plots import COLOURS, INK, MUTED, STYLE
 from experiments.score import score
 from experiments.terminal import print_whole, table
 from experiments.totals import metrics
+from pzcap.calibration.calibrate import Report
 from pzcap.io.capture import read_capture
+from pzcap.pipeline import reconstruct
+from pzcap.scoring.metric import Direction, Metric
 from pzcap.types import Capture, PzcapError, Reconstruction
 from sim.truth import Truth
 
 T = TypeVar("T")
-Report = Callable[[str, int, int], None]
-"""Of a stage, what is done of it, and how much there is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +65,13 @@ class Comparison(Generic[T]):
     """One comparison."""
 
     name: str  # on the command line, and of the csv file
-    about: str  # the module's docstring
     columns: tuple[Column, ...]
     compare: Callable[[Any, Path, Console], Sequence[Row[T]]]  # of the configuration, the folder, for progress
-    plots: Mapping[str, tuple[tuple[float, float], Callable[[Figure, Sequence[Row[T]]], None]]]
-    """File -> its size in inches, and what draws it."""
     experiment: str  # of conf/experiment, where none is named
+    plots: Mapping[str, tuple[tuple[float, float], Callable[[Figure, Sequence[Row[T]]], None]]] = field(
+        default_factory=dict
+    )
+    """File -> its size in inches, and what draws it."""
     prefix: str = ""  # of its metrics; empty: its name
     variants: str = "variant"  # what the table calls a row
     note: str = ""  # below the table
@@ -156,6 +158,11 @@ def scored_capture(config: AppConfig, report: Report) -> tuple[Capture, Truth]:
 # --------------------------------------------------------------------------------------------------------------
 # What comparisons of the body share
 
+MEAN: Final = Column("body.mpjpe.mean", "mean mm", "mm", "{:.1f}")
+P95: Final = Column("body.mpjpe.p95", "p95 mm", "mm", "{:.1f}")
+LOST: Final = Column("body.lost", "lost", "frames", "{:.0f}")
+COVERED: Final = Column("body.covered", "covered %", "%", "{:.0f}", "higher")
+
 
 def body(reconstruction: Reconstruction, truth: Truth) -> dict[str, float | None]:
     """The scores of the body alone."""
@@ -168,12 +175,16 @@ def without_keypoints(capture: Capture) -> Capture:
     return replace(capture, cameras=tuple(replace(camera, keypoints=None) for camera in capture.cameras))
 
 
-def scored_with_keypoints(config: AppConfig, report: Report) -> tuple[Capture, Truth]:
-    """`scored_capture`, which raises PzcapError as well where no camera has keypoints."""
+def on_keypoints(config: AppConfig, report: Report) -> tuple[Capture, Truth, Reconstruction, Reconstruction]:
+    """A capture with keypoints and its truth; its reconstruction by pixels alone, and by both with the same cameras.
+
+    Raises PzcapError where no camera has keypoints.
+    """
     capture, truth = scored_capture(config, report)
     if not any(camera.keypoints for camera in capture.cameras):
         raise PzcapError(f"{capture.folder}: no camera has keypoints; name them in capture.json (docs/capture.md)")
-    return capture, truth
+    pixels = reconstruct(without_keypoints(capture), config.reconstruct, report)
+    return capture, truth, pixels, reconstruct(capture, config.reconstruct, report, pixels)
 
 
 def labelled(report: Report, label: str) -> Report:

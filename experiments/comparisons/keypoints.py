@@ -15,41 +15,35 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from experiments.comparisons.harness import Column, Comparison, Row, body, scored_with_keypoints, without_keypoints
+from experiments.comparisons.harness import LOST, MEAN, P95, Column, Comparison, Row, body, on_keypoints
 from experiments.comparisons.triangulation import triangulate
 from experiments.config import AppConfig
 from experiments.progress import Bars
-from pzcap.pipeline import reconstruct
 
 
 def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[Any]]:
     """Each way to the body. Raises PzcapError where no camera has keypoints."""
     del folder
     with Bars(console) as bars:
-        capture, truth = scored_with_keypoints(config, bars.update)
-        without = reconstruct(without_keypoints(capture), config.reconstruct, bars.update)
-        joined = reconstruct(capture, config.reconstruct, bars.update, without)
-        alone = replace(without, motion=triangulate(capture, without))
+        capture, truth, pixels, joined = on_keypoints(config, bars.update)
     ways = {
-        "without": ("without keypoints", without),
+        "without": ("without keypoints", pixels),
         "with": ("with keypoints", joined),
-        "alone": ("keypoints alone", alone),
+        "alone": ("keypoints alone", replace(pixels, motion=triangulate(capture, pixels))),
     }
-    return [Row(key, label, body(found, truth)) for key, (label, found) in ways.items()]
+    return [Row(key, label, body(each, truth)) for key, (label, each) in ways.items()]
 
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="keypoints",
-    about=__doc__ or "",
     columns=(
-        Column("body.mpjpe.mean", "mean mm", "mm", "{:.1f}"),
-        Column("body.mpjpe.p95", "p95 mm", "mm", "{:.1f}"),
+        MEAN,
+        P95,
         Column("body.mpjpe.max", "max mm", "mm", "{:.0f}"),
         Column("body.mpjpe.inverted", "inverted mm", "mm", "{:.1f}"),
-        Column("body.lost", "lost", "frames", "{:.0f}"),
+        LOST,
     ),
     compare=compare,
-    plots={},
     experiment="keypoints",
     variants="the body",
 )

@@ -123,7 +123,6 @@ def draw(figure: Figure, rows: Sequence[Row[Filmed]]) -> None:
 
 COMPARISON: Final[Comparison[Filmed]] = Comparison(
     name="operators",
-    about=__doc__ or "",
     columns=COLUMNS,
     compare=compare,
     plots={"operators.png": ((10.0, 3.6), draw)},

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 from rich.console import Console
 
-from experiments.comparisons.harness import Column, Comparison, Row, body, labelled, scored_capture
+from experiments.comparisons.harness import MEAN, P95, Column, Comparison, Row, body, labelled, scored_capture
 from experiments.config import AppConfig
 from experiments.progress import Bars
 from pzcap.io.capture import frame_sets
@@ -31,7 +31,6 @@ from pzcap.types import Array, CameraFiles, Capture, PzcapError, Reconstruction
 from sim.capture_writer import write_video
 from sim.truth import Truth
 
-MEAN: Final = "body.mpjpe.mean"
 SAID: Final = "said.txt"
 
 
@@ -193,7 +192,6 @@ def _tried(
     bars: Bars,
 ) -> tuple[dict[str, float | None], list[str]]:  # fmt: skip
     """Cost of a fault, and the notes that right footage does not raise."""
-
     figures: dict[str, float | None] = {}
     try:
         wrong = fault.change(capture, folder)
@@ -209,7 +207,7 @@ def _tried(
         ]  # fmt: skip
         if found.motion is not None:
             scored = body(found, truth)
-            figures = {key: scored[key] for key in (MEAN, "body.mpjpe.p95") if key in scored}
+            figures = {key: scored[key] for key in (MEAN.key, P95.key) if key in scored}
     figures["notes"] = float(len(notes))
     if fault.key != "right":
         figures["named"] = float(any(re.search(fault.named, each) is not None for each in notes))
@@ -218,15 +216,8 @@ def _tried(
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="wrong_footage",
-    about=__doc__ or "",
-    columns=(
-        Column(MEAN, "mean mm", "mm", "{:.1f}"),
-        Column("body.mpjpe.p95", "p95 mm", "mm", "{:.1f}"),
-        Column("named", "named", "", "{:.0f}", "higher"),
-        Column("notes", "notes", "", "{:.0f}"),
-    ),
+    columns=(MEAN, P95, Column("named", "named", "", "{:.0f}", "higher"), Column("notes", "notes", "", "{:.0f}")),
     compare=compare,
-    plots={},
     experiment="floor_exercise",
     variants="wrong",
     config=WrongFootageConfig,

@@ -16,7 +16,6 @@ from experiments.report.plots import literal
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry import camera as geometry
 from pzcap.localisation.localise import Localiser
-from pzcap.localisation.panorama_sampler import place_of
 from pzcap.types import Array, CalibrationObject, Camera, Image, Localisation, PzcapError
 from pzcap.viewer.drawing import project_edges
 from sim.restage import Hall
@@ -64,7 +63,7 @@ def _locate(run: Run, one: Located, image: Image, true: Camera | None, what: str
     found = localiser.localise(image, None)
     if not found.valid:
         raise PzcapError(f"{run.reconstruction.capture_name}: camera {one.name} was not found after pan and zoom")
-    camera = geometry.at(one.camera, *place_of(found)[:4])
+    camera = geometry.of_frame(one.camera, found)
     return Shot(one, image, found, camera, true, what)
 
 

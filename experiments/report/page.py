@@ -11,13 +11,14 @@ from typing import Any, Final
 import numpy as np
 
 from experiments import pages
-from experiments.metrics import TARGETS, Metric, format_value, meets_target
+from experiments.metrics import TARGETS, format_value, meets_target
 from experiments.own_world import brought_in
 from experiments.report import pictures, plots
 from experiments.score import Score
 from pzcap.body.skeleton import build
 from pzcap.extras import keyframe_diagnostics
 from pzcap.io.capture import frame_sets, read_image
+from pzcap.scoring.metric import Metric
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import Array, Camera, Capture, FrameSet, Image, Reconstruction
 from pzcap.viewer.drawing import OUTLINE_COLOUR, TRUTH_COLOUR, Colour, figures, instants
@@ -45,26 +46,25 @@ class Picture:
     caption: str
 
 
-OWN_WORLD: Final[tuple[tuple[str, str, str], ...]] = (
-    ("panzoom.focal.rms", "Focal length", "RMS error. 1 % moves a point 150 px off the centre by 22 mm at 15 m."),
-    ("panzoom.lost", "Lost views", "Recorded views in which the camera was not found."),
-    ("foreground.iou", "Silhouettes", "Intersection over union with the true masks; 1 is perfect."),
-    ("body.mpjpe.similarity", "Joints, aligned", "Mean distance after one similarity of the whole motion."),
-    ("body.size.similarity", "Size", "Of the motion before that, off the true one's."),
-    ("panzoom.position.similarity", "Tripods, aligned", "The worst camera's place after the similarity of the motion."),
-    ("speed.fps", "Speed", "Four views, from decoding to the body."),
-)
-"""Without a calibration object nobody knows where the world begins."""
-HEADLINES: Final[tuple[tuple[str, str, str], ...]] = (
-    ("panzoom.pan.rms", "Pan", "RMS error. 0.02° turn a ray away by 5 mm at 15 m."),
-    ("panzoom.focal.rms", "Focal length", "RMS error. 1 % moves a point 150 px off the centre by 22 mm at 15 m."),
-    ("panzoom.reprojection.rms", "Reprojection", "Static points of the hall, estimated against true camera."),
-    ("panzoom.lost", "Lost views", "Recorded views in which the camera was not found."),
-    ("foreground.iou", "Silhouettes", "Intersection over union with the true masks; 1 is perfect."),
-    ("body.mpjpe.mean", "Joints", "Mean distance of joint centres from the truth, in the world, nothing aligned."),
-    ("body.keyframes", "Keyframes", "Poses set by hand. Not scored."),
-    ("speed.fps", "Speed", "Four views, from decoding to the body."),
-)
+HEADLINES: Final[Mapping[str, tuple[str, str]]] = {
+    "panzoom.pan.rms": ("Pan", "RMS error. 0.02° turn a ray away by 5 mm at 15 m."),
+    "panzoom.focal.rms": ("Focal length", "RMS error. 1 % moves a point 150 px off the centre by 22 mm at 15 m."),
+    "panzoom.reprojection.rms": ("Reprojection", "Static points of the hall, estimated against true camera."),
+    "panzoom.lost": ("Lost views", "Recorded views in which the camera was not found."),
+    "foreground.iou": ("Silhouettes", "Intersection over union with the true masks; 1 is perfect."),
+    "body.mpjpe.mean": ("Joints", "Mean distance of joint centres from the truth, in the world, nothing aligned."),
+    "body.mpjpe.similarity": ("Joints, aligned", "Mean distance after one similarity of the whole motion."),
+    "body.size.similarity": ("Size", "Of the motion before that, off the true one's."),
+    "panzoom.position.similarity": (
+        "Tripods, aligned", "The worst camera's place after the similarity of the motion."
+    ),
+    "body.keyframes": ("Keyframes", "Poses set by hand. Not scored."),
+    "speed.fps": ("Speed", "Four views, from decoding to the body."),
+}  # fmt: skip
+"""Name of a figure, and what it says."""
+ALIGNED: Final = {"body.mpjpe.similarity", "body.size.similarity", "panzoom.position.similarity"}
+IN_THE_WORLD: Final = {"panzoom.pan.rms", "panzoom.reprojection.rms", "body.mpjpe.mean", "body.keyframes"}
+"""What stands in the place of `ALIGNED` where a calibration object says where the world begins."""
 THUMBNAIL_PX: Final = 460
 INSTANTS: Final = 5
 WORST: Final = 3
@@ -82,7 +82,7 @@ def _context(material: Material, command: str) -> dict[str, Any]:
     body = None if result is None else result.body
     by_key = {metric.key: metric for metric in material.metrics}
     own_world = result is not None and result.own_world
-    headlines = OWN_WORLD if own_world else HEADLINES
+    headlines = [key for key in HEADLINES if key in by_key and key not in (IN_THE_WORLD if own_world else ALIGNED)]
     shown = _Frames(material)
     contradicted, next_keyframe = _advice(material)
     return {
@@ -94,7 +94,7 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "frame_rate": float(reconstruction.frame_rate),
         "notes": reconstruction.notes,
         "scored": result is not None,
-        "headlines": [_headline(by_key[key], name, text) for key, name, text in headlines if key in by_key],
+        "headlines": [_headline(by_key[key], *HEADLINES[key]) for key in headlines],
         "own_world": own_world,
         "references": _references(material),
         "camera_rows": _camera_rows(reconstruction, result),

@@ -12,14 +12,7 @@ import numpy as np
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.types import Array, CalibrationObject, Camera, Image, Panorama, PanZoomCamera, ReferenceCamera
-from pzcap.viewer.drawing import (
-    BONE_COLOURS,
-    BONES,
-    KEYFRAME_COLOUR,
-    Colour,
-    image_border,
-    project_edges,
-)
+from pzcap.viewer.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR, Colour, image_border, project_edges
 
 _SHIFT = 4  # cv2 draws at 1/16 px
 PANORAMA_PX = 1500  # across a picture of a panorama, at most

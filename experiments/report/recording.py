@@ -10,9 +10,10 @@ import numpy as np
 import rerun as rr
 
 from experiments.config import CONVERTER, build, leaves
-from experiments.metrics import Metric, format_value, meets_target
+from experiments.metrics import format_value, meets_target
 from experiments.own_world import brought_in
 from experiments.score import Score
+from pzcap.scoring.metric import Metric
 from pzcap.scoring.records import Series
 from pzcap.types import JOINTS, Reconstruction
 from pzcap.viewer import columns, drawing, layouts

@@ -15,10 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments import pages
-from experiments.metrics import Metric, format_value
+from experiments.metrics import format_value
 from experiments.report import plots
 from experiments.settings_reference import descriptions
 from experiments.studies.study import SEED, Study, collect
+from pzcap.scoring.metric import Metric
 from pzcap.types import Array
 
 PAGE: Final = "index.html"

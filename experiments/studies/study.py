@@ -22,8 +22,9 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from experiments.config import leaves
-from experiments.metrics import Metric, read_metrics
+from experiments.metrics import read_metrics
 from experiments.studies import jobs
+from pzcap.scoring.metric import Metric
 from pzcap.types import PzcapError
 
 TABLE: Final = "runs.parquet"

@@ -9,14 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.calibration.calibrate import no_report
+from pzcap.calibration.calibrate import Report, no_report
 from pzcap.command.check.reference_check import check_reference
 from pzcap.command.progress import ProgressLine
 from pzcap.io.capture import MANIFEST, read_capture, read_image
 from pzcap.io.clocks import SYNC_FORMAT, SYNC_VERSION
 from pzcap.io.files import write_json
 from pzcap.io.video import VideoReader
-from pzcap.synchronisation.synchronise import WAYS, Recording, Report, Synchronisation, synchronise
+from pzcap.synchronisation.synchronise import WAYS, Recording, Synchronisation, synchronise
 from pzcap.types import CameraClock, CameraFiles, Capture, PzcapError
 
 SYNC: Final = "sync.json"

@@ -18,14 +18,7 @@ import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from pzcap.body.kinematics import (
-    forward,
-    joint_jacobians,
-    limit_residuals,
-    point_jacobians,
-    retract,
-    world_points,
-)
+from pzcap.body.kinematics import forward, joint_jacobians, limit_residuals, point_jacobians, retract, world_points
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS, Body, moved
 from pzcap.editor.tuning import POSING
 from pzcap.geometry.camera import rays

@@ -33,11 +33,7 @@ def write(take: Take, folder: Path) -> list[Path]:
 def _settings(take: Take) -> dict[str, dict[str, object]]:
     """Settings that Pose2Sim would take from videos, or ask on a screen. Its own defaults hold for all else."""
     return {
-        "project": {
-            "multi_person": False,
-            "frame_rate": float(take.reconstruction.frame_rate),
-            "frame_range": "all",
-        },
+        "project": {"multi_person": False, "frame_rate": float(take.reconstruction.frame_rate), "frame_range": "all"},
         "pose": {"pose_model": "Body_with_feet", "vid_img_extension": "mp4"},
         "triangulation": {
             "reproj_error_threshold_triangulation": 15,

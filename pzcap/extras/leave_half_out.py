@@ -18,7 +18,7 @@ same for all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -41,13 +41,7 @@ ROWS = 4  # of a frame one row in so many is looked at for what its pixels tell
 UNTOLD = 1e-3  # share in the weight of a frame that was not found: it goes where its neighbours go
 
 
-def pans(
-    panorama: Panorama,
-    camera: PanZoomCamera,
-    images: Sequence[Image],
-    level: Levels,
-    report: Callable[[str, int, int], None],
-) -> Array:
+def pans(panorama: Panorama, camera: PanZoomCamera, images: Sequence[Image], level: Levels, report: Report) -> Array:
     """(K,) pans of the frames that a panorama was stitched of, better than its ``sweep_pan_rad``.
 
     ``images`` (K of them, grey) are the frames, ``level(k)`` are they as bright as the panorama (see `super_resolve`).
@@ -69,12 +63,7 @@ def pans(
 
 
 def _aligner(
-    panorama: Panorama,
-    camera: PanZoomCamera,
-    level: Levels,
-    frames: NDArray[np.int64],
-    pixels: int,
-    report: Callable[[str, int, int], None],
+    panorama: Panorama, camera: PanZoomCamera, level: Levels, frames: NDArray[np.int64], pixels: int, report: Report
 ) -> SuperresolvedAligner:
     """Aligns with cells that are made of some ``frames`` of the sweep."""
     some = replace(panorama, sweep_pan_rad=panorama.sweep_pan_rad[frames])

@@ -5,7 +5,7 @@ What is in `pzcap.pipeline` runs without them; this is what the experiments call
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
@@ -60,10 +60,7 @@ def method_of(config: Config) -> tuple[pipeline.Method, Config]:
 
 
 def reconstruct(
-    capture: Capture,
-    config: Config,
-    report: Callable[[str, int, int], None] = no_report,
-    cameras: Reconstruction | None = None,
+    capture: Capture, config: Config, report: Report = no_report, cameras: Reconstruction | None = None
 ) -> Reconstruction:
     """Run `stages`, and give back what they end with; as `pzcap.pipeline.reconstruct`."""
     return pipeline.finished(stages(capture, config, cameras), report)

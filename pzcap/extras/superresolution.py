@@ -47,10 +47,7 @@ what each covers, across and down (N, 2); weights (N,)."""
 
 
 def super_resolve(
-    panorama: Panorama,
-    camera: PanZoomCamera,
-    level: Levels,
-    report: Callable[[int, int], None],
+    panorama: Panorama, camera: PanZoomCamera, level: Levels, report: Callable[[int, int], None]
 ) -> Stored:
     """`Panorama.fine` of a panorama, (H * DOWN, W * ACROSS), from the frames of the sweep at its ``sweep_pan_rad``.
 

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.geometry import lens
 from pzcap.geometry.lens import Distortion, by_coefficients, distort_point, jacobian_at, undistort_point
-from pzcap.types import Array, Camera, PanZoomCamera, PanZoomTrack
+from pzcap.types import Array, Camera, Localisation, PanZoomCamera, PanZoomTrack
 
 HEAD_R_CAM: Final[Array] = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Camera axes in the head frame at pan, tilt and roll 0."""
@@ -54,6 +54,7 @@ class View:
 
 
 VIEW: Final = 10
+"""Numbers of `View.vector` that calibration takes derivatives by: from the pan to the projection centre."""
 PARAMETERS: Final[tuple[str, ...]] = ("pan", "tilt", "log_focal", "roll", "principal_x", "principal_y", "k1")
 """Columns of `derivatives`."""
 
@@ -84,6 +85,11 @@ def of_track(camera: PanZoomCamera, track: PanZoomTrack, frame: int) -> Camera:
     """The ``camera`` in a frame of its ``track``, where that is valid."""
     place = (track.pan_rad[frame], track.tilt_rad[frame], track.focal_px[frame], track.roll_rad[frame])
     return at(camera, *map(float, place))
+
+
+def of_frame(camera: PanZoomCamera, found: Localisation) -> Camera:
+    """The ``camera`` in the middle row of a frame that was ``found``."""
+    return at(camera, found.pan_rad, found.tilt_rad, found.focal_px, found.roll_rad)
 
 
 def head_T_cam(pan_rad: float, tilt_rad: float, roll_rad: float, centre_m: Array = ON_AXIS) -> Array:
@@ -167,9 +173,8 @@ SEEN: Final = 13
 BY_PARAMETERS: Final = slice(1, 8)
 BY_DIRECTION: Final = slice(8, 10)
 HIGHER: Final = 3
-"""Columns that `direction_to_pixel_with_derivatives` writes for each coordinate: the pixel, its derivatives with
-respect to PARAMETERS, to azimuth and slope, and last to the HIGHER
-coefficients of the lens: k2, p1 and p2."""
+"""`direction_to_pixel_with_derivatives` writes SEEN columns for each coordinate: the pixel (0), its derivatives by
+PARAMETERS, by azimuth and slope, and last by the HIGHER coefficients of the lens: k2, p1 and p2."""
 
 
 @njit(cache=True, nogil=True)

@@ -52,10 +52,7 @@ def _radial(squared: Any, d: Distortion) -> Any:
 @register_jitable
 def _tangential(x: Any, y: Any, d: Distortion) -> tuple[Any, Any]:
     squared = x * x + y * y
-    return (
-        2.0 * d.p1 * x * y + d.p2 * (squared + 2.0 * x * x),
-        d.p1 * (squared + 2.0 * y * y) + 2.0 * d.p2 * x * y,
-    )
+    return (2.0 * d.p1 * x * y + d.p2 * (squared + 2.0 * x * x), d.p1 * (squared + 2.0 * y * y) + 2.0 * d.p2 * x * y)
 
 
 @register_jitable

@@ -159,9 +159,4 @@ def spline(a: float) -> tuple[tuple[float, float, float, float], tuple[float, fl
         (3.0 * a - 6.0) * a * a / 6.0 + 2.0 / 3.0,
         (3.0 * b - 6.0) * b * b / 6.0 + 2.0 / 3.0,
         a * a * a / 6.0,
-    ), (
-        -0.5 * b * b,
-        (1.5 * a - 2.0) * a,
-        (2.0 - 1.5 * b) * b,
-        0.5 * a * a,
-    )
+    ), (-0.5 * b * b, (1.5 * a - 2.0) * a, (2.0 - 1.5 * b) * b, 0.5 * a * a)

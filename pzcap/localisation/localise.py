@@ -19,7 +19,6 @@ from pzcap.localisation.covariance import systematic
 from pzcap.localisation.feature_search import Candidate, FeatureSearch
 from pzcap.localisation.panorama_sampler import ViewPlace, place_of
 from pzcap.localisation.photometric_alignment import Aligner, Alignment, Belief
-from pzcap.localisation.readout import History, rate_between
 from pzcap.localisation.tuning import ALIGNMENT, READOUT
 from pzcap.types import Image, Localisation, Mask, Panorama, PanZoomCamera
 
@@ -85,7 +84,8 @@ class Localiser:
         self, image: Image, start: ViewPlace, off_px: float, body: Mask | None = None,
         expected: Localisation | None = None,
     ) -> Alignment:  # fmt: skip
-        """Align from a ``start`` whose sway and shear are known as well as ``expected``, else as a frame's are."""
+        """Align from a ``start`` that is off by up to ``off_px`` pixels of the panorama: 1.5, 4 or 15, the reaches of
+        one, two and all three `LEVELS`. Its sway and shear are known as well as ``expected``, else as a frame's are."""
         beliefs, camera = self._config.beliefs, self._camera
         sway, shear = np.full(2, np.deg2rad(beliefs.sway_deg)), beliefs.readout * np.array(READOUT.fastest)
         if expected is not None:
@@ -153,22 +153,3 @@ def count_from_reference(
         return panorama
     origin_px = panorama.origin_px - np.array([reference.at.pan_rad * panorama.px_per_rad, 0.0])
     return replace(panorama, origin_px=origin_px, sweep_pan_rad=panorama.sweep_pan_rad - reference.at.pan_rad)
-
-
-def predicted(history: History) -> Localisation | None:
-    """The next frame's place, if head and zoom ring turn on at the same speed, and the shear that is expected then;
-    None if the last frame was lost."""
-    before, last, readout = history.before, history.last, history.readout
-    if last is None:
-        return None
-    sway = np.sqrt(history.sway.variance)
-    if before is None:
-        fastest = np.hypot(readout.share, readout.sigma) * np.array(READOUT.fastest)  # its rate is not known
-        return replace(last, sway_sigma=sway, shear=np.zeros(2), shear_sigma=fastest)
-    rate = rate_between(before, last)
-    shear, shear_sigma = readout.shear(rate)
-    return replace(
-        last, pan_rad=float(wrapped(last.pan_rad + rate[0])), tilt_rad=2 * last.tilt_rad - before.tilt_rad,
-        focal_px=last.focal_px * float(np.exp(rate[1])), sway_sigma=sway,
-        shear=shear, shear_sigma=shear_sigma,
-    )  # fmt: skip

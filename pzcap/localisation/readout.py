@@ -10,6 +10,7 @@ down, and 0 with a global shutter.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -117,6 +118,24 @@ class History(NamedTuple):
             rate = rate_between(self.before, found) / 2.0
             readout = readout.updated(self.last, self.expected, rate)
         return History(readout, self.sway.updated(found), self.last, found, expected)
+
+    def predicted(self) -> Localisation | None:
+        """The next frame's place, if head and zoom ring turn on at the same speed, and the shear that is expected then;
+        None if the last frame was lost."""
+        before, last = self.before, self.last
+        if last is None:
+            return None
+        sway = np.sqrt(self.sway.variance)
+        if before is None:
+            fastest = np.hypot(self.readout.share, self.readout.sigma) * np.array(READOUT.fastest)  # rate is not known
+            return replace(last, sway_sigma=sway, shear=np.zeros(2), shear_sigma=fastest)
+        rate = rate_between(before, last)
+        shear, shear_sigma = self.readout.shear(rate)
+        return replace(
+            last, pan_rad=float(wrapped(last.pan_rad + rate[0])), tilt_rad=2 * last.tilt_rad - before.tilt_rad,
+            focal_px=last.focal_px * float(np.exp(rate[1])), sway_sigma=sway,
+            shear=shear, shear_sigma=shear_sigma,
+        )  # fmt: skip
 
 
 def rate_between(before: Localisation, after: Localisation) -> Array:

@@ -14,18 +14,7 @@ import numpy as np
 
 from pzcap.io.files import write_json
 from pzcap.scoring.records import BodyTrack, CameraPoses, CameraTrack, Results
-from pzcap.scoring.tables import (
-    GUIDE,
-    Row,
-    count,
-    counts,
-    field,
-    nearest,
-    read_header,
-    read_table,
-    texts,
-    write_table,
-)
+from pzcap.scoring.tables import GUIDE, Row, count, counts, field, nearest, read_header, read_table, texts, write_table
 from pzcap.types import JOINTS, Array, Mask, PzcapError
 
 FORMAT: Final = "pzcap-results"

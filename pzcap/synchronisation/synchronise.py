@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from pzcap.calibration.calibrate import Report
 from pzcap.io.video import VideoReader
 from pzcap.synchronisation import flash, sound, subject_motion
 from pzcap.synchronisation.offsets import Delay, connected, solve
@@ -16,7 +17,6 @@ from pzcap.types import Array, CameraClock, Image
 WAYS: Final = ("sound", "flash", "motion")
 _AGREE_FRAMES: Final = {"sound": 1.0, "flash": 1.5, "motion": 1.5}
 """Frames to which the delays of all pairs of cameras have to agree."""
-Report = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

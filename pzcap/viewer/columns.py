@@ -12,18 +12,7 @@ from scipy.spatial.transform import Rotation
 from pzcap.body import kinematics
 from pzcap.body import skeleton as body_model
 from pzcap.geometry import camera as geometry
-from pzcap.types import (
-    SEGMENTS,
-    Array,
-    Camera,
-    Mask,
-    Motion,
-    Panorama,
-    PanZoomCamera,
-    Pose,
-    Reconstruction,
-    Subject,
-)
+from pzcap.types import SEGMENTS, Array, Camera, Mask, Motion, Panorama, PanZoomCamera, Pose, Reconstruction, Subject
 from pzcap.viewer.drawing import (
     BONE_COLOURS,
     BONES,

@@ -25,16 +25,7 @@ from numpy.typing import NDArray
 from pzcap.events import CameraCalibrated, Event, FrameLocalised, FrameSegmented
 from pzcap.io.capture import read_image
 from pzcap.io.files import with_utf8_name
-from pzcap.types import (
-    Array,
-    Capture,
-    Image,
-    Localisation,
-    Panorama,
-    PzcapError,
-    ReferenceCamera,
-    Silhouette,
-)
+from pzcap.types import Array, Capture, Image, Localisation, Panorama, PzcapError, ReferenceCamera, Silhouette
 from pzcap.viewer.columns import PIXEL_CENTRE, TIMELINE, path_part, plain, view_path
 from pzcap.viewer.drawing import KEYPOINT_COLOUR, OUTLINE_COLOUR, centred, centred_shift, project_edges
 

@@ -11,16 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 
-from experiments.bound import (
-    AROUND_PX,
-    Scene,
-    Sensor,
-    _field,
-    blur_level,
-    build_scene,
-    information,
-    least_covariance,
-)
+from experiments.bound import AROUND_PX, Scene, Sensor, _field, blur_level, build_scene, information, least_covariance
 from pzcap.geometry.camera import View, pixel_to_direction
 from pzcap.geometry.cylinder import to_unwrapped
 from pzcap.geometry.lens import at as lens_at

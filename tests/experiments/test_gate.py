@@ -17,9 +17,9 @@ from experiments import gate
 from experiments.config import build
 from experiments.errors import AlreadyReported
 from experiments.gate import Case, GateConfig, Tolerance, figures, judge, moves, read_baseline, write_baseline
-from experiments.metrics import Metric
 from experiments.score import score
 from experiments.totals import metrics
+from pzcap.scoring.metric import Metric
 from pzcap.types import PzcapError, Reconstruction
 from tests.scenes import fabricated
 from tests.scenes.biased import lengthened
@@ -29,11 +29,7 @@ from tests.scenes.fabricated_truth import truth_of
 CONFIG = GateConfig(
     common=("a=1",),
     cases={"one": ("b=2",)},
-    tolerances=(
-        Tolerance("speed.*", ignored=True),
-        Tolerance("*.lost"),
-        Tolerance("*", relative=0.1, absolute=0.001),
-    ),
+    tolerances=(Tolerance("speed.*", ignored=True), Tolerance("*.lost"), Tolerance("*", relative=0.1, absolute=0.001)),
 )
 BEFORE = (
     Metric("panzoom.pan.rms", 0.002, "deg"),

@@ -19,7 +19,7 @@ from experiments import terminal
 from experiments.comparisons.harness import Row, print_rows
 from experiments.comparisons.peers import COMPARISON
 from experiments.config import default_tree
-from experiments.metrics import Metric, run_info
+from experiments.metrics import run_info
 from experiments.paper_figures import page
 from experiments.paper_figures.canvas import Drawn
 from experiments.paper_figures.material import Run
@@ -29,6 +29,7 @@ from experiments.report import plots
 from experiments.run import main, print_table
 from experiments.studies import jobs
 from experiments.studies import page as study_page
+from pzcap.scoring.metric import Metric
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import CameraFiles, Capture
 from tests.scenes import fabricated

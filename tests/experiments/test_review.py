@@ -13,10 +13,11 @@ from rerun.chunk import RrdReader
 
 from experiments import review
 from experiments.config import default_tree
-from experiments.metrics import Metric, run_info
+from experiments.metrics import run_info
 from experiments.report import bookmarks, recording
 from pzcap.events import FrameLocalised
 from pzcap.io import results
+from pzcap.scoring.metric import Metric
 from pzcap.types import Array, CameraFiles, Capture, FrameSet, Localisation, PzcapError
 from pzcap.viewer import columns, window
 from pzcap.viewer.recording import Recorder

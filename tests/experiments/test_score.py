@@ -14,12 +14,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.metrics import Metric, format_value, meets_target, read_metrics, run_info, write_metrics
+from experiments.metrics import format_value, meets_target, read_metrics, run_info, write_metrics
 from experiments.report import plots
 from experiments.score import Score, score
 from experiments.silhouette_score import ForegroundScorer, iou, outline_distance
 from experiments.totals import metrics
 from pzcap.geometry import camera as geometry
+from pzcap.scoring.metric import Metric
 from pzcap.scoring.projection import project
 from pzcap.scoring.records import CameraPoses
 from pzcap.types import Camera, PzcapError, Reconstruction

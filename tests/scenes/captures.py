@@ -1,4 +1,4 @@
-"""Shoots that tests share, filmed once and kept, and the projection of their true cameras."""
+"""Shoots that tests share, filmed once and kept, cameras that face a place, and their projection."""
 
 from __future__ import annotations
 
@@ -27,6 +27,17 @@ def shot(config: ShootConfig) -> Path:
     with (CAPTURES / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         return footage.shot(config, CAPTURES)
+
+
+def facing(place_m: Array, target_m: Array) -> Array:
+    """(4, 4) ``world_T_cam`` of an upright camera at a place (3,) that looks at a target (3,)."""
+    forward = np.subtract(target_m, place_m) / np.linalg.norm(np.subtract(target_m, place_m))
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    world_T_cam = np.eye(4)
+    world_T_cam[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    world_T_cam[:3, 3] = place_m
+    return world_T_cam
 
 
 def project(camera: Camera, points_m: Array) -> Array:

@@ -16,9 +16,10 @@ from omegaconf import DictConfig
 
 from experiments import run
 from experiments.config import default_tree, plain
-from experiments.metrics import Metric, run_info, write_metrics
+from experiments.metrics import run_info, write_metrics
 from experiments.report import recording
 from experiments.studies import jobs
+from pzcap.scoring.metric import Metric
 from pzcap.types import Capture
 from pzcap.viewer.recording import Recorder
 from tests.scenes import fabricated

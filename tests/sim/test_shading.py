@@ -11,6 +11,7 @@ import pytest
 from pzcap.types import Image
 from sim.cameras.render import Stage
 from sim.cameras.shading import casts_one_shadow
+from tests.scenes.captures import facing
 
 SIZE = (400, 300)
 
@@ -53,12 +54,7 @@ def stage() -> Iterator[Stage]:
 
 def look(stage: Stage, x: float) -> None:
     """Look at the scene from the south."""
-    world_T_cam = np.eye(4)
-    forward = np.array([-0.3 * x, 4.0, -1.6]) / np.linalg.norm([-0.3 * x, 4.0, -1.6])
-    right = np.cross(forward, [0, 0, 1]) / np.linalg.norm(np.cross(forward, [0, 0, 1]))
-    world_T_cam[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    world_T_cam[:3, 3] = (0.3 * x, -4.0, 2.2)
-    stage.aim(world_T_cam, 45.0)
+    stage.aim(facing(np.array([0.3 * x, -4.0, 2.2]), np.array([0.0, 0.0, 0.6])), 45.0)
 
 
 def picture(stage: Stage) -> Image:

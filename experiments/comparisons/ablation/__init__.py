@@ -34,15 +34,7 @@ from rich.console import Console
 
 from experiments.comparisons.ablation.trial import attempt, prepare
 from experiments.comparisons.ablation.variants import VARIANTS
-from experiments.comparisons.harness import (
-    Bar,
-    Column,
-    Comparison,
-    Row,
-    draw_bars,
-    scored_capture,
-    with_differences,
-)
+from experiments.comparisons.harness import Bar, Column, Comparison, Row, draw_bars, scored_capture, with_differences
 from experiments.config import AppConfig
 from experiments.progress import Bars
 from experiments.report.plots import COLOURS, INK, MUTED
@@ -100,7 +92,6 @@ def draw_keyframes(figure: Figure, rows: Sequence[Row[Any]]) -> None:
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="ablation",
-    about=__doc__ or "",
     columns=(
         Column(MEAN, "mean", "mm", "{:.1f}"),
         Column("mpjpe.p95", "p95", "mm", "{:.1f}"),

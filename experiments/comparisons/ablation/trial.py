@@ -7,7 +7,6 @@ an estimate; the tracker does not know.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Final
@@ -20,6 +19,7 @@ from experiments.config import CONVERTER
 from experiments.score import body_errors, frames_of
 from pzcap import pipeline
 from pzcap.body import skeleton
+from pzcap.calibration.calibrate import Report
 from pzcap.camera_set import calibrated_of
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.extras.cpu_clock import cpu_clock
@@ -73,9 +73,7 @@ class Outcome:
     cpu_ms: float  # of the tracker, a frame set
 
 
-def prepare(
-    capture: Capture, truth: Truth, config: pipeline.Config, report: Callable[[str, int, int], None]
-) -> Material:
+def prepare(capture: Capture, truth: Truth, config: pipeline.Config, report: Report) -> Material:
     """Find the cameras in every frame. PzcapError where the capture has not what a body is tracked by."""
     sets = frame_sets(capture)
     if capture.subject is None or not sets.keyframes:
@@ -85,9 +83,7 @@ def prepare(
     return Material(capture, capture.subject, sets, found, truth, frames_of(truth, found)[0])
 
 
-def attempt(
-    material: Material, variant: Variant, config: pipeline.Config, report: Callable[[str, int, int], None]
-) -> Outcome:
+def attempt(material: Material, variant: Variant, config: pipeline.Config, report: Report) -> Outcome:
     """Track the body under ``variant``, and score it where neither the variant nor the default has a keyframe."""
     motion, seconds = follow(material, variant, config, report)
     errors = body_errors(motion, material.truth, material.true_frames)
@@ -101,9 +97,7 @@ def attempt(
     )
 
 
-def follow(
-    material: Material, variant: Variant, config: pipeline.Config, report: Callable[[str, int, int], None]
-) -> tuple[Motion, float]:
+def follow(material: Material, variant: Variant, config: pipeline.Config, report: Report) -> tuple[Motion, float]:
     """The motion under ``variant``, and the CPU seconds that it took from the videos on, localisation aside.
 
     It is the pipeline's own loop, whose stages are given what the variant knows.

@@ -22,14 +22,13 @@ import numpy as np
 from rich.console import Console
 
 from experiments.comparisons.fixed_tools.clients import HERE, installed, run
-from experiments.comparisons.harness import Column, Comparison, Row, scored_with_keypoints, without_keypoints
+from experiments.comparisons.harness import Column, Comparison, Row, on_keypoints
 from experiments.comparisons.triangulation import triangulate
 from experiments.config import AppConfig
 from experiments.progress import Bars
 from pzcap.export import aniposelib, pose2sim
 from pzcap.export.take import Take
 from pzcap.io.detections import KEYPOINTS
-from pzcap.pipeline import reconstruct
 from pzcap.scoring.records import by_timecode
 from pzcap.types import JOINTS, Array, Mask, PzcapError
 
@@ -44,10 +43,8 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
     """Each tool on the same keypoints. Raises PzcapError where no camera has any."""
     del folder
     with Bars(console) as bars:
-        capture, truth = scored_with_keypoints(config, bars.update)
-        without = reconstruct(without_keypoints(capture), config.reconstruct, bars.update)
-        joined = reconstruct(capture, config.reconstruct, bars.update, without)
-        if joined.motion is None or without.motion is None:
+        capture, truth, pixels, joined = on_keypoints(config, bars.update)
+        if joined.motion is None or pixels.motion is None:
             raise PzcapError(f"{capture.folder}: no body was tracked; it needs subject.json and keyframes.json")
         own = [JOINTS.index(name) for name in LIMBS]
         places: dict[str, Array] = {}
@@ -60,8 +57,8 @@ def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[A
             else:
                 absent[tool] = _MISSING
             bars.update(tool, 1, 1)
-    places["alone"] = triangulate(capture, without).joints_m[:, own]
-    places["joined"], places["pixels"] = joined.motion.joints_m[:, own], without.motion.joints_m[:, own]
+    places["alone"] = triangulate(capture, pixels).joints_m[:, own]
+    places["joined"], places["pixels"] = joined.motion.joints_m[:, own], pixels.motion.joints_m[:, own]
     index, known = by_timecode(joined.timecodes, truth.timecodes)
     known = known.copy()
     known[joined.motion.keyframes] = False
@@ -138,14 +135,12 @@ TOOLS: Final[dict[str, Callable[[Take, Path], Array]]] = {"pose2sim": by_pose2si
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="fixed_tools",
-    about=__doc__ or "",
     columns=(
         Column("mean", "mean mm", "mm", "{:.1f}"),
         Column("p95", "p95 mm", "mm", "{:.1f}"),
         Column("missing", "missing %", "%", "{:.1f}"),
     ),
     compare=compare,
-    plots={},
     experiment="keypoints",
     variants="limb joints by",
 )

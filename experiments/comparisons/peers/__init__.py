@@ -137,7 +137,6 @@ def _columns() -> tuple[Column, ...]:
 
 COMPARISON: Final[Comparison[bench.Summary]] = Comparison(
     name="peers",
-    about=__doc__ or "",
     columns=_columns(),
     compare=compare,
     plots={"errors.png": ((11.0, 4.4), draw)},

@@ -15,6 +15,7 @@ from experiments.comparisons.peers.adjustment import RayAdjustment
 from experiments.comparisons.peers.alignment import Ecc
 from experiments.comparisons.peers.matching import Features
 from experiments.comparisons.peers.material import Background, Estimate, Material, Shot
+from pzcap.calibration.calibrate import Report
 from pzcap.extras.paper.method import PaperLocaliser
 from pzcap.geometry.camera import wrapped
 from pzcap.localisation.localise import Localiser
@@ -142,9 +143,7 @@ def choose(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in METHODS if not names or name in names)
 
 
-def run(
-    material: Material, names: Sequence[str], every: int, report: Callable[[str, int, int], None]
-) -> tuple[Result, ...]:
+def run(material: Material, names: Sequence[str], every: int, report: Report) -> tuple[Result, ...]:
     """Let each of the methods locate every ``every``-th frame of each camera, on one thread.
 
     Raises PzcapError if ``every`` is not above 0 or no frame is left.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -17,6 +17,7 @@ from experiments.comparisons.peers.material import SWEEP_STEP, Background, Estim
 from experiments.config import structured
 from pzcap.calibration import stitching
 from pzcap.calibration.bundle_adjustment import Link
+from pzcap.calibration.calibrate import Report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import chain, link_further
 from pzcap.geometry import camera as geometry
@@ -66,7 +67,7 @@ def is_folder_of_frames(folder: Path) -> bool:
     return (folder / CAMERA).exists() or (folder / "frames").is_dir()
 
 
-def from_folder(folder: Path, config: PanZoomConfig, report: Callable[[str, int, int], None]) -> Material:
+def from_folder(folder: Path, config: PanZoomConfig, report: Report) -> Material:
     """The material of a folder of frames.
 
     Raises PzcapError that names what is missing or malformed, and what to do about it.
@@ -182,11 +183,7 @@ def _truth(path: Path, frames: Sequence[Path]) -> dict[str, Estimate]:
 
 
 def _stitched(
-    images: list[Image],
-    camera: PanZoomCamera,
-    full_turn: bool,
-    config: PanZoomConfig,
-    report: Callable[[str, int, int], None],
+    images: list[Image], camera: PanZoomCamera, full_turn: bool, config: PanZoomConfig, report: Report
 ) -> tuple[Panorama, NDArray[np.int64]]:
     """The panorama of a sweep whose lens, tilt and roll are known, its first frame at pan 0; and its frames."""
     count = len(images)

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from pzcap.calibration.calibrate import Report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, footage_of, taken_over
 from pzcap.extras.paper import method as paper
@@ -132,7 +133,7 @@ def from_capture(
     finished: Path | None,
     config: PanZoomConfig,
     with_paper: bool,
-    report: Callable[[str, int, int], None],
+    report: Report,
 ) -> Material:
     """The material of a capture: every camera that has an image of the calibration object, a sweep and motion.
 
@@ -188,7 +189,7 @@ def from_capture(
 
 
 def _prepared(
-    capture: Capture, files: CameraFiles, config: PanZoomConfig, report: Callable[[str, int, int], None]
+    capture: Capture, files: CameraFiles, config: PanZoomConfig, report: Report
 ) -> tuple[Panorama, PanZoomCamera]:
     calibrate = paper.calibrate if config.method == "paper" else calibrate_camera
     try:

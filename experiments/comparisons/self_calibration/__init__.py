@@ -96,7 +96,6 @@ def draw(figure: Figure, rows: Sequence[Row[Any]]) -> None:
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
     name="self_calibration",
-    about=__doc__ or "",
     columns=(
         Column("focal.median", "focal %", "%", "{:.2g}"),
         Column(PAN, "pan deg*", "deg", "{:.2g}"),

@@ -26,11 +26,10 @@ from experiments.comparisons.self_calibration.baselines import (
 )
 from experiments.comparisons.self_calibration.material import Footage, hall_footage, motion_footage, shots_of
 from experiments.config import AppConfig
-from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.calibration.calibrate import CalibratedCamera, Report
 from pzcap.camera_set import calibrate_camera, footage_of
-from pzcap.geometry.camera import at
+from pzcap.geometry.camera import of_frame
 from pzcap.localisation import localise
-from pzcap.localisation.panorama_sampler import place_of
 from pzcap.types import Array, Capture, Mask, PzcapError
 from sim.truth import Truth
 
@@ -86,7 +85,7 @@ def ours(prepared: CalibratedCamera, config: AppConfig, footage: Footage, masked
         found = localiser.localise(shown, last)
         found = localiser.localise(shown, found) if found.valid else found
         last = found if found.valid else None
-        camera = at(prepared.camera, *place_of(found)[:4])
+        camera = of_frame(prepared.camera, found)
         rotation.append(camera.world_T_cam[:3, :3])
         lens.append([np.log(camera.focal_px), *camera.principal_px, camera.k1])
         valid.append(found.valid)
@@ -101,7 +100,7 @@ def corrected(hall: Shots, calibrated: Frames, model: ZoomModel, filmed: Shots) 
 
 
 def compare(
-    capture: Capture, truth: Truth, config: AppConfig, report_step: Callable[[str, int, int], None]
+    capture: Capture, truth: Truth, config: AppConfig, report_step: Report
 ) -> dict[tuple[str, str], list[Errors]]:
     """(method, condition) -> errors a camera."""
     result: dict[tuple[str, str], list[Errors]] = {(m, c): [] for m in METHODS for c in CONDITIONS}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from pzcap.calibration.calibrate import Report
 from pzcap.camera_set import what_is_lacking
 from pzcap.command.check import forecast
 from pzcap.command.check.body_check import check_body
@@ -74,7 +75,7 @@ class Checked:
     forecast: forecast.Forecast
 
 
-def check_capture(capture: Capture, report: Callable[[str, int, int], None]) -> Checked:
+def check_capture(capture: Capture, report: Report) -> Checked:
     """Check a capture. ``report(stage, done, total)`` hears of the progress."""
     halls: dict[str, Hall] = {}
     motions: dict[str, tuple[Places | None, list[Finding]]] = {}

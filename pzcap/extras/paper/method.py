@@ -66,10 +66,7 @@ class PaperLocaliser:
         self._azimuth: Array = cylinder.from_panorama(panorama, self._features.points_px)[0]
 
     def localise(
-        self,
-        image: Image,
-        prior: Localisation | None,
-        hidden: Callable[[Localisation], Mask | None] | None = None,
+        self, image: Image, prior: Localisation | None, hidden: Callable[[Localisation], Mask | None] | None = None
     ) -> Localisation:
         """Pan and focal length of ``image`` (H, W[, 3]), by features near ``prior``, else anywhere; ``hidden`` is of no
         use to features."""

@@ -16,14 +16,7 @@ import numpy as np
 import pytest
 
 from experiments.benchmark import board, worst
-from experiments.benchmark.entries import (
-    Description,
-    entry_of,
-    read_description,
-    read_entries,
-    sha256_of,
-    write_entry,
-)
+from experiments.benchmark.entries import Description, entry_of, read_description, read_entries, sha256_of, write_entry
 from experiments.benchmark.tracks import TRACKS
 from pzcap.scoring.score import score
 from pzcap.scoring.totals import metrics

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.benchmark import methods
-from experiments.benchmark.make import CONFIG
-from experiments.benchmark.methods import Answered, Given
+from experiments.benchmark.make import CONFIG, BenchmarkConfig
+from experiments.benchmark.methods import bodies
+from experiments.benchmark.methods.given import Answered, Given
 from experiments.comparisons.fixed_tools import LIMBS
 from experiments.config import AppConfig, default_tree
 from pzcap.scoring.score import score
@@ -31,12 +31,11 @@ def given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Given:
     sets = SimpleNamespace(timecodes=whole.timecodes, keyframes=[SimpleNamespace(frame=0), SimpleNamespace(frame=19)])
     cameras = tuple(SimpleNamespace(name=name, keypoints=tmp_path) for name in whole.camera_names)
     capture: Any = SimpleNamespace(cameras=cameras, subject="measured", name=whole.capture_name, keyframe_poses={})
-    monkeypatch.setattr(methods, "frame_sets", lambda _: sets)
-    monkeypatch.setattr(methods, "Take", lambda found, _: found)
-    monkeypatch.setattr(methods, "installed", lambda _: True)
-    (tmp_path / CONFIG).write_text(json.dumps(default_tree(methods.BenchmarkConfig)))
+    monkeypatch.setattr(bodies, "Take", lambda found, _: found)
+    monkeypatch.setattr(bodies, "installed", lambda _: True)
+    (tmp_path / CONFIG).write_text(json.dumps(default_tree(BenchmarkConfig)))
     made = Given(tmp_path, AppConfig(), lambda *_: None)
-    vars(made).update(capture=capture, truth=truth, ours=(whole, 2.0, 100.0))
+    vars(made).update(capture=capture, sets=sets, truth=truth, ours=(whole, 2.0, 100.0))
     return made
 
 
@@ -64,9 +63,9 @@ def test_a_tool_for_fixed_cameras_answers_with_the_joints_it_gives(
     def fails(*_: object) -> Array:
         raise PzcapError("aniposelib: it does not work")
 
-    monkeypatch.setattr(methods, "TOOLS", {"aniposelib": fails, "pose2sim": off})
-    monkeypatch.setattr(methods, "all_joints", some_joints)
-    answers = methods.run_fixed_tools(given)
+    monkeypatch.setattr(bodies, "TOOLS", {"aniposelib": fails, "pose2sim": off})
+    monkeypatch.setattr(bodies, "all_joints", some_joints)
+    answers = bodies.run_fixed_tools(given)
     assert answers["aniposelib"].missing == "aniposelib: it does not work"  # and the other goes on
     found = values(answers["pose2sim"])
     assert found["body.mpjpe.mean"] == pytest.approx(10.0)
@@ -75,12 +74,12 @@ def test_a_tool_for_fixed_cameras_answers_with_the_joints_it_gives(
 
 
 def test_a_tool_without_environment_or_keypoints_says_so(given: Given, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(methods, "installed", lambda _: False)
-    assert {a.missing for a in methods.run_fixed_tools(given).values()} == {
+    monkeypatch.setattr(bodies, "installed", lambda _: False)
+    assert {a.missing for a in bodies.run_fixed_tools(given).values()} == {
         "needs its own environment: make test-clients"
     }
     given.capture.subject = None  # type: ignore[misc]
-    assert {a.missing for a in methods.run_fixed_tools(given).values()} == {"needs keypoints and measurements"}
+    assert {a.missing for a in bodies.run_fixed_tools(given).values()} == {"needs keypoints and measurements"}
 
 
 def test_locked_cameras_are_other_footage_of_the_same_motion(given: Given, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,21 +92,21 @@ def test_locked_cameras_are_other_footage_of_the_same_motion(given: Given, monke
     whole, truth = plain.perfect()
     assert whole.motion is not None
     moved = replace(whole, motion=replace(whole.motion, joints_m=whole.motion.joints_m + np.array([0.0, 0.02, 0.0])))
-    monkeypatch.setattr(methods.footage, "shot", shot)
-    monkeypatch.setattr(methods.truth_files, "load", lambda _: truth)
-    monkeypatch.setattr(methods, "read_capture", lambda _: given.capture)
-    monkeypatch.setattr(methods, "replace", _replace)
-    monkeypatch.setattr(methods, "_reconstructed", lambda *_: (moved, 3.0, 50.0))
-    monkeypatch.setattr(methods, "triangulate", lambda *_: whole.motion)
-    answers = methods.run_locked(given)
+    monkeypatch.setattr(bodies.footage, "shot", shot)
+    monkeypatch.setattr(bodies.truth_files, "load", lambda _: truth)
+    monkeypatch.setattr(bodies, "read_capture", lambda _: given.capture)
+    monkeypatch.setattr(bodies, "replace", _replace)
+    monkeypatch.setattr(bodies, "reconstructed", lambda *_: (moved, 3.0, 50.0))
+    monkeypatch.setattr(bodies, "triangulate", lambda *_: whole.motion)
+    answers = bodies.run_locked(given)
     assert asked == ["none"]
     assert {key: values(one)["body.mpjpe.mean"] for key, one in answers.items()} == {
         "locked": pytest.approx(20.0), "locked_triangulated": pytest.approx(0.0, abs=1e-9)
     }  # fmt: skip
     assert values(answers["locked"])["panzoom.completeness"] == 0.0  # cameras of other footage are not answers
-    monkeypatch.setattr(methods.truth_files, "load", lambda _: replace(truth, joints_m=truth.joints_m + 1.0))
+    monkeypatch.setattr(bodies.truth_files, "load", lambda _: replace(truth, joints_m=truth.joints_m + 1.0))
     with pytest.raises(PzcapError, match="another motion"):
-        methods.run_locked(given)
+        bodies.run_locked(given)
 
 
 def _replace(each: Any, **changes: Any) -> Any:

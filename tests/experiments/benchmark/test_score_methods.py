@@ -12,7 +12,8 @@ import pytest
 
 from experiments.benchmark import __main__ as command
 from experiments.benchmark import score, worst
-from experiments.benchmark.methods import METHODS, RUNS, Answered, Given
+from experiments.benchmark.methods.given import Answered, Given
+from experiments.benchmark.methods.rows import METHODS, RUNS
 from experiments.benchmark.tracks import TRACKS
 from pzcap.scoring.files import read_results
 from pzcap.types import Image, PzcapError

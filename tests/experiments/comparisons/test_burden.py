@@ -69,5 +69,5 @@ def test_the_table_says_what_each_thing_is_worth(tmp_path: Path, monkeypatch: py
     assert "object" in (rows["no_object"].missing or "")
     assert rows["partial_sweep"].missing == "would have to be shot"
     assert "neither keyframes" in (rows["neither"].missing or "")
-    everything, hands_free = (rows[key].figures[burden.MEAN] or 0.0 for key in ("everything", "no_keyframes"))
+    everything, hands_free = (rows[key].figures[burden.MEAN.key] or 0.0 for key in ("everything", "no_keyframes"))
     assert 0.0 < everything < hands_free < 4 * everything + 20.0

@@ -55,9 +55,7 @@ def material(monkeypatch: pytest.MonkeyPatch) -> Any:
     assert whole.motion is not None
     truth = SimpleNamespace(joints_m=whole.motion.joints_m, timecodes=whole.timecodes)
     capture = SimpleNamespace(cameras=(SimpleNamespace(keypoints=Path("k")),), folder=Path("capture"))
-    monkeypatch.setattr(fixed_tools, "scored_with_keypoints", lambda *_: (capture, truth))
-    monkeypatch.setattr(fixed_tools, "without_keypoints", lambda each: each)
-    monkeypatch.setattr(fixed_tools, "reconstruct", lambda *_: whole)
+    monkeypatch.setattr(fixed_tools, "on_keypoints", lambda *_: (capture, truth, whole, whole))
     monkeypatch.setattr(fixed_tools, "triangulate", lambda *_: whole.motion)
     monkeypatch.setattr(fixed_tools, "Bars", lambda _: nullcontext(SimpleNamespace(update=lambda *_: None)))
     return whole

@@ -16,14 +16,4 @@ from experiments.comparisons.self_calibration.baselines.methods import (
 from experiments.comparisons.self_calibration.baselines.rotations import Frames, Pair
 from experiments.comparisons.self_calibration.baselines.shots import Shots, link
 
-__all__ = [
-    "Frames",
-    "Library",
-    "Pair",
-    "Shots",
-    "ZoomModel",
-    "link",
-    "shum_szeliski",
-    "sinha_pollefeys",
-    "wu_radke",
-]
+__all__ = ["Frames", "Library", "Pair", "Shots", "ZoomModel", "link", "shum_szeliski", "sinha_pollefeys", "wu_radke"]
