@@ -112,8 +112,8 @@ def exponent(amounts: Sequence[float], spent: Sequence[float]) -> float:
 
 
 def measure(names: Sequence[str], values: Sequence[int], folder: Path, out: Console) -> None:
-    """Print a table an axis, and write the page."""
-    drawn = {}
+    """Print a table an axis, and write the page. Raises PzcapError, after that, where a value could not be measured."""
+    drawn, failed = {}, []
     for name in names:
         axis = AXES[name]
         found: dict[int, Spent] = {}
@@ -121,7 +121,13 @@ def measure(names: Sequence[str], values: Sequence[int], folder: Path, out: Cons
             out.print(f"{name} {value}: filming", highlight=False)
             capture = shot(axis.shoot(value), Path(AppConfig().output.captures)) / "capture"
             out.print(f"{name} {value}: reconstructing", highlight=False)
-            found[value] = in_a_process_of_its_own(capture)
+            try:
+                found[value] = in_a_process_of_its_own(capture)
+            except PzcapError as error:  # half an hour of what was measured is not lost with it
+                failed.append(f"{name} {value}: {error}")
+                out.print(failed[-1], highlight=False)
+        if not found:
+            continue
         amounts = [axis.amount(value) for value in found]
         apart = amounts != list(found)  # one column is enough where the value is the amount
         rows = [
@@ -147,6 +153,8 @@ def measure(names: Sequence[str], values: Sequence[int], folder: Path, out: Cons
     ]
     pages.write(folder / "index.html", "scaling.html.j2", {"sections": sections})
     out.print(f"{folder / 'index.html'}", highlight=False)
+    if failed:
+        raise PzcapError("; ".join(failed))
 
 
 def _short(amount: float) -> str:

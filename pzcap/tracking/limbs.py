@@ -9,6 +9,7 @@ views.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -138,15 +139,17 @@ def grounds(views: Views, placed: Placed) -> list[Ground]:
 
 
 def mismatch(views: Views, placed: Placed) -> float:
-    """Area in which body and silhouettes differ, all views together, a share of the body's: hall that it covers, and
-    what shows the athlete beside it. Somebody else who is not told from the athlete makes it large, and a lost body."""
-    differ, size = 0.0, 0
+    """Area in which body and silhouettes differ, all views together, a share of the body's: the geometric mean of what
+    shows the athlete beside the body, and of the hall that it covers. Somebody else who is not told from the athlete
+    makes the one large, odd light the other; a body that is lost, both."""
+    beside, on_hall, size = 0.0, 0.0, 0
     for ground in grounds(views, placed):
         covered = ground.cover > 0
-        beside = cv2.dilate(covered.astype(np.uint8), _EDGE) == 0
-        differ += float(np.maximum(ground.belief, 0.0)[beside].sum() - np.minimum(ground.belief, 0.0)[covered].sum())
+        clear = cv2.dilate(covered.astype(np.uint8), _EDGE) == 0
+        beside += float(np.maximum(ground.belief, 0.0)[clear].sum())
+        on_hall -= float(np.minimum(ground.belief, 0.0)[covered].sum())
         size += int(covered.sum())
-    return differ / size if size else 0.0
+    return math.sqrt(beside * on_hall) / size if size else 0.0
 
 
 def patches(body: Body, limb: int, frames: Array, grounds: Sequence[Ground]) -> list[Patch]:

@@ -107,10 +107,10 @@ class IntervalTuning(NamedTuple):
     misplaced_px: float = 4.0  # misfit of the contours at a joint that is as likely misplaced as not; fitted
     misplaced_slope: float = 4.0  # increase of the logarithm of those odds with a pixel of misfit; fitted
     misplaced_m: float = 0.15  # distance by which a misplaced joint is off; fitted
-    # Of body and silhouettes, from which on the whole body is as likely lost as not. Seen: 0.03 of an athlete
-    # who is alone, up to 0.19 beside a coach; 0.2 to 0.6 where a coach was taken for the athlete.
-    mismatch: float = 0.23
-    mismatch_slope: float = 80.0  # increase of the logarithm of those odds with a mismatch of one
+    # Of body and silhouettes, from which on the whole body is as likely lost as not. Seen: 0.08 at most of an athlete
+    # beside a coach, 0.13 in loose clothes as well; 0.15 to 0.25 where the coach was taken for the athlete.
+    mismatch: float = 0.12
+    mismatch_slope: float = 150.0  # increase of the logarithm of those odds with a mismatch of one
 
 
 class ShapeTuning(NamedTuple):

@@ -63,3 +63,16 @@ def test_labels_of_the_axis_are_the_values_that_were_measured(tmp_path: Path, mo
     page = (tmp_path / "index.html").read_text()
     assert [page.count(f">{value}</text>") for value in ("150", "600", "3k")] == [3, 3, 3]
     assert page.count("<th>frame") == 1  # the value is the amount
+
+
+def test_what_was_measured_is_kept_where_a_value_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def reconstructed(capture: Path) -> scaling.Spent:
+        if capture.parent.name == "600":
+            raise PzcapError("no markers")
+        return scaling.Spent(10.0, 20.0, 300.0)
+
+    monkeypatch.setattr(scaling, "shot", lambda shoot, _: tmp_path / str(shoot.motion_frames))
+    monkeypatch.setattr(scaling, "in_a_process_of_its_own", reconstructed)
+    with pytest.raises(PzcapError, match="^frames 600: no markers$"):
+        scaling.measure(["frames"], [150, 600, 3000], tmp_path, terminal())
+    assert [len(each) for each in json.loads((tmp_path / "scaling.json").read_text()).values()] == [2]
