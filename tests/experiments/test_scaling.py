@@ -73,6 +73,6 @@ def test_what_was_measured_is_kept_where_a_value_fails(tmp_path: Path, monkeypat
 
     monkeypatch.setattr(scaling, "shot", lambda shoot, _: tmp_path / str(shoot.motion_frames))
     monkeypatch.setattr(scaling, "in_a_process_of_its_own", reconstructed)
-    with pytest.raises(PzcapError, match="^frames 600: no markers$"):
+    with pytest.raises(PzcapError, match=r"^frames 600: no markers$"):
         scaling.measure(["frames"], [150, 600, 3000], tmp_path, terminal())
     assert [len(each) for each in json.loads((tmp_path / "scaling.json").read_text()).values()] == [2]
