@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -15,11 +16,10 @@ from experiments.comparisons.ablation import trial as ablation
 from experiments.comparisons.ablation.variants import Known, Variant
 from experiments.comparisons.fixed_tools import LIMBS, TOOLS
 from experiments.comparisons.fixed_tools.clients import installed
-from experiments.comparisons.triangulation import all_joints, triangulate, triangulated
+from experiments.comparisons.triangulation import all_joints, cameras_at, triangulate, triangulated
 from experiments.score import frames_of
 from pzcap.export.take import Take
 from pzcap.extras.plain_results import body_track, results_of
-from pzcap.geometry import camera as geometry
 from pzcap.io.capture import read_capture
 from pzcap.scoring.records import BodyTrack
 from pzcap.types import Camera, Mask, PzcapError
@@ -38,15 +38,7 @@ def run_triangulated(given: Given) -> dict[str, Answered]:
         missing = Answered(None, 0.0, None, "needs keypoints")
         return {"triangulated": missing, "triangulated_true_cameras": missing}
     found, seconds, mib = given.ours
-    heads = zip(found.cameras, found.tracks, strict=True)
-    tracks = [None if c is None or t is None else (c, t) for c, t in heads]
-
-    def ours(frame: int) -> list[Camera | None]:
-        return [
-            None if one is None or not one[1].valid[frame]
-            else geometry.at(one[0], one[1].pan_rad[frame], one[1].tilt_rad[frame], one[1].focal_px[frame])
-            for one in tracks
-        ]  # fmt: skip
+    ours = partial(cameras_at, found)
 
     def true(frame: int) -> list[Camera | None]:
         at = given.truth.timecodes.index(found.timecodes[frame])
