@@ -56,7 +56,7 @@ class ShootConfig:
     height: Annotated[int, Range(32, 8192, step=2)] = 480
     """Image height, px. At 640 x 480 a capture is filmed in minutes."""
     cameras: Annotated[int, Range(2, 8)] = 4
-    """Cameras: the first four stand in the corners of the hall, further ones at the middle of a wall each."""
+    """Cameras: the first four stand in the corners of the hall, further ones along a wall each."""
     frame_rate: Annotated[int, Range(1, 240)] = 30
     """Frames a second of the motion video."""
     sweep_deg: Annotated[float, Range(1.0, 360.0)] = 360.0

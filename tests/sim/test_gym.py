@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim.cameras.optics import OpticsConfig, build_rig
 from sim.hall.gym import HALL_GROUP, OBJECT_GROUP, GymConfig, build_gym, calibration_object
 from sim.hall.scenery import HALL_M, WALLS
 from sim.hall.textures import Canvas, courses, flecks, grain, tint
@@ -208,6 +209,18 @@ def test_markers_are_square_upright_and_face_outwards() -> None:
         assert (marker.corners_m[:, 2] > 0).all()
     assert definition.wireframe_m.shape == (12, 2, 3)
     np.testing.assert_allclose(np.linalg.norm(np.diff(definition.wireframe_m, axis=1), axis=2), 2.0)
+
+
+@pytest.mark.parametrize("camera", range(8))
+def test_each_camera_sees_two_faces_of_the_object(camera: int) -> None:
+    """And neither by less than a sixth of a right angle."""
+    place = build_rig(camera, 640, 480, OpticsConfig(), np.random.default_rng(camera)).world_T_head[:3, 3]
+    facing = []
+    for marker in calibration_object().markers[4::9]:  # the middle one of each face
+        right, up = marker.corners_m[1] - marker.corners_m[0], marker.corners_m[0] - marker.corners_m[3]
+        ray, normal = place - marker.corners_m.mean(axis=0), np.cross(right, up)
+        facing.append(ray @ normal / np.linalg.norm(ray) / np.linalg.norm(normal))
+    assert sorted(facing)[-2] > np.sin(np.deg2rad(15.0))
 
 
 def detector() -> cv2.aruco.ArucoDetector:
