@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -75,6 +76,12 @@ def write_report(path: Path, material: Material, command: str) -> None:
     pages.write(path, "report.html.j2", _context(material, command))
 
 
+def _experiment(command: str) -> str | None:
+    """The named experiment that a ``command`` runs: captures are named after their motion alone."""
+    named = [word for word in shlex.split(command) if word.startswith("experiment=")]
+    return named[-1].partition("=")[2] if named else None
+
+
 def _context(material: Material, command: str) -> dict[str, Any]:
     reconstruction = material.reconstruction
     truth, result = brought_in(material.truth, material.score, reconstruction.camera_names)
@@ -87,6 +94,7 @@ def _context(material: Material, command: str) -> dict[str, Any]:
     contradicted, next_keyframe = _advice(material)
     return {
         "title": reconstruction.capture_name,
+        "experiment": _experiment(command),
         "method": reconstruction.method,
         "seed": material.run["seed"],
         "frames": len(reconstruction.timecodes),

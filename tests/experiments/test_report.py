@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from experiments.own_world import brought_in
-from experiments.report import plots
+from experiments.report import page, plots
 from experiments.score import Score, score
 from pzcap.geometry.camera import wrapped
 from pzcap.scoring.body_errors import BodyErrors
@@ -32,6 +32,11 @@ def test_the_error_over_time_marks_what_is_said_of_the_keyframes() -> None:
     for label in ("contradicted", "next keyframe"):
         assert label not in plain
         assert label in advised
+
+
+def test_a_report_is_headed_by_the_experiment_and_not_by_its_motion_alone() -> None:
+    assert page._experiment("python -m experiments.run experiment=crew seed=0 'hydra.run.dir=a b'") == "crew"
+    assert page._experiment("python -m experiments.run seed=0") is None
 
 
 def test_what_the_axis_leaves_out_is_said() -> None:
