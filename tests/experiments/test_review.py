@@ -25,7 +25,7 @@ from tests.scenes import fabricated
 from tests.scenes.viewer import needs_vulkan, screenshot
 
 FRAMES = 40
-GREEN, ORANGE = (60, 200, 40), (10, 120, 230)  # blue, green, red
+GREEN, VIOLET = (60, 200, 40), (160, 20, 90)  # blue, green, red; a violet that the viewer and its cameras have not
 
 
 def fabricate(run: Path, errors: dict[str, Array], worst: int | None = None) -> Path:
@@ -38,7 +38,7 @@ def fabricate(run: Path, errors: dict[str, Array], worst: int | None = None) -> 
     found = Localisation(0.1, -0.07, 440.0, np.eye(2) * 1e-6, True, none, none)
     with Recorder(run / "recording.rrd", capture, name=run.name) as recorder:
         for frame in range(FRAMES):
-            picture = np.full((fabricated.HEIGHT, fabricated.WIDTH, 3), GREEN if frame == worst else ORANGE, np.uint8)
+            picture = np.full((fabricated.HEIGHT, fabricated.WIDTH, 3), GREEN if frame == worst else VIOLET, np.uint8)
             sets = FrameSet(frame, f"01:00:01:{frame:02d}", (picture,) * 4)
             recorder.event(FrameLocalised(sets, (found,) * 4))
         recording.finish(recorder, whole, None, None)
@@ -182,6 +182,6 @@ def test_the_viewer_stands_at_the_worst_frame(run: Path) -> None:
     pixels, state = screenshot(review.review(run))
     assert state.recordings[0].current_time == 25
     assert not [view for view in state.views if view.reports]
-    green, orange = (np.abs(pixels.astype(int) - colour).max(axis=2) < 30 for colour in (GREEN, ORANGE))
+    green, violet = (np.abs(pixels.astype(int) - colour).max(axis=2) < 30 for colour in (GREEN, VIOLET))
     assert green.sum() > 50_000  # the four views of that frame, as the layout for tracking shows them
-    assert orange.sum() < 500
+    assert violet.sum() < 500

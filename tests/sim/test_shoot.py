@@ -163,7 +163,7 @@ def test_as_many_cameras_as_are_asked_for(tmp_path: Path) -> None:
     assert truth.camera_names == names
     places_m = truth.reference_world_T_cam[:, :2, 3]
     apart_m = np.linalg.norm(places_m[:, None] - places_m, axis=2)
-    assert apart_m[np.triu_indices(5, 1)].min() > 8.0
+    assert apart_m[np.triu_indices(5, 1)].min() > 5.0  # the fifth along a wall, where it sees two faces of the object
 
 
 def test_the_mask_is_where_the_picture_moved(small_capture: Path, truth: Truth) -> None:
