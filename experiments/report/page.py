@@ -65,7 +65,7 @@ HEADLINES: Final[Mapping[str, tuple[str, str]]] = {
 """Name of a figure, and what it says."""
 ALIGNED: Final = {"body.mpjpe.similarity", "body.size.similarity", "panzoom.position.similarity"}
 IN_THE_WORLD: Final = {"panzoom.pan.rms", "panzoom.reprojection.rms", "body.mpjpe.mean", "body.keyframes"}
-"""What stands in the place of `ALIGNED` where a calibration object says where the world begins."""
+"""Metrics in the place of `ALIGNED` where a calibration object says where the world begins."""
 THUMBNAIL_PX: Final = 460
 INSTANTS: Final = 5
 WORST: Final = 3

@@ -19,7 +19,7 @@ _CURES: Final = {
     "subject": "missing; the athlete's stature is the least, tape measurements are better (docs/capture.md)",
     "keyframes": "missing; pzcap edit poses them by hand, pzcap keypoints finds what does instead",
 }
-"""What to do about each paper that is not there."""
+"""Remedy for each paper that is not there."""
 TABLE = ("camera", "is its", "file", "known by", "size", "frames", "frames/s", "timecode", "scan")
 
 

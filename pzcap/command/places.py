@@ -24,7 +24,7 @@ def load_results(folder: Path) -> Reconstruction:
 
 
 def has_results(folder: Path) -> bool:
-    """Whether there is anything in ``folder`` that `load_results` would read."""
+    """True if ``folder`` holds anything that `load_results` would read."""
     return (_reconstruction(folder) / results.MANIFEST).is_file()
 
 

@@ -1,4 +1,4 @@
-"""What the page shows of the keyframes, and of a world that nobody knows the place of."""
+"""Marks of the keyframes on the page, and a world that nobody knows the place of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the viewer shows first."""
+"""First look of the viewer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a method of this tree is given of a capture, and the form of its answer."""
+"""Material of a capture for a method of this tree, and the form of its answer."""
 
 from __future__ import annotations
 
