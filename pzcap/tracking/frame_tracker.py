@@ -14,12 +14,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import expit
 
 from pzcap.body.kinematics import difference, forward, retract
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
-from pzcap.tracking.observation import Views
+from pzcap.tracking.limbs import mismatch
+from pzcap.tracking.observation import Placed, Views, divided
 from pzcap.tracking.pixel_time import velocities
 from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, misfit_px2
 from pzcap.tracking.settings import Round, TrackingConfig
@@ -43,6 +45,8 @@ class FrameEstimate(PoseEstimate):
     """One direction's estimate of one instant. The information is that of the images alone."""
 
     velocity: Array  # (43,) tangent a frame
+    views: Views  # as they were taken
+    lost: float  # probability that the whole body is elsewhere
     variance: Array  # (16,) relative, of each segment
 
 
@@ -69,12 +73,18 @@ class FrameTracker:
         self.body, self.config, self._direction = body, config, direction
         self.pose, self.velocity, self.age = pose, velocity, 0
         self.prediction_error_m = config.prediction_position_sigma_m  # of the joints, lately
+        self.lost = 0.0  # probability that the whole body is elsewhere
         self._velocity_known = velocity != 0.0  # of each degree of freedom
         self._persistence = np.where(DOF_SEGMENT > 0, config.joint_persistence, 1.0)  # the body as a whole moves on
         placed = PoseObjective(body, views, self.speed(pose)).place(pose)[1]
         self.appearances = mean_appearances(body, [views], [placed])
         # the adaptive appearance drifts with a limb that is lost; the reference is of frames beside the keyframe alone
         self.reference = [each.copy() for each in self.appearances]
+
+    @property
+    def astray(self) -> bool:
+        """True where the body is rather lost than not."""
+        return self.lost > 0.5
 
     def predict(self) -> Pose:
         """The pose of the next frame."""
@@ -93,7 +103,12 @@ class FrameTracker:
             self.pose, self.velocity = predicted, 0.9 * self.velocity
             self.prediction_error_m = math.hypot(self.prediction_error_m, config.prediction_position_sigma_m)
             no_information, variance = np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3)
-            return FrameEstimate(predicted, no_information, NO_CONTOUR, False, self.velocity, variance)
+            return FrameEstimate(
+                predicted, no_information, NO_CONTOUR, False, self.velocity, views, self.lost, variance
+            )
+        views = [
+            None if view is None else divided(self.body, view, predicted, self.prediction_error_m) for view in views
+        ]
         sigma = config.prediction_sigma * np.where(self._velocity_known, 1.0, config.start_widening)
         expected = retract(self.pose, self._persistence * self.velocity)
         schedule = [each for each in config.schedule if self.prediction_error_m >= each.surprise_m]
@@ -102,6 +117,7 @@ class FrameTracker:
             self.appearances, config, schedule, expected,
         )  # fmt: skip
         pose, placed = fit.posed.pose, fit.objective.visibility(fit.posed)
+        self.lost = probably_lost(views, placed)
         learn(views, placed, self.appearances, config.appearance_rate)
         if self.age <= FRAME.beside_keyframe:
             learn(views, placed, self.reference, 1.0 / (self.age + 1))
@@ -116,8 +132,15 @@ class FrameTracker:
         self.prediction_error_m += FRAME.error_gain * (error_m - self.prediction_error_m)
         self.pose = pose
         # a segment drifts away from its keyframe with age, and one that misses the silhouette is wrong
-        variance = 0.1 * self.age + misfit_px2(fit.normal.contour, 25.0) ** 2
-        return FrameEstimate(pose, fit.normal.hessian, fit.normal.contour, True, self.velocity, variance)
+        variance = 0.1 * self.age + misfit_px2(fit.normal.contour, 25.0) ** 2 + self.lost * FRAME.lost_variance
+        return FrameEstimate(
+            pose, fit.normal.hessian, fit.normal.contour, True, self.velocity, views, self.lost, variance
+        )
+
+
+def probably_lost(views: Views, placed: Placed) -> float:
+    """Probability that the body as a whole is not where it was ``placed``, by `limbs.mismatch`."""
+    return float(expit(FRAME.mismatch_slope * (mismatch(views, placed) - FRAME.mismatch)))
 
 
 def fit_pose(

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit
 
 from pzcap.body.kinematics import forward, joint_jacobians
 from pzcap.body.shape_estimation import Shape
@@ -23,9 +22,8 @@ from pzcap.tracking.batch_refinement import RefinedBatch, refine_batch
 from pzcap.tracking.bidirectional_fusion import discontinuous, fuse
 from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
-from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose
+from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose, probably_lost
 from pzcap.tracking.keyframes import information
-from pzcap.tracking.limbs import mismatch
 from pzcap.tracking.observation import ViewCrop, Views
 from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective, in_motion, misfit_px2
@@ -105,8 +103,8 @@ def solved(problem: IntervalProblem) -> IntervalResult:
         fit, report = fit_keyframe(problem.estimate.body, anchor.key, anchor.views, anchor.speed, config)
         keyframe = tracked(problem.estimate, config, anchor.key.frame, trusted(anchor.key, fit))
         return IntervalResult([keyframe], problem.estimate, problem.clocks, [fit.pose], report)
-    poses, disagreement, passes = _passes(problem)
-    numbers, views = [each.frame for each in problem.instants], [each.views for each in problem.instants]
+    poses, views, disagreement, passes = _passes(problem)
+    numbers = [each.frame for each in problem.instants]
     if anchor is not None:  # a frame like the others, with the hand's pose as prior
         numbers, views = [*numbers, anchor.key.frame], [*views, anchor.views]
         poses, disagreement = [*poses, anchor.fit.pose], np.vstack([disagreement, np.zeros(len(SEGMENTS))])
@@ -179,25 +177,27 @@ def misplaced(contour: Array) -> Array:
 
 
 def lost(objective: PoseObjective, pose: Pose) -> float:
-    """Probability that the body as a whole is not at ``pose``, by `limbs.mismatch`."""
-    odds = INTERVAL.mismatch_slope * (mismatch(objective.views, objective.place(pose)[1]) - INTERVAL.mismatch)
-    return float(expit(odds))
+    """Probability that the body as a whole is not at ``pose``."""
+    return probably_lost(objective.views, objective.place(pose)[1])
 
 
-def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:
-    """The poses of the frames after both passes, how far these are apart (T, 16), and what they leave behind."""
+def _passes(problem: IntervalProblem) -> tuple[list[Pose], list[Views], Array, PassResults]:
+    """The poses of the frames after both passes, the views as the surer pass took them, how far the two are apart
+    (T, 16), and what they leave behind."""
     anchor, body, before = problem.anchor, problem.estimate.body, problem.before[-1]
     ahead = [instant.forward for instant in problem.instants]
     if anchor is None:
         poses, agreed = [each.pose for each in ahead], np.zeros((len(ahead), len(SEGMENTS)))
         nowhere: Mask = agreed > 0.0
-        return poses, agreed, PassResults([poses], nowhere, nowhere, shared(problem.reference))
+        views = [each.views for each in ahead]
+        return poses, views, agreed, PassResults([poses], nowhere, nowhere, shared(problem.reference))
     tracker = FrameTracker(body, problem.config, anchor.fit.pose, -anchor.velocity, anchor.views, -1)
     back = [tracker.step(instant.views) for instant in reversed(problem.instants)][::-1]
     pairs = zip(problem.reference, tracker.reference, strict=True)
     reference = shared([one.with_other(other) for one, other in pairs])
     limbs = LimbAppearance(body, problem.config.appearance_score)
-    moving = in_motion(body, [each.pose for each in ahead], [instant.views for instant in problem.instants])
+    views = [(b if a.lost > b.lost else a).views for a, b in zip(ahead, back, strict=True)]
+    moving = in_motion(body, [each.pose for each in ahead], views)
 
     def score(t: int, pose: Pose) -> Array:
         return limbs.score(pose, moving[t], reference)
@@ -205,7 +205,7 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], Array, PassResults]:
     poses, disagreement = fuse(body, before, ahead, back, anchor.fit.pose, score)
     doubtful = discontinuous(body, before, poses, anchor.fit.pose, disagreement)
     both = [[each.pose for each in one] for one in (ahead, back)]
-    return poses, disagreement, PassResults(both, disagreement > 0.0, doubtful, reference)
+    return poses, views, disagreement, PassResults(both, disagreement > 0.0, doubtful, reference)
 
 
 def _refined(

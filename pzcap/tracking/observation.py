@@ -19,6 +19,7 @@ from pzcap.geometry.pinhole import pinhole, projected
 from pzcap.io.detections import NOBODY
 from pzcap.localisation.panorama_sampler import Window
 from pzcap.segmentation.foreground import Expected
+from pzcap.segmentation.others import other_people
 from pzcap.tracking import keypoint_residuals, visibility
 from pzcap.tracking.camera_refinement import CameraPrior, corrected
 from pzcap.tracking.pixel_time import AT_ONCE, Exposure
@@ -56,6 +57,7 @@ class ViewCrop:
     arms: Image  # (h, w) 0..255 that it is one of the lower arms, as `pzcap.tracking.skin_colour_model` has it
     belief: Float32  # (h / 4, w / 4) -1 hall .. 1 body, of `ViewTuning.belief_scale`
     others: Image  # (h / 2, w / 2) 1 where somebody else is, else 0; or (0, 0): nobody is
+    undivided: Float32  # (h / 2, w / 2) log-odds of people, where it was not known who is the athlete; or (0, 0)
     person: Array | None = None  # (26, 3) what a detector found of the body, as in `pzcap.io.detections`
     camera_prior: CameraPrior | None = None  # None: the camera is not to be corrected
     exposure: Exposure = AT_ONCE
@@ -91,7 +93,8 @@ def prepare(
     for _ in range(PYRAMID_LEVELS - 1):
         levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.uint8))
     nobody = np.zeros((0, 0), np.uint8)
-    crop = ViewCrop(camera, *corner, tuple(levels), _smooth(probability), arms, belief, nobody)
+    nothing = np.zeros((0, 0), np.float32)
+    crop = ViewCrop(camera, *corner, tuple(levels), _smooth(probability), arms, belief, nobody, nothing)
     for each in (*crop.pyramid, crop.probability, crop.arms):
         each.setflags(write=False)
     crop.belief.setflags(write=False)
@@ -102,10 +105,13 @@ def _smooth(image: Image) -> Image:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7), np.uint8)
 
 
-def crop_view(body: Body, view: ViewInput, pose: Pose, margin: float, skin_colours: SkinColourModel) -> ViewCrop | None:
+def crop_view(
+    body: Body, view: ViewInput, pose: Pose, margin: float, skin_colours: SkinColourModel, lost: bool = False
+) -> ViewCrop | None:
     """The part of a view around the body, copied so that the frame itself can be let go. None where it is not seen.
 
-    Of the people that a detector found, the one nearest to the ``pose`` is the athlete.
+    Of the people that a detector found, the one nearest to the ``pose`` is the athlete. Where the athlete is ``lost``,
+    the view was cut out by `anywhere`, and `divided` is for whoever knows better.
     """
     frames, camera, silhouette = forward(body, pose), view.camera, view.silhouette
     window = _around(place(body, frames)[0], camera, margin)
@@ -124,18 +130,54 @@ def crop_view(body: Body, view: ViewInput, pose: Pose, margin: float, skin_colou
     crop = prepare(image, probability, skin_colours.arms(image, hers), belief, camera, (left, top))
     person = keypoint_residuals.nearest(keypoint_residuals.in_world(body.landmarks, frames), camera, view.people)
     others = others if others.any() else crop.others
-    return replace(crop, others=others, person=person, camera_prior=view.camera_prior, exposure=view.exposure)
+    undivided = silhouette.evidence[top // 2 : bottom // 2, left // 2 : right // 2].copy() if lost else crop.undivided
+    return replace(
+        crop, others=others, undivided=undivided, person=person, camera_prior=view.camera_prior, exposure=view.exposure
+    )
+
+
+def divided(body: Body, view: ViewCrop, pose: Pose, sigma_m: float) -> ViewCrop:
+    """The view of somebody who was lost, with the others told from the athlete by an expected ``pose``, as in
+    `expect`."""
+    if not view.undivided.size:
+        return view
+    height, width = view.undivided.shape
+    window = view.left, view.top, view.left + 2 * width, view.top + 2 * height
+    distance_px, sigma_px = _outline(body, place(body, forward(body, pose)), sigma_m, view.camera, window)
+    others = other_people(view.undivided, distance_px, sigma_px)
+    if not others.any():
+        return view
+    size = view.belief.shape[::-1]
+    told = cv2.resize(1.0 - others.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return replace(view, others=others, belief=np.asarray(view.belief * told, np.float32))
 
 
 def expect(body: Body, pose: Pose, sigma_m: float, camera: Camera, margin: float) -> Expected | None:
     """Prior of the silhouette from an expected ``pose``, its joints known to ``sigma_m``. None where the body is out of
     view."""
-    points, normals = place(body, forward(body, pose))
-    window = _around(points, camera, margin)
+    placed = place(body, forward(body, pose))
+    window = _around(placed[0], camera, margin)
+    if window is None:
+        return None
+    return Expected(*window[:2], *_outline(body, placed, sigma_m, camera, window))
+
+
+def anywhere(body: Body, pose: Pose, camera: Camera, margin: float) -> Expected | None:
+    """The part of a view around a body that is lost, in which anybody may be the athlete."""
+    window = _around(place(body, forward(body, pose))[0], camera, margin)
     if window is None:
         return None
     left, top, right, bottom = window
-    placed = place_view(body, points, project(points, normals, camera), camera)
+    return Expected(left, top, np.ones(((bottom - top) // 2, (right - left) // 2), np.float32), VIEW.anywhere_px)
+
+
+def _outline(
+    body: Body, skin: tuple[Array, Array], sigma_m: float, camera: Camera, window: Window
+) -> tuple[Float32, float]:
+    """Distance (h, w), pixels, of the half pixels of a ``window`` from the outline of the placed ``skin``, positive
+    inside; and its standard deviation."""
+    left, top, right, bottom = window
+    placed = place_view(body, skin[0], project(*skin, camera), camera)
     buffer = placed.z_buffer
     # pixels of the z-buffer to half pixels of the window, whose centres lie between its pixels
     origin = (np.array([left, top]) + 0.5 - [buffer.left, buffer.top]) / buffer.scale
@@ -144,8 +186,9 @@ def expect(body: Body, pose: Pose, sigma_m: float, camera: Camera, margin: float
     linear = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     inside = (cv2.warpAffine(placed.mask.astype(np.float32), shift, size, flags=linear) > 0.5).astype(np.uint8)
     apart = cv2.distanceTransform(inside, cv2.DIST_L2, 3) - cv2.distanceTransform(1 - inside, cv2.DIST_L2, 3)
-    sigma_px = sigma_m * camera.focal_px / float(np.mean(placed.skin.depth[placed.skin.depth > 0.0]))
-    return Expected(left, top, np.asarray(buffer.scale * apart, np.float32), sigma_px)
+    depth = placed.skin.depth[placed.skin.depth > 0.0]
+    sigma_px = sigma_m * camera.focal_px / float(np.mean(depth)) if len(depth) else VIEW.anywhere_px
+    return np.asarray(buffer.scale * apart, np.float32), sigma_px
 
 
 @dataclass(frozen=True, slots=True, eq=False)

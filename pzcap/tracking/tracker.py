@@ -33,12 +33,13 @@ from pzcap.tracking.interval_solver import (
     tracked,
 )
 from pzcap.tracking.keyframes import joint_sigma_m
-from pzcap.tracking.observation import ViewCrop, ViewInput, crop_view, expect
+from pzcap.tracking.observation import ViewCrop, ViewInput, anywhere, crop_view, expect
 from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_shape
 from pzcap.tracking.skin_colour_model import SkinColourModel
+from pzcap.tracking.tuning import FRAME
 from pzcap.types import SEGMENTS, Array, Camera, Keyframe, Motion, Pose, PzcapError
 
 __all__ = ["TrackInput", "Tracked", "Tracker", "ViewInput", "collect"]
@@ -84,6 +85,8 @@ class Tracker:
         if frame in self._keys:
             key = self._keys[frame]
             pose, sigma_m = key.pose, 2.0 * joint_sigma_m(key, self.body, self.config)
+        elif self._ahead is not None and self._ahead.astray:
+            return anywhere(self.body, self._ahead.predict(), camera, FRAME.lost_margin)
         elif self._ahead is not None:
             pose, sigma_m = self._ahead.predict(), self._ahead.prediction_error_m
         else:
@@ -97,7 +100,7 @@ class Tracker:
         if self._ahead is None:
             self._lead.append(item)
             return [] if len(self._lead) <= self.config.longest_lead else [self._unknown(self._lead.pop(0))]
-        views = self._crop(item.views, self._ahead.predict())
+        views = self._crop(item.views, self._ahead.predict(), self._ahead.astray)
         step = self._ahead.step(views)
         if item.frame > self._last_key:
             return [*self._solved(), self._tracked(item.frame, step)]
@@ -191,7 +194,9 @@ class Tracker:
         nowhere = PoseEstimate(self._keys[min(self._keys)].pose, np.zeros((DOF, DOF)), NO_CONTOUR, False)
         return self._tracked(item.frame, nowhere)
 
-    def _crop(self, views: Sequence[ViewInput | None], pose: Pose) -> list[ViewCrop | None]:
+    def _crop(
+        self, views: Sequence[ViewInput | None], pose: Pose, astray: bool = False
+    ) -> list[ViewCrop | None]:
         if self.clocks is None:
             self.clocks = ClockEstimate.of(len(views), self.config.clock_sigma)
         clocks = self.clocks.clock.tolist()
@@ -200,7 +205,8 @@ class Tracker:
             view = replace(view, exposure=view.exposure._replace(clock=clock))
             if not self.config.camera_refinement:
                 view = replace(view, camera_prior=None)
-            return crop_view(self.body, view, pose, self.config.cut_out_margin, self._skin_colours)
+            margin = FRAME.lost_margin if astray else self.config.cut_out_margin
+            return crop_view(self.body, view, pose, margin, self._skin_colours, astray)
 
         return [
             None if view is None or not view.silhouette.valid else crop(view, clock)

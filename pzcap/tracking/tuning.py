@@ -14,6 +14,7 @@ class ViewTuning(NamedTuple):
     full_log_odds: float = 3.0  # evidence for the athlete that counts in full when areas are judged
     usual_px_per_m: float = 130.0  # magnification that `Terms.level` is meant for: an athlete 220 pixels tall
     nearest_m: float = 0.5  # no magnification is reckoned with for less than this distance
+    anywhere_px: float = 1e3  # error of a prediction that says nothing
     least_camera_sigma: float = 1e-7  # radians of pan, and of log focal: none is known better
 
 
@@ -87,6 +88,12 @@ class FrameTuning(NamedTuple):
     leap_sigmas: float = 3.0  # sigmas of the prediction that nobody moves by
     beside_keyframe: int = 2  # frames beside a keyframe in which limbs are still where they are thought to be
     error_gain: float = 0.3  # share of the latest frame in the error of the predictions
+    # Of body and silhouettes, from which on the whole body is as likely lost as not. Seen: 0.08 at most of an athlete
+    # beside a coach, 0.13 in loose clothes as well; 0.15 to 0.25 where the coach was taken for the athlete.
+    mismatch: float = 0.12
+    mismatch_slope: float = 150.0  # increase of the logarithm of those odds with a mismatch of one
+    lost_margin: float = 0.6  # that is kept of a view around a body that is lost, in sizes of the body
+    lost_variance: float = 1e4  # relative, of the segments of a body that is lost
 
 
 class FusionTuning(NamedTuple):
@@ -107,10 +114,6 @@ class IntervalTuning(NamedTuple):
     misplaced_px: float = 4.0  # misfit of the contours at a joint that is as likely misplaced as not; fitted
     misplaced_slope: float = 4.0  # increase of the logarithm of those odds with a pixel of misfit; fitted
     misplaced_m: float = 0.15  # distance by which a misplaced joint is off; fitted
-    # Of body and silhouettes, from which on the whole body is as likely lost as not. Seen: 0.08 at most of an athlete
-    # beside a coach, 0.13 in loose clothes as well; 0.15 to 0.25 where the coach was taken for the athlete.
-    mismatch: float = 0.12
-    mismatch_slope: float = 150.0  # increase of the logarithm of those odds with a mismatch of one
 
 
 class ShapeTuning(NamedTuple):
