@@ -57,14 +57,15 @@ MOVES: Final[Mask] = _moved_segments()
 
 # Ranges of the rotation vector about x, y, z (degrees) that a trained gymnast can reach, generously; mirrored for the
 # right side. They only keep a hidden limb from folding up, so they are soft and wide. A shoulder reaches half a turn,
-# where rotation vectors change sign: it is left free.
+# where rotation vectors change sign: it is left free. A hip turns by 45 degrees about the thigh, and takes it 30 across
+# the other one (American Academy of Orthopaedic Surgeons, 1965): a leg that goes further explains an arm.
 _LIMITS_DEG: Final[dict[str, tuple[tuple[float, float], ...]]] = {
     "lumbar": ((-40, 40), (-50, 70), (-40, 40)),
     "thorax": ((-40, 40), (-50, 60), (-50, 50)),
     "head": ((-55, 55), (-75, 75), (-85, 85)),
     "forearm": ((-8, 160),),
     "hand": ((-60, 60), (-90, 90), (-95, 95)),
-    "thigh": ((-40, 100), (-150, 80), (-70, 70)),
+    "thigh": ((-35, 100), (-150, 80), (-55, 55)),
     "shank": ((-8, 160),),
     "foot": ((-45, 45), (-60, 90), (-50, 50)),
 }

@@ -126,6 +126,7 @@ class LimbAppearance:
         body, hall = limbs.judged(self.body, limb, posed, context.patches).T
         similarity = _compared(self._skins[limb], posed, context.coarse if coarse else context.fine)
         score = body - hall + self._weight * similarity - APPEARANCE.reluctance_m2 * np.sum(turns**2, axis=1)
+        score -= APPEARANCE.limit_m2 * limbs.beyond_limits(limb, context.pose, turns)
         first, *others = LIMBS[limb]
         moved = posed[:, 1:, :3, 3] - context.frames[others, :3, 3]
         return Postures(turns, score, moved @ context.frames[PARENTS[first], :3, :3])

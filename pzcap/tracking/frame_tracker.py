@@ -21,7 +21,7 @@ from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.limbs import mismatch
-from pzcap.tracking.observation import Placed, Views, divided
+from pzcap.tracking.observation import Views, divided
 from pzcap.tracking.pixel_time import velocities
 from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, misfit_px2
 from pzcap.tracking.settings import Round, TrackingConfig
@@ -72,7 +72,7 @@ class FrameTracker:
     ) -> None:
         self.body, self.config, self._direction = body, config, direction
         self.pose, self.velocity, self.age = pose, velocity, 0
-        self.prediction_error_m = config.prediction_position_sigma_m  # of the joints, lately
+        self.prediction_error_m = FRAME.error_m  # of the joints, lately
         self.lost = 0.0  # probability that the whole body is elsewhere
         self._velocity_known = velocity != 0.0  # of each degree of freedom
         self._persistence = np.where(DOF_SEGMENT > 0, config.joint_persistence, 1.0)  # the body as a whole moves on
@@ -101,7 +101,7 @@ class FrameTracker:
         self.age += 1
         if all(view is None for view in views):  # nothing was seen: coast, slow down, and be less sure with every frame
             self.pose, self.velocity = predicted, 0.9 * self.velocity
-            self.prediction_error_m = math.hypot(self.prediction_error_m, config.prediction_position_sigma_m)
+            self.prediction_error_m = math.hypot(self.prediction_error_m, FRAME.error_m)
             no_information, variance = np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3)
             return FrameEstimate(
                 predicted, no_information, NO_CONTOUR, False, self.velocity, views, self.lost, variance
@@ -117,7 +117,7 @@ class FrameTracker:
             self.appearances, config, schedule, expected,
         )  # fmt: skip
         pose, placed = fit.posed.pose, fit.objective.visibility(fit.posed)
-        self.lost = probably_lost(views, placed)
+        self.lost = probably_lost(mismatch(views, placed))
         learn(views, placed, self.appearances, config.appearance_rate)
         if self.age <= FRAME.beside_keyframe:
             learn(views, placed, self.reference, 1.0 / (self.age + 1))
@@ -138,9 +138,9 @@ class FrameTracker:
         )
 
 
-def probably_lost(views: Views, placed: Placed) -> float:
-    """Probability that the body as a whole is not where it was ``placed``, by `limbs.mismatch`."""
-    return float(expit(FRAME.mismatch_slope * (mismatch(views, placed) - FRAME.mismatch)))
+def probably_lost(mismatch: float) -> float:
+    """Probability that the body as a whole is elsewhere, from the `limbs.mismatch`."""
+    return float(expit(FRAME.mismatch_slope * (mismatch - FRAME.mismatch)))
 
 
 def fit_pose(

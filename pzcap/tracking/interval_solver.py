@@ -24,6 +24,7 @@ from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose, probably_lost
 from pzcap.tracking.keyframes import information
+from pzcap.tracking.limbs import mismatch
 from pzcap.tracking.observation import ViewCrop, Views
 from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective, in_motion, misfit_px2
@@ -178,7 +179,7 @@ def misplaced(contour: Array) -> Array:
 
 def lost(objective: PoseObjective, pose: Pose) -> float:
     """Probability that the body as a whole is not at ``pose``."""
-    return probably_lost(objective.views, objective.place(pose)[1])
+    return probably_lost(mismatch(objective.views, objective.place(pose)[1]))
 
 
 def _passes(problem: IntervalProblem) -> tuple[list[Pose], list[Views], Array, PassResults]:

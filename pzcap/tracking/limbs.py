@@ -19,10 +19,11 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pzcap.body import kinematics
 from pzcap.body.kinematics import difference, forward, joint_angles, retract
-from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMBS, Body
+from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMBS, LIMIT_HIGH, LIMIT_LOW, Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.tracking.observation import Placed, Views
 from pzcap.tracking.tuning import APPEARANCE, VIEW
@@ -65,6 +66,14 @@ def bounded(limb: int, pose: Pose, turns: Array) -> Array:
     """The ``turns`` (K, 4) of a limb as far as its hinge can make them."""
     bent = joint_angles(pose)[_TURNED[limb][3]]
     return np.column_stack([turns[:, :3], np.clip(bent + turns[:, 3], *APPEARANCE.hinge_range_rad) - bent])
+
+
+def beyond_limits(limb: int, pose: Pose, turns: Array) -> Array:
+    """(K,) Squared radians by which a limb's ball joint, turned by ``turns`` (K, 4), is beyond its limits."""
+    rows, start = _TURNED[limb][:3], pose.rotations[LIMBS[limb][0]]
+    turned = Rotation.from_quat(kinematics.turn(np.tile(start, (len(turns), 1)), turns[:, :3]), scalar_first=True)
+    angles = turned.as_rotvec()
+    return np.asarray(np.sum((angles - np.clip(angles, LIMIT_LOW[rows], LIMIT_HIGH[rows])) ** 2, axis=1))
 
 
 def posed(body: Body, limb: int, pose: Pose, turns: Array) -> Array:

@@ -194,9 +194,7 @@ class Tracker:
         nowhere = PoseEstimate(self._keys[min(self._keys)].pose, np.zeros((DOF, DOF)), NO_CONTOUR, False)
         return self._tracked(item.frame, nowhere)
 
-    def _crop(
-        self, views: Sequence[ViewInput | None], pose: Pose, astray: bool = False
-    ) -> list[ViewCrop | None]:
+    def _crop(self, views: Sequence[ViewInput | None], pose: Pose, astray: bool = False) -> list[ViewCrop | None]:
         if self.clocks is None:
             self.clocks = ClockEstimate.of(len(views), self.config.clock_sigma)
         clocks = self.clocks.clock.tolist()

@@ -87,6 +87,7 @@ class FrameTuning(NamedTuple):
 
     leap_sigmas: float = 3.0  # sigmas of the prediction that nobody moves by
     beside_keyframe: int = 2  # frames beside a keyframe in which limbs are still where they are thought to be
+    error_m: float = 0.03  # of the joints, by which a prediction errs beside a keyframe, and more in a frame unseen
     error_gain: float = 0.3  # share of the latest frame in the error of the predictions
     # Of body and silhouettes, from which on the whole body is as likely lost as not. Seen: 0.08 at most of an athlete
     # beside a coach, 0.13 in loose clothes as well; 0.15 to 0.25 where the coach was taken for the athlete.
@@ -141,6 +142,7 @@ class AppearanceTuning(NamedTuple):
     """Postures of limbs, and their appearance score."""
 
     reluctance_m2: float = 0.002  # gain that a turn of one radian must bring
+    limit_m2: float = 0.2  # that one radian beyond the joint's limits must bring
     weight: float = 6.0  # square metres of silhouette that one of similarity is worth
     half_alike: float = 15.0  # grey levels by which a point half looks otherwise
     neutral: float = 0.58  # likeness (1: as it should be) that is neither like nor unlike
@@ -161,7 +163,7 @@ class ReacquisitionTuning(NamedTuple):
     beside: int = 6  # frames on either side of a lost one that may be wrong with it
     largest_hall: float = 0.25  # share of hall in what a limb covers, all views together, from which on it is lost
     least_area_m2: float = 0.05  # covered area to tell that by
-    unlike_m2: float = 0.003  # negative similarity from which on a limb is lost: less is an odd light
+    unlike_m2: float = 0.0  # negative similarity from which on a limb is lost
     sizes_rad: tuple[float, ...] = (1.2, 0.6, 0.3, 0.14, 0.06)  # spread of the postures tried, from coarse to fine
     coarse_rad: float = 0.3  # postures that are spread by more are scored in coarse images
     leap_m: float = 0.08  # motion of a joint in a frame, besides what was expected, that is usual

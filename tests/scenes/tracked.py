@@ -120,7 +120,7 @@ def lost(pose: Pose, dof: int, by: float) -> Pose:
 
 def step(pose: Pose) -> FrameEstimate:
     nothing = np.zeros(bodies.DOF)
-    return FrameEstimate(pose, np.diag(nothing), NO_CONTOUR, True, nothing, np.ones(16))
+    return FrameEstimate(pose, np.diag(nothing), NO_CONTOUR, True, nothing, [], 0.0, np.ones(16))
 
 
 def without_score(_frame: int, _pose: Pose) -> Array:

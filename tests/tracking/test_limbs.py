@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pzcap.body import kinematics
+from pzcap.body.skeleton import DOF_SEGMENT, LIMBS
 from pzcap.tracking.interval_solver import lost
-from pzcap.tracking.limbs import grounds, mismatch, support
+from pzcap.tracking.limbs import beyond_limits, grounds, mismatch, support, turned
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.types import Pose
 from tests.scenes.tracked import clip, observed, true_body
@@ -54,3 +56,13 @@ def test_somebody_beside_the_athlete_is_no_lost_body() -> None:
 
 def test_without_views_nothing_differs() -> None:
     assert mismatch([None] * 4, [None] * 4) == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_a_ball_joint_beyond_its_limits_costs_what_the_tracker_has_it_cost(limb: int) -> None:
+    pose, turns = clip().poses[4], np.random.default_rng(limb).uniform(-1.5, 1.5, (40, 4))
+    turns[:, 3] = 0.0
+    ball = DOF_SEGMENT == LIMBS[limb][0]
+    wanted = [np.sum(kinematics.limit_residuals(turned(limb, pose, turn))[0][ball] ** 2) for turn in turns]
+    np.testing.assert_allclose(beyond_limits(limb, pose, turns), wanted, atol=1e-12)
+    assert np.any(np.array(wanted) > 0.1) == (limb >= 2)  # a shoulder is free
