@@ -15,7 +15,8 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -281,6 +282,22 @@ def audited() -> None:
     sys.addaudithook(_audit)
 
 
+_outcomes: Counter[tuple[str, str]] = Counter()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def counted(pytestconfig: pytest.Config) -> Iterator[None]:
+    """How many of each kind were tried, and how they ended, printed where many were asked for."""
+    yield
+    capture = pytestconfig.pluginmanager.get_plugin("capturemanager")
+    if WANTED and capture is not None:
+        with capture.global_and_fixture_disabled():
+            print(f"\n{_outcomes.total()} inputs")
+            for changed in sorted({changed for changed, _ in _outcomes}):
+                found, said = _outcomes[changed, "a result"], _outcomes[changed, "a line"]
+                print(f"{found + said:6} {changed}: {found} results, {said} lines")
+
+
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     """The sound files of a target, made once."""
@@ -296,8 +313,11 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return folder
 
 
-def tried(read: Callable[[Path], object], folder: Path) -> None:
-    """A result or one line, in little time and memory, and nothing written elsewhere."""
+def tried(read: Callable[[Path], object], folder: Path, changed: str) -> None:
+    """A result or one line, in little time and memory, and nothing written elsewhere.
+
+    ``changed``: what is not as it should be, by which `counted` counts.
+    """
     said = "a result"
     faulthandler.dump_traceback_later(6 * SECONDS, exit=True)
     # of CPU, since others may work here, too; who waits for ever is ended by the clock
@@ -313,6 +333,7 @@ def tried(read: Callable[[Path], object], folder: Path) -> None:
     finally:
         _watched.clear()
         faulthandler.cancel_dump_traceback_later()
+    _outcomes[changed, "a result" if said == "a result" else "a line"] += 1
     assert said.strip()
     assert "\n" not in said
     assert time.process_time() - begun < SECONDS
@@ -341,7 +362,7 @@ def test_damaged_files(name: str, sound: Callable[[str], Path]) -> None:
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / "input"
             linked(sound(name), folder, file, content)
-            tried(target.read, folder)
+            tried(target.read, folder, file)
 
     trial()
 
@@ -373,7 +394,7 @@ def test_objects_of_any_shape(shown: Path) -> None:
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / "input"
             linked(shown, folder, "object.json", content)
-            tried(read_a_shot, folder)
+            tried(read_a_shot, folder, "object")
 
     trial()
 
@@ -414,7 +435,7 @@ def test_recordings_of_any_clock() -> None:
                 "cameras": [{"name": "1", "motion": path.name}],
             }  # fmt: skip
             (folder / "capture.json").write_text(json.dumps(manifest))
-            tried(read_a_capture, folder)
+            tried(read_a_capture, folder, how["ending"])
 
     trial()
 
@@ -425,6 +446,6 @@ def test_settings_of_any_value(tmp_path: Path) -> None:
     @examples(0.05)
     @given(changed=changed_tree(tree))
     def trial(changed: Any) -> None:
-        tried(lambda _: build(changed), tmp_path)
+        tried(lambda _: build(changed), tmp_path, "settings")
 
     trial()
