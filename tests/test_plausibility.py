@@ -25,6 +25,7 @@ from pzcap.io.capture import read_capture
 from pzcap.plausibility import (
     SeenViews,
     blames_object,
+    check_upright,
     lens_moved,
     lost_body,
     object_of_another_size,
@@ -90,6 +91,30 @@ def test_a_lens_that_was_moved_between_reference_and_sweep(factor: float, said: 
     if note:
         assert note.startswith("camera 1: the focal length of its sweep, ")
         assert note.endswith("focus or zoom have moved; set both by hand and shoot the sweep again")
+        worse = replace(still, residuals_px=np.full_like(still.points_px, 1.0))
+        assert "object.json is not of this object" in str(lens_moved("1", CalibratedCamera(worse, panorama, head)))
+
+
+def turned(deg: float) -> CalibratedCamera:
+    """A camera that is rolled in the world."""
+    whole = fabricated.reconstruction()
+    reference, panorama, head = whole.references[0], whole.panoramas[0], whole.cameras[0]
+    assert reference is not None
+    assert panorama is not None
+    assert head is not None
+    c, s = np.cos(np.deg2rad(deg)), np.sin(np.deg2rad(deg))
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]) @ [[c, -s, 0], [s, c, 0], [0, 0, 1]]
+    still = replace(reference, camera=replace(reference.camera, world_T_cam=pose))
+    return CalibratedCamera(still, panorama, head)
+
+
+def test_a_world_that_lies_on_its_side_is_refused() -> None:
+    check_upright([turned(0.0), turned(20.0), turned(90.0), None])
+    check_upright([])
+    for deg in (90.0, 180.0):
+        with pytest.raises(PzcapError, match=f"turned by {deg:.0f} degrees in its world, whose z axis has to point up"):
+            check_upright([turned(deg), turned(deg), turned(0.0)])
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -54,6 +54,7 @@ def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
     names = [camera.name for camera in cameras]
     if not cameras or len(set(names)) < len(names):
         raise manifest["cameras"].error("list at least one camera, each with a name of its own")
+    _check_own(manifest, cameras)
     object_path, subject_path, keyframes_path, sync_path = (manifest.file(key, folder) for key in PAPERS)
     sync = None if sync_path is None or without_clocks else read_sync(sync_path)
     for camera in cameras:
@@ -129,6 +130,20 @@ def _read_camera(entry: Json, folder: Path) -> CameraFiles:
         raise first.error("must be 0 or 1: the number of the first picture")
     counted_from = None if first is None else int(first.value)
     return CameraFiles(name, reference, sweep, zoom, motion, keypoints, counted_from)
+
+
+def _check_own(manifest: Json, cameras: Sequence[CameraFiles]) -> None:
+    """Raise PzcapError where one file is named in two places: a line that was copied and not changed."""
+    seen: dict[tuple[int, int], str] = {}
+    for number, camera in enumerate(cameras):
+        for kind in (*FOOTAGE, "keypoints"):
+            path: Path | None = getattr(camera, kind)
+            if path is None:
+                continue
+            known, here = path.stat(), f"cameras[{number}].{kind}"
+            before = seen.setdefault((known.st_dev, known.st_ino), here)
+            if before != here:
+                raise manifest.error(f"{before} and {here} are one and the same; each camera has its own of each")
 
 
 def _check_videos(camera: CameraFiles) -> None:
@@ -250,9 +265,10 @@ def frame_sets(capture: Capture) -> FrameSets:
     for timecode, pose in capture.keyframe_poses.items():
         index = (_clock_of(capture, timecode, drop) - first) % day
         if index >= len(sets):
+            counted = "" if capture.sync is None else " (sync.json counts from 00:00:00:00 on)"
             raise PzcapError(
                 f"{capture.folder}: the keyframe at {timecode} lies outside the recordings' common range"
-                f" {sets.timecodes[0]} to {sets.timecodes[-1]}; correct its timecode or remove it"
+                f" {sets.timecodes[0]} to {sets.timecodes[-1]}{counted}; correct its timecode or remove it"
             )
         keyframes.append(Keyframe(frame=index, pose=pose, covariance=capture.keyframe_covariances.get(timecode)))
     sets.keyframes = tuple(sorted(keyframes, key=lambda keyframe: keyframe.frame))

@@ -67,6 +67,7 @@ class _Found:
     people: tuple[Json, ...]
     scores: tuple[Json | None, ...]  # confidences, where they do not stand among the numbers
     where: Json
+    whole: bool = True  # nobody else is found in an entry further on
 
 
 def read_keypoints(
@@ -81,6 +82,7 @@ def read_keypoints(
     whether pictures are counted from 0 or from 1.
     """
     pictures = _openpose(path) if path.is_dir() else _results(path)
+    _check_numbers(path, pictures)
     first = _first(path, pictures, len(indices)) if first is None else first
     found: dict[int, list[Array]] = {}
     for picture in pictures:
@@ -97,6 +99,20 @@ def read_keypoints(
     people = {index: np.stack(each) for index, each in found.items()}
     _check_units(path, people, size)
     return people
+
+
+def _check_numbers(path: Path, pictures: Sequence[_Found]) -> None:
+    """Raise PzcapError where two entries that each hold a whole picture have the same number: of two videos, or copied
+    twice."""
+    seen: dict[int, Json] = {}
+    for picture in pictures:
+        if picture.whole and picture.number in seen:
+            one, other = seen[picture.number], picture.where
+            both = f"{one.path.name} and {other.path.name}" if path.is_dir() else f"{one.where} and {other.where}"
+            raise PzcapError(
+                f"{path}: {both} are both of picture {picture.number}; keep the one of this camera's motion"
+            )
+        seen[picture.number] = picture.where
 
 
 def _first(path: Path, pictures: Sequence[_Found], count: int) -> int:
@@ -166,7 +182,7 @@ def _coco(person: Json) -> _Found:
     number = name.value if type(name.value) is int else _number(str(name.value))
     if number is None or not 0 <= number <= limits.FRAMES:
         raise name.error("must be the number of a picture, or a name that ends in it")
-    return _Found(number, (person["keypoints"],), (None,), person["keypoints"])
+    return _Found(number, (person["keypoints"],), (None,), person["keypoints"], whole=False)
 
 
 def _mmpose(picture: Json) -> _Found:
