@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pzcap.command.printing import print_anything
+from pzcap.io.text import one_line
 from pzcap.types import PzcapError
 
 FORMATS_HELP = "pzcap doctor lists them; several may be given, one after the other"
@@ -128,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _said(problem: str) -> int:
-    print(f"pzcap: {' '.join(problem.split())}", file=sys.stderr, flush=True)
+    print(f"pzcap: {one_line(problem)}", file=sys.stderr, flush=True)
     return 1
 
 

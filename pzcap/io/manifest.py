@@ -16,6 +16,7 @@ import numpy as np
 
 from pzcap.io import limits
 from pzcap.io.files import checked, leads_out
+from pzcap.io.text import is_plain
 from pzcap.io.timecode import frames_to_timecode, timecode_to_frames
 from pzcap.types import (
     GARMENTS,
@@ -76,6 +77,12 @@ class Json:
         if not isinstance(self.value, str) or not self.value:
             raise self.error("must be text in quotes")
         return self.value
+
+    def name(self) -> str:
+        """Text that is shown to people, in terminals and on pages."""
+        if not is_plain(self.text()):
+            raise self.error("holds control characters, which a terminal would obey; write it without them")
+        return self.text()
 
     def boolean(self) -> bool:
         if not isinstance(self.value, bool):

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from pzcap.command.main import main
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.types import PzcapError
 from tests.fuzz.test_fuzz import make_capture, read_a_capture
@@ -175,3 +176,23 @@ def test_a_name_that_is_a_protocol(folder: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.chdir(folder)
     sets = frame_sets(read_capture(Path()))
     assert np.asarray(next(iter(sets)).images[0]).shape == (48, 64, 3)
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Control characters, which terminals obey
+
+
+@pytest.mark.parametrize("name", ["\x1b[2Jcam", "a\nb", "\x9b31m", "b\u2028c"])
+def test_names_hold_no_control_characters(folder: Path, name: str) -> None:
+    change(folder / "capture.json", lambda manifest: manifest["cameras"][1].update(name=name))
+    refused(folder, r"cameras\[1\].name: holds control characters")
+    change(folder / "capture.json", lambda manifest: manifest.update(name=name))
+    refused(folder, "name: holds control characters")
+
+
+def test_a_line_holds_no_control_characters(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hostile = folder.with_name("\x1b]0;title\x07")
+    assert main(["check", str(hostile)]) == 1
+    said = capsys.readouterr().err
+    assert "\x1b" not in said
+    assert r"\x1b]0;title\x07" in said
