@@ -285,17 +285,17 @@ def audited() -> None:
 _outcomes: Counter[tuple[str, str]] = Counter()
 
 
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(autouse=True)
 def counted(pytestconfig: pytest.Config) -> Iterator[None]:
-    """How many of each kind were tried, and how they ended, printed where many were asked for."""
+    """How many of each kind a test has tried, and how they ended, printed after it where many were asked for."""
+    _outcomes.clear()
     yield
     capture = pytestconfig.pluginmanager.get_plugin("capturemanager")
     if WANTED and capture is not None:
         with capture.global_and_fixture_disabled():
-            print(f"\n{_outcomes.total()} inputs")
             for changed in sorted({changed for changed, _ in _outcomes}):
                 found, said = _outcomes[changed, "a result"], _outcomes[changed, "a line"]
-                print(f"{found + said:6} {changed}: {found} results, {said} lines")
+                print(f"\n{found + said:6} {changed}: {found} results, {said} lines", end="", flush=True)
 
 
 @pytest.fixture(scope="module")
