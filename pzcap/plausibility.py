@@ -36,16 +36,22 @@ def lens_moved(name: str, calibrated: CalibratedCamera) -> str | None:
     still_px, sweep_px = calibrated.reference.camera.focal_px, calibrated.camera.lens.reference_focal_px
     if abs(sweep_px / still_px - 1.0) < PLAUSIBILITY.focal:
         return None
-    off_px = float(np.median(np.hypot(*calibrated.reference.residuals_px.T)))
-    why = "focus or zoom have moved; set both by hand and shoot the sweep again"
-    if off_px > PLAUSIBILITY.corners_px:
-        why = (
-            f"object.json is not of this object, whose corners are {off_px:.1f} px from where it says; else focus or "
-            "zoom have moved"
-        )
     return (
         f"camera {name}: the focal length of its sweep, {sweep_px:.2f} px, is not that of its reference image, "
-        f"{still_px:.2f} px: {why}"
+        f"{still_px:.2f} px: focus or zoom have moved; set both by hand and shoot the sweep again"
+    )
+
+
+def object_of_other_shape(name: str, calibrated: CalibratedCamera) -> str | None:
+    """A note where camera ``name`` sees the corners of the calibration object elsewhere than object.json has them: its
+    focal length and place are then wrong, too, and nothing of the motion need fit."""
+    residuals_px = calibrated.reference.residuals_px
+    off_px = float(np.median(np.hypot(*residuals_px.T))) if len(residuals_px) else 0.0
+    if off_px < PLAUSIBILITY.corners_px:
+        return None
+    return (
+        f"camera {name}: the calibration object's corners are {off_px:.1f} px from where object.json has them: it is "
+        "of another object, or some lengths in it are wrong; measure it again"
     )
 
 

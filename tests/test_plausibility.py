@@ -29,6 +29,7 @@ from pzcap.plausibility import (
     lens_moved,
     lost_body,
     object_of_another_size,
+    object_of_other_shape,
     unseen_keyframes,
 )
 from pzcap.tracking.settings import TrackingConfig
@@ -91,8 +92,16 @@ def test_a_lens_that_was_moved_between_reference_and_sweep(factor: float, said: 
     if note:
         assert note.startswith("camera 1: the focal length of its sweep, ")
         assert note.endswith("focus or zoom have moved; set both by hand and shoot the sweep again")
-        worse = replace(still, residuals_px=np.full_like(still.points_px, 1.0))
-        assert "object.json is not of this object" in str(lens_moved("1", CalibratedCamera(worse, panorama, head)))
+
+
+@pytest.mark.parametrize(("off_px", "said"), [(0.05, False), (0.5, True)])
+def test_an_object_of_another_shape_than_written(off_px: float, said: bool) -> None:
+    right = turned(0.0)
+    still = replace(right.reference, residuals_px=np.full_like(right.reference.points_px, off_px / np.sqrt(2.0)))
+    note = object_of_other_shape("1", replace(right, reference=still))
+    assert (note is not None) == said
+    if note:
+        assert "corners are 0.5 px from where object.json has them" in note
 
 
 def turned(deg: float) -> CalibratedCamera:
