@@ -32,6 +32,9 @@ from pzcap.types import (
 )
 
 _SQUARE = 1.25  # longest side of a marker by its shortest: a diagonal taken for a side is 1.41
+_STRAIGHT: Final = 0.8
+"""Median w of the quaternions of all segments against their parents, at least, whatever the pose."""
+_BENT: Final = 0.5
 _MOST_LOOKED_AT: Final = 10_000
 """Files of a folder among which one that is missing is looked for."""
 _UNIT_TOLERANCE = 1e-3  # quaternions are written with a few decimals; they are normalised after this check
@@ -298,6 +301,9 @@ def read_keyframes(path: Path, rate: Fraction) -> dict[str, tuple[Pose, Array | 
         norms = np.linalg.norm(rotations, axis=1, keepdims=True)
         if abs(norms[worst := int(np.argmax(np.abs(norms - 1))), 0] - 1) > _UNIT_TOLERANCE:
             raise table[SEGMENTS[worst]].error(f"the quaternion's length is {norms[worst, 0]:.4g}; it must be 1")
+        usual = np.median(np.abs(rotations[1:]), axis=0)
+        if usual[0] < _BENT and usual[3] > _STRAIGHT:
+            raise table.error("its quaternions are [x, y, z, w], it seems; write [w, x, y, z]")
         poses[timecode] = Pose(entry["root_position_m"].place(3), rotations / norms), _read_covariance(entry)
     return poses
 

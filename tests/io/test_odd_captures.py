@@ -105,6 +105,15 @@ def test_other_entries_of_keyframes_are_the_users_own(folder: Path) -> None:
     read_a_capture(folder)
 
 
+def test_quaternions_of_those_who_write_w_last(folder: Path) -> None:
+    def scalar_last(poses: Any) -> None:
+        for name, (w, x, y, z) in poses[0]["rotations_wxyz"].items():
+            poses[0]["rotations_wxyz"][name] = [x, y, z, w]
+
+    change(folder / "keyframes.json", scalar_last)
+    refused(folder, r"\[0\].rotations_wxyz: its quaternions are \[x, y, z, w\]")
+
+
 def test_a_key_that_stands_there_twice(folder: Path) -> None:
     path = folder / "subject.json"
     path.write_text(path.read_text().replace('"sigma_m": 0.005', '"sigma_m": 0.005, "sigma_m": 0.02'))
