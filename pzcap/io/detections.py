@@ -7,6 +7,7 @@ each of `KEYPOINTS`, the confidence 0 where the detector does not know the keypo
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -165,9 +166,14 @@ def _openpose(folder: Path) -> list[_Found]:
 
 
 def _results(file: Path) -> list[_Found]:
-    """A file of results: COCO's, a person an entry, or MMPose's, a picture an entry."""
+    """A file of results: COCO's, a person an entry, or MMPose's, a picture an entry; or a data set of COCO's, whose
+    pictures are named in a list of their own."""
     root = load_json(file, most_bytes=limits.KEYPOINTS_BYTES)
-    if isinstance(root.value, dict) and "instance_info" in root.value:
+    if _has(root, "annotations"):
+        names = {json.dumps(picture["id"].value): picture["file_name"] for picture in root["images"].list()}
+        people = [person for person in root["annotations"].list() if _has(person, "keypoints")]
+        return [_coco(person, names.get(json.dumps(person["image_id"].value))) for person in people]
+    if _has(root, "instance_info"):
         root = root["instance_info"]
     entries = root.list()
     return [_mmpose(entry) if _has(entry, "instances") else _coco(entry) for entry in entries]
@@ -177,8 +183,8 @@ def _has(entry: Json, key: str) -> bool:
     return isinstance(entry.value, dict) and key in entry.value
 
 
-def _coco(person: Json) -> _Found:
-    name = person["image_id"]
+def _coco(person: Json, name: Json | None = None) -> _Found:
+    name = person["image_id"] if name is None else name
     number = name.value if type(name.value) is int else _number(str(name.value))
     if number is None or not 0 <= number <= limits.FRAMES:
         raise name.error("must be the number of a picture, or a name that ends in it")

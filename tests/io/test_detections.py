@@ -71,6 +71,19 @@ def test_results_of_coco_and_alphapose(tmp_path: Path, names: tuple[str, ...], i
 WHOLE_BODY = (*KEYPOINTS[:17], *detections._COCO_FEET)
 
 
+def test_a_data_set_of_coco(tmp_path: Path) -> None:
+    """Its ids are any; the pictures' names count."""
+    names, person = KEYPOINTS[:17], flat(KEYPOINTS[:17], 1)
+    pictures = [{"id": 40 + k, "file_name": f"take2/frame_{k:06d}.PNG"} for k in range(4)]
+    people = [{"id": 1, "image_id": 42, "keypoints": person, "num_keypoints": 17}, {"id": 2, "image_id": 40}]
+    people.append({"id": 3, "image_id": 40, "keypoints": person})
+    file = tmp_path / "instances.json"
+    file.write_text(json.dumps({"images": pictures, "annotations": people, "categories": []}))
+    found = read_keypoints(file)
+    assert sorted(found) == [0, 4]
+    np.testing.assert_array_equal(found[4][0], expected(names, person))
+
+
 @pytest.mark.parametrize(("count", "names"), [(23, WHOLE_BODY), (133, WHOLE_BODY), (136, KEYPOINTS)])
 def test_faces_and_hands_are_left_out(count: int, names: tuple[str, ...], tmp_path: Path) -> None:
     person = flat(tuple(str(k) for k in range(count)), 0)
