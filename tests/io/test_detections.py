@@ -153,7 +153,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "not in threes": (lambda at: openpose(at / "found", {0: [[1.0] * 50]}), "50 numbers"),
     "not a number": (lambda at: openpose(at / "found", {0: [[float("nan")] * 75]}), "finite"),
     "no image": (lambda at: results(at / "results.json", {"mine.jpg": flat(KEYPOINTS, 0)}), "image_id"),
-    "an object": (lambda at: written(at / "results.json", {"annotations": []}), "list"),
+    "an object": (lambda at: written(at / "results.json", {"people": []}), "list"),
     "numbers of a year": (lambda at: results(at / "results.json", {20261126: flat(KEYPOINTS, 0)}), "image_id"),
     "scores of others": (
         lambda at: mmpose(at / "results.json", {0: [flat(KEYPOINTS[:17], 0)]}, scores=16),
