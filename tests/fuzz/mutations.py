@@ -99,6 +99,8 @@ def changed_arrays(draw: st.DrawFn, content: bytes) -> bytes:
         name = draw(st.sampled_from(sorted(arrays)))
         array = arrays[name]
         kind = draw(st.sampled_from(ARRAY_KINDS))
+        if kind in ("nan", "huge", "int") and array.dtype.kind == "U":
+            array = np.zeros(array.shape)  # it was made a text before
         if kind in ("nan", "huge"):
             array = array.astype(np.float64)
             array.flat[: draw(st.integers(1, 9))] = (
