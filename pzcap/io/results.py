@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast, get_args, get_type_hints
@@ -20,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.io import limits
+from pzcap.io.arrays import read_arrays
 from pzcap.io.files import checked, leads_out, write_json, written_whole
 from pzcap.io.picture_header import is_whole, picture_size
 from pzcap.io.record_checks import check_array, check_record
@@ -58,6 +57,11 @@ PER_CAMERA: Final[dict[str, tuple[str, type]]] = {
 
 HIGHER: Final = ("k2", "p1", "p2")
 """Coefficients of distortion that are stored where they are not zero."""
+
+_LEAST_BYTES: Final = 2**28
+"""Bytes of a reconstruction's arrays that are read, however small the file: 256 MiB."""
+_PACKED: Final = 100
+"""More than these times a file's size are not in it: zeros pack a thousandfold, what was measured does not."""
 
 T = TypeVar("T")
 
@@ -274,12 +278,10 @@ def _manifest_faults(manifest: dict[str, Any]) -> Iterator[str]:
 
 def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
-        with np.load(checked(path), allow_pickle=False) as file:
-            return {key: file[key] for key in file.files}
+        return read_arrays(path, _LEAST_BYTES + _PACKED * checked(path).stat().st_size)
     except FileNotFoundError as error:
         raise PzcapError(f"{path} is missing; save the reconstruction again") from error
-    except (OSError, ValueError, EOFError, KeyError, TypeError, OverflowError, MemoryError, RuntimeError,
-            zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+    except (OSError, ValueError) as error:
         raise PzcapError(
             f"{path}: truncated or no npz ({one_line(str(error))}); save the reconstruction again"
         ) from error
