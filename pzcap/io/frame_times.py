@@ -137,7 +137,7 @@ def _trembling(times_s: NDArray[np.float64]) -> _Trembling | None:
 
 def failed(path: Path, error: Exception, index: int | None = None) -> Exception:
     """Error to raise where FFmpeg fails: not every failure is a damage of the file."""
-    if isinstance(error, MemoryError) or memory_ran_out():
+    if memory_ran_out(refused=isinstance(error, MemoryError)):
         return MemoryError(f"{path} cannot be decoded")
     if isinstance(error, PermissionError):
         return PzcapError(f"{path}: may not be read ({error.strerror}); change its permissions")

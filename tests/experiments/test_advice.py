@@ -115,8 +115,12 @@ def test_a_motion_that_may_not_be_read_is_not_called_damaged(motion: Path, monke
 
 
 def test_a_motion_without_memory_is_not_called_damaged(motion: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where something limits it; else the file asks for more than anybody has."""
     reader = VideoReader(motion)
     monkeypatch.setattr(av, "open", failing(av.error.MemoryError(errno.ENOMEM, "Cannot allocate memory", str(motion))))
+    with pytest.raises(PzcapError, match="truncated or damaged"):
+        next(iter(reader))
+    monkeypatch.setattr(files.resource, "getrlimit", lambda _: (2**45, 2**45))
     with pytest.raises(MemoryError, match=r"motion\.mp4 cannot be decoded"):
         next(iter(reader))
 
