@@ -139,7 +139,7 @@ def failed(path: Path, error: Exception, index: int | None = None) -> Exception:
     """Error to raise where FFmpeg fails: not every failure is a damage of the file."""
     if memory_ran_out(refused=isinstance(error, MemoryError)):
         return MemoryError(f"{path} cannot be decoded")
-    if isinstance(error, PermissionError):
+    if isinstance(error, PermissionError) and error.errno == errno.EACCES:  # a seek to nowhere is "not permitted", too
         return PzcapError(f"{path}: may not be read ({error.strerror}); change its permissions")
     if isinstance(error, OSError) and error.errno in (errno.EIO, errno.EMFILE, errno.ENFILE):
         return PzcapError(f"{path}: cannot be read ({error.strerror})")

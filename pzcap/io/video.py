@@ -109,10 +109,10 @@ class VideoReader:
             return
         with self._open() as container:
             stream = self._stream(container)
-            if numbers[0] > 0:
-                # lands on the last intra frame that is decoded by then: with B frames, one that is shown later may be
-                container.seek(int(self._times[numbers[0]]) - self._reordered, stream=stream)
             try:
+                if numbers[0] > 0:
+                    # lands on the last intra frame that is decoded by then: with B frames, one shown later may be
+                    container.seek(int(self._times[numbers[0]]) - self._reordered, stream=stream)
                 for time, fields in self._pictures(container, stream):
                     if time < self._times[numbers[0]]:
                         continue
