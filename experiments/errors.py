@@ -22,6 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from experiments.config import AppConfig, default_tree, keys, nearest
 from pzcap.command.printing import print_anything
+from pzcap.io.text import one_line
 from pzcap.types import PzcapError
 
 
@@ -32,7 +33,7 @@ class AlreadyReported(Exception):
 def explain(error: BaseException, config: type[AppConfig] = AppConfig) -> str | None:
     """One line on what is wrong and what to do; None for what is a bug. ``config``: what the application is told."""
     if isinstance(error, PzcapError):
-        return _one_line(str(error))
+        return one_line(str(error))
     if isinstance(error, MissingConfigException) and error.options:
         group, _, name = str(error.missing_cfg_file).rpartition("/")
         return f"no '{name}' in conf/{group}; {nearest(name, error.options)}"
@@ -41,7 +42,7 @@ def explain(error: BaseException, config: type[AppConfig] = AppConfig) -> str | 
     if isinstance(error, HydraException | OmegaConfBaseException):
         return _explain_override(error, config)
     if _is_short_of_memory(error):
-        what = f" ({_one_line(str(error))})" if str(error) else ""
+        what = f" ({one_line(str(error))})" if str(error) else ""
         return f"memory ran out{what}; close other programs, or give fewer reconstruct.threads or a smaller picture"
     if isinstance(error, OSError):
         where = f" while writing {error.filename}" if error.filename else ""
@@ -49,7 +50,7 @@ def explain(error: BaseException, config: type[AppConfig] = AppConfig) -> str | 
             return f"the disk is full{where}; free some space or choose another folder with hydra.run.dir=FOLDER"
         if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
             return f"{error.filename or 'a file'}: no permission; choose another folder (hydra.run.dir=FOLDER)"
-        return _one_line(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        return one_line(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     return None
 
 
@@ -177,7 +178,7 @@ def _explain_override(error: HydraException | OmegaConfBaseException, config: ty
         hydra = {"hydra": OmegaConf.to_container(OmegaConf.structured(HydraConf))}
         known = keys(hydra) if key.startswith("hydra.") else ["experiment", *keys(default_tree(config))]
         return f"unknown key '{key}'; {nearest(key, known)}"
-    return _one_line(text)
+    return one_line(text)
 
 
 def _explain_syntax(override: str) -> str:
@@ -186,7 +187,3 @@ def _explain_syntax(override: str) -> str:
         return f"cannot read '{override}'; settings are given as key=value"
     quoted = shlex.quote(f'{key}="{value}"')
     return f"cannot read '{override}'; a value with signs such as = or ( goes in quotes: {quoted}"
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())

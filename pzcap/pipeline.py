@@ -32,7 +32,7 @@ from pzcap.events import (
 )
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.localisation.localise import Localiser
-from pzcap.plausibility import lens_moved
+from pzcap.plausibility import check_upright, lens_moved, object_of_other_shape
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation.foreground import ForegroundConfig
 from pzcap.starting_poses import body_to_track, body_tracker, track_input
@@ -168,7 +168,8 @@ def _calibrated(
         yield event
     for files, camera in zip(capture.cameras, calibrated, strict=True):  # not as they come: notes stay in order
         if camera is not None and method is EXACT:
-            notes += filter(None, [lens_moved(files.name, camera)])
+            notes += filter(None, [object_of_other_shape(files.name, camera) or lens_moved(files.name, camera)])
+    check_upright(calibrated)
     return calibrated
 
 

@@ -15,7 +15,16 @@ from pzcap.geometry.camera import project
 from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.body_size import BodySize
 from pzcap.tuning import PLAUSIBILITY
-from pzcap.types import MEASUREMENTS, Camera, Keyframe, PanZoomCamera, PanZoomTrack, Silhouette, Subject
+from pzcap.types import (
+    MEASUREMENTS,
+    Camera,
+    Keyframe,
+    PanZoomCamera,
+    PanZoomTrack,
+    PzcapError,
+    Silhouette,
+    Subject,
+)
 
 _OBJECT: Final = "object.json: "  # begins a note
 _SCALES: Final = tuple(percent / 100 for percent in range(70, 141))
@@ -31,6 +40,31 @@ def lens_moved(name: str, calibrated: CalibratedCamera) -> str | None:
         f"camera {name}: the focal length of its sweep, {sweep_px:.2f} px, is not that of its reference image, "
         f"{still_px:.2f} px: focus or zoom have moved; set both by hand and shoot the sweep again"
     )
+
+
+def object_of_other_shape(name: str, calibrated: CalibratedCamera) -> str | None:
+    """A note where camera ``name`` sees the corners of the calibration object elsewhere than object.json has them: its
+    focal length and place are then wrong, too, and nothing of the motion need fit."""
+    residuals_px = calibrated.reference.residuals_px
+    off_px = float(np.median(np.hypot(*residuals_px.T))) if len(residuals_px) else 0.0
+    if off_px < PLAUSIBILITY.corners_px:
+        return None
+    return (
+        f"camera {name}: the calibration object's corners are {off_px:.1f} px from where object.json has them: it is "
+        "of another object, or some lengths in it are wrong; measure it again"
+    )
+
+
+def check_upright(cameras: Sequence[CalibratedCamera | None]) -> None:
+    """Check that the z axis of the world that object.json sets points up. Raises PzcapError where most ``cameras`` lie
+    on their side in it, or hang."""
+    up = [-float(each.reference.camera.world_T_cam[2, 1]) for each in cameras if each is not None]
+    if up and float(np.median(up)) < PLAUSIBILITY.upright:
+        deg = np.rad2deg(np.arccos(np.clip(np.median(up), -1.0, 1.0)))
+        raise PzcapError(
+            f"object.json: the cameras stand turned by {deg:.0f} degrees in its world, whose z axis has to point up; "
+            "correct its corners (docs/capture.md), or set the object, or the cameras, upright"
+        )
 
 
 def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_clock_s: float) -> list[str]:

@@ -13,6 +13,11 @@ class PlausibilityTuning(NamedTuple):
     focal: float = 2e-4
     """Difference of the focal lengths of reference image and sweep, which a locked lens keeps to 2e-5; a lens
     that focused anew in the middle of a sweep leaves 1e-3."""
+    corners_px: float = 0.3
+    """Distance of the corners of the calibration object from where object.json has them, in the median: 0.02 to 0.06
+    where it is right."""
+    upright: float = 0.7
+    """Cosine of the angle by which the cameras' upward directions may lie off the world's z axis, in the median."""
     even: int = 127  # of a silhouette, from which on a pixel shows the athlete rather than not
     same_size: float = 0.025  # departure that a hand's keyframes may mimic
     fits: float = 0.5

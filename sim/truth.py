@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from pzcap.io import limits
 from pzcap.io.arrays import announced, read_arrays
 from pzcap.io.files import checked
+from pzcap.io.timecode import rate_of
 from pzcap.types import Array, Camera, Lens, Mask, Pose, PzcapError
 
 ARRAYS: Final = ("truth.npz", "masks.npz")
 _MASKS: Final = ("mask_bits", "shadow_bits")
 _MOST: Final = 100_000
 """Frames of a sweep, points of a hall: what no other file says the number of."""
-_LONGEST_RATE: Final = 40  # characters of a frame rate
 _REMEDY: Final = "remove the truth to go on without a score"
 _SHAPES: Final = {
     "pan_rad": "C F", "tilt_rad": "C F", "roll_rad": "C F", "focal_px": "C F", "principal_px": "C F 2", "k1": "C F",
@@ -197,9 +197,12 @@ def _plain(path: Path) -> dict[str, Any]:
     if path.stat().st_size > limits.PAPER_BYTES:
         raise ValueError(f"{path.stat().st_size / 2**20:.0f} MiB")
     values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    if len(str(values["frame_rate"])) > _LONGEST_RATE:
-        raise ValueError("its frame_rate")
-    values["frame_rate"] = Fraction(values["frame_rate"])
+    try:
+        values["frame_rate"] = rate_of(str(values["frame_rate"]))
+    except PzcapError as error:
+        raise ValueError(f"its frame_rate {error}") from error
+    if values["frame_rate"] is None:
+        raise ValueError("its frame_rate is no fraction")
     values["camera_names"], values["timecodes"] = tuple(values["camera_names"]), tuple(values["timecodes"])
     values["width"], values["height"] = int(values["width"]), int(values["height"])
     if problem := limits.picture_problem(values["width"], values["height"]):

@@ -25,9 +25,11 @@ from pzcap.io.capture import read_capture
 from pzcap.plausibility import (
     SeenViews,
     blames_object,
+    check_upright,
     lens_moved,
     lost_body,
     object_of_another_size,
+    object_of_other_shape,
     unseen_keyframes,
 )
 from pzcap.tracking.settings import TrackingConfig
@@ -90,6 +92,38 @@ def test_a_lens_that_was_moved_between_reference_and_sweep(factor: float, said: 
     if note:
         assert note.startswith("camera 1: the focal length of its sweep, ")
         assert note.endswith("focus or zoom have moved; set both by hand and shoot the sweep again")
+
+
+@pytest.mark.parametrize(("off_px", "said"), [(0.05, False), (0.5, True)])
+def test_an_object_of_another_shape_than_written(off_px: float, said: bool) -> None:
+    right = turned(0.0)
+    still = replace(right.reference, residuals_px=np.full_like(right.reference.points_px, off_px / np.sqrt(2.0)))
+    note = object_of_other_shape("1", replace(right, reference=still))
+    assert (note is not None) == said
+    if note:
+        assert "corners are 0.5 px from where object.json has them" in note
+
+
+def turned(deg: float) -> CalibratedCamera:
+    """A camera that is rolled in the world."""
+    whole = fabricated.reconstruction()
+    reference, panorama, head = whole.references[0], whole.panoramas[0], whole.cameras[0]
+    assert reference is not None
+    assert panorama is not None
+    assert head is not None
+    c, s = np.cos(np.deg2rad(deg)), np.sin(np.deg2rad(deg))
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]) @ [[c, -s, 0], [s, c, 0], [0, 0, 1]]
+    still = replace(reference, camera=replace(reference.camera, world_T_cam=pose))
+    return CalibratedCamera(still, panorama, head)
+
+
+def test_a_world_that_lies_on_its_side_is_refused() -> None:
+    check_upright([turned(0.0), turned(20.0), turned(90.0), None])
+    check_upright([])
+    for deg in (90.0, 180.0):
+        with pytest.raises(PzcapError, match=f"turned by {deg:.0f} degrees in its world, whose z axis has to point up"):
+            check_upright([turned(deg), turned(deg), turned(0.0)])
 
 
 # --------------------------------------------------------------------------------------------------------------

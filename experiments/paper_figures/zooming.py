@@ -143,7 +143,7 @@ def fixed_focus(run: Run) -> Drawn:
         for column, frame in enumerate(frames):
             _pair(plots[2 * pair, column], plots[2 * pair + 1, column], run, one, int(frame))
         for row, text in enumerate(("variable focus", "fixed focus")):
-            plots[2 * pair + row, 0].set_ylabel(f"camera {one.name}, {text}", fontsize=8.5, color=INK)
+            plots[2 * pair + row, 0].set_ylabel(f"camera {literal(one.name)}, {text}", fontsize=8.5, color=INK)
     caption = (
         "Upper row of each camera: the frames as they were taken, with variable focal length f. Lower row: what the "
         "camera would have taken at its reference focal length f0, made from them by eq. 17 (x' = f0 / f · x about the "

@@ -26,6 +26,7 @@ from experiments import estimators, footage, workers
 from experiments.config import plain, structured
 from experiments.errors import explain
 from pzcap.io.files import checked, written_whole
+from pzcap.io.text import one_line
 from pzcap.types import PzcapError
 from sim.capture_cache import file_hashes
 from sim.lock import locked
@@ -160,7 +161,7 @@ def carry_out(
     except Exception as error:
         line = explain(error)
         if line is None:
-            bug = " ".join(f"{type(error).__name__}: {error}".split())
+            bug = one_line(f"{type(error).__name__}: {error}")
             line = f"{bug} (a bug: traceback in {folder / FAILED})\n\n{traceback.format_exc()}"
         if not finished(folder, wanted):
             _write(folder / FAILED, line.rstrip() + "\n")

@@ -24,6 +24,7 @@ from experiments import workers
 from experiments.errors import AlreadyReported
 from experiments.studies import jobs
 from experiments.terminal import terminal
+from pzcap.io.text import one_line
 from pzcap.types import PzcapError
 
 POLL_S: Final = 0.2
@@ -77,7 +78,7 @@ class Resuming(BasicSweeper):
                 try:
                     results.append(self.launcher.launch(batch, initial_job_idx=start))
                 except Exception as error:
-                    why = " ".join(f"{type(error).__name__}: {error}".split())
+                    why = one_line(f"{type(error).__name__}: {error}")
                     raise PzcapError(f"the launcher gave up ({why}); the same command goes on from here") from error
         _show(Path(self.config.hydra.sweep.dir), plan)
         _account(plan, missing)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import cv2
 import numpy as np
@@ -22,6 +23,8 @@ from pzcap.calibration.tuning import REFERENCE
 from pzcap.geometry.camera import project
 from pzcap.imaging.colour import grey
 from pzcap.types import Array, CalibrationObject, Camera, Image, PzcapError, ReferenceCamera
+
+MISFIT: Final = "the calibration object's markers do not fit one camera"
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,11 +143,46 @@ def refine_corners(image: Image, corners_px: Array) -> Array:
 
 def calibrate(image: Image, calibration_object: CalibrationObject, config: ReferenceConfig) -> ReferenceCamera:
     """Estimate pose, focal length and k1 of the camera that took ``image``; the principal point is its centre. Raises
-    PzcapError when the object is not found."""
+    PzcapError when the object is not found, or is not as its file says."""
     height, width = image.shape[:2]
     detection = detect(image, calibration_object)
-    camera = tsai(detection.points_m, detection.points_px, width, height)
-    return fit(camera, detection.points_m, detection.points_px, config, free_lens=True)
+    try:
+        camera = tsai(detection.points_m, detection.points_px, width, height)
+    except PzcapError as error:
+        raise PzcapError(f"{error}; {_other_order(detection, width, height)}") from error
+    found = fit(camera, detection.points_m, detection.points_px, config, free_lens=True)
+    if not _fits(found.residuals_px, detection.points_px):
+        raise PzcapError(f"{MISFIT}; {_other_order(detection, width, height)}")
+    return found
+
+
+def _fits(residuals_px: Array, points_px: Array) -> bool:
+    """True where most corners (N, 2) are where a camera sees them, by the size of their markers."""
+    quads = points_px.reshape(-1, 4, 2)
+    sides = np.linalg.norm(quads - np.roll(quads, 1, axis=1), axis=2).mean(axis=1)
+    off = np.linalg.norm(residuals_px.reshape(-1, 4, 2), axis=2).max(axis=1)
+    return bool(np.median(off / sides) < REFERENCE.corner_tolerance)
+
+
+def _other_order(detection: Detection, width: int, height: int) -> str:
+    """A clause on what makes the markers that were found fit one camera: an order of their corners, or axes of the
+    other hand; else on the object's dimensions."""
+    quads = detection.points_m.reshape(-1, 4, 3)
+    turned = [np.roll(quads, turn, axis=1) for turn in (1, 2, 3)]
+    causes = {
+        "all corners are listed from another one than the upper left of the marker's own picture": turned,
+        "all corners are listed anticlockwise as seen from the front": [each[:, ::-1] for each in (quads, *turned)],
+        "its axes are left-handed": [quads * [-1.0, 1.0, 1.0]],
+    }
+    for cause, orders in causes.items():
+        for points_m in orders:
+            try:
+                camera = tsai(points_m.reshape(-1, 3), detection.points_px, width, height)
+            except PzcapError:
+                continue
+            if _fits(detection.points_px - project(camera, points_m.reshape(-1, 3))[0], detection.points_px):
+                return f"{cause} (object.json, docs/capture.md)"
+    return "check its dimensions (object.json)"
 
 
 def tsai(points_m: Array, points_px: Array, width: int, height: int) -> Camera:
@@ -175,7 +213,7 @@ def tsai(points_m: Array, points_px: Array, width: int, height: int) -> Camera:
     system = np.column_stack([planar.ravel(), -xy.ravel()])
     focal, distance = np.linalg.lstsq(system, (xy * depth[:, None]).ravel(), rcond=None)[0]
     if focal <= 0 or distance <= 0:
-        raise PzcapError("the calibration object's markers do not fit one camera; check its dimensions (object.json)")
+        raise PzcapError(MISFIT)
     translation = size * np.array([rows[0, 3], rows[1, 3], distance]) - rotation @ middle
     world_T_cam = np.eye(4)
     world_T_cam[:3] = np.column_stack([rotation.T, -rotation.T @ translation])

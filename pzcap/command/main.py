@@ -9,8 +9,10 @@ import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from pzcap.command.printing import print_anything
+from pzcap.io.text import one_line
 from pzcap.types import PzcapError
 
 FORMATS_HELP = "pzcap doctor lists them; several may be given, one after the other"
@@ -102,10 +104,17 @@ def parser() -> argparse.ArgumentParser:
     return whole
 
 
+_CURES: Final = {
+    errno.ENOSPC: "; free some space",
+    errno.EFBIG: "; raise the limit of file sizes (ulimit -f)",
+    errno.EMFILE: "; raise the limit of open files (ulimit -n)",
+}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit status."""
-    given = parser().parse_args(arguments)
     print_anything()
+    given = parser().parse_args(arguments)
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # what is half done is cleared away
     try:
         status: int = given.run(given)
@@ -120,15 +129,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        cure = "; free some space" if error.errno == errno.ENOSPC else ""
-        return _said(f"{where}{error.strerror or error}{cure}")
+        return _said(f"{where}{error.strerror or error}{_CURES.get(error.errno or 0, '')}")
     finally:
         signal.signal(signal.SIGTERM, before)
     return status
 
 
 def _said(problem: str) -> int:
-    print(f"pzcap: {' '.join(problem.split())}", file=sys.stderr, flush=True)
+    print(f"pzcap: {one_line(problem)}", file=sys.stderr, flush=True)
     return 1
 
 

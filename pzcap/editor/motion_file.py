@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from pzcap.io.files import written_whole
+from pzcap.io.arrays import read_arrays
+from pzcap.io.files import checked, written_whole
+from pzcap.io.record_checks import check_array, check_record
 from pzcap.types import Motion, PzcapError
 
 _ARRAYS: Final = ("root_position_m", "rotations", "joints_m", "sigma_m", "keyframes", "valid")
@@ -29,11 +29,18 @@ class MotionFile:
         if not self.path.is_file():
             return None
         try:
-            with np.load(self.path, allow_pickle=False) as file:
-                base, motion = str(file["base"]), Motion(**{name: file[name] for name in _ARRAYS})
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            found = read_arrays(checked(self.path))
+            base = str(found["base"])
+            arrays: dict[str, Any] = {name: found[name] for name in _ARRAYS}
+            for name, array in arrays.items():
+                check_array(Motion, name, array, name)
+        except (OSError, ValueError, KeyError, PzcapError) as error:
             raise PzcapError(f"{self.path}: damaged ({error}); remove it, and solve again on the page") from error
-        return motion if base == self.base and len(motion.valid) == frames else None
+        if base != self.base or len(arrays["valid"]) != frames:
+            return None
+        motion = Motion(**arrays)
+        check_record(motion, arrays, str(self.path), frames)
+        return motion
 
     def save(self, motion: Motion) -> None:
         """Keep the motion."""

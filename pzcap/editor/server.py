@@ -167,9 +167,10 @@ def listening(port: int) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((HOST, port))
-    except OSError as error:
+    except (OSError, OverflowError) as error:
         listener.close()
-        raise PzcapError(f"port {port} cannot be listened at ({error.strerror}); give another --port") from error
+        why = error.strerror if isinstance(error, OSError) else "ports go from 0 to 65535"
+        raise PzcapError(f"port {port} cannot be listened at ({why}); give another --port") from error
     return listener
 
 

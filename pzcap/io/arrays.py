@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import tokenize
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -24,11 +26,11 @@ class Announced(NamedTuple):
     dtype: np.dtype[Any]
 
 
-def announced(path: Path) -> dict[str, Announced]:
+def announced(path: Path, most_bytes: int = limits.ARRAYS_BYTES) -> dict[str, Announced]:
     """Shape and type of each array in an npz file, by its name; nothing but headers is read.
 
     Raises ValueError where an array holds objects or does not fit its place in the file, and where all together are
-    larger than `limits.ARRAYS_BYTES`; OSError and zipfile.BadZipFile where it is no such file.
+    larger than ``most_bytes``; OSError and zipfile.BadZipFile where it is no such file.
     """
     found: dict[str, Announced] = {}
     total = 0
@@ -40,18 +42,31 @@ def announced(path: Path) -> dict[str, Announced]:
                 version = npy.read_magic(file)
                 if version not in _HEADERS:
                     raise ValueError(f"{member.filename} is of a version not known here")
-                shape, _, dtype = _HEADERS[version](file)
+                try:
+                    shape, _, dtype = _HEADERS[version](file)
+                except (
+                    tokenize.TokenError,
+                    SyntaxError,
+                    TypeError,
+                    RecursionError,
+                ) as error:  # NumPy raises those, too
+                    raise ValueError(f"{member.filename} has a header that is none") from error
                 size = math.prod(shape) * dtype.itemsize
                 if dtype.hasobject or min(shape, default=0) < 0 or file.tell() + size != member.file_size:
                     raise ValueError(f"{member.filename} says {shape}, which is not what follows")
             total += size
             found[member.filename.removesuffix(_ENDING)] = Announced(shape, dtype)
-    if total > limits.ARRAYS_BYTES:
-        raise ValueError(f"it holds {total / 2**30:.0f} GiB, where {limits.ARRAYS_BYTES / 2**30:.0f} GiB are the most")
+    if total > most_bytes:
+        raise ValueError(f"it holds {total / 2**30:.2g} GiB, where {most_bytes / 2**30:.2g} GiB are the most")
     return found
 
 
-def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """All arrays of an npz file, by name. Raises ValueError as `announced` does, and where the data are damaged."""
-    with np.load(path, allow_pickle=False) as arrays:
-        return {key: arrays[key] for key in arrays}
+def read_arrays(path: Path, most_bytes: int = limits.ARRAYS_BYTES) -> dict[str, NDArray[Any]]:
+    """All arrays of an npz file, by name. Raises ValueError as `announced` does, and where the data are damaged;
+    OSError where the file cannot be read."""
+    try:
+        announced(path, most_bytes)
+        with np.load(path, allow_pickle=False) as arrays:
+            return {key: arrays[key] for key in arrays}
+    except (EOFError, KeyError, TypeError, OverflowError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError(str(error)) from error

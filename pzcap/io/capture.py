@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
@@ -21,7 +20,7 @@ from pzcap.io.detections import NOBODY, read_keypoints
 from pzcap.io.files import checked
 from pzcap.io.manifest import Json, load_json, read_keyframes, read_object, read_subject
 from pzcap.io.picture_header import is_whole, picture_size
-from pzcap.io.timecode import frames_per_day, frames_to_timecode, timecode_to_frames
+from pzcap.io.timecode import frames_per_day, frames_to_timecode, rate_of, timecode_to_frames
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, CameraFiles, Capture, FrameSet, Image, Keyframe, PzcapError
 
@@ -31,7 +30,6 @@ MANIFEST = "capture.json"
 PAPERS = ("object", "subject", "keyframes", "sync")
 _ENTRIES = ("format", "version", "name", "frame_rate", "full_turn", "cameras", *PAPERS)
 FOOTAGE = ("reference", "sweep", "zoom", "motion")
-_RATE = re.compile(r"\d{1,9}(\.\d{1,9}|/\d{1,9})?")
 
 
 def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
@@ -54,6 +52,7 @@ def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
     names = [camera.name for camera in cameras]
     if not cameras or len(set(names)) < len(names):
         raise manifest["cameras"].error("list at least one camera, each with a name of its own")
+    _check_own(manifest, cameras)
     object_path, subject_path, keyframes_path, sync_path = (manifest.file(key, folder) for key in PAPERS)
     sync = None if sync_path is None or without_clocks else read_sync(sync_path)
     for camera in cameras:
@@ -63,7 +62,7 @@ def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
     posed = read_keyframes(keyframes_path, rate) if keyframes_path else {}
     return Capture(
         folder=folder,
-        name=manifest["name"].text(),
+        name=manifest["name"].name(),
         frame_rate=rate,
         cameras=cameras,
         calibration_object=read_object(object_path) if object_path else None,
@@ -107,21 +106,18 @@ def _decoded(data: bytes) -> Image | None:
 
 
 def _frame_rate(entry: Json) -> Fraction:
-    if _RATE.fullmatch(entry.text()) is None:  # an exponent would make a number of a billion digits
-        raise entry.error('must be a fraction in quotes, such as "30/1"')
     try:
-        rate = Fraction(entry.text())
-    except ZeroDivisionError as error:
-        raise entry.error('must be a fraction in quotes, such as "30/1"') from error
-    slowest, fastest = limits.FRAME_RATE
-    if not slowest <= rate <= fastest:
-        raise entry.error(f"is {float(rate):g} frames a second; {slowest} to {fastest} are plausible")
+        rate = rate_of(entry.text())
+    except PzcapError as error:
+        raise entry.error(str(error)) from error
+    if rate is None:
+        raise entry.error('must be a fraction in quotes, such as "30/1"')
     return rate
 
 
 def _read_camera(entry: Json, folder: Path) -> CameraFiles:
     entry.only("name", *FOOTAGE, "keypoints", "keypoints_from")
-    name = entry["name"].text()
+    name = entry["name"].name()
     reference, sweep, zoom, motion = (entry.file(kind, folder) for kind in FOOTAGE)
     keypoints = entry.file("keypoints", folder, or_folder=True)
     first = entry["keypoints_from"] if entry.value.get("keypoints_from") is not None else None
@@ -129,6 +125,20 @@ def _read_camera(entry: Json, folder: Path) -> CameraFiles:
         raise first.error("must be 0 or 1: the number of the first picture")
     counted_from = None if first is None else int(first.value)
     return CameraFiles(name, reference, sweep, zoom, motion, keypoints, counted_from)
+
+
+def _check_own(manifest: Json, cameras: Sequence[CameraFiles]) -> None:
+    """Raise PzcapError where one file is named in two places: a line that was copied and not changed."""
+    seen: dict[tuple[int, int], str] = {}
+    for number, camera in enumerate(cameras):
+        for kind in (*FOOTAGE, "keypoints"):
+            path: Path | None = getattr(camera, kind)
+            if path is None:
+                continue
+            known, here = path.stat(), f"cameras[{number}].{kind}"
+            before = seen.setdefault((known.st_dev, known.st_ino), here)
+            if before != here:
+                raise manifest.error(f"{before} and {here} are one and the same; each camera has its own of each")
 
 
 def _check_videos(camera: CameraFiles) -> None:
@@ -250,9 +260,10 @@ def frame_sets(capture: Capture) -> FrameSets:
     for timecode, pose in capture.keyframe_poses.items():
         index = (_clock_of(capture, timecode, drop) - first) % day
         if index >= len(sets):
+            counted = "" if capture.sync is None else " (sync.json counts from 00:00:00:00 on)"
             raise PzcapError(
                 f"{capture.folder}: the keyframe at {timecode} lies outside the recordings' common range"
-                f" {sets.timecodes[0]} to {sets.timecodes[-1]}; correct its timecode or remove it"
+                f" {sets.timecodes[0]} to {sets.timecodes[-1]}{counted}; correct its timecode or remove it"
             )
         keyframes.append(Keyframe(frame=index, pose=pose, covariance=capture.keyframe_covariances.get(timecode)))
     sets.keyframes = tuple(sorted(keyframes, key=lambda keyframe: keyframe.frame))

@@ -7,6 +7,7 @@ each of `KEYPOINTS`, the confidence 0 where the detector does not know the keypo
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -67,6 +68,7 @@ class _Found:
     people: tuple[Json, ...]
     scores: tuple[Json | None, ...]  # confidences, where they do not stand among the numbers
     where: Json
+    whole: bool = True  # nobody else is found in an entry further on
 
 
 def read_keypoints(
@@ -81,6 +83,7 @@ def read_keypoints(
     whether pictures are counted from 0 or from 1.
     """
     pictures = _openpose(path) if path.is_dir() else _results(path)
+    _check_numbers(path, pictures)
     first = _first(path, pictures, len(indices)) if first is None else first
     found: dict[int, list[Array]] = {}
     for picture in pictures:
@@ -97,6 +100,20 @@ def read_keypoints(
     people = {index: np.stack(each) for index, each in found.items()}
     _check_units(path, people, size)
     return people
+
+
+def _check_numbers(path: Path, pictures: Sequence[_Found]) -> None:
+    """Raise PzcapError where two entries that each hold a whole picture have the same number: of two videos, or copied
+    twice."""
+    seen: dict[int, Json] = {}
+    for picture in pictures:
+        if picture.whole and picture.number in seen:
+            one, other = seen[picture.number], picture.where
+            both = f"{one.path.name} and {other.path.name}" if path.is_dir() else f"{one.where} and {other.where}"
+            raise PzcapError(
+                f"{path}: {both} are both of picture {picture.number}; keep the one of this camera's motion"
+            )
+        seen[picture.number] = picture.where
 
 
 def _first(path: Path, pictures: Sequence[_Found], count: int) -> int:
@@ -149,9 +166,14 @@ def _openpose(folder: Path) -> list[_Found]:
 
 
 def _results(file: Path) -> list[_Found]:
-    """A file of results: COCO's, a person an entry, or MMPose's, a picture an entry."""
+    """A file of results: COCO's, a person an entry, or MMPose's, a picture an entry; or a data set of COCO's, whose
+    pictures are named in a list of their own."""
     root = load_json(file, most_bytes=limits.KEYPOINTS_BYTES)
-    if isinstance(root.value, dict) and "instance_info" in root.value:
+    if _has(root, "annotations"):
+        names = {json.dumps(picture["id"].value): picture["file_name"] for picture in root["images"].list()}
+        people = [person for person in root["annotations"].list() if _has(person, "keypoints")]
+        return [_coco(person, names.get(json.dumps(person["image_id"].value))) for person in people]
+    if _has(root, "instance_info"):
         root = root["instance_info"]
     entries = root.list()
     return [_mmpose(entry) if _has(entry, "instances") else _coco(entry) for entry in entries]
@@ -161,12 +183,12 @@ def _has(entry: Json, key: str) -> bool:
     return isinstance(entry.value, dict) and key in entry.value
 
 
-def _coco(person: Json) -> _Found:
-    name = person["image_id"]
+def _coco(person: Json, name: Json | None = None) -> _Found:
+    name = person["image_id"] if name is None else name
     number = name.value if type(name.value) is int else _number(str(name.value))
     if number is None or not 0 <= number <= limits.FRAMES:
         raise name.error("must be the number of a picture, or a name that ends in it")
-    return _Found(number, (person["keypoints"],), (None,), person["keypoints"])
+    return _Found(number, (person["keypoints"],), (None,), person["keypoints"], whole=False)
 
 
 def _mmpose(picture: Json) -> _Found:

@@ -41,14 +41,17 @@ def checked(path: Path) -> Path:
     return path
 
 
-def memory_ran_out() -> bool:
+def memory_ran_out(refused: bool = False) -> bool:
     """True where the address space that this process may have (``ulimit -v``) is all but taken: libraries in C say
-    that a file is damaged when they cannot have more."""
-    if sys.platform != "linux":
-        return False
+    that a file is damaged when they cannot have more.
+
+    ``refused``: memory was asked for and not given. Where nothing limits it, nobody has as much: the file asks for it.
+    """
     most = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if sys.platform != "linux" or most == resource.RLIM_INFINITY:
+        return False
     taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    return most != resource.RLIM_INFINITY and taken > most - _ROOM_BYTES
+    return refused or taken > most - _ROOM_BYTES
 
 
 @contextmanager

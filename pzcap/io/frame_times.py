@@ -70,10 +70,12 @@ def _listed(path: Path, container: InputContainer, stream: VideoStream, rate: Fr
     """List the packets; what an edit list cuts off is left out."""
     base = Fraction(stream.time_base or 1)
     found: list[int] = []
-    reordered = 0
+    reordered, unstamped = 0, False
     try:
         for packet in container.demux(stream):
-            if packet.pts is not None:
+            if packet.pts is None:
+                unstamped = unstamped or packet.size > 0
+            else:
                 found.append(packet.pts)
                 reordered = max(reordered, packet.pts - (packet.pts if packet.dts is None else packet.dts))
             if len(found) > limits.FRAMES:
@@ -82,6 +84,11 @@ def _listed(path: Path, container: InputContainer, stream: VideoStream, rate: Fr
         raise failed(path, error) from error
     if len(found) < stream.frames:
         raise damaged(path)
+    if not found and unstamped:
+        raise PzcapError(
+            f"{path}: a raw stream, which does not say when its frames are shown; put it into a file that does: "
+            f"ffmpeg -framerate RATE -i {path.name} -c copy OUT.mp4"
+        )
     if not found:
         raise PzcapError(f"{path}: the video holds no frames; copy it again from the camera")
     times, frame = np.array(sorted(found), np.int64), 1 / (base * rate)
@@ -130,9 +137,9 @@ def _trembling(times_s: NDArray[np.float64]) -> _Trembling | None:
 
 def failed(path: Path, error: Exception, index: int | None = None) -> Exception:
     """Error to raise where FFmpeg fails: not every failure is a damage of the file."""
-    if isinstance(error, MemoryError) or memory_ran_out():
+    if memory_ran_out(refused=isinstance(error, MemoryError)):
         return MemoryError(f"{path} cannot be decoded")
-    if isinstance(error, PermissionError):
+    if isinstance(error, PermissionError) and error.errno == errno.EACCES:  # a seek to nowhere is "not permitted", too
         return PzcapError(f"{path}: may not be read ({error.strerror}); change its permissions")
     if isinstance(error, OSError) and error.errno in (errno.EIO, errno.EMFILE, errno.ENFILE):
         return PzcapError(f"{path}: cannot be read ({error.strerror})")

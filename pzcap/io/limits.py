@@ -39,6 +39,8 @@ ARRAYS_BYTES: Final = 8 * 2**30
 """Bytes of the arrays of an npz file: 8 GiB."""
 MEASUREMENT_M: Final = 3.0
 """A length of the body, metres."""
+READING_M: Final = 0.3
+"""Standard deviation of a length that was read, or guessed by what is known of a population, metres."""
 MASS_KG: Final = (20.0, 250.0)
 """Mass of the athlete, kilograms."""
 MARKER_M: Final = (0.01, 5.0)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import json
+import unicodedata
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -14,6 +16,7 @@ import numpy as np
 
 from pzcap.io import limits
 from pzcap.io.files import checked, leads_out
+from pzcap.io.text import is_plain
 from pzcap.io.timecode import frames_to_timecode, timecode_to_frames
 from pzcap.types import (
     GARMENTS,
@@ -29,6 +32,11 @@ from pzcap.types import (
 )
 
 _SQUARE = 1.25  # longest side of a marker by its shortest: a diagonal taken for a side is 1.41
+_STRAIGHT: Final = 0.8
+"""Median w of the quaternions of all segments against their parents, at least, whatever the pose."""
+_BENT: Final = 0.5
+_MOST_LOOKED_AT: Final = 10_000
+"""Files of a folder among which one that is missing is looked for."""
 _UNIT_TOLERANCE = 1e-3  # quaternions are written with a few decimals; they are normalised after this check
 
 
@@ -57,6 +65,12 @@ class Json:
                 near = difflib.get_close_matches(key, keys, n=1, cutoff=0.4) or keys
                 raise self.error(f'unknown entry "{key}"; the nearest are {", ".join(near)}')
 
+    def not_misspelt(self, optional: str) -> None:
+        """The same where other keys are allowed: about one that is all but this optional one."""
+        for key in self.value if isinstance(self.value, dict) else ():
+            if key != optional and difflib.get_close_matches(key.casefold(), [optional], cutoff=0.8):
+                raise self.error(f'entry "{key}"; write it "{optional}"')
+
     def list(self) -> list[Json]:
         if not isinstance(self.value, list):
             raise self.error("must be a JSON list; see docs/capture.md")
@@ -66,6 +80,12 @@ class Json:
         if not isinstance(self.value, str) or not self.value:
             raise self.error("must be text in quotes")
         return self.value
+
+    def name(self) -> str:
+        """Text that is shown to people, in terminals and on pages."""
+        if not is_plain(self.text()):
+            raise self.error("holds control characters, which a terminal would obey; write it without them")
+        return self.text()
 
     def boolean(self) -> bool:
         if not isinstance(self.value, bool):
@@ -108,11 +128,49 @@ class Json:
         if leads_out(name):
             raise self[key].error(f"{name} leads out of the folder; put the file, or a link to it, inside")
         path = folder / name
-        if or_folder and path.is_dir():
-            return path
-        if not checked(path).is_file():
-            raise self[key].error(f"the file {path} is missing; bring it, or put null in its place")
-        return path
+        try:
+            if or_folder and path.is_dir():
+                return path
+            if checked(path).is_file():
+                return path
+        except OSError as error:  # a name that is too long
+            raise self[key].error(f"no such file can be ({error.strerror}); correct the name") from error
+        if path.is_symlink():
+            raise self[key].error(f"{path} is a link to {path.readlink()}, which is missing; bring the file itself")
+        written = _written_otherwise(folder, name)
+        if written is not None and _composed(written) == _composed(name):  # people see one and the same name
+            return folder / written
+        remedy = "bring it, or put null in its place" if written is None else f'its name is written "{written}"'
+        raise self[key].error(f"the file {path} is missing; {remedy}")
+
+
+def _written_otherwise(folder: Path, name: str) -> str | None:
+    """The file of ``folder`` that ``name`` means in another spelling: other case, backslashes, spaces around it, or
+    accents that are characters of their own, as Macs write them."""
+    wanted = _alike(name)
+    for parts in itertools.islice(folder.rglob("*"), _MOST_LOOKED_AT):
+        found = parts.relative_to(folder).as_posix()
+        if _alike(found) == wanted and parts.is_file():
+            return found
+    return None
+
+
+def _alike(name: str) -> str:
+    return _composed(name).casefold().replace("\\", "/").strip()
+
+
+def _composed(name: str) -> str:
+    """``name`` with each accent and its letter as one character."""
+    return unicodedata.normalize("NFC", name)
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON whose keys are all different: of two values of one key the first would silently be lost."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f'"{next(name for name in names if names.count(name) > 1)}" stands there twice')
+    return found
 
 
 def load_json(path: Path, remedy: str = "write it (docs/capture.md)", most_bytes: int = limits.PAPER_BYTES) -> Json:
@@ -121,7 +179,7 @@ def load_json(path: Path, remedy: str = "write it (docs/capture.md)", most_bytes
         size = checked(path).stat().st_size
         if size > most_bytes:
             raise PzcapError(f"{path}: {size / 2**20:.0f} MiB, where {most_bytes / 2**20:.0f} MiB are the most")
-        return Json(json.loads(path.read_text(encoding="utf-8-sig")), path)
+        return Json(json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_each_once), path)
     except OSError as error:
         raise PzcapError(f"{path}: cannot be read ({error.strerror}); {remedy}") from error
     except (ValueError, RecursionError) as error:
@@ -135,6 +193,7 @@ _DOF: Final = 43
 def read_object(path: Path) -> CalibrationObject:
     """Read and check object.json."""
     root = load_json(path)
+    root.only("dictionary", "markers", "wireframe_m")
     dictionary = root["dictionary"].text()
     if not dictionary.startswith("DICT_") or not hasattr(cv2.aruco, dictionary):
         raise root["dictionary"].error(f'OpenCV knows no ArUco dictionary "{dictionary}"; such as "DICT_4X4_50"')
@@ -145,11 +204,18 @@ def read_object(path: Path) -> CalibrationObject:
     markers = [_read_marker(entry, dictionary, count) for entry in entries]
     if not markers or len({marker.id for marker in markers}) < len(markers):
         raise root["markers"].error("list at least one marker, each with an id of its own")
+    for one, other in itertools.combinations(markers, 2):
+        apart = float(np.linalg.norm(one.corners_m.mean(axis=0) - other.corners_m.mean(axis=0)))
+        if apart < 0.1 * float(np.linalg.norm(one.corners_m[0] - one.corners_m[1])):
+            raise root["markers"].error(
+                f"markers {one.id} and {other.id} are {1000 * apart:.0f} mm apart; correct the corners of one of them"
+            )
     wireframe = root["wireframe_m"].place(-1, 2, 3) if root.value.get("wireframe_m") else np.zeros((0, 2, 3))
     return CalibrationObject(dictionary, tuple(markers), wireframe)
 
 
 def _read_marker(entry: Json, dictionary: str, count: int) -> Marker:
+    entry.only("id", "corners_m")
     number = entry["id"].value
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < count:
         raise entry["id"].error(f"must be a whole number from 0 to {count - 1}: {dictionary} has no others")
@@ -186,6 +252,9 @@ def read_subject(path: Path) -> Subject:
     sex = root.value.get("sex")
     if not (sex is None or sex == "female" or sex == "male"):
         raise root["sex"].error('must be "female", "male" or null')
+    for entry in (root["sigma_m"], *(root["sigmas_m"][name] for name in sigmas)):
+        if entry.length() > limits.READING_M:
+            raise entry.error(f"no tape errs by {entry.value:g} m; give metres, at most {limits.READING_M:g}")
     return Subject(measurements, root["sigma_m"].length(), sigmas, mass, sex, _read_garments(root))
 
 
@@ -216,6 +285,7 @@ def read_keyframes(path: Path, rate: Fraction) -> dict[str, tuple[Pose, Array | 
     root = load_json(path)
     poses: dict[str, tuple[Pose, Array | None]] = {}
     for entry in root.list():
+        entry.not_misspelt("covariance")  # other entries are the user's own, and kept
         try:
             colons = entry["timecode"].text().replace(";", ":")
             timecode = frames_to_timecode(timecode_to_frames(colons, rate), rate)
@@ -231,6 +301,9 @@ def read_keyframes(path: Path, rate: Fraction) -> dict[str, tuple[Pose, Array | 
         norms = np.linalg.norm(rotations, axis=1, keepdims=True)
         if abs(norms[worst := int(np.argmax(np.abs(norms - 1))), 0] - 1) > _UNIT_TOLERANCE:
             raise table[SEGMENTS[worst]].error(f"the quaternion's length is {norms[worst, 0]:.4g}; it must be 1")
+        usual = np.median(np.abs(rotations[1:]), axis=0)
+        if usual[0] < _BENT and usual[3] > _STRAIGHT:
+            raise table.error("its quaternions are [x, y, z, w], it seems; write [w, x, y, z]")
         poses[timecode] = Pose(entry["root_position_m"].place(3), rotations / norms), _read_covariance(entry)
     return poses
 

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
-from fractions import Fraction
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast, get_args, get_type_hints
 
@@ -21,9 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.io import limits
+from pzcap.io.arrays import read_arrays
 from pzcap.io.files import checked, leads_out, write_json, written_whole
 from pzcap.io.picture_header import is_whole, picture_size
 from pzcap.io.record_checks import check_array, check_record
+from pzcap.io.text import is_plain, one_line
+from pzcap.io.timecode import rate_of
 from pzcap.types import (
     ENDS,
     JOINTS,
@@ -57,6 +57,11 @@ PER_CAMERA: Final[dict[str, tuple[str, type]]] = {
 
 HIGHER: Final = ("k2", "p1", "p2")
 """Coefficients of distortion that are stored where they are not zero."""
+
+_LEAST_BYTES: Final = 2**28
+"""Bytes of a reconstruction's arrays that are read, however small the file: 256 MiB."""
+_PACKED: Final = 100
+"""More than these times a file's size are not in it: zeros pack a thousandfold, what was measured does not."""
 
 T = TypeVar("T")
 
@@ -126,7 +131,7 @@ def load(folder: Path) -> Reconstruction:
     return Reconstruction(
         capture_name=manifest["capture"],
         method=manifest["method"],
-        frame_rate=Fraction(manifest["frame_rate"]),
+        frame_rate=manifest["frame_rate"],
         timecodes=tuple(manifest["timecodes"]),
         camera_names=tuple(camera["name"] for camera in manifest["cameras"]),
         motion=arrays.record(Motion, "motion", {}),
@@ -226,7 +231,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise PzcapError(f"{path}: not valid JSON ({_one_line(error)}); save the reconstruction again") from error
+        raise PzcapError(f"{path}: not valid JSON ({one_line(str(error))}); save the reconstruction again") from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise PzcapError(f'{path}: its "format" is not "{FORMAT}"')
     version = manifest.get("version")
@@ -235,7 +240,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise PzcapError(f"{path}: version {version}; this pzcap reads versions 1 and {VERSION}; {cure}")
     for fault in _manifest_faults(manifest):
         raise PzcapError(f"{path}: {fault}; see docs/reconstruction.md")
-    return manifest
+    return {**manifest, "frame_rate": rate_of(manifest["frame_rate"])}
 
 
 def _manifest_faults(manifest: dict[str, Any]) -> Iterator[str]:
@@ -243,15 +248,19 @@ def _manifest_faults(manifest: dict[str, Any]) -> Iterator[str]:
     for key in ("capture", "method", "frame_rate"):
         if not isinstance(manifest.get(key), str):
             yield f'"{key}" is missing or no text'
+        elif not is_plain(manifest[key]):
+            yield f'"{key}" holds control characters'
     try:
-        if Fraction(manifest["frame_rate"]) <= 0:
-            yield '"frame_rate" is not above 0'
-    except (ValueError, ZeroDivisionError):
-        yield '"frame_rate" is no fraction such as "30/1"'
+        if rate_of(manifest["frame_rate"]) is None:
+            yield '"frame_rate" is no fraction such as "30/1"'
+    except PzcapError as error:
+        yield f'"frame_rate" {error}'
     for key in ("timecodes", "notes"):
         texts = manifest.get(key)
         if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
             yield f'"{key}" is missing or no list of texts'
+        elif not all(map(is_plain, texts)):
+            yield f'"{key}" holds control characters'
     for key, names in (("joints", JOINTS), ("segments", SEGMENTS), ("ends", ENDS)):
         if key in manifest and manifest[key] != list(names):
             yield f'"{key}" is not the list that this pzcap knows'
@@ -263,18 +272,16 @@ def _manifest_faults(manifest: dict[str, Any]) -> Iterator[str]:
         picture = camera.get("panorama", 0) if isinstance(camera, dict) else 0
         if not isinstance(picture, str | None) or not isinstance(camera.get("name"), str):
             yield f'"cameras": entry {number} is no "name" and "panorama"'
+        elif not is_plain(camera["name"]):
+            yield f'"cameras": the name of entry {number} holds control characters'
 
 
 def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
-        with np.load(checked(path), allow_pickle=False) as file:
-            return {key: file[key] for key in file.files}
+        return read_arrays(path, _LEAST_BYTES + _PACKED * checked(path).stat().st_size)
     except FileNotFoundError as error:
         raise PzcapError(f"{path} is missing; save the reconstruction again") from error
-    except (OSError, ValueError, EOFError, KeyError, TypeError, OverflowError, MemoryError, RuntimeError,
-            zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
-        raise PzcapError(f"{path}: truncated or no npz ({_one_line(error)}); save the reconstruction again") from error
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())
+    except (OSError, ValueError) as error:
+        raise PzcapError(
+            f"{path}: truncated or no npz ({one_line(str(error))}); save the reconstruction again"
+        ) from error

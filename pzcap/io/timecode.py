@@ -1,4 +1,4 @@
-"""SMPTE timecode, drop-frame and not, to and from a number of frames."""
+"""Frame rates as they are written, and SMPTE timecode, drop-frame and not, to and from a number of frames."""
 
 from __future__ import annotations
 
@@ -6,9 +6,29 @@ import re
 from fractions import Fraction
 from typing import Final
 
+from pzcap.io import limits
 from pzcap.types import PzcapError
 
+_RATE: Final = re.compile(r"\d{1,9}(\.\d{1,9}|/\d{1,9})?")
 _TIMECODE: Final = re.compile(r"(\d\d):(\d\d):(\d\d)([:;])(\d{2,3})")
+
+
+def rate_of(text: str) -> Fraction | None:
+    """Frames a second, of a fraction such as "30000/1001" or "25"; None for anything else. An exponent is none: it
+    would make a number of a billion digits. Raises PzcapError, with a clause, for a rate that nothing films at."""
+    if _RATE.fullmatch(text) is None or (rate := _fraction(text)) is None:
+        return None
+    slowest, fastest = limits.FRAME_RATE
+    if not slowest <= rate <= fastest:
+        raise PzcapError(f"is {float(rate):g} frames a second; {slowest} to {fastest} are plausible")
+    return rate
+
+
+def _fraction(text: str) -> Fraction | None:
+    try:
+        return Fraction(text)
+    except ZeroDivisionError:
+        return None
 
 
 def frames_per_day(rate: Fraction, drop: bool = False) -> int:

@@ -18,7 +18,7 @@ from typing import Final, cast
 import av
 import cv2
 import numpy as np
-from av.error import FFmpegError
+from av.error import ArgumentError, FFmpegError
 from av.filter import Graph
 from av.sidedata.sidedata import SideData
 from av.video.frame import VideoFrame
@@ -35,6 +35,12 @@ _SQUARE: Final = 2e-3  # departure of a pixel's width from its height that encod
 _BT601: Final = (2, 5, 6)  # AVColorSpace: unspecified, and the two that are BT.601
 _FULL_RANGE: Final = 2  # AVColorRange
 _TURN: Final = "DISPLAYMATRIX"  # av.sidedata.sidedata.Type
+_RECORDINGS: Final = (
+    "mov", "matroska", "avi", "mpegts", "mpeg", "mxf", "mxf_opatom", "gxf", "lxf", "ogg", "flv", "asf", "nut", "dv",
+    "ivf", "wtv", "rm", "amv", "gif", "apng", "r3d", "cine", "yuv4mpegpipe", "h264", "hevc", "mpegvideo", "mjpeg",
+    "m4v", "obu",
+)  # fmt: skip
+"""Formats that hold pictures themselves, as FFmpeg names them. Others are lists of further files, or one picture."""
 
 
 class VideoReader:
@@ -60,7 +66,7 @@ class VideoReader:
                 raise PzcapError(f"{path}: the video holds no decodable frame; copy it again from the camera")
             self._check_format(stream)
             self.interlaced = int(stream.codec_context.field_order) in _PARITY
-            self.timecode = _find_timecode(container)
+            self.timecode = _find_timecode(container, stream)
             shown = frame_times(path, container, stream, Fraction(rate))
         self._times, self._reordered, self.frame_count = shown.times, shown.reordered, len(shown.times)
         self.times_s, self.indices = shown.times_s, shown.indices
@@ -103,10 +109,10 @@ class VideoReader:
             return
         with self._open() as container:
             stream = self._stream(container)
-            if numbers[0] > 0:
-                # lands on the last intra frame that is decoded by then: with B frames, one that is shown later may be
-                container.seek(int(self._times[numbers[0]]) - self._reordered, stream=stream)
             try:
+                if numbers[0] > 0:
+                    # lands on the last intra frame that is decoded by then: with B frames, one shown later may be
+                    container.seek(int(self._times[numbers[0]]) - self._reordered, stream=stream)
                 for time, fields in self._pictures(container, stream):
                     if time < self._times[numbers[0]]:
                         continue
@@ -176,17 +182,23 @@ class VideoReader:
         return turns[signs]
 
     def _open(self) -> av.container.InputContainer:
+        options = {"ignore_editlist": "1", "format_whitelist": ",".join(_RECORDINGS), "protocol_whitelist": "file"}
         try:
-            return av.open(str(checked(self.path)), options={"ignore_editlist": "1"}, metadata_errors="replace")
+            return av.open(str(checked(self.path).absolute()), options=options, metadata_errors="replace")
         except FFmpegError as error:
             if not self.path.is_file():
                 raise PzcapError(f"{self.path}: no such video; copy it from the camera") from error
+            if isinstance(error, ArgumentError):
+                raise PzcapError(
+                    f"{self.path}: is no recording, but a picture or a list of other files; put the video itself "
+                    "there, such as MP4, MOV or MKV"
+                ) from error
             raise failed(self.path, error) from error
 
     def _stream(self, container: av.container.InputContainer) -> VideoStream:
-        if not container.streams.video:
+        stream = container.streams.best("video")  # not the thumbnail that some cameras and tools put beside it
+        if not isinstance(stream, VideoStream):
             raise PzcapError(f"{self.path}: the file holds no video; copy it again from the camera")
-        stream = container.streams.video[0]
         if stream.codec_context is None:
             raise PzcapError(
                 f"{self.path}: FFmpeg does not know its codec, or it is damaged; convert it to H.264 where it was "
@@ -205,9 +217,9 @@ def _to_bgr(frame: VideoFrame) -> Image:
     return np.asarray(frame.to_ndarray(format="bgr24", interpolation=accurate), np.uint8)
 
 
-def _find_timecode(container: av.container.InputContainer) -> str | None:
+def _find_timecode(container: av.container.InputContainer, stream: VideoStream) -> str | None:
     """SMPTE start timecode, wherever the container keeps it (MP4 and MOV: a track; Matroska: a tag)."""
-    for metadata in (container.streams.video[0].metadata, *(s.metadata for s in container.streams), container.metadata):
+    for metadata in (stream.metadata, *(s.metadata for s in container.streams), container.metadata):
         for key, value in metadata.items():
             if key.lower() == "timecode":
                 return value

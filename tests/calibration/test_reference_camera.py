@@ -133,3 +133,21 @@ def test_what_is_missing_is_said_in_one_line() -> None:
     one_face = CalibrationObject("DICT_4X4_50", calibration_object.markers[:9], calibration_object.wireframe_m)
     with pytest.raises(PzcapError, match="one plane"):
         reference_camera.calibrate(image, one_face, ReferenceConfig())
+
+
+@pytest.mark.parametrize(
+    ("axes", "order", "said"),
+    [
+        ((1, 1, 1), (3, 2, 1, 0), "all corners are listed anticlockwise"),
+        ((1, 1, 1), (1, 2, 3, 0), "all corners are listed from another one than the upper left"),
+        ((1, -1, 1), (0, 1, 2, 3), "its axes are left-handed"),
+        ((1, 1, 1), (0, 2, 1, 3), r"check its dimensions \(object.json\)"),
+    ],
+)
+def test_corners_in_another_order_than_meant_are_told(axes: tuple[int, ...], order: tuple[int, ...], said: str) -> None:
+    known = synthetic.calibration_object()
+    optics = synthetic.Optics(width=640, height=480, principal_px=(319.5, 239.5), reference_focal_px=880.0)
+    image = synthetic.render(optics, 0.0, 880.0, with_object=True)
+    markers = tuple(replace(each, corners_m=each.corners_m[list(order)] * axes) for each in known.markers)
+    with pytest.raises(PzcapError, match=f"do not fit one camera; {said}"):
+        reference_camera.calibrate(image, replace(known, markers=markers), ReferenceConfig())

@@ -183,3 +183,12 @@ def test_a_summary_without_a_body() -> None:
     assert lines[2] == "  camera 2: not calibrated"
     assert "  body: not tracked" in lines
     assert lines[-1] == "  note: camera 2: no motion video"
+
+
+def test_streams_that_are_closed_end_no_command(tmp_path: Path) -> None:
+    """And no file that is opened takes their place, where libraries print."""
+    look = "import os, sys; from pzcap.command.main import main; main(['check', 'x']); "
+    look += "f = open(sys.argv[1], 'w'); assert f.fileno() > 2; print('out'); os.write(1, b'native'); f.write('whole')"
+    line = ["sh", "-c", '"$1" -c "$2" "$3" <&- >&- 2>&-', "sh", sys.executable, look, str(tmp_path / "file")]
+    assert subprocess.run(line, check=False).returncode == 0
+    assert (tmp_path / "file").read_text() == "whole"

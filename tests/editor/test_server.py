@@ -115,6 +115,9 @@ def test_it_listens_at_127_0_0_1_alone() -> None:
                 socket.create_connection((other, port), 2)
         with pytest.raises(PzcapError, match=f"port {port} cannot be listened at"):
             listening(port)
+    for impossible in (-1, 65536):
+        with pytest.raises(PzcapError, match="ports go from 0 to 65535"):
+            listening(impossible)
 
 
 class Page:

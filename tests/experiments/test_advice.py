@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
+from unittest import mock
 
 import av
 import av.error
@@ -115,10 +116,26 @@ def test_a_motion_that_may_not_be_read_is_not_called_damaged(motion: Path, monke
 
 
 def test_a_motion_without_memory_is_not_called_damaged(motion: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where something limits it; else the file asks for more than anybody has."""
     reader = VideoReader(motion)
     monkeypatch.setattr(av, "open", failing(av.error.MemoryError(errno.ENOMEM, "Cannot allocate memory", str(motion))))
+    with pytest.raises(PzcapError, match="truncated or damaged"):
+        next(iter(reader))
+    monkeypatch.setattr(files.resource, "getrlimit", lambda _: (2**45, 2**45))
     with pytest.raises(MemoryError, match=r"motion\.mp4 cannot be decoded"):
         next(iter(reader))
+
+
+def test_a_place_that_cannot_be_sought_is_damage(motion: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """FFmpeg says that it is not permitted where the tables of an MP4 lead nowhere."""
+    reader = VideoReader(motion)
+    lost = av.error.PermissionError(errno.EPERM, "Operation not permitted", str(motion))
+    monkeypatch.setattr(
+        VideoReader, "_open", lambda _: mock.MagicMock(**{"__enter__.return_value.seek": failing(lost)})
+    )
+    monkeypatch.setattr(VideoReader, "_stream", lambda *_: None)
+    with pytest.raises(PzcapError, match=r"motion\.mp4: the video is truncated or damaged at frame 3"):
+        next(reader.read(3))
 
 
 def test_a_limit_that_is_all_but_reached_counts_as_memory(motion: Path, monkeypatch: pytest.MonkeyPatch) -> None:

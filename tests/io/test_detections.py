@@ -71,6 +71,19 @@ def test_results_of_coco_and_alphapose(tmp_path: Path, names: tuple[str, ...], i
 WHOLE_BODY = (*KEYPOINTS[:17], *detections._COCO_FEET)
 
 
+def test_a_data_set_of_coco(tmp_path: Path) -> None:
+    """Its ids are any; the pictures' names count."""
+    names, person = KEYPOINTS[:17], flat(KEYPOINTS[:17], 1)
+    pictures = [{"id": 40 + k, "file_name": f"take2/frame_{k:06d}.PNG"} for k in range(4)]
+    people = [{"id": 1, "image_id": 42, "keypoints": person, "num_keypoints": 17}, {"id": 2, "image_id": 40}]
+    people.append({"id": 3, "image_id": 40, "keypoints": person})
+    file = tmp_path / "instances.json"
+    file.write_text(json.dumps({"images": pictures, "annotations": people, "categories": []}))
+    found = read_keypoints(file)
+    assert sorted(found) == [0, 4]
+    np.testing.assert_array_equal(found[4][0], expected(names, person))
+
+
 @pytest.mark.parametrize(("count", "names"), [(23, WHOLE_BODY), (133, WHOLE_BODY), (136, KEYPOINTS)])
 def test_faces_and_hands_are_left_out(count: int, names: tuple[str, ...], tmp_path: Path) -> None:
     person = flat(tuple(str(k) for k in range(count)), 0)
@@ -140,7 +153,7 @@ FAULTS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "not in threes": (lambda at: openpose(at / "found", {0: [[1.0] * 50]}), "50 numbers"),
     "not a number": (lambda at: openpose(at / "found", {0: [[float("nan")] * 75]}), "finite"),
     "no image": (lambda at: results(at / "results.json", {"mine.jpg": flat(KEYPOINTS, 0)}), "image_id"),
-    "an object": (lambda at: written(at / "results.json", {"annotations": []}), "list"),
+    "an object": (lambda at: written(at / "results.json", {"people": []}), "list"),
     "numbers of a year": (lambda at: results(at / "results.json", {20261126: flat(KEYPOINTS, 0)}), "image_id"),
     "scores of others": (
         lambda at: mmpose(at / "results.json", {0: [flat(KEYPOINTS[:17], 0)]}, scores=16),

@@ -212,6 +212,31 @@ def test_an_array_that_says_more_than_follows_is_not_read(tmp_path: Path) -> Non
         announced(tmp_path / "one.npz")
 
 
+def test_an_array_whose_header_is_no_header(tmp_path: Path) -> None:
+    """NumPy's own reader of headers ends in an error of Python's tokenizer there."""
+    header = (
+        b"\x93NUMPY\x01\x00\x76\x00"
+        + b"{'descr': '<f8', 'fortran_order': False, 'shape': ((4, 12), }".ljust(117)
+        + b"\n"
+    )
+    with zipfile.ZipFile(tmp_path / "one.npz", "w") as archive:
+        archive.writestr("values.npy", header)
+    with pytest.raises(ValueError, match="has a header that is none"):
+        announced(tmp_path / "one.npz")
+
+
+def test_a_reconstruction_of_zeros_that_packs_a_thousandfold_is_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(results, "_LEAST_BYTES", 2**20)
+    results.save(fabricated.reconstruction(), tmp_path)
+    with np.load(tmp_path / results.ARRAYS) as found:
+        arrays = dict(found)
+    np.savez_compressed(tmp_path / results.ARRAYS, allow_pickle=False, **arrays, more=np.zeros(2**23))
+    with in_little(50), pytest.raises(PzcapError, match=r"it holds 0.0\d+ GiB, where 0.0\d+ GiB are the most"):
+        results.load(tmp_path)
+
+
 def test_a_truth_of_gigabytes_is_not_read(tmp_path: Path) -> None:
     """Zeros pack well: the shape of the sweep is nowhere else, so that it has a limit of its own."""
     truth.save(truth_of(fabricated.reconstruction()), tmp_path)

@@ -236,3 +236,20 @@ def loaded_or_one_line(folder: Path) -> None:
         said = str(error)
     assert str(folder) in said
     assert "\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("frame_rate", "1e1000000000", "is no fraction"),
+        ("frame_rate", "1001", "is 1001 frames a second"),
+        ("capture", "\x1b[2J", "holds control characters"),
+        ("notes", ["a note", "\x9b31m"], "holds control characters"),
+    ],
+)
+def test_texts_of_a_manifest_that_never_come_from_save(tmp_path: Path, key: str, value: object, said: str) -> None:
+    results.save(fabricated.reconstruction(), tmp_path)
+    path = tmp_path / results.MANIFEST
+    path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
+    with pytest.raises(PzcapError, match=f'"{key}" {said}'):
+        results.load(tmp_path)
