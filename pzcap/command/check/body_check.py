@@ -107,7 +107,8 @@ def _seen(
     if not relation.found:
         return None
     turned = float(sweep.key_angles_rad[index] - np.arctan(relation.across / sweep.focal)) - reference_rad
-    camera = _aimed(reference, turned, 1.0 / relation.scale)
+    focal_px = sweep.focal * reference.width / relation.scale
+    camera = _aimed(reference, turned, focal_px)
     pixels = project(camera, skin_m)[0] * (here.picture.shape[1] / camera.width)
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     height, width = here.picture.shape
@@ -117,11 +118,11 @@ def _seen(
     return _covered(_changed(here, sweep.keys[index], relation), pixels, faces, tall)
 
 
-def _aimed(reference: Camera, turned_rad: float, scale: float) -> Camera:
+def _aimed(reference: Camera, turned_rad: float, focal_px: float) -> Camera:
     """The reference camera, turned to the left about the vertical and zoomed."""
     pose = reference.world_T_cam.copy()
     pose[:3, :3] = Rotation.from_rotvec([0.0, 0.0, turned_rad]).as_matrix() @ pose[:3, :3]
-    return replace(reference, world_T_cam=pose, focal_px=reference.focal_px * scale)
+    return replace(reference, world_T_cam=pose, focal_px=focal_px)
 
 
 def _changed(here: View, key: View, relation: Relation) -> Image:

@@ -125,11 +125,11 @@ def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str,
             camera = hall.reference.camera.camera
             there = np.mean(roots, axis=0) if roots else hall.reference.camera.points_m.mean(axis=0)
             distance_m = float(np.linalg.norm(there - camera.world_T_cam[:3, 3]))
-            focal_px = camera.focal_px
         elif capture.calibration_object is None and what_is_lacking(capture) is None:
-            distance_m, focal_px = None, hall.sweep.focal * places.images[0].shape[1]
+            distance_m = None
         else:
             continue
+        focal_px = hall.sweep.focal * places.images[0].shape[1]
         kept = np.flatnonzero(places.found)
         scales = 1.0 / np.array([places.relations[k].scale for k in kept])
         found[name] = forecast.forecast_camera(
@@ -160,8 +160,8 @@ def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:
     if files.sweep is None:
         findings.append(Finding(Level.FAIL, files.name, "sweep", "there is none; no frame can be located"))
     else:
-        focal = None if reference is None else reference.focal
-        sweep, found = check_sweep(files.name, files.sweep, focal, capture.full_turn)
+        focal, image = (None, None) if reference is None else (reference.focal, reference.image)
+        sweep, found = check_sweep(files.name, files.sweep, focal, capture.full_turn, image)
         findings += found
     if files.zoom is None:
         text = "there is none; distortion and principal point are less certain over the zoom range"
