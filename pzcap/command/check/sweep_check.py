@@ -17,7 +17,7 @@ from pzcap.command.check.views import Relation, View, best, overlap, relate, sma
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image
 
-_MAINS: Final = "a shutter of 1/50 or 1/100 s (1/60 or 1/120 s) fits the mains"
+MAINS: Final = "a shutter of 1/50 or 1/100 s (1/60 or 1/120 s) fits the mains"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,14 +129,14 @@ def _light(gains: Array, keys: list[View]) -> Iterator[tuple[Level, str]]:
     flicker = float(1.4826 * np.median(np.abs(gains - trend)))
     yield (
         graded(flicker, 0.02, 0.08),
-        f"flickers by {100 * flicker:.1f} % from frame to frame" + (f"; {_MAINS}" if flicker > 0.02 else ""),
+        f"flickers by {100 * flicker:.1f} % from frame to frame" + (f"; {MAINS}" if flicker > 0.02 else ""),
     )
     drift = float(np.ptp(np.cumsum(gains)))
     if drift > 0.4:
         yield (
             Level.WARN,
             f"its brightness drifts by {100 * (np.exp(drift) - 1):.0f} %; fix exposure and gain; if they are, "
-            f"lamps flicker nearly in step with the frames: {_MAINS}",
+            f"lamps flicker nearly in step with the frames: {MAINS}",
         )
 
 
@@ -166,9 +166,7 @@ def _closed(sweep: Sweep, closing: tuple[int, Relation], measured: bool) -> Swee
 def _at_focal(sweep: Sweep, focal: float) -> Sweep:
     """The sweep by another focal length: its steps are small angles, which are in inverse proportion to it."""
     ratio = sweep.focal / focal
-    return replace(
-        sweep, focal=focal, angles_rad=sweep.angles_rad * ratio, key_angles_rad=sweep.key_angles_rad * ratio
-    )
+    return replace(sweep, focal=focal, angles_rad=sweep.angles_rad * ratio, key_angles_rad=sweep.key_angles_rad * ratio)
 
 
 def _zoomed(sweep: Sweep, reference: Image) -> float | None:

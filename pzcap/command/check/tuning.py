@@ -44,6 +44,8 @@ class MotionTuning(NamedTuple):
     samples: int = 8  # pictures that are compared
     tilt_deg: float = 0.35  # against the sweep, from which on the head is said to have moved
     turned_deg: float = 20.0  # roll against it, from which on the camera is said to be turned
+    band_pictures: int = 10  # one after the other, whose rows are compared
+    bands: float = 0.04  # scatter of the brightness of rows from one picture to the next, from which on it is told
     sure: float = 80.0  # features that agree, a picture, from which on nobody else's sweep has to be asked
     better: float = 1.5  # times as many features, of the sweep of which it is then said to be
     usual: float = 0.5
@@ -73,6 +75,7 @@ class ForecastTuning(NamedTuple):
     with noise."""
     partial_scale: float = 0.0002  # standard deviation of the scale of a sweep of 120 degrees
     partial_power: float = 2.2  # how much faster than in proportion the scale gets worse with a shorter sweep
+    bands: tuple[float, float] = (3.0, 5.0)  # of pan and focal length under bands of light, in those of the floor
     coarse_px: float = 640.0
     """Width of a picture below which the floor of the pan, in pixels, rises: it samples the hall too
     coarsely."""
