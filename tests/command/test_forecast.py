@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from pzcap.calibration.features import Features
 from pzcap.command.check import body_check
 from pzcap.command.check.body_check import Seen, judged
 from pzcap.command.check.findings import Level
@@ -20,6 +21,7 @@ from pzcap.command.check.forecast import (
     noise,
 )
 from pzcap.command.check.motion_check import row_flicker
+from pzcap.command.check.views import Relation, View
 
 FOCAL = 500.0
 
@@ -143,3 +145,17 @@ def test_the_athlete_is_judged_by_most_pictures(ratio: float, away: float, level
     assert found.level is level
     assert says in found.text
     assert list(judged([Seen(ratio, away)] * 3)) == []  # too few to say
+
+
+def test_rows_lit_otherwise_are_not_taken_for_the_athlete() -> None:
+    """The empty hall and a darker square, under bands of light: the square is what differs."""
+    hall = np.clip(wall(sigma=0.0), 40, 255)
+    here = hall.copy()
+    here[100:140, 150:190] = 10
+    bands = 1 + 0.3 * np.sin(np.arange(240) / 40)[:, None]
+    lit = np.clip(here * bands, 0, 255).astype(np.uint8)
+    nothing = Features(np.empty((0, 2)), np.empty((0, 61), np.uint8), np.empty(0))
+    changed = body_check._changed(View(lit, nothing), View(hall, nothing), Relation(100)) > 0
+    assert changed[102:138, 152:188].mean() > 0.9
+    changed[98:142, 148:192] = False
+    assert changed.mean() < 0.03

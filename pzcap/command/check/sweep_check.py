@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from pzcap.command.check.findings import Finding, Level, graded
-from pzcap.command.check.tuning import SWEEP
+from pzcap.command.check.tuning import SWEEP, VIEWS
 from pzcap.command.check.views import Relation, View, best, overlap, relate, small, step, view
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image
@@ -56,7 +56,7 @@ def check_sweep(
             one, other = overlap(small_before, here, across)
             gains.append(float(np.log(max(other.mean(), 1.0) / max(one.mean(), 1.0))) if one.size else 0.0)
         if abs(angles[-1] - last_key) > np.deg2rad(SWEEP.key_deg) or not keys:
-            keys.append(view(image))
+            keys.append(view(image, VIEWS.most_in_sweep))
             key_angles.append(angles[-1])
             thumbnails.append(_thumbnail(image))
             last_key = angles[-1]

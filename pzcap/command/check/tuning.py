@@ -9,6 +9,7 @@ class ViewsTuning(NamedTuple):
     """Views compared with each other by features."""
 
     most_features: int = 600  # of a view
+    most_in_sweep: int = 1200  # of one of the sweep, in which those of a longer zoom have to be
     contrast: float = 50.0  # grey levels, standard deviation that dark halls are brought to
     most_gain: float = 4.0  # by so much at the most
     ratio: float = 0.85  # of the distances of the best and the second best match, at most
@@ -62,6 +63,7 @@ class BodyTuning(NamedTuple):
     away: float = 0.35  # of the body's height in the picture
     fewest: int = 4  # pictures in which the athlete is found, at least
     changed: int = 12  # grey levels
+    rows: int = 9  # that are lit alike
     furthest: float = 1.2  # heights from where the keyframe puts the athlete
     least_score: float = 0.45  # of an outline that is taken for the athlete
     smallest_px: float = 20.0  # height of a body that is looked for
