@@ -35,7 +35,7 @@ class SweepTuning(NamedTuple):
     back_deg: float = 30.0
     """Turning back that no sweep is found from; of 10 degrees, and a stop, one is as good as any."""
     ring: float = 0.04  # of log focal length between reference image and sweep, that is told
-    ring_far: float = 0.15  # the same, from which on calibration fails
+    ring_far: float = 0.15  # the same, from which on calibration has not been tried
     unsure: float = 0.03  # response of the phase correlation, below which a step is not known
 
 
