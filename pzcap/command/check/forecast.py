@@ -59,8 +59,7 @@ def forecast_camera(
         config.floor_px * max(1.0, FORECAST.coarse_px / width) / reference_px, config.floor_edge_px / (0.5 * width),
     ])  # fmt: skip
     if shutter.interlaced:
-        floor *= 2.0
-        parts["interlaced pictures, of half the rows"] = _squares(floor)
+        parts["interlaced pictures, of half the rows"] = _squares(2.0 * floor)
     else:
         parts["what no footage has gone below"] = _squares(floor)
     if shutter.banded:
