@@ -130,7 +130,11 @@ SUSPECTS: dict[str, tuple[str, Callable[[Rows], Rows], str]] = {
         every(pan_rad=lambda r: 0.9 - float(r["pan_rad"])),
         "positive to the right, and off by 51.6 degrees",
     ),
-    "pan from behind": ("cameras.csv", every(pan_rad=lambda r: float(r["pan_rad"]) + np.pi), "180.0 degrees in every frame"),
+    "pan from behind": (
+        "cameras.csv",
+        every(pan_rad=lambda r: float(r["pan_rad"]) + np.pi),
+        "180.0 degrees in every frame",
+    ),
     "pan from north": ("cameras.csv", every(pan_rad=lambda r: float(r["pan_rad"]) + 0.7), "off by 40.1 degrees"),
     "transposed rotation": ("cameras.csv", poses(lambda r, t: (r.T, t)), "rotation is transposed"),
     "world to camera": ("cameras.csv", poses(lambda r, t: (r.T, -r.T @ t)), "pose is world to camera"),
