@@ -20,7 +20,7 @@ from pzcap.command.check.forecast import (
     joints_mm,
     noise,
 )
-from pzcap.command.check.motion_check import row_flicker
+from pzcap.command.check.motion_check import Places, row_flicker
 from pzcap.command.check.views import Relation, View
 
 FOCAL = 500.0
@@ -159,3 +159,12 @@ def test_rows_lit_otherwise_are_not_taken_for_the_athlete() -> None:
     assert changed[102:138, 152:188].mean() > 0.9
     changed[98:142, 148:192] = False
     assert changed.mean() < 0.03
+
+
+def test_a_sign_on_the_wall_is_no_sweep_of_the_camera() -> None:
+    """Seen from elsewhere it fits above or below the middle; the camera's own pictures lie level, however zoomed."""
+    image = np.zeros((2, 2, 3), np.uint8)
+    sign, own, wide = Relation(30, 0.2, 0.52, 2.1), Relation(20, 0.1, 0.02, 0.34), Relation(40, 0.0, -0.15, 2.0)
+    places = Places((image,) * 3, (sign, own, wide), np.zeros(3))
+    assert places.strength == 30.0
+    assert places.level_strength == 20.0

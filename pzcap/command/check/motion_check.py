@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from pzcap.command.check.findings import Finding, Level
 from pzcap.command.check.forecast import Shutter
 from pzcap.command.check.sweep_check import MAINS, Sweep
 from pzcap.command.check.tuning import MOTION, VIEWS
-from pzcap.command.check.views import ENOUGH, Relation, best, mirrored, overlap, small, step, view
+from pzcap.command.check.views import ENOUGH, NOTHING, Relation, best, mirrored, overlap, small, step, view
 from pzcap.command.check.zoom_check import ZoomRun
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image, Mask
@@ -36,6 +36,15 @@ class Places:
     def strength(self) -> float:
         """Features that agree, a picture; those of pictures that could not be placed do not count."""
         return float(np.mean([relation.inliers if relation.found else 0 for relation in self.relations]))
+
+    @property
+    def level_strength(self) -> float:
+        """The same of the pictures that lie on the sweep as those of its own camera do, at its tilt: a sign on a wall,
+        seen from elsewhere, fits by itself, above or below."""
+        level = [abs(each.down) < MOTION.level * max(each.scale, 1.0) for each in self.relations]
+        return replace(
+            self, relations=tuple(each if fits else NOTHING for each, fits in zip(self.relations, level, strict=True))
+        ).strength
 
 
 def place(images: Sequence[Image], sweep: Sweep) -> Places:
@@ -61,7 +70,7 @@ def check_belonging(
     hall share walls, so that another's pictures may fit a little: they are of the camera that they fit best."""
     own = place(images, sweeps[camera])
     if own.strength < MOTION.sure:
-        others = {name: place(images, sweep).strength for name, sweep in sweeps.items() if name != camera}
+        others = {name: place(images, sweep).level_strength for name, sweep in sweeps.items() if name != camera}
         best_other = max(others, key=lambda name: others[name], default=camera)
         if others and others[best_other] > max(ENOUGH, MOTION.better * own.strength):
             text = f"fits the sweep of camera {best_other}, not its own; were two cameras' files swapped?"

@@ -47,6 +47,7 @@ class MotionTuning(NamedTuple):
     turned_deg: float = 20.0  # roll against it, from which on the camera is said to be turned
     band_pictures: int = 10  # one after the other, whose rows are compared
     bands: float = 0.04  # scatter of the brightness of rows from one picture to the next, from which on it is told
+    level: float = 0.1  # widths of the picture above or below, from which on it is not that camera's sweep
     sure: float = 80.0  # features that agree, a picture, from which on nobody else's sweep has to be asked
     better: float = 1.5  # times as many features, of the sweep of which it is then said to be
     usual: float = 0.5
