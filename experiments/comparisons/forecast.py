@@ -34,8 +34,9 @@ from pzcap.types import PzcapError
 
 EXPERIMENTS: Final = (
     "floor_exercise", "pedestrian", "partial_sweep", "hand_sweep", "lens_beyond", "mains_light", "own_clocks",
-    "rolling_shutter", "rolling_clocks_mains", "sprung_floor", "auto_exposure", "tilting", "fast_pan", "guessed_tape",
-    "loose_clothing", "bystanders", "coach", "crew_in_sweep", "lights_on", "keypoints", "full_turn_jump", "pirouette",
+    "rolling_shutter", "rolling_clocks_mains", "sprung_floor", "auto_exposure", "interlaced", "all_cameras", "tilting",
+    "fast_pan", "guessed_tape", "loose_clothing", "bystanders", "coach", "spotter", "crew", "crew_in_sweep",
+    "lights_on", "keypoints", "full_turn_jump", "pirouette",
 )  # fmt: skip
 """Right footage, each with another trouble."""
 

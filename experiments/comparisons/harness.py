@@ -28,6 +28,7 @@ from experiments.score import score
 from experiments.terminal import print_whole, table
 from experiments.totals import metrics
 from pzcap.calibration.calibrate import Report
+from pzcap.io import results
 from pzcap.io.capture import read_capture
 from pzcap.pipeline import reconstruct
 from pzcap.scoring.metric import Direction, Metric
@@ -79,6 +80,7 @@ class Comparison(Generic[T]):
     config: type[AppConfig] = AppConfig
     config_name: str = "config"
     others: tuple[str, ...] = field(default=())  # files that ``compare`` itself leaves
+    takes_cameras: bool = False  # those of earlier results, ``cameras=``
 
     @property
     def results(self) -> tuple[str, ...]:
@@ -90,6 +92,8 @@ def execute(
     comparison: Comparison[T], config: AppConfig, tree: dict[str, Any], folder: Path, console: Console
 ) -> Sequence[Row[T]]:
     """Run ``comparison`` and leave its results in ``folder``. Raises PzcapError for what the user can mend."""
+    if config.cameras is not None and not comparison.takes_cameras:
+        raise PzcapError(f"the comparison {comparison.name} calibrates by itself; leave cameras=... out")
     folder.mkdir(parents=True, exist_ok=True)
     for name in comparison.results:
         (folder / name).unlink(missing_ok=True)
@@ -180,10 +184,11 @@ def on_keypoints(config: AppConfig, report: Report) -> tuple[Capture, Truth, Rec
 
     Raises PzcapError where no camera has keypoints.
     """
+    known = None if config.cameras is None else results.load(footage.reconstruction_in(Path(config.cameras)))
     capture, truth = scored_capture(config, report)
     if not any(camera.keypoints for camera in capture.cameras):
         raise PzcapError(f"{capture.folder}: no camera has keypoints; name them in capture.json (docs/capture.md)")
-    pixels = reconstruct(without_keypoints(capture), config.reconstruct, report)
+    pixels = reconstruct(without_keypoints(capture), config.reconstruct, report, known)
     return capture, truth, pixels, reconstruct(capture, config.reconstruct, report, pixels)
 
 

@@ -44,6 +44,7 @@ COMPARISON: Final[Comparison[Any]] = Comparison(
         LOST,
     ),
     compare=compare,
+    takes_cameras=True,
     experiment="keypoints",
     variants="the body",
 )

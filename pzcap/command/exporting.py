@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,9 +24,16 @@ def export_results(results: Path, names: Sequence[str], out: Path, capture: Path
         files = formats.write(take, name, out / name if len(set(names)) > 1 else out)
         listed = [str(path) for path in files[:8]] + ([f"... {len(files)} files in all"] if len(files) > 8 else [])
         print("\n".join(listed))
+        if formats.FORMATS[name].keypoints and not _has_keypoints(take):
+            said = "the capture has no keypoints" if take.capture else "--capture FOLDER takes the keypoints along"
+            print(f"pzcap: {name}: the calibration alone; {said}", file=sys.stderr)
     if address is not None:
         print(f"{freed.send(take, *address)} frames sent to {udp}")
     return 0
+
+
+def _has_keypoints(take: Take) -> bool:
+    return take.capture is not None and any(camera.keypoints for camera in take.capture.cameras)
 
 
 def _address(udp: str, names: Sequence[str]) -> tuple[str, int]:

@@ -38,6 +38,7 @@ class Format:
     body: bool
     cameras: bool
     library: str | None = None  # the package that it is written by, where that is none that pzcap needs
+    keypoints: bool = False  # of the capture, if it has any
 
 
 FORMATS: Final[dict[str, Format]] = {
@@ -53,8 +54,12 @@ FORMATS: Final[dict[str, Format]] = {
     "colmap": Format("COLMAP text, cameras: COLMAP, NeRF and splatting tools", colmap.write, False, True),
     "soccernet": Format("SoccerNet camera JSON", soccernet.write, False, True),
     "chan": Format("Nuke .chan, cameras: Nuke, Blender, Houdini", chan.write, False, True),
-    "aniposelib": Format("aniposelib calibration of virtual fixed cameras, keypoints", aniposelib.write, False, True),
-    "pose2sim": Format("Pose2Sim project of virtual fixed cameras, keypoints", pose2sim.write, False, True),
+    "aniposelib": Format(
+        "aniposelib calibration of virtual fixed cameras, keypoints", aniposelib.write, False, True, keypoints=True
+    ),
+    "pose2sim": Format(
+        "Pose2Sim project of virtual fixed cameras, keypoints", pose2sim.write, False, True, keypoints=True
+    ),
     "stabilised": Format("Stabilised video of virtual fixed cameras: detectors", stabilised.write, False, True),
 }
 

@@ -66,6 +66,14 @@ class LocatedCamera:
         pan, log_focal = np.sqrt(np.diag(self.track.covariance[frame]))
         return float(np.rad2deg(pan)), float(log_focal * self.track.focal_px[frame])
 
+    def shear(self, frame: int) -> tuple[float, float]:
+        """Change of pan, in degrees, and of the focal length, in pixels, from the first row to the last; 0 where all
+        rows are exposed at once."""
+        if not len(self.track.shear):
+            return 0.0, 0.0
+        pan, log_focal = self.track.shear[frame]
+        return float(np.rad2deg(pan)), float(log_focal * self.track.focal_px[frame])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Take:

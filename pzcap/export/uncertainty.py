@@ -12,7 +12,7 @@ from pzcap.types import JOINTS, Camera
 
 CAMERA_COLUMNS = (
     "frame", "timecode", "time_s", "valid", "pan_deg", "pan_sigma_deg", "focal_px", "focal_sigma_px", "principal_x_px",
-    "principal_y_px", "k1", "k2", "p1", "p2",
+    "principal_y_px", "k1", "k2", "p1", "p2", "exposed_s", "pan_shear_deg", "focal_shear_px",
 )  # fmt: skip
 
 
@@ -28,7 +28,8 @@ def write_joints(take: Take, folder: Path) -> Path:
 
 
 def write_cameras(take: Take, folder: Path) -> list[Path]:
-    """Write pan, lens and their standard deviations of each camera; the paths."""
+    """Write pan, lens and their standard deviations of each camera, when it exposed its middle row, and by how much
+    pan and focal length change from the first row to the last where they are not exposed at once; the paths."""
     stamps, files = _stamps(take), []
     for camera in take.cameras():
         rows = []
@@ -38,6 +39,7 @@ def write_cameras(take: Take, folder: Path) -> list[Path]:
             if here is not None:
                 pan, focal = camera.sigma(frame)
                 numbers = [float(np.rad2deg(camera.track.pan_rad[frame])), pan, here.focal_px, focal, *lens(here)]
+                numbers += [take.times_s[frame] + camera.head.clock_s, *camera.shear(frame)]
             empty = [""] * (len(CAMERA_COLUMNS) - 4 - len(numbers))
             rows.append([*stamp, int(here is not None), *(f"{number:.9g}" for number in numbers), *empty])
         path = folder / f"{take.file}_camera_{camera.file}.csv"

@@ -130,20 +130,37 @@ def _strange_pan(one: Seen, truth: TrueCapture) -> Iterator[str]:
     if pan is None or true_pan is None:
         return
     found, true = pan[one.at], true_pan[one.frames]
-    apart = wrapped(found - true)
-    off = float(np.median(np.abs(apart)))
+    off = _size(found - true)
     if off <= TURN_RAD:
         return
-    unsteady = float(np.median(np.abs(wrapped(apart - np.median(apart)))))
-    if len(apart) > 2 and unsteady < TURN_RAD and better(unsteady, off):
+    middle, unsteady = _steady(found - true)
+    mirror, mirrored = _steady(-found - true)
+    degrees = _size(np.deg2rad(found) - true)
+    if len(found) > 2 and unsteady < TURN_RAD and better(unsteady, off):
         yield (
-            f"camera {one.name}: pan_rad is off by {np.degrees(np.median(apart)):.1f} degrees in every frame: pan 0 is "
-            "the reference pose"
+            f"camera {one.name}: pan_rad is off by {np.degrees(middle):.1f} degrees in every frame: pan 0 is the "
+            "reference pose"
         )
-    elif better(float(np.median(np.abs(wrapped(np.deg2rad(found) - true)))), off):
+    elif better(degrees, off) and better(degrees, _size(true)):
         yield f"camera {one.name}: pan_rad is in degrees: write radians"
-    elif better(float(np.median(np.abs(wrapped(-found - true)))), off):
+    elif better(_size(-found - true), off):
         yield f"camera {one.name}: pan_rad is positive to the right: write it positive to the left"
+    elif len(found) > 2 and mirrored < TURN_RAD and better(mirrored, off):
+        yield (
+            f"camera {one.name}: pan_rad is positive to the right, and off by {abs(np.degrees(mirror)):.1f} degrees in "
+            "every frame: write it positive to the left, from the reference pose"
+        )
+
+
+def _size(apart: Array) -> float:
+    """Median size of angles."""
+    return float(np.median(np.abs(wrapped(apart))))
+
+
+def _steady(apart: Array) -> tuple[float, float]:
+    """The middle of angles, and how far they lie from it."""
+    middle = float(np.angle(np.exp(1j * apart).mean()))
+    return middle, _size(apart - middle)
 
 
 def _strange_focal(one: Seen, truth: TrueCapture) -> Iterator[str]:

@@ -58,7 +58,7 @@ def test_pose2sim(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [cell for cell in path.read_text().split("\n")[3].split("\t") if cell][2:]
     table = pd.read_csv(path, sep="\t", skiprows=5, header=None).to_numpy(float)
     np.testing.assert_allclose(table[:, 1], np.arange(FRAMES) / float(RATE), atol=1e-4)
-    for name, joint in (("RKnee", 14), ("LAnkle", 12), ("LShoulder", 4), ("RWrist", 9), ("Neck", 3)):
+    for name, joint in (("RKnee", 14), ("LAnkle", 12), ("LShoulder", 4), ("RWrist", 9)):
         column = 2 + 3 * names.index(name)
         for frame in range(FRAMES):
             x, y, z = exported.joints(frame)[joint]

@@ -16,7 +16,7 @@ from pzcap.command.check.run import _empty_hall
 from pzcap.command.check.sweep_check import Sweep, _level, check_sweep
 from pzcap.command.main import main
 from pzcap.io.capture import read_capture
-from pzcap.types import Capture
+from pzcap.types import Capture, Image
 from tests.scenes import wrong_footage as wrong
 
 LEVELLED = "lock the tilt, level the pan axis"
@@ -120,6 +120,11 @@ def test_right_footage_passes(
             1,
             [r"camera 1 motion: looks 1\.\d+ degrees lower than the sweep", r"camera 1 reference: looks .* settled"],
         ),
+        (
+            wrong.drawn("reference.png", wrong.longer(1.2)),
+            1,
+            [r"camera 1 sweep: was filmed at 0\.8\d times the focal length of the reference image"],
+        ),
         (wrong.drawn("reference.png", wrong.once_more(6)), 0, ["camera 1 reference: marker 6 is seen more than once"]),
         (wrong.other_size(1.2), 1, [r"subject: the athlete looks|keyframes: the athlete stands \d\.\d body heights"]),
         (
@@ -168,13 +173,19 @@ def test_a_camera_that_leans_does_not_rise_and_one_that_tilts_does() -> None:
     ]
 
 
-def turned(path: Path, degrees: float, focal: float) -> Path:
-    """A video of a camera that turns to the left by ``degrees`` at ``focal`` widths, a tenth of a picture a frame,
-    in a round hall of noise."""
+def round_hall(focal: float) -> Image:
+    """(120, W) noise on the wall of a round hall, as pictures 160 wide show it at ``focal`` widths."""
     width, height = 160, 120
     circle = round(2.0 * np.pi * focal * width)
     rng = np.random.default_rng(4)
-    wall = cv2.resize(rng.integers(0, 255, (height // 4, circle // 4), dtype=np.uint8), (circle, height))
+    return np.asarray(cv2.resize(rng.integers(0, 255, (height // 4, circle // 4), dtype=np.uint8), (circle, height)))
+
+
+def turned(path: Path, degrees: float, focal: float) -> Path:
+    """A video of a camera that turns to the left by ``degrees`` at ``focal`` widths, a tenth of a picture a frame,
+    in a round hall of noise."""
+    wall = round_hall(focal)
+    width, height, circle = 160, *wall.shape
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=25, options={"crf": "10"})
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
@@ -201,6 +212,20 @@ def test_a_sweep_at_another_zoom_than_the_reference_image_is_told(tmp_path: Path
     [said] = [each for each in found if "comes round" in each.text]
     assert said.level is Level.FAIL
     assert "was the zoom ring moved" in said.text
+
+
+@pytest.mark.parametrize(("times", "level"), [(1.25, Level.FAIL), (1.08, Level.WARN), (1.01, None)])
+def test_a_zoom_ring_that_was_moved_is_told_by_the_picture(times: float, level: Level | None, tmp_path: Path) -> None:
+    """Whether the circle closes is asked by the focal length at which it was filmed."""
+    still = round_hall(1.0)[:, 480:640]
+    longer = cv2.warpAffine(still, cv2.getRotationMatrix2D((79.5, 59.5), 0.0, times), (160, 120))
+    video = turned(tmp_path / "sweep.mp4", 385.0, 1.0)
+    sweep, found = check_sweep("1", video, times, full_turn=True, reference=np.repeat(longer[..., None], 3, axis=2))
+    assert sweep.focal == pytest.approx(1.0, rel=0.01)
+    assert np.rad2deg(sweep.span_rad) == pytest.approx(385.0, rel=0.01)
+    assert [each.level for each in found if "comes round" in each.text] == [Level.OK]
+    told = [each for each in found if "times the focal length of the reference image" in each.text]
+    assert [each.level for each in told] == [level] * (level is not None)
 
 
 def test_only_an_object_needs_a_reference_image(small_capture: Path) -> None:

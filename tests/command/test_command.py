@@ -45,6 +45,12 @@ def test_several_formats_have_a_folder_each(saved: Path, tmp_path: Path) -> None
     assert list((tmp_path / "one").glob("*.trc"))
 
 
+def test_export_says_that_it_has_no_keypoints(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(saved), "--to", "aniposelib", "--out", str(tmp_path / "e")]) == 0
+    said = capsys.readouterr().err
+    assert said == "pzcap: aniposelib: the calibration alone; --capture FOLDER takes the keypoints along\n"
+
+
 @pytest.mark.parametrize(
     ("line", "says"),
     [

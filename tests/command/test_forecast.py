@@ -6,10 +6,22 @@ import cv2
 import numpy as np
 import pytest
 
+from pzcap.calibration.features import Features
 from pzcap.command.check import body_check
 from pzcap.command.check.body_check import Seen, judged
 from pzcap.command.check.findings import Level
-from pzcap.command.check.forecast import CameraForecast, Forecast, bound, findings, forecast_camera, joints_mm, noise
+from pzcap.command.check.forecast import (
+    CameraForecast,
+    Forecast,
+    Shutter,
+    bound,
+    findings,
+    forecast_camera,
+    joints_mm,
+    noise,
+)
+from pzcap.command.check.motion_check import Places, row_flicker
+from pzcap.command.check.views import Relation, View
 
 FOCAL = 500.0
 
@@ -44,7 +56,7 @@ def test_the_bound_is_what_least_squares_reach() -> None:
 def camera(**changes: object) -> CameraForecast:
     given = {
         "images": [wall(k) for k in range(3)], "focal_px": np.full(3, FOCAL), "pan_rad": np.array([-0.2, 0.0, 0.2]),
-        "distance_m": 12.0, "reference_px": FOCAL, "span_rad": None, "zoomed": True,
+        "distance_m": 12.0, "reference_px": FOCAL, "span_rad": None, "zoomed": True, "shutter": Shutter(),
     }  # fmt: skip
     return forecast_camera(**(given | changes))  # type: ignore[arg-type]
 
@@ -61,13 +73,41 @@ def test_what_is_missing_costs_accuracy_and_is_named() -> None:
     assert camera(images=[wall(k, sigma=25.0) for k in range(3)]).pan_rad > whole.pan_rad
 
 
+def test_shutters_cost_accuracy_and_are_named() -> None:
+    whole, fields = camera(), camera(shutter=Shutter(interlaced=True))
+    lit, both = camera(shutter=Shutter(banded=True)), camera(shutter=Shutter(interlaced=True, banded=True))
+    assert whole.pan_rad < fields.pan_rad < lit.pan_rad < both.pan_rad
+    assert whole.log_focal < fields.log_focal < lit.log_focal < both.log_focal
+    assert any("interlaced" in each for each in fields.limits)
+    assert any("bands of light" in each for each in both.limits)
+
+
+def test_bands_of_light_are_told_from_a_lamp_that_flickers_and_a_camera_that_turns() -> None:
+    """Bands that wander over the picture, by 20 %; the whole picture 20 % brighter and darker; a pan."""
+    hall = cv2.GaussianBlur(np.random.default_rng(0).uniform(0, 255, (240, 500)).astype(np.float32), (0, 0), 2.0)
+    still = 110 + 3 * (hall - hall.mean())
+    panned = [still[:, 8 * k : 8 * k + 320] for k in range(8)]
+    bands = [1 + 0.2 * np.sin(np.arange(240) / 30 + 2.1 * k)[:, None] for k in range(8)]
+
+    def flicker(pictures: list[np.ndarray]) -> float:
+        return row_flicker([np.clip(each, 0, 255).astype(np.uint8) for each in pictures])
+
+    assert flicker(panned) < 0.02
+    assert flicker([each * (1 + 0.2 * (-1) ** k) for k, each in enumerate(panned)]) < 0.02
+    assert flicker([each * band for each, band in zip(panned, bands, strict=True)]) > 0.1
+    assert flicker(panned[:1]) == 0.0
+
+
 def test_joints_get_worse_with_pixels_cameras_and_keyframes() -> None:
     near, far = camera(distance_m=6.0), camera(distance_m=18.0)
-    assert joints_mm([near] * 4, 1.0) < joints_mm([far] * 4, 1.0) < joints_mm([far] * 2, 1.0)
-    assert joints_mm([far] * 4, 1.0) < joints_mm([far] * 4, 3.0)
+    assert joints_mm([near] * 4, 1.0, 0.0) < joints_mm([far] * 4, 1.0, 0.0) < joints_mm([far] * 2, 1.0, 0.0)
+    assert joints_mm([far] * 4, 1.0, 0.0) < joints_mm([far] * 4, 3.0, 0.0)
+    assert joints_mm([near] * 4, 1.0, 0.03) == pytest.approx(np.hypot(joints_mm([near] * 4, 1.0, 0.0), 15.0))
     [*_, last] = findings(Forecast({"1": far, "2": far}, 3.0))
     assert last.line().startswith("look   forecast: joints to ")
-    assert "a keyframe every 3.0 s only" in last.text
+    assert "a keyframe every 3.0 s only, tight clothes" in last.text
+    [*_, dressed] = findings(Forecast({"1": far, "2": far}, 3.0, loose_m=0.02))
+    assert "clothes 20 mm off the skin" in dressed.text
     assert len(list(findings(Forecast({"1": far}, 1.0)))) == 1  # one camera alone follows no body
 
 
@@ -105,3 +145,26 @@ def test_the_athlete_is_judged_by_most_pictures(ratio: float, away: float, level
     assert found.level is level
     assert says in found.text
     assert list(judged([Seen(ratio, away)] * 3)) == []  # too few to say
+
+
+def test_rows_lit_otherwise_are_not_taken_for_the_athlete() -> None:
+    """The empty hall and a darker square, under bands of light: the square is what differs."""
+    hall = np.clip(wall(sigma=0.0), 40, 255)
+    here = hall.copy()
+    here[100:140, 150:190] = 10
+    bands = 1 + 0.3 * np.sin(np.arange(240) / 40)[:, None]
+    lit = np.clip(here * bands, 0, 255).astype(np.uint8)
+    nothing = Features(np.empty((0, 2)), np.empty((0, 61), np.uint8), np.empty(0))
+    changed = body_check._changed(View(lit, nothing), View(hall, nothing), Relation(100)) > 0
+    assert changed[102:138, 152:188].mean() > 0.9
+    changed[98:142, 148:192] = False
+    assert changed.mean() < 0.03
+
+
+def test_a_sign_on_the_wall_is_no_sweep_of_the_camera() -> None:
+    """Seen from elsewhere it fits above or below the middle; the camera's own pictures lie level, however zoomed."""
+    image = np.zeros((2, 2, 3), np.uint8)
+    sign, own, wide = Relation(30, 0.2, 0.52, 2.1), Relation(20, 0.1, 0.02, 0.34), Relation(40, 0.0, -0.15, 2.0)
+    places = Places((image,) * 3, (sign, own, wide), np.zeros(3))
+    assert places.strength == 30.0
+    assert places.level_strength == 20.0

@@ -267,6 +267,25 @@ def test_the_table_beside_holds_what_a_format_loses(tmp_path: Path) -> None:
     assert row["pan_sigma_deg"] == pytest.approx(np.rad2deg(1e-4))
     assert table["valid"].tolist() == [int(frame != LOST) for frame in range(FRAMES)]
     assert np.isnan(table.loc[LOST, "focal_px"])
+    assert row["exposed_s"] == row["time_s"]
+    assert row["pan_shear_deg"] == row["focal_shear_px"] == 0.0
+
+
+def test_the_table_beside_tells_when_rows_were_exposed(tmp_path: Path) -> None:
+    """A camera whose clock is 4 ms late, and whose shutter rolls while it turns and zooms."""
+    whole = exported.reconstruction()
+    head, track = whole.cameras[0], whole.refined[0]
+    assert head is not None
+    assert track is not None
+    rolled = replace(track, shear=np.tile([0.002, -0.01], (FRAMES, 1)))
+    late = replace(
+        whole, cameras=(replace(head, clock_s=0.004), *whole.cameras[1:]), refined=(rolled, *whole.refined[1:])
+    )
+    paths = formats.write(Take(late), "chan", tmp_path)
+    row = pd.read_csv(next(path for path in paths if path.name.endswith("S_d_1.csv"))).loc[3]
+    assert row["exposed_s"] - row["time_s"] == pytest.approx(0.004)
+    assert row["pan_shear_deg"] == pytest.approx(np.rad2deg(0.002))
+    assert row["focal_shear_px"] == pytest.approx(-0.01 * row["focal_px"])
 
 
 def test_a_take_without_cameras(tmp_path: Path) -> None:

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from pzcap.export import formats
+from pzcap.export import virtual_cameras as export_virtual
 from pzcap.export.take import Take
 from pzcap.export.virtual_cameras import athlete, carried, virtual_cameras
 from pzcap.geometry.camera import project
+from pzcap.io.detections import BODY_25, KEYPOINTS
 from pzcap.types import Array
 from tests.scenes import exported, fabricated, seen_keypoints
 from tests.scenes.exported import FRAMES, LOST, NAMES
@@ -99,8 +101,40 @@ def test_keypoints_are_carried_over(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             assert np.isnan(np.delete(points, ROWS, axis=0)).all()
             expected = project(each.camera, exported.joints(frame)[OWN])[0]
             np.testing.assert_allclose(points[ROWS], expected, atol=6.0)  # the other one is 60 away
-            written = np.array([person["pose_keypoints_2d"] for person in people]).reshape(2, 26, 3)
-            assert np.abs(written[:, ROWS, :2] - points[ROWS]).max(axis=(1, 2)).min() < 1e-6
+            written = np.array([person["pose_keypoints_2d"] for person in people]).reshape(2, 17, 3)
+            of_coco = [row for row in ROWS if row < 17]
+            assert np.abs(written[:, of_coco, :2] - points[of_coco]).max(axis=(1, 2)).min() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("unknown", "model"),
+    [
+        ((), "Body_with_feet"),
+        (("left_eye", "right_ear"), "Body_with_feet"),
+        (("head_top",), "BODY_25"),
+        (("head_top", "neck"), "COCO_17"),
+        (("nose",), "COCO_17"),
+    ],
+)
+def test_pose2sim_is_told_of_no_keypoint_that_the_detector_does_not_know(
+    unknown: tuple[str, ...], model: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It would put it into the origin. Keypoints are written in the order of its model."""
+
+    def person(number: int, _: int) -> Array:
+        seen = np.column_stack([np.arange(26.0) + 100 * number, np.full(26, 50.0), np.full(26, 0.9)])
+        seen[[KEYPOINTS.index(name) for name in unknown], 2] = 0.0
+        return seen
+
+    monkeypatch.setattr(seen_keypoints, "person", person)
+    monkeypatch.setattr(export_virtual, "carried", lambda *given: given[2])
+    formats.write(seen_keypoints.take(monkeypatch), "pose2sim", tmp_path)
+    assert tomllib.loads((tmp_path / "Config.toml").read_text())["pose"]["pose_model"] == model
+    order = {"Body_with_feet": KEYPOINTS, "BODY_25": BODY_25, "COCO_17": KEYPOINTS[:17]}[model]
+    [found] = json.loads((tmp_path / "pose" / "cam02_json" / "cam02_000000.json").read_text())["people"]
+    columns = np.reshape(found["pose_keypoints_2d"], (-1, 3))[:, 0]
+    expected = [0.0 if name in unknown else 100.0 + KEYPOINTS.index(name) for name in order]
+    np.testing.assert_allclose(columns, expected)
 
 
 def test_without_keypoints_there_is_the_calibration_alone(tmp_path: Path) -> None:

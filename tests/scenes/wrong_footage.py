@@ -75,6 +75,17 @@ def mirror(image: Image) -> Image:
     return np.ascontiguousarray(image[:, ::-1])
 
 
+def longer(times: float) -> Callable[[Image], Image]:
+    """As a focal length so many times as long shows it."""
+
+    def draw(image: Image) -> Image:
+        height, width = image.shape[:2]
+        larger = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), 0.0, times)
+        return np.asarray(cv2.warpAffine(image, larger, (width, height)), np.uint8)
+
+    return draw
+
+
 def upside_down(image: Image) -> Image:
     return np.ascontiguousarray(image[::-1, ::-1])
 

@@ -125,6 +125,16 @@ def test_what_cannot_be_meant_is_refused(mistake: str, tmp_path: Path, capsys: p
 SUSPECTS: dict[str, tuple[str, Callable[[Rows], Rows], str]] = {
     "pan in degrees": ("cameras.csv", every(pan_rad=scaled("pan_rad", 180 / np.pi)), "pan_rad is in degrees"),
     "pan to the right": ("cameras.csv", every(pan_rad=scaled("pan_rad", -1.0)), "positive to the right"),
+    "pan as a compass has it": (
+        "cameras.csv",
+        every(pan_rad=lambda r: 0.9 - float(r["pan_rad"])),
+        "positive to the right, and off by 51.6 degrees",
+    ),
+    "pan from behind": (
+        "cameras.csv",
+        every(pan_rad=lambda r: float(r["pan_rad"]) + np.pi),
+        "180.0 degrees in every frame",
+    ),
     "pan from north": ("cameras.csv", every(pan_rad=lambda r: float(r["pan_rad"]) + 0.7), "off by 40.1 degrees"),
     "transposed rotation": ("cameras.csv", poses(lambda r, t: (r.T, t)), "rotation is transposed"),
     "world to camera": ("cameras.csv", poses(lambda r, t: (r.T, -r.T @ t)), "pose is world to camera"),

@@ -141,6 +141,7 @@ COMPARISON: Final[Comparison[Any]] = Comparison(
         Column("missing", "missing %", "%", "{:.1f}"),
     ),
     compare=compare,
+    takes_cameras=True,
     experiment="keypoints",
     variants="limb joints by",
 )

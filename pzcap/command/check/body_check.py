@@ -25,7 +25,7 @@ from pzcap.command.check.views import Relation, View, best, view
 from pzcap.geometry.camera import project
 from pzcap.io.capture import frame_sets
 from pzcap.io.video import VideoReader
-from pzcap.types import Array, Camera, Capture, Image, Indices, Pose, PzcapError
+from pzcap.types import Array, Camera, Capture, Image, Indices, Mask, Pose, PzcapError
 
 _RATIOS: Final = np.arange(0.70, 1.42, 0.02)
 
@@ -107,7 +107,8 @@ def _seen(
     if not relation.found:
         return None
     turned = float(sweep.key_angles_rad[index] - np.arctan(relation.across / sweep.focal)) - reference_rad
-    camera = _aimed(reference, turned, 1.0 / relation.scale)
+    focal_px = sweep.focal * reference.width / relation.scale
+    camera = _aimed(reference, turned, focal_px)
     pixels = project(camera, skin_m)[0] * (here.picture.shape[1] / camera.width)
     low, high = pixels.min(axis=0), pixels.max(axis=0)
     height, width = here.picture.shape
@@ -117,11 +118,11 @@ def _seen(
     return _covered(_changed(here, sweep.keys[index], relation), pixels, faces, tall)
 
 
-def _aimed(reference: Camera, turned_rad: float, scale: float) -> Camera:
+def _aimed(reference: Camera, turned_rad: float, focal_px: float) -> Camera:
     """The reference camera, turned to the left about the vertical and zoomed."""
     pose = reference.world_T_cam.copy()
     pose[:3, :3] = Rotation.from_rotvec([0.0, 0.0, turned_rad]).as_matrix() @ pose[:3, :3]
-    return replace(reference, world_T_cam=pose, focal_px=reference.focal_px * scale)
+    return replace(reference, world_T_cam=pose, focal_px=focal_px)
 
 
 def _changed(here: View, key: View, relation: Relation) -> Image:
@@ -132,17 +133,28 @@ def _changed(here: View, key: View, relation: Relation) -> Image:
     shift = middle + width * np.array([relation.across, relation.down]) - similar @ middle
     way = np.column_stack([similar, shift])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    empty = cv2.warpAffine(key.picture, way, (width, height), flags=flags, borderValue=0)
+    empty = np.asarray(cv2.warpAffine(key.picture, way, (width, height), flags=flags, borderValue=0), np.uint8)
     known = cv2.warpAffine(np.full_like(key.picture, 255), way, (width, height), flags=flags, borderValue=0) > 254
     if not known.any():
         return np.zeros((height, width), np.uint8)
-    gain = np.median(here.picture[known]) / max(float(np.median(empty[known])), 1.0)
+    gain = _lighting(here.picture, empty, known)
     # edges of the hall are displaced a little by the perspective: what differs has to from all that is near it
     apart = here.picture.astype(np.float32)
     near = gain * empty.astype(np.float32)
     low, high = cv2.erode(near, np.ones((3, 3), np.uint8)), cv2.dilate(near, np.ones((3, 3), np.uint8))
     changed = known & ((apart < low - BODY.changed) | (apart > high + BODY.changed))
     return np.asarray(255 * changed, np.uint8)
+
+
+def _lighting(here: Image, empty: Image, known: Mask) -> Array:
+    """(h, 1) brightness of the rows of a picture over that of the empty hall, which bands of light vary: medians of all
+    that is ``known`` of some rows together, or of the whole picture where that is little."""
+    ratios = np.where(known, here / np.maximum(empty, 1.0), np.nan)
+    whole, half = float(np.nanmedian(ratios)), BODY.rows // 2
+    gains = np.full((len(here), 1), whole)
+    for row in np.flatnonzero(known.mean(axis=1) > 0.5).tolist():
+        gains[row] = np.nanmedian(ratios[max(row - half, 0) : row + half + 1])
+    return gains
 
 
 def _covered(changed: Image, pixels: Array, faces: Indices, tall: float) -> Seen | None:

@@ -2,9 +2,9 @@
 
 A picture of the motion is laid to the panorama by its grey levels. The Cramer-Rao bound of that, with slopes ``g`` of
 the picture and noise ``s``, is ``inverse(sum J' J / s^2)``, ``J = (f g_x, g . r)`` for pan and log focal. To this come
-the floor that no footage has gone below, the scale of a sweep that does not come round, and the distortion where there
-is no zoom run; the same as in `pzcap.localisation.covariance`. Joints are known to a share of a pixel at the athlete,
-and no better than the body's own lengths are.
+the floor that no footage has gone below, twice as high where rows are twice as far apart; the scale of a sweep that
+does not come round; the distortion where there is no zoom run; and lamps whose light lies over it in bands. Joints
+are known to a share of a pixel at the athlete, and no better than the body's own lengths and its clothes let them be.
 """
 
 from __future__ import annotations
@@ -35,9 +35,17 @@ class CameraForecast:
     limits: tuple[str, ...]  # what they come from, most important first
 
 
+@dataclass(frozen=True, slots=True)
+class Shutter:
+    """How a camera takes its pictures."""
+
+    interlaced: bool = False
+    banded: bool = False  # its rows are lit differently, by lamps that flicker while it rolls
+
+
 def forecast_camera(
     images: Sequence[Image], focal_px: Array, pan_rad: Array, distance_m: float | None, reference_px: float,
-    span_rad: float | None, zoomed: bool,
+    span_rad: float | None, zoomed: bool, shutter: Shutter,
 ) -> CameraForecast:  # fmt: skip
     """Forecast of a camera from pictures of the motion at ``focal_px`` (N,) and ``pan_rad`` (N,) from the reference
     pose. ``reference_px``: focal length of the sweep; ``span_rad``: of a sweep that does not come round; ``zoomed``:
@@ -47,10 +55,15 @@ def forecast_camera(
     bounds = np.array([bound(image, focal) for image, focal in zip(images, focal_px, strict=True)])
     pan, zoom = (FORECAST.worth * float(np.mean(bounds[:, k, k])) for k in range(2))
     parts = {"noise and bare walls": (pan, zoom)}
-    parts["what no footage has gone below"] = (
-        (config.floor_px * max(1.0, FORECAST.coarse_px / width) / reference_px) ** 2,
-        (config.floor_edge_px / (0.5 * width)) ** 2,
-    )
+    floor = np.array([
+        config.floor_px * max(1.0, FORECAST.coarse_px / width) / reference_px, config.floor_edge_px / (0.5 * width),
+    ])  # fmt: skip
+    if shutter.interlaced:
+        parts["interlaced pictures, of half the rows"] = _squares(2.0 * floor)
+    else:
+        parts["what no footage has gone below"] = _squares(floor)
+    if shutter.banded:
+        parts["bands of light, by lamps that flicker while the shutter rolls"] = _squares(floor * FORECAST.bands)
     if span_rad is not None:
         scale = FORECAST.partial_scale * (np.deg2rad(120.0) / max(span_rad, 0.1)) ** FORECAST.partial_power
         parts[f"a sweep of {np.rad2deg(span_rad):.0f} degrees, which does not fix its scale"] = (
@@ -66,6 +79,11 @@ def forecast_camera(
     limits = tuple(name for name in order if max(np.array(parts[name]) / total) > 0.25)
     footprint = None if distance_m is None else distance_m / float(np.median(focal_px))
     return CameraForecast(float(np.sqrt(total[0])), float(np.sqrt(total[1])), footprint, limits)
+
+
+def _squares(sigmas: Array) -> tuple[float, float]:
+    pan, zoom = np.square(sigmas).tolist()
+    return pan, zoom
 
 
 def bound(image: Image, focal_px: float) -> Array:
@@ -96,11 +114,12 @@ def noise(grey: Array | Image | np.ndarray) -> float:
     return float(np.median(np.abs(cv2.filter2D(np.asarray(grey, np.float32), cv2.CV_32F, kernel)[1:-1, 1:-1]))) / 4.05
 
 
-def joints_mm(cameras: Sequence[CameraForecast], keyframe_s: float) -> float:
-    """Mean distance of the joints from the truth."""
+def joints_mm(cameras: Sequence[CameraForecast], keyframe_s: float, loose_m: float) -> float:
+    """Mean distance of the joints from the truth. ``loose_m``: how far clothes stand off the skin, mean of all limbs; a
+    limb is anywhere between the middle of its sleeve and the cloth, by half of that on average."""
     pixel = 1000.0 * float(np.sqrt(np.mean(np.square(_footprints_m(cameras)))))
     share = FORECAST.joint_px * np.sqrt(FORECAST.full / len(cameras)) * max(1.0, keyframe_s / FORECAST.dense_s) ** 0.5
-    return float(np.hypot(FORECAST.body_mm, share * pixel))
+    return float(np.linalg.norm([FORECAST.body_mm, share * pixel, 500.0 * loose_m]))
 
 
 def _footprints_m(cameras: Sequence[CameraForecast]) -> list[float]:
@@ -113,6 +132,7 @@ class Forecast:
 
     cameras: Mapping[str, CameraForecast]
     keyframe_s: float | None  # between keyframes; None: the body is not tracked by any
+    loose_m: float = 0.0  # how far clothes stand off the skin, mean of all segments
 
     @property
     def pan_deg(self) -> float:
@@ -129,7 +149,7 @@ class Forecast:
         """Of the joints; None where no body can be tracked."""
         if self.keyframe_s is None or len(_footprints_m(list(self.cameras.values()))) < 2:
             return None
-        return joints_mm(list(self.cameras.values()), self.keyframe_s)
+        return joints_mm(list(self.cameras.values()), self.keyframe_s, self.loose_m)
 
 
 def _root_mean_square(values: Sequence[float]) -> float:
@@ -150,5 +170,9 @@ def findings(forecast: Forecast) -> Iterator[Finding]:
     reasons = [f"a pixel is {pixel:.0f} mm at the athlete", f"{len(cameras)} cameras"]
     if keyframe_s > 1.2 * FORECAST.dense_s:
         reasons.append(f"a keyframe every {keyframe_s:.1f} s only")
+    if forecast.loose_m > 0.0:
+        reasons.append(f"clothes {1000.0 * forecast.loose_m:.0f} mm off the skin")
+    else:
+        reasons.append("tight clothes")
     text = f"joints to {joints:.0f} mm on average: {', '.join(reasons)}"
     yield Finding(Level.WARN if joints > _FAINT["joints"] else Level.OK, "", "forecast", text)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from pzcap.command.check.findings import Finding, Level
-from pzcap.command.check.sweep_check import Sweep
-from pzcap.command.check.tuning import MOTION
-from pzcap.command.check.views import ENOUGH, Relation, best, mirrored, view
+from pzcap.command.check.forecast import Shutter
+from pzcap.command.check.sweep_check import MAINS, Sweep
+from pzcap.command.check.tuning import MOTION, VIEWS
+from pzcap.command.check.views import ENOUGH, NOTHING, Relation, best, mirrored, overlap, small, step, view
 from pzcap.command.check.zoom_check import ZoomRun
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image, Mask
@@ -34,6 +36,15 @@ class Places:
     def strength(self) -> float:
         """Features that agree, a picture; those of pictures that could not be placed do not count."""
         return float(np.mean([relation.inliers if relation.found else 0 for relation in self.relations]))
+
+    @property
+    def level_strength(self) -> float:
+        """The same of the pictures that lie on the sweep as those of its own camera do, at its tilt: a sign on a wall,
+        seen from elsewhere, fits by itself, above or below."""
+        level = [abs(each.down) < MOTION.level * max(each.scale, 1.0) for each in self.relations]
+        return replace(
+            self, relations=tuple(each if fits else NOTHING for each, fits in zip(self.relations, level, strict=True))
+        ).strength
 
 
 def place(images: Sequence[Image], sweep: Sweep) -> Places:
@@ -59,7 +70,7 @@ def check_belonging(
     hall share walls, so that another's pictures may fit a little: they are of the camera that they fit best."""
     own = place(images, sweeps[camera])
     if own.strength < MOTION.sure:
-        others = {name: place(images, sweep).strength for name, sweep in sweeps.items() if name != camera}
+        others = {name: place(images, sweep).level_strength for name, sweep in sweeps.items() if name != camera}
         best_other = max(others, key=lambda name: others[name], default=camera)
         if others and others[best_other] > max(ENOUGH, MOTION.better * own.strength):
             text = f"fits the sweep of camera {best_other}, not its own; were two cameras' files swapped?"
@@ -115,6 +126,35 @@ def check_ranges(camera: str, places: Places, sweep: Sweep, run: ZoomRun, full_t
     if scales.max() > 1.08 * run.longest or scales.min() < run.widest / 1.08:
         text = "zooms beyond the zoom run; distortion is not known there: zoom over the whole range"
         yield Finding(Level.WARN, camera, "motion", text)
+
+
+def check_shutter(camera: str, path: Path) -> tuple[Shutter, list[Finding]]:
+    """How a camera takes its pictures, and what there is to say about it: whether rows are lit alike."""
+    reader = VideoReader(path)
+    start = int(reader.indices[len(reader.indices) // 2])
+    flicker = row_flicker([image for _, image in reader.read(start, start + MOTION.band_pictures)])
+    shutter = Shutter(reader.interlaced, flicker > MOTION.bands)
+    if not shutter.banded:
+        return shutter, []
+    text = f"light lies over it in bands, which change by {100 * flicker:.0f} % from picture to picture; {MAINS}"
+    return shutter, [Finding(Level.WARN, camera, "motion", text)]
+
+
+def row_flicker(images: Sequence[Image]) -> float:
+    """Scatter of the brightness of rows from one picture to the next, relative: lamps that flicker while the shutter
+    rolls lay bands over them, elsewhere in each."""
+    pictures, changes = [small(image, VIEWS.step_width) for image in images], []
+    for one, other in pairwise(pictures):
+        before, after = (_rows(part) for part in overlap(one, other, step(one, other)[0]))
+        changes.append(np.log(after / before))
+    if not changes:
+        return 0.0
+    return 1.4826 * float(np.median(np.abs(changes - np.mean(changes, axis=1, keepdims=True))))
+
+
+def _rows(picture: Array) -> Array:
+    """(12,) brightness of the rows, those of a twelfth of the picture together."""
+    return np.array([max(float(part.mean()), 1.0) for part in np.array_split(picture, 12) if part.size])
 
 
 def check_light(camera: str, places: Places, sweep: Sweep) -> Iterator[Finding]:

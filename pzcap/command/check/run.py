@@ -12,16 +12,19 @@ from typing import Final
 
 import numpy as np
 
+from pzcap.body import skeleton
 from pzcap.calibration.calibrate import Report
 from pzcap.camera_set import what_is_lacking
 from pzcap.command.check import forecast
 from pzcap.command.check.body_check import check_body
 from pzcap.command.check.findings import Finding, Level, worst
+from pzcap.command.check.forecast import Shutter
 from pzcap.command.check.motion_check import (
     Places,
     check_belonging,
     check_light,
     check_ranges,
+    check_shutter,
     check_tilt,
     place,
     samples,
@@ -51,6 +54,14 @@ class Hall:
     reference_rad: float = 0.0  # angle of the reference pose on the sweep
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Motion of a camera."""
+
+    places: Places
+    shutter: Shutter
+
+
 def check_folder(folder: Path, page: Path) -> int:
     """Check the capture in ``folder``, write the ``page``, print what was found; the exit status, 1 where something has
     to be shot again."""
@@ -78,7 +89,7 @@ class Checked:
 def check_capture(capture: Capture, report: Report) -> Checked:
     """Check a capture. ``report(stage, done, total)`` hears of the progress."""
     halls: dict[str, Hall] = {}
-    motions: dict[str, tuple[Places | None, list[Finding]]] = {}
+    motions: dict[str, tuple[Motion | None, list[Finding]]] = {}
     total = 2 * len(capture.cameras)
     with one_thread_each(), ThreadPoolExecutor(2) as pool:
         for files, hall in zip(
@@ -92,10 +103,10 @@ def check_capture(capture: Capture, report: Report) -> Checked:
             motions[files.name] = motion
             report("motion", len(halls) + len(motions), total)
     findings, pictures = list(_together(capture, halls)), {}
-    places = {name: found for name, (found, own) in motions.items() if found is not None and _fits(own)}
-    expected = _forecast(capture, halls, places)
+    fit = {name: motion for name, (motion, own) in motions.items() if motion is not None and _fits(own)}
+    expected = _forecast(capture, halls, fit)
     findings += forecast.findings(expected)
-    fitting = {name: halls[name] for name in places}
+    fitting = {name: halls[name] for name in fit}
     findings += check_body(
         capture,
         {name: hall.reference for name, hall in fitting.items() if hall.reference is not None},
@@ -105,7 +116,7 @@ def check_capture(capture: Capture, report: Report) -> Checked:
     for name, hall in halls.items():
         shown, own = motions[name]
         findings += [*hall.findings, *own]
-        pictures[name] = Pictures(hall.reference, hall.sweep, shown)
+        pictures[name] = Pictures(hall.reference, hall.sweep, None if shown is None else shown.places)
     return Checked(findings, pictures, expected)
 
 
@@ -113,23 +124,23 @@ def _fits(findings: Sequence[Finding]) -> bool:
     return all(finding.level is not Level.FAIL for finding in findings)
 
 
-def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str, Places]) -> forecast.Forecast:
+def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str, Motion]) -> forecast.Forecast:
     """Accuracy to expect of the cameras whose files fit each other, and of the body."""
     found: dict[str, forecast.CameraForecast] = {}
     roots = [pose.root_position_m for pose in capture.keyframe_poses.values()]
-    for name, places in motions.items():
-        hall = halls[name]
+    for name, motion in motions.items():
+        hall, places = halls[name], motion.places
         if hall.sweep is None or not places.found.any():
             continue
         if hall.reference is not None and hall.reference.camera is not None:
             camera = hall.reference.camera.camera
             there = np.mean(roots, axis=0) if roots else hall.reference.camera.points_m.mean(axis=0)
             distance_m = float(np.linalg.norm(there - camera.world_T_cam[:3, 3]))
-            focal_px = camera.focal_px
         elif capture.calibration_object is None and what_is_lacking(capture) is None:
-            distance_m, focal_px = None, hall.sweep.focal * places.images[0].shape[1]
+            distance_m = None
         else:
             continue
+        focal_px = hall.sweep.focal * places.images[0].shape[1]
         kept = np.flatnonzero(places.found)
         scales = 1.0 / np.array([places.relations[k].scale for k in kept])
         found[name] = forecast.forecast_camera(
@@ -140,12 +151,14 @@ def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str,
             reference_px=focal_px,
             span_rad=None if capture.full_turn else hall.sweep.span_rad,
             zoomed=hall.zoom.widest is not None,
+            shutter=motion.shutter,
         )
-    keyframe_s = None
+    keyframe_s, loose_m = None, 0.0
     if roots and capture.subject is not None:
         with suppress(PzcapError):  # it has been said
+            loose_m = float(skeleton.build(capture.subject).loose_m.mean())
             keyframe_s = len(frame_sets(capture)) / float(capture.frame_rate) / max(len(roots) - 1, 1)
-    return forecast.Forecast(found, keyframe_s)
+    return forecast.Forecast(found, keyframe_s, loose_m)
 
 
 def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:
@@ -160,8 +173,8 @@ def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:
     if files.sweep is None:
         findings.append(Finding(Level.FAIL, files.name, "sweep", "there is none; no frame can be located"))
     else:
-        focal = None if reference is None else reference.focal
-        sweep, found = check_sweep(files.name, files.sweep, focal, capture.full_turn)
+        focal, image = (None, None) if reference is None else (reference.focal, reference.image)
+        sweep, found = check_sweep(files.name, files.sweep, focal, capture.full_turn, image)
         findings += found
     if files.zoom is None:
         text = "there is none; distortion and principal point are less certain over the zoom range"
@@ -175,7 +188,7 @@ def _empty_hall(capture: Capture, files: CameraFiles) -> Hall:
     return Hall(reference, sweep, zoom, tuple(findings), at)
 
 
-def _motion(capture: Capture, files: CameraFiles, halls: Mapping[str, Hall]) -> tuple[Places | None, list[Finding]]:
+def _motion(capture: Capture, files: CameraFiles, halls: Mapping[str, Hall]) -> tuple[Motion | None, list[Finding]]:
     """Reference image and motion of one camera against the sweeps of all."""
     hall = halls[files.name]
     sweeps = {name: each.sweep for name, each in halls.items() if each.sweep is not None}
@@ -196,7 +209,8 @@ def _motion(capture: Capture, files: CameraFiles, halls: Mapping[str, Hall]) -> 
         findings += check_tilt(files.name, "motion", places, hall.sweep)
         findings += check_ranges(files.name, places, hall.sweep, hall.zoom, capture.full_turn)
         findings += check_light(files.name, places, hall.sweep)
-    return places, findings
+    shutter, found = check_shutter(files.name, files.motion)
+    return Motion(places, shutter), [*findings, *found]
 
 
 def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:

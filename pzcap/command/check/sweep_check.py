@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 
 from pzcap.command.check.findings import Finding, Level, graded
-from pzcap.command.check.tuning import SWEEP
-from pzcap.command.check.views import Relation, View, overlap, relate, small, step, view
+from pzcap.command.check.tuning import SWEEP, VIEWS
+from pzcap.command.check.views import Relation, View, best, overlap, relate, small, step, view
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image
 
-_MAINS: Final = "a shutter of 1/50 or 1/100 s (1/60 or 1/120 s) fits the mains"
+MAINS: Final = "a shutter of 1/50 or 1/100 s (1/60 or 1/120 s) fits the mains"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,9 +37,12 @@ class Sweep:
         return float(np.ptp(self.angles_rad))
 
 
-def check_sweep(camera: str, path: Path, focal: float | None, full_turn: bool) -> tuple[Sweep, list[Finding]]:
-    """The sweep of a camera, and what there is to say about it. ``focal``: over the width, of the reference image;
-    None: it is unknown, and found from the circle where the sweep closes one."""
+def check_sweep(
+    camera: str, path: Path, focal: float | None, full_turn: bool, reference: Image | None = None
+) -> tuple[Sweep, list[Finding]]:
+    """The sweep of a camera, and what there is to say about it. ``focal``: over the width, of the ``reference`` image;
+    None: it is unknown, and found from the circle where the sweep closes one. What of the hall both show tells
+    whether the zoom ring was moved between them; the sweep then has the focal length at which it was filmed."""
     reader, used = VideoReader(path), focal or SWEEP.usual_field
     steps, small_before = [], None
     keys: list[View] = []
@@ -53,19 +56,22 @@ def check_sweep(camera: str, path: Path, focal: float | None, full_turn: bool) -
             one, other = overlap(small_before, here, across)
             gains.append(float(np.log(max(other.mean(), 1.0) / max(one.mean(), 1.0))) if one.size else 0.0)
         if abs(angles[-1] - last_key) > np.deg2rad(SWEEP.key_deg) or not keys:
-            keys.append(view(image))
+            keys.append(view(image, VIEWS.most_in_sweep))
             key_angles.append(angles[-1])
             thumbnails.append(_thumbnail(image))
             last_key = angles[-1]
         small_before = here
     brightness = float(np.mean([key.picture.mean() for key in keys]))
     sweep = Sweep(used, np.array(angles), tuple(keys), np.array(key_angles), tuple(thumbnails), brightness)
-    moves = np.array(steps).reshape(-1, 3)
+    zoomed = None if focal is None or reference is None else _zoomed(sweep, reference)
+    sweep = _at_focal(sweep, sweep.focal * (zoomed or 1.0))
+    moves, turned_deg = np.array(steps).reshape(-1, 3), None
     closing = _closing(sweep, SWEEP.least_round_deg if focal else SWEEP.least_guessed_deg) if full_turn else None
-    if focal is None and closing is not None:
-        sweep = _closed(sweep, closing)
-    found = [*_motion(sweep, moves, float(reader.frame_rate)), *_light(np.array(gains), keys)]
-    found += _round(sweep, full_turn, closing, focal is not None)
+    if closing is not None:
+        turned_deg = float(np.rad2deg(_turned(sweep, closing)))
+        sweep = _closed(sweep, closing, focal is not None)
+    found = [*_motion(sweep, moves, float(reader.frame_rate)), *_light(np.array(gains), keys), *_ring(zoomed or 1.0)]
+    found += _round(sweep, turned_deg, focal is not None, zoomed is not None) if full_turn else _part(sweep)
     found += _level(sweep, moves[:, 1], closing[1].down if closing else 0.0)
     return sweep, [Finding(level, camera, "sweep", text) for level, text in found]
 
@@ -123,14 +129,14 @@ def _light(gains: Array, keys: list[View]) -> Iterator[tuple[Level, str]]:
     flicker = float(1.4826 * np.median(np.abs(gains - trend)))
     yield (
         graded(flicker, 0.02, 0.08),
-        f"flickers by {100 * flicker:.1f} % from frame to frame" + (f"; {_MAINS}" if flicker > 0.02 else ""),
+        f"flickers by {100 * flicker:.1f} % from frame to frame" + (f"; {MAINS}" if flicker > 0.02 else ""),
     )
     drift = float(np.ptp(np.cumsum(gains)))
     if drift > 0.4:
         yield (
             Level.WARN,
             f"its brightness drifts by {100 * (np.exp(drift) - 1):.0f} %; fix exposure and gain; if they are, "
-            f"lamps flicker nearly in step with the frames: {_MAINS}",
+            f"lamps flicker nearly in step with the frames: {MAINS}",
         )
 
 
@@ -139,8 +145,8 @@ def _closing(sweep: Sweep, least_deg: float) -> tuple[int, Relation] | None:
     how; None if none does."""
     ends = [k for k in range(len(sweep.keys)) if abs(sweep.key_angles_rad[k]) > np.deg2rad(least_deg)]
     relations = [(k, relate(sweep.keys[0], sweep.keys[k])) for k in ends]
-    best = max(relations, key=lambda pair: pair[1].inliers, default=None)
-    return best if best is not None and best[1].found else None
+    most = max(relations, key=lambda pair: pair[1].inliers, default=None)
+    return most if most is not None and most[1].found else None
 
 
 def _turned(sweep: Sweep, closing: tuple[int, Relation]) -> float:
@@ -149,41 +155,60 @@ def _turned(sweep: Sweep, closing: tuple[int, Relation]) -> float:
     return float(abs(sweep.key_angles_rad[index] + relation.across / sweep.focal))
 
 
-def _closed(sweep: Sweep, closing: tuple[int, Relation]) -> Sweep:
-    """The sweep by the focal length at which its circle comes to a full turn; its steps are small angles, which all
-    are in inverse proportion to it."""
+def _closed(sweep: Sweep, closing: tuple[int, Relation], measured: bool) -> Sweep:
+    """The sweep whose circle comes to a full turn: what its steps have missed is shared out among them, or, where no
+    reference image has told the focal length, is an error of that; steps are small, in inverse proportion to it."""
     ratio = 2.0 * np.pi / _turned(sweep, closing)
-    return replace(
-        sweep, focal=sweep.focal / ratio,
-        angles_rad=sweep.angles_rad * ratio, key_angles_rad=sweep.key_angles_rad * ratio,
-    )  # fmt: skip
+    closed = _at_focal(sweep, sweep.focal / ratio)
+    return replace(closed, focal=sweep.focal) if measured else closed
 
 
-def _round(
-    sweep: Sweep, full_turn: bool, closing: tuple[int, Relation] | None, measured: bool
-) -> Iterator[tuple[Level, str]]:
-    """Check of the angle that is covered, and of the circle's closure. ``measured``: the focal length is that of the
-    reference image, and not of the circle itself."""
+def _at_focal(sweep: Sweep, focal: float) -> Sweep:
+    """The sweep by another focal length: its steps are small angles, which are in inverse proportion to it."""
+    ratio = sweep.focal / focal
+    return replace(sweep, focal=focal, angles_rad=sweep.angles_rad * ratio, key_angles_rad=sweep.key_angles_rad * ratio)
+
+
+def _zoomed(sweep: Sweep, reference: Image) -> float | None:
+    """Focal length of the sweep over that of the reference image, by what both show; None where they do not fit."""
+    _, relation = best(view(reference), sweep.keys)
+    return relation.scale if relation.found else None
+
+
+def _ring(zoomed: float) -> Iterator[tuple[Level, str]]:
+    """Word on a zoom ring that was moved between reference image and sweep; a little is found by calibration itself."""
+    off = abs(float(np.log(zoomed)))
+    if off > SWEEP.ring:
+        text = f"was filmed at {zoomed:.2f} times the focal length of the reference image; was the zoom ring moved?"
+        yield graded(off, SWEEP.ring, SWEEP.ring_far), text
+
+
+def _part(sweep: Sweep) -> Iterator[tuple[Level, str]]:
+    """Check of the angle that a partial sweep covers."""
     span = np.rad2deg(sweep.span_rad)
-    if not full_turn:
-        yield graded(-span, -110.0, -60.0), f"covers {span:.0f} degrees (120 or more is good)"
-        return
-    if closing is None:
+    yield graded(-span, -110.0, -60.0), f"covers {span:.0f} degrees (120 or more is good)"
+
+
+def _round(sweep: Sweep, turned_deg: float | None, measured: bool, compared: bool) -> Iterator[tuple[Level, str]]:
+    """Check of the circle's closure. ``turned_deg``: where the start is seen again, by the steps; ``measured``: the
+    focal length is that of the reference image, and not of the circle itself; ``compared``: the picture of it was."""
+    if turned_deg is None:
         yield (
             Level.FAIL,
-            f"covers {span:.0f} degrees and does not come round to its start; turn by 380, or give --partial-sweep",
+            f"covers {np.rad2deg(sweep.span_rad):.0f} degrees and does not come round to its start; turn by 380, or "
+            "give --partial-sweep",
         )
         return
     if not measured:
         field = 2.0 * np.rad2deg(np.arctan(0.5 / sweep.focal))
         yield Level.OK, f"comes round to its start, which tells the focal length: it sees {field:.0f} degrees across"
         return
-    turned = np.rad2deg(_turned(sweep, closing))
-    miss = turned / 360.0 - 1.0
+    miss = abs(turned_deg / 360.0 - 1.0)
+    by = "by its own steps" if compared else "by the reference image's focal length"
+    doubt = "do its frames share enough?" if compared else "was the zoom ring moved between the two?"
     yield (
-        graded(abs(miss), 0.06, 0.15),
-        f"comes round to its start; by the reference image's focal length that is {turned:.0f} degrees"
-        + ("; was the zoom ring moved between the two?" if abs(miss) > 0.06 else ""),
+        graded(miss, 0.06, 0.15),
+        f"comes round to its start; {by} that is {turned_deg:.0f} degrees" + (f"; {doubt}" if miss > 0.06 else ""),
     )
 
 

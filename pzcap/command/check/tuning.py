@@ -9,6 +9,7 @@ class ViewsTuning(NamedTuple):
     """Views compared with each other by features."""
 
     most_features: int = 600  # of a view
+    most_in_sweep: int = 1200  # of one of the sweep, in which those of a longer zoom have to be
     contrast: float = 50.0  # grey levels, standard deviation that dark halls are brought to
     most_gain: float = 4.0  # by so much at the most
     ratio: float = 0.85  # of the distances of the best and the second best match, at most
@@ -33,6 +34,8 @@ class SweepTuning(NamedTuple):
     least_guessed_deg: float = 150.0  # the same, where the focal length is that guess
     back_deg: float = 30.0
     """Turning back that no sweep is found from; of 10 degrees, and a stop, one is as good as any."""
+    ring: float = 0.04  # of log focal length between reference image and sweep, that is told
+    ring_far: float = 0.15  # the same, from which on calibration has not been tried
     unsure: float = 0.03  # response of the phase correlation, below which a step is not known
 
 
@@ -42,6 +45,9 @@ class MotionTuning(NamedTuple):
     samples: int = 8  # pictures that are compared
     tilt_deg: float = 0.35  # against the sweep, from which on the head is said to have moved
     turned_deg: float = 20.0  # roll against it, from which on the camera is said to be turned
+    band_pictures: int = 10  # one after the other, whose rows are compared
+    bands: float = 0.04  # scatter of the brightness of rows from one picture to the next, from which on it is told
+    level: float = 0.1  # widths of the picture above or below, from which on it is not that camera's sweep
     sure: float = 80.0  # features that agree, a picture, from which on nobody else's sweep has to be asked
     better: float = 1.5  # times as many features, of the sweep of which it is then said to be
     usual: float = 0.5
@@ -58,6 +64,7 @@ class BodyTuning(NamedTuple):
     away: float = 0.35  # of the body's height in the picture
     fewest: int = 4  # pictures in which the athlete is found, at least
     changed: int = 12  # grey levels
+    rows: int = 9  # that are lit alike
     furthest: float = 1.2  # heights from where the keyframe puts the athlete
     least_score: float = 0.45  # of an outline that is taken for the athlete
     smallest_px: float = 20.0  # height of a body that is looked for
@@ -71,6 +78,7 @@ class ForecastTuning(NamedTuple):
     with noise."""
     partial_scale: float = 0.0002  # standard deviation of the scale of a sweep of 120 degrees
     partial_power: float = 2.2  # how much faster than in proportion the scale gets worse with a shorter sweep
+    bands: tuple[float, float] = (3.0, 5.0)  # of pan and focal length under bands of light, in those of the floor
     coarse_px: float = 640.0
     """Width of a picture below which the floor of the pan, in pixels, rises: it samples the hall too
     coarsely."""

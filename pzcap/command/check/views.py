@@ -7,7 +7,7 @@ pixel. Lengths are given in widths of the picture, so that they hold for any siz
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -58,18 +58,29 @@ def small(image: Image, width: int = WIDTH) -> Image:
     return np.asarray(grey, np.uint8)
 
 
-def view(image: Image) -> View:
-    """A picture and its features."""
+def view(image: Image, most: int = VIEWS.most_features) -> View:
+    """A picture and its features, ``most`` at most."""
     picture = small(image)
-    detector = cv2.AKAZE.create(threshold=3e-4, max_points=VIEWS.most_features)
+    return View(picture, _features(picture, most))
+
+
+def _features(picture: Image, most: int) -> Features:
+    detector = cv2.AKAZE.create(threshold=3e-4, max_points=most)
     # the detector's threshold is one of contrast: a dark picture shall have as many features as a bright one
     gain = min(VIEWS.contrast / max(float(picture.std()), 1.0), VIEWS.most_gain)
     even = np.clip(gain * (picture.astype(np.float32) - picture.mean()) + 128.0, 0.0, 255.0).astype(np.uint8)
     points, descriptors = detector.detectAndCompute(even, None)
     if not points:
-        return View(picture, Features(np.empty((0, 2)), np.empty((0, 61), np.uint8), np.empty(0)))
+        return Features(np.empty((0, 2)), np.empty((0, 61), np.uint8), np.empty(0))
     places = np.array([point.pt for point in points])
-    return View(picture, Features(places, np.asarray(descriptors, np.uint8), np.zeros(len(points))))
+    return Features(places, np.asarray(descriptors, np.uint8), np.zeros(len(points)))
+
+
+def _coarse(whole: View) -> View:
+    """The same picture, its features sought in half its size: of a long zoom those that a wide view shows as well."""
+    halved = cv2.resize(whole.picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    found = _features(np.asarray(halved, np.uint8), VIEWS.most_features)
+    return replace(whole, features=replace(found, points_px=2.0 * found.points_px + 0.5))
 
 
 def relate(first: View, second: View) -> Relation:
@@ -102,7 +113,12 @@ def step(first: Image, second: Image) -> tuple[float, float, float]:
 
 
 def best(wanted: View, views: Sequence[View]) -> tuple[int, Relation]:
-    """The view that fits ``wanted`` best, and how."""
+    """The view that fits ``wanted`` best, and how; its features are sought more coarsely where none fits."""
+    index, relation = _best(wanted, views)
+    return (index, relation) if relation.found else _best(_coarse(wanted), views)
+
+
+def _best(wanted: View, views: Sequence[View]) -> tuple[int, Relation]:
     relations = [relate(wanted, each) for each in views]
     index = int(np.argmax([relation.inliers for relation in relations])) if relations else -1
     return index, relations[index] if relations else NOTHING

@@ -155,7 +155,7 @@ def test_the_tables_show_the_entries_best_first(page: Path, folder: Path) -> Non
     assert len(tables) == 3  # everything, cameras, and the captures: nobody has entered the others
     cameras = tables[1]
     assert [row[0].split("\n")[0].strip() for row in cameras[1:]] == ["pzcap", "A <b>lab</b>'s"]
-    assert len(cameras[0]) == 1 + len(TRACKS["cameras"].columns) + 4
+    assert len(cameras[0]) == 1 + len(TRACKS["cameras"].columns) + 3
     entry = json.loads((folder / "entries" / "ours.json").read_text())
     shown = dict(zip(TRACKS["cameras"].columns, cameras[1][1:], strict=False))
     assert float(shown["panzoom.pan.rms"]) == pytest.approx(entry["means"]["cameras"]["panzoom.pan.rms"], rel=0.01)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from experiments.comparisons import fixed_tools
+from experiments.comparisons import fixed_tools, harness, operators
 from experiments.comparisons.fixed_tools import LIMBS, clients, read_pose2sim
 from experiments.config import AppConfig
 from pzcap.types import JOINTS, PzcapError
@@ -81,3 +81,13 @@ def test_errors_are_of_the_joints_that_all_have(material: Any, tmp_path: Path, m
     assert rows["pose2sim"].figures["missing"] == 0.0
     frames = len(off) - 1  # the keyframe does not count
     assert rows["aniposelib"].figures["missing"] == pytest.approx(100.0 / (frames * len(LIMBS)))
+
+
+def test_cameras_of_earlier_results_are_taken_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Never passed over: by one that does not take them, they are refused; by one that does, they are read."""
+    given = AppConfig(cameras=str(tmp_path / "nowhere"))
+    with pytest.raises(PzcapError, match=r"comparison operators calibrates by itself; leave cameras=\.\.\. out"):
+        harness.execute(operators.COMPARISON, given, {}, tmp_path, Console())
+    monkeypatch.setattr(harness, "scored_capture", None)
+    with pytest.raises(PzcapError, match="nowhere"):
+        harness.execute(fixed_tools.COMPARISON, given, {}, tmp_path / "f", Console())
