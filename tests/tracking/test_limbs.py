@@ -62,7 +62,7 @@ def test_without_views_nothing_differs() -> None:
 def test_a_ball_joint_beyond_its_limits_costs_what_the_tracker_has_it_cost(limb: int) -> None:
     pose, turns = clip().poses[4], np.random.default_rng(limb).uniform(-1.5, 1.5, (40, 4))
     turns[:, 3] = 0.0
-    ball = DOF_SEGMENT == LIMBS[limb][0]
+    ball = LIMBS[limb][0] == DOF_SEGMENT
     wanted = [np.sum(kinematics.limit_residuals(turned(limb, pose, turn))[0][ball] ** 2) for turn in turns]
     np.testing.assert_allclose(beyond_limits(limb, pose, turns), wanted, atol=1e-12)
     assert np.any(np.array(wanted) > 0.1) == (limb >= 2)  # a shoulder is free
