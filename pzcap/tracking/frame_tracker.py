@@ -138,9 +138,9 @@ class FrameTracker:
         )
 
 
-def probably_lost(mismatch: float) -> float:
-    """Probability that the body as a whole is elsewhere, from the `limbs.mismatch`."""
-    return float(expit(FRAME.mismatch_slope * (mismatch - FRAME.mismatch)))
+def probably_lost(unlike: float) -> float:
+    """Probability that the body as a whole is elsewhere, from its `limbs.mismatch` with the silhouettes."""
+    return float(expit(FRAME.mismatch_slope * (unlike - FRAME.mismatch)))
 
 
 def fit_pose(

@@ -10,6 +10,7 @@ from pzcap.body import kinematics
 from pzcap.segmentation import foreground
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking.frame_tracker import FrameTracker, probably_lost
+from pzcap.tracking.limbs import mismatch
 from pzcap.tracking.observation import anywhere, crop_view, divided, expect
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.skin_colour_model import SkinColourModel
@@ -31,8 +32,8 @@ def test_a_body_beside_its_silhouettes_is_lost_and_one_on_them_is_not() -> None:
     here, there = (
         PoseObjective(true_body(), views).place(pose)[1] for pose in (clip().poses[FRAME_NUMBER], elsewhere())
     )
-    assert probably_lost(views, here) < 0.05
-    assert probably_lost(views, there) > 0.95
+    assert probably_lost(mismatch(views, here)) < 0.05
+    assert probably_lost(mismatch(views, there)) > 0.95
 
 
 def evidence_on_athlete(view: int, expected: Expected | None) -> tuple[float, Image]:
