@@ -21,7 +21,7 @@ from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.limbs import mismatch
-from pzcap.tracking.observation import PlacedView, Views, divided
+from pzcap.tracking.observation import Views, divided
 from pzcap.tracking.pixel_time import velocities
 from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, misfit_px2
 from pzcap.tracking.settings import Round, TrackingConfig
@@ -72,7 +72,7 @@ class FrameTracker:
     ) -> None:
         self.body, self.config, self._direction = body, config, direction
         self.pose, self.velocity, self.age = pose, velocity, 0
-        self.prediction_error_m = config.prediction_position_sigma_m  # of the joints, lately
+        self.prediction_error_m = FRAME.error_m  # of the joints, lately
         self.lost = 0.0  # probability that the whole body is elsewhere
         self._velocity_known = velocity != 0.0  # of each degree of freedom
         self._persistence = np.where(DOF_SEGMENT > 0, config.joint_persistence, 1.0)  # the body as a whole moves on
@@ -101,7 +101,7 @@ class FrameTracker:
         self.age += 1
         if all(view is None for view in views):  # nothing was seen: coast, slow down, and be less sure with every frame
             self.pose, self.velocity = predicted, 0.9 * self.velocity
-            self.prediction_error_m = math.hypot(self.prediction_error_m, config.prediction_position_sigma_m)
+            self.prediction_error_m = math.hypot(self.prediction_error_m, FRAME.error_m)
             no_information, variance = np.zeros((DOF, DOF)), np.full(len(SEGMENTS), 1e3)
             return FrameEstimate(
                 predicted, no_information, NO_CONTOUR, False, self.velocity, views, self.lost, variance
@@ -112,14 +112,12 @@ class FrameTracker:
         sigma = config.prediction_sigma * np.where(self._velocity_known, 1.0, config.start_widening)
         expected = retract(self.pose, self._persistence * self.velocity)
         schedule = [each for each in config.schedule if self.prediction_error_m >= each.surprise_m]
-        objective = PoseObjective(self.body, views, self.speed(predicted))
-        fit, placed, unlike = self._fitted(objective, predicted, expected, sigma, schedule)
-        if unlike > FRAME.unsure:  # as of somebody who lands, and stops at once
-            freer = sigma * np.where(np.arange(DOF) < 3, FRAME.freer, 1.0)
-            again = self._fitted(objective, predicted, expected, freer, config.schedule)
-            fit, placed, unlike = min((fit, placed, unlike), again, key=lambda found: found[2])
-        pose = fit.posed.pose
-        self.lost = probably_lost(unlike)
+        fit = fit_pose(
+            PoseObjective(self.body, views, self.speed(predicted)), predicted, np.diag(1.0 / sigma**2),
+            self.appearances, config, schedule, expected,
+        )  # fmt: skip
+        pose, placed = fit.posed.pose, fit.objective.visibility(fit.posed)
+        self.lost = probably_lost(mismatch(views, placed))
         learn(views, placed, self.appearances, config.appearance_rate)
         if self.age <= FRAME.beside_keyframe:
             learn(views, placed, self.reference, 1.0 / (self.age + 1))
@@ -138,14 +136,6 @@ class FrameTracker:
         return FrameEstimate(
             pose, fit.normal.hessian, fit.normal.contour, True, self.velocity, views, self.lost, variance
         )
-
-    def _fitted(
-        self, objective: PoseObjective, start: Pose, expected: Pose, sigma: Array, schedule: Sequence[Round]
-    ) -> tuple[PoseFit, list[PlacedView | None], float]:
-        """The pose fitted from ``start`` on, what is visible in it, and its `limbs.mismatch`."""
-        fit = fit_pose(objective, start, np.diag(1.0 / sigma**2), self.appearances, self.config, schedule, expected)
-        placed = fit.objective.visibility(fit.posed)
-        return fit, placed, mismatch(objective.views, placed)
 
 
 def probably_lost(unlike: float) -> float:

@@ -75,8 +75,8 @@ class TrackingConfig:
     """Standard deviation of each joint as a hand turns it: 3 degrees."""
     appearance_rate: float = 0.15
     """Share of the image that the appearance takes on with each frame."""
-    prediction_position_sigma_m: float = 0.03
-    """Standard deviation of the predicted root, a frame."""
+    prediction_position_sigma_m: float = 0.1
+    """Standard deviation of the predicted root, a frame: a landing stops it at once."""
     prediction_rotation_sigma_rad: float = 0.20
     """Standard deviation of each predicted joint, a frame."""
     velocity_gain: float = 0.8

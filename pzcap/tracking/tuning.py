@@ -87,13 +87,12 @@ class FrameTuning(NamedTuple):
 
     leap_sigmas: float = 3.0  # sigmas of the prediction that nobody moves by
     beside_keyframe: int = 2  # frames beside a keyframe in which limbs are still where they are thought to be
+    error_m: float = 0.03  # of the joints, by which a prediction errs beside a keyframe, and more in a frame unseen
     error_gain: float = 0.3  # share of the latest frame in the error of the predictions
     # Of body and silhouettes, from which on the whole body is as likely lost as not. Seen: 0.08 at most of an athlete
     # beside a coach, 0.13 in loose clothes as well; 0.15 to 0.25 where the coach was taken for the athlete.
     mismatch: float = 0.12
     mismatch_slope: float = 150.0  # increase of the logarithm of those odds with a mismatch of one
-    unsure: float = 0.06  # mismatch of body and silhouettes from which on a frame is also fitted with the root freer
-    freer: float = 3.0  # by so many times
     lost_margin: float = 0.6  # that is kept of a view around a body that is lost, in sizes of the body
     lost_variance: float = 1e4  # relative, of the segments of a body that is lost
 
