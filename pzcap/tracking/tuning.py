@@ -163,7 +163,7 @@ class ReacquisitionTuning(NamedTuple):
     beside: int = 6  # frames on either side of a lost one that may be wrong with it
     largest_hall: float = 0.25  # share of hall in what a limb covers, all views together, from which on it is lost
     least_area_m2: float = 0.05  # covered area to tell that by
-    unlike_m2: float = 0.0  # negative similarity from which on a limb is lost
+    unlike_m2: float = 0.0  # negative similarity from which on a limb is lost: it looks less like itself than not
     sizes_rad: tuple[float, ...] = (1.2, 0.6, 0.3, 0.14, 0.06)  # spread of the postures tried, from coarse to fine
     coarse_rad: float = 0.3  # postures that are spread by more are scored in coarse images
     leap_m: float = 0.08  # motion of a joint in a frame, besides what was expected, that is usual

@@ -216,7 +216,7 @@ def test_a_sweep_at_another_zoom_than_the_reference_image_is_told(tmp_path: Path
 
 @pytest.mark.parametrize(("times", "level"), [(1.25, Level.FAIL), (1.08, Level.WARN), (1.01, None)])
 def test_a_zoom_ring_that_was_moved_is_told_by_the_picture(times: float, level: Level | None, tmp_path: Path) -> None:
-    """Whether the circle closes is asked by the focal length at which it was filmed."""
+    """The circle closes by the focal length at which it was filmed, not by that of the reference image."""
     still = round_hall(1.0)[:, 480:640]
     longer = cv2.warpAffine(still, cv2.getRotationMatrix2D((79.5, 59.5), 0.0, times), (160, 120))
     video = turned(tmp_path / "sweep.mp4", 385.0, 1.0)

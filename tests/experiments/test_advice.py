@@ -116,7 +116,7 @@ def test_a_motion_that_may_not_be_read_is_not_called_damaged(motion: Path, monke
 
 
 def test_a_motion_without_memory_is_not_called_damaged(motion: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where something limits it; else the file asks for more than anybody has."""
+    """Memory ran out only where something limits it; else the file asks for more than anybody has."""
     reader = VideoReader(motion)
     monkeypatch.setattr(av, "open", failing(av.error.MemoryError(errno.ENOMEM, "Cannot allocate memory", str(motion))))
     with pytest.raises(PzcapError, match="truncated or damaged"):

@@ -287,7 +287,7 @@ _outcomes: Counter[tuple[str, str]] = Counter()
 
 @pytest.fixture(autouse=True)
 def counted(pytestconfig: pytest.Config) -> Iterator[None]:
-    """How many of each kind a test has tried, and how they ended, printed after it where many were asked for."""
+    """Counts of inputs by kind and outcome, printed after a test where many were asked for."""
     _outcomes.clear()
     yield
     capture = pytestconfig.pluginmanager.get_plugin("capturemanager")

@@ -37,7 +37,7 @@ class CameraForecast:
 
 @dataclass(frozen=True, slots=True)
 class Shutter:
-    """How a camera takes its pictures."""
+    """Shutter of a camera: the order in which it exposes rows, and the light that they get."""
 
     interlaced: bool = False
     banded: bool = False  # its rows are lit differently, by lamps that flicker while it rolls

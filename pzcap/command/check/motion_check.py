@@ -129,7 +129,7 @@ def check_ranges(camera: str, places: Places, sweep: Sweep, run: ZoomRun, full_t
 
 
 def check_shutter(camera: str, path: Path) -> tuple[Shutter, list[Finding]]:
-    """How a camera takes its pictures, and what there is to say about it: whether rows are lit alike."""
+    """Shutter of a camera, and a finding where bands of light lie over its rows."""
     reader = VideoReader(path)
     start = int(reader.indices[len(reader.indices) // 2])
     flicker = row_flicker([image for _, image in reader.read(start, start + MOTION.band_pictures)])
