@@ -72,7 +72,7 @@ def body_tracker(
                 "with the silhouettes; pose one frame by hand (keyframes.json), or run another detector"
             )
             return None
-    return Tracker(body, sorted([*sets.keyframes, *found], key=lambda key: key.frame), config)
+    return Tracker(body, sorted([*sets.keyframes, *found], key=lambda key: key.frame), config, sets.interlaced)
 
 
 def keyframes_from_keypoints(

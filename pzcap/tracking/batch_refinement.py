@@ -25,7 +25,7 @@ from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import Placed, Views
 from pzcap.tracking.pixel_time import ClockEstimate, ClockSystem
 from pzcap.tracking.pose_objective import PosedBody, PoseObjective, in_motion
-from pzcap.tracking.reacquisition import PassResults, reacquire
+from pzcap.tracking.reacquisition import PassResults, Reacquired, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
@@ -46,7 +46,7 @@ class RefinedBatch:
 
 def refine_batch(
     body: Body, poses: Sequence[Pose], views: Sequence[Views], before: Sequence[Pose], key: Keyframe | None,
-    passes: PassResults | None, clocks: ClockEstimate, config: TrackingConfig,
+    passes: PassResults | None, clocks: ClockEstimate, config: TrackingConfig, period: float,
 ) -> RefinedBatch:  # fmt: skip
     """Refine the ``poses`` of consecutive frames, and the ``clocks`` of the cameras as they are known before; in the
     frames ``before`` them the body is held fast. Where the last is a ``key``, the pose that it was given counts there
@@ -55,8 +55,8 @@ def refine_batch(
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
     (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
     """
-    batch = _Batch(body, before, key, clocks, config)
-    objectives = in_motion(body, poses, views)
+    batch = _Batch(body, before, key, clocks, config, period)
+    objectives = in_motion(body, poses, views, period)
     posed, placed = _placed(objectives, poses)
     found = batch.sweep(objectives, posed, placed, mean_appearances(body, views, placed))
     for _ in range(CLOCK.rounds):  # a skin that was sampled at wrong poses, or by wrong clocks, holds these back
@@ -74,7 +74,7 @@ def refine_batch(
         return found
     other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference)
     pairs = [(here.pose, there.pose) for here, there in zip(found.frames, other.frames, strict=True)]
-    chosen = _chosen(limbs, before[-1], pairs, other.objectives, again.lost, again.reference)
+    chosen = _chosen(limbs, before[-1], pairs, other.objectives, again, passes.agreed)
     # where limbs of the two meet, the motion leaps: a third sweep smooths it
     return batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
 
@@ -94,6 +94,7 @@ class _Batch:
     key: Keyframe | None  # of the last of them
     clocks: ClockEstimate  # as they are known from other intervals
     config: TrackingConfig
+    period: float  # frame periods from an instant to the next
 
     def sweep(
         self, objectives: Sequence[PoseObjective], posed: Sequence[PosedBody], placed: Sequence[Placed],
@@ -108,7 +109,7 @@ class _Batch:
         for count in range(config.polishing_sweeps):
             if count:
                 drapes = [each.drape for each in objectives]
-                objectives = in_motion(self.body, poses, [each.views for each in objectives])
+                objectives = in_motion(self.body, poses, [each.views for each in objectives], self.period)
                 objectives = [replace(each, drape=drape) for each, drape in zip(objectives, drapes, strict=True)]
                 posed = [each.posed(pose) for each, pose in zip(objectives, poses, strict=True)]
             gradients, cost, normals = [], 0.0, {}
@@ -160,13 +161,16 @@ def clocks_of(objectives: Sequence[PoseObjective]) -> Array:
 
 def _chosen(
     limbs: LimbAppearance, before: Pose, pairs: Sequence[tuple[Pose, Pose]], objectives: Sequence[PoseObjective],
-    lost: Mask, reference: Appearances,
+    again: Reacquired, agreed: Mask,
 ) -> list[Pose]:  # fmt: skip
-    """The first pose of each pair, but limbs that were ``lost`` (t, 16) in the first frames as the second has them,
-    where that scores clearly more. Both are judged through the same cameras, of the ``objectives``."""
-    gain = np.zeros((len(lost), len(LIMBS)))
-    for t in np.flatnonzero(lost.any(axis=1)).tolist():
-        here, there = (limbs.score(pose, objectives[t], reference) for pose in pairs[t])
-        gain[t] = there - here - REACQUISITION.least_gain_m2
+    """The first pose of each pair, but limbs that were lost in the first frames as the second has them, where that
+    scores well, and clearly more. Both are judged through the same cameras, of the ``objectives``. Where the passes
+    have ``agreed`` (t, 16), it must lie elsewhere by more than loose clothes explain."""
+    gain = np.full((len(again.lost), len(LIMBS)), -np.inf)
+    for t in np.flatnonzero(again.lost.any(axis=1)).tolist():
+        here, there = (limbs.score(pose, objectives[t], again.reference) for pose in pairs[t])
+        worth = there - here - REACQUISITION.least_gain_m2
+        gain[t] = np.where(there > REACQUISITION.least_score_m2, worth, -np.inf)
+    least_m = np.where(agreed, REACQUISITION.apart_agreed_m, REACQUISITION.apart_m)
     one, other = zip(*pairs, strict=True)
-    return choose(limbs.body, before, one, other, lost, gain)
+    return choose(limbs.body, before, one, other, np.where(again.lost, least_m, np.inf), gain)

@@ -42,6 +42,7 @@ class PassResults:
 
     poses: list[list[Pose]]  # of each pass
     disputed: Mask  # (T, 16) segments that they do not agree about
+    agreed: Mask  # (T, 16) segments that they agree about; none, if there was one pass
     doubtful: Mask  # (T, 16) those of them at or beside a leap
     reference: Appearances  # of the skin in each view, beside the keyframes
 
