@@ -136,7 +136,9 @@ class _Batch:
             gradients = [each - cross @ ticked for each, cross in zip(gradients, crosses, strict=True)]
             chain = [*self.before, *poses]
             ties = contacts(self.body, chain) if config.contacts else []
-            steps = smooth_step(poses, hessians, gradients, config.acceleration_sigma, self.before, ties)
+            # forces that change at random: how far they throw a body off grows as the time to the power of 3/2
+            jerky = config.acceleration_sigma * self.period**1.5
+            steps = smooth_step(poses, hessians, gradients, jerky, self.before, ties)
             steps = steps.clip(-0.5, 0.5)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
             objectives = [
