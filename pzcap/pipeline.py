@@ -193,7 +193,7 @@ def follow(
         yield segmented
         if tracker:
             yield _timed(partial(tracker.push, track_input(segmented)))
-            if seen.second_fields is not None:
+            if tracker.by_fields and seen.second_fields is not None:
                 yield _timed(partial(_track_between, seen.second_fields, segment, tracker))
         if frames.index % TIDY_EVERY == 0:
             give_back()

@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pzcap.body.kinematics import difference, retract
-from pzcap.body.skeleton import DOF, LIMBS, Body
+from pzcap.body.skeleton import DOF, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance
-from pzcap.tracking.bidirectional_fusion import choose
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.camera_refinement import MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
@@ -25,12 +24,12 @@ from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import Placed, Views
 from pzcap.tracking.pixel_time import ClockEstimate, ClockSystem
 from pzcap.tracking.pose_objective import PosedBody, PoseObjective, in_motion
-from pzcap.tracking.reacquisition import PassResults, Reacquired, reacquire
+from pzcap.tracking.reacquisition import PassResults, accepted, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
-from pzcap.tracking.tuning import CLOCK, REACQUISITION
-from pzcap.types import Array, Keyframe, Mask, Pose
+from pzcap.tracking.tuning import CLOCK
+from pzcap.types import Array, Keyframe, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +73,7 @@ def refine_batch(
         return found
     other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference)
     pairs = [(here.pose, there.pose) for here, there in zip(found.frames, other.frames, strict=True)]
-    chosen = _chosen(limbs, before[-1], pairs, other.objectives, again, passes.agreed)
+    chosen = accepted(limbs, before[-1], pairs, other.objectives, again, passes.agreed)
     # where limbs of the two meet, the motion leaps: a third sweep smooths it
     return batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
 
@@ -159,20 +158,3 @@ def clocks_of(objectives: Sequence[PoseObjective]) -> Array:
             if view is not None:
                 clocks[c] = view.exposure.clock
     return clocks
-
-
-def _chosen(
-    limbs: LimbAppearance, before: Pose, pairs: Sequence[tuple[Pose, Pose]], objectives: Sequence[PoseObjective],
-    again: Reacquired, agreed: Mask,
-) -> list[Pose]:  # fmt: skip
-    """The first pose of each pair, but limbs that were lost in the first frames as the second has them, where that
-    scores well, and clearly more. Both are judged through the same cameras, of the ``objectives``. Where the passes
-    have ``agreed`` (t, 16), it must lie elsewhere by more than loose clothes explain."""
-    gain = np.full((len(again.lost), len(LIMBS)), -np.inf)
-    for t in np.flatnonzero(again.lost.any(axis=1)).tolist():
-        here, there = (limbs.score(pose, objectives[t], again.reference) for pose in pairs[t])
-        worth = there - here - REACQUISITION.least_gain_m2
-        gain[t] = np.where(there > REACQUISITION.least_score_m2, worth, -np.inf)
-    least_m = np.where(agreed, REACQUISITION.apart_agreed_m, REACQUISITION.apart_m)
-    one, other = zip(*pairs, strict=True)
-    return choose(limbs.body, before, one, other, np.where(again.lost, least_m, np.inf), gain)

@@ -60,18 +60,20 @@ class Tracker:
     Each interval between keyframes is tracked from both ends, and its frames come when the one after it has been
     tracked forward; cut-outs of two intervals are all that is kept. Before the first keyframe the body is tracked
     backward only, after the last one forward only, and so is what lies further before a keyframe than
-    ``longest_stretch``. Raises PzcapError when there is no keyframe.
+    ``longest_stretch``. ``by_fields``: each frame is followed by its second field, which is tracked as well, halfway to
+    the next. Raises PzcapError when there is no keyframe.
     """
 
     def __init__(
-        self, body: Body, keyframes: Sequence[Keyframe], config: TrackingConfig, interlaced: bool = False
+        self, body: Body, keyframes: Sequence[Keyframe], config: TrackingConfig, by_fields: bool = False
     ) -> None:
         if not keyframes:
             raise PzcapError("tracking: no keyframes; pose the body in at least one frame (keyframes.json)")
         if not config.drape:
             body = replace(body, loose_m=np.zeros(len(SEGMENTS)))
         self.body, self.config = body, config  # the body that is tracked with
-        self._period = 0.5 if interlaced else 1.0  # frame periods from an instant to the next
+        self.by_fields = by_fields
+        self._period = 0.5 if by_fields else 1.0  # frame periods from an instant to the next
         self._keys = {key.frame: key for key in keyframes}
         self._last_key = max(self._keys)
         self._estimate = BodyEstimate.of(self.body)
@@ -104,13 +106,14 @@ class Tracker:
             return self._reach_keyframe(item, self._keys[item.frame])
         if self._ahead is None:
             self._lead.append(item)
-            return [] if len(self._lead) <= self.config.longest_lead else self._unknown(self._lead.pop(0))
+            too_long = len(self._lead) * self._period > self.config.longest_lead
+            return self._unknown(self._lead.pop(0)) if too_long else []
         views = self._crop(item.views, self._ahead.predict(), self._ahead.astray)
         step = self._ahead.step(views)
         if item.frame > self._last_key:
             return [*self._solved(), *self._tracked(item, step)]
         self._waiting.append(Instant(item.frame, views, step, item.second_field))
-        if len(self._waiting) < self.config.longest_stretch:
+        if len(self._waiting) * self._period < self.config.longest_stretch:
             return []
         done = self._solved()
         self._solve(None)
