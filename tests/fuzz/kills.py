@@ -155,6 +155,8 @@ def main() -> int:
     parser.add_argument("--only", choices=sorted(WORK), help="one kind of work; by default all in turn")
     parser.add_argument("--seed", type=int, default=0)
     said = parser.parse_args()
+    # what a shell starts in the background ignores SIGINT, and so would all that is started here
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     rng = random.Random(said.seed)
     kinds = [said.only] if said.only else list(WORK)
     failed = 0
