@@ -224,7 +224,7 @@ def _refined(
 
     if not config.shape_weight:
         return refine(estimate.body, passes), estimate
-    some = slice(None, None if key is None else -1, SHAPE.stride)
+    some = slice(None, None if key is None else -1, round(SHAPE.stride / period))
     for left in reversed(range(config.shape_rounds)):
         equations = estimate.accumulate(poses[some], in_motion(estimate.body, poses, views, period)[some], config)
         estimate = estimate.solve(equations)
