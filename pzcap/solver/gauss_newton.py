@@ -7,7 +7,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from pzcap.types import Array
+from pzcap.types import Array, PzcapError
 
 State = TypeVar("State")
 
@@ -93,7 +93,8 @@ def minimise(
 
     A step solves ``(N + s^2 P) d = -(g + s^2 P e)``: normal matrix N and gradient g from ``linearise(state, scale)``,
     the prior's information P and departure e, s^2 the residuals' variance; then ``state = retract(state, d)``. It ends
-    once ``settled(d)`` and the scale is steady. Unknown ``held`` keeps its value.
+    once ``settled(d)`` and the scale is steady. Unknown ``held`` keeps its value. Raises PzcapError where the equations
+    are singular.
     """
     state, scale = start, schedule.scale
     for number in range(1, schedule.steps + 1):
@@ -104,7 +105,10 @@ def minimise(
             gradient = gradient + variance * prior.information @ prior.departure(state)
         if held is not None:
             normal[held], normal[:, held], normal[held, held], gradient[held] = 0.0, 0.0, 1.0, 0.0
-        step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
+        try:
+            step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
+        except np.linalg.LinAlgError as error:
+            raise PzcapError("what was measured leaves an unknown entirely open") from error
         state = retract(state, step)
         following = max(schedule.sigmas * sigma, schedule.least_scale)
         steady = abs(following - scale) < schedule.steady * scale

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, Solution, minimise
 from pzcap.solver.robust import geman_mcclure, normal_sigma
-from pzcap.types import Array
+from pzcap.types import Array, PzcapError
 
 AT = np.linspace(-1.0, 1.0, 200)
 DESIGN = np.stack([np.ones_like(AT), AT], axis=1)
@@ -69,3 +69,11 @@ def test_a_held_unknown_stays_and_steps_that_run_out_are_told() -> None:
     assert found.state[0] == pytest.approx(0.3)
     assert not fit(values, Schedule(1, 1e9)).report.converged
     assert fit(values, Schedule(30, 1e9, least_steps=7)).report.steps == 7
+
+
+def test_what_nothing_was_measured_of_is_an_error() -> None:
+    def linearise(*_: object) -> NormalEquations:
+        return NormalEquations(np.diag([1.0, 0.0]), np.ones(2), 1.0, 0.0)
+
+    with pytest.raises(PzcapError, match="leaves an unknown entirely open"):
+        minimise(np.zeros(2), linearise, lambda state, step: state + step, lambda _: True, Schedule(3, 1.0))
