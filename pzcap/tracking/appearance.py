@@ -42,6 +42,7 @@ class _LimbSkin(NamedTuple):
 class _LimbView(NamedTuple):
     """One view of a limb: the image, the limb's template there, and what may hide it."""
 
+    number: int  # of the view
     camera: Pinhole
     crop: CropImage
     belief: Float32  # (h, w) -1 hall .. 1 body.
@@ -54,6 +55,7 @@ class LimbContext:
     """A frame made ready to score postures of one limb."""
 
     pose: Pose
+    objective: PoseObjective
     frames: Array  # world_T_segment (16, 4, 4)
     patches: list[Patch]
     coarse: list[_LimbView]
@@ -96,14 +98,15 @@ class LimbAppearance:
         for limb, segments in enumerate(LIMBS if self._weight else ()):
             where = self._behind(limb, placed) if alone else placed
             views = self._views(limb, pose, objective, where, reference, APPEARANCE.fine_level)
-            similarity[limb] = _compared(self._skins[limb], frames[None, list(segments)], views)[0]
+            exposed = limbs.in_views(objective, limb, frames[None, list(segments)])
+            similarity[limb] = _compared(self._skins[limb], exposed, views)[0]
         return similarity
 
     def score(self, pose: Pose, objective: PoseObjective, reference: Appearances) -> Array:
         """(4,) of each limb, square metres: the silhouettes that it explains, less the hall that it covers
         (`pzcap.tracking.limbs.support`), and its similarity."""
         placed = objective.place(pose)[1]
-        body, hall = support(self.body, pose, grounds(objective.views, placed)).T
+        body, hall = support(objective, pose, placed).T
         similarity = self.similarity(pose, objective, placed, reference, alone=True)
         return np.asarray(body - hall + self._weight * similarity)
 
@@ -116,15 +119,16 @@ class LimbAppearance:
             for level in (APPEARANCE.coarse_level, APPEARANCE.fine_level)
         )
         patches = limbs.patches(self.body, limb, posed.frames, grounds(objective.views, placed))
-        return LimbContext(pose, posed.frames, patches, coarse, fine)
+        return LimbContext(pose, objective, posed.frames, patches, coarse, fine)
 
     def postures(self, limb: int, context: LimbContext, turns: Array, *, coarse: bool) -> Postures:
         """Score a limb turned by ``turns`` (K, 4), in ``coarse`` or in fine images; the rest of the body is where the
         ``context`` has it."""
         turns = limbs.bounded(limb, context.pose, turns)
         posed = limbs.posed(self.body, limb, context.pose, turns)
-        body, hall = limbs.judged(self.body, limb, posed, context.patches).T
-        similarity = _compared(self._skins[limb], posed, context.coarse if coarse else context.fine)
+        exposed = limbs.in_views(context.objective, limb, posed)
+        body, hall = limbs.judged(self.body, limb, exposed, context.patches).T
+        similarity = _compared(self._skins[limb], exposed, context.coarse if coarse else context.fine)
         score = body - hall + self._weight * similarity - APPEARANCE.reluctance_m2 * np.sum(turns**2, axis=1)
         score -= APPEARANCE.limit_m2 * limbs.beyond_limits(limb, context.pose, turns)
         first, *others = LIMBS[limb]
@@ -136,13 +140,13 @@ class LimbAppearance:
         usual_level: int,
     ) -> list[_LimbView]:  # fmt: skip
         rows, found = self._rows[limb], []
-        for view, where, look in zip(objective.views, placed, reference, strict=True):
+        for number, (view, where, look) in enumerate(zip(objective.views, placed, reference, strict=True)):
             if view is None or where is None:
                 continue
             level = view_level(usual_level, px_per_m(view.camera, pose.root_position_m))
             template = Template(look.value[level][rows], look.trust[rows])
             image = view.image_at(level)
-            found.append(_LimbView(pinhole(view.camera), image, view.belief, template, where.z_buffer))
+            found.append(_LimbView(number, pinhole(view.camera), image, view.belief, template, where.z_buffer))
         return found
 
     def _behind(self, limb: int, placed: Placed) -> list[PlacedView | None]:
@@ -157,11 +161,12 @@ class LimbAppearance:
         return found
 
 
-def _compared(skin: _LimbSkin, posed: Array, views: Sequence[_LimbView]) -> Array:
-    """(K,) square metres that look alike, less those that do not, of a limb that is ``posed`` (K, 3, 4, 4)."""
-    similarity, posed = np.zeros(len(posed)), np.ascontiguousarray(posed)
+def _compared(skin: _LimbSkin, exposed: Sequence[Array], views: Sequence[_LimbView]) -> Array:
+    """(K,) square metres that look alike, less those that do not, of a limb in its postures, ``exposed`` as
+    `limbs.in_views` has them."""
+    similarity = np.zeros(len(exposed[0]))
     for view in views:
-        _compare(posed, skin, view, similarity)
+        _compare(np.ascontiguousarray(exposed[view.number]), skin, view, similarity)
     return similarity
 
 

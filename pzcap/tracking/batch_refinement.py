@@ -68,12 +68,14 @@ def refine_batch(
         return found
     inner, after = (len(poses), None) if key is None else (len(poses) - 1, poses[-1])
     limbs = LimbAppearance(body, config.appearance_score)
-    again = reacquire(limbs, poses[:inner], found.objectives[:inner], placed[:inner], passes, (before[-1], after))
+    around = before[-1], after
+    again = reacquire(limbs, poses[:inner], found.objectives[:inner], placed[:inner], passes, around, period)
     if again is None:
         return found
     other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference)
     pairs = [(here.pose, there.pose) for here, there in zip(found.frames, other.frames, strict=True)]
-    chosen = accepted(limbs, before[-1], pairs, other.objectives, again, passes.agreed)
+    seen = [each.views for each in other.objectives]
+    chosen = accepted(limbs, before[-1], pairs, seen, again, passes.agreed, period)
     # where limbs of the two meet, the motion leaps: a third sweep smooths it
     return batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
 

@@ -24,12 +24,13 @@ from pzcap.types import PARENTS, Array, Indices, Mask, Pose
 
 def fuse(
     body: Body, before: Pose, ahead: Sequence[FrameEstimate], back: Sequence[FrameEstimate], after: Pose,
-    score: Callable[[int, Pose], Array],
+    score: Callable[[int, int], Array],
 ) -> tuple[list[Pose], Array]:  # fmt: skip
     """The poses between two keyframes from the estimates of both passes, in the order of the frames; and the distance
     (T, 16), metres, of the two's joints in limbs that they disagree about, 0 where they agree.
 
-    ``score(frame, pose)`` is as `pzcap.tracking.appearance.LimbAppearance.score` has it.
+    ``score(k, t)``, of the estimates of the first pass (0) or the second, is as
+    `pzcap.tracking.appearance.LimbAppearance.score` has it.
     """
     share = np.array([a.variance / (a.variance + b.variance) for a, b in zip(ahead, back, strict=True)])  # of ``back``
     positions = np.array([
@@ -42,7 +43,7 @@ def fuse(
     differ = np.array([apart[:, list(members)].max(axis=1) > FUSION.agree_m for members in LIMBS])  # (4, T)
     scores = np.zeros((2, len(ahead), len(LIMBS)))
     for t in np.flatnonzero(differ.any(axis=0)).tolist():
-        scores[:, t] = [score(t, steps[t].pose) for steps in (ahead, back)]
+        scores[:, t] = [score(k, t) for k in (0, 1)]
     for limb, members in enumerate(LIMBS):
         rows = list(members)
         share[:, rows] = share[:, rows].mean(axis=1, keepdims=True)

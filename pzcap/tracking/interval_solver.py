@@ -201,14 +201,14 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], list[Views], Array, P
     reference = shared([one.with_other(other) for one, other in pairs])
     limbs = LimbAppearance(body, problem.config.appearance_score)
     views = [(b if a.lost > b.lost else a).views for a, b in zip(ahead, back, strict=True)]
-    moving = in_motion(body, [each.pose for each in ahead], views, problem.period)
+    both = [[each.pose for each in one] for one in (ahead, back)]
+    moving = [in_motion(body, poses, views, problem.period) for poses in both]
 
-    def score(t: int, pose: Pose) -> Array:
-        return limbs.score(pose, moving[t], reference)
+    def score(k: int, t: int) -> Array:
+        return limbs.score(both[k][t], moving[k][t], reference)
 
     poses, disagreement = fuse(body, before, ahead, back, anchor.fit.pose, score)
     doubtful = discontinuous(body, before, poses, anchor.fit.pose, disagreement)
-    both = [[each.pose for each in one] for one in (ahead, back)]
     return poses, views, disagreement, PassResults(both, disagreement > 0.0, disagreement == 0.0, doubtful, reference)
 
 

@@ -26,6 +26,7 @@ from pzcap.body.kinematics import difference, forward, joint_angles, retract
 from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMBS, LIMIT_HIGH, LIMIT_LOW, Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.tracking.observation import Placed, Views
+from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.tuning import APPEARANCE, VIEW
 from pzcap.tracking.visibility import ARMS, GROUP, HEAD
 from pzcap.types import PARENTS, Array, Float32, Pose
@@ -106,6 +107,7 @@ class Ground:
     """Evidence of the colours of one view, and what of it the body covers. Pixel ``(i, j)`` of a map stands at
     ``corner + VIEW.belief_scale * (j, i)`` of the view."""
 
+    number: int  # of the view
     camera: Pinhole
     corner: Array  # (2,)
     belief: Float32  # (h, w) -1 hall .. 1 body
@@ -116,24 +118,34 @@ class Ground:
 class Patch(NamedTuple):
     """The surroundings of a limb in one view."""
 
+    number: int  # of the view
     camera: Pinhole
     free: Float32  # (h, w) the belief; where another part of the body covers, that in an arm before it
     corner: Array  # (2,)
 
 
-def support(body: Body, pose: Pose, grounds: Sequence[Ground]) -> Array:
-    """Per limb (4, 2), square metres of silhouette that it alone explains, and of the hall that it lies on."""
+def support(objective: PoseObjective, pose: Pose, placed: Placed) -> Array:
+    """Per limb (4, 2), square metres of silhouette that it alone explains, and of the hall that it lies on, the body
+    being where it was ``placed``."""
+    body, maps = objective.body, grounds(objective.views, placed)
     frames = forward(body, pose)
     return np.array([
-        judged(body, limb, frames[None, list(segments)], patches(body, limb, frames, grounds))[0]
+        judged(
+            body, limb, in_views(objective, limb, frames[None, list(segments)]), patches(body, limb, frames, maps)
+        )[0]
         for limb, segments in enumerate(LIMBS)
     ])  # fmt: skip
+
+
+def in_views(objective: PoseObjective, limb: int, posed: Array) -> list[Array]:
+    """A limb ``posed`` (K, 3, 4, 4) where it was when each view was exposed."""
+    return [posed if view is None else objective.exposed_frames(view, posed, LIMBS[limb]) for view in objective.views]
 
 
 def grounds(views: Views, placed: Placed) -> list[Ground]:
     """The maps that limbs are judged by in each view, the body being where it was ``placed``."""
     found, scale, nearest = [], VIEW.belief_scale, cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-    for view, where in zip(views, placed, strict=True):
+    for number, (view, where) in enumerate(zip(views, placed, strict=True)):
         if view is None or where is None:
             continue
         buffer, size = where.z_buffer, view.belief.shape[::-1]
@@ -143,7 +155,7 @@ def grounds(views: Views, placed: Placed) -> list[Ground]:
         cover = np.asarray(cv2.warpAffine(buffer.cover, shift, size, flags=nearest), np.uint8)
         likely = cv2.resize(view.arms, size, interpolation=cv2.INTER_AREA).astype(np.float32)
         bare = np.maximum(likely / np.float32(127.5) - np.float32(1.0), np.float32(0.0))
-        found.append(Ground(pinhole(view.camera), corner, view.belief, cover, bare))
+        found.append(Ground(number, pinhole(view.camera), corner, view.belief, cover, bare))
     return found
 
 
@@ -173,16 +185,18 @@ def patches(body: Body, limb: int, frames: Array, grounds: Sequence[Ground]) -> 
         bare = ground.bare[box] if own & ARMS else np.float32(0.0)
         before = np.where(others & (ARMS | HEAD), np.float32(0.0), bare)  # these may have the colours of a lower arm
         corner = ground.corner + VIEW.belief_scale * np.array([box[1].start, box[0].start])
-        found.append(Patch(ground.camera, np.where(others, before, ground.belief[box]), corner))
+        found.append(Patch(ground.number, ground.camera, np.where(others, before, ground.belief[box]), corner))
     return found
 
 
-def judged(body: Body, limb: int, posed: Array, patches: Sequence[Patch]) -> Array:
-    """(K, 2) what a limb explains, and what of the hall it lies on, for each of its postures ``posed`` (K, 3, 4, 4)."""
-    cones, areas = _cones(body), np.zeros((len(posed), 2))
-    far = posed[..., :3, 3] + np.einsum("ksij,sj->ksi", posed[..., :3, :3], cones.tips_m[limb])
-    ends = np.ascontiguousarray(np.stack([posed[..., :3, 3], far], axis=2))
+def judged(body: Body, limb: int, exposed: Sequence[Array], patches: Sequence[Patch]) -> Array:
+    """(K, 2) what a limb explains, and what of the hall it lies on, for each of its postures, ``exposed`` as `in_views`
+    has them."""
+    cones, areas = _cones(body), np.zeros((len(exposed[0]), 2))
     for patch in patches:
+        posed = exposed[patch.number]
+        far = posed[..., :3, 3] + np.einsum("ksij,sj->ksi", posed[..., :3, :3], cones.tips_m[limb])
+        ends = np.ascontiguousarray(np.stack([posed[..., :3, 3], far], axis=2))
         _paint(ends, cones.radii_m[limb], patch, areas)
     return areas
 

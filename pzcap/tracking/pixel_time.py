@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from pzcap.body.kinematics import turned
 from pzcap.body.segment_equations import SegmentSums
 from pzcap.body.skeleton import DOF, DOF_SEGMENT
-from pzcap.geometry.pinhole import NEAREST_M, Pinhole, pinhole, ray, to_pixel
+from pzcap.geometry.pinhole import NEAREST_M, Pinhole, pinhole, projected, ray, to_pixel
 from pzcap.localisation.panorama_sampler import row_time
 from pzcap.tracking.camera_refinement import CAMERA_DOF, MarginalisedCamera
 from pzcap.tracking.tuning import CLOCK
@@ -97,12 +97,19 @@ def _expose(
 
 
 def moved_frames(world_T_segment: Array, velocity: Array, time: Array) -> Array:
-    """Segments (16, 4, 4) after ``time`` (16,)."""
-    out = world_T_segment.copy()
-    out[:, :3, 3] += time[:, None] * velocity[:, :3]
-    turns = Rotation.from_rotvec(time[:, None] * velocity[:, 3:]).as_matrix()
-    out[:, :3, :3] = turns @ world_T_segment[:, :3, :3]
+    """Segments (..., S, 4, 4) of ``velocity`` (S, 6) after ``time`` (..., S)."""
+    out, moved = world_T_segment.copy(), time[..., None] * velocity
+    out[..., :3, 3] += moved[..., :3]
+    turns = Rotation.from_rotvec(moved[..., 3:].reshape(-1, 3)).as_matrix()
+    out[..., :3, :3] = turns.reshape(*time.shape, 3, 3) @ world_T_segment[..., :3, :3]
     return out
+
+
+def exposed_frames(world_T_segment: Array, velocity: Array, camera: Camera, exposure: Exposure) -> Array:
+    """Segments (..., S, 4, 4) of ``velocity`` (S, 6) where they are when the camera exposes their joints."""
+    rows = projected(world_T_segment[..., :3, 3].reshape(-1, 3), camera)[0][:, 1]
+    time = exposure.times(rows, camera.height).reshape(world_T_segment.shape[:-2])
+    return moved_frames(world_T_segment, velocity, time)
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from pzcap.body import landmarks
 from pzcap.body.kinematics import forward, place, screws
 from pzcap.body.segment_equations import PointResiduals, SegmentSums, accumulate, lift
 from pzcap.body.skeleton import Body
-from pzcap.geometry.pinhole import pinhole, projected
+from pzcap.geometry.pinhole import pinhole
 from pzcap.tracking import keypoint_residuals, residuals
 from pzcap.tracking.camera_refinement import CameraPrior, MarginalisedCamera, eliminate, segment_twists
 from pzcap.tracking.drape import MarginalisedDrape, eliminate_drape, expected_drape, segments_twists
@@ -26,7 +26,7 @@ from pzcap.tracking.pixel_time import (
     ClockEquations,
     clock_equations,
     exposed,
-    moved_frames,
+    exposed_frames,
     sequence_velocities,
 )
 from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, Template
@@ -34,7 +34,7 @@ from pzcap.tracking.settings import Terms
 from pzcap.tracking.skin_appearance import SomeAppearances
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR, DRAPE, VIEW
 from pzcap.tracking.visibility import ProjectedSkin, SkinPoints
-from pzcap.types import Array, Camera, Pose
+from pzcap.types import SEGMENTS, Array, Camera, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,12 +137,11 @@ class PoseObjective:
             return skin
         return skin._replace(points=exposed(skin, frames, self.velocity, view.camera, view.exposure))
 
-    def _landmark_frames(self, view: ViewCrop, frames: Array) -> Array:
-        """The segments (16, 4, 4) where they were when the ``view`` was exposed."""
+    def exposed_frames(self, view: ViewCrop, frames: Array, segments: Sequence[int] = range(len(SEGMENTS))) -> Array:
+        """The ``segments``, at ``frames`` (..., S, 4, 4), where they were when the ``view`` was exposed."""
         if self.velocity is None or view.exposure == AT_ONCE:
             return frames
-        rows = projected(frames[:, :3, 3], view.camera)[0][:, 1]
-        return moved_frames(frames, self.velocity, view.exposure.times(rows, view.camera.height))
+        return exposed_frames(frames, self.velocity[list(segments)], view.camera, view.exposure)
 
     def visibility(self, posed: PosedBody) -> list[PlacedView | None]:
         """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
@@ -223,7 +222,7 @@ class PoseObjective:
             if view.person is not None and terms.keypoint_weight > 0:
                 rows, keypoint = keypoint_residuals.residuals(
                     self.body.landmarks,
-                    self._landmark_frames(view, posed.frames),
+                    self.exposed_frames(view, posed.frames),
                     view.camera,
                     view.person,
                     terms.keypoint_scale,

@@ -23,9 +23,9 @@ from pzcap.body.skeleton import LIMBS
 from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
 from pzcap.tracking.bidirectional_fusion import choose, runs, with_segments
-from pzcap.tracking.limbs import POSTURES, grounds, support, turn_to, turned
-from pzcap.tracking.observation import Placed
-from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.limbs import POSTURES, support, turn_to, turned
+from pzcap.tracking.observation import Placed, Views
+from pzcap.tracking.pose_objective import PoseObjective, in_motion
 from pzcap.tracking.skin_appearance import Appearance, Appearances, learn
 from pzcap.tracking.tuning import FRAME, REACQUISITION
 from pzcap.types import SEGMENTS, Array, Mask, Pose
@@ -58,18 +58,16 @@ class Reacquired:
 
 def reacquire(
     limbs: LimbAppearance, poses: Sequence[Pose], objectives: Sequence[PoseObjective], placed: Sequence[Placed],
-    passes: PassResults, around: Neighbours,
+    passes: PassResults, around: Neighbours, period: float,
 ) -> Reacquired | None:  # fmt: skip
     """Reacquire the limbs that are doubtful, lie on the hall or do not look like their reference, the body being where
-    it was ``placed``. None if there are none."""
+    it was ``placed``, an instant every ``period`` frame periods. None if there are none."""
     disputed, doubted = (
         np.array([segments[:, list(limb)].any(axis=1) for limb in LIMBS]).T
         for segments in (passes.disputed, passes.doubtful)
     )
     frames = list(zip(poses, objectives, placed, strict=True))
-    supported = np.array([
-        support(limbs.body, pose, grounds(each.views, where)) for pose, each, where in frames
-    ])  # (T, 4, 2)  # fmt: skip
+    supported = np.array([support(each, pose, where) for pose, each, where in frames])  # (T, 4, 2)
     on_hall = supported[..., 1] / np.maximum(supported.sum(axis=2), REACQUISITION.least_area_m2)
     doubted |= _filtered(on_hall) > REACQUISITION.largest_hall
 
@@ -85,23 +83,26 @@ def reacquire(
     if not lost.any():
         return None
     candidates = list(zip(poses, *passes.poses, strict=True))
-    return Reacquired(_found(limbs, candidates, objectives, reference, lost, around), lost @ _OF_LIMB, reference)
+    views = [each.views for each in objectives]
+    return Reacquired(_found(limbs, candidates, views, reference, lost, around, period), lost @ _OF_LIMB, reference)
 
 
 def accepted(
-    limbs: LimbAppearance, before: Pose, pairs: Sequence[tuple[Pose, Pose]], objectives: Sequence[PoseObjective],
-    again: Reacquired, agreed: Mask,
+    limbs: LimbAppearance, before: Pose, pairs: Sequence[tuple[Pose, Pose]], views: Sequence[Views],
+    again: Reacquired, agreed: Mask, period: float,
 ) -> list[Pose]:  # fmt: skip
     """The first pose of each pair, but limbs that were lost in the first frames as the second has them, where that
-    scores well, and clearly more. Both are judged through the same cameras, of the ``objectives``. Where the passes
-    have ``agreed`` (t, 16), it must lie elsewhere by more than loose clothes explain."""
+    scores well, and clearly more. Both are judged through the same cameras, of the ``views``, an instant every
+    ``period`` frame periods. Where the passes have ``agreed`` (t, 16), it must lie elsewhere by more than loose clothes
+    explain."""
     gain = np.full((len(again.lost), len(LIMBS)), -np.inf)
+    one, other = zip(*pairs, strict=True)
+    moving = [in_motion(limbs.body, poses, views, period) for poses in (one, other)]
     for t in np.flatnonzero(again.lost.any(axis=1)).tolist():
-        here, there = (limbs.score(pose, objectives[t], again.reference) for pose in pairs[t])
+        here, there = (limbs.score(pose, own[t], again.reference) for pose, own in zip(pairs[t], moving, strict=True))
         worth = there - here - REACQUISITION.least_gain_m2
         gain[t] = np.where(there > REACQUISITION.least_score_m2, worth, -np.inf)
     least_m = np.where(agreed, REACQUISITION.apart_agreed_m, REACQUISITION.apart_m)
-    one, other = zip(*pairs, strict=True)
     return choose(limbs.body, before, one, other, np.where(again.lost, least_m, np.inf), gain)
 
 
@@ -134,8 +135,8 @@ def _learned(
 
 
 def _found(
-    limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], objectives: Sequence[PoseObjective],
-    reference: Appearances, lost: Mask, around: Neighbours,
+    limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], views: Sequence[Views],
+    reference: Appearances, lost: Mask, around: Neighbours, period: float,
 ) -> list[Pose]:  # fmt: skip
     """The poses, of each frame's ``candidates`` the first, with the ``lost`` (T, 4) limbs reacquired: near the
     interpolation from the frame before to that after, or near the candidates."""
@@ -149,18 +150,20 @@ def _found(
             shares = (np.arange(len(run)) + 1.0) / (len(run) + 1.0)
             between = [retract(first, share * difference(last, first)) for share in shares]
             starts = [with_segments(poses[t], segments, pose) for t, pose in zip(run, between, strict=True)]
-            pairs = zip(run, starts, strict=True)
-            contexts = [limbs.context(limb, pose, objectives[t], reference) for t, pose in pairs]
-            path = _path(limbs, limb, contexts, [candidates[t] for t in run])
+            moving = in_motion(limbs.body, starts, [views[t] for t in run], period)
+            pairs = zip(starts, moving, strict=True)
+            contexts = [limbs.context(limb, pose, objective, reference) for pose, objective in pairs]
+            path = _path(limbs, limb, contexts, [candidates[t] for t in run], period)
             for t, pose in zip(run, path, strict=True):
                 found[t] = with_segments(found[t], segments, pose)
     return found
 
 
 def _path(
-    limbs: LimbAppearance, limb: int, contexts: Sequence[LimbContext], candidates: Sequence[Sequence[Pose]]
-) -> list[Pose]:
-    """The postures of a limb in consecutive frames that score most together.
+    limbs: LimbAppearance, limb: int, contexts: Sequence[LimbContext], candidates: Sequence[Sequence[Pose]],
+    period: float,
+) -> list[Pose]:  # fmt: skip
+    """The postures of a limb in consecutive frames that score most together, it moving as the path so far has it.
 
     To those about the path so far come the limb as the ``candidates`` have it and, as it may have been lost in the
     middle of a run alone, as the frames beside it have it (Barnes et al., 2009).
@@ -174,6 +177,8 @@ def _path(
             postures.append(limbs.postures(limb, context, turns, coarse=size > REACQUISITION.coarse_rad))
         chosen = zip(contexts, postures, smoothest(postures), strict=True)
         path = [turned(limb, context.pose, each.turns[k]) for context, each, k in chosen]
+        moving = in_motion(limbs.body, path, [context.objective.views for context in contexts], period)
+        contexts = [replace(context, objective=each) for context, each in zip(contexts, moving, strict=True)]
         others = [[path[n] for n in (t - 2, t - 1, t + 1, t + 2) if 0 <= n < len(path)] for t in range(len(path))]
     return path
 

@@ -128,6 +128,6 @@ def step(pose: Pose) -> FrameEstimate:
     return FrameEstimate(pose, np.diag(nothing), NO_CONTOUR, True, nothing, [], 0.0, np.ones(16))
 
 
-def without_score(_frame: int, _pose: Pose) -> Array:
+def without_score(_pass: int, _frame: int) -> Array:
     """The images tell no limb from another."""
     return np.zeros(4)

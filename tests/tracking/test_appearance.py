@@ -18,9 +18,9 @@ from pzcap.body.skeleton import LIMBS, Body
 from pzcap.tracking.appearance import LimbAppearance, Postures
 from pzcap.tracking.batch_refinement import refine_batch
 from pzcap.tracking.bidirectional_fusion import runs
-from pzcap.tracking.limbs import POSTURES, bounded, grounds, support, turn_to, turned
-from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop
-from pzcap.tracking.pixel_time import ClockEstimate
+from pzcap.tracking.limbs import POSTURES, bounded, support, turn_to, turned
+from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop, Views
+from pzcap.tracking.pixel_time import ClockEstimate, Exposure, velocities
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, reacquire, smoothest
 from pzcap.tracking.settings import TrackingConfig
@@ -109,9 +109,23 @@ def test_without_similarity_a_limb_is_scored_by_silhouettes_alone() -> None:
     objective, pose = observed(5, true_body()), clip().poses[5]
     placed = objective.place(pose)[1]
     limbs, reference = LimbAppearance(objective.body, similarity=False), known()
-    body, hall = support(objective.body, pose, grounds(objective.views, placed)).T
+    body, hall = support(objective, pose, placed).T
     np.testing.assert_array_equal(limbs.score(pose, objective, reference), body - hall)
     assert not limbs.similarity(pose, objective, placed, reference).any()
+
+
+def test_a_limb_that_swings_is_judged_where_each_view_exposed_it() -> None:
+    """The views of a frame, taken for those of a clock that is half a frame late, and a body half a frame before."""
+    body, frame = true_body(), 5
+    late = [view and replace(view, exposure=Exposure(clock=0.5)) for view in crops(frame)]
+    before, there = clip().poses[frame - 1], clip().poses[frame]
+    half = kinematics.retract(before, 0.5 * kinematics.difference(there, before))
+    velocity = velocities(kinematics.forward(body, half), kinematics.forward(body, there), 0.5)
+    limbs, looks = LimbAppearance(body), known()
+    exposed, frozen = (limbs.score(half, PoseObjective(body, late, each), looks) for each in (velocity, None))
+    at_once = limbs.score(there, observed(frame, body), looks)
+    np.testing.assert_allclose(exposed, at_once, atol=0.002)
+    assert np.abs(frozen - at_once).max() > 0.01
 
 
 def test_skin_that_is_not_known_says_nothing() -> None:
@@ -148,7 +162,7 @@ def looked_again(
     objectives = [observed(frame, body) for frame in FRAMES]
     poses = [swung(pose, limb, 0.9) if t in gone else pose for t, pose in enumerate(true)]
     placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
-    return reacquire(LimbAppearance(body), poses, objectives, placed, told(poses, looks, doubtful), around), poses
+    return reacquire(LimbAppearance(body), poses, objectives, placed, told(poses, looks, doubtful), around, 1.0), poses
 
 
 def told(poses: list[Pose], looks: list[Appearance], doubtful: Mask) -> PassResults:
@@ -183,7 +197,7 @@ def test_what_only_one_pass_has_found_is_taken_up() -> None:
     off = []
     for other in (poses, true):
         passes = PassResults([poses, other], SURE, SURE, ~SURE, shared(known()))
-        again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (far, far))
+        again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (far, far), 1.0)
         assert again is not None
         moved = [
             kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(again.poses, true, strict=True)
@@ -221,7 +235,7 @@ def test_what_the_passes_dispute_is_not_learned_from() -> None:
     learned, own = [], np.isin(body.surface.segment, LIMBS[limb])
     for disputed in (SURE, np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)):
         passes = PassResults([poses, poses], disputed, ~disputed, other, known(range(0)))
-        again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (None, None))
+        again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (None, None), 1.0)
         assert again is not None
         learned.append(max(float(look.trust[own].max()) for look in again.reference))
     assert learned[0] > 0.0
@@ -263,10 +277,10 @@ def test_a_limb_is_taken_where_it_scores_well_and_lies_elsewhere(
         def score(self, pose: Pose, *_: object) -> Array:
             return np.full(len(LIMBS), score if any(pose is each for each in there) else score - 0.1)
 
-    objectives = [PoseObjective(body, [None] * len(crops(5))) for _ in FRAMES]
+    views: list[Views] = [[None] * len(crops(5))] * len(FRAMES)
     again = Reacquired(there, np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape), known(range(0)))
     pairs = list(zip(here, there, strict=True))
-    found = accepted(Told(body), here[0], pairs, objectives, again, np.full(SURE.shape, agreed))
+    found = accepted(Told(body), here[0], pairs, views, again, np.full(SURE.shape, agreed), 1.0)
     off = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, here, strict=True)]
     assert (np.linalg.norm(np.array(off)[3, LIMBS[limb][2]]) > 0.02) == taken
 
@@ -282,14 +296,12 @@ def test_limbs_that_look_like_themselves_are_not_looked_at_again() -> None:
     body = true_body()
     objectives, poses = [observed(frame, body) for frame in FRAMES], [clip().poses[frame] for frame in FRAMES]
     placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
-    assert (
-        reacquire(LimbAppearance(body), poses, objectives, placed, told(poses, shared(known()), SURE), (None, None))
-        is None
-    )
+    passes = told(poses, shared(known()), SURE)
+    assert reacquire(LimbAppearance(body), poses, objectives, placed, passes, (None, None), 1.0) is None
     doubtful = SURE.copy()
     doubtful[3, LIMBS[1][2]] = True
     again = reacquire(
-        LimbAppearance(body), poses, objectives, placed, told(poses, shared(known()), doubtful), (None, None)
+        LimbAppearance(body), poses, objectives, placed, told(poses, shared(known()), doubtful), (None, None), 1.0
     )
     assert again is not None
     assert np.flatnonzero(again.lost.any(axis=0)).tolist() == list(LIMBS[1])
@@ -328,7 +340,7 @@ def test_a_limb_that_is_hidden_is_led_from_the_frame_before_to_the_one_after() -
     nothing = [Appearance.unseen(body) for _ in crops(5)]
     unseen: list[list[None]] = [[None] * len(crops(5))] * 3
     passes = PassResults([[end] * 3], np.zeros((3, 16), bool), np.zeros((3, 16), bool), lost, nothing)
-    again = reacquire(LimbAppearance(body), [end] * 3, blind, unseen, passes, (start, end))
+    again = reacquire(LimbAppearance(body), [end] * 3, blind, unseen, passes, (start, end), 1.0)
     assert again is not None
     for share, pose in zip((0.25, 0.5, 0.75), again.poses, strict=True):
         between = swung(start, limb, 0.6 * share)

@@ -10,7 +10,7 @@ import pytest
 from pzcap.body import kinematics
 from pzcap.body.skeleton import DOF_SEGMENT, LIMBS
 from pzcap.tracking.interval_solver import lost
-from pzcap.tracking.limbs import beyond_limits, grounds, mismatch, support, turned
+from pzcap.tracking.limbs import beyond_limits, mismatch, support, turned
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.types import Pose
 from tests.scenes.tracked import clip, observed, true_body
@@ -22,7 +22,7 @@ def differing(objective: PoseObjective, pose: Pose) -> float:
 
 def test_a_limb_seen_by_nobody_has_no_support() -> None:
     body, pose = true_body(), clip().poses[3]
-    assert not support(body, pose, grounds([None] * 4, [None] * 4)).any()
+    assert not support(PoseObjective(body, [None] * 4), pose, [None] * 4).any()
 
 
 def with_somebody(objective: PoseObjective) -> PoseObjective:

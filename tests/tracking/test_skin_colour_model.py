@@ -15,7 +15,7 @@ from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward, place
 from pzcap.body.skeleton import Body
 from pzcap.tracking import visibility
-from pzcap.tracking.limbs import grounds, support
+from pzcap.tracking.limbs import support
 from pzcap.tracking.observation import ViewCrop, place_view, prepare, project
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import Terms
@@ -145,7 +145,7 @@ def test_an_arm_that_was_lost_before_the_trunk_is_worth_more_where_it_is(off_rad
     gain_m2 = []
     for told in (True, False):
         evidence = PoseObjective(body(), views(pose, told=told))
-        maps = grounds(evidence.views, evidence.visibility(evidence.posed(wrong)))
-        here, there = (support(body(), each, maps)[0] for each in (pose, wrong))
+        placed = evidence.visibility(evidence.posed(wrong))
+        here, there = (support(evidence, each, placed)[0] for each in (pose, wrong))
         gain_m2.append((here - there) @ [1.0, -1.0])
     assert gain_m2[0] > gain_m2[1] + 0.004

@@ -24,7 +24,7 @@ from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking.tracker import Tracker, TrackInput, collect
 from pzcap.tracking.tuning import VIEW
-from pzcap.types import SEGMENTS, Array, Image, Keyframe, Pose, PzcapError
+from pzcap.types import SEGMENTS, Array, Image, Keyframe, PzcapError
 from tests.scenes.body_scene import HEIGHT, WIDTH
 from tests.scenes.tracked import (
     CONFIG,
@@ -308,8 +308,8 @@ def test_where_neither_pass_leaps_the_one_that_the_images_bear_out_is_taken(righ
     strays = np.sin(np.pi * np.arange(1, len(true) + 1) / (len(true) + 1))
     away = [step(lost(pose, arm, 0.6 * far)) for pose, far in zip(poses[1:-1], strays, strict=True)]
 
-    def score(frame: int, pose: Pose) -> Array:
-        return np.full(4, 0.1 if pose is true[frame].pose else 0.0)
+    def score(one: int, _frame: int) -> Array:
+        return np.full(4, 0.1 if one == right else 0.0)
 
     passes = (true, away) if right == 0 else (away, true)
     merged, _ = fuse(body, poses[0], *passes, poses[-1], score)
