@@ -105,6 +105,24 @@ def _smooth(image: Image) -> Image:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7), np.uint8)
 
 
+def timed(views: Views, clock: Array) -> Views:
+    """The ``views`` exposed by ``clock`` (C,), frame periods."""
+    return tuple(
+        view if view is None else replace(view, exposure=view.exposure._replace(clock=float(one)))
+        for view, one in zip(views, clock, strict=True)
+    )
+
+
+def _belief(evidence: Float32, skin: Image) -> Float32:
+    """The belief of a crop, from its ``evidence`` (h / 2, w / 2), log-odds, and the probability (h, w), 0..255, of the
+    colours of ``skin``. Where it has those, it is no sure hall: an arm may be before wood."""
+    size = skin.shape[1] // VIEW.belief_scale, skin.shape[0] // VIEW.belief_scale
+    odds = np.clip(evidence / VIEW.full_log_odds, -1.0, 1.0)
+    belief = cv2.resize(odds, size, interpolation=cv2.INTER_AREA)
+    bare = cv2.resize(skin, size, interpolation=cv2.INTER_AREA) / 127.5 - 1.0
+    return np.asarray(np.where(belief < 0.0, belief * (1.0 - np.maximum(bare, 0.0)), belief), np.float32)
+
+
 def crop_view(
     body: Body, view: ViewInput, pose: Pose, margin: float, skin_colours: SkinColourModel, lost: bool = False
 ) -> ViewCrop | None:
@@ -119,10 +137,9 @@ def crop_view(
         return None
     left, top, right, bottom = window
     part = np.s_[top:bottom, left:right]
-    odds = silhouette.evidence[top // 2 : bottom // 2, left // 2 : right // 2] / VIEW.full_log_odds
-    size = ((right - left) // VIEW.belief_scale, (bottom - top) // VIEW.belief_scale)
-    belief = np.asarray(cv2.resize(np.clip(odds, -1.0, 1.0), size, interpolation=cv2.INTER_AREA), np.float32)
     image, probability = view.image[part], silhouette.probability[part]
+    skin = skin_colours.arms(image, np.full_like(probability, 255))
+    belief = _belief(silhouette.evidence[top // 2 : bottom // 2, left // 2 : right // 2], skin)
     others = silhouette.others[top // 2 : bottom // 2, left // 2 : right // 2].copy()
     hers = probability
     if others.any():

@@ -17,7 +17,7 @@ from pzcap.body.kinematics import forward, place
 from pzcap.tracking.bidirectional_fusion import fuse
 from pzcap.tracking.frame_tracker import FrameTracker, fit_pose
 from pzcap.tracking.interval_solver import misplaced
-from pzcap.tracking.observation import ViewCrop, prepare
+from pzcap.tracking.observation import ViewCrop, crop_view, prepare
 from pzcap.tracking.pose_objective import PoseEquations, PoseObjective, px_per_m
 from pzcap.tracking.settings import Round, Terms, TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, learn
@@ -142,6 +142,26 @@ def test_the_colours_of_the_arms_are_known_from_the_first_keyframe_on() -> None:
     views = [tracker.push(item) and len(told) for item in inputs()[:2]]
     assert max(told[: views[0]]) <= UNKNOWN
     assert min(told[views[0] :]) > 220
+
+
+def test_what_has_the_colours_of_arms_is_no_sure_hall() -> None:
+    """A wall of wood behind an arm that is as brown; what is surely the athlete stays so."""
+
+    class Alike(SkinColourModel):
+        def __init__(self, likely: int) -> None:
+            self.likely = likely
+
+        def arms(self, image: Image, silhouette: Image) -> Image:
+            del image
+            return np.full_like(silhouette, self.likely)
+
+    view = inputs()[0].views[0]
+    assert view is not None
+    crops = [crop_view(taped(), view, clip().poses[0], 0.1, Alike(likely)) for likely in (0, 191, 255)]
+    unlike, half, sure = (crop.belief for crop in crops if crop is not None)
+    assert unlike.min() < -0.9
+    np.testing.assert_allclose(half[unlike < 0.0], 0.5 * unlike[unlike < 0.0], atol=0.01)
+    np.testing.assert_allclose(sure, np.maximum(unlike, 0.0), atol=1e-6)
 
 
 def test_no_keyframe_is_a_clear_error() -> None:
