@@ -12,6 +12,8 @@ class PosingTuning(NamedTuple):
     limit_rad: float = 0.02  # standard deviation beyond a joint's limits
     strongest: float = 8.0
     """Sigmas; a hand that is further off pulls no harder, or a joint would give way beyond its limits."""
+    grip: float = 2.0  # sigmas; a pose that is left by more is held less
+    begun: float = 3.0  # times as loosely a pose is held that is none of this instant
     nearest_m: float = 0.2  # before the camera; what is nearer, or behind it, no click bears on
     ready_m: float = 0.12  # a pose whose joints are all known to this is one to track from
     longest: float = 2.0  # of a step, in what each degree of freedom gives way by
