@@ -3,8 +3,8 @@
 A click says where a joint, or an end of the body, is seen in one view, with a standard deviation. All clicks of a frame
 are fitted together by damped Gauss-Newton steps on the pose's 43 numbers, with the limits of the joints and the arms
 kept out of the trunk, and the pose as it was when the hand took hold of it: loosely, a shoulder's radian cheap and the
-pelvis's dear, and the less the further it is left. So an arm follows a hand that is dragged and the trunk stays, what no
-click bears on stays as it was, and what clicks do fix is fitted to them however far it was off.
+pelvis's dear, and the less the further it is left. So an arm follows a hand that is dragged and the trunk stays, what
+no click bears on stays as it was, and what clicks do fix is fitted to them however far it was off.
 """
 
 from __future__ import annotations

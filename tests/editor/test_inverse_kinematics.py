@@ -83,7 +83,7 @@ def test_an_arm_follows_its_hand_and_the_rest_stays() -> None:
 
 @pytest.mark.parametrize(("frame", "views"), [(3, (1, 3)), (9, (0, 2))])
 def test_two_opposite_views_leave_the_depth_as_it_was(frame: int, views: tuple[int, int]) -> None:
-    """The athlete stands all but on the line between the cameras: where on it, noise would say otherwise, by a metre."""
+    """The athlete stands all but on the line between the cameras; noise would move the wrist along it by a metre."""
     problem, start = edited.problem(frame), edited.true_pose(frame)
     wrist, before = HANDLES.index("left_wrist"), problem.handles(start)
     for seed in range(3):
