@@ -51,6 +51,10 @@ class Workspace(Edits):
         self.folder = capture.folder / FOLDER
         self._motion_file = MotionFile(self.folder / _MOTION, digest_of(found.motion))
         kept = self._motion_file.load(len(self.sets))
+        self.by_keypoints = (
+            found.motion is not None and bool(found.motion.valid.any()) and not len(found.motion.keyframes)
+        )
+        """True if the body was tracked without any keyframe of a hand."""
         self.motion = kept or found.motion or resolve.untracked(len(self.sets))
         self.difference: resolve.Difference | None = None
         self._touched: dict[int, int] = {}  # version in which a frame was changed last
