@@ -41,6 +41,7 @@ class FrameLocalised:
 
     frames: FrameSet
     localisations: tuple[Localisation | None, ...]  # one a camera; None where there is no frame or no camera
+    second_fields: FrameLocalised | None = None  # half a frame period later; None where all views are whole frames
     seconds: float = 0.0
 
 

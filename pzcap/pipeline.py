@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Final
 
@@ -193,11 +193,18 @@ def follow(
         yield segmented
         if tracker:
             yield _timed(partial(tracker.push, track_input(segmented)))
+            if tracker.by_fields and seen.second_fields is not None:
+                yield _timed(partial(_track_between, seen.second_fields, segment, tracker))
         if frames.index % TIDY_EVERY == 0:
             give_back()
         yield Progress("motion", frames.index + 1, len(sets))
     if tracker:
         yield _timed(tracker.finish)
+
+
+def _track_between(seen: FrameLocalised, segment: Segment, tracker: Tracker) -> list[Tracked]:
+    """Stages 5 and 6 of second fields, which halve the way from one pose to the next."""
+    return tracker.push(replace(track_input(segment(seen, tracker)), second_field=True))
 
 
 def _timed(track: Callable[[], list[Tracked]]) -> BodyTracked:

@@ -72,7 +72,8 @@ def body_tracker(
                 "with the silhouettes; pose one frame by hand (keyframes.json), or run another detector"
             )
             return None
-    return Tracker(body, sorted([*sets.keyframes, *found], key=lambda key: key.frame), config)
+    keys = sorted([*sets.keyframes, *found], key=lambda key: key.frame)
+    return Tracker(body, keys, config, sets.interlaced and config.second_fields)
 
 
 def keyframes_from_keypoints(

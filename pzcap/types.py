@@ -175,7 +175,7 @@ class FrameSet:
     keypoints: tuple[Array, ...] = ()  # one a camera, (P, 26, 3) as in `pzcap.io.detections`; none: no camera has any
     # one a camera, frame periods from the instant of the frame set to that of the picture, by its stamp; none: all 0
     late: tuple[float, ...] = ()
-    # one a camera, the second field of an interlaced frame, half a frame period after the image; none: all are whole
+    # one a camera, the second field of an interlaced frame, half a frame period after the image; none: no camera is
     second_fields: tuple[Image | None, ...] = ()
 
 

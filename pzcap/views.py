@@ -65,13 +65,18 @@ class ViewLocaliser:
         ]  # fmt: skip
 
     def __call__(self, frames: FrameSet, tracker: Expecting | None) -> FrameLocalised:
-        """Localise ``frames``, and put their rows right; ``tracker``, where there is one, says where it expects the
-        body."""
+        """Localise ``frames``, and put their rows right, those of the second fields by themselves; ``tracker``, where
+        there is one, says where it expects the body."""
         started = time.perf_counter()
         one = partial(self._one, frames.index, tracker)
         second = frames.second_fields or (None,) * len(frames.images)
-        found = tuple(self._pool.map(one, range(len(frames.images)), frames.images, second))
-        return replace(self.as_found(replace(frames, second_fields=()), found), seconds=time.perf_counter() - started)
+        found = self._pool.map(one, range(len(frames.images)), frames.images, second)
+        first, later = zip(*found, strict=True)
+        seen = self.as_found(replace(frames, second_fields=()), first)
+        if frames.second_fields:
+            fields = replace(frames, images=second, second_fields=(), keypoints=())
+            seen = replace(seen, second_fields=self.as_found(fields, later))
+        return replace(seen, seconds=time.perf_counter() - started)
 
     def as_found(self, frames: FrameSet, found: tuple[Localisation | None, ...]) -> FrameLocalised:
         """``frames`` that were ``found`` before, their rows put right."""
@@ -95,10 +100,11 @@ class ViewLocaliser:
 
     def _one(
         self, frame: int, tracker: Expecting | None, index: int, image: Image | None, second: Image | None
-    ) -> Localisation | None:
+    ) -> tuple[Localisation | None, Localisation | None]:
+        """A view of a frame, and its second field where it has one."""
         localiser, head, history = self.localisers[index], self._heads[index], self.histories[index]
         if localiser is None or head is None or history is None or image is None:
-            return None
+            return None, None
 
         def hidden(prior: Localisation) -> Mask | None:
             camera = of_frame(head, prior)
@@ -107,13 +113,15 @@ class ViewLocaliser:
 
         prior = history.predicted()
         localisation: Localisation = localiser.localise(image, prior, hidden)
+        later: Localisation | None = None
         if second is not None and localisation.valid:
             later = localiser.localise(second, expected_second(history, localisation), hidden)
             if later.valid:
                 there = np.array([later.pan_rad, np.log(later.focal_px)])
                 localisation = replace(localisation, second_field=there)
         self.histories[index] = history.followed_by(localisation, prior)
-        return replace(localisation, readout=history.readout.share)
+        share = history.readout.share
+        return replace(localisation, readout=share), None if later is None else replace(later, readout=share)
 
 
 def segment_views(

@@ -17,10 +17,11 @@ from pzcap.camera_set import taken_over
 from pzcap.events import BodyTracked, Finished, FrameLocalised, FrameSegmented
 from pzcap.extras import reconstruct as extras
 from pzcap.io import results
-from pzcap.io.capture import read_capture
+from pzcap.io.capture import frame_sets, read_capture
 from pzcap.localisation.covariance import systematic
 from pzcap.pipeline import Config, reconstruct, stages
-from pzcap.types import Capture, PzcapError, Reconstruction
+from pzcap.types import Capture, Pose, PzcapError, Reconstruction
+from tests.scenes.recorders import encode
 
 RECONSTRUCT = """
 import sys
@@ -244,3 +245,47 @@ def test_the_paper_method_runs_on_the_same_footage(capture: Capture) -> None:
 def test_a_method_that_the_core_has_not_is_said_in_one_line(capture: Capture) -> None:
     with pytest.raises(PzcapError, match=r"method 'paper' .* pzcap.extras"):
         reconstruct(capture, Config(panzoom=PanZoomConfig(method="paper")))
+
+
+def woven(capture: Capture, found: Reconstruction, folder: Path) -> Capture:
+    """The capture's motion as cameras record it that weave two fields into a frame, at half the frame rate; posed by
+    hand where it was ``found`` in its first and its last frame."""
+    assert found.motion is not None
+    rate, instants = capture.frame_rate / 2, [frames.images for frames in frame_sets(capture)]
+    pairs, cameras = list(zip(instants[::2], instants[1::2], strict=False)), []
+    for camera, files in enumerate(capture.cameras):
+        frames, times_s = [], []
+        for number, (first, second) in enumerate(pairs):
+            even, odd = first[camera], second[camera]
+            if even is not None and odd is not None:
+                frames.append(even.copy())
+                frames[-1][1::2] = odd[1::2]
+                times_s.append(float(number / rate))
+        path = encode(
+            folder / f"{files.name}.mp4", frames, rate, timecode="01:00:00:00", times_s=times_s,
+            options={"x264-params": "tff=1", "crf": "2"},
+        )  # fmt: skip
+        cameras.append(dataclasses.replace(files, motion=path))
+    poses = {
+        f"01:00:00:{number:02d}": Pose(found.motion.root_position_m[2 * number], found.motion.rotations[2 * number])
+        for number in (0, len(pairs) - 1)
+    }
+    return dataclasses.replace(capture, cameras=tuple(cameras), frame_rate=rate, keyframe_poses=poses)
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_both_fields_of_interlaced_video_are_tracked(
+    capture: Capture, reconstruction: Reconstruction, tmp_path: Path
+) -> None:
+    """They are as near to each other in time as the frames that they are made of; told are frames alone."""
+    events = list(stages(woven(capture, reconstruction, tmp_path), Config(), cameras=reconstruction))
+    last = events[-1]
+    assert isinstance(last, Finished)
+    found, whole = last.reconstruction.motion, reconstruction.motion
+    assert found is not None
+    assert whole is not None
+    frames = len(found.joints_m)
+    assert frames == len(reconstruction.timecodes) // 2
+    assert sum(isinstance(event, BodyTracked) for event in events) == 2 * frames + 1  # and the end
+    off = np.linalg.norm(found.joints_m - whole.joints_m[: 2 * frames : 2], axis=2)
+    assert off.mean() < 0.005

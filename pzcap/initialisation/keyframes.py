@@ -45,7 +45,7 @@ def find_keyframes(
     for _ in range(FIT.rounds):
         body = replace(body, landmarks=pose_fit.learned_landmarks(usual, body, poses, sightings, config))
         poses = pose_fit.fit(body, sightings, poses, config)
-    speeds = sequence_velocities([forward(body, pose) for pose in poses])
+    speeds = sequence_velocities([forward(body, pose) for pose in poses], 1.0)
     candidates, variances = {}, {}
     for frame, (pose, seen) in enumerate(zip(poses, sightings, strict=True)):
         known = pose_fit.known(body, pose, seen, config)

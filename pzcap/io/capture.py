@@ -163,7 +163,8 @@ def _check_videos(camera: CameraFiles) -> None:
 class FrameSets:
     """The recordings of the motion, brought together by their clocks. See `frame_sets`.
 
-    ``len()`` is the number of frame sets, ``timecodes`` names each, ``keyframes`` holds the poses set by hand.
+    ``len()`` is the number of frame sets, ``timecodes`` names each, ``keyframes`` holds the poses set by hand;
+    ``interlaced``: so is a recording.
     """
 
     def __init__(
@@ -175,6 +176,7 @@ class FrameSets:
         self._pictures = [dict(zip(each.clock.tolist(), each.picture.tolist(), strict=True)) for each in clocks]
         late = [dict(zip(each.clock.tolist(), each.late.tolist(), strict=True)) for each in clocks]
         self._late = late if any(each.late.any() for each in clocks) else []
+        self.interlaced = any(reader is not None and reader.interlaced for reader in readers)
         self._first = first  # of the first frame set, on the common clock
         self.timecodes = timecodes
         self.keyframes: tuple[Keyframe, ...] = ()
@@ -198,7 +200,7 @@ class FrameSets:
                 if index + 1 < stop:
                     ahead = [pool.submit(next, view) for view in views]
                 late = tuple(each.get(self._first + index, 0.0) for each in self._late)
-                fields = second if any(one is not None for one in second) else ()
+                fields = second if self.interlaced else ()
                 yield FrameSet(index, self.timecodes[index], images, self.people(index), late, fields)
 
     def people(self, index: int) -> tuple[Array, ...]:

@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pzcap.body.kinematics import difference, retract
-from pzcap.body.skeleton import DOF, LIMBS, Body
+from pzcap.body.skeleton import DOF, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance
-from pzcap.tracking.bidirectional_fusion import choose
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.camera_refinement import MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
@@ -25,12 +24,12 @@ from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import Placed, Views
 from pzcap.tracking.pixel_time import ClockEstimate, ClockSystem
 from pzcap.tracking.pose_objective import PosedBody, PoseObjective, in_motion
-from pzcap.tracking.reacquisition import PassResults, reacquire
+from pzcap.tracking.reacquisition import PassResults, accepted, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
-from pzcap.tracking.tuning import CLOCK, REACQUISITION
-from pzcap.types import Array, Keyframe, Mask, Pose
+from pzcap.tracking.tuning import CLOCK
+from pzcap.types import Array, Keyframe, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +45,7 @@ class RefinedBatch:
 
 def refine_batch(
     body: Body, poses: Sequence[Pose], views: Sequence[Views], before: Sequence[Pose], key: Keyframe | None,
-    passes: PassResults | None, clocks: ClockEstimate, config: TrackingConfig,
+    passes: PassResults | None, clocks: ClockEstimate, config: TrackingConfig, period: float,
 ) -> RefinedBatch:  # fmt: skip
     """Refine the ``poses`` of consecutive frames, and the ``clocks`` of the cameras as they are known before; in the
     frames ``before`` them the body is held fast. Where the last is a ``key``, the pose that it was given counts there
@@ -55,8 +54,8 @@ def refine_batch(
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
     (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
     """
-    batch = _Batch(body, before, key, clocks, config)
-    objectives = in_motion(body, poses, views)
+    batch = _Batch(body, before, key, clocks, config, period)
+    objectives = in_motion(body, poses, views, period)
     posed, placed = _placed(objectives, poses)
     found = batch.sweep(objectives, posed, placed, mean_appearances(body, views, placed))
     for _ in range(CLOCK.rounds):  # a skin that was sampled at wrong poses, or by wrong clocks, holds these back
@@ -74,7 +73,7 @@ def refine_batch(
         return found
     other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference)
     pairs = [(here.pose, there.pose) for here, there in zip(found.frames, other.frames, strict=True)]
-    chosen = _chosen(limbs, before[-1], pairs, other.objectives, again.lost, again.reference)
+    chosen = accepted(limbs, before[-1], pairs, other.objectives, again, passes.agreed)
     # where limbs of the two meet, the motion leaps: a third sweep smooths it
     return batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
 
@@ -94,6 +93,7 @@ class _Batch:
     key: Keyframe | None  # of the last of them
     clocks: ClockEstimate  # as they are known from other intervals
     config: TrackingConfig
+    period: float  # frame periods from an instant to the next
 
     def sweep(
         self, objectives: Sequence[PoseObjective], posed: Sequence[PosedBody], placed: Sequence[Placed],
@@ -108,7 +108,7 @@ class _Batch:
         for count in range(config.polishing_sweeps):
             if count:
                 drapes = [each.drape for each in objectives]
-                objectives = in_motion(self.body, poses, [each.views for each in objectives])
+                objectives = in_motion(self.body, poses, [each.views for each in objectives], self.period)
                 objectives = [replace(each, drape=drape) for each, drape in zip(objectives, drapes, strict=True)]
                 posed = [each.posed(pose) for each, pose in zip(objectives, poses, strict=True)]
             gradients, cost, normals = [], 0.0, {}
@@ -135,7 +135,9 @@ class _Batch:
             gradients = [each - cross @ ticked for each, cross in zip(gradients, crosses, strict=True)]
             chain = [*self.before, *poses]
             ties = contacts(self.body, chain) if config.contacts else []
-            steps = smooth_step(poses, hessians, gradients, config.acceleration_sigma, self.before, ties)
+            # forces that change at random: how far they throw a body off grows as the time to the power of 3/2
+            jerky = config.acceleration_sigma * self.period**1.5
+            steps = smooth_step(poses, hessians, gradients, jerky, self.before, ties)
             steps = steps.clip(-0.5, 0.5)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
             objectives = [
@@ -156,17 +158,3 @@ def clocks_of(objectives: Sequence[PoseObjective]) -> Array:
             if view is not None:
                 clocks[c] = view.exposure.clock
     return clocks
-
-
-def _chosen(
-    limbs: LimbAppearance, before: Pose, pairs: Sequence[tuple[Pose, Pose]], objectives: Sequence[PoseObjective],
-    lost: Mask, reference: Appearances,
-) -> list[Pose]:  # fmt: skip
-    """The first pose of each pair, but limbs that were ``lost`` (t, 16) in the first frames as the second has them,
-    where that scores clearly more. Both are judged through the same cameras, of the ``objectives``."""
-    gain = np.zeros((len(lost), len(LIMBS)))
-    for t in np.flatnonzero(lost.any(axis=1)).tolist():
-        here, there = (limbs.score(pose, objectives[t], reference) for pose in pairs[t])
-        gain[t] = there - here - REACQUISITION.least_gain_m2
-    one, other = zip(*pairs, strict=True)
-    return choose(limbs.body, before, one, other, lost, gain)

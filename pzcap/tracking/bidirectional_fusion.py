@@ -54,17 +54,17 @@ def fuse(
 
 
 def choose(
-    body: Body, before: Pose, one: Sequence[Pose], other: Sequence[Pose], where: Mask, gain: Array
+    body: Body, before: Pose, one: Sequence[Pose], other: Sequence[Pose], least_m: Array, gain: Array
 ) -> list[Pose]:
-    """The poses of ``one``, but limbs as ``other`` has them, ``where`` (t, 16) that is allowed in the first frames, the
-    two differ, the ``gain`` (t, 4), square metres, is worth it and it is no leap from the frames beside.
+    """The poses of ``one``, but limbs as ``other`` has them where, in the first frames, the two differ by ``least_m``
+    (t, 16), the ``gain`` (t, 4), square metres, is worth it and it is no leap from the frames beside.
 
     ``before`` is the pose before the first.
     """
     positions = np.array([[joints(body, pose) for pose in (before, *poses)] for poses in (one, other)])
     positions = np.append(positions, 2.0 * positions[:, -1:] - positions[:, -2:-1], axis=1)  # extrapolated by a frame
-    apart = np.linalg.norm(positions[0] - positions[1], axis=2)[1 : len(where) + 1]
-    differ, poses = where & (apart > FUSION.apart_m), list(one)
+    apart = np.linalg.norm(positions[0] - positions[1], axis=2)[1 : len(least_m) + 1]
+    differ, poses = apart > least_m, list(one)
     for limb, members in enumerate(LIMBS):
         for run in runs(differ[:, list(members)].any(axis=1)):
             gains = np.stack([np.zeros(len(run)), gain[run.start : run.stop, limb] / FUSION.leap_m2])

@@ -44,7 +44,7 @@ class PoseEstimate:
 class FrameEstimate(PoseEstimate):
     """One direction's estimate of one instant. The information is that of the images alone."""
 
-    velocity: Array  # (43,) tangent a frame
+    velocity: Array  # (43,) tangent, from an instant to the next
     views: Views  # as they were taken
     lost: float  # probability that the whole body is elsewhere
     variance: Array  # (16,) relative, of each segment
@@ -65,12 +65,13 @@ class PoseFit:
 
 
 class FrameTracker:
-    """Tracks the body in one direction of time from a keyframe: forward, or by ``direction`` -1 backward."""
+    """Tracks the body from a keyframe, an instant every ``period`` frame periods: forward in time, or backward where
+    that is negative."""
 
     def __init__(
-        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, views: Views, direction: int = 1
+        self, body: Body, config: TrackingConfig, pose: Pose, velocity: Array, views: Views, period: float = 1.0
     ) -> None:
-        self.body, self.config, self._direction = body, config, direction
+        self.body, self.config, self._period = body, config, period
         self.pose, self.velocity, self.age = pose, velocity, 0
         self.prediction_error_m = FRAME.error_m  # of the joints, lately
         self.lost = 0.0  # probability that the whole body is elsewhere
@@ -93,10 +94,10 @@ class FrameTracker:
     def speed(self, pose: Pose) -> Array:
         """Velocities (16, 6) of the segments, forward in time, if they go on through a ``pose`` as they did so far."""
         came_from = forward(self.body, retract(pose, -self.velocity))
-        return velocities(came_from, forward(self.body, pose), self._direction)
+        return velocities(came_from, forward(self.body, pose), self._period)
 
     def step(self, views: Views) -> FrameEstimate:
-        """Move on by one frame."""
+        """Move on by one instant."""
         config, predicted = self.config, self.predict()
         self.age += 1
         if all(view is None for view in views):  # nothing was seen: coast, slow down, and be less sure with every frame

@@ -51,11 +51,12 @@ class Tracked:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instant:
-    """A frame after a keyframe, as the forward pass has it."""
+    """An instant after a keyframe, as the forward pass has it."""
 
     frame: int
     views: Views
     forward: FrameEstimate
+    second_field: bool = False  # half a frame period after the frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +72,7 @@ class Anchor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntervalProblem:
-    """The frames between two keyframes, for `solved`."""
+    """The instants between two keyframes, for `solved`."""
 
     estimate: BodyEstimate
     clocks: ClockEstimate
@@ -80,6 +81,7 @@ class IntervalProblem:
     reference: Appearances  # of the skin beside the keyframe that the interval began with, a view each
     anchor: Anchor | None  # the keyframe that ends them; None: none does
     config: TrackingConfig
+    period: float  # frame periods from an instant to the next
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,9 +107,9 @@ def solved(problem: IntervalProblem) -> IntervalResult:
         keyframe = tracked(problem.estimate, config, anchor.key.frame, trusted(anchor.key, fit))
         return IntervalResult([keyframe], problem.estimate, problem.clocks, [fit.pose], report)
     poses, views, disagreement, passes = _passes(problem)
-    numbers = [each.frame for each in problem.instants]
+    frames_of = [None if each.second_field else each.frame for each in problem.instants]
     if anchor is not None:  # a frame like the others, with the hand's pose as prior
-        numbers, views = [*numbers, anchor.key.frame], [*views, anchor.views]
+        frames_of, views = [*frames_of, anchor.key.frame], [*views, anchor.views]
         poses, disagreement = [*poses, anchor.fit.pose], np.vstack([disagreement, np.zeros(len(SEGMENTS))])
     batch, estimate = _refined(problem, poses, views, passes)
     frames = list(batch.frames)
@@ -119,8 +121,9 @@ def solved(problem: IntervalProblem) -> IntervalResult:
             lost(objective, found.pose),
         )
         for number, found, apart, objective, cameras in zip(
-            numbers, frames, disagreement, batch.objectives, batch.cameras, strict=True
+            frames_of, frames, disagreement, batch.objectives, batch.cameras, strict=True
         )
+        if number is not None
     ]  # fmt: skip
     return IntervalResult(
         done, estimate, batch.clocks, [*problem.before, *(found.pose for found in frames)][-2:], batch.report
@@ -191,14 +194,14 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], list[Views], Array, P
         poses, agreed = [each.pose for each in ahead], np.zeros((len(ahead), len(SEGMENTS)))
         nowhere: Mask = agreed > 0.0
         views = [each.views for each in ahead]
-        return poses, views, agreed, PassResults([poses], nowhere, nowhere, shared(problem.reference))
-    tracker = FrameTracker(body, problem.config, anchor.fit.pose, -anchor.velocity, anchor.views, -1)
+        return poses, views, agreed, PassResults([poses], nowhere, nowhere, nowhere, shared(problem.reference))
+    tracker = FrameTracker(body, problem.config, anchor.fit.pose, -anchor.velocity, anchor.views, -problem.period)
     back = [tracker.step(instant.views) for instant in reversed(problem.instants)][::-1]
     pairs = zip(problem.reference, tracker.reference, strict=True)
     reference = shared([one.with_other(other) for one, other in pairs])
     limbs = LimbAppearance(body, problem.config.appearance_score)
     views = [(b if a.lost > b.lost else a).views for a, b in zip(ahead, back, strict=True)]
-    moving = in_motion(body, [each.pose for each in ahead], views)
+    moving = in_motion(body, [each.pose for each in ahead], views, problem.period)
 
     def score(t: int, pose: Pose) -> Array:
         return limbs.score(pose, moving[t], reference)
@@ -206,23 +209,27 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], list[Views], Array, P
     poses, disagreement = fuse(body, before, ahead, back, anchor.fit.pose, score)
     doubtful = discontinuous(body, before, poses, anchor.fit.pose, disagreement)
     both = [[each.pose for each in one] for one in (ahead, back)]
-    return poses, views, disagreement, PassResults(both, disagreement > 0.0, doubtful, reference)
+    return poses, views, disagreement, PassResults(both, disagreement > 0.0, disagreement == 0.0, doubtful, reference)
 
 
 def _refined(
     problem: IntervalProblem, poses: Sequence[Pose], views: Sequence[Views], passes: PassResults
 ) -> tuple[RefinedBatch, BodyEstimate]:
     """Refine the poses of an interval, and the body with them. A keyframe that ends it has been accumulated before."""
-    config, estimate, before = problem.config, problem.estimate, problem.before
+    config, estimate, period = problem.config, problem.estimate, problem.period
     key = None if problem.anchor is None else problem.anchor.key
+
+    def refine(body: Body, passes: PassResults | None) -> RefinedBatch:
+        return refine_batch(body, poses, views, problem.before, key, passes, problem.clocks, config, period)
+
     if not config.shape_weight:
-        return refine_batch(estimate.body, poses, views, before, key, passes, problem.clocks, config), estimate
+        return refine(estimate.body, passes), estimate
     some = slice(None, None if key is None else -1, SHAPE.stride)
     for left in reversed(range(config.shape_rounds)):
-        equations = estimate.accumulate(poses[some], in_motion(estimate.body, poses, views)[some], config)
+        equations = estimate.accumulate(poses[some], in_motion(estimate.body, poses, views, period)[some], config)
         estimate = estimate.solve(equations)
         # to reacquire limbs takes long: in the last round alone
-        batch = refine_batch(estimate.body, poses, views, before, key, None if left else passes, problem.clocks, config)
+        batch = refine(estimate.body, None if left else passes)
         poses, views = [each.pose for each in batch.frames], [each.views for each in batch.objectives]
     return batch, estimate.commit(equations)
 

@@ -56,11 +56,12 @@ def velocities(before: Array, after: Array, periods: float) -> Array:
     return np.hstack([moved, turned(before, after)]) / periods
 
 
-def sequence_velocities(frames: Sequence[Array]) -> list[Array]:
-    """`velocities` (16, 6) at each of successive instants (16, 4, 4): from the one before to the one after."""
+def sequence_velocities(frames: Sequence[Array], period: float) -> list[Array]:
+    """`velocities` (16, 6) at each of successive instants (16, 4, 4), one every ``period`` frame periods: from the one
+    before to the one after."""
     last = len(frames) - 1
     pairs = [(max(t - 1, 0), min(t + 1, last)) for t in range(len(frames))]
-    return [velocities(frames[a], frames[b], max(b - a, 1)) for a, b in pairs]
+    return [velocities(frames[a], frames[b], period * max(b - a, 1)) for a, b in pairs]
 
 
 def exposed(skin: SkinPoints, world_T_segment: Array, velocity: Array, camera: Camera, exposure: Exposure) -> Array:
@@ -173,7 +174,7 @@ class ClockEstimate:
         """Estimate before any image: each known to ``sigma``, their mean to be 0."""
         return ClockEstimate(np.zeros(cameras), np.eye(cameras) / max(sigma, 1e-6) ** 2 + CLOCK.together)
 
-    def after(self, periods: int) -> ClockEstimate:
+    def after(self, periods: float) -> ClockEstimate:
         """The estimate so many frame periods later: clocks drift."""
         drifted = np.linalg.inv(self.information) + (CLOCK.drift * periods) ** 2 * np.eye(len(self.clock))
         return replace(self, information=np.asarray(np.linalg.inv(drifted), np.float64))

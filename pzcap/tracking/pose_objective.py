@@ -256,9 +256,9 @@ def camera_moves(view: ViewCrop, prior: CameraPrior, posed: PosedBody) -> Array:
     return segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, posed.centre)
 
 
-def in_motion(body: Body, poses: Sequence[Pose], views: Sequence[Views]) -> list[PoseObjective]:
-    """The objectives of successive instants, the body moving as the ``poses`` say."""
-    speeds = sequence_velocities([forward(body, pose) for pose in poses])
+def in_motion(body: Body, poses: Sequence[Pose], views: Sequence[Views], period: float) -> list[PoseObjective]:
+    """The objectives of instants, one every ``period`` frame periods, the body moving as the ``poses`` say."""
+    speeds = sequence_velocities([forward(body, pose) for pose in poses], period)
     return [PoseObjective(body, each, speed) for each, speed in zip(views, speeds, strict=True)]
 
 

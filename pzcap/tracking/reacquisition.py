@@ -22,7 +22,7 @@ from pzcap.body.kinematics import difference, retract
 from pzcap.body.skeleton import LIMBS
 from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
-from pzcap.tracking.bidirectional_fusion import runs, with_segments
+from pzcap.tracking.bidirectional_fusion import choose, runs, with_segments
 from pzcap.tracking.limbs import POSTURES, grounds, support, turn_to, turned
 from pzcap.tracking.observation import Placed
 from pzcap.tracking.pose_objective import PoseObjective
@@ -42,6 +42,7 @@ class PassResults:
 
     poses: list[list[Pose]]  # of each pass
     disputed: Mask  # (T, 16) segments that they do not agree about
+    agreed: Mask  # (T, 16) segments that they agree about; none, if there was one pass
     doubtful: Mask  # (T, 16) those of them at or beside a leap
     reference: Appearances  # of the skin in each view, beside the keyframes
 
@@ -85,6 +86,23 @@ def reacquire(
         return None
     candidates = list(zip(poses, *passes.poses, strict=True))
     return Reacquired(_found(limbs, candidates, objectives, reference, lost, around), lost @ _OF_LIMB, reference)
+
+
+def accepted(
+    limbs: LimbAppearance, before: Pose, pairs: Sequence[tuple[Pose, Pose]], objectives: Sequence[PoseObjective],
+    again: Reacquired, agreed: Mask,
+) -> list[Pose]:  # fmt: skip
+    """The first pose of each pair, but limbs that were lost in the first frames as the second has them, where that
+    scores well, and clearly more. Both are judged through the same cameras, of the ``objectives``. Where the passes
+    have ``agreed`` (t, 16), it must lie elsewhere by more than loose clothes explain."""
+    gain = np.full((len(again.lost), len(LIMBS)), -np.inf)
+    for t in np.flatnonzero(again.lost.any(axis=1)).tolist():
+        here, there = (limbs.score(pose, objectives[t], again.reference) for pose in pairs[t])
+        worth = there - here - REACQUISITION.least_gain_m2
+        gain[t] = np.where(there > REACQUISITION.least_score_m2, worth, -np.inf)
+    least_m = np.where(agreed, REACQUISITION.apart_agreed_m, REACQUISITION.apart_m)
+    one, other = zip(*pairs, strict=True)
+    return choose(limbs.body, before, one, other, np.where(again.lost, least_m, np.inf), gain)
 
 
 def _widened(lost: Mask) -> Mask:

@@ -123,6 +123,8 @@ class TrackingConfig:
     clock_sigma: float = 0.3
     """Frame periods, standard deviation, by which the cameras' clocks are off from each other: timecode alone leaves up
     to half a frame. 0: they are locked to each other."""
+    second_fields: bool = True
+    """Track by both fields of interlaced video: half as far from one pose to the next."""
     contacts: bool = True
     """Tie points at rest on the floor to where they are: a standing foot trembles otherwise."""
     appearance_score: bool = True

@@ -51,6 +51,7 @@ class TrackInput:
 
     frame: int
     views: tuple[ViewInput | None, ...]  # one a camera
+    second_field: bool = False  # half a frame period after the frame
 
 
 class Tracker:
@@ -59,15 +60,20 @@ class Tracker:
     Each interval between keyframes is tracked from both ends, and its frames come when the one after it has been
     tracked forward; cut-outs of two intervals are all that is kept. Before the first keyframe the body is tracked
     backward only, after the last one forward only, and so is what lies further before a keyframe than
-    ``longest_stretch``. Raises PzcapError when there is no keyframe.
+    ``longest_stretch``. ``by_fields``: each frame is followed by its second field, which is tracked as well, halfway to
+    the next. Raises PzcapError when there is no keyframe.
     """
 
-    def __init__(self, body: Body, keyframes: Sequence[Keyframe], config: TrackingConfig) -> None:
+    def __init__(
+        self, body: Body, keyframes: Sequence[Keyframe], config: TrackingConfig, by_fields: bool = False
+    ) -> None:
         if not keyframes:
             raise PzcapError("tracking: no keyframes; pose the body in at least one frame (keyframes.json)")
         if not config.drape:
             body = replace(body, loose_m=np.zeros(len(SEGMENTS)))
         self.body, self.config = body, config  # the body that is tracked with
+        self.by_fields = by_fields
+        self._period = 0.5 if by_fields else 1.0  # frame periods from an instant to the next
         self._keys = {key.frame: key for key in keyframes}
         self._last_key = max(self._keys)
         self._estimate = BodyEstimate.of(self.body)
@@ -75,6 +81,7 @@ class Tracker:
         self._before: Sequence[Pose] = ()  # the last frames before those that wait
         self._solving: Future[IntervalResult] | None = None
         self._ahead: FrameTracker | None = None
+        self._reached: Keyframe | None = None
         self._skin_colours = SkinColourModel()
         self._lead: list[TrackInput] = []  # before the first keyframe
         self._waiting: list[Instant] = []  # since the latest one
@@ -82,8 +89,8 @@ class Tracker:
     def expect(self, frame: int, camera: Camera) -> Expected | None:
         """Prior of the silhouette in a view of the next ``frame``. None before the first keyframe, and where the camera
         does not see the body."""
-        if frame in self._keys:
-            key = self._keys[frame]
+        key = self._keys.get(frame)
+        if key is not None and key is not self._reached:
             pose, sigma_m = key.pose, 2.0 * joint_sigma_m(key, self.body, self.config)
         elif self._ahead is not None and self._ahead.astray:
             return anywhere(self.body, self._ahead.predict(), camera, FRAME.lost_margin)
@@ -94,18 +101,19 @@ class Tracker:
         return expect(self.body, pose, sigma_m, camera, self.config.cut_out_margin)
 
     def push(self, item: TrackInput) -> list[Tracked]:
-        """Take in one instant; what is finished by it, in order."""
-        if item.frame in self._keys:
+        """Take in one instant; the frames that are finished by it, in order."""
+        if item.frame in self._keys and not item.second_field:
             return self._reach_keyframe(item, self._keys[item.frame])
         if self._ahead is None:
             self._lead.append(item)
-            return [] if len(self._lead) <= self.config.longest_lead else [self._unknown(self._lead.pop(0))]
+            too_long = len(self._lead) * self._period > self.config.longest_lead
+            return self._unknown(self._lead.pop(0)) if too_long else []
         views = self._crop(item.views, self._ahead.predict(), self._ahead.astray)
         step = self._ahead.step(views)
         if item.frame > self._last_key:
-            return [*self._solved(), self._tracked(item.frame, step)]
-        self._waiting.append(Instant(item.frame, views, step))
-        if len(self._waiting) < self.config.longest_stretch:
+            return [*self._solved(), *self._tracked(item, step)]
+        self._waiting.append(Instant(item.frame, views, step, item.second_field))
+        if len(self._waiting) * self._period < self.config.longest_stretch:
             return []
         done = self._solved()
         self._solve(None)
@@ -114,8 +122,10 @@ class Tracker:
     def finish(self) -> list[Tracked]:
         """The frames that waited for a keyframe that did not come: the footage has ended."""
         done = self._solved()
-        done += [self._tracked(instant.frame, instant.forward) for instant in self._waiting]
-        done += [self._unknown(item) for item in self._lead]
+        for instant in self._waiting:
+            done += self._tracked(instant, instant.forward)
+        for item in self._lead:
+            done += self._unknown(item)
         self._waiting, self._lead = [], []
         return done
 
@@ -124,11 +134,12 @@ class Tracker:
         found = refit_shape(self._estimate, results) if self.config.shape_refit else results
         return collect(found, list(self._keys.values()), self._estimate.body)
 
-    def _tracked(self, frame: int, found: PoseEstimate) -> Tracked:
-        return tracked(self._estimate, self.config, frame, found)
+    def _tracked(self, at: TrackInput | Instant, found: PoseEstimate) -> list[Tracked]:
+        """The frame as it was ``found``; nothing of a second field, which only serves the tracking."""
+        return [] if at.second_field else [tracked(self._estimate, self.config, at.frame, found)]
 
     def _reach_keyframe(self, item: TrackInput, key: Keyframe) -> list[Tracked]:
-        done = self._solved()
+        self._reached, done = key, self._solved()
         if self._ahead is None and self.config.body_size:
             self._correct_size(item, key)
         views = self._crop(item.views, key.pose)
@@ -146,7 +157,7 @@ class Tracker:
             done += [*self._lead_in(anchor), *first.tracked]
         else:
             self._solve(anchor)
-        self._ahead = FrameTracker(self.body, self.config, fit.pose, velocity, views)
+        self._ahead = FrameTracker(self.body, self.config, fit.pose, velocity, views, self._period)
         return done
 
     def _correct_size(self, item: TrackInput, key: Keyframe) -> None:
@@ -160,11 +171,13 @@ class Tracker:
 
     def _problem(self, instants: Sequence[Instant], anchor: Anchor | None) -> IntervalProblem:
         reference = () if self._ahead is None else self._ahead.reference
-        return IntervalProblem(self._estimate, self._clocks(), self._before, instants, reference, anchor, self.config)
+        return IntervalProblem(
+            self._estimate, self._clocks(), self._before, instants, reference, anchor, self.config, self._period
+        )
 
     def _clocks(self) -> ClockEstimate:
         assert self.clocks is not None, "there has been an instant"
-        return self.clocks.after(len(self._waiting) + 1)
+        return self.clocks.after((len(self._waiting) + 1) * self._period)
 
     def _solve(self, anchor: Anchor | None) -> None:
         """Start to solve what waits, up to ``anchor``. What was being solved has been taken before."""
@@ -182,17 +195,17 @@ class Tracker:
 
     def _lead_in(self, anchor: Anchor) -> list[Tracked]:
         """The frames before the first keyframe, tracked backward from it."""
-        back = FrameTracker(self.body, self.config, anchor.fit.pose, np.zeros(DOF), anchor.views, -1)
+        back = FrameTracker(self.body, self.config, anchor.fit.pose, np.zeros(DOF), anchor.views, -self._period)
         done: list[Tracked] = []
         for item in reversed(self._lead):
-            done.insert(0, self._tracked(item.frame, back.step(self._crop(item.views, back.predict()))))
+            done = [*self._tracked(item, back.step(self._crop(item.views, back.predict()))), *done]
         self._lead = []
         return done
 
-    def _unknown(self, item: TrackInput) -> Tracked:
+    def _unknown(self, item: TrackInput) -> list[Tracked]:
         """A frame too far from any keyframe."""
         nowhere = PoseEstimate(self._keys[min(self._keys)].pose, np.zeros((DOF, DOF)), NO_CONTOUR, False)
-        return self._tracked(item.frame, nowhere)
+        return self._tracked(item, nowhere)
 
     def _crop(self, views: Sequence[ViewInput | None], pose: Pose, astray: bool = False) -> list[ViewCrop | None]:
         if self.clocks is None:

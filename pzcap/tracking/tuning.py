@@ -106,7 +106,6 @@ class FusionTuning(NamedTuple):
     beside_leap: int = 3  # frames around a leap that may be wrong with it
     own_keyframe: float = 2.0  # score of a pass beside its own keyframe: where nothing tells, the leap is in the middle
     leap_m2: float = 0.01  # score of a limb, square metres, that weighs as much as a leap
-    apart_m: float = 0.02  # a limb that was reacquired nearer than this was not lost
 
 
 class IntervalTuning(NamedTuple):
@@ -169,7 +168,10 @@ class ReacquisitionTuning(NamedTuple):
     leap_m: float = 0.08  # motion of a joint in a frame, besides what was expected, that is usual
     leap_m2: float = 0.005  # cost of that in a limb's score; it grows as the square of the length
     worst_leap: float = 10.0  # squares that count at most: an arm that swings moves further, and scores where it is
-    least_gain_m2: float = 0.002  # of a limb that is taken as reacquired: a search finds what looks a little better
+    least_score_m2: float = 0.05  # of a limb that is taken as reacquired: where it is truly, it is mostly well seen
+    least_gain_m2: float = 0.002  # and by which that must be more: a search finds what looks a little better
+    apart_m: float = 0.02  # a limb that was reacquired nearer than this was not lost
+    apart_agreed_m: float = 0.1  # nor one nearer than this that both passes had there: clothes look like a limb beside
 
 
 class ClockTuning(NamedTuple):

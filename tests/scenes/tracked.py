@@ -58,6 +58,11 @@ def inputs_of(filmed: Clip) -> tuple[TrackInput, ...]:
     return tuple(rows)
 
 
+def as_fields(items: Iterable[TrackInput]) -> list[TrackInput]:
+    """The instants as if they were the fields of interlaced frames, two a frame."""
+    return [TrackInput(item.frame // 2, item.views, bool(item.frame % 2)) for item in items]
+
+
 def by_hand(frame: int, seed: int = 0) -> Keyframe:
     """The true pose with a hand's error: 10 mm along each axis, 3 degrees of each degree of freedom."""
     rng = np.random.default_rng(100 * seed + frame)

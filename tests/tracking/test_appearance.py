@@ -22,7 +22,7 @@ from pzcap.tracking.limbs import POSTURES, bounded, grounds, support, turn_to, t
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop
 from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective
-from pzcap.tracking.reacquisition import PassResults, Reacquired, reacquire, smoothest
+from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, reacquire, smoothest
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, learn, shared
 from pzcap.tracking.tuning import REACQUISITION
@@ -153,7 +153,7 @@ def looked_again(
 
 def told(poses: list[Pose], looks: list[Appearance], doubtful: Mask) -> PassResults:
     """Two passes that agree, and are no better."""
-    return PassResults([poses, poses], SURE, doubtful, looks)
+    return PassResults([poses, poses], SURE, ~SURE, doubtful, looks)
 
 
 def test_a_limb_that_was_lost_for_some_frames_is_followed_once_more() -> None:
@@ -182,7 +182,7 @@ def test_what_only_one_pass_has_found_is_taken_up() -> None:
     placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
     off = []
     for other in (poses, true):
-        passes = PassResults([poses, other], SURE, np.ones(SURE.shape, bool), shared(known()))
+        passes = PassResults([poses, other], SURE, SURE, ~SURE, shared(known()))
         again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (far, far))
         assert again is not None
         moved = [
@@ -202,7 +202,8 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
     for passes in (None, told(poses, shared(known()), SURE)):
         ends = [*poses, true[-1]], [*views, views[-1]], true[:1], Keyframe(FRAMES[-1], true[-1])
         found = [
-            each.pose for each in refine_batch(body, *ends, passes, ClockEstimate.of(4, 0.3), TrackingConfig()).frames
+            each.pose
+            for each in refine_batch(body, *ends, passes, ClockEstimate.of(4, 0.3), TrackingConfig(), 1.0).frames
         ]
         moved = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, true, strict=False)]
         off.append(np.linalg.norm(np.array(moved)[:, end], axis=1).max())
@@ -219,7 +220,7 @@ def test_what_the_passes_dispute_is_not_learned_from() -> None:
     other[3, LIMBS[1][2]] = True  # something has to be doubtful
     learned, own = [], np.isin(body.surface.segment, LIMBS[limb])
     for disputed in (SURE, np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)):
-        passes = PassResults([poses, poses], disputed, other, known(range(0)))
+        passes = PassResults([poses, poses], disputed, ~disputed, other, known(range(0)))
         again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (None, None))
         assert again is not None
         learned.append(max(float(look.trust[own].max()) for look in again.reference))
@@ -244,6 +245,30 @@ def test_a_limb_is_found_again_where_only_frames_beside_show_the_way() -> None:
     assert again is not None
     off = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(again.poses, true, strict=True)]
     assert np.linalg.norm(np.array(off)[:, LIMBS[limb][2]], axis=1).max() < 0.08
+
+
+@pytest.mark.parametrize(
+    ("aside_rad", "agreed", "score", "taken"),
+    [(0.9, True, 0.2, True), (0.15, False, 0.2, True), (0.15, True, 0.2, False), (0.9, False, 0.02, False)],
+)
+def test_a_limb_is_taken_where_it_scores_well_and_lies_elsewhere(
+    aside_rad: float, agreed: bool, score: float, taken: bool
+) -> None:
+    """Passes that agree are contradicted by more than the room in clothes alone."""
+    body, limb = true_body(), 0
+    here = [clip().poses[frame] for frame in FRAMES]
+    there = [swung(pose, limb, aside_rad) for pose in here]
+
+    class Told(LimbAppearance):
+        def score(self, pose: Pose, *_: object) -> Array:
+            return np.full(len(LIMBS), score if any(pose is each for each in there) else score - 0.1)
+
+    objectives = [PoseObjective(body, [None] * len(crops(5))) for _ in FRAMES]
+    again = Reacquired(there, np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape), known(range(0)))
+    pairs = list(zip(here, there, strict=True))
+    found = accepted(Told(body), here[0], pairs, objectives, again, np.full(SURE.shape, agreed))
+    off = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, here, strict=True)]
+    assert (np.linalg.norm(np.array(off)[3, LIMBS[limb][2]]) > 0.02) == taken
 
 
 @given(st.integers(0, 3), st.lists(st.floats(-0.4, 0.4), min_size=4, max_size=4))
@@ -302,7 +327,7 @@ def test_a_limb_that_is_hidden_is_led_from_the_frame_before_to_the_one_after() -
     lost[:, LIMBS[limb][1]] = True
     nothing = [Appearance.unseen(body) for _ in crops(5)]
     unseen: list[list[None]] = [[None] * len(crops(5))] * 3
-    passes = PassResults([[end] * 3], np.zeros((3, 16), bool), lost, nothing)
+    passes = PassResults([[end] * 3], np.zeros((3, 16), bool), np.zeros((3, 16), bool), lost, nothing)
     again = reacquire(LimbAppearance(body), [end] * 3, blind, unseen, passes, (start, end))
     assert again is not None
     for share, pose in zip((0.25, 0.5, 0.75), again.poses, strict=True):

@@ -11,12 +11,12 @@ from pzcap.body import kinematics
 from pzcap.body.kinematics import joints
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS
 from pzcap.tracking.bidirectional_fusion import choose, fuse
-from pzcap.types import JOINTS, SEGMENTS, Array, Mask, Pose
+from pzcap.types import JOINTS, SEGMENTS, Array, Pose
 from tests.scenes.tracked import clip, lost, step, true_body, without_score
 
 ARM = 0
 WRIST = JOINTS.index("left_wrist")
-EVERYWHERE: Mask = np.ones((11, len(SEGMENTS)), bool)
+ANY_M: Array = np.full((11, len(SEGMENTS)), 0.02)
 
 
 def turned(pose: Pose, segment: str, about: int, angle_rad: float) -> Pose:
@@ -60,7 +60,7 @@ def gains(m2: float) -> Array:
 def test_a_limb_that_leaps_away_for_a_frame_is_left_where_it_was() -> None:
     body, there = true_body(), paths(np.zeros(11))
     away = paths(np.where(np.arange(11) == 5, 0.8, 0.0))
-    found = choose(body, clip().poses[0], there, away, EVERYWHERE, gains(0.02))
+    found = choose(body, clip().poses[0], there, away, ANY_M, gains(0.02))
     np.testing.assert_array_equal([joints(body, pose) for pose in found], [joints(body, pose) for pose in there])
 
 
@@ -70,9 +70,9 @@ def test_a_limb_that_had_leapt_away_is_taken_back(last: int) -> None:
     body, there = true_body(), paths(np.zeros(11))
     frames = np.arange(11)
     away = paths(np.where((frames > last - 2) & (frames <= last), 0.8, 0.0))
-    found = choose(body, clip().poses[0], away, there, EVERYWHERE, gains(0.02))
+    found = choose(body, clip().poses[0], away, there, ANY_M, gains(0.02))
     np.testing.assert_allclose([joints(body, pose) for pose in found], [joints(body, pose) for pose in there])
-    nowhere = choose(body, clip().poses[0], away, there, np.zeros_like(EVERYWHERE), gains(0.02))
+    nowhere = choose(body, clip().poses[0], away, there, np.full_like(ANY_M, np.inf), gains(0.02))
     assert np.linalg.norm(joints(body, nowhere[last])[WRIST] - joints(body, there[last])[WRIST]) > 0.2
 
 
@@ -80,5 +80,5 @@ def test_what_is_worth_no_more_is_left() -> None:
     body, there = true_body(), paths(np.zeros(11))
     aside = paths(0.5 * np.sin(np.pi * np.arange(1, 12) / 12))
     for gain, expected in ((-0.02, there), (0.02, aside)):
-        found = choose(body, clip().poses[0], there, aside, EVERYWHERE, gains(gain))
+        found = choose(body, clip().poses[0], there, aside, ANY_M, gains(gain))
         np.testing.assert_allclose(joints(body, found[5]), joints(body, expected[5]), atol=1e-9)

@@ -30,7 +30,7 @@ from pzcap.tracking.tuning import CLOCK
 from pzcap.tracking.visibility import SkinPoints
 from pzcap.types import SEGMENTS, Array
 from tests.scenes.body_scene import Clip, shoot
-from tests.scenes.tracked import CONFIG, FRAMES, by_hand, clip, inputs_of, taped, true_body
+from tests.scenes.tracked import CONFIG, FRAMES, as_fields, by_hand, clip, inputs_of, taped, true_body
 
 CLOCKS = (0.30, -0.25, 0.15, -0.20)  # frame periods
 UP = np.array([0.0, 0.0, 1.0])
@@ -82,10 +82,12 @@ def test_each_point_moves_for_the_time_of_its_row() -> None:
 
 def test_velocities_of_a_sequence_are_central_differences() -> None:
     frames = [forward(true_body(), pose) for pose in clip().poses[:3]]
-    found = sequence_velocities(frames)
+    found = sequence_velocities(frames, 1.0)
     np.testing.assert_allclose(found[1][:, :3], (frames[2] - frames[0])[:, :3, 3] / 2.0)
     np.testing.assert_allclose(found[0][:, :3], (frames[1] - frames[0])[:, :3, 3])
-    assert not sequence_velocities(frames[:1])[0].any()
+    assert not sequence_velocities(frames[:1], 1.0)[0].any()
+    for whole, half in zip(found, sequence_velocities(frames, 0.5), strict=True):
+        np.testing.assert_allclose(half, 2.0 * whole)  # as far in half the time
 
 
 @pytest.mark.parametrize("with_camera", [False, True])
@@ -159,3 +161,15 @@ def test_the_moving_body_tells_the_clocks() -> None:
     apart = free.clocks.clock - free.clocks.clock.mean() - (np.array(CLOCKS) - np.mean(CLOCKS))
     assert np.sqrt(np.mean(apart**2)) < 0.03  # a millisecond
     assert off[0] < 0.7 * off[1]
+
+
+def test_the_clocks_of_interlaced_cameras_are_in_periods_of_frames() -> None:
+    """The same pictures taken for fields: twice as many a frame period, and so the clocks are half as far off."""
+    keys = [by_hand(0), replace(by_hand(FRAMES - 1), frame=FRAMES // 2)]
+    tracker = Tracker(taped(), keys, CONFIG, by_fields=True)
+    for item in as_fields(inputs_of(late())):
+        tracker.push(item)
+    tracker.finish()
+    assert tracker.clocks is not None
+    apart = tracker.clocks.clock - tracker.clocks.clock.mean() - 0.5 * (np.array(CLOCKS) - np.mean(CLOCKS))
+    assert np.sqrt(np.mean(apart**2)) < 0.015

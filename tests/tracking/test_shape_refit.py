@@ -14,7 +14,7 @@ from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
 from pzcap.tracking.interval_solver import BodyEstimate, tracked
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_pose, refit_shape
-from pzcap.tracking.tracker import Tracker
+from pzcap.tracking.tracker import Tracker, TrackInput
 from pzcap.types import SEGMENTS, Keyframe, Pose
 from tests.scenes.bodies import BODY
 
@@ -72,5 +72,5 @@ def test_early_results_get_the_body_and_the_certainty_of_the_last() -> None:
 
 def test_a_tracker_gives_back_what_one_body_tracked_as_it_is() -> None:
     tracker = Tracker(BODY, [Keyframe(0, POSE)], TrackingConfig())
-    only = tracker._tracked(0, PoseEstimate(POSE, 1e4 * np.eye(DOF), NO_CONTOUR, True))
+    (only,) = tracker._tracked(TrackInput(0, ()), PoseEstimate(POSE, 1e4 * np.eye(DOF), NO_CONTOUR, True))
     np.testing.assert_array_equal(tracker.motion([only]).joints_m, [only.joints_m])

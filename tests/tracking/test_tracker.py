@@ -30,6 +30,7 @@ from tests.scenes.tracked import (
     CONFIG,
     FRAMES,
     TERMS,
+    as_fields,
     by_hand,
     clip,
     crops,
@@ -75,6 +76,30 @@ def test_one_keyframe_in_the_middle_serves_both_ways() -> None:
     results = run([by_hand(6)], inputs())
     assert [r.frame for r in results] == list(range(FRAMES))
     assert errors_m(results).mean() < 0.030
+
+
+@pytest.mark.parametrize("keys", [(0, FRAMES // 2), (3,), (0, 2)])
+def test_second_fields_are_tracked_and_frames_are_told(keys: tuple[int, ...]) -> None:
+    """The frames of the clip taken for fields in turn: every other one is a frame, and as well known as it was."""
+    by_fields = Tracker(taped(), [replace(by_hand(2 * key), frame=key) for key in keys], CONFIG, by_fields=True)
+    found = [result for item in as_fields(inputs()) for result in by_fields.push(item)] + by_fields.finish()
+    assert [each.frame for each in found] == list(range(FRAMES // 2 + 1))
+    off = errors_m([replace(each, frame=2 * each.frame) for each in found])
+    whole = errors_m(run([by_hand(2 * key) for key in keys], inputs()))[::2]
+    assert off.mean() < 1.1 * whole.mean()
+
+
+def test_an_expectation_after_a_keyframe_is_of_its_second_field() -> None:
+    """Where the hand was wrong, the body has been found by then."""
+    wrong, camera = by_hand(0), inputs()[0].views[0].camera
+    wrong = replace(wrong, pose=replace(wrong.pose, root_position_m=wrong.pose.root_position_m + 0.02))
+    tracker = Tracker(taped(), [wrong], CONFIG, by_fields=True)
+    before = tracker.expect(0, camera)
+    tracker.push(inputs()[0])
+    after = tracker.expect(0, camera)
+    assert before is not None
+    assert after is not None
+    assert not np.array_equal(before.covered(HEIGHT, WIDTH), after.covered(HEIGHT, WIDTH))
 
 
 def test_a_view_less_and_an_instant_that_nobody_saw() -> None:
