@@ -47,14 +47,22 @@ class EditsTuning(NamedTuple):
     copy_reach: int = 90  # frames; a pose from further away tells nothing
 
 
+class ResolveTuning(NamedTuple):
+    """An interval that is tracked anew. Frames."""
+
+    reach: int = 100  # beyond the last keyframe
+    end_from: int = 15  # from where a hand has posed the body to one that it was tracked in
+    end_to: int = 45
+
+
 class WorkspaceTuning(NamedTuple):
     """Commands."""
 
     drag_steps: int = 6  # of the fit, while a handle is dragged
-    resolve_reach: int = 100  # frames beyond the last keyframe
 
 
 POSING: Final = PosingTuning()
 FOOTAGE: Final = FootageTuning()
 EDITS: Final = EditsTuning()
+RESOLVE: Final = ResolveTuning()
 WORKSPACE: Final = WorkspaceTuning()

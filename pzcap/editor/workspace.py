@@ -21,8 +21,10 @@ from pzcap.editor.history import FrameEdit, History
 from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Held, Problem, handle_name, is_ready
 from pzcap.editor.keyframe_file import KeyframeFile, same_pose
 from pzcap.editor.motion_file import MotionFile, digest_of
-from pzcap.editor.tuning import WORKSPACE
+from pzcap.editor.tuning import EDITS, RESOLVE, WORKSPACE
 from pzcap.io.capture import read_capture
+from pzcap.pipeline import Config
+from pzcap.starting_poses import with_clock_sigma
 from pzcap.types import Capture, Keyframe, Pose, PzcapError, Reconstruction
 
 FOLDER: Final = "editing"
@@ -245,13 +247,22 @@ class Workspace(Edits):
         """Track the interval around a frame anew from its keyframes; what has changed by it."""
         with self.lock:
             keys = self.keys()
-            frames = resolve.interval(keys, frame, len(self.sets), WORKSPACE.resolve_reach)
+            ends = resolve.ends(self.motion, keys, frame) if self.by_keypoints and keys else []
+            frames = resolve.interval(sorted({*keys, *ends}), frame, len(self.sets), RESOLVE.reach)
             posed = [Keyframe(key, self._posed(key), self.known(key)) for key in keys if key in frames]
-        new = resolve.tracked_anew(self.footage, self.body, posed, frames, report, cancelled)
+            posed += [self._as_tracked(end) for end in ends if end in frames and end not in keys]
+        settings = with_clock_sigma(Config().tracking, self.capture)
+        posed.sort(key=lambda key: key.frame)
+        new = resolve.tracked_anew(self.footage, self.body, posed, frames, settings, report, cancelled)
         with self.lock:
             self.motion, self.difference = resolve.merged(self.motion, new, frames, keys)
             self._motion_file.save(self.motion)
             return self.difference
+
+    def _as_tracked(self, frame: int) -> Keyframe:
+        pose, problem = self._tracked(frame), self.problem(frame)
+        known = problem.information(pose, np.maximum(self.motion.sigma_m[frame], EDITS.least_m))
+        return Keyframe(frame, pose, np.asarray(np.linalg.inv(known)), found=True)
 
     def _view_name(self, camera: int) -> str:
         return f"camera {self.footage.found.camera_names[camera]}"

@@ -373,7 +373,7 @@ class View {
     if (over !== this || show.loupe === 2 || (show.loupe === 0 && !(drag && drag.moved))) return;
     const image = picture(frame, this.number), at = drag && drag.at ? drag.at : this.pixel(this.mouse), R = LOUPE_PX;
     if (!image.ready) return;
-    const [u, v] = this.screen(at), zoom = Math.max(4, 2.5 * this.scale);
+    const [u, v] = this.screen(at), zoom = Math.max(Math.min(4, 6 * this.scale), 2.5 * this.scale);
     const aside = (at, length) => {  // away from the body, where there is room
       const way = at < length / 2 ? -1 : 1, far = at + 2.4 * way * R;
       return at + 1.4 * R * (far > 0 && far < length ? way : -way);
