@@ -40,11 +40,11 @@ const KEYS = [
   [["l"], "l", "loupe: while dragging, always, never", () => { show.loupe = (show.loupe + 1) % 3; redraw(); tell(`loupe: ${["while dragging", "always", "never"][show.loupe]}`); }],
   [["w"], "w", "the pose as it was before it was solved again, on or off", () => toggle("before")],
   [["Escape"], "Esc", "let go of a drag; stop solving", escape],
-  [["?", "h"], "?", "these keys", () => $("keys").open ? $("keys").close() : $("keys").showModal()],
+  [["?", "h"], "?", "these keys", () => $("keys").open ? $("keys").close() : help()],
 ];
 const MOUSE = [
   ["drag a joint", "the body follows; let go to keep it"], ["Shift while dragging", "four times slower"],
-  ["click a joint", "choose it"], ["Alt-click", "put the chosen joint there"], ["wheel", "zoom"],
+  ["click a joint", "choose it"], ["right click", "put the chosen joint there; Alt-click as well"], ["wheel", "zoom"],
   ["drag the picture", "move it"], ["double click", "zoom to the body"], ["click in the line of time", "go to that frame"],
 ];
 
@@ -409,7 +409,8 @@ class View {
     this.above.setPointerCapture(event.pointerId);
     const mouse = this.at(event);
     this.mouse = mouse;
-    if (event.altKey && chosen !== null && event.button === 0) {
+    if (event.button === 2 || (event.altKey && event.button === 0)) {
+      if (chosen === null) return tell("choose a joint first: click it, or Tab", true);
       say("drop", { handle: chosen, camera: this.number, ...this.clickAt(this.pixel(mouse)) });
       return;
     }
@@ -544,9 +545,9 @@ function panel() {
   }
   if (!shown || shown.stale) return;
   const sure = shown.sigma_mm.length ? worst(shown.sigma_mm) : null;
-  $("pose").textContent = `from: ${shown.told_origin}` + (sure === null ? "; there is no body in this frame" : `; least sure: ${about.handles[sure]}, ${shown.sigma_mm[sure]} mm`);
+  $("pose").textContent = `from: ${shown.told_origin}` + (sure === null ? "; there is no body in this frame" : `; least sure: ${about.handles[sure]}, ${long(shown.sigma_mm[sure])}`);
   fill($("notes"), shown.notes.map(note => ["li", note]));
-  $("chosen").textContent = chosen === null ? "No joint chosen" : about.handles[chosen] + (shown.sigma_mm.length ? ` (to ${shown.sigma_mm[chosen]} mm)` : "");
+  $("chosen").textContent = chosen === null ? "No joint chosen" : about.handles[chosen] + (shown.sigma_mm.length ? ` (to ${long(shown.sigma_mm[chosen])})` : "");
   const rows = [];
   if (chosen !== null) {
     rows.push(["tr", ["th", "camera"], ["th", "clicked"], ["th", "misses by"]]);
@@ -559,6 +560,7 @@ function panel() {
   fill($("joint"), rows);
 }
 
+function long(mm) { return mm < 1000 ? `${mm} mm` : `${(mm / 1000).toFixed(1)} m`; }
 function worst(sigma) { return sigma.indexOf(Math.max(...sigma.slice(0, about.joints))); }
 
 function fill(parent, rows) { parent.replaceChildren(...rows.map(element)); }
@@ -658,7 +660,8 @@ $("undo").onclick = () => step("undo");
 $("redo").onclick = () => step("redo");
 $("key").onclick = () => shown && say("key", { key: !shown.is_key });
 $("solve").onclick = () => say("solve", {});
-$("help").onclick = () => $("keys").showModal();
+$("help").onclick = help;
+function help() { $("keys").showModal(); $("keys").scrollTop = 0; }
 for (const button of document.querySelectorAll("header button")) button.addEventListener("click", () => button.blur());
 {
   const scrub = event => { if (about) { const box = $("time").getBoundingClientRect(); go(Math.floor((event.clientX - box.left - 8) / (box.width - 16) * about.frames)); } };
