@@ -37,7 +37,7 @@ def edit(place: Path, capture: Path | None, port: int, browse: bool) -> int:
     if taken.calibration_object is None:
         print(
             f"{taken.name}: without a calibration object each run finds a world of its own; what tracks from these "
-            f"keyframes is pzcap reconstruct {taken.folder} --cameras {results_at}",
+            f"keyframes is pzcap reconstruct {taken.folder} --cameras {results_at} --out OTHER",
             flush=True,
         )
     serve(Workspace(taken, found), port, browse=browse)
