@@ -129,7 +129,8 @@ function go(to, force = false) {
   if (shown && shown.frame !== frame) shown = { ...shown, stale: true };
   history.replaceState(null, "", `#${frame}`);
   send({ do: "show", frame });
-  views.forEach(view => view.load());
+  ask();
+  views.forEach(view => view.paint());
   heading(); timeline();
 }
 
@@ -140,22 +141,34 @@ function arrived(before) {
   if (show.silhouettes) later = setTimeout(() => send({ do: "silhouettes", frame }), 120);
 }
 
+const NOTHING = { ready: false, missing: false };
+const nameOf = (number, camera) => `frame/${number}/${camera}.jpg`;
+const have = number => views.every(view => picture(number, view.number) !== NOTHING);
+
 function picture(number, camera) {
-  const name = `frame/${number}/${camera}.jpg`;
-  let image = pictures.get(name);
-  if (image) { pictures.delete(name); pictures.set(name, image); return image; }
-  image = new Image();
-  image.src = name;
-  image.decode().then(() => { image.ready = true; }, () => { image.missing = true; })  // beside the page's own thread
-    .then(() => { if (number === frame) { views[camera].paint(); ahead(); } });
-  pictures.set(name, image);
-  while (pictures.size > KEPT_PICTURES) pictures.delete(pictures.keys().next().value);
+  const name = nameOf(number, camera), image = pictures.get(name);
+  if (!image) return NOTHING;
+  pictures.delete(name); pictures.set(name, image);
   return image;
 }
 
-function ahead() {
-  if (!views.every(view => { const one = picture(frame, view.number); return one.ready || one.missing; })) return;
-  if (frame + 1 < about.frames) views.forEach(view => picture(frame + 1, view.number));
+/* The pictures of one frame after those of another: whoever scrubs outruns what can be decoded. */
+let asked = null;
+function ask() {
+  if (asked !== null) return;
+  asked = !have(frame) ? frame : frame + 1 < about.frames && !have(frame + 1) ? frame + 1 : null;
+  if (asked === null) return;
+  const number = asked;
+  Promise.all(views.map(view => load(number, view))).then(() => { asked = null; ask(); });
+}
+
+async function load(number, view) {
+  const image = new Image(), name = nameOf(number, view.number);
+  image.src = name;
+  pictures.set(name, image);
+  while (pictures.size > KEPT_PICTURES) pictures.delete(pictures.keys().next().value);
+  await image.decode().then(() => { image.ready = true; }, () => { image.missing = true; });  // beside the page's own thread
+  if (number === frame) view.paint();
 }
 
 /* ------------------------------------------------------------------------------------------------- views */
@@ -267,8 +280,6 @@ class View {
     this.follows = "place";
     this.paint();
   }
-
-  load() { picture(frame, this.number); this.paint(); }
 
   paint() {
     if (!this.width || !about) return;
