@@ -76,7 +76,7 @@ def interval(keys: Sequence[int], frame: int, count: int, reach: int) -> range:
 
 def ends(motion: Motion, keys: Sequence[int], frame: int) -> list[int]:
     """Frames of a ``motion`` in which its interval around ``frame`` can end though no hand has set them: on each side
-    the surest one half a second to one and a half away, unless one of the ``keys`` is as near."""
+    the surest one 15 to 45 frames away, unless one of the ``keys`` is as near."""
     found = []
     for way in (-1, 1):
         if any(0 < way * (key - frame) <= RESOLVE.end_to for key in keys):

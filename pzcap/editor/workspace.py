@@ -250,7 +250,9 @@ class Workspace(Edits):
             ends = resolve.ends(self.motion, keys, frame) if self.by_keypoints and keys else []
             frames = resolve.interval(sorted({*keys, *ends}), frame, len(self.sets), RESOLVE.reach)
             posed = [Keyframe(key, self._posed(key), self.known(key)) for key in keys if key in frames]
-            posed += [self._as_tracked(end) for end in ends if end in frames and end not in keys]
+            if not posed:
+                raise PzcapError("no keyframe of a hand within a second or two; pose the body here first")
+            posed += [self._as_tracked(end) for end in ends if end in frames]
         settings = with_clock_sigma(Config().tracking, self.capture)
         posed.sort(key=lambda key: key.frame)
         new = resolve.tracked_anew(self.footage, self.body, posed, frames, settings, report, cancelled)
