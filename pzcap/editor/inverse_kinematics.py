@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from pzcap.body.kinematics import (
     difference,
     forward,
+    joint_angles,
     joint_jacobians,
     limit_residuals,
     point_jacobians,
@@ -31,6 +32,7 @@ from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS, Body, moved
 from pzcap.editor.tuning import POSING
 from pzcap.geometry.camera import rays
 from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray, to_pixel
+from pzcap.initialisation.pose_fit import REST
 from pzcap.tracking.body_constraints import collision_residuals, collision_shapes
 from pzcap.tracking.limbs import turned
 from pzcap.types import ENDS, JOINTS, SEGMENTS, Array, Camera, Indices, Pose
@@ -59,6 +61,20 @@ def _easy() -> Array:
 
 
 _EASE: Final[Array] = _easy()
+
+
+def _natural() -> Array:
+    """(43,) Information with which joints are expected at rest: clicks say little of how a straight arm or leg is
+    twisted, or of how a trunk bends between the pelvis and the neck."""
+    out = REST.copy()
+    for limb in ("upper_arm", "thigh"):
+        for side in ("left", "right"):
+            along = np.flatnonzero(SEGMENTS.index(f"{side}_{limb}") == DOF_SEGMENT)[2]
+            out[along] = np.deg2rad(POSING.twist_deg) ** -2.0
+    return out
+
+
+_NATURAL: Final[Array] = _natural()
 
 LOOSENESS: Final[Mapping[str, tuple[float, float]]] = {
     "keyframe": (0.01, 0.05), "tracker": (0.05, 0.20), "between": (0.10, 0.35), "copied": (0.30, 0.50),
@@ -126,8 +142,8 @@ class Problem:
         return off.ravel(), rows
 
     def normal(self, pose: Pose, clicks: Sequence[Click], held: Held) -> tuple[Array, Array, float]:
-        """Normal equations (43, 43) and (43,) of the clicks, of the body's own constraints and of the pose that is
-        ``held``, and their cost."""
+        """Normal equations (43, 43) and (43,) of the clicks, of the body's own constraints, of what is natural and of
+        the pose that is ``held``, and their cost."""
         residual, rows = self.residuals(pose, clicks)
         excess, violated = limit_residuals(pose)
         stiffness = violated / POSING.limit_rad**2
@@ -138,10 +154,12 @@ class Problem:
         gradient = rows.T @ (weight * residual) - stiffness * excess - inside.T @ depth
         back = difference(held.pose, pose) / held.sigma
         grip = 1.0 / (1.0 + (back / POSING.grip) ** 2)  # Cauchy's weight
-        hessian += np.diag(grip / held.sigma**2)
-        gradient += grip * back / held.sigma
+        angles = joint_angles(pose)
+        hessian += np.diag(grip / held.sigma**2 + _NATURAL)
+        gradient += grip * back / held.sigma - _NATURAL * angles
         pulls = np.where(far > POSING.strongest, POSING.strongest * (2.0 * far - POSING.strongest), far**2)
-        cost = pulls.sum() + stiffness @ excess**2 + depth @ depth - POSING.grip**2 * np.log(grip).sum()
+        cost = pulls.sum() + stiffness @ excess**2 + depth @ depth + _NATURAL @ angles**2
+        cost -= POSING.grip**2 * np.log(grip).sum()
         return hessian, gradient, float(cost)
 
     def solve(self, start: Pose, clicks: Sequence[Click], held: Held, most_steps: int) -> Solved:

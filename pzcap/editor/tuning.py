@@ -13,6 +13,7 @@ class PosingTuning(NamedTuple):
     strongest: float = 8.0
     """Sigmas; a hand that is further off pulls no harder, or a joint would give way beyond its limits."""
     grip: float = 2.0  # sigmas; a pose that is left by more is held less
+    twist_deg: float = 45.0  # standard deviation of an upper arm's or a thigh's twist
     begun: float = 3.0  # times as loosely a pose is held that is none of this instant
     nearest_m: float = 0.2  # before the camera; what is nearer, or behind it, no click bears on
     ready_m: float = 0.12  # a pose whose joints are all known to this is one to track from
