@@ -28,7 +28,7 @@ from pzcap.views import Segment, ViewLocaliser
 _WORST_CLOCK: Final = 1.5  # frames: more, and the motion of a frame is no longer a straight line
 
 
-def _with_clock_sigma(config: TrackingConfig, capture: Capture) -> TrackingConfig:
+def with_clock_sigma(config: TrackingConfig, capture: Capture) -> TrackingConfig:
     """The settings, with clocks as uncertain as sync.json says where there is one."""
     if capture.sync is None or not config.clock_sigma:
         return config
@@ -59,7 +59,7 @@ def body_tracker(
 ) -> Generator[Progress, None, Tracker | None]:  # fmt: skip
     """The tracker of stage 6, which starts from the keyframes of ``sets`` and, where these leave gaps, from others that
     are found in a detector's keypoints; None, and a reason added to ``notes``, where there are neither."""
-    config, found = _with_clock_sigma(config, capture), list[Keyframe]()
+    config, found = with_clock_sigma(config, capture), list[Keyframe]()
     rate, given = float(capture.frame_rate), [key.frame for key in sets.keyframes]
     if config.keypoint_keyframes and sets.people(0) and worthwhile(given, len(sets), rate):
         found = yield from keyframes_from_keypoints(body, sets, rate, localise, segment, config)

@@ -25,15 +25,21 @@ def edit(place: Path, capture: Path | None, port: int, browse: bool) -> int:
     from pzcap.editor.workspace import FOLDER, Workspace
 
     if (place / MANIFEST).is_file():
-        taken = read_capture(place)
-        found = _cameras(taken, place / FOLDER / RECONSTRUCTION)
+        taken, results_at = read_capture(place), place / FOLDER / RECONSTRUCTION
+        found = _cameras(taken, results_at)
     elif not has_results(place) and capture is None:
         raise PzcapError(f"{place}: neither a {MANIFEST} in it nor a reconstruction; give a capture or RESULTS")
     else:
-        found = load_results(place)
+        found, results_at = load_results(place), place
         taken = read_capture(capture or made_of(place))
     if not any(track is not None and track.valid.any() for track in found.tracks):
         raise PzcapError(f"{place}: no camera was located in any frame; " + "; ".join(found.notes))
+    if taken.calibration_object is None:
+        print(
+            f"{taken.name}: without a calibration object each run finds a world of its own; what tracks from these "
+            f"keyframes is pzcap reconstruct {taken.folder} --cameras {results_at} --out OTHER",
+            flush=True,
+        )
     serve(Workspace(taken, found), port, browse=browse)
     return 0
 

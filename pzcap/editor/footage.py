@@ -18,6 +18,7 @@ import numpy as np
 
 from pzcap.body.skeleton import Body
 from pzcap.editor.tuning import FOOTAGE
+from pzcap.events import FrameLocalised
 from pzcap.geometry.camera import of_track
 from pzcap.io.capture import FrameSets
 from pzcap.localisation.rectification import upright_views
@@ -58,6 +59,20 @@ class Footage:
     def upright(self, frames: FrameSet) -> FrameSet:
         """The views of a frame with their rows put right, as the cameras have them."""
         return upright_views(frames, self.found.cameras, self.localisations(frames.index))
+
+    def located(self, frames: FrameSet) -> FrameLocalised:
+        """The views of a frame, rows put right, and where each was found; of interlaced ones the second fields as well,
+        each where the camera is halfway to the next frame."""
+        first = replace(frames, second_fields=())
+        here = FrameLocalised(self.upright(first), self.localisations(frames.index))
+        if not frames.second_fields or frames.index + 1 == len(self.sets):
+            return here
+        between = tuple(
+            None if image is None or track is None else _halfway(track, frames.index)
+            for image, track in zip(frames.second_fields, self.found.tracks, strict=True)
+        )
+        second = replace(first, images=frames.second_fields, keypoints=())
+        return replace(here, second_fields=FrameLocalised(upright_views(second, self.found.cameras, between), between))
 
     def jpeg(self, frame: int, camera: int) -> bytes | None:
         """A view of a frame as JPEG; None where it was not recorded."""
@@ -130,6 +145,17 @@ def _compressed(image: Image | None) -> bytes | None:
 
 def _decompressed(jpeg: bytes) -> Image:
     return np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR), np.uint8)
+
+
+def _halfway(track: PanZoomTrack, frame: int) -> Localisation:
+    """Half a frame period after a frame; it was found if that frame and the next were."""
+    here, there = _localisation(track, frame), _localisation(track, frame + 1)
+    return replace(
+        here, pan_rad=(here.pan_rad + there.pan_rad) / 2, tilt_rad=(here.tilt_rad + there.tilt_rad) / 2,
+        roll_rad=(here.roll_rad + there.roll_rad) / 2, focal_px=float(np.sqrt(here.focal_px * there.focal_px)),
+        covariance=(here.covariance + there.covariance) / 2, shear=(here.shear + there.shear) / 2,
+        valid=here.valid and there.valid,
+    )  # fmt: skip
 
 
 def _localisation(track: PanZoomTrack, frame: int) -> Localisation:

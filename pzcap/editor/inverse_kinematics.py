@@ -2,9 +2,9 @@
 
 A click says where a joint, or an end of the body, is seen in one view, with a standard deviation. All clicks of a frame
 are fitted together by damped Gauss-Newton steps on the pose's 43 numbers, with the limits of the joints and the arms
-kept out of the trunk. The damping is that of the joints: the steps are the shortest ones when a shoulder's radian is
-cheap and the pelvis's is dear. So an arm follows a hand that is dragged and the trunk stays, what no click bears on
-stays as it was, and what clicks do fix is fitted to them however far it was off.
+kept out of the trunk, and the pose as it was when the hand took hold of it: loosely, a shoulder's radian cheap and the
+pelvis's dear, and the less the further it is left. So an arm follows a hand that is dragged and the trunk stays, what
+no click bears on stays as it was, and what clicks do fix is fitted to them however far it was off.
 """
 
 from __future__ import annotations
@@ -18,11 +18,21 @@ import numpy as np
 from numba import njit
 from scipy.spatial.transform import Rotation
 
-from pzcap.body.kinematics import forward, joint_jacobians, limit_residuals, point_jacobians, retract, world_points
+from pzcap.body.kinematics import (
+    difference,
+    forward,
+    joint_angles,
+    joint_jacobians,
+    limit_residuals,
+    point_jacobians,
+    retract,
+    world_points,
+)
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS, Body, moved
 from pzcap.editor.tuning import POSING
 from pzcap.geometry.camera import rays
 from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray, to_pixel
+from pzcap.initialisation.pose_fit import REST
 from pzcap.tracking.body_constraints import collision_residuals, collision_shapes
 from pzcap.tracking.limbs import turned
 from pzcap.types import ENDS, JOINTS, SEGMENTS, Array, Camera, Indices, Pose
@@ -52,6 +62,20 @@ def _easy() -> Array:
 
 _EASE: Final[Array] = _easy()
 
+
+def _natural() -> Array:
+    """(43,) Information with which joints are expected at rest: clicks say little of how a straight arm or leg is
+    twisted, or of how a trunk bends between the pelvis and the neck."""
+    out = REST.copy()
+    for limb in ("upper_arm", "thigh"):
+        for side in ("left", "right"):
+            along = np.flatnonzero(SEGMENTS.index(f"{side}_{limb}") == DOF_SEGMENT)[2]
+            out[along] = np.deg2rad(POSING.twist_deg) ** -2.0
+    return out
+
+
+_NATURAL: Final[Array] = _natural()
+
 LOOSENESS: Final[Mapping[str, tuple[float, float]]] = {
     "keyframe": (0.01, 0.05), "tracker": (0.05, 0.20), "between": (0.10, 0.35), "copied": (0.30, 0.50),
     "standing": (2.0, 1.0),
@@ -69,12 +93,26 @@ class Click(NamedTuple):
     sigma_px: float
 
 
+class Held(NamedTuple):
+    """A pose that is left only as far as clicks ask for it: two of opposite cameras leave the depth open, and noise
+    would choose it."""
+
+    pose: Pose
+    sigma: Array
+    """(43,) Standard deviation of what it is left by."""
+
+    @classmethod
+    def of(cls, pose: Pose, origin: str) -> Held:
+        """The pose as it is when a hand takes hold of it; ``origin`` is one of `LOOSENESS`."""
+        return cls(pose, _EASE * (POSING.begun if origin in ("copied", "standing") else 1.0))
+
+
 class Solved(NamedTuple):
     """A pose fitted to clicks."""
 
     pose: Pose
     cost: float
-    """Sum of squared residuals, in sigmas."""
+    """Sum of squared residuals, in sigmas, of what pulls too hard less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,8 +141,9 @@ class Problem:
         rows = np.matmul(slopes, by_handle[handle]).reshape(-1, DOF)
         return off.ravel(), rows
 
-    def normal(self, pose: Pose, clicks: Sequence[Click]) -> tuple[Array, Array, float]:
-        """Normal equations (43, 43) and (43,) of the clicks and of the body's own constraints, and their cost."""
+    def normal(self, pose: Pose, clicks: Sequence[Click], held: Held) -> tuple[Array, Array, float]:
+        """Normal equations (43, 43) and (43,) of the clicks, of the body's own constraints, of what is natural and of
+        the pose that is ``held``, and their cost."""
         residual, rows = self.residuals(pose, clicks)
         excess, violated = limit_residuals(pose)
         stiffness = violated / POSING.limit_rad**2
@@ -113,19 +152,26 @@ class Problem:
         weight = np.repeat(POSING.strongest / np.maximum(far, POSING.strongest), 2)  # Huber's
         hessian = (rows.T * weight) @ rows + np.diag(stiffness) + inside.T @ inside
         gradient = rows.T @ (weight * residual) - stiffness * excess - inside.T @ depth
+        back = difference(held.pose, pose) / held.sigma
+        grip = 1.0 / (1.0 + (back / POSING.grip) ** 2)  # Cauchy's weight
+        angles = joint_angles(pose)
+        hessian += np.diag(grip / held.sigma**2 + _NATURAL)
+        gradient += grip * back / held.sigma - _NATURAL * angles
         pulls = np.where(far > POSING.strongest, POSING.strongest * (2.0 * far - POSING.strongest), far**2)
-        cost = pulls.sum() + stiffness @ excess**2 + depth @ depth
+        cost = pulls.sum() + stiffness @ excess**2 + depth @ depth + _NATURAL @ angles**2
+        cost -= POSING.grip**2 * np.log(grip).sum()
         return hessian, gradient, float(cost)
 
-    def solve(self, start: Pose, clicks: Sequence[Click], most_steps: int) -> Solved:
-        """The pose nearest to ``start`` that fits the ``clicks``, by so many steps at most."""
+    def solve(self, start: Pose, clicks: Sequence[Click], held: Held, most_steps: int) -> Solved:
+        """The pose that fits the ``clicks`` and leaves the one ``held`` as little as it can, by so many steps from a
+        ``start`` at most."""
         damping, metric = POSING.first_damping, np.diag(1.0 / _EASE**2)
-        pose, (hessian, gradient, cost) = start, self.normal(start, clicks)
+        pose, (hessian, gradient, cost) = start, self.normal(start, clicks, held)
         for _ in range(1, most_steps + 1):
             delta = np.asarray(np.linalg.solve(hessian + damping * metric, gradient), np.float64)
             longest = float(np.max(np.abs(delta) / _EASE)) / POSING.longest
             tried = retract(pose, np.asarray(delta / max(longest, 1.0), np.float64))
-            after = self.normal(tried, clicks)
+            after = self.normal(tried, clicks, held)
             if after[2] < cost:
                 settled = damping < POSING.small_damping and cost - after[2] < POSING.settled * (1.0 + cost)
                 pose, (hessian, gradient, cost) = tried, after
@@ -138,21 +184,21 @@ class Problem:
                     break
         return Solved(pose, cost)
 
-    def settle(self, start: Pose, clicks: Sequence[Click], handles: Sequence[int] = ()) -> Solved:
-        """The pose that fits all ``clicks``, at leisure.
+    def settle(self, start: Pose, clicks: Sequence[Click], held: Held, handles: Sequence[int] = ()) -> Solved:
+        """The pose that fits all ``clicks`` and leaves the one ``held`` as little as it can, at leisure.
 
         A body that is turned the wrong way, or a limb whose elbow or knee has come to the wrong side, does not find
         back by small steps. If the clicks are not fitted, all ways to turn the body are tried; and the limbs of the
         ``handles``, or all of a body that has been turned, are tried twisted. What fits clearly better is taken.
         """
-        best = self.solve(start, clicks, POSING.at_leisure)
+        best = self.solve(start, clicks, held, POSING.at_leisure)
         if self._is_doubted(best.pose, clicks):
-            other = self._better(best, (_turned(start, turn) for turn in _TURNS), clicks)
+            other = self._better(best, (_turned(start, turn) for turn in _TURNS), clicks, held)
             handles = handles if other is best else range(len(HANDLES))
             best = other
         for limb, segments in enumerate(LIMBS):
             if best.cost > POSING.clearly and any(SEGMENT[handle] in segments for handle in handles):
-                best = self._better(best, [turned(limb, best.pose, turn) for turn in _TWISTS], clicks)
+                best = self._better(best, [turned(limb, best.pose, turn) for turn in _TWISTS], clicks, held)
         return best
 
     def _is_doubted(self, pose: Pose, clicks: Sequence[Click]) -> bool:
@@ -162,11 +208,11 @@ class Problem:
         most = squares[: int(np.ceil(POSING.most * len(squares)))]
         return len(most) > 0 and float(most.mean()) > POSING.doubted
 
-    def _better(self, best: Solved, starts: Iterable[Pose], clicks: Sequence[Click]) -> Solved:
+    def _better(self, best: Solved, starts: Iterable[Pose], clicks: Sequence[Click], held: Held) -> Solved:
         for start in starts:
-            other = self.solve(start, clicks, POSING.tried)
+            other = self.solve(start, clicks, held, POSING.tried)
             if other.cost < best.cost - POSING.clearly:
-                best = self.solve(other.pose, clicks, POSING.at_leisure)
+                best = self.solve(other.pose, clicks, held, POSING.at_leisure)
         return best
 
     def covariance(self, pose: Pose, clicks: Sequence[Click], before: Array) -> Array:

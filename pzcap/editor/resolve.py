@@ -14,12 +14,14 @@ from pzcap import pipeline
 from pzcap.body.skeleton import Body
 from pzcap.camera_set import calibrated_of
 from pzcap.editor.footage import Footage
+from pzcap.editor.tuning import RESOLVE
 from pzcap.events import BodyTracked, FrameLocalised, Progress
 from pzcap.io.capture import FrameSets
 from pzcap.runtime import one_thread_each
 from pzcap.tracking.frame_tracker import fit_pose
 from pzcap.tracking.observation import crop_view
 from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import Array, FrameSet, Keyframe, Motion, Pose, PzcapError
@@ -72,18 +74,33 @@ def interval(keys: Sequence[int], frame: int, count: int, reach: int) -> range:
     return range(first, last + 1)
 
 
+def ends(motion: Motion, keys: Sequence[int], frame: int) -> list[int]:
+    """Frames of a ``motion`` in which its interval around ``frame`` can end though no hand has set them: on each side
+    the surest one 15 to 45 frames away, unless one of the ``keys`` is as near."""
+    found = []
+    for way in (-1, 1):
+        if any(0 < way * (key - frame) <= RESOLVE.end_to for key in keys):
+            continue
+        near = [frame + way * far for far in range(RESOLVE.end_from, RESOLVE.end_to + 1)]
+        near = [number for number in near if 0 <= number < len(motion.valid) and motion.valid[number]]
+        if near:
+            found.append(min(near, key=lambda number: float(motion.sigma_m[number].max())))
+    return found
+
+
 def tracked_anew(
-    footage: Footage, body: Body, keyframes: Sequence[Keyframe], frames: range,
+    footage: Footage, body: Body, keyframes: Sequence[Keyframe], frames: range, settings: TrackingConfig,
     report: Callable[[int, int], None], cancelled: Callable[[], bool],
 ) -> Motion:  # fmt: skip
     """The motion of ``frames``, tracked from the ``keyframes`` among them. PzcapError where there are none, or it was
     ``cancelled``."""
     config, calibrated = pipeline.Config(), calibrated_of(footage.found)
     own = [key for key in keyframes if key.frame in frames]
-    tracker = Tracker(body, own, replace(config.tracking, longest_lead=len(frames)))
+    by_fields = footage.sets.interlaced and settings.second_fields
+    tracker = Tracker(body, own, replace(settings, longest_lead=len(frames)), by_fields)
 
     def localise(views: FrameSet, _: Expecting | None) -> FrameLocalised:
-        return FrameLocalised(footage.upright(views), footage.localisations(views.index))
+        return footage.located(views)
 
     poses: list[Tracked] = []
     with one_thread_each(), ThreadPoolExecutor(config.threads) as pool:
@@ -127,7 +144,7 @@ class _Some(FrameSets):
 
     def __init__(self, sets: FrameSets, frames: range) -> None:
         self._sets, self._frames = sets, frames
-        self.timecodes, self.keyframes = sets.timecodes, sets.keyframes
+        self.timecodes, self.keyframes, self.interlaced = sets.timecodes, sets.keyframes, sets.interlaced
 
     def __len__(self) -> int:
         return len(self._frames)

@@ -177,6 +177,7 @@ def listening(port: int) -> socket.socket:
 def serve(workspace: Workspace, port: int, *, browse: bool) -> None:
     """Serve the page until the process is interrupted."""
     editor, listener = Editor(workspace), listening(port)
+    print(f"{workspace.capture.name}: getting ready; the first time on a machine that takes up to a minute", flush=True)
     showing.warm_up(workspace)
     address = f"http://{HOST}:{listener.getsockname()[1]}/?token={editor.token}"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any, Final
@@ -15,12 +16,14 @@ from pzcap.editor.footage import outlines
 from pzcap.editor.inverse_kinematics import HANDLES, SEGMENT, Click, Problem, epipolar, handle_name
 from pzcap.editor.workspace import Dragged, Workspace
 from pzcap.extras import keyframe_diagnostics
+from pzcap.extras.keyframe_diagnostics import PARTS, Suggestion
 from pzcap.geometry.pinhole import projected
 from pzcap.tracking import keyframes, visibility
 from pzcap.tracking.visibility import GROUP
-from pzcap.types import JOINTS, PARENTS, Array, Camera, Keyframe, Motion, Pose
+from pzcap.types import JOINTS, PARENTS, Array, Camera, Keyframe, Motion, Pose, PzcapError
 
 _SUGGESTED: Final = 6
+_SURROUNDINGS: Final = 4  # frames on either side that a keyframe helps
 _OUTLINE_PX: Final = 200.0  # length of the body where its outline is found
 
 Json = dict[str, Any]
@@ -78,7 +81,10 @@ def drag(space: Workspace, dragged: Dragged) -> Json:
 
 
 def warm_up(space: Workspace) -> None:
-    """Drag a joint, for nothing: kernels are compiled, or loaded, when they are called first."""
+    """Look at a frame and drag a joint, for nothing: kernels are compiled, or loaded, when they are called first, and
+    nothing else is done meanwhile."""
+    with contextlib.suppress(PzcapError):  # footage that is damaged is told of where it is looked at
+        silhouettes(space, 0)
     for number, camera in enumerate(space.footage.cameras(0)):
         if camera is not None and space.edit(0).pose is not None:
             click = Click(0, number, camera.width / 2, camera.height / 2, 1.0)
@@ -104,6 +110,7 @@ def overview(space: Workspace) -> Json:
         out: Json = {
             "version": space.version, "keys": keys, "touched": space.touched(),
             "can_undo": space.history.can_undo, "can_redo": space.history.can_redo,
+            "by_keypoints": space.by_keypoints,
         }  # fmt: skip
     sigma = np.where(motion.valid, 1000.0 * motion.sigma_m.max(axis=1), -1.0)
     out |= {"sigma_mm": np.rint(sigma).astype(int).tolist(), "suggested": _suggested(motion, keys)}
@@ -124,7 +131,7 @@ def overview(space: Workspace) -> Json:
 def _suggested(motion: Motion, keys: Sequence[int]) -> list[Json]:
     """Frames to pose next, the best first, and why."""
     posed = [key for key in keys if key not in motion.keyframes]
-    best = keyframe_diagnostics.suggestions(motion, posed, _SUGGESTED)
+    best = keyframe_diagnostics.suggestions(motion, posed, _SUGGESTED) or _least_certain(motion, keys)
     if best:
         return [{"frame": one.frame, "why": f"{one.part} least certain"} for one in best]
     found: list[Json] = []
@@ -141,6 +148,25 @@ def _suggested(motion: Motion, keys: Sequence[int]) -> list[Json]:
             break
         found.append({"frame": number, "why": why})
         known.add(number)
+    return found
+
+
+def _least_certain(motion: Motion, keys: Sequence[int]) -> list[Suggestion]:
+    """The least certain frames of a motion that was tracked from no keyframe of a hand, each with its surroundings;
+    none where nobody was tracked."""
+    if not motion.valid.any():
+        return []
+    variance = np.where(motion.valid[:, None], motion.sigma_m**2, 1.0)  # (F, 16); a metre, where nobody was tracked
+    around = np.ones(2 * _SURROUNDINGS + 1)
+    sums = np.array([np.convolve(joint, around)[_SURROUNDINGS : len(joint) + _SURROUNDINGS] for joint in variance.T])
+    frames, found, gains = np.arange(len(variance)), list[Suggestion](), sums.sum(axis=0)
+    for key in keys:
+        gains[np.abs(frames - key) <= _SURROUNDINGS] = 0.0
+    while len(found) < _SUGGESTED and gains.any():
+        best = int(gains.argmax())
+        part = max(PARTS, key=lambda name: float(sums[list(PARTS[name]), best].mean()))
+        found.append(Suggestion(best, part))
+        gains[np.abs(frames - best) <= 2 * _SURROUNDINGS] = 0.0
     return found
 
 

@@ -6,7 +6,7 @@ import json
 import time
 import traceback
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from pzcap.editor import showing
 from pzcap.editor.desk import Desk
@@ -15,6 +15,8 @@ from pzcap.editor.showing import Json
 from pzcap.editor.workspace import Dragged
 from pzcap.types import PzcapError
 
+T = TypeVar("T")
+
 
 class Talk:
     """Messages of one page, and what it is told."""
@@ -22,6 +24,7 @@ class Talk:
     def __init__(self, desk: Desk, tell: Callable[[Json], Awaitable[None]]) -> None:
         self._desk, self._tell = desk, tell
         self._dragged: Dragged | None = None
+        self._seen = 0  # version up to which the page knows what was changed, or has changed it itself
 
     async def hear(self, text: str) -> None:
         """Do what a message asks for; what is wrong with it goes back as a line."""
@@ -37,10 +40,12 @@ class Talk:
             await self._tell({"error": f"that went wrong: {type(error).__name__}: {error}"})
 
     async def _do(self, what: str, message: Json) -> None:
-        desk, space = self._desk, self._desk.workspace
+        desk, space, change = self._desk, self._desk.workspace, self._change
+        if (seen := int(message.get("seen", 0))) <= space.version:
+            self._seen = max(self._seen, seen)
         if what in ("undo", "redo"):
             step = space.undo if what == "undo" else space.redo
-            frame = await desk.pose(step, int(message["seen"]))
+            frame = await change(step, self._seen)
             await self._tell({"go": frame})
             await desk.changed(frame)
             return
@@ -70,27 +75,40 @@ class Talk:
                 return
             case "drop":
                 dragged, self._dragged = self._dragged, None
-                await desk.pose(space.drop, frame, self._click(message), dragged)
+                await change(space.drop, frame, self._click(message), dragged)
             case "cancel":
                 self._dragged = None
             case "unclick":
                 camera = message.get("camera")
                 camera = None if camera is None else self._camera(camera)
-                await desk.pose(space.unclick, frame, self._handle(message["handle"]), camera)
+                await change(space.unclick, frame, self._handle(message["handle"]), camera)
             case "hide":
                 handle, camera = self._handle(message["handle"]), self._camera(message["camera"])
-                await desk.pose(space.hide, frame, handle, camera)
+                await change(space.hide, frame, handle, camera)
             case "exchange":
-                await desk.pose(space.exchange, frame, str(message["limbs"]), int(message["seen"]))
+                await change(space.exchange, frame, str(message["limbs"]), self._seen)
             case "fit":
-                await desk.look(space.fit_to_images, frame, int(message["seen"]))
+                await desk.look(space.fit_to_images, frame, self._seen)
             case "key":
-                await desk.pose(space.set_key, frame, bool(message["key"]))
+                await change(space.set_key, frame, bool(message["key"]))
             case "begin":
-                await desk.pose(space.begin_from, frame, str(message["origin"]), int(message["seen"]))
+                await change(space.begin_from, frame, str(message["origin"]), self._seen)
             case _:
                 raise PzcapError(f"nobody here knows how to {what}")
         await desk.changed(frame)
+
+    async def _change(self, command: Callable[..., T], *arguments: Any) -> T:
+        """Do what changes something. A page that knew all before knows all after it, told or not yet."""
+        space = self._desk.workspace
+
+        def counted() -> tuple[int, T, int]:
+            with space.lock:
+                return space.version, command(*arguments), space.version
+
+        before, done, after = await self._desk.pose(counted)
+        if self._seen == before:
+            self._seen = after
+        return done
 
     def _click(self, message: Json) -> Click:
         x, y, sigma = (float(message[name]) for name in ("x", "y", "sigma"))

@@ -12,6 +12,9 @@ class PosingTuning(NamedTuple):
     limit_rad: float = 0.02  # standard deviation beyond a joint's limits
     strongest: float = 8.0
     """Sigmas; a hand that is further off pulls no harder, or a joint would give way beyond its limits."""
+    grip: float = 2.0  # sigmas; a pose that is left by more is held less
+    twist_deg: float = 45.0  # standard deviation of an upper arm's or a thigh's twist
+    begun: float = 3.0  # times as loosely a pose is held that is none of this instant
     nearest_m: float = 0.2  # before the camera; what is nearer, or behind it, no click bears on
     ready_m: float = 0.12  # a pose whose joints are all known to this is one to track from
     longest: float = 2.0  # of a step, in what each degree of freedom gives way by
@@ -45,14 +48,22 @@ class EditsTuning(NamedTuple):
     copy_reach: int = 90  # frames; a pose from further away tells nothing
 
 
+class ResolveTuning(NamedTuple):
+    """An interval that is tracked anew. Frames."""
+
+    reach: int = 100  # beyond the last keyframe
+    end_from: int = 15  # from where a hand has posed the body to one that it was tracked in
+    end_to: int = 45
+
+
 class WorkspaceTuning(NamedTuple):
     """Commands."""
 
     drag_steps: int = 6  # of the fit, while a handle is dragged
-    resolve_reach: int = 100  # frames beyond the last keyframe
 
 
 POSING: Final = PosingTuning()
 FOOTAGE: Final = FootageTuning()
 EDITS: Final = EditsTuning()
+RESOLVE: Final = ResolveTuning()
 WORKSPACE: Final = WorkspaceTuning()

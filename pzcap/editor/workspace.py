@@ -18,11 +18,13 @@ import numpy as np
 from pzcap.editor import resolve
 from pzcap.editor.edits import ORIGINS, Edits, posed_in
 from pzcap.editor.history import FrameEdit, History
-from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Problem, handle_name, is_ready
+from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Held, Problem, handle_name, is_ready
 from pzcap.editor.keyframe_file import KeyframeFile, same_pose
 from pzcap.editor.motion_file import MotionFile, digest_of
-from pzcap.editor.tuning import WORKSPACE
+from pzcap.editor.tuning import EDITS, RESOLVE, WORKSPACE
 from pzcap.io.capture import read_capture
+from pzcap.pipeline import Config
+from pzcap.starting_poses import with_clock_sigma
 from pzcap.types import Capture, Keyframe, Pose, PzcapError, Reconstruction
 
 FOLDER: Final = "editing"
@@ -51,6 +53,10 @@ class Workspace(Edits):
         self.folder = capture.folder / FOLDER
         self._motion_file = MotionFile(self.folder / _MOTION, digest_of(found.motion))
         kept = self._motion_file.load(len(self.sets))
+        self.by_keypoints = (
+            found.motion is not None and bool(found.motion.valid.any()) and not len(found.motion.keyframes)
+        )
+        """True if the body was tracked without any keyframe of a hand."""
         self.motion = kept or found.motion or resolve.untracked(len(self.sets))
         self.difference: resolve.Difference | None = None
         self._touched: dict[int, int] = {}  # version in which a frame was changed last
@@ -71,18 +77,18 @@ class Workspace(Edits):
 
     def drag(self, frame: int, click: Click, before: Dragged | None) -> Dragged:
         """The body as it follows a handle; nothing is changed yet. ``before`` is what the same drag gave last."""
-        edit, problem, start = self._held(frame, click, before)
-        clicks = edit.clicked(click).clicks
-        return Dragged(frame, click, problem.solve(start, clicks, WORKSPACE.drag_steps).pose, clicks)
+        edit, problem, start = self._taken(frame, click, before)
+        clicks, held = edit.clicked(click).clicks, Held.of(posed_in(edit), edit.origin)
+        return Dragged(frame, click, problem.solve(start, clicks, held, WORKSPACE.drag_steps).pose, clicks)
 
     def drop(self, frame: int, click: Click, dragged: Dragged | None) -> None:
         """Take a handle's place in a view as observed, and fit the pose to all that was."""
         with self.lock:
-            edit, problem, start = self._held(frame, click, dragged)
+            edit, problem, start = self._taken(frame, click, dragged)
             what = f"{handle_name(click.handle)} in {self._view_name(click.camera)}"
             self._change(frame, self._settled(frame, problem, edit.clicked(click), start, click.handle), what)
 
-    def _held(self, frame: int, click: Click, before: Dragged | None) -> tuple[FrameEdit, Problem, Pose]:
+    def _taken(self, frame: int, click: Click, before: Dragged | None) -> tuple[FrameEdit, Problem, Pose]:
         """What is dragged: the frame so far, its views, and the pose to go on from."""
         edit, problem = self.edit(frame), self.problem(frame)
         if edit.pose is None or problem.cameras[click.camera] is None:
@@ -91,8 +97,8 @@ class Workspace(Edits):
         return edit, problem, before.pose if goes_on and before is not None else edit.pose
 
     def _settled(self, frame: int, problem: Problem, edit: FrameEdit, start: Pose, *handles: int) -> FrameEdit:
-        """The edit with its pose fitted to its clicks, and a keyframe once the pose is sure."""
-        fit = problem.settle(start, edit.clicks, handles)
+        """The edit with its pose fitted to its clicks from a ``start``, and a keyframe once the pose is sure."""
+        fit = problem.settle(start, edit.clicks, Held.of(posed_in(edit), edit.origin), handles)
         sigma = self.sigma_m(frame, problem, replace(edit, pose=fit.pose))
         key = edit.is_key or edit.origin in ("tracker", "keyframe") or is_ready(sigma)
         return replace(edit, pose=fit.pose, is_key=key)
@@ -136,7 +142,8 @@ class Workspace(Edits):
             )
             hidden = frozenset((int(MIRRORED[h]) if h in swapped else h, c) for h, c in edit.hidden)
             edit = replace(edit, clicks=clicks, hidden=hidden)
-            edit = self._settled(frame, problem, edit, pose) if clicks else replace(edit, pose=pose)
+            edit = replace(edit, pose=pose)
+            edit = self._settled(frame, problem, edit, pose) if clicks else edit
             self._change(frame, edit, f"left and right exchanged: {limbs}")
 
     def fit_to_images(self, frame: int, seen: int) -> None:
@@ -240,13 +247,24 @@ class Workspace(Edits):
         """Track the interval around a frame anew from its keyframes; what has changed by it."""
         with self.lock:
             keys = self.keys()
-            frames = resolve.interval(keys, frame, len(self.sets), WORKSPACE.resolve_reach)
+            ends = resolve.ends(self.motion, keys, frame) if self.by_keypoints and keys else []
+            frames = resolve.interval(sorted({*keys, *ends}), frame, len(self.sets), RESOLVE.reach)
             posed = [Keyframe(key, self._posed(key), self.known(key)) for key in keys if key in frames]
-        new = resolve.tracked_anew(self.footage, self.body, posed, frames, report, cancelled)
+            if not posed:
+                raise PzcapError("no keyframe of a hand within a second or two; pose the body here first")
+            posed += [self._as_tracked(end) for end in ends if end in frames]
+        settings = with_clock_sigma(Config().tracking, self.capture)
+        posed.sort(key=lambda key: key.frame)
+        new = resolve.tracked_anew(self.footage, self.body, posed, frames, settings, report, cancelled)
         with self.lock:
             self.motion, self.difference = resolve.merged(self.motion, new, frames, keys)
             self._motion_file.save(self.motion)
             return self.difference
+
+    def _as_tracked(self, frame: int) -> Keyframe:
+        pose, problem = self._tracked(frame), self.problem(frame)
+        known = problem.information(pose, np.maximum(self.motion.sigma_m[frame], EDITS.least_m))
+        return Keyframe(frame, pose, np.asarray(np.linalg.inv(known)), found=True)
 
     def _view_name(self, camera: int) -> str:
         return f"camera {self.footage.found.camera_names[camera]}"

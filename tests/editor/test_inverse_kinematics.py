@@ -7,7 +7,7 @@ import pytest
 
 from pzcap.body.kinematics import joint_angles, joints, limit_residuals, retract
 from pzcap.body.skeleton import DOF
-from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Problem, epipolar, is_ready, loose, standing
+from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Held, Problem, epipolar, is_ready, loose, standing
 from pzcap.types import Array, Pose
 from tests.scenes import edited
 from tests.scenes.bodies import BODY, random_pose
@@ -40,7 +40,7 @@ def test_a_standing_body_comes_to_where_it_was_clicked() -> None:
     start = standing(problem.cameras)
     assert start is not None
     clicks = edited.clicks(0, (0, 1))
-    found = problem.settle(start, clicks)
+    found = problem.settle(start, clicks, Held.of(start, "standing"))
     assert off_m(found.pose).max() < 0.03
     sigma = problem.sigma_m(found.pose, problem.covariance(found.pose, clicks, loose("standing")))
     assert is_ready(sigma)
@@ -50,7 +50,7 @@ def test_turned_the_wrong_way_it_is_turned_round() -> None:
     problem = edited.problem()
     truth = edited.true_pose(0)
     away = retract(truth, np.r_[np.zeros(5), np.pi, np.zeros(DOF - 6)])
-    found = problem.settle(away, edited.clicks(0, (0, 1)))
+    found = problem.settle(away, edited.clicks(0, (0, 1)), Held.of(away, "tracker"))
     assert off_m(found.pose).max() < 0.03
 
 
@@ -60,7 +60,7 @@ def test_noise_of_two_pixels_costs_what_the_covariance_says() -> None:
     ratios = []
     for seed in range(3):
         clicks = [one._replace(sigma_px=2.0) for one in edited.clicks(0, (0, 1, 2, 3), 2.0, seed)]
-        found = problem.settle(truth, clicks)
+        found = problem.settle(truth, clicks, Held.of(truth, "standing"))
         sigma = problem.sigma_m(found.pose, problem.covariance(found.pose, clicks, loose("standing")))[:16]
         ratios.append(off_m(found.pose) / sigma)
         assert sigma.max() < 0.06
@@ -72,7 +72,7 @@ def test_an_arm_follows_its_hand_and_the_rest_stays() -> None:
     wrist, before = HANDLES.index("right_wrist"), problem.handles(start)
     pixel = project(problem.cameras[1], before)[wrist] + [10.0, -14.0]
     click = Click(wrist, 1, *pixel.tolist(), 1.0)
-    found = problem.solve(start, [click], 8)
+    found = problem.solve(start, [click], Held.of(start, "tracker"), 8)
     after = problem.handles(found.pose)
     assert np.linalg.norm(project(problem.cameras[1], after)[wrist] - pixel) < 0.5
     moved = np.linalg.norm(after - before, axis=1)
@@ -81,12 +81,27 @@ def test_an_arm_follows_its_hand_and_the_rest_stays() -> None:
     assert moved[legs].max() < 0.2 * moved[wrist]
 
 
+@pytest.mark.parametrize(("frame", "views"), [(3, (1, 3)), (9, (0, 2))])
+def test_two_opposite_views_leave_the_depth_as_it_was(frame: int, views: tuple[int, int]) -> None:
+    """The athlete stands all but on the line between the cameras; noise would move the wrist along it by a metre."""
+    problem, start = edited.problem(frame), edited.true_pose(frame)
+    wrist, before = HANDLES.index("left_wrist"), problem.handles(start)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        seen = {view: project(problem.cameras[view], before)[wrist] + rng.normal([0.0, -3.0], 2.0) for view in views}
+        clicks = [Click(wrist, view, *pixel.tolist(), 1.5) for view, pixel in seen.items()]
+        found = problem.settle(start, clicks, Held.of(start, "tracker"), [wrist])
+        moved = np.linalg.norm(problem.handles(found.pose) - before, axis=1)
+        assert moved[:3].max() < 0.05
+        assert 0.05 < moved[wrist] < 0.25
+
+
 def test_joints_keep_to_their_limits_and_out_of_reach_stays_finite() -> None:
     problem, start = edited.problem(), edited.true_pose(0)
     ankle = HANDLES.index("left_ankle")
     for way in ([400.0, -300.0], [-500.0, 50.0]):
         pixel = project(problem.cameras[0], problem.handles(start))[ankle] + way
-        pose = problem.solve(start, [Click(ankle, 0, *pixel.tolist(), 1.0)], 40).pose
+        pose = problem.solve(start, [Click(ankle, 0, *pixel.tolist(), 1.0)], Held.of(start, "tracker"), 40).pose
         assert np.isfinite(pose.rotations).all()
         knee = joint_angles(pose)[np.flatnonzero(np.abs(limit_residuals(pose)[0]) > np.deg2rad(15.0))]
         assert len(knee) == 0
@@ -107,7 +122,7 @@ def test_clicks_that_contradict_each_other_are_trusted_less() -> None:
     problem, pose = edited.problem(), edited.true_pose(0)
     clicks = edited.clicks(0, (0, 1))
     wrong = [one._replace(x=one.x + 40.0) if one.camera else one for one in clicks]
-    found = problem.settle(pose, wrong).pose
+    found = problem.settle(pose, wrong, Held.of(pose, "keyframe")).pose
     sure, unsure = (
         problem.sigma_m(found, problem.covariance(found, these, loose("standing"))).max() for these in (clicks, wrong)
     )

@@ -70,6 +70,16 @@ def test_dragged_seen_in_two_tabs_undone_killed_and_nothing_lost(place: Path, tm
         assert again.shown["handles"] == before["handles"]
         again.page.keyboard.press("u")
         again.until("editor.state().overview.keys.length === 1")
+        again.page.mouse.click(*again.place_of(WRIST, 2))
+        again.page.mouse.wheel(0, -900)
+        zoomed = again.place_of(WRIST, 2)
+        again.page.keyboard.press("ArrowRight")
+        again.until("editor.state().frame === 2 && editor.ready()")
+        assert again.place_of(WRIST, 2) == pytest.approx(zoomed, abs=2.0)  # it stays in sight
+        again.page.mouse.click(zoomed[0] + 30.0, zoomed[1], button="right")
+        again.until("editor.state().shown.clicks.length === 1")
+        assert again.place_of(WRIST, 2) == pytest.approx((zoomed[0] + 30.0, zoomed[1]), abs=4.0)
+        again.page.keyboard.press("0")
         again.until("editor.pictures().every(one => one)")
         picture = np.frombuffer(again.page.screenshot(), np.uint8)
         image = cv2.imdecode(picture, cv2.IMREAD_COLOR)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +14,7 @@ from pzcap.body.kinematics import joints, retract
 from pzcap.body.skeleton import DOF, build
 from pzcap.editor import resolve
 from pzcap.editor.inverse_kinematics import loose
-from pzcap.types import Pose, PzcapError, Subject
+from pzcap.types import FrameSet, Pose, PzcapError, Subject
 from tests.scenes import edited, tracked
 from tests.scenes.body_scene import shoot
 
@@ -65,3 +66,38 @@ def test_intervals_end_at_keyframes() -> None:
     assert resolve.interval([50], 70, 100, 40) == range(50, 100)
     with pytest.raises(PzcapError, match="no keyframe"):
         resolve.interval([], 3, 100, 40)
+
+
+def test_a_body_tracked_from_keypoints_is_held_at_sure_frames() -> None:
+    """Where a hand has set nothing near by; from one keyframe alone seconds would be tracked anew."""
+    count, sure = 100, [20, 66]
+    sigma_m = np.full((count, 16), 0.01)
+    sigma_m[:, 5] = 0.03
+    sigma_m[[*sure, 70], 5] = 0.02
+    motion = replace(resolve.untracked(count), valid=np.arange(count) != 70, sigma_m=sigma_m)
+    assert resolve.ends(motion, [50], 50) == sure
+    assert resolve.ends(motion, [50, 80], 50) == [20]
+    assert resolve.ends(motion, [5, 50], 50) == [66]
+    assert resolve.ends(motion, [95], 95) == [66]
+    assert resolve.ends(resolve.untracked(count), [50], 50) == []
+
+
+def test_second_fields_are_seen_halfway_to_the_next_frame(tmp_path: Path) -> None:
+    footage = edited.workspace(edited.capture(tmp_path / "capture")).footage
+    image = np.zeros((4, 4, 3), np.uint8)
+    woven = FrameSet(3, "01:00:00:03", (image,) * 4, second_fields=(image + 9, image + 9, image + 9, None))
+    located = footage.located(woven)
+    later = located.second_fields
+    assert later is not None
+    assert not located.frames.second_fields
+    for view, track in enumerate(footage.found.tracks[:3]):
+        assert track is not None
+        place, picture = later.localisations[view], later.frames.images[view]
+        assert place is not None
+        assert picture is not None
+        assert picture.max() == 9
+        assert place.pan_rad == pytest.approx(track.pan_rad[3:5].mean())
+        assert place.focal_px == pytest.approx(np.sqrt(track.focal_px[3] * track.focal_px[4]))
+    assert later.localisations[3] is None
+    assert footage.located(replace(woven, second_fields=())).second_fields is None
+    assert footage.located(replace(woven, index=edited.FRAMES - 1)).second_fields is None

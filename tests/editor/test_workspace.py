@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pzcap.body.kinematics import difference, joints
-from pzcap.editor import showing
+from pzcap.editor import resolve, showing
 from pzcap.editor.inverse_kinematics import HANDLES
 from pzcap.editor.workspace import Workspace
 from pzcap.io.capture import frame_sets, read_capture
@@ -217,6 +218,36 @@ def test_a_drag_changes_nothing_before_it_is_dropped(folder: Path) -> None:
         space.drop(7, click, None)
 
 
+def test_a_body_tracked_from_keypoints_is_solved_again_near_keyframes_alone(folder: Path) -> None:
+    motion = edited.found(tracked=True).motion
+    assert motion is not None
+    many = replace(edited.found(tracked=True), motion=replace(motion, keyframes=np.zeros(0, np.int64)))
+    space = Workspace(read_capture(folder), many)
+    assert showing.overview(space)["by_keypoints"]
+    with pytest.raises(PzcapError, match="no keyframe to track from"):
+        space.solve_again(3, lambda *_: None, lambda: False)
+    space.set_key(0, is_key=True)
+    solved: list[list[Keyframe]] = []
+
+    def anew(*given: Any) -> Motion:
+        solved.append(given[2])
+        raise PzcapError("stopped")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(resolve, "tracked_anew", anew)
+        patch.setattr(resolve, "ends", lambda *_: [9])
+        with pytest.raises(PzcapError, match="stopped"):
+            space.solve_again(0, lambda *_: None, lambda: False)
+        assert [(key.frame, key.found) for key in solved[0]] == [(0, False), (9, True)]
+        held = solved[0][1]
+        assert held.covariance is not None
+        assert space.problem(9).sigma_m(held.pose, held.covariance)[:16].max() < 0.01  # as the motion has it
+        patch.setattr(resolve, "ends", lambda *_: [5, 9])
+        with pytest.raises(PzcapError, match="no keyframe of a hand"):
+            space.solve_again(7, lambda *_: None, lambda: False)
+    space.close()
+
+
 def test_frames_are_proposed_and_told(folder: Path) -> None:
     space = edited.workspace(folder)
     assert [one["frame"] for one in showing.overview(space)["suggested"]][:3] == [0, 11, 5]
@@ -228,6 +259,11 @@ def test_frames_are_proposed_and_told(folder: Path) -> None:
     assert best[0]["why"] == "left arm least certain"
     tracked.set_key(best[0]["frame"], is_key=True)
     assert showing.overview(tracked)["suggested"][0]["frame"] != best[0]["frame"]
+    tracked.set_key(best[0]["frame"], is_key=False)
+    tracked.motion = replace(tracked.motion, keyframes=np.zeros(0, np.int64))  # as from keypoints
+    (least, *_) = showing.overview(tracked)["suggested"]
+    assert abs(least["frame"] - 6) <= 4
+    assert least["why"] == "left arm least certain"
 
 
 def test_pictures_of_any_frame_in_any_order(folder: Path) -> None:

@@ -108,6 +108,10 @@ class Hand:
         u, v = self.page.evaluate("([c, x, y]) => editor.screenOf(c, x, y)", [camera, x, y])
         return u, v
 
+    def place_of(self, handle: int, camera: int) -> tuple[float, float]:
+        """Where a handle is on the screen."""
+        return self.on_screen(camera, *self.shown["handles"][camera][handle])
+
     def go(self, frame: int) -> None:
         """By the line of time."""
         box = self.page.query_selector("#time").bounding_box()

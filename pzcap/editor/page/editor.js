@@ -40,11 +40,11 @@ const KEYS = [
   [["l"], "l", "loupe: while dragging, always, never", () => { show.loupe = (show.loupe + 1) % 3; redraw(); tell(`loupe: ${["while dragging", "always", "never"][show.loupe]}`); }],
   [["w"], "w", "the pose as it was before it was solved again, on or off", () => toggle("before")],
   [["Escape"], "Esc", "let go of a drag; stop solving", escape],
-  [["?", "h"], "?", "these keys", () => $("keys").open ? $("keys").close() : $("keys").showModal()],
+  [["?", "h"], "?", "these keys", () => $("keys").open ? $("keys").close() : help()],
 ];
 const MOUSE = [
   ["drag a joint", "the body follows; let go to keep it"], ["Shift while dragging", "four times slower"],
-  ["click a joint", "choose it"], ["Alt-click", "put the chosen joint there"], ["wheel", "zoom"],
+  ["click a joint", "choose it"], ["right click", "put the chosen joint there; Alt-click as well"], ["wheel", "zoom"],
   ["drag the picture", "move it"], ["double click", "zoom to the body"], ["click in the line of time", "go to that frame"],
 ];
 
@@ -100,7 +100,7 @@ function hear(message) {
   if (message.shown && message.shown.frame === frame) {
     const before = shown;
     shown = message.shown;
-    if (!before || before.frame !== frame) arrived();
+    if (!before || before.frame !== frame) arrived(before);
     if ($("message").textContent === "fitting to the silhouettes") tell("fitted");
     panel(); redraw();
   }
@@ -129,33 +129,46 @@ function go(to, force = false) {
   if (shown && shown.frame !== frame) shown = { ...shown, stale: true };
   history.replaceState(null, "", `#${frame}`);
   send({ do: "show", frame });
-  views.forEach(view => view.load());
+  ask();
+  views.forEach(view => view.paint());
   heading(); timeline();
 }
 
 let later = 0;
-function arrived() {
-  views.forEach(view => { if (!view.placed) view.fit(true); });
+function arrived(before) {
+  views.forEach(view => { if (view.placed && before) view.keepUp(before); else view.fit(true); });
   clearTimeout(later);
   if (show.silhouettes) later = setTimeout(() => send({ do: "silhouettes", frame }), 120);
 }
 
+const NOTHING = { ready: false, missing: false };
+const nameOf = (number, camera) => `frame/${number}/${camera}.jpg`;
+const have = number => views.every(view => picture(number, view.number) !== NOTHING);
+
 function picture(number, camera) {
-  const name = `frame/${number}/${camera}.jpg`;
-  let image = pictures.get(name);
-  if (image) { pictures.delete(name); pictures.set(name, image); return image; }
-  image = new Image();
-  image.src = name;
-  image.decode().then(() => { image.ready = true; }, () => { image.missing = true; })  // beside the page's own thread
-    .then(() => { if (number === frame) { views[camera].paint(); ahead(); } });
-  pictures.set(name, image);
-  while (pictures.size > KEPT_PICTURES) pictures.delete(pictures.keys().next().value);
+  const name = nameOf(number, camera), image = pictures.get(name);
+  if (!image) return NOTHING;
+  pictures.delete(name); pictures.set(name, image);
   return image;
 }
 
-function ahead() {
-  if (!views.every(view => { const one = picture(frame, view.number); return one.ready || one.missing; })) return;
-  if (frame + 1 < about.frames) views.forEach(view => picture(frame + 1, view.number));
+/* The pictures of one frame after those of another: whoever scrubs outruns what can be decoded. */
+let asked = null;
+function ask() {
+  if (asked !== null) return;
+  asked = !have(frame) ? frame : frame + 1 < about.frames && !have(frame + 1) ? frame + 1 : null;
+  if (asked === null) return;
+  const number = asked;
+  Promise.all(views.map(view => load(number, view))).then(() => { asked = null; ask(); });
+}
+
+async function load(number, view) {
+  const image = new Image(), name = nameOf(number, view.number);
+  image.src = name;
+  pictures.set(name, image);
+  while (pictures.size > KEPT_PICTURES) pictures.delete(pictures.keys().next().value);
+  await image.decode().then(() => { image.ready = true; }, () => { image.missing = true; });  // beside the page's own thread
+  if (number === frame) view.paint();
 }
 
 /* ------------------------------------------------------------------------------------------------- views */
@@ -172,6 +185,7 @@ function pathOf(lines) {
 class View {
   constructor(number) {
     this.number = number; this.scale = 1; this.left = 0; this.top = 0; this.placed = false; this.mouse = [0, 0];
+    this.follows = "body";  // what stays in sight from frame to frame: the body whole, or where it was zoomed to
     this.box = document.createElement("div"); this.box.className = "view";
     this.under = document.createElement("canvas"); this.above = document.createElement("canvas");
     this.label = document.createElement("span"); this.label.className = "label";
@@ -196,8 +210,11 @@ class View {
     const old = [this.width, this.height];
     this.width = width; this.height = height; this.ratio = window.devicePixelRatio || 1;
     for (const canvas of [this.under, this.above]) { canvas.width = Math.round(width * this.ratio); canvas.height = Math.round(height * this.ratio); }
-    if (this.placed && old[0]) { this.left += (width - old[0]) / 2; this.top += (height - old[1]) / 2; this.paint(); }
-    else this.fit(true);
+    if (!this.placed || !old[0]) return this.fit(true);
+    const by = Math.min(width / old[0], height / old[1]);  // what was in sight stays in sight
+    this.left = width / 2 + (this.left - old[0] / 2) * by; this.top = height / 2 + (this.top - old[1] / 2) * by;
+    this.scale *= by;
+    this.paint();
   }
 
   /* Picture coordinates have (0, 0) in the middle of the first pixel. */
@@ -205,14 +222,49 @@ class View {
   pixel([u, v]) { return [(u - this.left) / this.scale - 0.5, (v - this.top) / this.scale - 0.5]; }
   at(event) { const box = this.above.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; }
 
+  /* Of the body in the picture, and beside it as far as it is large; null where it is not there. */
+  extent(of) {
+    const [w, h] = this.size;
+    const seen = of.handles[this.number].filter(p => p && p[0] > -w && p[0] < 2 * w && p[1] > -h && p[1] < 2 * h);
+    if (!seen.length) return null;
+    const across = seen.map(p => p[0]), down = seen.map(p => p[1]);
+    return [Math.min(...across), Math.min(...down), Math.max(...across), Math.max(...down)];
+  }
+
+  /* Another frame than that of `before`: the body stays in sight. */
+  keepUp(before) {
+    if (!this.width || this.follows === "nothing") return;
+    if (this.follows === "body") {
+      const body = this.extent(shown);
+      if (!body) return;
+      const [u0, v0] = this.screen([body[0], body[1]]), [u1, v1] = this.screen([body[2], body[3]]);
+      const share = Math.max((u1 - u0) / this.width, (v1 - v0) / this.height);
+      if (Math.min(u0, v0) < 0 || u1 > this.width || v1 > this.height || share < 0.4) this.fit(true);
+      return;
+    }
+    const [was, is] = [before, shown].map(one => this.middle(one));
+    if (!was || !is) return;
+    this.left -= (is[0] - was[0]) * this.scale; this.top -= (is[1] - was[1]) * this.scale;
+    this.paint();
+  }
+
+  /* Of what is looked at: the chosen joint where it is in sight, else the body. */
+  middle(of) {
+    const points = of.handles[this.number], one = chosen === null ? null : points[chosen];
+    const [u, v] = one ? this.screen(one) : [-1, -1];
+    if (one && (of === shown ? this.near : this.near = u > 0 && v > 0 && u < this.width && v < this.height)) return one;
+    const body = this.extent(of);
+    return body && [(body[0] + body[2]) / 2, (body[1] + body[3]) / 2];
+  }
+
   fit(toBody) {
     if (!this.width) return;
     const [w, h] = this.size;
     let [x0, y0, x1, y1] = [0, 0, w, h];
-    const seen = shown && !shown.stale ? shown.handles[this.number].filter(p => p && p[0] > -w && p[0] < 2 * w && p[1] > -h && p[1] < 2 * h) : [];
-    if (toBody && seen.length) {
-      x0 = Math.min(...seen.map(p => p[0])); x1 = Math.max(...seen.map(p => p[0]));
-      y0 = Math.min(...seen.map(p => p[1])); y1 = Math.max(...seen.map(p => p[1]));
+    const body = toBody && shown && !shown.stale ? this.extent(shown) : null;
+    this.follows = toBody ? "body" : "nothing";
+    if (body) {
+      [x0, y0, x1, y1] = body;
       const margin = 0.18 * Math.max(x1 - x0, y1 - y0) + 4;
       x0 -= margin; x1 += margin; y0 -= margin; y1 += margin;
     }
@@ -225,10 +277,9 @@ class View {
   zoom(factor, [u, v]) {
     const scale = Math.min(Math.max(this.scale * factor, 0.05), 60), by = scale / this.scale;
     this.left = u - (u - this.left) * by; this.top = v - (v - this.top) * by; this.scale = scale;
+    this.follows = "place";
     this.paint();
   }
-
-  load() { picture(frame, this.number); this.paint(); }
 
   paint() {
     if (!this.width || !about) return;
@@ -333,7 +384,7 @@ class View {
     if (over !== this || show.loupe === 2 || (show.loupe === 0 && !(drag && drag.moved))) return;
     const image = picture(frame, this.number), at = drag && drag.at ? drag.at : this.pixel(this.mouse), R = LOUPE_PX;
     if (!image.ready) return;
-    const [u, v] = this.screen(at), zoom = Math.max(4, 2.5 * this.scale);
+    const [u, v] = this.screen(at), zoom = Math.max(Math.min(4, 6 * this.scale), 2.5 * this.scale);
     const aside = (at, length) => {  // away from the body, where there is room
       const way = at < length / 2 ? -1 : 1, far = at + 2.4 * way * R;
       return at + 1.4 * R * (far > 0 && far < length ? way : -way);
@@ -369,7 +420,8 @@ class View {
     this.above.setPointerCapture(event.pointerId);
     const mouse = this.at(event);
     this.mouse = mouse;
-    if (event.altKey && chosen !== null && event.button === 0) {
+    if (event.button === 2 || (event.altKey && event.button === 0)) {
+      if (chosen === null) return tell("choose a joint first: click it, or Tab", true);
       say("drop", { handle: chosen, camera: this.number, ...this.clickAt(this.pixel(mouse)) });
       return;
     }
@@ -393,7 +445,7 @@ class View {
     const [du, dv] = [mouse[0] - drag.last[0], mouse[1] - drag.last[1]];
     drag.last = mouse; this.mouse = mouse;
     if (!drag.moved && Math.hypot(mouse[0] - drag.from[0], mouse[1] - drag.from[1]) < MOVED_PX) return;
-    if (drag.handle === null) { drag.moved = true; this.left += du; this.top += dv; this.paint(); return; }
+    if (drag.handle === null) { drag.moved = true; this.follows = "place"; this.left += du; this.top += dv; this.paint(); return; }
     if (event.shiftKey && drag.moved) drag.at = [drag.at[0] + du / this.scale / 4, drag.at[1] + dv / this.scale / 4];
     else drag.at = this.pixel(mouse);
     drag.moved = true;
@@ -439,7 +491,18 @@ function tint(handle) {
   return colour(name.startsWith("left") ? "left" : name.startsWith("right") ? "right" : "middle");
 }
 
+const LEGEND = [
+  ["left", "", "left"], ["right", "", "right"], ["middle", "", "trunk, head"], ["#ffffff", "", "outline of the body"],
+  ["#ff3df5", "dashed", "silhouette in the footage"], ["clicked", "dashed", "where a dragged joint can be"],
+  ["clicked", "knob", "clicked in this view"], ["was", "", "before it was solved again"],
+];
+
 function build() {
+  fill($("legend"), LEGEND.map(([name, kind, what]) => {
+    const mark = document.createElement("i");
+    mark.className = kind; mark.style.color = name.startsWith("#") ? name : colour(name);
+    return ["li", mark, what];
+  }));
   about.cameras.forEach((_, number) => views.push(new View(number)));
   alone(-1);
   for (const [, keys, what] of KEYS) row(keys, what);
@@ -466,7 +529,7 @@ function heading() {
   $("where").textContent = `frame ${frame} of ${about.frames - 1}   ${about.timecodes[frame]}`;
   const state = $("state");
   if (!shown || shown.stale) { state.textContent = "…"; state.className = "pill"; return; }
-  const work = shown.clicks.length ? `, ${shown.clicks.length} clicks` : "";
+  const count = shown.clicks.length, work = count ? `, ${count} click${count > 1 ? "s" : ""}` : "";
   state.textContent = shown.is_key ? `keyframe, saved${work}` : shown.clicks.length ? `draft${work}: not sure enough yet` : shown.told_origin;
   state.className = `pill ${shown.is_key ? "key" : shown.clicks.length ? "draft" : ""}`;
   $("key").textContent = shown.is_key ? "No keyframe" : "Make keyframe";
@@ -479,7 +542,7 @@ function panel() {
     $("undo").disabled = !overview.can_undo; $("redo").disabled = !overview.can_redo;
     fill($("next"), overview.suggested.map(one => ["li", link(`frame ${one.frame}`, one.frame), ` ${one.why}`]));
     $("keyframes").replaceChildren(...overview.keys.flatMap(key => [link(`${key}`, key), " "]));
-    if (!overview.keys.length) $("keyframes").textContent = "none yet";
+    if (!overview.keys.length) $("keyframes").textContent = overview.by_keypoints ? "none by hand; the body was tracked from a detector's keypoints" : "none yet";
     const change = overview.difference;
     $("difference").replaceChildren();
     if (change) {
@@ -493,9 +556,9 @@ function panel() {
   }
   if (!shown || shown.stale) return;
   const sure = shown.sigma_mm.length ? worst(shown.sigma_mm) : null;
-  $("pose").textContent = `from: ${shown.told_origin}` + (sure === null ? "; there is no body in this frame" : `; least sure: ${about.handles[sure]}, ${shown.sigma_mm[sure]} mm`);
+  $("pose").textContent = `from: ${shown.told_origin}` + (sure === null ? "; there is no body in this frame" : `; least sure: ${about.handles[sure]}, ${long(shown.sigma_mm[sure])}`);
   fill($("notes"), shown.notes.map(note => ["li", note]));
-  $("chosen").textContent = chosen === null ? "No joint chosen" : about.handles[chosen] + (shown.sigma_mm.length ? ` (to ${shown.sigma_mm[chosen]} mm)` : "");
+  $("chosen").textContent = chosen === null ? "No joint chosen" : about.handles[chosen] + (shown.sigma_mm.length ? ` (to ${long(shown.sigma_mm[chosen])})` : "");
   const rows = [];
   if (chosen !== null) {
     rows.push(["tr", ["th", "camera"], ["th", "clicked"], ["th", "misses by"]]);
@@ -508,6 +571,7 @@ function panel() {
   fill($("joint"), rows);
 }
 
+function long(mm) { return mm < 1000 ? `${mm} mm` : `${(mm / 1000).toFixed(1)} m`; }
 function worst(sigma) { return sigma.indexOf(Math.max(...sigma.slice(0, about.joints))); }
 
 function fill(parent, rows) { parent.replaceChildren(...rows.map(element)); }
@@ -546,6 +610,8 @@ function timeline() {
   }
   pen.fillStyle = "#d5dae2"; pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
   for (const mm of [10, 100]) { const v = base - tall(mm); pen.fillRect(8, v, width - 16, 0.5); pen.strokeStyle = "#000c"; pen.lineWidth = 3; pen.strokeText(`${mm} mm`, 11, v - 2); pen.fillText(`${mm} mm`, 11, v - 2); }
+  const caption = overview.sigma_mm.some(mm => mm >= 0) ? "least sure joint of each frame" : "no frame has been tracked yet";
+  pen.strokeText(caption, width - 12 - pen.measureText(caption).width, 17); pen.fillText(caption, width - 12 - pen.measureText(caption).width, 17);
   overview.suggested.forEach((one, k) => { pen.fillStyle = "#8ec5ff"; pen.fillText(`${k + 1}`, x(one.frame) - 3, 67); });
   for (const f of overview.touched) { pen.fillStyle = colour("clicked"); pen.fillRect(x(f) - 1, base, 2, 4); }
   for (const f of overview.keys) { pen.fillStyle = "#4be07a"; pen.beginPath(); pen.moveTo(x(f), base - 2); pen.lineTo(x(f) - 5, base + 8); pen.lineTo(x(f) + 5, base + 8); pen.fill(); }
@@ -605,7 +671,8 @@ $("undo").onclick = () => step("undo");
 $("redo").onclick = () => step("redo");
 $("key").onclick = () => shown && say("key", { key: !shown.is_key });
 $("solve").onclick = () => say("solve", {});
-$("help").onclick = () => $("keys").showModal();
+$("help").onclick = help;
+function help() { $("keys").showModal(); $("keys").scrollTop = 0; }
 for (const button of document.querySelectorAll("header button")) button.addEventListener("click", () => button.blur());
 {
   const scrub = event => { if (about) { const box = $("time").getBoundingClientRect(); go(Math.floor((event.clientX - box.left - 8) / (box.width - 16) * about.frames)); } };
