@@ -19,7 +19,7 @@ import numpy as np
 from pzcap.body.skeleton import Body
 from pzcap.editor.tuning import FOOTAGE
 from pzcap.events import FrameLocalised
-from pzcap.geometry.camera import of_track
+from pzcap.geometry.camera import of_track, wrapped
 from pzcap.io.capture import FrameSets
 from pzcap.localisation.rectification import upright_views
 from pzcap.segmentation.foreground import ForegroundConfig, separate
@@ -150,8 +150,9 @@ def _decompressed(jpeg: bytes) -> Image:
 def _halfway(track: PanZoomTrack, frame: int) -> Localisation:
     """Half a frame period after a frame; it was found if that frame and the next were."""
     here, there = _localisation(track, frame), _localisation(track, frame + 1)
+    turned_rad = float(wrapped(there.pan_rad - here.pan_rad))
     return replace(
-        here, pan_rad=(here.pan_rad + there.pan_rad) / 2, tilt_rad=(here.tilt_rad + there.tilt_rad) / 2,
+        here, pan_rad=here.pan_rad + 0.5 * turned_rad, tilt_rad=(here.tilt_rad + there.tilt_rad) / 2,
         roll_rad=(here.roll_rad + there.roll_rad) / 2, focal_px=float(np.sqrt(here.focal_px * there.focal_px)),
         covariance=(here.covariance + there.covariance) / 2, shear=(here.shear + there.shear) / 2,
         valid=here.valid and there.valid,
