@@ -25,13 +25,13 @@ from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose, probably_lost
 from pzcap.tracking.keyframes import information
 from pzcap.tracking.limbs import mismatch
-from pzcap.tracking.observation import ViewCrop, Views, timed
+from pzcap.tracking.observation import ViewCrop, Views
 from pzcap.tracking.pixel_time import ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective, in_motion, misfit_px2
 from pzcap.tracking.reacquisition import PassResults
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, shared
-from pzcap.tracking.tuning import CLOCK, INTERVAL, SHAPE
+from pzcap.tracking.tuning import INTERVAL, SHAPE
 from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Mask, Pose
 
 
@@ -71,16 +71,6 @@ class Anchor:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beginning:
-    """The keyframe that an interval began with, as the forward pass has set out from it."""
-
-    pose: Pose
-    velocity: Array  # (43,) tangent, from an instant to the next
-    views: Views
-    clock: Array  # (C,) that of each camera, as the forward pass had it
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class IntervalProblem:
     """The instants between two keyframes, for `solved`."""
 
@@ -88,7 +78,6 @@ class IntervalProblem:
     clocks: ClockEstimate
     before: Sequence[Pose]  # of up to two frames before the first of them
     instants: Sequence[Instant]
-    beginning: Beginning | None  # None: there are no instants
     reference: Appearances  # of the skin beside the keyframe that the interval began with, a view each
     anchor: Anchor | None  # the keyframe that ends them; None: none does
     config: TrackingConfig
@@ -107,37 +96,7 @@ class IntervalResult:
 
 
 def solved(problem: IntervalProblem) -> IntervalResult:
-    """Solve an interval; without any frames, its keyframe by itself, with the body as corrected by then. Where the
-    clocks turn out to be others than it was tracked by, it is tracked anew."""
-    result = _solved(_by_clocks(problem, problem.clocks.clock))
-    again = _by_clocks(problem, result.clocks.clock)
-    return result if again is problem else _solved(again)
-
-
-def _by_clocks(problem: IntervalProblem, clock: Array) -> IntervalProblem:
-    """The ``problem`` with the clocks expected at ``clock`` (C,), and tracked forward by these if it was by others."""
-    start, anchor = problem.beginning, problem.anchor
-    if start is None or np.abs(start.clock - clock).max() < CLOCK.stale:
-        return problem
-    start = replace(start, views=timed(start.views, clock), clock=clock)
-    tracker = FrameTracker(
-        problem.estimate.body, problem.config, start.pose, start.velocity, start.views, problem.period
-    )
-    views = [timed(each.views, clock) for each in problem.instants]
-    return replace(
-        problem,
-        beginning=start,
-        instants=[
-            replace(each, views=own, forward=tracker.step(own))
-            for each, own in zip(problem.instants, views, strict=True)
-        ],
-        reference=tracker.reference,
-        anchor=None if anchor is None else replace(anchor, views=timed(anchor.views, clock)),
-        clocks=problem.clocks.about(clock),
-    )
-
-
-def _solved(problem: IntervalProblem) -> IntervalResult:
+    """Solve an interval; without any frames, its keyframe by itself, with the body as corrected by then."""
     anchor, config = problem.anchor, problem.config
     if anchor is not None and anchor.fit.seen:
         estimate = problem.estimate.with_keyframe(anchor.key, anchor.fit.pose, anchor.views, anchor.speed, config)

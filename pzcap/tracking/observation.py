@@ -105,14 +105,6 @@ def _smooth(image: Image) -> Image:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7), np.uint8)
 
 
-def timed(views: Views, clock: Array) -> Views:
-    """The ``views`` exposed by ``clock`` (C,), frame periods."""
-    return tuple(
-        view if view is None else replace(view, exposure=view.exposure._replace(clock=float(one)))
-        for view, one in zip(views, clock, strict=True)
-    )
-
-
 def _belief(evidence: Float32, skin: Image) -> Float32:
     """The belief of a crop, from its ``evidence`` (h / 2, w / 2), log-odds, and the probability (h, w), 0..255, of the
     colours of ``skin``. Where it has those, it is no sure hall: an arm may be before wood."""

@@ -186,10 +186,6 @@ class ClockEstimate:
         drifted = np.linalg.inv(self.information) + (CLOCK.drift * periods) ** 2 * np.eye(len(self.clock))
         return replace(self, information=np.asarray(np.linalg.inv(drifted), np.float64))
 
-    def about(self, clock: Array) -> ClockEstimate:
-        """An estimate that is as sure of ``clock`` (C,)."""
-        return replace(self, clock=clock)
-
     @property
     def sigma(self) -> Array:
         """(C,) standard deviations from the mean of all: what all have in common no image shows."""

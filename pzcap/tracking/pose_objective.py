@@ -20,7 +20,7 @@ from pzcap.geometry.pinhole import pinhole
 from pzcap.tracking import keypoint_residuals, residuals
 from pzcap.tracking.camera_refinement import CameraPrior, MarginalisedCamera, eliminate, segment_twists
 from pzcap.tracking.drape import MarginalisedDrape, eliminate_drape, expected_drape, segments_twists
-from pzcap.tracking.observation import PYRAMID_LEVELS, Placed, PlacedView, ViewCrop, Views, place_view, project, timed
+from pzcap.tracking.observation import PYRAMID_LEVELS, Placed, PlacedView, ViewCrop, Views, place_view, project
 from pzcap.tracking.pixel_time import (
     AT_ONCE,
     ClockEquations,
@@ -113,7 +113,10 @@ class PoseObjective:
 
     def with_clocks(self, clock: Array) -> PoseObjective:
         """The objective with the views exposed by ``clock`` (C,), frame periods."""
-        return replace(self, views=timed(self.views, clock))
+        return replace(self, views=tuple(
+            view if view is None else replace(view, exposure=view.exposure._replace(clock=float(one)))
+            for view, one in zip(self.views, clock, strict=True)
+        ))  # fmt: skip
 
     def posed(self, pose: Pose) -> PosedBody:
         """Put the body in a ``pose``."""

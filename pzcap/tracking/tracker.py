@@ -24,7 +24,6 @@ from pzcap.tracking.body_size import body_size, resized
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate
 from pzcap.tracking.interval_solver import (
     Anchor,
-    Beginning,
     Instant,
     IntervalProblem,
     IntervalResult,
@@ -82,7 +81,6 @@ class Tracker:
         self._before: Sequence[Pose] = ()  # the last frames before those that wait
         self._solving: Future[IntervalResult] | None = None
         self._ahead: FrameTracker | None = None
-        self._beginning: Beginning | None = None
         self._reached: Keyframe | None = None
         self._skin_colours = SkinColourModel()
         self._lead: list[TrackInput] = []  # before the first keyframe
@@ -160,7 +158,6 @@ class Tracker:
         else:
             self._solve(anchor)
         self._ahead = FrameTracker(self.body, self.config, fit.pose, velocity, views, self._period)
-        self._beginning = Beginning(fit.pose, velocity, views, self._clocks().clock)
         return done
 
     def _correct_size(self, item: TrackInput, key: Keyframe) -> None:
@@ -175,15 +172,7 @@ class Tracker:
     def _problem(self, instants: Sequence[Instant], anchor: Anchor | None) -> IntervalProblem:
         reference = () if self._ahead is None else self._ahead.reference
         return IntervalProblem(
-            self._estimate,
-            self._clocks(),
-            self._before,
-            instants,
-            self._beginning,
-            reference,
-            anchor,
-            self.config,
-            self._period,
+            self._estimate, self._clocks(), self._before, instants, reference, anchor, self.config, self._period
         )
 
     def _clocks(self) -> ClockEstimate:
@@ -192,9 +181,8 @@ class Tracker:
 
     def _solve(self, anchor: Anchor | None) -> None:
         """Start to solve what waits, up to ``anchor``. What was being solved has been taken before."""
-        problem = self._problem(self._waiting, anchor)
-        self._waiting, self._beginning = [], None
-        self._solving = runtime.submit(solved, problem)
+        instants, self._waiting = self._waiting, []
+        self._solving = runtime.submit(solved, self._problem(instants, anchor))
 
     def _solved(self) -> list[Tracked]:
         """The interval that is being solved, once it is; from then on its body is tracked with."""

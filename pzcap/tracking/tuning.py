@@ -182,7 +182,6 @@ class ClockTuning(NamedTuple):
     together: float = 1e4  # information on the sum of all clocks, which no image shows
     settled: float = 0.003  # frame periods; a smaller change ends the rounds of an interval
     rounds: int = 6  # of an interval, at most
-    stale: float = 0.05  # frame periods by which clocks may be off before all is tracked anew
 
 
 VIEW = ViewTuning()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import replace
 from functools import cache
 
@@ -17,9 +15,6 @@ from pzcap.body.segment_equations import SegmentSums, lift
 from pzcap.body.skeleton import DOF, MOVES
 from pzcap.geometry.pinhole import projected
 from pzcap.tracking.camera_refinement import CAMERA_DOF, eliminate, segment_twists
-from pzcap.tracking.frame_tracker import FrameEstimate, FrameTracker
-from pzcap.tracking.interval_solver import IntervalProblem, IntervalResult
-from pzcap.tracking.observation import Views
 from pzcap.tracking.pixel_time import (
     ClockEstimate,
     ClockSystem,
@@ -166,32 +161,6 @@ def test_the_moving_body_tells_the_clocks() -> None:
     apart = free.clocks.clock - free.clocks.clock.mean() - (np.array(CLOCKS) - np.mean(CLOCKS))
     assert np.sqrt(np.mean(apart**2)) < 0.03  # a millisecond
     assert off[0] < 0.7 * off[1]
-
-
-@pytest.mark.parametrize("off", [False, True])
-def test_what_was_tracked_by_wrong_clocks_is_tracked_anew(off: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forward and backward, by those that the frames have shown; and once alone where they were right."""
-    clocks: list[list[float]] = []
-    step = FrameTracker.step
-
-    def watched(tracker: FrameTracker, views: Views) -> FrameEstimate:
-        clocks.append([view.exposure.clock for view in views if view is not None])
-        return step(tracker, views)
-
-    def at_once(work: Callable[..., IntervalResult], problem: IntervalProblem) -> Future[IntervalResult]:
-        done: Future[IntervalResult] = Future()
-        done.set_result(work(problem))
-        return done
-
-    monkeypatch.setattr(FrameTracker, "step", watched)
-    monkeypatch.setattr("pzcap.tracking.tracker.runtime.submit", at_once)
-    tracker = Tracker(taped(), [by_hand(0), by_hand(FRAMES - 1)], CONFIG)
-    for item in inputs_of(late() if off else clip()):
-        tracker.push(item)
-    once = 2 * (FRAMES - 2)  # and the step that arrives at the keyframe
-    assert len(clocks) == once * (2 if off else 1) + 1
-    if off:
-        np.testing.assert_allclose(clocks[-1], np.array(CLOCKS) - np.mean(CLOCKS), atol=0.06)
 
 
 def test_the_clocks_of_interlaced_cameras_are_in_periods_of_frames() -> None:
