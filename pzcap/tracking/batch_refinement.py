@@ -138,8 +138,8 @@ class _Batch:
             chain = [*self.before, *poses]
             ties = contacts(self.body, chain) if config.contacts else []
             # forces that change at random: how far they throw a body off grows as the time to the power of 3/2
-            jerky = config.acceleration_sigma * self.period**1.5
-            steps = smooth_step(poses, hessians, gradients, jerky, self.before, ties)
+            sigma = config.acceleration_sigma * self.period**1.5
+            steps = smooth_step(poses, hessians, gradients, sigma, self.before, ties)
             steps = steps.clip(-0.5, 0.5)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
             objectives = [

@@ -69,7 +69,7 @@ def test_intervals_end_at_keyframes() -> None:
 
 
 def test_a_body_tracked_from_keypoints_is_held_at_sure_frames() -> None:
-    """Where a hand has set nothing near by; from one keyframe alone seconds would be tracked anew."""
+    """Sure tracked frames, if a hand has set none near by; from one keyframe alone seconds would be tracked anew."""
     count, sure = 100, [20, 66]
     sigma_m = np.full((count, 16), 0.01)
     sigma_m[:, 5] = 0.03

@@ -109,7 +109,7 @@ class Hand:
         return u, v
 
     def place_of(self, handle: int, camera: int) -> tuple[float, float]:
-        """Where a handle is on the screen."""
+        """Place of a handle on the screen."""
         return self.on_screen(camera, *self.shown["handles"][camera][handle])
 
     def go(self, frame: int) -> None:

@@ -90,7 +90,7 @@ def test_second_fields_are_tracked_and_frames_are_told(keys: tuple[int, ...]) ->
 
 
 def test_an_expectation_after_a_keyframe_is_of_its_second_field() -> None:
-    """Where the hand was wrong, the body has been found by then."""
+    """The body has been found by then, though the hand was wrong."""
     wrong, camera = by_hand(0), inputs()[0].views[0].camera
     wrong = replace(wrong, pose=replace(wrong.pose, root_position_m=wrong.pose.root_position_m + 0.02))
     tracker = Tracker(taped(), [wrong], CONFIG, by_fields=True)
