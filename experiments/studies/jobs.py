@@ -36,7 +36,9 @@ T = TypeVar("T")
 
 MARK: Final = "job.json"  # of a finished job
 FAILED: Final = "failed.txt"  # of one that failed: its reason in the first line, a traceback below if it is a bug
-HYDRA: Final = ".hydra"  # what Hydra itself writes into a job's folder before the job begins
+HYDRA: Final = ".hydra"  # where users of Hydra look for a job's configuration
+NO_HYDRA: Final = "hydra.output_subdir=null"
+"""Override by which Hydra itself writes nothing there: it would before the job holds its lock."""
 _CODE: Final = Path(__file__).parents[2]
 _ABOVE: Final = ("experiment=", "study=")  # overrides that name the folders above a job's
 _LONGEST: Final = 80  # letters of the overrides in a folder's name
@@ -151,7 +153,10 @@ def carry_out(
         with _at_work(partial):
             if finished(folder, wanted):  # by now: by whom this process has waited for
                 return None
-            _clear(folder, partial)
+            _clear(folder)
+            (partial / HYDRA).mkdir()
+            OmegaConf.save(composed, partial / HYDRA / "config.yaml")
+            OmegaConf.save(OmegaConf.create(list(overrides)), partial / HYDRA / "overrides.yaml")
             start = time.perf_counter()
             result = work(tree, partial)
             mark = {"key": wanted, "overrides": list(overrides), "seconds": round(time.perf_counter() - start, 3)}
@@ -210,11 +215,10 @@ def _lock(partial: Path) -> Path:
 def _publish(partial: Path, folder: Path) -> None:
     """The one step that makes it a result: what it replaces is an empty folder.
 
-    What another process has put there since, Hydra's part and that it found this one at work, is taken out before.
+    What another process has put there since, that it found this one at work, is taken out before.
     """
     for attempt in range(_TRIES):
         (folder / FAILED).unlink(missing_ok=True)
-        shutil.rmtree(folder / HYDRA, ignore_errors=True)
         try:
             partial.rename(folder)
         except OSError as error:
@@ -225,12 +229,10 @@ def _publish(partial: Path, folder: Path) -> None:
             return
 
 
-def _clear(folder: Path, partial: Path) -> None:
-    """Take from ``folder`` what Hydra wrote for this job, and remove what an earlier one left there."""
-    if (folder / HYDRA).is_dir():
-        (folder / HYDRA).rename(partial / HYDRA)
+def _clear(folder: Path) -> None:
+    """Remove what an earlier job left in ``folder``."""
     left = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    if MARK not in left and left - {FAILED, f".{FAILED}.partial"}:
+    if MARK not in left and left - {FAILED, f".{FAILED}.partial", HYDRA}:
         raise PzcapError(f"{folder}: holds what no sweep left there; choose another folder with hydra.sweep.dir=FOLDER")
     if left:
         stale = folder.with_name(f".{folder.name}.stale")

@@ -111,7 +111,7 @@ class Resuming(BasicSweeper):
             place, name = (str(OmegaConf.select(config, f"hydra.sweep.{part}")) for part in ("dir", "subdir"))
             wanted = jobs.key(jobs.tree_of(config))
         quoted = name.replace("\\", "\\\\").replace("'", "\\'")
-        return Job((*overrides, f"hydra.sweep.subdir='{quoted}'"), Path(place) / name, wanted)
+        return Job((*overrides, f"hydra.sweep.subdir='{quoted}'", jobs.NO_HYDRA), Path(place) / name, wanted)
 
 
 @contextmanager

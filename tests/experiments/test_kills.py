@@ -55,13 +55,12 @@ def test_a_job_is_finished_whatever_another_process_does_to_its_folder_meanwhile
     folder = tmp_path / "job"
 
     def meanwhile(tree: dict[str, Any], here: Path) -> str:
-        (folder / ".hydra").mkdir(parents=True)
-        (folder / ".hydra" / "config.yaml").write_text("of the other")
+        folder.mkdir(parents=True)
         (folder / jobs.FAILED).write_text("another process works on this job\n")
         return write(tree, here)
 
     assert jobs.carry_out(folder, composed(), [], meanwhile) == "new"
-    assert {path.name for path in folder.iterdir()} == {jobs.MARK, "result.txt"}
+    assert {path.name for path in folder.iterdir()} == {".hydra", jobs.MARK, "result.txt"}
     assert list(tmp_path.iterdir()) == [folder]
 
 

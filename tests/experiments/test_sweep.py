@@ -17,6 +17,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.plugins import Plugins
+from omegaconf import OmegaConf
 
 from experiments import run
 from experiments.errors import AlreadyReported
@@ -178,14 +179,21 @@ def test_a_job_is_done_once(tmp_path: Path) -> None:
     assert json.loads((folder / jobs.MARK).read_text())["overrides"] == ["value=1"]
 
 
-def test_what_hydra_wrote_goes_with_the_result(tmp_path: Path) -> None:
+def test_the_configuration_goes_with_the_result(tmp_path: Path) -> None:
     folder = tmp_path / "job"
-    for _ in range(2):
-        (folder / ".hydra").mkdir(parents=True, exist_ok=True)
-        (folder / ".hydra" / "config.yaml").write_text("value: 1\n")
-        jobs.carry_out(folder, composed(value=time.time()), [], write)
+    (folder / ".hydra").mkdir(parents=True)  # as Hydra leaves it where a job was killed that it had announced
+    for value in (1, 2):
+        jobs.carry_out(folder, composed(value=value), [f"value={value}"], write)
         assert {path.name for path in folder.iterdir()} == {".hydra", jobs.MARK, "result.txt"}
+        assert OmegaConf.load(folder / ".hydra" / "config.yaml") == composed(value=value)
+        assert OmegaConf.load(folder / ".hydra" / "overrides.yaml") == [f"value={value}"]
     assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_hydra_itself_writes_nothing_into_a_jobs_folder(tmp_path: Path) -> None:
+    assert sweep(tmp_path, "value=1,2", "pause_s=0").returncode == 0
+    jobs_hydra = {path.name for job in tmp_path.iterdir() if job.is_dir() for path in (job / ".hydra").iterdir()}
+    assert jobs_hydra == {"config.yaml", "overrides.yaml"}  # without the hydra.yaml of Hydra's own
 
 
 def test_a_changed_config_or_code_replaces_the_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
