@@ -21,9 +21,9 @@ from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.camera_refinement import MarginalisedCamera
 from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
 from pzcap.tracking.keyframes import information
-from pzcap.tracking.observation import Placed, Views
+from pzcap.tracking.observation import Placed
 from pzcap.tracking.pixel_time import ClockEstimate, ClockSystem
-from pzcap.tracking.pose_objective import PosedBody, PoseObjective, in_motion
+from pzcap.tracking.pose_objective import PosedBody, PoseObjective, ViewSequence
 from pzcap.tracking.reacquisition import PassResults, accepted, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
@@ -44,24 +44,24 @@ class RefinedBatch:
 
 
 def refine_batch(
-    body: Body, poses: Sequence[Pose], views: Sequence[Views], before: Sequence[Pose], key: Keyframe | None,
-    passes: PassResults | None, clocks: ClockEstimate, config: TrackingConfig, period: float,
+    body: Body, poses: Sequence[Pose], sequence: ViewSequence, before: Sequence[Pose], key: Keyframe | None,
+    passes: PassResults | None, clocks: ClockEstimate, config: TrackingConfig,
 ) -> RefinedBatch:  # fmt: skip
-    """Refine the ``poses`` of consecutive frames, and the ``clocks`` of the cameras as they are known before; in the
-    frames ``before`` them the body is held fast. Where the last is a ``key``, the pose that it was given counts there
-    beside the images.
+    """Refine the ``poses`` of the frames of a ``sequence``, and the ``clocks`` of the cameras as they are known before;
+    in the frames ``before`` them the body is held fast. Where the last is a ``key``, the pose that it was given counts
+    there beside the images.
 
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
     (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
     """
-    batch = _Batch(body, before, key, clocks, config, period)
-    objectives = in_motion(body, poses, views, period)
+    batch = _Batch(body, sequence.period, before, key, clocks, config)
+    objectives = sequence.objectives(body, poses)
     posed, placed = _placed(objectives, poses)
-    found = batch.sweep(objectives, posed, placed, mean_appearances(body, views, placed))
+    found = batch.sweep(objectives, posed, placed, mean_appearances(body, sequence.views, placed))
     for _ in range(CLOCK.rounds):  # a skin that was sampled at wrong poses, or by wrong clocks, holds these back
         clock = found.clocks.clock
         posed, placed = _placed(found.objectives, [each.pose for each in found.frames])
-        found = batch.sweep(found.objectives, posed, placed, mean_appearances(body, views, placed))
+        found = batch.sweep(found.objectives, posed, placed, mean_appearances(body, sequence.views, placed))
         if np.abs(found.clocks.clock - clock).max() < CLOCK.settled:
             break
     if passes is None or not config.reacquisition:
@@ -69,13 +69,12 @@ def refine_batch(
     inner, after = (len(poses), None) if key is None else (len(poses) - 1, poses[-1])
     limbs = LimbAppearance(body, config.appearance_score)
     around = before[-1], after
-    again = reacquire(limbs, poses[:inner], found.objectives[:inner], placed[:inner], passes, around, period)
+    again = reacquire(limbs, poses[:inner], found.objectives[:inner], placed[:inner], passes, around, sequence.period)
     if again is None:
         return found
     other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference)
     pairs = [(here.pose, there.pose) for here, there in zip(found.frames, other.frames, strict=True)]
-    seen = [each.views for each in other.objectives]
-    chosen = accepted(limbs, before[-1], pairs, seen, again, passes.agreed, period)
+    chosen = accepted(limbs, before[-1], pairs, sequence.corrected(other.objectives), again, passes.agreed)
     # where limbs of the two meet, the motion leaps: a third sweep smooths it
     return batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
 
@@ -91,11 +90,11 @@ class _Batch:
     """Frames that are solved for together, but for their images."""
 
     body: Body
+    period: float  # frame periods from an instant to the next
     before: Sequence[Pose]
     key: Keyframe | None  # of the last of them
     clocks: ClockEstimate  # as they are known from other intervals
     config: TrackingConfig
-    period: float  # frame periods from an instant to the next
 
     def sweep(
         self, objectives: Sequence[PoseObjective], posed: Sequence[PosedBody], placed: Sequence[Placed],
@@ -110,7 +109,8 @@ class _Batch:
         for count in range(config.polishing_sweeps):
             if count:
                 drapes = [each.drape for each in objectives]
-                objectives = in_motion(self.body, poses, [each.views for each in objectives], self.period)
+                sequence = ViewSequence([each.views for each in objectives], self.period)
+                objectives = sequence.objectives(self.body, poses)
                 objectives = [replace(each, drape=drape) for each, drape in zip(objectives, drapes, strict=True)]
                 posed = [each.posed(pose) for each, pose in zip(objectives, poses, strict=True)]
             gradients, cost, normals = [], 0.0, {}

@@ -27,7 +27,7 @@ from pzcap.tracking.keyframes import information
 from pzcap.tracking.limbs import mismatch
 from pzcap.tracking.observation import ViewCrop, Views
 from pzcap.tracking.pixel_time import ClockEstimate
-from pzcap.tracking.pose_objective import PoseObjective, in_motion, misfit_px2
+from pzcap.tracking.pose_objective import PoseObjective, ViewSequence, misfit_px2
 from pzcap.tracking.reacquisition import PassResults
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, shared
@@ -111,7 +111,7 @@ def solved(problem: IntervalProblem) -> IntervalResult:
     if anchor is not None:  # a frame like the others, with the hand's pose as prior
         frames_of, views = [*frames_of, anchor.key.frame], [*views, anchor.views]
         poses, disagreement = [*poses, anchor.fit.pose], np.vstack([disagreement, np.zeros(len(SEGMENTS))])
-    batch, estimate = _refined(problem, poses, views, passes)
+    batch, estimate = _refined(problem, poses, ViewSequence(views, problem.period), passes)
     frames = list(batch.frames)
     if anchor is not None:
         frames[-1] = trusted(anchor.key, frames[-1])
@@ -202,7 +202,7 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], list[Views], Array, P
     limbs = LimbAppearance(body, problem.config.appearance_score)
     views = [(b if a.lost > b.lost else a).views for a, b in zip(ahead, back, strict=True)]
     both = [[each.pose for each in one] for one in (ahead, back)]
-    moving = [in_motion(body, poses, views, problem.period) for poses in both]
+    moving = [ViewSequence(views, problem.period).objectives(body, poses) for poses in both]
 
     def score(k: int, t: int) -> Array:
         return limbs.score(both[k][t], moving[k][t], reference)
@@ -213,24 +213,24 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], list[Views], Array, P
 
 
 def _refined(
-    problem: IntervalProblem, poses: Sequence[Pose], views: Sequence[Views], passes: PassResults
+    problem: IntervalProblem, poses: Sequence[Pose], sequence: ViewSequence, passes: PassResults
 ) -> tuple[RefinedBatch, BodyEstimate]:
     """Refine the poses of an interval, and the body with them. A keyframe that ends it has been accumulated before."""
-    config, estimate, period = problem.config, problem.estimate, problem.period
+    config, estimate = problem.config, problem.estimate
     key = None if problem.anchor is None else problem.anchor.key
 
     def refine(body: Body, passes: PassResults | None) -> RefinedBatch:
-        return refine_batch(body, poses, views, problem.before, key, passes, problem.clocks, config, period)
+        return refine_batch(body, poses, sequence, problem.before, key, passes, problem.clocks, config)
 
     if not config.shape_weight:
         return refine(estimate.body, passes), estimate
-    some = slice(None, None if key is None else -1, round(SHAPE.stride / period))
+    some = slice(None, None if key is None else -1, round(SHAPE.stride / sequence.period))
     for left in reversed(range(config.shape_rounds)):
-        equations = estimate.accumulate(poses[some], in_motion(estimate.body, poses, views, period)[some], config)
+        equations = estimate.accumulate(poses[some], sequence.objectives(estimate.body, poses)[some], config)
         estimate = estimate.solve(equations)
         # to reacquire limbs takes long: in the last round alone
         batch = refine(estimate.body, None if left else passes)
-        poses, views = [each.pose for each in batch.frames], [each.views for each in batch.objectives]
+        poses, sequence = [each.pose for each in batch.frames], sequence.corrected(batch.objectives)
     return batch, estimate.commit(equations)
 
 

@@ -255,10 +255,25 @@ def camera_moves(view: ViewCrop, prior: CameraPrior, posed: PosedBody) -> Array:
     return segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, posed.centre)
 
 
-def in_motion(body: Body, poses: Sequence[Pose], views: Sequence[Views], period: float) -> list[PoseObjective]:
-    """The objectives of instants, one every ``period`` frame periods, the body moving as the ``poses`` say."""
-    speeds = sequence_velocities([forward(body, pose) for pose in poses], period)
-    return [PoseObjective(body, each, speed) for each, speed in zip(views, speeds, strict=True)]
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewSequence:
+    """What the cameras show at successive instants, evenly apart."""
+
+    views: Sequence[Views]
+    period: float  # frame periods from an instant to the next
+
+    def objectives(self, body: Body, poses: Sequence[Pose]) -> list[PoseObjective]:
+        """Of each instant, the body moving as the ``poses`` say."""
+        speeds = sequence_velocities([forward(body, pose) for pose in poses], self.period)
+        return [PoseObjective(body, each, speed) for each, speed in zip(self.views, speeds, strict=True)]
+
+    def corrected(self, objectives: Sequence[PoseObjective]) -> ViewSequence:
+        """The sequence with the cameras and clocks that the ``objectives`` have come to."""
+        return replace(self, views=[each.views for each in objectives])
+
+    def part(self, instants: Sequence[int]) -> ViewSequence:
+        """Consecutive ``instants`` of it."""
+        return replace(self, views=[self.views[t] for t in instants])
 
 
 def sum_of(sums: Sequence[SegmentSums]) -> SegmentSums:

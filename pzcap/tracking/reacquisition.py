@@ -24,8 +24,8 @@ from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
 from pzcap.tracking.bidirectional_fusion import choose, runs, with_segments
 from pzcap.tracking.limbs import POSTURES, support, turn_to, turned
-from pzcap.tracking.observation import Placed, Views
-from pzcap.tracking.pose_objective import PoseObjective, in_motion
+from pzcap.tracking.observation import Placed
+from pzcap.tracking.pose_objective import PoseObjective, ViewSequence
 from pzcap.tracking.skin_appearance import Appearance, Appearances, learn
 from pzcap.tracking.tuning import FRAME, REACQUISITION
 from pzcap.types import SEGMENTS, Array, Mask, Pose
@@ -83,21 +83,20 @@ def reacquire(
     if not lost.any():
         return None
     candidates = list(zip(poses, *passes.poses, strict=True))
-    views = [each.views for each in objectives]
-    return Reacquired(_found(limbs, candidates, views, reference, lost, around, period), lost @ _OF_LIMB, reference)
+    sequence = ViewSequence([each.views for each in objectives], period)
+    return Reacquired(_found(limbs, candidates, sequence, reference, lost, around), lost @ _OF_LIMB, reference)
 
 
 def accepted(
-    limbs: LimbAppearance, before: Pose, pairs: Sequence[tuple[Pose, Pose]], views: Sequence[Views],
-    again: Reacquired, agreed: Mask, period: float,
+    limbs: LimbAppearance, before: Pose, pairs: Sequence[tuple[Pose, Pose]], sequence: ViewSequence,
+    again: Reacquired, agreed: Mask,
 ) -> list[Pose]:  # fmt: skip
     """The first pose of each pair, but limbs that were lost in the first frames as the second has them, where that
-    scores well, and clearly more. Both are judged through the same cameras, of the ``views``, an instant every
-    ``period`` frame periods. Where the passes have ``agreed`` (t, 16), it must lie elsewhere by more than loose clothes
-    explain."""
+    scores well, and clearly more. Both are judged through the same cameras, those of the ``sequence``. Where the passes
+    have ``agreed`` (t, 16), it must lie elsewhere by more than loose clothes explain."""
     gain = np.full((len(again.lost), len(LIMBS)), -np.inf)
     one, other = zip(*pairs, strict=True)
-    moving = [in_motion(limbs.body, poses, views, period) for poses in (one, other)]
+    moving = [sequence.objectives(limbs.body, poses) for poses in (one, other)]
     for t in np.flatnonzero(again.lost.any(axis=1)).tolist():
         here, there = (limbs.score(pose, own[t], again.reference) for pose, own in zip(pairs[t], moving, strict=True))
         worth = there - here - REACQUISITION.least_gain_m2
@@ -135,8 +134,8 @@ def _learned(
 
 
 def _found(
-    limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], views: Sequence[Views],
-    reference: Appearances, lost: Mask, around: Neighbours, period: float,
+    limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], sequence: ViewSequence, reference: Appearances,
+    lost: Mask, around: Neighbours,
 ) -> list[Pose]:  # fmt: skip
     """The poses, of each frame's ``candidates`` the first, with the ``lost`` (T, 4) limbs reacquired: near the
     interpolation from the frame before to that after, or near the candidates."""
@@ -150,20 +149,20 @@ def _found(
             shares = (np.arange(len(run)) + 1.0) / (len(run) + 1.0)
             between = [retract(first, share * difference(last, first)) for share in shares]
             starts = [with_segments(poses[t], segments, pose) for t, pose in zip(run, between, strict=True)]
-            moving = in_motion(limbs.body, starts, [views[t] for t in run], period)
-            pairs = zip(starts, moving, strict=True)
+            part = sequence.part(run)
+            pairs = zip(starts, part.objectives(limbs.body, starts), strict=True)
             contexts = [limbs.context(limb, pose, objective, reference) for pose, objective in pairs]
-            path = _path(limbs, limb, contexts, [candidates[t] for t in run], period)
+            path = _path(limbs, limb, part, contexts, [candidates[t] for t in run])
             for t, pose in zip(run, path, strict=True):
                 found[t] = with_segments(found[t], segments, pose)
     return found
 
 
 def _path(
-    limbs: LimbAppearance, limb: int, contexts: Sequence[LimbContext], candidates: Sequence[Sequence[Pose]],
-    period: float,
+    limbs: LimbAppearance, limb: int, sequence: ViewSequence, contexts: Sequence[LimbContext],
+    candidates: Sequence[Sequence[Pose]],
 ) -> list[Pose]:  # fmt: skip
-    """The postures of a limb in consecutive frames that score most together, it moving as the path so far has it.
+    """The postures of a limb in a ``sequence`` that score most together, it moving as the path so far has it.
 
     To those about the path so far come the limb as the ``candidates`` have it and, as it may have been lost in the
     middle of a run alone, as the frames beside it have it (Barnes et al., 2009).
@@ -177,7 +176,7 @@ def _path(
             postures.append(limbs.postures(limb, context, turns, coarse=size > REACQUISITION.coarse_rad))
         chosen = zip(contexts, postures, smoothest(postures), strict=True)
         path = [turned(limb, context.pose, each.turns[k]) for context, each, k in chosen]
-        moving = in_motion(limbs.body, path, [context.objective.views for context in contexts], period)
+        moving = sequence.objectives(limbs.body, path)
         contexts = [replace(context, objective=each) for context, each in zip(contexts, moving, strict=True)]
         others = [[path[n] for n in (t - 2, t - 1, t + 1, t + 2) if 0 <= n < len(path)] for t in range(len(path))]
     return path

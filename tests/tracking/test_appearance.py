@@ -21,7 +21,7 @@ from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.limbs import POSTURES, bounded, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop, Views
 from pzcap.tracking.pixel_time import ClockEstimate, Exposure, velocities
-from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.pose_objective import PoseObjective, ViewSequence
 from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, reacquire, smoothest
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, learn, shared
@@ -214,11 +214,10 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
     views, end = [crops(frame) for frame in FRAMES], LIMBS[limb][2]
     off = []
     for passes in (None, told(poses, shared(known()), SURE)):
-        ends = [*poses, true[-1]], [*views, views[-1]], true[:1], Keyframe(FRAMES[-1], true[-1])
-        found = [
-            each.pose
-            for each in refine_batch(body, *ends, passes, ClockEstimate.of(4, 0.3), TrackingConfig(), 1.0).frames
-        ]
+        sequence, key = ViewSequence([*views, views[-1]], 1.0), Keyframe(FRAMES[-1], true[-1])
+        clocks, config = ClockEstimate.of(4, 0.3), TrackingConfig()
+        batch = refine_batch(body, [*poses, true[-1]], sequence, true[:1], key, passes, clocks, config)
+        found = [each.pose for each in batch.frames]
         moved = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, true, strict=False)]
         off.append(np.linalg.norm(np.array(moved)[:, end], axis=1).max())
     assert off[1] < 0.04 < 0.2 < off[0]
@@ -280,7 +279,7 @@ def test_a_limb_is_taken_where_it_scores_well_and_lies_elsewhere(
     views: list[Views] = [[None] * len(crops(5))] * len(FRAMES)
     again = Reacquired(there, np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape), known(range(0)))
     pairs = list(zip(here, there, strict=True))
-    found = accepted(Told(body), here[0], pairs, views, again, np.full(SURE.shape, agreed), 1.0)
+    found = accepted(Told(body), here[0], pairs, ViewSequence(views, 1.0), again, np.full(SURE.shape, agreed))
     off = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, here, strict=True)]
     assert (np.linalg.norm(np.array(off)[3, LIMBS[limb][2]]) > 0.02) == taken
 
