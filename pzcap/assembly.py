@@ -18,33 +18,37 @@ from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.frame_slips import FrameOffsets, slip_notes
 from pzcap.io.capture import FrameSets
 from pzcap.plausibility import (
+    SeenKeyframe,
     SeenViews,
     athlete_of_another_size,
     camera_notes,
     lost_body,
     object_of_another_size,
+    seen_keyframe,
     share_on_athlete,
     unseen_keyframes,
 )
 from pzcap.tracking.body_size import body_size
-from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import Capture, Localisation, PanZoomCamera, PanZoomTrack, Reconstruction
 from pzcap.views import Segment, ViewLocaliser
 
 
 class Gathered:
-    """Record of the events of the loop over the frames. ``segment``: stage 5; ``tracker``: where a body is
-    tracked."""
+    """Record of the events of the loop over the frames. ``segment``: stage 5; ``tracker``: where a body is tracked,
+    the ``body`` that it began with."""
 
-    def __init__(self, capture: Capture, sets: FrameSets, segment: Segment, tracker: Tracker | None) -> None:
+    def __init__(
+        self, capture: Capture, sets: FrameSets, segment: Segment, tracker: Tracker | None, body: Body | None
+    ) -> None:
         self._capture, self._sets, self._segment, self._tracker = capture, sets, segment, tracker
+        self._body = body
         self.names = tuple(files.name for files in capture.cameras)
         self._located: list[tuple[Localisation | None, ...]] = []
         self._poses: list[Tracked] = []
-        self._set_by_hand = {keyframe.frame for keyframe in sets.keyframes}
-        self._views: dict[int, SeenViews] = {}  # of the keyframes
-        self._unbiased: dict[int, SeenViews] = {}  # cut out without a word of where the body should be
+        self._set_by_hand = {keyframe.frame: keyframe for keyframe in sets.keyframes}
+        self._unbiased = SeenViews((), ())  # of the latest keyframe, without a word of where the body should be
+        self._keyframes: list[SeenKeyframe] = []
         self._offsets = FrameOffsets(len(capture.cameras))
 
     def take(self, event: FrameLocalised | FrameSegmented | BodyTracked | Progress) -> None:
@@ -54,11 +58,13 @@ class Gathered:
                 self._located.append(localisations)
                 if self._tracker and frames.index in self._set_by_hand:
                     alone = self._segment(event, None)
-                    self._unbiased[frames.index] = SeenViews(alone.cameras, alone.silhouettes)
+                    self._unbiased = SeenViews(alone.cameras, alone.silhouettes)
             case FrameSegmented(frames, cameras, silhouettes) if self._tracker:
                 self._offsets.see(frames.index, cameras, silhouettes)
-                if frames.index in self._set_by_hand:
-                    self._views[frames.index] = SeenViews(cameras, silhouettes)
+                key = self._set_by_hand.get(frames.index)
+                if key is not None and self._body is not None:
+                    views, margin = SeenViews(cameras, silhouettes), self._tracker.config.cut_out_margin
+                    self._keyframes.append(seen_keyframe(key, self._body, views, self._unbiased, margin))
             case BodyTracked(tracked):
                 self._poses += tracked
                 self._offsets.track(tracked)
@@ -78,14 +84,12 @@ class Gathered:
             if track is not None and self._capture.cameras[index].motion and not track.valid.any()
         ]
 
-    def contradictions(
-        self, body: Body | None, tracks: Sequence[PanZoomTrack | None], config: TrackingConfig
-    ) -> list[str]:
+    def contradictions(self, tracks: Sequence[PanZoomTrack | None]) -> list[str]:
         """Notes on what in the keyframes' views contradicts the crew's papers, and on frames that a camera lost."""
         slips = partial(slip_notes, self._offsets, tracks, self.names, self._sets.timecodes)
-        if body is None:
+        if self._body is None:
             return slips()
-        found = papers_against_views(body, self._sets, self._views, self._unbiased, config)
+        found = papers_against_views(self._body, self._keyframes, self._sets.timecodes)
         # where the body is misplaced, no view shows the athlete where it is thought to be
         if found.misplaced:
             return found.notes
@@ -131,18 +135,14 @@ class AgainstPapers(NamedTuple):
     misplaced: bool  # the keyframes, and with them the body, are not where the cameras see somebody
 
 
-def papers_against_views(
-    body: Body, sets: FrameSets, views: dict[int, SeenViews], unbiased: dict[int, SeenViews], config: TrackingConfig
-) -> AgainstPapers:
-    """Contradictions of the keyframes' ``views`` to the crew's papers, the likeliest cause alone. Those that are
-    ``unbiased`` were cut out by the colours alone, where a body that is expected elsewhere leaves no trace."""
-    if wrong_object := object_of_another_size(sets.keyframes, body, unbiased):
+def papers_against_views(body: Body, keyframes: Sequence[SeenKeyframe], timecodes: Sequence[str]) -> AgainstPapers:
+    """Contradictions of the views of the ``keyframes`` to the crew's papers, the likeliest cause alone."""
+    if wrong_object := object_of_another_size(keyframes):
         return AgainstPapers([wrong_object], True)
-    if blind := unseen_keyframes(sets.keyframes, body, views, sets.timecodes):
+    if blind := unseen_keyframes(keyframes, timecodes):
         return AgainstPapers(blind, True)
-    seen = [(key.pose, *views[key.frame]) for key in sets.keyframes if key.frame in views]
-    size = body_size(body, seen, config.cut_out_margin)
-    return AgainstPapers(athlete_of_another_size(size, share_on_athlete(sets.keyframes, body, views)), False)
+    size = body_size(body, [log for each in keyframes for log in each.sizes])
+    return AgainstPapers(athlete_of_another_size(size, share_on_athlete(keyframes)), False)
 
 
 def _never_located(index: int, names: Sequence[str], localise: ViewLocaliser, sets: FrameSets, taken_over: bool) -> str:

@@ -144,13 +144,13 @@ def stages(
         tracker = None
         if body is not None:
             tracker = yield from body_tracker(body, capture, sets, localise, segment, config.tracking, notes)
-        gathered = Gathered(capture, sets, segment, tracker)
+        gathered = Gathered(capture, sets, segment, tracker, body)
         for event in follow(sets, localise, segment, tracker):
             gathered.take(event)
             yield event
         tracks = gathered.tracks(calibrated)
         notes += gathered.never_located(tracks, localise, known)
-    notes += gathered.contradictions(body, tracks, config.tracking)
+    notes += gathered.contradictions(tracks)
     found = gathered.reconstruction(calibrated, tracks, localise.with_readout(), config.panzoom, notes)
     yield Finished(found if placed is None else in_metres(found, measured, placed))
 

@@ -13,12 +13,13 @@ from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.geometry.camera import project
 from pzcap.tracking.bidirectional_fusion import runs
-from pzcap.tracking.body_size import BodySize
+from pzcap.tracking.body_size import BodySize, seen_sizes
 from pzcap.tuning import PLAUSIBILITY
 from pzcap.types import (
     MEASUREMENTS,
     Camera,
     Keyframe,
+    Mask,
     PanZoomCamera,
     PanZoomTrack,
     PzcapError,
@@ -121,11 +122,31 @@ class SeenViews(NamedTuple):
     silhouettes: Sequence[Silhouette | None]
 
 
-def unseen_keyframes(
-    keyframes: Sequence[Keyframe], body: Body, views: Mapping[int, SeenViews], timecodes: Sequence[str]
-) -> list[str]:
-    """Notes on the keyframes that no camera has anybody at. ``views``: those of each keyframe's frame."""
-    blind = [key for key in keyframes if key.frame in views and not _is_seen(key, body, views[key.frame])]
+class SeenKeyframe(NamedTuple):
+    """What the views of a keyframe's instant say of it. The pictures themselves are let go."""
+
+    key: Keyframe
+    blind: bool  # no camera has anybody there
+    on_athlete: Mask  # (N,) joints, view by view, that lie on the athlete by the colours
+    by_scale: Mask  # (len(_SCALES), N) the same in halls of other sizes, by views that were not told where to look
+    sizes: list[float]  # of the athlete over the body's, as `seen_sizes` has them
+
+
+def seen_keyframe(key: Keyframe, body: Body, views: SeenViews, unbiased: SeenViews, margin: float) -> SeenKeyframe:
+    """Judge a keyframe by its ``views``. Those that are ``unbiased`` were cut out by the colours alone, where a body
+    that is expected elsewhere leaves no trace."""
+    return SeenKeyframe(
+        key,
+        not _is_seen(key, body, views),
+        _on_athlete(key, body, views, 1.0),
+        np.stack([_on_athlete(key, body, unbiased, scale) for scale in _SCALES]),
+        seen_sizes(body, key.pose, *views, margin),
+    )
+
+
+def unseen_keyframes(keyframes: Sequence[SeenKeyframe], timecodes: Sequence[str]) -> list[str]:
+    """Notes on the keyframes that no camera has anybody at."""
+    blind = [each.key for each in keyframes if each.blind]
     if len(blind) == len(keyframes) > 1:
         return [
             "no view shows anybody where any of the keyframes stands: their root_position_m are not metres in the "
@@ -141,16 +162,19 @@ def unseen_keyframes(
     return notes
 
 
-def object_of_another_size(keyframes: Sequence[Keyframe], body: Body, views: Mapping[int, SeenViews]) -> str | None:
+def object_of_another_size(keyframes: Sequence[SeenKeyframe]) -> str | None:
     """A note where the keyframes fit the pictures of a hall of another size, and not of this one.
 
     All tripods stand at distances that object.json is the yardstick of, while a keyframe's place and the body's lengths
     are metres of another tape. With the tripods moved along their lines to the world's origin by the right factor, the
     joints lie on the athlete again; of a factor that is off by 0.05 half of them do not.
     """
-    if len(views) < 2:  # one may be wrong itself
+    if len(keyframes) < 2:  # one may be wrong itself
         return None
-    shares = {scale: _share_on_athlete(keyframes, body, views, scale) for scale in _SCALES}
+    on_athlete = np.hstack([each.by_scale for each in keyframes])
+    if not on_athlete.size:
+        return None
+    shares = dict(zip(_SCALES, on_athlete.mean(axis=1).tolist(), strict=True))
     highest = max(shares.values())
     best = round(float(np.mean([scale for scale, share in shares.items() if share > highest - PLAUSIBILITY.alike])), 2)
     if (
@@ -196,9 +220,10 @@ def athlete_of_another_size(size: BodySize | None, on_athlete: float) -> list[st
     ]
 
 
-def share_on_athlete(keyframes: Sequence[Keyframe], body: Body, views: Mapping[int, SeenViews]) -> float:
+def share_on_athlete(keyframes: Sequence[SeenKeyframe]) -> float:
     """Share of the keyframes' joints that lie on the athlete by the colours."""
-    return _share_on_athlete(keyframes, body, views, 1.0)
+    hits = [hit for each in keyframes for hit in each.on_athlete.tolist()]
+    return float(np.mean(hits)) if hits else 0.0
 
 
 def blames_object(notes: Sequence[str]) -> bool:
@@ -206,24 +231,22 @@ def blames_object(notes: Sequence[str]) -> bool:
     return any(note.startswith(_OBJECT) for note in notes)
 
 
-def _share_on_athlete(keyframes: Sequence[Keyframe], body: Body, views: Mapping[int, SeenViews], scale: float) -> float:
-    """Share of the keyframes' joints that lie on the athlete by the colours, in a hall so many times as large."""
-    hits: list[bool] = []
-    for key in keyframes:
-        if key.frame not in views:
+def _on_athlete(key: Keyframe, body: Body, seen: SeenViews, scale: float) -> Mask:
+    """(N,) The keyframe's joints, view by view, that lie on the athlete by the colours, in a hall so many times as
+    large."""
+    hits = [np.zeros(0, bool)]
+    for camera, silhouette in zip(*seen, strict=True):
+        if camera is None or silhouette is None or not silhouette.valid:
             continue
-        for camera, silhouette in zip(*views[key.frame], strict=True):
-            if camera is None or silhouette is None or not silhouette.valid:
-                continue
-            moved = camera.world_T_cam.copy()
-            moved[:3, 3] *= scale
-            pixels, depth = project(replace(camera, world_T_cam=moved), joints(body, key.pose))
-            inside = (depth > 0.0) & np.all((pixels >= 0.0) & (pixels < (camera.width - 1, camera.height - 1)), axis=1)
-            halved = np.minimum((pixels[inside] / 2).astype(int), np.array(silhouette.evidence.shape)[::-1] - 1)
-            on = np.zeros(len(inside), bool)
-            on[inside] = silhouette.evidence[halved[:, 1], halved[:, 0]] > 0.0
-            hits += on.tolist()
-    return float(np.mean(hits)) if hits else 0.0
+        moved = camera.world_T_cam.copy()
+        moved[:3, 3] *= scale
+        pixels, depth = project(replace(camera, world_T_cam=moved), joints(body, key.pose))
+        inside = (depth > 0.0) & np.all((pixels >= 0.0) & (pixels < (camera.width - 1, camera.height - 1)), axis=1)
+        halved = np.minimum((pixels[inside] / 2).astype(int), np.array(silhouette.evidence.shape)[::-1] - 1)
+        on = np.zeros(len(inside), bool)
+        on[inside] = silhouette.evidence[halved[:, 1], halved[:, 0]] > 0.0
+        hits.append(on)
+    return np.concatenate(hits)
 
 
 def _is_seen(key: Keyframe, body: Body, seen: SeenViews) -> bool:

@@ -7,7 +7,6 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from pzcap.camera_set import calibrate_camera, calibrate_cameras, footage_of
 from pzcap.geometry.camera import project
 from pzcap.io.capture import read_capture
 from pzcap.plausibility import (
+    SeenKeyframe,
     SeenViews,
     blames_object,
     check_upright,
@@ -30,14 +30,15 @@ from pzcap.plausibility import (
     lost_body,
     object_of_another_size,
     object_of_other_shape,
+    seen_keyframe,
     unseen_keyframes,
 )
-from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import Camera, Capture, Keyframe, Pose, PzcapError, Silhouette
 from tests.scenes import fabricated
 from tests.scenes.captures import facing
 
 TIMECODES = tuple(f"10:00:00:{frame:02}" for frame in range(30))
+MARGIN = 0.1
 
 
 @pytest.fixture(scope="module")
@@ -147,20 +148,25 @@ def view() -> SeenViews:
     return SeenViews((camera, None), (outline, None))
 
 
+def seen(key: Keyframe, body: skeleton.Body, views: SeenViews) -> SeenKeyframe:
+    """The keyframe judged by views that were cut out alike with and without it."""
+    return seen_keyframe(key, body, views, views, MARGIN)
+
+
 @pytest.mark.parametrize(
-    ("place", "seen"),
+    ("place", "there"),
     [((0.0, 0.0, 0.9), True), ((0.3, 0.0, 0.9), True), ((3.0, 0.0, 0.9), False), ((0.0, -30.0, 0.9), False),
      ((300.0, 20.0, 0.9), False), ((8.0, 30.0, 0.9), False)],
 )  # fmt: skip
 def test_a_keyframe_stands_where_somebody_is_seen(
-    place: tuple[float, float, float], seen: bool, view: SeenViews, capture: Capture
+    place: tuple[float, float, float], there: bool, view: SeenViews, capture: Capture
 ) -> None:
     assert capture.subject is not None
     body = skeleton.build(capture.subject)
     keys = [keyframe(3, (0.0, 0.0, 0.9)), keyframe(7, place)]
-    notes = unseen_keyframes(keys, body, {3: view, 7: view}, TIMECODES)
-    assert len(notes) == (not seen)
-    if not seen:
+    notes = unseen_keyframes([seen(key, body, view) for key in keys], TIMECODES)
+    assert len(notes) == (not there)
+    if not there:
         assert notes[0].startswith("keyframe 7 (10:00:00:07): no view shows anybody where it stands, (")
 
 
@@ -168,10 +174,10 @@ def test_where_all_are_elsewhere_the_frame_is_wrong_and_not_each(view: SeenViews
     assert capture.subject is not None
     body = skeleton.build(capture.subject)
     keys = [keyframe(3, (0.0, 300.0, 900.0)), keyframe(7, (0.0, 310.0, 900.0))]
-    (note,) = unseen_keyframes(keys, body, {3: view, 7: view}, TIMECODES)
+    (note,) = unseen_keyframes([seen(key, body, view) for key in keys], TIMECODES)
     assert "not metres in the world frame that object.json sets, or object.json is wrong" in note
     blind = SeenViews((None, None), (None, None))
-    assert unseen_keyframes(keys, body, {3: blind, 7: blind}, TIMECODES) == []
+    assert unseen_keyframes([seen(key, body, blind) for key in keys], TIMECODES) == []
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -207,7 +213,7 @@ def test_an_object_of_another_size_is_blamed(size: float, kind: str, capture: Ca
     assert capture.subject is not None
     body = skeleton.build(capture.subject)
     keys = [keyframe(3, (3.0, 1.0, 0.9)), keyframe(7, (-2.0, -3.0, 0.9)), keyframe(9, (1.0, 3.5, 0.9))]
-    note = object_of_another_size(keys, body, {key.frame: seen_at(key, body, size) for key in keys})
+    note = object_of_another_size([seen(key, body, seen_at(key, body, size)) for key in keys])
     assert (note is not None) == bool(kind)
     assert blames_object([note or ""]) == bool(kind)
     if note is not None:
@@ -221,10 +227,10 @@ def test_keyframes_that_are_wrong_themselves_do_not_blame_the_object(capture: Ca
     assert capture.subject is not None
     body = skeleton.build(capture.subject)
     right = [keyframe(3, (3.0, 1.0, 0.9)), keyframe(7, (-2.0, -3.0, 0.9)), keyframe(9, (1.0, 3.5, 0.9))]
-    views = {key.frame: seen_at(key, body, 1.0) for key in right}
     moved = [keyframe(3, (3.3, 1.5, 0.9)), keyframe(7, (-2.4, -2.6, 0.9)), keyframe(9, (1.6, 3.5, 0.9))]
-    assert object_of_another_size(moved, body, views) is None
-    assert object_of_another_size(right[:1], body, {3: seen_at(right[0], body, 1.1)}) is None
+    wrong = [seen(key, body, seen_at(true, body, 1.0)) for key, true in zip(moved, right, strict=True)]
+    assert object_of_another_size(wrong) is None
+    assert object_of_another_size([seen(right[0], body, seen_at(right[0], body, 1.1))]) is None
 
 
 def test_a_body_that_is_expected_elsewhere_hides_no_object_of_another_size(capture: Capture) -> None:
@@ -232,10 +238,8 @@ def test_a_body_that_is_expected_elsewhere_hides_no_object_of_another_size(captu
     assert capture.subject is not None
     body = skeleton.build(capture.subject)
     keys = (keyframe(3, (3.0, 1.0, 0.9)), keyframe(7, (-2.0, -3.0, 0.9)))
-    sets: Any = SimpleNamespace(keyframes=keys, timecodes=TIMECODES)
-    expected = {key.frame: seen_at(key, body, 1.0) for key in keys}
-    by_colours = {key.frame: seen_at(key, body, 1.1) for key in keys}
-    found = papers_against_views(body, sets, expected, by_colours, TrackingConfig())
+    judged = [seen_keyframe(key, body, seen_at(key, body, 1.0), seen_at(key, body, 1.1), MARGIN) for key in keys]
+    found = papers_against_views(body, judged, TIMECODES)
     assert blames_object(found.notes)
     assert found.misplaced
 
@@ -243,9 +247,7 @@ def test_a_body_that_is_expected_elsewhere_hides_no_object_of_another_size(captu
 def test_where_a_keyframe_is_wrong_no_camera_is_said_to_have_lost_frames(view: SeenViews, capture: Capture) -> None:
     assert capture.subject is not None
     body = skeleton.build(capture.subject)
-    keys = (keyframe(3, (0.0, 300.0, 900.0)),)
-    sets: Any = SimpleNamespace(keyframes=keys, timecodes=TIMECODES)
-    found = papers_against_views(body, sets, {3: view}, {3: view}, TrackingConfig())
+    found = papers_against_views(body, [seen(keyframe(3, (0.0, 300.0, 900.0)), body, view)], TIMECODES)
     assert "no view shows anybody where it stands" in found.notes[0]
     assert found.misplaced
 

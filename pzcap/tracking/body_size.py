@@ -9,7 +9,7 @@ another person's, and only the proportions are taken from it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,9 +20,6 @@ from pzcap.body.skeleton import Body
 from pzcap.tracking.observation import expect
 from pzcap.tracking.tuning import BODY_SIZE
 from pzcap.types import Camera, Float32, Pose, Silhouette
-
-SeenPose = tuple[Pose, Sequence[Camera | None], Sequence[Silhouette | None]]
-"""A keyframe's pose, and the views of its instant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,25 +36,33 @@ class BodySize:
         return abs(np.log(self.ratio)) > BODY_SIZE.contradicts_sigmas * self.allowed
 
 
-def body_size(body: Body, seen: Iterable[SeenPose], margin: float) -> BodySize | None:
-    """Size by keyframes that have a hand's error; None where too few views tell."""
+def seen_sizes(
+    body: Body, pose: Pose, cameras: Sequence[Camera | None], silhouettes: Sequence[Silhouette | None], margin: float
+) -> list[float]:
+    """Logarithms of the athlete's size over the body's by the views of a keyframe, whose ``pose`` has a hand's error;
+    of those alone that tell it."""
     logs = np.arange(-BODY_SIZE.steps, BODY_SIZE.steps + 1) * BODY_SIZE.step
     bodies = [scaled(body, float(ratio)) for ratio in np.exp(logs)]
     found = []
-    for pose, cameras, silhouettes in seen:
-        for camera, silhouette in zip(cameras, silhouettes, strict=True):
-            if camera is None or silhouette is None or not silhouette.valid:
-                continue
-            scores = np.array([_score(each, pose, camera, silhouette, margin) for each in bodies])
-            best = int(np.argmax(scores))
-            if np.isfinite(scores).all() and 0 < best < len(logs) - 1:  # else it is not the athlete that is seen
-                before, at, after = scores[best - 1 : best + 2]
-                found.append(logs[best] + 0.5 * BODY_SIZE.step * (before - after) / (before - 2.0 * at + after))
-    if len(found) < BODY_SIZE.fewest_views:
+    for camera, silhouette in zip(cameras, silhouettes, strict=True):
+        if camera is None or silhouette is None or not silhouette.valid:
+            continue
+        scores = np.array([_score(each, pose, camera, silhouette, margin) for each in bodies])
+        best = int(np.argmax(scores))
+        if np.isfinite(scores).all() and 0 < best < len(logs) - 1:  # else it is not the athlete that is seen
+            before, at, after = scores[best - 1 : best + 2]
+            step = 0.5 * BODY_SIZE.step * (before - after) / (before - 2.0 * at + after)
+            found.append(float(logs[best] + step))
+    return found
+
+
+def body_size(body: Body, logs: Sequence[float]) -> BodySize | None:
+    """Size by the `seen_sizes` of keyframes; None where too few views tell."""
+    if len(logs) < BODY_SIZE.fewest_views:
         return None
-    median = float(np.median(found))
-    scatter = 1.4826 * float(np.median(np.abs(np.array(found) - median)))
-    sigma = float(np.hypot(1.25 * scatter / np.sqrt(len(found)), BODY_SIZE.sigma))
+    median = float(np.median(logs))
+    scatter = 1.4826 * float(np.median(np.abs(np.array(logs) - median)))
+    sigma = float(np.hypot(1.25 * scatter / np.sqrt(len(logs)), BODY_SIZE.sigma))
     return BodySize(float(np.exp(median)), sigma, float(np.hypot(sigma, np.sqrt(_size_variance(body.measured)))))
 
 

@@ -20,7 +20,7 @@ from pzcap.body.kinematics import difference
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, moved
 from pzcap.segmentation.foreground import Expected
 from pzcap.tracking.body_estimate import BodyEstimate
-from pzcap.tracking.body_size import body_size, resized
+from pzcap.tracking.body_size import body_size, resized, seen_sizes
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate
 from pzcap.tracking.interval_solver import (
     Anchor,
@@ -164,7 +164,8 @@ class Tracker:
         """Correct the size of the whole body before anything is tracked with it."""
         cameras = [None if view is None else view.camera for view in item.views]
         silhouettes = [None if view is None else view.silhouette for view in item.views]
-        size = body_size(self.body, [(key.pose, cameras, silhouettes)], self.config.cut_out_margin)
+        margin = self.config.cut_out_margin
+        size = body_size(self.body, seen_sizes(self.body, key.pose, cameras, silhouettes, margin))
         if size is not None:
             self.body = resized(self.body, size)
             self._estimate = BodyEstimate.of(self.body)

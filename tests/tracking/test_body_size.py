@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 from pzcap.body import skeleton
 from pzcap.body.kinematics import retract
+from pzcap.body.skeleton import Body
 from pzcap.plausibility import athlete_of_another_size, guessed_measurements
-from pzcap.tracking.body_size import BodySize, SeenPose, body_size, resized, scaled
+from pzcap.tracking.body_size import BodySize, body_size, resized, scaled, seen_sizes
 from pzcap.tracking.observation import expect
 from pzcap.types import SEGMENTS, Array, Camera, Pose, Silhouette, Subject
 from tests.scenes.bodies import BODY, subject
@@ -28,7 +30,7 @@ def camera(azimuth: float) -> Camera:
     return Camera(320, 240, world, 420.0, np.array([159.5, 119.5]), 0.0)
 
 
-def seen(ratio: float, hand: Array) -> SeenPose:
+def seen(ratio: float, hand: Array) -> tuple[Pose, list[Camera], list[Silhouette]]:
     """What cameras see of the body when it is so many times as large, and the pose a hand makes of it."""
     cameras, silhouettes = [camera(azimuth) for azimuth in (0.3, 1.4, 2.9, 4.4)], []
     for each in cameras:
@@ -43,6 +45,11 @@ def seen(ratio: float, hand: Array) -> SeenPose:
     return retract(STANDING, hand), cameras, silhouettes
 
 
+def size_by(body: Body, *views: tuple[Pose, Sequence[Camera | None], Sequence[Silhouette | None]]) -> BodySize | None:
+    """Size by a keyframe's pose and its views, each."""
+    return body_size(body, [log for each in views for log in seen_sizes(body, *each, MARGIN)])
+
+
 def by_hand(seed: int) -> Array:
     return np.random.default_rng(seed).normal(0.0, np.r_[np.full(3, 0.006), np.full(40, 0.03)])
 
@@ -50,7 +57,7 @@ def by_hand(seed: int) -> Array:
 @pytest.mark.parametrize("ratio", [0.9, 1.1])
 def test_another_persons_tape_is_named_and_replaced(ratio: float) -> None:
     views = [seen(ratio, by_hand(seed)) for seed in (1, 2)]
-    size = body_size(BODY, views, MARGIN)
+    size = size_by(BODY, *views)
     assert size is not None
     assert size.contradicts
     assert size.ratio == pytest.approx(ratio, rel=0.02)
@@ -64,7 +71,7 @@ def test_another_persons_tape_is_named_and_replaced(ratio: float) -> None:
 
 
 def test_the_right_tape_is_believed() -> None:
-    size = body_size(BODY, [seen(1.0, by_hand(3))], MARGIN)
+    size = size_by(BODY, seen(1.0, by_hand(3)))
     assert size is not None
     assert not size.contradicts
     assert athlete_of_another_size(size, 0.9) == []
@@ -75,7 +82,7 @@ def test_a_size_that_was_guessed_is_measured() -> None:
     true = BODY.measured.named()
     smaller = {name: 0.94 * value for name, value in true.items()}
     guess = skeleton.build(Subject(smaller, 0.005, {name: 0.2 * value for name, value in true.items()}))
-    size = body_size(guess, [seen(1.0, by_hand(4))], MARGIN)
+    size = size_by(guess, seen(1.0, by_hand(4)))
     assert size is not None
     assert not size.contradicts
     better = resized(guess, size)
@@ -94,8 +101,8 @@ def test_what_was_guessed_is_said() -> None:
 def test_views_that_show_nobody_tell_no_size() -> None:
     pose, cameras, silhouettes = seen(1.0, np.zeros(43))
     empty = [replace(each, evidence=np.full_like(each.evidence, -3.0)) for each in silhouettes if each is not None]
-    assert body_size(BODY, [(pose, cameras, empty)], MARGIN) is None
-    assert body_size(BODY, [(pose, [None] * 4, [None] * 4)], MARGIN) is None
+    assert size_by(BODY, (pose, cameras, empty)) is None
+    assert size_by(BODY, (pose, [None] * 4, [None] * 4)) is None
     assert athlete_of_another_size(None, 1.0) == []
 
 
