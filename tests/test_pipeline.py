@@ -6,6 +6,7 @@ import dataclasses
 import shutil
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from pzcap.io import results
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.localisation.covariance import systematic
 from pzcap.pipeline import Config, reconstruct, stages
-from pzcap.types import Capture, Pose, PzcapError, Reconstruction
+from pzcap.types import Capture, Image, Pose, PzcapError, Reconstruction
 from tests.scenes.recorders import encode
 
 RECONSTRUCT = """
@@ -94,23 +95,28 @@ def test_the_body_has_its_say_about_the_cameras(reconstruction: Reconstruction) 
 
 @pytest.mark.xdist_group("pipeline")
 def test_events_come_in_order_and_end_with_the_result(capture: Capture, reconstruction: Reconstruction) -> None:
-    localised, separated, tracked = [], [], []
+    localised, separated, tracked, ended = [], [], [], 0
+    pictures: list[weakref.ref[Image]] = []
     two = dataclasses.replace(capture, cameras=capture.cameras[:2])
-    events = list(stages(two, Config(), cameras=reconstruction))
-    for event in events:
+    for event in stages(two, Config(), cameras=reconstruction):
+        assert not ended
         match event:
             case FrameLocalised(frames, _):
                 localised.append(frames.index)
-            case FrameSegmented(frames):
+            case FrameSegmented(frames, _, silhouettes):
                 separated.append(frames.index)
+                pictures += [weakref.ref(each.background) for each in silhouettes if each is not None]
             case BodyTracked(poses):
                 assert all(pose.frame <= separated[-1] for pose in poses)
                 tracked += [pose.frame for pose in poses]
+            case Finished():
+                ended += 1
             case _:
                 pass
+        # whatever comes of a frame, its pictures are let go: memory does not grow with the video
+        assert sum(picture() is not None for picture in pictures) <= len(two.cameras)
     assert localised == separated == tracked == list(range(len(localised)))
-    assert isinstance(events[-1], Finished)
-    assert sum(isinstance(event, Finished) for event in events) == 1
+    assert ended
 
 
 @pytest.mark.xdist_group("pipeline")
