@@ -20,7 +20,7 @@ import numpy as np
 
 from pzcap.body.kinematics import joint_jacobians, screws
 from pzcap.body.segment_equations import PointResiduals, SegmentSums
-from pzcap.body.shape_basis import Basis, basis, corrected
+from pzcap.body.shape_basis import LENGTHS, Basis, basis, corrected
 from pzcap.body.skeleton import DOF, MOVES, Body
 from pzcap.body.tuning import SHAPE
 from pzcap.types import SEGMENTS, Array
@@ -117,7 +117,10 @@ class ShapeEstimate:
         the body, ``C`` moves the contours, and the pose (contours ``A``, joints ``J``) then follows the contours to
         where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept.
         """
-        covariance, joints = SHAPE.doubt**2 * np.linalg.inv(self.equations.information), self.equations.joints
+        doubt = np.full(len(self.amounts_m), SHAPE.doubt_of_skin)
+        doubt[:LENGTHS] = SHAPE.doubt_of_lengths
+        covariance = np.linalg.inv(self.equations.information) * np.outer(doubt, doubt)
+        joints = self.equations.joints
         return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
 
     def _joints(self, frames: Array, hessian: Array) -> Array:

@@ -17,9 +17,11 @@ class ShapeTuning(NamedTuple):
     # Factor of the texture's curvature as Gauss-Newton has it: robust weights, and texture as fine as the pixels, make
     # it flatter (0.25-0.5 measured). Taken at its word, each step would stop far short.
     texture_curvature: float = 0.4
-    # Factor of the deviation that is left of the tape's: the frames are believed so little, since they err alike, that
-    # it comes out too large. The one number of a joint's sigma that is fitted, to what is covered on captures.
-    doubt: float = 0.75
+    # Factors of the deviations that are left of the tape's, in lengths and in the skin: of lengths too little is left,
+    # since frames err alike; of the skin too much, since people are more like each other than is assumed. The numbers
+    # of a joint's sigma that are fitted, to what is covered on captures.
+    doubt_of_lengths: float = 2.0
+    doubt_of_skin: float = 0.3
 
 
 SHAPE = ShapeTuning()

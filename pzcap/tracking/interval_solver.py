@@ -227,10 +227,14 @@ def _refined(
     some = slice(None, None if key is None else -1, round(SHAPE.stride / sequence.period))
     for left in reversed(range(config.shape_rounds)):
         equations = estimate.accumulate(poses[some], sequence.objectives(estimate.body, poses)[some], config)
-        estimate = estimate.solve(equations)
+        before, estimate = estimate, estimate.solve(equations)
+        moved = np.linalg.norm(estimate.body.offsets_m - before.body.offsets_m, axis=1).max()
+        last = not left or moved < SHAPE.settled_m
         # to reacquire limbs takes long: in the last round alone
-        batch = refine(estimate.body, None if left else passes)
+        batch = refine(estimate.body, passes if last else None)
         poses, sequence = [each.pose for each in batch.frames], sequence.corrected(batch.objectives)
+        if last:
+            break
     return batch, estimate.commit(equations)
 
 

@@ -97,13 +97,13 @@ class TrackingConfig:
     """Correct the size of the whole body where the first keyframe's silhouettes show another than the tape."""
     drape: bool = True
     """Find in each frame by how much loose clothes (subject.json) are displaced; else they move with the body."""
-    shape_weight: float = 0.024
+    shape_weight: float = 0.05
     """Weight of a frame's contour in the estimate of the body's shape: the next frame errs alike. 0: the body stays as
     the tape has it."""
-    shape_texture_weight: float = 0.6
+    shape_texture_weight: float = 3.0
     """Weight of a frame's brightness in that estimate."""
-    shape_rounds: int = 2
-    """Alternations of correcting the body and the poses, an interval."""
+    shape_rounds: int = 8
+    """Alternations of correcting the body and the poses of an interval, at most; they end once the joints stay."""
     acceleration_position_sigma_m: float = 0.01
     """Standard deviation of the root's acceleration, a frame squared."""
     acceleration_rotation_sigma_rad: float = 0.05

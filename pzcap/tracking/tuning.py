@@ -120,6 +120,7 @@ class ShapeTuning(NamedTuple):
     """Correction of the body's shape, and refit of early frames to it."""
 
     stride: int = 4  # one of so many frames of an interval corrects the body: its neighbours say the same
+    settled_m: float = 5e-4  # a smaller change of the joints ends the rounds of an interval
     brightness_sigma: float = 25.0  # grey levels, while the shape is not known: more than in tracking
     # weight of a point's displacement along the skin; the rest is that across it: contours show the latter, and the
     # texture, which shows the former, was learned with the body of its time

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
 
@@ -11,10 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pzcap import runtime
 from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward, place
+from pzcap.body.shape_estimation import ShapeEquations
+from pzcap.tracking import interval_solver
 from pzcap.tracking.bidirectional_fusion import fuse
+from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.frame_tracker import FrameTracker, fit_pose
 from pzcap.tracking.interval_solver import misplaced
 from pzcap.tracking.observation import ViewCrop, crop_view, prepare
@@ -24,7 +30,7 @@ from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking.tracker import Tracker, TrackInput, collect
 from pzcap.tracking.tuning import VIEW
-from pzcap.types import SEGMENTS, Array, Image, Keyframe, PzcapError
+from pzcap.types import SEGMENTS, Array, Image, Keyframe, PzcapError, Subject
 from tests.scenes.body_scene import HEIGHT, WIDTH
 from tests.scenes.tracked import (
     CONFIG,
@@ -70,6 +76,38 @@ def test_the_body_does_not_jump_to_where_a_hand_has_set_it() -> None:
         off = np.array([r.joints_m - clip().joints_m[r.frame] for r in results])
         jumps += [np.linalg.norm(off[key] - off[key - 1], axis=1).mean() for key in (middle, FRAMES - 1)]
     assert np.mean(jumps) < 0.0016
+
+
+def test_a_body_of_which_the_stature_alone_is_known_is_measured_by_the_images() -> None:
+    guessed = bodies.build(Subject({"stature": clip().measurements_m["stature"]}, 0.005))
+    results = list(track(guessed, [by_hand(0), by_hand(FRAMES - 1)], inputs(), CONFIG))
+    error, sigma = errors_m(results), np.array([r.sigma_m for r in results])
+    assert error.mean() < 0.010
+    assert np.mean(error > 3.0 * sigma) < 0.005
+
+
+@pytest.mark.parametrize(("settled_m", "rounds"), [(1.0, 1), (0.0, 3)])
+def test_the_body_is_corrected_until_its_joints_stay(
+    settled_m: float, rounds: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved: list[BodyEstimate] = []
+    solve = BodyEstimate.solve
+
+    def counted(self: BodyEstimate, equations: ShapeEquations) -> BodyEstimate:
+        solved.append(solve(self, equations))
+        return solved[-1]
+
+    def at_once(work: Callable[..., Any], *given: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        done.set_result(work(*given))
+        return done
+
+    monkeypatch.setattr(runtime, "submit", at_once)
+    monkeypatch.setattr(BodyEstimate, "solve", counted)
+    monkeypatch.setattr(interval_solver, "SHAPE", interval_solver.SHAPE._replace(settled_m=settled_m))
+    ends = [by_hand(0), by_hand(4)]
+    list(track(taped(), ends, inputs()[:5], replace(CONFIG, shape_rounds=3)))
+    assert len(solved) == rounds
 
 
 def test_one_keyframe_in_the_middle_serves_both_ways() -> None:
