@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from pzcap.calibration import reference_camera
-from pzcap.calibration.blame import sweep_is_foreign
+from pzcap.calibration.blame import lens_moved, sweep_is_foreign
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
 from pzcap.calibration.other_dictionaries import find_other
 from pzcap.calibration.settings import PanZoomConfig
@@ -130,12 +130,10 @@ def calibrate_cameras(
         try:
             calibrated = calibrate_one(footage, report=report)
         except PzcapError as error:
-            if _foreign_sweep(footage):
-                raise PzcapError(
-                    f"camera {files.name}: {files.sweep}: shows nothing of what the reference image and the zoom run "
-                    "show, which agree; it is another camera's, or was shot elsewhere"
-                ) from error
+            _check_sweep(files, footage)
             raise PzcapError(f"camera {files.name}: {error}") from error
+        if lens_moved(files.name, calibrated):  # two cameras of one kind differ by little more
+            _check_sweep(files, footage)
         news.put(CameraCalibrated(index, calibrated, time.perf_counter() - started))
         give_back()
 
@@ -169,12 +167,18 @@ def calibrate_cameras(
             yield event
 
 
-def _foreign_sweep(footage: Footage) -> bool:
-    """True where a calibration failed since the sweep is another camera's."""
+def _check_sweep(files: CameraFiles, footage: Footage) -> None:
+    """Look for the cause of a calibration that failed, or does not agree. Raises PzcapError where the sweep is another
+    camera's."""
     try:
-        return sweep_is_foreign(footage, PanZoomConfig())
-    except PzcapError:
-        return False
+        foreign = sweep_is_foreign(footage, PanZoomConfig())
+    except PzcapError:  # the reference image is wrong itself
+        return
+    if foreign:
+        raise PzcapError(
+            f"camera {files.name}: {files.sweep}: shows nothing of what the reference image and the zoom run show, "
+            "which agree; it is another camera's, or was shot elsewhere"
+        )
 
 
 def _missing(capture: Capture, files: CameraFiles) -> str | None:

@@ -17,6 +17,7 @@ from typing import Any, Final
 from pzcap import runtime
 from pzcap.assembly import Gathered
 from pzcap.body import skeleton
+from pzcap.calibration.blame import lens_moved
 from pzcap.calibration.calibrate import CalibratedCamera, Report, no_report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, taken_over
@@ -32,7 +33,7 @@ from pzcap.events import (
 )
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.localisation.localise import Localiser
-from pzcap.plausibility import check_upright, lens_moved, object_of_other_shape
+from pzcap.plausibility import check_upright, object_of_other_shape
 from pzcap.runtime import give_back, one_thread_each, set_large_apart
 from pzcap.segmentation.foreground import ForegroundConfig
 from pzcap.starting_poses import body_to_track, body_tracker, track_input

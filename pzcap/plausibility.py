@@ -32,17 +32,6 @@ _SCALES: Final = tuple(percent / 100 for percent in range(70, 141))
 """Sizes of the hall that are tried, as shares of what object.json makes it."""
 
 
-def lens_moved(name: str, calibrated: CalibratedCamera) -> str | None:
-    """A note where the sweep of camera ``name`` was taken through another lens than the reference image."""
-    still_px, sweep_px = calibrated.reference.camera.focal_px, calibrated.camera.lens.reference_focal_px
-    if abs(sweep_px / still_px - 1.0) < PLAUSIBILITY.focal:
-        return None
-    return (
-        f"camera {name}: the focal length of its sweep, {sweep_px:.2f} px, is not that of its reference image, "
-        f"{still_px:.2f} px: focus or zoom have moved; set both by hand and shoot the sweep again"
-    )
-
-
 def object_of_other_shape(name: str, calibrated: CalibratedCamera) -> str | None:
     """A note where camera ``name`` sees the corners of the calibration object elsewhere than object.json has them: its
     focal length and place are then wrong, too, and nothing of the motion need fit."""

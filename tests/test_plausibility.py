@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +16,7 @@ import pytest
 from pzcap.assembly import papers_against_views
 from pzcap.body import skeleton
 from pzcap.body.kinematics import joints
-from pzcap.calibration.blame import sweep_is_foreign
+from pzcap.calibration.blame import lens_moved, sweep_is_foreign
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, footage_of
@@ -26,7 +27,6 @@ from pzcap.plausibility import (
     SeenViews,
     blames_object,
     check_upright,
-    lens_moved,
     lost_body,
     object_of_another_size,
     object_of_other_shape,
@@ -72,6 +72,30 @@ def test_a_sweep_of_another_camera_is_blamed_and_not_the_zoom_run(
     ):
         list(calibrate_cameras(swapped, calibrate, pool, []))
     assert f"camera 1: {tmp_path / 'swapped' / 'camera1' / 'sweep.mp4'}: shows nothing of what the ref" in str(e.value)
+
+
+@pytest.mark.parametrize(("other", "blamed"), [(True, True), (False, False)])
+def test_a_sweep_of_another_camera_that_can_be_calibrated_is_blamed_as_well(
+    other: bool, blamed: bool, capture: Capture
+) -> None:
+    """Its focal length is not that of the reference image; that alone is a lens that moved."""
+    first, second = capture.cameras[:2]
+    one = replace(capture, cameras=(replace(first, sweep=second.sweep if other else first.sweep),))
+    whole = fabricated.reconstruction()
+    reference, panorama, head = whole.references[0], whole.panoramas[0], whole.cameras[0]
+    assert reference is not None
+    assert panorama is not None
+    assert head is not None
+    still = replace(reference, camera=replace(reference.camera, focal_px=head.lens.reference_focal_px / 1.02))
+
+    def calibrate(*_: Any, **__: Any) -> CalibratedCamera:
+        return CalibratedCamera(still, panorama, head)
+
+    with (
+        ThreadPoolExecutor(1) as pool,
+        pytest.raises(PzcapError, match="another camera's") if blamed else contextlib.nullcontext(),
+    ):
+        list(calibrate_cameras(one, calibrate, pool, []))
 
 
 # --------------------------------------------------------------------------------------------------------------

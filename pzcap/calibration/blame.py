@@ -1,4 +1,5 @@
-"""The wrong file where two do not show the same: reference image, sweep and zoom run, compared in pairs."""
+"""The wrong file where two do not show the same: reference image, sweep and zoom run, compared in pairs; and a lens
+that was moved between them."""
 
 from __future__ import annotations
 
@@ -8,12 +9,13 @@ from typing import Final
 import numpy as np
 
 from pzcap.calibration import reference_camera
-from pzcap.calibration.calibrate import Footage
+from pzcap.calibration.calibrate import CalibratedCamera, Footage
 from pzcap.calibration.features import Features
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames, detect, place
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE
+from pzcap.tuning import PLAUSIBILITY
 from pzcap.types import Array
 
 _SWEEP_FRAMES: Final = 90  # of a full turn, a tenth of a picture apart
@@ -40,6 +42,17 @@ def sweep_is_foreign(footage: Footage, config: PanZoomConfig) -> bool:
         return False
     swept = _some(footage.sweep, _SWEEP_FRAMES, config)
     return _agreed(reference, swept, view, np.arange(-0.1, 0.101, 0.02), config) < min(_MANY, _FEWER * beside)
+
+
+def lens_moved(name: str, calibrated: CalibratedCamera) -> str | None:
+    """A note where the sweep of camera ``name`` was taken through another lens than the reference image."""
+    still_px, sweep_px = calibrated.reference.camera.focal_px, calibrated.camera.lens.reference_focal_px
+    if abs(sweep_px / still_px - 1.0) < PLAUSIBILITY.focal:
+        return None
+    return (
+        f"camera {name}: the focal length of its sweep, {sweep_px:.2f} px, is not that of its reference image, "
+        f"{still_px:.2f} px: focus or zoom have moved; set both by hand and shoot the sweep again"
+    )
 
 
 def _agreed(
