@@ -69,6 +69,7 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument(
         "--cameras", type=Path, metavar="RESULTS", help="of another take by the same cameras, not moved since"
     )
+    one.add_argument("--free-tilt", action="store_true", help="the heads were tilted while the motion was filmed")
     one.add_argument("--threads", type=int, default=2, help="views that are worked on side by side (2)")
     one.set_defaults(run=_reconstruct)
 
@@ -176,7 +177,7 @@ def _keypoints(given: argparse.Namespace) -> int:
 def _reconstruct(given: argparse.Namespace) -> int:
     from pzcap.command.reconstructing import reconstruct_folder
 
-    return reconstruct_folder(given.capture, given.out, given.cameras, given.threads)
+    return reconstruct_folder(given.capture, given.out, given.cameras, given.threads, given.free_tilt)
 
 
 def _edit(given: argparse.Namespace) -> int:

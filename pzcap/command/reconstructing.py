@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.command.places import NO_RERUN, RECONSTRUCTION, RECORDING, link_capture, load_results
 from pzcap.command.progress import ProgressLine
 from pzcap.events import Event, Finished, Progress
@@ -20,9 +21,9 @@ from pzcap.io.capture import read_capture
 from pzcap.types import Capture, Reconstruction
 
 
-def reconstruct_folder(folder: Path, out: Path, cameras: Path | None, threads: int) -> int:
+def reconstruct_folder(folder: Path, out: Path, cameras: Path | None, threads: int, free_tilt: bool) -> int:
     """Reconstruct the capture in ``folder`` into ``out``, and print what was found; the exit status."""
-    config = Config(threads=threads)
+    config = Config(threads=threads, panzoom=PanZoomConfig(free_tilt=free_tilt))
     known = None if cameras is None else load_results(cameras)
     capture = read_capture(folder)
     (out / RECONSTRUCTION / results.MANIFEST).unlink(missing_ok=True)  # one that fails is not mistaken for the last

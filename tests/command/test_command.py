@@ -7,14 +7,16 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from pzcap.command import doctor, reviewing
+from pzcap.command import doctor, reconstructing, reviewing
 from pzcap.command.main import main, parser
 from pzcap.command.progress import ProgressLine
 from pzcap.export.formats import FORMATS
 from pzcap.io import results
+from pzcap.types import PzcapError
 from tests.scenes import exported, fabricated
 
 
@@ -49,6 +51,21 @@ def test_export_says_that_it_has_no_keypoints(saved: Path, tmp_path: Path, capsy
     assert main(["export", str(saved), "--to", "aniposelib", "--out", str(tmp_path / "e")]) == 0
     said = capsys.readouterr().err
     assert said == "pzcap: aniposelib: the calibration alone; --capture FOLDER takes the keypoints along\n"
+
+
+@pytest.mark.parametrize("given", [[], ["--free-tilt"]])
+def test_heads_that_were_tilted_are_calibrated_as_such(
+    given: list[str], small_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = []
+
+    def stages(_capture: Any, config: Any, _cameras: Any) -> Any:
+        free.append(config.panzoom.free_tilt)
+        raise PzcapError("that is enough")
+
+    monkeypatch.setattr(reconstructing, "stages", stages)
+    assert main(["reconstruct", str(small_capture / "capture"), "--out", str(tmp_path / "r"), *given]) == 1
+    assert free == [bool(given)]
 
 
 @pytest.mark.parametrize(

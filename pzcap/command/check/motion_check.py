@@ -91,9 +91,18 @@ def check_belonging(
 
 def check_tilt(camera: str, subject: str, places: Places, sweep: Sweep) -> Iterator[Finding]:
     """Check that the tilt is that of the sweep. Zoom moves the middle of the picture a little: only much is told."""
-    down = [r.down / max(r.scale, 1.0) for r in places.relations if r.found]
-    tilt = np.rad2deg(float(np.median(down)) / sweep.focal) if down else 0.0
-    if abs(tilt) > MOTION.tilt_deg:
+    down = np.array([r.down / max(r.scale, 1.0) for r in places.relations if r.found])
+    tilts = np.rad2deg(down / sweep.focal)
+    if not len(tilts):
+        return
+    tilt, (low, high) = float(np.median(tilts)), np.percentile(tilts, MOTION.tilts)
+    if high - low > MOTION.tilted_deg:
+        text = (
+            f"its head was tilted while it filmed, over {high - low:.1f} degrees: reconstruct with --free-tilt, or "
+            "lock the tilt and film again"
+        )
+        yield Finding(Level.WARN, camera, subject, text)
+    elif abs(tilt) > MOTION.tilt_deg:
         way = "lower" if tilt > 0 else "higher"
         text = f"looks {abs(tilt):.2f} degrees {way} than the sweep; the tripod was moved, or settled"
         yield Finding(Level.FAIL if abs(tilt) > 1.0 else Level.WARN, camera, subject, text)

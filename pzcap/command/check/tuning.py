@@ -44,6 +44,8 @@ class MotionTuning(NamedTuple):
 
     samples: int = 8  # pictures that are compared
     tilt_deg: float = 0.35  # against the sweep, from which on the head is said to have moved
+    tilts: tuple[float, float] = (15.0, 85.0)  # percentiles of the pictures' tilts: one or two may be placed wrongly
+    tilted_deg: float = 0.35  # between pictures, from which on it is said to have been tilted while it filmed
     turned_deg: float = 20.0  # roll against it, from which on the camera is said to be turned
     band_pictures: int = 10  # one after the other, whose rows are compared
     bands: float = 0.04  # scatter of the brightness of rows from one picture to the next, from which on it is told
@@ -83,7 +85,7 @@ class ForecastTuning(NamedTuple):
     """Width of a picture below which the floor of the pan, in pixels, rises: it samples the hall too
     coarsely."""
     body_mm: float = 2.5  # of a joint, by the lengths of the body alone
-    joint_px: float = 0.42  # of a joint, pixels at the athlete, by four cameras and a keyframe a second
+    joint_px: float = 0.35  # of a joint, pixels at the athlete, by four cameras and a keyframe a second
     full: int = 4  # cameras
     dense_s: float = 1.0  # between keyframes
 
