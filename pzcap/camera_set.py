@@ -4,6 +4,7 @@ the same cameras, which have not been moved since."""
 from __future__ import annotations
 
 import queue
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -108,6 +109,10 @@ def calibrate_rolling(
     return replace(found, camera=replace(found.camera, readout_s=readout_s, readout_sigma_s=sigma_s)), swept
 
 
+class _GivenUpError(Exception):
+    """Nobody waits for what a thread calibrates."""
+
+
 def calibrate_cameras(
     capture: Capture, calibrate_one: Callable[..., CalibratedCamera], pool: ThreadPoolExecutor, notes: list[str],
     ready: Sequence[CalibratedCamera | None] = (),
@@ -115,14 +120,18 @@ def calibrate_cameras(
     """Calibrate by ``calibrate_one(footage, report=report)`` the cameras but those that are ``ready``, as many at a
     time as ``pool`` has threads; what is missing is added to ``notes``.
 
-    Raises PzcapError where a file is there and is not what it should be; the cameras not begun by then are left.
+    Raises PzcapError where a file is there and is not what it should be. Cameras that are being calibrated then, or
+    when the caller is interrupted, are given up at their next report: leaving the ``pool`` would wait for them.
     """
     ready = ready or (None,) * len(capture.cameras)
     _find_object(capture, [files for files, known in zip(capture.cameras, ready, strict=True) if known is None])
     news: queue.SimpleQueue[Progress | CameraCalibrated | Future[None]] = queue.SimpleQueue()
+    given_up = threading.Event()
 
     def job(index: int, files: CameraFiles) -> None:
         def report(stage: str, done: int, total: int) -> None:
+            if given_up.is_set():
+                raise _GivenUpError
             news.put(Progress(f"camera {files.name}: {stage}", done, total))
 
         started = time.perf_counter()
@@ -138,33 +147,37 @@ def calibrate_cameras(
         give_back()
 
     jobs: list[Future[None]] = []
-    for index, (files, known) in enumerate(zip(capture.cameras, ready, strict=True)):
-        missing = _missing(capture, files)
-        if known is None and missing:
-            notes.append(f"camera {files.name} is not calibrated: {missing}")
-            yield CameraCalibrated(index, None, 0.0)
-            continue
-        if files.motion is None:
-            notes.append(f"camera {files.name} recorded no motion: the body is tracked in the other views")
-        if known is not None:
-            yield CameraCalibrated(index, known, 0.0)
-            continue
-        if files.zoom is None:
-            notes.append(f"camera {files.name} has no zoom run: distortion and principal point are taken as constant")
-        jobs.append(pool.submit(job, index, files))
-        jobs[-1].add_done_callback(news.put)
-
-    running = len(jobs)
-    while running:
-        event = news.get()
-        if isinstance(event, Future):
-            running -= 1
-            if error := event.exception():
-                for other in jobs:
-                    other.cancel()
-                raise error
-        else:
-            yield event
+    try:
+        for index, (files, known) in enumerate(zip(capture.cameras, ready, strict=True)):
+            missing = _missing(capture, files)
+            if known is None and missing:
+                notes.append(f"camera {files.name} is not calibrated: {missing}")
+                yield CameraCalibrated(index, None, 0.0)
+                continue
+            if files.motion is None:
+                notes.append(f"camera {files.name} recorded no motion: the body is tracked in the other views")
+            if known is not None:
+                yield CameraCalibrated(index, known, 0.0)
+                continue
+            if files.zoom is None:
+                notes.append(
+                    f"camera {files.name} has no zoom run: distortion and principal point are taken as constant"
+                )
+            jobs.append(pool.submit(job, index, files))
+            jobs[-1].add_done_callback(news.put)
+        running = len(jobs)
+        while running:
+            event = news.get()
+            if isinstance(event, Future):
+                running -= 1
+                if error := event.exception():
+                    raise error
+            else:
+                yield event
+    finally:
+        given_up.set()
+        for each in jobs:
+            each.cancel()
 
 
 def _check_sweep(files: CameraFiles, footage: Footage) -> None:

@@ -6,16 +6,20 @@ import dataclasses
 import shutil
 import subprocess
 import sys
+import time
 import weakref
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from experiments.comparisons.wrong_footage import recorded_again
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.camera_set import taken_over
-from pzcap.events import BodyTracked, Finished, FrameLocalised, FrameSegmented
+from pzcap.camera_set import calibrate_cameras, taken_over
+from pzcap.events import BodyTracked, Finished, FrameLocalised, FrameSegmented, Progress
 from pzcap.extras import reconstruct as extras
 from pzcap.io import results
 from pzcap.io.capture import frame_sets, read_capture
@@ -117,6 +121,22 @@ def test_events_come_in_order_and_end_with_the_result(capture: Capture, reconstr
         assert sum(picture() is not None for picture in pictures) <= len(two.cameras)
     assert localised == separated == tracked == list(range(len(localised)))
     assert ended
+
+
+def test_cameras_that_nobody_waits_for_are_given_up(capture: Capture) -> None:
+    """An interrupted command ends, and not once its cameras are calibrated."""
+
+    def calibrate(_footage: object, report: Callable[[str, int, int], None]) -> Any:
+        for number in range(600):
+            report("turn", number, 600)
+            time.sleep(0.1)
+
+    begun = time.monotonic()
+    with ThreadPoolExecutor(2) as pool:
+        events = calibrate_cameras(capture, calibrate, pool, [])
+        assert isinstance(next(events), Progress)
+        events.close()  # type: ignore[attr-defined]
+    assert time.monotonic() - begun < 20.0  # of a minute
 
 
 @pytest.mark.xdist_group("pipeline")
