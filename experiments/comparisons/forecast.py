@@ -11,7 +11,7 @@ within a factor of two. The footage is right, so that nothing may have to be sho
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -49,7 +49,7 @@ class ForecastConfig(AppConfig):
     """Of conf/experiment."""
 
 
-def compare(config: ForecastConfig, folder: Path, console: Console) -> Sequence[Row[Any]]:
+def compare(config: ForecastConfig, folder: Path, console: Console) -> Iterator[Row[Any]]:
     """Each experiment in turn. Raises PzcapError for a given capture."""
     if config.capture is not None:
         raise PzcapError("a comparison of forecasts shoots its own footage; leave capture=... out")
@@ -57,13 +57,11 @@ def compare(config: ForecastConfig, folder: Path, console: Console) -> Sequence[
         each for each in HydraConfig.get().overrides.task
         if not each.startswith(("experiment=", "experiments=", "seed=", "output.recording=", "output.report="))
     ]  # fmt: skip
-    rows: list[Row[Any]] = []
     for name in config.experiments:
         overrides = [f"experiment={name}", f"seed={config.seed}", *given]
         tree = plain(compose(HydraConfig.get().job.config_name, overrides))
         one = structured(tree, ForecastConfig, name)
-        rows.append(judge(name, AppConfig(**{key: getattr(one, key) for key in _SHARED}), folder / name, console))
-    return rows
+        yield judge(name, AppConfig(**{key: getattr(one, key) for key in _SHARED}), folder / name, console)
 
 
 _SHARED: Final = tuple(AppConfig.__dataclass_fields__)

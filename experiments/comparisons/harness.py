@@ -7,7 +7,7 @@ does the rest. The metric of a row's figure is named ``PREFIX.ROW.COLUMN``.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -30,6 +30,7 @@ from experiments.totals import metrics
 from pzcap.calibration.calibrate import Report
 from pzcap.io import results
 from pzcap.io.capture import read_capture
+from pzcap.io.files import written_whole
 from pzcap.pipeline import reconstruct
 from pzcap.scoring.metric import Direction, Metric
 from pzcap.types import Capture, PzcapError, Reconstruction
@@ -67,7 +68,7 @@ class Comparison(Generic[T]):
 
     name: str  # on the command line, and of the csv file
     columns: tuple[Column, ...]
-    compare: Callable[[Any, Path, Console], Sequence[Row[T]]]  # of the configuration, the folder, for progress
+    compare: Callable[[Any, Path, Console], Iterable[Row[T]]]  # of the configuration, the folder, for progress
     experiment: str  # of conf/experiment, where none is named
     plots: Mapping[str, tuple[tuple[float, float], Callable[[Figure, Sequence[Row[T]]], None]]] = field(
         default_factory=dict
@@ -91,19 +92,22 @@ class Comparison(Generic[T]):
 def execute(
     comparison: Comparison[T], config: AppConfig, tree: dict[str, Any], folder: Path, console: Console
 ) -> Sequence[Row[T]]:
-    """Run ``comparison`` and leave its results in ``folder``. Raises PzcapError for what the user can mend."""
+    """Run ``comparison`` and leave its results in ``folder``; the csv file holds the rows that there are, also where a
+    later one is killed. Raises PzcapError for what the user can mend."""
     if config.cameras is not None and not comparison.takes_cameras:
         raise PzcapError(f"the comparison {comparison.name} calibrates by itself; leave cameras=... out")
     folder.mkdir(parents=True, exist_ok=True)
     for name in comparison.results:
         (folder / name).unlink(missing_ok=True)
-    rows = comparison.compare(config, folder, console)
+    rows: list[Row[T]] = []
+    for row in comparison.compare(config, folder, console):
+        rows.append(row)
+        _write_csv(folder / f"{comparison.name}.csv", comparison, rows)
     for name, ((width, height), draw) in comparison.plots.items():
         with mpl.rc_context(STYLE):
             figure = Figure(figsize=(width, height), dpi=130)
             draw(figure, rows)
             figure.savefig(folder / name, metadata={"Software": None})
-    _write_csv(folder / f"{comparison.name}.csv", comparison, rows)
     write_metrics(folder / "metrics.json", metrics_of(comparison, rows), run_info(tree, config.seed))
     return rows
 
@@ -142,7 +146,7 @@ def print_rows(console: Console, comparison: Comparison[T], title: str, rows: Se
 
 
 def _write_csv(path: Path, comparison: Comparison[T], rows: Sequence[Row[T]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with written_whole(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["group", "key", "label", *(f"{column.key} [{column.unit}]" for column in comparison.columns)])
         for row in rows:

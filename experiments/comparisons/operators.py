@@ -13,7 +13,7 @@ that leaves, but for the report, is in DIR/{pan_zoom, pan, none}.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
@@ -54,16 +54,17 @@ class Filmed:
     body: BodyErrors | None
 
 
-def compare(config: AppConfig, folder: Path, console: Console) -> Sequence[Row[Filmed]]:
+def compare(config: AppConfig, folder: Path, console: Console) -> Iterator[Row[Filmed]]:
     """All three ways, each into a folder of its own; the cameras are calibrated once. PzcapError for a given
     capture."""
     if config.capture is not None:
         raise PzcapError("a comparison of operators shoots its own footage; leave capture=... out")
-    rows: list[Row[Filmed]] = []
+    first: Row[Filmed] | None = None
     for moves in NAMES:
-        rows.append(film(config, folder / moves, moves, console))
-        config = with_cameras(config, folder / rows[0].key)
-    return rows
+        row = film(config, folder / moves, moves, console)
+        first = first or row
+        yield row
+        config = with_cameras(config, folder / first.key)
 
 
 def film(config: AppConfig, folder: Path, moves: Moves, console: Console) -> Row[Filmed]:

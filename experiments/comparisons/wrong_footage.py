@@ -11,7 +11,7 @@ said.txt.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -166,12 +166,11 @@ FAULTS: Final = (
 )  # fmt: skip
 
 
-def compare(config: WrongFootageConfig, folder: Path, console: Console) -> Sequence[Row[Any]]:
+def compare(config: WrongFootageConfig, folder: Path, console: Console) -> Iterator[Row[Any]]:
     """Each fault in turn. Raises PzcapError for one that there is not."""
     unknown = set(config.faults) - {fault.key for fault in FAULTS}
     if unknown:
         raise PzcapError(f"no fault '{min(unknown)}'; one of {', '.join(fault.key for fault in FAULTS)}")
-    rows: list[Row[Any]] = []
     said: list[str] = []
     with Bars(console) as bars:
         capture, truth = scored_capture(config, bars.update)
@@ -179,12 +178,11 @@ def compare(config: WrongFootageConfig, folder: Path, console: Console) -> Seque
         for fault in FAULTS:
             if not config.faults or fault.key in config.faults or fault.key == "right":
                 figures, told = _tried(fault, capture, truth, usual, config, folder, bars)
-                rows.append(Row(fault.key, fault.label, figures))
                 found = ", ".join(f"{key} {value:.3g}" for key, value in figures.items() if value is not None)
                 said += [f"{fault.label} ({found}):", *(f"  {each}" for each in told)]
                 with written_whole(folder / SAID) as partial:
                     partial.write_text("\n".join(said) + "\n", encoding="utf-8")
-    return rows
+                yield Row(fault.key, fault.label, figures)
 
 
 def _tried(

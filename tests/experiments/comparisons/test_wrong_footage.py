@@ -86,4 +86,4 @@ def test_what_right_footage_does_not_raise_is_counted(
 
 def test_a_fault_that_there_is_not_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PzcapError, match=re.escape("no fault 'fire'; one of right, lost_frame")):
-        wrong.compare(WrongFootageConfig(faults=("fire",)), tmp_path, Console(quiet=True))
+        list(wrong.compare(WrongFootageConfig(faults=("fire",)), tmp_path, Console(quiet=True)))
