@@ -18,7 +18,7 @@ def test_the_rows_that_there_are_stay_where_a_later_one_fails(tmp_path: Path) ->
         yield Row("one", "one", {"error": 1.0})
         raise PzcapError("the second cannot be")
 
-    comparison = Comparison[None]("kept", (Column("error", "error", "mm"),), rows, "floor_exercise")
+    comparison: Comparison[None] = Comparison("kept", (Column("error", "error", "mm"),), rows, "floor_exercise")
     with pytest.raises(PzcapError):
         execute(comparison, AppConfig(), {}, tmp_path, Console(quiet=True))
     assert (tmp_path / "kept.csv").read_text().splitlines() == ["group,key,label,error [mm]", ",one,one,1.0"]
