@@ -112,7 +112,7 @@ class SeenViews(NamedTuple):
 
 
 class SeenKeyframe(NamedTuple):
-    """What the views of a keyframe's instant say of it. The pictures themselves are let go."""
+    """Judgement of a keyframe by the views of its instant. The pictures themselves are let go."""
 
     key: Keyframe
     blind: bool  # no camera has anybody there

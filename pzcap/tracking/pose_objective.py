@@ -257,7 +257,7 @@ def camera_moves(view: ViewCrop, prior: CameraPrior, posed: PosedBody) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewSequence:
-    """What the cameras show at successive instants, evenly apart."""
+    """Views of successive instants, evenly apart."""
 
     views: Sequence[Views]
     period: float  # frame periods from an instant to the next
