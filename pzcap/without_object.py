@@ -1,10 +1,11 @@
 """Cameras placed without a calibration object: by the athlete, whose stature is known.
 
 Each camera has been calibrated in a world of its own, in which its head is level. All frames are localised; the rays to
-the athlete's keypoints tell how the cameras stand to each other (`pzcap.initialisation.camera_poses`), the feet where
-the floor is, and the lengths of the limbs, of which the stature tells something, how long a metre is. That is good to a
-percent or two, so the body is tracked with its size open; once its contours have told that size in the cameras' units,
-`in_metres` scales everything to the stature that was measured.
+the athlete's keypoints tell how the cameras stand to each other (`pzcap.initialisation.camera_poses`), to centimetres;
+the feet where the floor is; and the lengths of the limbs, of which the stature tells something, how long a metre is.
+Then the floor, which all have swept, places them to millimetres (`pzcap.initialisation.floor_matching`). Lengths are
+good to a percent or two, so the body is tracked with its size open; once its contours have told that size in the
+cameras' units, `in_metres` scales everything to the stature that was measured.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from pzcap.events import Progress
 from pzcap.geometry import camera as geometry
 from pzcap.initialisation.body_height import height_of, height_of_moved, seen_height
 from pzcap.initialisation.camera_poses import HeadRays, Heads, adjust, floor_height, place_heads
+from pzcap.initialisation.floor_matching import place_by_floor
 from pzcap.initialisation.limb_lengths import scale_by_limbs
 from pzcap.initialisation.people import Detections, Sighting, athlete, most_central
 from pzcap.initialisation.tuning import HEADS, HEIGHT, PEOPLE
@@ -62,6 +64,7 @@ class Placed:
     instants: tuple[Seen, ...]
     sigma_m: Array  # (C,) of their places, in the cameras' own units of length
     scale_sigma: float  # relative, of these units
+    by_floor: bool  # the floor has told more than keypoints do
 
 
 def place_cameras(
@@ -109,6 +112,9 @@ def _placed_by_keypoints(
             "the field of all cameras, and run another detector"
         ) from error
     found = _in_own_world(found, scale)
+    by_floor = place_by_floor([None if one is None else one.panorama for one in calibrated], found)
+    if by_floor is not None:
+        found = by_floor.moved(_heading(by_floor), 1.0, np.zeros(3))
     sightings = athlete([_in_world(found, heads, instant) for instant in instants])
     sigma_m = np.sqrt(np.array([np.trace(found.covariance[k + 3 : k + 6, k + 3 : k + 6]) for k in _blocks(found)]))
     return Placed(
@@ -119,6 +125,7 @@ def _placed_by_keypoints(
         tuple(Seen(*where, sighting) for where, sighting in zip(located, sightings, strict=True)),
         sigma_m,
         sigma,
+        by_floor is not None,
     )
 
 
@@ -154,9 +161,10 @@ def _rays(heads: Sequence[PanZoomCamera | None], sightings: Sequence[Sighting]) 
             origins[c, t] = (camera.world_T_cam[:3, 3] - place_m) @ rotation
             directions[c, t] = geometry.rays(camera, person[:, :2]) @ rotation
             confidence[c, t] = np.where(person[:, 2] < PEOPLE.least_confidence, 0.0, person[:, 2])
+    points = (len(heads), -1)
     return HeadRays(
-        *(values.reshape(len(heads), -1, *values.shape[3:]) for values in (origins, directions, confidence))
-    )
+        origins.reshape(*points, 3), directions.reshape(*points, 3), confidence.reshape(points)
+    )  # fmt: skip
 
 
 def _by_frame(values: NDArray[Number]) -> NDArray[Number]:
@@ -196,16 +204,20 @@ def _transform(rotation: Array, place_m: Array) -> Array:
 
 def _in_own_world(found: Heads, scale: float) -> Heads:
     """The heads in metres, in the world that `place_cameras` says."""
-    first = int(np.argmax(found.placed))
-    ahead = found.rotation[first, :, 0]
-    yaw = -np.arctan2(ahead[1], ahead[0])
-    rotation = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    rotation = _heading(found)
     points, seen = found.points @ rotation.T * scale, found.seen
     by_frame, there = _by_frame(points), _by_frame(seen)
     feet = by_frame[:, _FEET, 2][there[:, _FEET]]
     middle = np.median(points[seen], axis=0)
     floor = floor_height(feet) if len(feet) else float(points[seen, 2].min())
     return found.moved(rotation, scale, -np.array([middle[0], middle[1], floor - HEADS.sole_m]))
+
+
+def _heading(found: Heads) -> Array:
+    """(3, 3) the turn about z after which the first camera looks along x at pan 0."""
+    ahead = found.rotation[int(np.argmax(found.placed)), :, 0]
+    yaw = -np.arctan2(ahead[1], ahead[0])
+    return np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
 
 
 def _placed(one: CalibratedCamera, rotation: Array, place_m: Array) -> CalibratedCamera:
@@ -264,8 +276,9 @@ def _note(found: Reconstruction, placed: Placed, factor: float, sigma: float) ->
         for name, before, one in zip(found.camera_names, found.panoramas, placed.cameras, strict=True)
         if before is not None and one is None
     ]
+    means = "and by the floor that they have in common" if placed.by_floor else "alone, the floor not telling"
     text = (
-        f"no calibration object: the cameras were placed by the athlete's keypoints, to "
+        f"no calibration object: the cameras were placed by the athlete's keypoints {means}, to "
         f"{100 * factor * float(placed.sigma_m[placed.sigma_m > 0.0].mean()):.1f} cm, and lengths by the stature, to "
         f"{100 * sigma:.1f} %; the world is its own, z up from the floor, x as the first camera looks at pan 0"
     )

@@ -37,7 +37,7 @@ def test_everything_is_scaled_until_the_athlete_is_as_tall_as_measured() -> None
     found = reconstruction()
     assert found.motion is not None
     found = replace(found, motion=replace(found.motion, body=small))
-    placed = Placed((None,) * len(found.cameras), (), np.full(len(found.cameras), 0.02), 0.03)
+    placed = Placed((None,) * len(found.cameras), (), np.full(len(found.cameras), 0.02), 0.03, False)
     scaled = in_metres(found, body, placed)
     assert scaled.motion is not None
     np.testing.assert_allclose(scaled.motion.joints_m, found.motion.joints_m / 0.9)  # type: ignore[union-attr]

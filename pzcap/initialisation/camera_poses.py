@@ -32,10 +32,13 @@ class HeadRays(NamedTuple):
     origins: Array  # (C, N, 3)
     directions: Array  # (C, N, 3) unit vectors
     confidence: Array  # (C, N) 0 where a camera does not see it
+    doubt: float = HEADS.doubt  # so many rays of a camera tell as much as one
+    on_floor: bool = False  # the points lie on the floor, which tells how all heads lean together
 
     def some(self, rows: Indices | slice) -> HeadRays:
         """The rays of some of the points."""
-        return HeadRays(self.origins[:, rows], self.directions[:, rows], self.confidence[:, rows])
+        values = (self.origins[:, rows], self.directions[:, rows], self.confidence[:, rows])
+        return HeadRays(*values, self.doubt, self.on_floor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,7 +229,7 @@ def _adjusted(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> _A
         sigma = max(normal_sigma(told.ravel()) / np.sqrt(left), HEADS.least_sigma_rad)
         scale = HEADS.loose if number < HEADS.iterations // 2 else HEADS.tight
         weight = (
-            np.where(usable, geman_mcclure(size, scale * sigma), 0.0) * rays.confidence**2 / (HEADS.doubt * sigma**2)
+            np.where(usable, geman_mcclure(size, scale * sigma), 0.0) * rays.confidence**2 / (rays.doubt * sigma**2)
         )
         rows = sideways.transpose(0, 1, 3, 2) / length[..., None, None]  # (C, N, 2, 3)
         by_point = rows @ rotation.transpose(0, 2, 1)[:, None]
@@ -243,16 +246,15 @@ def _adjusted(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> _A
             own[c, :3, :3] += lean.T @ lean / HEADS.lean_rad**2
             pull[c, :3] += lean.T @ up[:2] / HEADS.lean_rad**2
             heads[part, part], gradient[part] = own[c], pull[c]
-        stay = HEADS.damping / HEADS.doubt / (sigma * float(np.median(length))) ** 2
+        stay = HEADS.damping / rays.doubt / (sigma * float(np.median(length))) ** 2
         alone = np.einsum("cn,cnki,cnkj->nij", weight, by_point, by_point) + stay * np.eye(3)
         of_points = np.einsum("cn,cnki,cnk->ni", weight, by_point, residual)
         shared = np.einsum("cn,cnki,cnkj->ncij", weight, by_head, by_point).reshape(-1, 6 * count, 3)
         inverse = np.linalg.inv(alone)
         carried = shared @ inverse
         reduced = heads - np.einsum("nik,njk->ij", carried, shared)
-        step, covariance = _solved(
-            reduced, gradient - np.einsum("nik,nk->i", carried, of_points), rotation, place, placed
-        )
+        common = _common(rotation, place, placed, rays.on_floor)
+        step, covariance = _solved(reduced, gradient - np.einsum("nik,nk->i", carried, of_points), common, placed)
         step = -step.reshape(count, 6)
         points = points - np.einsum("nij,nj->ni", inverse, of_points + np.einsum("nik,i->nk", shared, step.ravel()))
         rotation = rotation @ Rotation.from_rotvec(step[:, :3]).as_matrix()
@@ -263,20 +265,28 @@ def _adjusted(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> _A
     return _Adjusted((rotation, place), points, np.asarray(sure.sum(axis=0) >= 2), sigma, covariance)
 
 
-def _solved(normal: Array, right: Array, rotation: Array, place: Array, placed: Mask) -> tuple[Array, Array]:
-    """The step that solves the normal equations (6 C, 6 C) and moves nothing that is common to all heads: place,
-    heading and scale, which rays do not tell; and the covariance of the rest. Lengths are measured in the spread of the
-    heads, and heads that are not placed stay."""
+def _common(rotation: Array, place: Array, placed: Mask, on_floor: bool) -> tuple[Array, float]:
+    """Motions of all heads (6 C, K) that rays do not tell: place, scale, heading, and how all lean together where the
+    floor is to tell that; and the spread of the heads, in which lengths are to be measured."""
     middle = place[placed].mean(axis=0)
     spread = float(np.sqrt(np.mean(np.sum((place[placed] - middle) ** 2, axis=1))))
-    unit = np.tile([1.0, 1.0, 1.0, spread, spread, spread], len(place))
-    common = np.zeros((len(place), 6, 5))
-    common[:, 3:, :3] = np.eye(3)
-    common[:, :3, 3] = rotation[:, 2]  # R' z
-    common[:, 3:, 3] = np.cross([0.0, 0.0, 1.0], place - middle)
-    common[:, 3:, 4] = place - middle
+    axes = np.eye(3) if on_floor else np.eye(3)[2:]
+    found = np.zeros((len(place), 6, 4 + len(axes)))
+    found[:, 3:, :3] = np.eye(3)
+    found[:, 3:, 3] = place - middle
+    for k, axis in enumerate(axes, start=4):
+        found[:, :3, k] = axis @ rotation
+        found[:, 3:, k] = np.cross(axis, place - middle)
+    return found.reshape(-1, 4 + len(axes)), spread
+
+
+def _solved(normal: Array, right: Array, common: tuple[Array, float], placed: Mask) -> tuple[Array, Array]:
+    """The step that solves the normal equations (6 C, 6 C) and moves nothing that is ``common`` to all heads, and the
+    covariance of the rest. Heads that are not placed stay."""
+    moves, spread = common
+    unit = np.tile([1.0, 1.0, 1.0, spread, spread, spread], len(placed))
     free = np.repeat(placed, 6)
-    basis, _ = np.linalg.qr((common.reshape(-1, 5) / unit[:, None])[free])
+    basis, _ = np.linalg.qr((moves / unit[:, None])[free])
     rest = np.eye(len(basis)) - basis @ basis.T
     scaled = rest @ (normal * np.outer(unit, unit))[np.ix_(free, free)] @ rest
     held = scaled + np.trace(scaled) * basis @ basis.T

@@ -92,6 +92,29 @@ class HeadsTuning(NamedTuple):
     sole_m: float = 0.01  # that a foot's keypoints lie above the floor
 
 
+class FloorTuning(NamedTuple):
+    """Heads placed by the floor that their panoramas have in common."""
+
+    reach_m: float = 8.0  # half the side of the square of floor that is used, about the middle of what is done
+    step_m: float = 0.5  # from a patch to the next
+    patch_m: float = 1.2  # side of a patch
+    cells_m: tuple[float, ...] = (0.05, 0.05, 0.025)  # of the rectified pictures, from round to round
+    search_m: tuple[float, ...] = (1.5, 0.5, 0.15)  # how far a patch is sought, from round to round
+    least_contrast: float = 4.0  # grey levels, standard deviation: a patch of less is bare
+    least_correlation: float = 0.7  # normalised, of a patch that is found
+    least_lead: float = 0.1  # of its correlation over any elsewhere: patterns repeat
+    lobe_m: float = 0.3  # half the width of a correlation's peak: what lies beyond is elsewhere
+    fewest: int = 40  # patches that each camera has in common with others
+    least_agreement: float = 0.6  # share of the patches whose rays meet
+    largest_sigma_rad: float = 2e-3  # of a ray; a pixel or so: rays that are off by more have met by chance
+    doubt: float = 6.0  # patches overlap: so many tell as much as one
+    lowest_m: float = 0.3  # of a camera above the floor
+    steps: int = 5  # of reweighting the level
+    tight: float = 3.0  # sigmas of its robust weights
+    flat_m: float = 0.002  # a floor is no flatter
+    apart: float = 4.0  # sigmas of the heads' places by keypoints, by which the floor may correct them
+
+
 class HeightTuning(NamedTuple):
     """Height of the athlete by contours."""
 
@@ -106,6 +129,7 @@ class HeightTuning(NamedTuple):
 
 PEOPLE = PeopleTuning()
 HEADS = HeadsTuning()
+FLOOR = FloorTuning()
 HEIGHT = HeightTuning()
 SELECTION = SelectionTuning()
 JUDGEMENT = JudgementTuning()
