@@ -48,6 +48,7 @@ class ShapeEquations:
     information: Array  # (P, P)
     vector: Array  # (P,)
     joints: Array  # (S, 16, 3, P) in each frame, what a correction that is wrong moves the joints by
+    frames: int  # that have said this
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +74,7 @@ class ShapeEstimate:
         change = basis(body)
         nothing, joints = np.zeros(len(change.station)), np.zeros((0, len(SEGMENTS), 3, len(change.station)))
         information = np.asarray(np.linalg.inv(change.covariance_m2))
-        return ShapeEstimate(body, change, nothing, ShapeEquations(information, nothing, joints))
+        return ShapeEstimate(body, change, nothing, ShapeEquations(information, nothing, joints, 0))
 
     def accumulate(self, residuals: Iterable[FrameResiduals]) -> ShapeEquations:
         """Normal equations of frames that share their texture, tracked with the body as corrected last."""
@@ -92,13 +93,14 @@ class ShapeEstimate:
             shared += information
             right += vector
         information, vector = _without(shared, right, len(_SLIDE_SIGMA))
-        return ShapeEquations(information, vector + information @ self.amounts_m, np.array(joints))
+        return ShapeEquations(information, vector + information @ self.amounts_m, np.array(joints), len(joints))
 
     def commit(self, equations: ShapeEquations) -> ShapeEstimate:
         """The estimate with the ``equations`` of some frames added for good."""
         before = self.equations
         information, vector = before.information + equations.information, before.vector + equations.vector
-        return replace(self, equations=ShapeEquations(information, vector, equations.joints))
+        frames = before.frames + equations.frames
+        return replace(self, equations=ShapeEquations(information, vector, equations.joints, frames))
 
     def solve(self, equations: ShapeEquations) -> ShapeEstimate:
         """The estimate with its corrections solved for from all that was committed and from further ``equations``."""
@@ -115,11 +117,15 @@ class ShapeEstimate:
 
         A correction that is wrong by ``c`` moves the joints by ``(B - J (A' W A)^-1 A' W C) c``: ``B`` moves them in
         the body, ``C`` moves the contours, and the pose (contours ``A``, joints ``J``) then follows the contours to
-        where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept.
+        where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept. That
+        tells no more than ``SHAPE.most_frames`` would: contours err alike in all frames.
         """
         doubt = np.full(len(self.amounts_m), SHAPE.doubt_of_skin)
         doubt[:LENGTHS] = SHAPE.doubt_of_lengths
-        covariance = np.linalg.inv(self.equations.information) * np.outer(doubt, doubt)
+        tape = np.linalg.inv(self.basis.covariance_m2)
+        share = min(1.0, SHAPE.most_frames / max(self.equations.frames, 1))
+        information = tape + share * (self.equations.information - tape)
+        covariance = np.linalg.inv(information) * np.outer(doubt, doubt)
         joints = self.equations.joints
         return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
 

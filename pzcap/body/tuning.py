@@ -22,6 +22,7 @@ class ShapeTuning(NamedTuple):
     # of a joint's sigma that are fitted, to what is covered on captures.
     doubt_of_lengths: float = 2.0
     doubt_of_skin: float = 0.3
+    most_frames: int = 14  # so many tell as much of the body as any number does: they err alike; fitted, as these are
 
 
 SHAPE = ShapeTuning()

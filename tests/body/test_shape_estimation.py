@@ -9,8 +9,9 @@ import numpy as np
 from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward
 from pzcap.body.shape_basis import basis, corrected
-from pzcap.body.shape_estimation import FrameResiduals, ShapeEstimate
+from pzcap.body.shape_estimation import FrameResiduals, ShapeEquations, ShapeEstimate
 from pzcap.body.skeleton import DOF
+from pzcap.body.tuning import SHAPE
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import SEGMENTS, Array, Subject
@@ -74,6 +75,21 @@ def test_what_is_learned_narrows_the_joints_sigma() -> None:
         variances.append(shape.joint_variance().mean())
     assert variances[0] > variances[1] > variances[2]
     assert 0.001 < np.sqrt(variances[2]) < 0.02
+
+
+def test_more_frames_than_tell_different_things_leave_the_joints_sigma_as_it_is() -> None:
+    """Contours err alike in all frames: what a thousand of them agree about is no surer than what some do."""
+    estimate = ShapeEstimate.of(true_body())
+    rng = np.random.default_rng(0)
+    joints = rng.normal(size=(1, 16, 3, len(estimate.amounts_m)))
+    one = ShapeEquations(1e4 * np.eye(len(estimate.amounts_m)), np.zeros(len(estimate.amounts_m)), joints, 1)
+    variances, after = [estimate.commit(one).joint_variance()], estimate
+    for count in (SHAPE.most_frames, 10 * SHAPE.most_frames):
+        while after.equations.frames < count:
+            after = after.commit(one)
+        variances.append(after.joint_variance())
+    assert np.all(variances[1] < variances[0])
+    np.testing.assert_allclose(variances[2], variances[1])
 
 
 def test_texture_moves_with_its_segment() -> None:
