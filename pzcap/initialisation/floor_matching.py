@@ -87,7 +87,7 @@ def _pixels(length_m: float, cell_m: float) -> int:
 
 
 def _matched(views: Sequence[FloorView | None], row: int, column: int, half: int, margin: int) -> dict[int, Array]:
-    """Where cameras see the patch about a pixel, as (3,) points of the floor; none where it is bare, or seen by one."""
+    """Points (3,) of the floor at which cameras see the patch about a pixel; none if it is bare, or seen by one."""
     around = half + margin
     window = np.s_[row - around : row + around + 1, column - around : column + around + 1]
     seeing = {c: view for c, view in enumerate(views) if view is not None and view.valid[window].all()}
@@ -139,7 +139,7 @@ def displacement(patch: Image, window: Image, lobe: int) -> Array | None:
 
 
 def _vertex(values: Array) -> float:
-    """Where the parabola through three values about a peak is highest, from the middle one."""
+    """Vertex of the parabola through three values about a peak, from the middle one."""
     before, peak, after = (float(value) for value in values)
     return 0.5 * (before - after) / min(before + after - 2.0 * peak, -1e-6)
 

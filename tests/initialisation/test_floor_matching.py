@@ -44,7 +44,7 @@ def _texture(side_m: float, repeated_m: float | None = None) -> Image:
 
 
 def _panorama(rotation: Array, place_m: Array, floor: Image) -> Panorama:
-    """What a head there sees of the ``floor``, in the upright world; the wall is bare."""
+    """The ``floor`` as a head there sees it, in the upright world; the wall is bare."""
     width, height, origin = round(2 * np.pi * _PX_PER_RAD), 420, np.array([np.pi * _PX_PER_RAD, 40.0])
     blank = Panorama(
         np.zeros((height, width, 3), np.uint8), np.ones((height, width), bool), width / (2 * np.pi), origin, True,
