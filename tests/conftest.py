@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,10 @@ from tests.scenes.captures import shot
 # the same examples every time, however long the first takes to compile: a gate must not open by luck
 settings.register_profile("gate", derandomize=True, deadline=None)
 settings.load_profile("gate")
+
+# what a shell starts in the background ignores SIGINT, and so would the commands that tests interrupt
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
