@@ -24,6 +24,12 @@ from pzcap.types import LUMBAR_FRACTION, MEASUREMENTS, PARENTS, SEGMENTS, THORAX
 LENGTHS: Final = 8
 """Corrections that move joints: the first ones."""
 
+_NEAR, _FAR = SHAPE.stations - 1, 0
+_MIDDLES: Final = {
+    "upper_arm": (_FAR,), "forearm": (_NEAR, _FAR), "hand": (_NEAR,), "thigh": (_FAR,), "shank": (_NEAR,),
+}  # fmt: skip
+"""Stations of a limb that a hinge lies at."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Basis:
@@ -107,8 +113,10 @@ class _Row(NamedTuple):
 class _Rows:
     """Corrections as they are listed."""
 
-    def __init__(self) -> None:
+    def __init__(self, radii_m: Array) -> None:
         self.rows: list[_Row] = []
+        self.centred: list[tuple[int, int]] = []  # rows whose sum moves a limb off the hinge at a station
+        self._radii_m = radii_m  # (16,)
 
     def length(self, name: str, joints: Mapping[int, Sequence[float]], skin: Mapping[int, Array]) -> None:
         """Correction of a length that was measured."""
@@ -116,15 +124,19 @@ class _Rows:
         self.rows.append(_Row(_rows(joints, (3,)), _rows(skin, (3, 4)), SHAPE.stations, 0.0, told))
 
     def whole(self, skin: Mapping[int, Array], told: Array | None = None) -> None:
-        self._skin(skin, SHAPE.stations, SHAPE.skin_sigma_m, _told({}) if told is None else told)
+        self._skin(skin, SHAPE.stations, SHAPE.skin_sigma, _told({}) if told is None else told)
 
-    def stations(self, skin: Mapping[int, Array], told: Array | None = None) -> None:
-        """The whole segment, and each station by itself; ``told`` (SHAPE.stations, 26) of these."""
+    def stations(self, skin: Mapping[int, Array], told: Array | None = None, hinges: Sequence[int] = ()) -> None:
+        """The whole segment, and each station by itself; ``told`` (SHAPE.stations, 26) of these. The skin is moved off
+        the ``hinges``, which lie at these stations."""
         self.whole(skin)
+        whole = len(self.rows) - 1
         for station in range(SHAPE.stations):
-            self._skin(skin, station, SHAPE.station_sigma_m, _told({}) if told is None else told[station])
+            self._skin(skin, station, SHAPE.station_sigma, _told({}) if told is None else told[station])
+        self.centred += [(whole, whole + 1 + station) for station in hinges]
 
-    def _skin(self, skin: Mapping[int, Array], station: int, sigma_m: float, told: Array) -> None:
+    def _skin(self, skin: Mapping[int, Array], station: int, sigma: float, told: Array) -> None:
+        sigma_m = sigma * float(self._radii_m[list(skin)].mean())
         self.rows.append(_Row(_rows({}, (3,)), _rows(skin, (3, 4)), station, sigma_m, told))
 
 
@@ -145,9 +157,10 @@ def basis(body: Body) -> Basis:
     """The corrections of ``body``: first the eight lengths, then its skin's.
 
     A priori they vary as the measurements do that they follow from (``told``), and the skin as much again as a person
-    departs from ellipses of the right girths.
+    departs from ellipses of the right girths, which is a share of the segment's radius. Hinges lie in the middle of
+    their limbs: elbow and knee of both, the wrist of forearm and hand.
     """
-    rows = _Rows()
+    rows = _Rows(_radii_m(body))
     _lengths(body, rows)
     _skin(body, rows)
     joints, skin, station, sigma, told = (np.array(column) for column in zip(*rows.rows, strict=True))
@@ -156,7 +169,26 @@ def basis(body: Body) -> Basis:
     room = clothed @ body.loose_m / np.maximum(clothed.sum(axis=1), 1)
     sigma = np.where(sigma > 0.0, np.hypot(sigma, SHAPE.loose * room), 0.0)
     covariance = told @ body.measured.covariance_m2 @ told.T + np.diag(sigma**2)
-    return Basis(joints, skin, station, covariance, told, _spans(body))
+    return Basis(joints, skin, station, _centred(covariance, rows.centred), told, _spans(body))
+
+
+def _radii_m(body: Body) -> Array:
+    """(16,) half the mean thickness of each segment across it."""
+    radii = np.zeros(len(SEGMENTS))
+    for segment, name in enumerate(SEGMENTS):
+        across = [1, 2] if name.endswith("foot") else [0, 1]
+        radii[segment] = 0.5 * np.ptp(body.surface.points_m[body.surface.segment == segment][:, across], axis=0).mean()
+    return radii
+
+
+def _centred(covariance_m2: Array, pairs: Sequence[tuple[int, int]]) -> Array:
+    """The covariance (P, P) of corrections after the sum of each pair was seen to be 0, to `SHAPE.centred_sigma_m`."""
+    seen = np.zeros((len(pairs), len(covariance_m2)))
+    for row, pair in zip(seen, pairs, strict=True):
+        row[list(pair)] = 1.0
+    shared = covariance_m2 @ seen.T
+    innovation = seen @ shared + SHAPE.centred_sigma_m**2 * np.eye(len(pairs))
+    return np.asarray(covariance_m2 - shared @ np.linalg.solve(innovation, shared.T))
 
 
 def _lengths(body: Body, rows: _Rows) -> None:
@@ -201,8 +233,8 @@ def _skin(body: Body, rows: _Rows) -> None:
         else:
             both = {i: _stretch(0, 2 / (depth + width)) + _stretch(1, 2 / (depth + width)) for i in pair}
             rows.stations(both, 0.5 * (depth + width) * swell)
-        rows.stations({i: _shift(0) for i in pair})
-        rows.stations({i: _shift(1, outwards[i]) for i in pair})
+        rows.stations({i: _shift(0) for i in pair}, hinges=_MIDDLES[name])
+        rows.stations({i: _shift(1, outwards[i]) for i in pair}, hinges=_MIDDLES[name])
     # further up: of all near ends the shoulder's alone is seen, and its joint would make up for what the skin is off by
     rows.stations({i: _shift(2) for i in _segments("upper_arm")})
     feet = _segments("foot")  # higher, further up, wider, further outwards, further ahead

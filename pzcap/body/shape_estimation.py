@@ -25,8 +25,8 @@ from pzcap.body.skeleton import DOF, MOVES, Body
 from pzcap.body.tuning import SHAPE
 from pzcap.types import SEGMENTS, Array
 
-_SLIDE_SIGMA: Final = np.tile(np.repeat([SHAPE.slide_sigma_m, SHAPE.slide_sigma_rad], 3), len(SEGMENTS))
-_CHANGES: Final = DOF + len(_SLIDE_SIGMA)
+_SLIDES: Final = 6 * len(SEGMENTS)
+_CHANGES: Final = DOF + _SLIDES
 """The unknowns of a frame: its pose (43), the slides (96), from here on the corrections (P)."""
 
 
@@ -78,9 +78,9 @@ class ShapeEstimate:
 
     def accumulate(self, residuals: Iterable[FrameResiduals]) -> ShapeEquations:
         """Normal equations of frames that share their texture, tracked with the body as corrected last."""
-        size = len(_SLIDE_SIGMA) + len(self.amounts_m)
+        size = _SLIDES + len(self.amounts_m)
         shared, right, joints = np.zeros((size, size)), np.zeros(size), []
-        shared[: len(_SLIDE_SIGMA), : len(_SLIDE_SIGMA)] = np.diag(1.0 / _SLIDE_SIGMA**2)
+        shared[:_SLIDES, :_SLIDES] = np.diag(1.0 / self._slide_sigma() ** 2)
         for frame in residuals:
             hessian, gradient = self._contour(frame)
             joints.append(self._joints(frame.world_T_segment, hessian))
@@ -92,7 +92,7 @@ class ShapeEstimate:
             information, vector = _without(hessian, gradient, DOF)
             shared += information
             right += vector
-        information, vector = _without(shared, right, len(_SLIDE_SIGMA))
+        information, vector = _without(shared, right, _SLIDES)
         return ShapeEquations(information, vector + information @ self.amounts_m, np.array(joints), len(joints))
 
     def commit(self, equations: ShapeEquations) -> ShapeEstimate:
@@ -128,6 +128,12 @@ class ShapeEstimate:
         covariance = np.linalg.inv(information) * np.outer(doubt, doubt)
         joints = self.equations.joints
         return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
+
+    def _slide_sigma(self) -> Array:
+        """(96,) metres and radians of the slides: texture lies as far off as the body that it was learned with was."""
+        lengths = self.basis.sigma_m[:LENGTHS]
+        sigma_m = SHAPE.slide * float(np.sqrt(np.mean(lengths**2)))
+        return np.tile(np.repeat([sigma_m, sigma_m / SHAPE.slide_arm_m], 3), len(SEGMENTS))
 
     def _joints(self, frames: Array, hessian: Array) -> Array:
         """(16, 3, P) derivatives of the joints in the world with respect to the corrections, the pose following the

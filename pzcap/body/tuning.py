@@ -9,11 +9,14 @@ class ShapeTuning(NamedTuple):
     """Correction of the body from the images."""
 
     stations: int = 6  # along a segment, evenly spaced: some five centimetres apart
-    skin_sigma_m: float = 0.010  # of a segment's skin as a whole, from where the tape's girths put it
-    station_sigma_m: float = 0.012  # of the skin at one station, beside that
+    skin_sigma: float = (
+        0.16  # of a segment's skin as a whole, from where the tape's girths put it: a share of its radius
+    )
+    station_sigma: float = 0.18  # of the skin at one station, beside that
+    centred_sigma_m: float = 0.005  # of a hinge from the middle of its limb
     loose: float = 0.3  # sigma of the skin beside that, a share of the room that loose clothes leave
-    slide_sigma_m: float = 0.01  # of a segment's texture along and across it
-    slide_sigma_rad: float = 0.05  # and about it
+    slide: float = 3.0  # sigma of a segment's texture along and across it, a multiple of what lengths are known to
+    slide_arm_m: float = 0.2  # that sigma, divided by this, is the one about it
     # Factor of the texture's curvature as Gauss-Newton has it: robust weights, and texture as fine as the pixels, make
     # it flatter (0.25-0.5 measured). Taken at its word, each step would stop far short.
     texture_curvature: float = 0.4

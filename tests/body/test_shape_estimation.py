@@ -8,9 +8,10 @@ import numpy as np
 
 from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward
+from pzcap.body.segment_equations import PointResiduals, SegmentSums
 from pzcap.body.shape_basis import basis, corrected
 from pzcap.body.shape_estimation import FrameResiduals, ShapeEquations, ShapeEstimate
-from pzcap.body.skeleton import DOF
+from pzcap.body.skeleton import DOF, Body
 from pzcap.body.tuning import SHAPE
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
@@ -33,6 +34,44 @@ def test_a_length_corrects_the_skeleton_and_stretches_the_skin() -> None:
     assert 0.009 < reach[0] - reach[1] < 0.013
     assert np.array_equal(longer.surface.points_m[~arm & (body.surface.segment != 7)],
                           body.surface.points_m[~arm & (body.surface.segment != 7)])  # fmt: skip
+
+
+def test_a_hinge_lies_in_the_middle_of_its_limb() -> None:
+    """A shank may be bent and its ankle lie off the middle, but at the knee it is centred, as the thigh is."""
+    body = true_body()
+    change = basis(body)
+
+    def sigma_across(segment: int, height: float) -> float:
+        z = body.surface.points_m[body.surface.segment == segment, 2]
+        axis = np.array([[0.0, 0.0, z.min() + height * np.ptp(z)]])
+        derivative = change.skin_change(segment, axis, np.array([[1.0, 0.0, 0.0]]))[0]
+        return float(np.sqrt(derivative @ change.covariance_m2 @ derivative))
+
+    thigh, shank = SEGMENTS.index("left_thigh"), SEGMENTS.index("left_shank")
+    assert max(sigma_across(thigh, 0.0), sigma_across(shank, 1.0)) < 1.01 * SHAPE.centred_sigma_m
+    assert min(sigma_across(thigh, 0.5), sigma_across(shank, 0.0)) > 1.5 * SHAPE.centred_sigma_m
+
+
+def texture_that_lies_off(body: Body) -> FrameResiduals:
+    """Residuals of a frame by which the brightness of the left shank's skin lies 2 cm further down the limb."""
+    frames, shank = forward(body, clip().poses[4]), SEGMENTS.index("left_shank")
+    sums = SegmentSums.zero(np.ascontiguousarray(frames[0, :3, 3]))
+    wrench = np.concatenate([frames[shank, :3, 2], np.cross(frames[shank, :3, 3] - sums.centre, frames[shank, :3, 2])])
+    sums.hessians[shank] = 1e8 * np.outer(wrench, wrench)
+    sums.gradients[shank] = -0.02 * 1e8 * SHAPE.texture_curvature * wrench
+    no_contour = PointResiduals(np.zeros((0, 8)), np.zeros(0, np.int64))
+    return FrameResiduals(frames, no_contour, sums, 1e8 * np.eye(DOF), np.zeros(DOF))
+
+
+def test_texture_may_lie_as_far_off_as_the_body_it_was_learned_with() -> None:
+    """Of an athlete whose tape is known the texture slides; of one who is guessed it does so as freely."""
+    shares = []
+    for sigma_m in (0.005, 0.05):
+        shape = ShapeEstimate.of(bodies.build(Subject(clip().measurements_m, sigma_m)))
+        longer = shape.solve(shape.accumulate([texture_that_lies_off(shape.tape)])).amounts_m[6]
+        shares.append(longer / 0.02)
+    assert np.all((np.array(shares) > 0.02) & (np.array(shares) < 0.3)), shares
+    assert shares[1] < 2.0 * shares[0]
 
 
 def test_jacobians_are_derivatives_of_the_skin() -> None:
