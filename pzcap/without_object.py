@@ -77,11 +77,11 @@ def place_cameras(
 
     Raises PzcapError where the keypoints do not tell how they stand.
     """
-    placed = yield from _placed_by_keypoints(calibrated, sets, body, localise)
+    placed = yield from _placed_by_body_and_floor(calibrated, sets, body, localise)
     return _scaled_by_contours(placed, sets, body, localise, segment_by(placed.cameras), config)
 
 
-def _placed_by_keypoints(
+def _placed_by_body_and_floor(
     calibrated: Sequence[CalibratedCamera | None], sets: FrameSets, body: Body, localise: ViewLocaliser
 ) -> Generator[Progress, None, Placed]:
     """The cameras in one world, its lengths by the limbs."""

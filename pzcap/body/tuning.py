@@ -12,7 +12,7 @@ class ShapeTuning(NamedTuple):
     skin_sigma: float = (
         0.16  # of a segment's skin as a whole, from where the tape's girths put it: a share of its radius
     )
-    station_sigma: float = 0.18  # of the skin at one station, beside that
+    station_sigma: float = 0.26  # of the skin at one station, beside that
     centred_sigma_m: float = 0.005  # of a hinge from the middle of its limb
     loose: float = 0.3  # sigma of the skin beside that, a share of the room that loose clothes leave
     slide: float = 3.0  # sigma of a segment's texture along and across it, a multiple of what lengths are known to
@@ -20,12 +20,12 @@ class ShapeTuning(NamedTuple):
     # Factor of the texture's curvature as Gauss-Newton has it: robust weights, and texture as fine as the pixels, make
     # it flatter (0.25-0.5 measured). Taken at its word, each step would stop far short.
     texture_curvature: float = 0.4
-    # Factors of the deviations that are left of the tape's, in lengths and in the skin: of lengths too little is left,
-    # since frames err alike; of the skin too much, since people are more like each other than is assumed. The numbers
-    # of a joint's sigma that are fitted, to what is covered on captures.
-    doubt_of_lengths: float = 2.0
-    doubt_of_skin: float = 0.3
-    most_frames: int = 14  # so many tell as much of the body as any number does: they err alike; fitted, as these are
+    # Factors of the deviations that are left of the tape's, in lengths and in the skin: of lengths a little too little
+    # is left, since frames err alike; of the skin too much, since people are more like each other than is assumed. The
+    # numbers of a joint's sigma that are fitted, to what is covered on captures.
+    doubt_of_lengths: float = 1.2
+    doubt_of_skin: float = 0.4
+    most_frames: int = 10  # so many tell as much of the body as any number does: they err alike; fitted, as these are
 
 
 SHAPE = ShapeTuning()
