@@ -39,6 +39,18 @@ Segment: TypeAlias = Callable[[FrameLocalised, Expecting | None], FrameSegmented
 """Stage 5, as `segment_views` is one."""
 
 
+def as_found(
+    heads: Sequence[PanZoomCamera | None], frames: FrameSet, found: tuple[Localisation | None, ...],
+    later: tuple[Localisation | None, ...] | None = None,
+) -> FrameLocalised:  # fmt: skip
+    """``frames`` that were ``found``, and where they are told ``later`` their second fields, their rows put right."""
+    seen = FrameLocalised(upright_views(replace(frames, second_fields=()), heads, found), found)
+    if later is None:
+        return seen
+    fields = replace(frames, images=frames.second_fields, second_fields=(), keypoints=())
+    return replace(seen, second_fields=as_found(heads, fields, later))
+
+
 class ViewLocaliser:
     """Stage 4: localises the views of an instant side by side, each from where its camera was seen last."""
 
@@ -72,15 +84,12 @@ class ViewLocaliser:
         second = frames.second_fields or (None,) * len(frames.images)
         found = self._pool.map(one, range(len(frames.images)), frames.images, second)
         first, later = zip(*found, strict=True)
-        seen = self.as_found(replace(frames, second_fields=()), first)
-        if frames.second_fields:
-            fields = replace(frames, images=second, second_fields=(), keypoints=())
-            seen = replace(seen, second_fields=self.as_found(fields, later))
+        seen = as_found(self._heads, frames, first, later if frames.second_fields else None)
         return replace(seen, seconds=time.perf_counter() - started)
 
     def as_found(self, frames: FrameSet, found: tuple[Localisation | None, ...]) -> FrameLocalised:
         """``frames`` that were ``found`` before, their rows put right."""
-        return FrameLocalised(upright_views(frames, self._heads, found), found)
+        return as_found(self._heads, frames, found)
 
     def cameras(self, found: Sequence[Localisation | None]) -> tuple[Camera | None, ...]:
         """The cameras of an instant that was ``found``; None where one is lost."""

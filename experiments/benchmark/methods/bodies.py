@@ -112,7 +112,7 @@ def run_trackers(given: Given) -> dict[str, Answered]:
         return {key: Answered(None, 0.0, None, "needs keyframes") for key in gifts}
     found = replace(given.ours[0], motion=None)
     frames = frames_of(given.truth, found)[0]
-    material = ablation.Material(given.capture, subject, given.sets, found, given.truth, frames)
+    material = ablation.Material(given.capture, subject, given.sets, found, {}, given.truth, frames)
     answers = {}
     for key, known in gifts.items():
         start = time.perf_counter()

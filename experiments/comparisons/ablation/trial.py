@@ -7,9 +7,10 @@ an estimate; the tracker does not know.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,9 @@ from pzcap import pipeline
 from pzcap.body import skeleton
 from pzcap.calibration.calibrate import Report
 from pzcap.camera_set import calibrated_of
-from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
+from pzcap.events import BodyTracked, Event, FrameLocalised, FrameSegmented, Progress
 from pzcap.extras.cpu_clock import cpu_clock
 from pzcap.io.capture import FrameSets, frame_sets
-from pzcap.localisation.rectification import upright_views
 from pzcap.scoring.totals import body_metrics
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import (
@@ -40,7 +40,7 @@ from pzcap.types import (
     Silhouette,
     Subject,
 )
-from pzcap.views import Expecting, segment_views
+from pzcap.views import Expecting, as_found, segment_views
 from sim.people.crew import CrewConfig, keyframe_indices, pose_by_hand
 from sim.scene import stream
 from sim.truth import Truth
@@ -51,6 +51,10 @@ SURE: Final = 8.0  # log-odds of a true mask
 SEED: Final = 0  # of keyframes that the crew did not pose
 
 
+Located: TypeAlias = tuple[Localisation | None, ...]
+"""The views of an instant, one a camera."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
     """A capture whose cameras are found in every frame, and its truth."""
@@ -59,6 +63,7 @@ class Material:
     subject: Subject
     sets: FrameSets
     found: Reconstruction  # without a motion
+    second_fields: Mapping[int, Located]  # by frame, half a frame period later; none: all views are whole frames
     truth: Truth
     true_frames: NDArray[np.int64]  # (F,) index into the truth of each frame set
 
@@ -78,9 +83,17 @@ def prepare(capture: Capture, truth: Truth, config: pipeline.Config, report: Rep
     sets = frame_sets(capture)
     if capture.subject is None or not sets.keyframes:
         raise PzcapError(f"{capture.folder}: an ablation tracks the body; add subject.json and keyframes.json")
-    # without a subject nothing is tracked
-    found = pipeline.reconstruct(replace(capture, subject=None), config, report)
-    return Material(capture, capture.subject, sets, found, truth, frames_of(truth, found)[0])
+    second_fields: dict[int, Located] = {}
+
+    def seen() -> Iterator[Event]:
+        # without a subject nothing is tracked
+        for event in pipeline.stages(replace(capture, subject=None), config):
+            if isinstance(event, FrameLocalised) and event.second_fields is not None:
+                second_fields[event.frames.index] = event.second_fields.localisations
+            yield event
+
+    found = pipeline.finished(seen(), report)
+    return Material(capture, capture.subject, sets, found, second_fields, truth, frames_of(truth, found)[0])
 
 
 def attempt(material: Material, variant: Variant, config: pipeline.Config, report: Report) -> Outcome:
@@ -104,7 +117,10 @@ def follow(material: Material, variant: Variant, config: pipeline.Config, report
     """
     subject = Subject(material.truth.measurements_m, SURE_SIGMA_M) if "body" in variant.known else material.subject
     body = skeleton.build(subject)
-    tracker = Tracker(body, keyframes(material, variant), variant.change(config.tracking))
+    tracking = variant.change(config.tracking)
+    # no truth is known half a frame later
+    by_fields = bool(material.second_fields) and tracking.second_fields and not variant.known & {"cameras", "masks"}
+    tracker = Tracker(body, keyframes(material, variant), tracking, by_fields)
     tracked: list[Tracked] = []
     with ThreadPoolExecutor(config.threads) as pool:
         stages = _Stages(material, variant, config, pool)
@@ -144,20 +160,29 @@ class _Stages:
         """The views where they were found, shaken where the variant says so."""
         del tracker
         found = tuple(self._located(c, frames.index) for c in range(len(frames.images)))
-        return FrameLocalised(upright_views(frames, self._material.found.cameras, found), found)
+        later = self._material.second_fields.get(frames.index)
+        shaken = None if later is None else tuple(self._shaken(c, frames.index, one) for c, one in enumerate(later))
+        return as_found(self._material.found.cameras, frames, found, shaken)
 
     def _located(self, camera: int, frame: int) -> Localisation | None:
-        track, shaken_rad = self._material.found.tracks[camera], np.deg2rad(self._variant.shaken_deg)
+        track, none = self._material.found.tracks[camera], np.empty((0, 2))
         if track is None or not track.valid[frame]:
             return None
-        pan_rad = float(track.pan_rad[frame]) + shaken_rad * stream(SEED, "shaken", camera, frame).standard_normal()
-        covariance, none = track.covariance[frame] + np.diag([shaken_rad**2, 0.0]), np.empty((0, 2))
-        place = pan_rad, float(track.tilt_rad[frame]), float(track.focal_px[frame])
-        return Localisation(
-            *place, covariance, True, none, none, float(track.roll_rad[frame]),
+        place = float(track.pan_rad[frame]), float(track.tilt_rad[frame]), float(track.focal_px[frame])
+        found = Localisation(
+            *place, track.covariance[frame], True, none, none, float(track.roll_rad[frame]),
             shear=track.shear[frame] if len(track.shear) else np.zeros(2),
             readout=float(track.readout[frame]) if len(track.readout) else 0.0,
         )  # fmt: skip
+        return self._shaken(camera, frame, found)
+
+    def _shaken(self, camera: int, frame: int, found: Localisation | None) -> Localisation | None:
+        """The view with the variant's error in its pan: both fields of a frame have the same."""
+        if found is None:
+            return None
+        shaken_rad = np.deg2rad(self._variant.shaken_deg)
+        pan_rad = found.pan_rad + shaken_rad * stream(SEED, "shaken", camera, frame).standard_normal()
+        return replace(found, pan_rad=pan_rad, covariance=found.covariance + np.diag([shaken_rad**2, 0.0]))
 
     def segment(self, seen: FrameLocalised, tracker: Expecting | None) -> FrameSegmented:
         """The silhouettes; masks and cameras true where the variant knows them."""

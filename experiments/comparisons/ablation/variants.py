@@ -65,6 +65,7 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
     Variant("no_body_size", "size as measured", "evidence", _config(body_size=False)),
     Variant("no_drape", "loose clothes move with the body", "evidence", _config(drape=False)),
+    Variant("no_second_fields", "fields by twos, as frames", "evidence", _config(second_fields=False)),
     Variant("no_reacquisition", "no reacquisition", "evidence", _config(reacquisition=False)),
     Variant("no_appearance", "appearance not scored", "evidence", _config(appearance_score=False)),
     Variant("no_self_collision", "no self-collision", "evidence", _config(self_collision=False)),

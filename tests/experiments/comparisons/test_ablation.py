@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from experiments.comparisons.ablation.variants import VARIANTS
 from experiments.metrics import read_metrics
 from experiments.score import frames_of
 from pzcap import pipeline
+from pzcap.events import FrameLocalised
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.types import PzcapError, Reconstruction
 
@@ -36,7 +38,7 @@ def material(small_capture: Path, small_run: Reconstruction) -> Material:
     assert truth is not None
     assert capture.subject is not None
     found = replace(small_run, motion=None)
-    return Material(capture, capture.subject, frame_sets(capture), found, truth, frames_of(truth, found)[0])
+    return Material(capture, capture.subject, frame_sets(capture), found, {}, truth, frames_of(truth, found)[0])
 
 
 def test_the_default_is_what_a_run_finds(material: Material, small_run: Reconstruction) -> None:
@@ -83,6 +85,30 @@ def test_keyframes_are_left_out_and_posed_besides(material: Material) -> None:
     assert frames("first") == given[:1]
     assert frames("ends") == [given[0], given[-1]]
     assert set(given) <= set(frames("four_a_second"))
+
+
+def test_second_fields_are_shaken_as_their_frames_are(material: Material) -> None:
+    """Of views that a capture has whole: each is its own second field."""
+    frames = next(iter(material.sets))
+    doubled = replace(frames, second_fields=frames.images)
+    with ThreadPoolExecutor(1) as pool:
+
+        def seen(fields: dict[int, trial.Located], key: str) -> FrameLocalised:
+            known = replace(material, second_fields=fields)
+            return trial._Stages(known, BY_KEY[key], pipeline.Config(), pool).localise(doubled, None)
+
+        whole = seen({}, "default")
+        assert whole.second_fields is None
+        both = seen({0: whole.localisations}, "shaken")
+    assert both.second_fields is not None
+    for one, other, where in zip(
+        both.localisations, both.second_fields.localisations, whole.localisations, strict=True
+    ):
+        assert one is not None
+        assert other is not None
+        assert where is not None
+        assert one.pan_rad == other.pan_rad != where.pan_rad
+        assert np.all(np.diag(one.covariance) >= np.diag(where.covariance))
 
 
 def test_a_keyframe_that_is_posed_besides_has_the_error_of_a_hand(material: Material) -> None:
