@@ -9,9 +9,7 @@ class ShapeTuning(NamedTuple):
     """Correction of the body from the images."""
 
     stations: int = 6  # along a segment, evenly spaced: some five centimetres apart
-    skin_sigma: float = (
-        0.16  # of a segment's skin as a whole, from where the tape's girths put it: a share of its radius
-    )
+    skin_sigma: float = 0.16  # of a segment's skin as a whole, from where the tape's girths put it, over its radius
     station_sigma: float = 0.26  # of the skin at one station, beside that
     centred_sigma_m: float = 0.005  # of a hinge from the middle of its limb
     loose: float = 0.3  # sigma of the skin beside that, a share of the room that loose clothes leave
