@@ -13,7 +13,6 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-from scipy.signal import correlate
 
 from pzcap.io.video import VideoReader
 from pzcap.synchronisation.offsets import Delay
@@ -91,6 +90,8 @@ def correlated(one: Rising, other: Rising, step_s: float) -> float | None:
     least = max(MOTION.least_s / step_s, MOTION.least_share * min(len(first), len(second)))
     lags = np.arange(-(len(first) - 1), len(second))
     overlap = np.minimum(len(first), len(second) - lags) - np.maximum(0, -lags)
+    from scipy.signal import correlate  # brings all of scipy.stats: half a second, of every start otherwise
+
     product = correlate(second, first, "full", method="fft")
     energy_first = correlate(np.ones_like(second), first**2, "full", method="fft")
     energy_second = correlate(second**2, np.ones_like(first), "full", method="fft")

@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 
 from pzcap.types import Array
 
@@ -55,5 +54,7 @@ def recorded(
     heard[:count] += _FAN * 10 / away_m * np.interp(times, np.arange(len(fan)), fan)
     tail = np.arange(round(3 * _ECHO_S * SAMPLES_PER_S)) / SAMPLES_PER_S
     echo = _ECHO / 10 * rng.normal(size=len(tail)) * np.exp(-tail / _ECHO_S)
+    from scipy.signal import fftconvolve  # brings all of scipy.stats: half a second, of every start otherwise
+
     heard = heard[:count] + fftconvolve(heard, echo)[:count] + _HISS * rng.normal(size=count)
     return np.clip(heard, -1.0, 1.0).astype(np.float32)
