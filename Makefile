@@ -21,7 +21,7 @@ benchmark: $(LAB)  ## shoot the mini split, let all methods of this tree answer,
 	$(RUN)/python -m experiments.benchmark board split=mini
 
 test: $(DEV)  ## everything that has to hold
-	$(RUN)/python -m tests.scenes.first > /dev/null 2>&1 & first=$$!; \
+	$(RUN)/python -m tests.scenes.first > /dev/null 2>&1 & first=$$!; trap "kill $$first; exit 130" INT; \
 	  $(MAKE) check || { kill $$first; exit 1; }; wait $$first; \
 	  $(RUN)/python -m pytest -n 2 --dist loadgroup
 
