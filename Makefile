@@ -20,10 +20,8 @@ benchmark: $(LAB)  ## shoot the mini split, let all methods of this tree answer,
 	$(RUN)/python -m experiments.benchmark score split=mini
 	$(RUN)/python -m experiments.benchmark board split=mini
 
-test: $(DEV)  ## everything that has to hold
-	$(RUN)/python -m tests.scenes.first > /dev/null 2>&1 & first=$$!; trap "kill $$first; exit 130" INT; \
-	  $(MAKE) check || { kill $$first; exit 1; }; wait $$first; \
-	  $(RUN)/python -m pytest -n 2 --dist loadgroup
+test: check  ## everything that has to hold
+	$(RUN)/python -m pytest -n 2 --dist loadgroup
 
 fuzz: $(DEV)  ## 10,000 damaged files: each a result or one line; 20 minutes on a free machine
 	PZCAP_FUZZ=10000 $(RUN)/python -m pytest tests/fuzz

@@ -127,8 +127,8 @@ class _Rows:
         self._skin(skin, SHAPE.stations, SHAPE.skin_sigma, _told({}) if told is None else told)
 
     def stations(self, skin: Mapping[int, Array], told: Array | None = None, hinges: Sequence[int] = ()) -> None:
-        """The whole segment, and each station by itself; ``told`` (SHAPE.stations, 26) of these. The skin is moved off
-        the ``hinges``, which lie at these stations."""
+        """The whole segment, and each station by itself; ``told`` (SHAPE.stations, 26) of these. ``hinges`` are the
+        stations at which a hinge lies, off whose middle these corrections move the skin."""
         self.whole(skin)
         whole = len(self.rows) - 1
         for station in range(SHAPE.stations):
