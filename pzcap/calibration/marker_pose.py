@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numba import njit
 from scipy.spatial.transform import Rotation
-from scipy.special import ndtr
 
 from pzcap.calibration.tuning import MARKERS
 from pzcap.geometry import lens
@@ -180,8 +180,11 @@ def _rays(camera: Camera, pixels: Array) -> tuple[Array, Array]:
 
 
 NODES, SHARES = (values / 2 for values in np.polynomial.legendre.leggauss(3))
+_ROOT_2, _ROOT_2PI = math.sqrt(2.0), math.sqrt(2.0 * math.pi)
+_SURE = 8.3  # standard deviations: beyond them a Gaussian's share is 0 or 1 to the last digit
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def _ink(cells: Array, places: Array, by_px: Array, blur_px2: Array) -> Array:
     """The share of ink in each pixel, its derivatives by the place (to the right, down) and by the two blurs: (P, 5).
 
@@ -189,25 +192,50 @@ def _ink(cells: Array, places: Array, by_px: Array, blur_px2: Array) -> Array:
     under a linear map. Where two edges meet they are taken to blur one after the other, which is exact where they stand
     upright and level in the image, and else wrong by the same amount on either side.
     """
-    across, down = (_profile(places[:, k], by_px[:, k], blur_px2[k], len(cells)) for k in range(2))
-    orders = ((0, 0), (1, 0), (0, 1), (2, 0), (0, 2))
-    return np.stack([np.einsum("pj,ji,pi->p", down[d], cells, across[a], optimize=True) for a, d in orders], axis=1)
+    count = len(cells)
+    ink = np.zeros((len(places), 5))
+    across, down = np.empty((count, 3)), np.empty((count, 3))
+    for p in range(len(places)):
+        _profile(places[p, 0], by_px[p, 0], blur_px2[0], across)
+        _profile(places[p, 1], by_px[p, 1], blur_px2[1], down)
+        for j in range(count):
+            for i in range(count):
+                if cells[j, i] != 0.0:
+                    ink[p, 0] += cells[j, i] * down[j, 0] * across[i, 0]
+                    ink[p, 1] += cells[j, i] * down[j, 0] * across[i, 1]
+                    ink[p, 2] += cells[j, i] * down[j, 1] * across[i, 0]
+                    ink[p, 3] += cells[j, i] * down[j, 0] * across[i, 2]
+                    ink[p, 4] += cells[j, i] * down[j, 2] * across[i, 0]
+    return ink
 
 
-def _profile(place: Array, by_px: Array, blur_px2: float, count: int) -> Array:
-    """The shares of pixels (P,) in each of so many cells in a row, and the derivatives by the place and by the blur:
-    (3, P, count)."""
-    narrow, wide = np.sort(np.abs(by_px), axis=1).T[:, :, None, None]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _profile(place: float, by_px: Array, blur_px2: float, shares: Array) -> None:
+    """The shares of a pixel in each of so many cells in a row, and the derivatives by the place and by the blur, into
+    ``shares`` (count, 3)."""
+    narrow, wide = min(abs(by_px[0]), abs(by_px[1])), max(abs(by_px[0]), abs(by_px[1]))
     squared = wide * wide + narrow * narrow
-    sigma = np.sqrt(blur_px2 * squared)
-    # the square's longer side is integrated over exactly, the shorter one at a few places
-    low = (place[:, None, None] - np.arange(count + 1)[:, None] + NODES * narrow - 0.5 * wide) / sigma
-    high = low + wide / sigma
-    low_share, high_share = ndtr(low), ndtr(high)
-    low_density, high_density = (np.exp(-0.5 * end * end) / math.sqrt(2.0 * math.pi) for end in (low, high))
-    beyond = np.stack([  # each of the edges 0, 1, ...
-        sigma * (high * high_share + high_density - low * low_share - low_density),
-        high_share - low_share,
-        (high_density - low_density) * 0.5 * squared / sigma,
-    ]) @ SHARES / wide[:, :, 0]  # fmt: skip
-    return np.asarray(beyond[:, :, :-1] - beyond[:, :, 1:])
+    sigma = math.sqrt(blur_px2 * squared)
+    shares[:] = 0.0
+    for edge in range(len(shares) + 1):
+        share, by_place, by_blur = 0.0, 0.0, 0.0  # of what lies beyond the edge
+        # the square's longer side is integrated over exactly, the shorter one at a few places
+        for node in range(len(NODES)):
+            weight = SHARES[node]
+            low = (place - edge + NODES[node] * narrow - 0.5 * wide) / sigma
+            high = low + wide / sigma
+            if low > _SURE:
+                share += weight
+            elif high > -_SURE:
+                low_share, high_share = 0.5 * math.erfc(-low / _ROOT_2), 0.5 * math.erfc(-high / _ROOT_2)
+                low_density = math.exp(-0.5 * low * low) / _ROOT_2PI
+                high_density = math.exp(-0.5 * high * high) / _ROOT_2PI
+                blurred = high * high_share + high_density - low * low_share - low_density
+                share += weight * sigma * blurred / wide
+                by_place += weight * (high_share - low_share) / wide
+                by_blur += weight * (high_density - low_density) * 0.5 * squared / sigma / wide
+        for cell, sign in ((edge, 1.0), (edge - 1, -1.0)):
+            if 0 <= cell < len(shares):
+                shares[cell, 0] += sign * share
+                shares[cell, 1] += sign * by_place
+                shares[cell, 2] += sign * by_blur
