@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from pzcap.command.footage_files import keypoints_beside
 from pzcap.extras.detectors import coco_results, detector
 from pzcap.io.capture import MANIFEST, read_capture
 from pzcap.io.files import write_json, written_whole
@@ -31,7 +32,7 @@ def detect_keypoints(folder: Path, by: str, models: Sequence[Path], *, replace: 
         reader = VideoReader(camera.motion)
         pictures = (image for _, image in reader.read(int(reader.indices[0]), int(reader.indices[-1]) + 1))
         found = list(coco_results(pictures, detect))
-        path = camera.motion.with_name(f"{camera.motion.stem}_keypoints.json")
+        path = keypoints_beside(camera.motion)
         with written_whole(path) as partial:
             partial.write_text(json.dumps(found, separators=(",", ":")) + "\n", encoding="utf-8")
         entries[camera.name] |= {"keypoints": path.relative_to(folder).as_posix(), "keypoints_from": 0}

@@ -166,6 +166,11 @@ def _first_frame(path: Path) -> tuple[bool, int]:
         raise PzcapError(f"{path}: its first frame cannot be decoded; copy it again from the camera") from error
 
 
+def keypoints_beside(motion: Path) -> Path:
+    """File of the keypoints of a video, beside it."""
+    return motion.with_name(f"{motion.stem}_keypoints.json")
+
+
 def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
     """Faults of the files that stand against a reconstruction, each with its cure."""
     for name, files in cameras.items():

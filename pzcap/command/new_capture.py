@@ -7,7 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Final
 
-from pzcap.command.footage_files import File, cameras_in, multiples, troubles
+from pzcap.command.footage_files import File, cameras_in, keypoints_beside, multiples, troubles
 from pzcap.command.progress import ProgressLine
 from pzcap.command.syncing import SYNC, report, synchronised
 from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, PAPERS, VERSION, read_capture
@@ -109,6 +109,11 @@ def _rate(cameras: Mapping[str, Sequence[File]]) -> str:
     return f"{rate.numerator}/{rate.denominator}"
 
 
-def _entry(camera: str, files: Sequence[File], folder: Path) -> dict[str, str | None]:
+def _entry(camera: str, files: Sequence[File], folder: Path) -> dict[str, str | int | None]:
     paths = {file.role: file.path.relative_to(folder).as_posix() for file in files}
-    return {"name": camera, **{role: paths.get(role) for role in FOOTAGE}}
+    entry: dict[str, str | int | None] = {"name": camera, **{role: paths.get(role) for role in FOOTAGE}}
+    for file in files:
+        if file.role == "motion" and (found := keypoints_beside(file.path)).is_file():
+            entry |= {"keypoints": found.relative_to(folder).as_posix(), "keypoints_from": 0}
+            print(f"camera {camera}: {found.name} has its keypoints")
+    return entry

@@ -55,6 +55,17 @@ def test_what_is_there_is_not_found_anew_without_being_asked(capture: Path, caps
     assert (capture / "capture.json").read_bytes() == before
 
 
+def test_a_capture_json_written_anew_names_the_keypoints_again(
+    capture: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["keypoints", str(capture), "--by", "spotter:brightest"]) == 0
+    before = [camera.keypoints for camera in read_capture(capture).cameras]
+    assert main(["new", str(capture), "--replace"]) == 0
+    assert [camera.keypoints for camera in read_capture(capture).cameras] == before
+    assert None not in before
+    assert "_keypoints.json has its keypoints" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("by", "said"),
     [
