@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,6 +40,17 @@ def small_run(small_capture: Path) -> Reconstruction:
     """The pipeline's result on the small capture. Read only. The tests that take it are of the group "pipeline",
     which one process has, so that it is made once."""
     return reconstruct(read_capture(small_capture / "capture"), Config())
+
+
+@pytest.fixture(scope="session")
+def finished(small_capture: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """(folder of the command's run on the small capture, what it printed). Read only. The tests that take it are of the
+    group "experiments", as those of "pipeline" are of theirs."""
+    folder = tmp_path_factory.mktemp("run")
+    line = [sys.executable, "-m", "experiments.run", f"capture={small_capture / 'capture'}", f"hydra.run.dir={folder}"]
+    done = subprocess.run(line, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return folder, done.stdout
 
 
 @pytest.fixture(scope="session")
