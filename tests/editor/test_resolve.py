@@ -18,6 +18,8 @@ from pzcap.types import FrameSet, Pose, PzcapError, Subject
 from tests.scenes import edited, tracked
 from tests.scenes.body_scene import shoot
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
+
 
 def test_a_pose_is_fitted_to_the_silhouettes_and_to_what_is_known() -> None:
     filmed = shoot(1)

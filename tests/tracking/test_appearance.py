@@ -29,6 +29,7 @@ from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Array, Keyframe, Mask, Pose
 from tests.scenes.tracked import clip, crops, lost, observed, true_body
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 FRAMES = range(2, 9)
 SURE = np.zeros((len(FRAMES), 16), bool)
 
