@@ -160,12 +160,11 @@ def test_what_is_missing_is_told_and_costs_only_its_own_stages(
 
 @pytest.mark.xdist_group("pipeline")
 def test_a_camera_without_a_sweep_is_left_out(capture: Capture) -> None:
-    first, *others = capture.cameras
-    result = reconstruct(
-        dataclasses.replace(capture, cameras=(dataclasses.replace(first, sweep=None), *others)), Config()
-    )
+    first, second, *_ = capture.cameras
+    two = dataclasses.replace(capture, cameras=(dataclasses.replace(first, sweep=None), second))
+    result = reconstruct(two, Config())
     assert result.tracks[0] is None
-    assert all(track is not None for track in result.tracks[1:])
+    assert result.tracks[1] is not None
     assert result.motion is not None
     assert any("camera 1" in note and "sweep" in note for note in result.notes)
 
@@ -263,7 +262,7 @@ def bare(capture: Capture) -> Capture:
 @pytest.mark.xdist_group("pipeline")
 def test_the_paper_method_runs_on_the_same_footage(capture: Capture) -> None:
     config = extras.Config(panzoom=PanZoomConfig(method="paper"))
-    result = extras.reconstruct(capture, config)
+    result = extras.reconstruct(dataclasses.replace(capture, cameras=capture.cameras[:2]), config)
     assert result.method == "paper"
     assert all(track is not None and track.valid.any() for track in result.tracks)
 

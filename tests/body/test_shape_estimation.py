@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward
@@ -17,6 +18,8 @@ from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import SEGMENTS, Array, Subject
 from tests.scenes.tracked import TERMS, clip, crops, true_body
+
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 
 
 def test_a_length_corrects_the_skeleton_and_stretches_the_skin() -> None:

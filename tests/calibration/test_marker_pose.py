@@ -16,6 +16,7 @@ from pzcap.calibration.tuning import MARKERS
 from pzcap.types import Array, Camera, Image, ReferenceCamera
 from tests.scenes import synthetic
 
+pytestmark = pytest.mark.xdist_group("marker_pose")  # pictures are drawn once
 CONFIG = ReferenceConfig()
 OBJECT = synthetic.calibration_object()
 FINE = 8  # samples along a pixel's side

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from pzcap.command.main import main, parser
 from pzcap.command.progress import ProgressLine
 from pzcap.export.formats import FORMATS
 from pzcap.io import results
-from pzcap.types import PzcapError
+from pzcap.types import PzcapError, Reconstruction
 from tests.scenes import exported, fabricated
 
 
@@ -27,8 +28,14 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_from_a_capture_to_a_skeleton(small_capture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["reconstruct", str(small_capture / "capture"), "--out", str(tmp_path / "r")]) == 0
+@pytest.mark.xdist_group("pipeline")
+def test_from_a_capture_to_a_skeleton(
+    small_capture: Path, small_run: Reconstruction, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first camera is calibrated, the others are known."""
+    results.save(replace(small_run, camera_names=("another", *small_run.camera_names[1:])), tmp_path / "before")
+    given = "--cameras", str(tmp_path / "before"), "--out", str(tmp_path / "r")
+    assert main(["reconstruct", str(small_capture / "capture"), *given]) == 0
     said = capsys.readouterr()
     assert re.search(r": 8 frame sets from 11:05:53:03 to 11:05:53:10", said.out)
     assert re.search(r"camera 1: located in [78] of 8 frames; pan to 0\.0\d+ degrees", said.out)

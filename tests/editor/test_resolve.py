@@ -16,12 +16,12 @@ from pzcap.editor import resolve
 from pzcap.editor.inverse_kinematics import loose
 from pzcap.types import FrameSet, Pose, PzcapError, Subject
 from tests.scenes import edited, tracked
-from tests.scenes.body_scene import shoot
+
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 
 
 def test_a_pose_is_fitted_to_the_silhouettes_and_to_what_is_known() -> None:
-    filmed = shoot(1)
-    (views,) = (list(one.views) for one in tracked.inputs_of(filmed))
+    filmed, views = tracked.clip(), list(tracked.inputs()[0].views)
     footage: Any = SimpleNamespace(views=lambda *_: views)
     body = build(Subject(filmed.measurements_m, 0.001))
     rng = np.random.default_rng(0)

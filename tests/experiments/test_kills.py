@@ -24,7 +24,7 @@ from sim.capture_cache import shoot_cached
 from sim.lock import locked
 from sim.session import ShootConfig
 from sim.team import Progress
-from tests.scenes.sweeps import ENVIRONMENT, ROOT, began, command, composed, results, sweep, write
+from tests.scenes.sweeps import ENVIRONMENT, ROOT, began, command, composed, results, sweep_here, write
 
 HOLD = """
 import sys, time
@@ -106,7 +106,7 @@ def test_a_second_run_in_a_folder_says_who_is_there(
 def test_workers_end_with_their_sweep_and_the_next_goes_on(launcher: str, package: str, tmp_path: Path) -> None:
     if importlib.util.find_spec(package) is None:
         pytest.skip(f"{package} is not installed: pip install pzcap[launchers]")
-    arguments = ("value=1,2,3,4,5,6", "pause_s=0.2")
+    arguments = ("value=1,2,3,4,5,6", "pause_s=0.05")
     (tmp_path / "began.txt").touch()
     line = command(tmp_path, *arguments, launcher=launcher)
     process = subprocess.Popen(line, cwd=ROOT, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
@@ -116,7 +116,7 @@ def test_workers_end_with_their_sweep_and_the_next_goes_on(launcher: str, packag
     assert started
     process.kill()
     process.wait()
-    done = sweep(tmp_path, *arguments)  # at once, while they may still be at work
+    done = sweep_here(tmp_path, *arguments)  # at once, while they may still be at work
     assert done.returncode == 0, done.stderr
     assert len(results(tmp_path)) == 6
     assert not list(tmp_path.glob(".*"))
@@ -137,7 +137,7 @@ def test_what_a_killed_sweep_left_is_swept_by_the_next_whatever_that_does(tmp_pa
     (tmp_path / ".other.stale" / "half").mkdir(parents=True)
     with locked(tmp_path / ".mine.partial.lock", "busy"):
         (tmp_path / ".mine.partial").mkdir()
-        assert sweep(tmp_path, "value=2").returncode == 0
+        assert sweep_here(tmp_path, "value=2").returncode == 0
         assert {path.name for path in tmp_path.glob(".*")} == {".mine.partial", ".mine.partial.lock"}
 
 
@@ -185,7 +185,8 @@ def test_a_sweep_that_is_asked_to_end_says_so_and_leaves_nothing(asked: signal.S
 @pytest.mark.xdist_group("experiments")
 def test_a_run_that_is_asked_to_end_while_it_shoots_leaves_nothing(tmp_path: Path) -> None:
     run = [sys.executable, "-m", "experiments.run", f"hydra.run.dir={tmp_path / 'run'}"]
-    line = [*run, f"output.captures={tmp_path / 'captures'}"]
+    small = "shoot.width=160", "shoot.height=120", "shoot.gym.texture_px_per_m=50", "shoot.optics.zoom_max=1.8"
+    line = [*run, f"output.captures={tmp_path / 'captures'}", *small]
     with subprocess.Popen(line, cwd=ROOT, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True) as process:
         while process.poll() is None and not list(tmp_path.glob("captures/.*/camera*/sweep.avi")):
             time.sleep(0.05)

@@ -8,11 +8,13 @@ aligned, by a thousandth of a pixel as well.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 
 import cv2
 import numpy as np
 import pytest
 from numba import njit
+from numpy.typing import NDArray
 
 from experiments.bound import Sensor, blur_level, build_scene, information, least_covariance
 from pzcap.calibration import stitching
@@ -33,11 +35,15 @@ RAYS = 8  # across a pixel
 SWEPT = np.deg2rad(np.arange(-64.0, 64.1, 2.0))
 
 
+@cache
+def hall() -> NDArray[np.float32]:
+    return cv2.cvtColor(synthetic.hall(0), cv2.COLOR_BGR2GRAY).astype(np.float32)
+
+
 def photograph(pan_rad: float, focal_px: float, seed: int) -> Image:
     """(H, W, 3) a frame of the hall."""
-    texture = cv2.cvtColor(synthetic.hall(0), cv2.COLOR_BGR2GRAY).astype(np.float32)
-    level = np.empty((HEIGHT, WIDTH))
-    _look(texture, pan_rad, focal_px, level)
+    level = np.zeros((HEIGHT, WIDTH))
+    _look(hall(), pan_rad, focal_px, level)
     noise = np.random.default_rng(seed).normal(0.0, NOISE, (HEIGHT, WIDTH, 3))
     return np.clip(np.rint(level[..., None] + noise), 0, 255).astype(np.uint8)
 
@@ -46,20 +52,21 @@ def photograph(pan_rad: float, focal_px: float, seed: int) -> Image:
 def _look(texture: Array, pan_rad: float, focal_px: float, level: Array) -> None:
     height, width = level.shape
     per_rad = texture.shape[1] / (2 * np.pi)
-    for i in range(height):
-        for j in range(width):
-            total = 0.0
-            for a in range(RAYS * RAYS):
-                x = (j + (a % RAYS + 0.5) / RAYS - 0.5 - (width - 1) / 2) / focal_px
-                y = (i + (a // RAYS + 0.5) / RAYS - 0.5 - (height - 1) / 2) / focal_px
-                column = (np.pi - pan_rad + np.arctan(x)) * per_rad - 0.5
-                row = (synthetic.SLOPES + y / np.sqrt(1.0 + x * x)) * per_rad - 0.5
-                n, m = int(row), int(column)
-                b, c = row - n, column - m
-                upper = (1 - c) * texture[n, m] + c * texture[n, m + 1]
-                lower = (1 - c) * texture[n + 1, m] + c * texture[n + 1, m + 1]
-                total += (1 - b) * upper + b * lower
-            level[i, j] = total / RAYS**2
+    for j in range(width):
+        for a in range(RAYS):
+            x = (j + (a + 0.5) / RAYS - 0.5 - (width - 1) / 2) / focal_px
+            column = (np.pi - pan_rad + np.arctan(x)) * per_rad - 0.5
+            m = int(column)
+            c = column - m
+            slope_px = per_rad / (focal_px * np.sqrt(1.0 + x * x))
+            for i in range(height):
+                for b in range(RAYS):
+                    y_px = i + (b + 0.5) / RAYS - 0.5 - (height - 1) / 2
+                    row = synthetic.SLOPES * per_rad + y_px * slope_px - 0.5
+                    n = int(row)
+                    upper = (1 - c) * texture[n, m] + c * texture[n, m + 1]
+                    lower = (1 - c) * texture[n + 1, m] + c * texture[n + 1, m + 1]
+                    level[i, j] += ((1 - row + n) * upper + (row - n) * lower) / RAYS**2
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""No command listens where another machine could reach it."""
+"""No command listens where another machine could reach it. Sweeps: tests/experiments/test_sweep.py."""
 
 from __future__ import annotations
 
@@ -21,32 +21,7 @@ from tests.scenes import edited, listening
 from tests.scenes.browsing import Editing
 from tests.scenes.captures import TINY
 from tests.scenes.studies import record
-from tests.scenes.sweeps import ENVIRONMENT, ROOT, command
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("launcher", "package", "listens"),
-    [
-        ("basic", "hydra", False),
-        ("joblib", "hydra_plugins.hydra_joblib_launcher", False),
-        ("submitit_local", "hydra_plugins.hydra_submitit_launcher", False),
-        ("ray", "ray", True),
-    ],
-)
-def test_a_sweep_is_reached_by_nobody_else(launcher: str, package: str, listens: bool, tmp_path: Path) -> None:
-    if importlib.util.find_spec(package) is None:
-        pytest.skip(f"{package} is not installed: pip install pzcap[launchers]")
-    without = {name: value for name, value in ENVIRONMENT.items() if name != "RAY_ADDRESS"}
-    line = command(tmp_path, "value=1,2", "pause_s=0.2", launcher=launcher)
-    process, found = subprocess.Popen(line, cwd=ROOT, env=without, stderr=subprocess.DEVNULL), set()
-    while process.poll() is None:
-        found |= listening.addresses(psutil.Process(process.pid))
-        time.sleep(0.05)
-    assert process.returncode == 0
-    assert len(list(tmp_path.glob("*/job.json"))) == 2
-    assert bool(found) == listens
-    assert not listening.exposed(found)
+from tests.scenes.sweeps import ENVIRONMENT, ROOT
 
 
 @pytest.mark.skipif(importlib.util.find_spec("datafusion") is None, reason="needs rerun-sdk[catalog]")

@@ -29,6 +29,7 @@ from experiments.report import plots
 from experiments.run import main, print_table
 from experiments.studies import jobs
 from experiments.studies import page as study_page
+from pzcap.io import results
 from pzcap.scoring.metric import Metric
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import CameraFiles, Capture
@@ -167,8 +168,10 @@ def test_all_commands_print_to_that_terminal() -> None:
 @pytest.mark.slow
 @pytest.mark.xdist_group("experiments")
 def test_a_run_to_its_end(
-    small_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+    small_capture: Path, finished: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """The last camera is calibrated, the others are known."""
     footage = tmp_path / "take [/b] :smile:"
     shutil.copytree(small_capture / "capture", footage)
     manifest = json.loads((footage / "capture.json").read_text())
@@ -176,8 +179,11 @@ def test_a_run_to_its_end(
     for camera, name in zip(manifest["cameras"], NAMES, strict=True):
         camera["name"] = name
     (footage / "capture.json").write_text(json.dumps(manifest))
+    known = dataclasses.replace(results.load(finished[0] / "reconstruction"), camera_names=(*NAMES[:3], "another"))
+    results.save(known, tmp_path / "take before")
     folder = tmp_path / "run [bold]"
-    monkeypatch.setattr("sys.argv", ["experiments.run", f"capture='{footage}'", f"hydra.run.dir='{folder}'"])
+    given = f"capture='{footage}'", f"cameras='{tmp_path / 'take before'}'", f"hydra.run.dir='{folder}'"
+    monkeypatch.setattr("sys.argv", ["experiments.run", *given])
     assert main() == 0
     out, err = capfd.readouterr()
     assert str(footage) in out.replace("\n", "")

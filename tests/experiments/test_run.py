@@ -30,15 +30,6 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "experiments.run", *arguments], capture_output=True, text=True)
 
 
-@pytest.fixture(scope="module")
-def finished(small_capture: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """(folder of the run, what it printed)"""
-    folder = tmp_path_factory.mktemp("run")
-    done = command(f"capture={small_capture / 'capture'}", f"hydra.run.dir={folder}")
-    assert done.returncode == 0, done.stderr
-    return folder, done.stdout
-
-
 def test_it_ends_with_a_table(finished: tuple[Path, str]) -> None:
     assert "panzoom.pan.rms" in finished[1]
     assert "report.html" in finished[1]
@@ -140,19 +131,22 @@ def test_footage_inside_the_runs_own_folder_survives(small_capture: Path, tmp_pa
 
 
 def test_without_truth_subject_and_a_sweep_it_runs_and_says_what_it_left_out(
-    small_capture: Path, tmp_path: Path
+    small_capture: Path, finished: tuple[Path, str], tmp_path: Path
 ) -> None:
+    """The other cameras are those of a finished run."""
     footage = tmp_path / "footage"
     shutil.copytree(small_capture / "capture", footage)
     manifest = json.loads((footage / "capture.json").read_text())
     manifest["subject"] = None
-    manifest["cameras"][0]["sweep"] = None
+    manifest["cameras"][0] |= {"name": "new", "sweep": None}
     (footage / "capture.json").write_text(json.dumps(manifest))
-    done = command(f"capture={footage}", f"hydra.run.dir={tmp_path / 'run'}", "output.recording=false")
+    given = f"capture={footage}", f"cameras={finished[0]}", "output.recording=false"
+    done = command(*given, f"hydra.run.dir={tmp_path / 'run'}")
     assert done.returncode == 0, done.stderr
     found, _ = read_metrics(tmp_path / "run" / "metrics.json")
     assert {metric.key.partition(".")[0] for metric in found} == {"speed", "memory"}
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "Not scored" in page
     assert "What was left out" in page
+    assert "camera new" in page
     assert not (tmp_path / "run" / "recording.rrd").exists()

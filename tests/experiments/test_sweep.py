@@ -10,9 +10,11 @@ import re
 import signal
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
@@ -23,7 +25,8 @@ from experiments import run
 from experiments.errors import AlreadyReported
 from experiments.studies import jobs
 from pzcap.types import PzcapError
-from tests.scenes.sweeps import ENVIRONMENT, ROOT, began, command, composed, results, sweep, write
+from tests.scenes import listening
+from tests.scenes.sweeps import ENVIRONMENT, ROOT, began, command, composed, results, sweep, sweep_here, write
 
 GRID = ("value=1,2,3,4,5,6,7,8", "noise=0,1,2")  # 24 jobs
 
@@ -32,7 +35,7 @@ GRID = ("value=1,2,3,4,5,6,7,8", "noise=0,1,2")  # 24 jobs
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a sweep over the grid that nothing disturbed."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    done = sweep(folder, *GRID)
+    done = sweep_here(folder, *GRID)
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -62,7 +65,7 @@ def test_killed_at_any_moment_it_ends_as_an_undisturbed_one(
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         results(tmp_path)
-    done = sweep(tmp_path, *GRID, launcher=launcher)
+    done = sweep_here(tmp_path, *GRID)
     assert done.returncode == 0, done.stderr
     assert results(tmp_path) == undisturbed
     assert not list(tmp_path.glob(".*.partial"))
@@ -80,28 +83,36 @@ def test_what_is_done_is_not_done_again_by_any_launcher(undisturbed: dict[str, d
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("launcher", "package"),
+    ("launcher", "package", "listens"),
     [
-        ("joblib", "hydra_plugins.hydra_joblib_launcher"),
-        ("submitit_local", "hydra_plugins.hydra_submitit_launcher"),
-        pytest.param("ray", "ray", marks=pytest.mark.heavy),
+        ("basic", "hydra", False),
+        ("joblib", "hydra_plugins.hydra_joblib_launcher", False),
+        ("submitit_local", "hydra_plugins.hydra_submitit_launcher", False),
+        ("ray", "ray", True),
     ],
 )
-def test_every_launcher_leaves_the_same(
-    launcher: str, package: str, undisturbed: dict[str, dict[str, str]], tmp_path: Path
+def test_every_launcher_leaves_the_same_and_is_reached_by_nobody_else(
+    launcher: str, package: str, listens: bool, undisturbed: dict[str, dict[str, str]], tmp_path: Path
 ) -> None:
     if importlib.util.find_spec(package) is None:
         pytest.skip(f"{package} is not installed: pip install pzcap[launchers]")
-    done = sweep(tmp_path, "value=1,3", "noise=0,2", launcher=launcher)
-    assert done.returncode == 0, done.stderr
+    without = {name: value for name, value in ENVIRONMENT.items() if name != "RAY_ADDRESS"}
+    line = command(tmp_path, "value=1,3", "noise=2", launcher=launcher)
+    process, found = subprocess.Popen(line, cwd=ROOT, env=without, stderr=subprocess.DEVNULL), set()
+    while process.poll() is None:
+        found |= listening.addresses(psutil.Process(process.pid))
+        time.sleep(0.05)
+    assert process.returncode == 0
     assert results(tmp_path) == {name: undisturbed[name] for name in results(tmp_path)}
-    assert len(results(tmp_path)) == 4
-    again = sweep(tmp_path, "value=1,3", "noise=0,2", launcher=launcher)
-    assert again.stderr == "4 jobs: 4 done before, 0 to do\n"
+    assert len(results(tmp_path)) == 2
+    assert bool(found) == listens
+    assert not listening.exposed(found)
+    again = sweep_here(tmp_path, "value=1,3", "noise=2", launcher=launcher)
+    assert again.stderr == "2 jobs: 2 done before, 0 to do\n"
 
 
 def test_progress_says_how_much_is_left(tmp_path: Path) -> None:
-    lines = sweep(tmp_path, "value=1,2,3", "pause_s=0.03").stderr.splitlines()
+    lines = sweep_here(tmp_path, "value=1,2,3", "pause_s=0.03").stderr.splitlines()
     assert lines[0] == "3 jobs: 0 done before, 3 to do"
     assert [re.sub(r"-\w{10} ", "-HASH ", re.sub(r"about \d+ s", "about N s", line)) for line in lines[1:]] == [
         "1 of 3: pause_s=0.03,value=1-HASH is done, about N s left",
@@ -110,10 +121,12 @@ def test_progress_says_how_much_is_left(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize("launcher", ["basic", "forking"])
-def test_a_job_that_fails_is_told_and_does_not_stop_the_others(launcher: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("launcher", "swept"), [("basic", sweep_here), ("forking", sweep)])
+def test_a_job_that_fails_is_told_and_does_not_stop_the_others(
+    launcher: str, swept: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
     line = ("value=1,2,3,4,5", "fails=2", "bug=4")
-    done = sweep(tmp_path, *line, launcher=launcher)
+    done = swept(tmp_path, *line, launcher=launcher)
     assert done.returncode == 1
     assert len(results_but_failed(tmp_path)) == 3
     errors = [text for text in done.stderr.splitlines() if text.startswith("error: ")]
@@ -127,7 +140,7 @@ def test_a_job_that_fails_is_told_and_does_not_stop_the_others(launcher: str, tm
     assert "Traceback (most recent call last)" in bug.read_text()
 
     count = began(tmp_path)
-    again = sweep(tmp_path, *line, launcher=launcher)
+    again = swept(tmp_path, *line, launcher=launcher)
     assert again.returncode == 1
     assert "5 jobs: 3 done before, 2 to do" in again.stderr
     assert began(tmp_path) == count + 2
@@ -139,8 +152,8 @@ def results_but_failed(folder: Path) -> list[Path]:
 
 def test_folders_of_the_users_own_naming_are_told_apart_by_what_they_hold(tmp_path: Path) -> None:
     numbered = "hydra.sweep.subdir=job${hydra.job.num}"
-    assert sweep(tmp_path, numbered, "value=1,2,3").returncode == 0
-    changed = sweep(tmp_path, numbered, "value=1,7,3")
+    assert sweep_here(tmp_path, numbered, "value=1,2,3").returncode == 0
+    changed = sweep_here(tmp_path, numbered, "value=1,7,3")
     assert "3 jobs: 2 done before, 1 to do" in changed.stderr
     assert {name: files["a.txt"][:3] for name, files in results(tmp_path).items()} == {
         "job0": "a 1", "job1": "a 7", "job2": "a 3"
@@ -160,9 +173,9 @@ def test_code_that_changed_while_a_job_ran_is_told(tmp_path: Path, capsys: pytes
 
 def test_axes_of_a_study_give_way_to_those_of_the_command(tmp_path: Path) -> None:
     axes = "hydra.sweeper.params={value:'1,2,3',noise:'0,1'}"
-    assert sweep(tmp_path / "all", axes).returncode == 0
+    assert sweep_here(tmp_path / "all", axes).returncode == 0
     assert len(results(tmp_path / "all")) == 6
-    assert sweep(tmp_path / "fewer", axes, "value=7,8").returncode == 0
+    assert sweep_here(tmp_path / "fewer", axes, "value=7,8").returncode == 0
     assert sorted({files["a.txt"][2] for files in results(tmp_path / "fewer").values()}) == ["7", "8"]
     assert len(results(tmp_path / "fewer")) == 4
 
@@ -191,7 +204,7 @@ def test_the_configuration_goes_with_the_result(tmp_path: Path) -> None:
 
 
 def test_hydra_itself_writes_nothing_into_a_jobs_folder(tmp_path: Path) -> None:
-    assert sweep(tmp_path, "value=1,2", "pause_s=0").returncode == 0
+    assert sweep_here(tmp_path, "value=1,2", "pause_s=0").returncode == 0
     jobs_hydra = {path.name for job in tmp_path.iterdir() if job.is_dir() for path in (job / ".hydra").iterdir()}
     assert jobs_hydra == {"config.yaml", "overrides.yaml"}  # without the hydra.yaml of Hydra's own
 

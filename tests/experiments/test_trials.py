@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from experiments.footage import SMALL
+from experiments.footage import SMALL, shot
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.io.video import VideoReader
 from pzcap.types import Image, Mask, PzcapError
@@ -23,40 +23,32 @@ from sim.hall.furniture import REARRANGED
 from sim.hall.scenery import WALLS
 from sim.people.crew import CrewConfig
 from sim.session import ShootConfig
-from sim.shoot import shoot
 from sim.team import Progress
 from sim.truth import Truth, load
 from tests.scenes.captures import project
 
 PLAIN = replace(
     SMALL, motion="floor_exercise", motion_frames=3, sweep_deg=10.0, zoom_frames=2,
-    gym=replace(SMALL.gym, texture_px_per_m=50.0), sensor=SensorConfig(crf_motion=0, crf_still=0, largest_roll=0),
+    gym=replace(SMALL.gym, texture_px_per_m=50.0),
+    sensor=SensorConfig(sub_exposures=1, crf_motion=0, crf_still=0, largest_roll=0),
 )  # fmt: skip
 """Three frames of four cameras. Without losses of compression, so that what differs between two shoots is what was
 there to be seen."""
 
 
-class Shots:
-    """Shoots by name, each made when it is first asked for."""
-
-    def __init__(self, root: Path) -> None:
-        self._root = root
-
-    def __call__(self, name: str, config: ShootConfig) -> Path:
-        folder = self._root / name
-        if not folder.exists():
-            list(shoot(config, folder))
-        return folder
+Shots = Callable[[ShootConfig], Path]
 
 
 @pytest.fixture(scope="module")
 def shots(tmp_path_factory: pytest.TempPathFactory) -> Shots:
-    return Shots(tmp_path_factory.mktemp("trials"))
+    """The folder of a shoot: filmed when it is first asked for, or developed from light that is there."""
+    root = tmp_path_factory.mktemp("trials")
+    return lambda config: shot(config, root)
 
 
 @pytest.fixture(scope="module")
 def plain(shots: Shots) -> Path:
-    return shots("plain", PLAIN)
+    return shots(PLAIN)
 
 
 def footage(folder: Path) -> dict[str, bytes]:
@@ -95,7 +87,7 @@ def test_the_names_of_default_captures_have_not_changed(tmp_path: Path, monkeypa
 
 
 def test_lights_on_brightens_what_is_recorded_after_the_sweep(shots: Shots, plain: Path) -> None:
-    bright = shots("bright", replace(PLAIN, gym=replace(PLAIN.gym, lights_on=1.3)))
+    bright = shots(replace(PLAIN, gym=replace(PLAIN.gym, lights_on=1.3)))
     assert changed(plain, bright) == {"motion.mp4"}
     for before, after in zip(frames(plain), frames(bright), strict=True):
         for dark, light in zip(before, after, strict=True):
@@ -127,7 +119,7 @@ def outlines(truth: Truth, camera: int, frame: int) -> Mask:
 
 
 def test_what_was_moved_is_all_that_differs(shots: Shots, plain: Path) -> None:
-    moved = shots("moved", replace(PLAIN, gym=replace(PLAIN.gym, rearranged=True)))
+    moved = shots(replace(PLAIN, gym=replace(PLAIN.gym, rearranged=True)))
     assert PIECES.keys() == REARRANGED.keys()
     assert changed(plain, moved) == {"motion.mp4"}
     truth, shares = load(moved / "truth"), []
@@ -142,7 +134,7 @@ def test_what_was_moved_is_all_that_differs(shots: Shots, plain: Path) -> None:
 
 
 def test_the_crew_walks_through_the_sweep_alone(shots: Shots, plain: Path) -> None:
-    walked = shots("walked", replace(PLAIN, crew=CrewConfig(walks_in_sweep=True)))
+    walked = shots(replace(PLAIN, crew=CrewConfig(walks_in_sweep=True)))
     assert changed(plain, walked) == {"sweep.mp4"}
     cameras, middles = 0, []
     for c in "1234":
@@ -174,7 +166,7 @@ def test_a_fast_pan_reaches_its_speed_and_smears_the_picture(shots: Shots, plain
     assert np.rad2deg(np.abs(np.diff(fine)).max() / 0.001) == pytest.approx(60.0, rel=0.01)
     assert np.rad2deg(np.abs(fine).max()) == pytest.approx(60 / (2 * np.pi * 2), rel=0.01)
     open_shutter = replace(PLAIN, operator=swing, sensor=replace(PLAIN.sensor, sub_exposures=6), motion_frames=6)
-    blurred = shots("blurred", open_shutter)
+    blurred = shots(open_shutter)
     truth = load(blurred / "truth")
     speed = np.rad2deg(np.abs(np.diff(truth.pan_rad, axis=1))) * PLAIN.frame_rate
     assert (speed.max(axis=1) > 40).all()  # a third of a period, and the athlete's own speed on top
@@ -200,7 +192,7 @@ def test_close_up_covers_more_than_half_the_view(shots: Shots) -> None:
         PLAIN, motion="approach", motion_frames=0, frame_rate=2, sweep_deg=4.0, zoom_frames=0,
         optics=OpticsConfig(zoom_max=3.6, tilt_deg=-9.0), operator=OperatorConfig(body_height=3.6, whole_body=False),
     )  # fmt: skip
-    truth = load(shots("close", config) / "truth")
+    truth = load(shots(config) / "truth")
     share = np.array([[truth.mask(c, f).mean() for f in range(len(truth.timecodes))] for c in range(4)])
     assert (share[2] > 0.5).sum() >= 4  # of eleven
     assert share[2].max() > 0.6
@@ -208,7 +200,7 @@ def test_close_up_covers_more_than_half_the_view(shots: Shots) -> None:
 
 
 def test_operators_tilt_after_the_body(shots: Shots, plain: Path) -> None:
-    tilted = shots("tilted", replace(PLAIN, operator=OperatorConfig(tilts=True)))
+    tilted = shots(replace(PLAIN, operator=OperatorConfig(tilts=True)))
     assert changed(plain, tilted) == {"motion.mp4"}
     truth, locked = load(tilted / "truth"), load(plain / "truth")
     assert np.ptp(locked.tilt_rad, axis=1).max() == 0.0
@@ -244,7 +236,7 @@ def test_the_zoom_swings_through_its_range_and_nothing_else_does() -> None:
 def test_a_capture_without_a_zoom_run(shots: Shots, plain: Path) -> None:
     """And what an effect is like does not matter while it is off."""
     off = OperatorConfig(swing_deg_s=0.0, swing_hz=5.0, zoom_swing_s=0.0, tilts=False)
-    hurried = shots("hurried", replace(PLAIN, zoom_frames=0, operator=off))
+    hurried = shots(replace(PLAIN, zoom_frames=0, operator=off))
     capture = read_capture(hurried / "capture")
     assert all(camera.zoom is None for camera in capture.cameras)
     assert not list(hurried.rglob("zoom.mp4"))

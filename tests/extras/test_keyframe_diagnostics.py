@@ -18,6 +18,7 @@ from tests.scenes import tracked as rendered
 from tests.scenes.bodies import BODY
 from tests.scenes.body_scene import swing
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 FRAMES, RATE = 31, 30.0
 KEYS = (0, 10, 20, 30)
 HAND = TrackingConfig().hand_sigma

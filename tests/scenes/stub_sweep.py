@@ -53,5 +53,10 @@ def _job(composed: DictConfig) -> None:
     jobs.carry_out(Path(config.runtime.output_dir), composed, config.overrides.task, work)
 
 
+def main() -> int:
+    """The exit status of the sweep that the command line says."""
+    return guard(_job)
+
+
 if __name__ == "__main__":
-    sys.exit(guard(_job))
+    sys.exit(main())

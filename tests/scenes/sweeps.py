@@ -1,16 +1,21 @@
-"""The sweep of `tests.scenes.stub_sweep` as a process of its own, what it leaves, and the one job that it does."""
+"""The sweep of `tests.scenes.stub_sweep`, as a process or here, what it leaves, and the one job that it does."""
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
+from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
+from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 
 from experiments.studies import jobs
+from tests.scenes import stub_sweep
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests" / "plugins")])}
@@ -33,6 +38,15 @@ def sweep(folder: Path, *arguments: str, launcher: str = "basic") -> subprocess.
     """Run a sweep to its end."""
     line = command(folder, *arguments, launcher=launcher)
     return subprocess.run(line, capture_output=True, text=True, cwd=ROOT, env=ENVIRONMENT)
+
+
+def sweep_here(folder: Path, *arguments: str, launcher: str = "basic") -> subprocess.CompletedProcess[str]:
+    """Run a sweep to its end in this process, which has imported all that it needs."""
+    line, said = command(folder, *arguments, launcher=launcher), io.StringIO()
+    GlobalHydra.instance().clear()
+    with patch.object(sys, "argv", line[2:]), redirect_stderr(said):
+        status = stub_sweep.main()
+    return subprocess.CompletedProcess(line, status, None, said.getvalue())
 
 
 def results(folder: Path) -> dict[str, dict[str, str]]:

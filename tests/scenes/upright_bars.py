@@ -13,7 +13,7 @@ from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE
 from pzcap.types import FAR_AWAY, Array, Image, Lens, Panorama, PanZoomCamera
 
-WIDTH, HEIGHT, FOCAL = 320, 64, 440.0
+WIDTH, HEIGHT, FOCAL = 320, 32, 440.0
 MIDDLE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
 LENS = Lens(WIDTH, HEIGHT, FOCAL, MIDDLE[None], np.zeros(1))
 CAMERA = PanZoomCamera(LENS, np.eye(4), 0.0, 0.0)

@@ -15,6 +15,7 @@ from sim.motion._kinematics import CHAINS, DOF, Frames, exp
 from sim.motion._normal import NormalEquations
 from sim.people.anthropometry import body_tree, draw_measurements, joint_limit_rad
 
+pytestmark = pytest.mark.xdist_group("motion")  # a clip is made once
 RATE = 240
 CASES = [
     ("floor_exercise", 0), ("floor_exercise", 7), ("pedestrian", 0), ("pedestrian", 5), ("full_turn_jump", 0),

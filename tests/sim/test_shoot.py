@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from experiments import footage
 from experiments.footage import SMALL
 from pzcap.io.capture import frame_sets, read_capture, read_image
 from pzcap.io.detections import KEYPOINTS
@@ -99,32 +100,28 @@ def test_the_calibration_object_is_where_the_truth_says(small_capture: Path, tru
         assert np.sqrt(np.mean(np.square(errors))) < 0.6  # markers of 25 px
 
 
-def taken(sensor: SensorConfig, aim: PanTiltZoom) -> Array:
-    """Light of the first camera's picture of the object."""
-    session = assemble(replace(TINY, sensor=sensor))
+def taken(aim: PanTiltZoom, *sensors: SensorConfig) -> list[Array]:
+    """Light of the first camera's picture of the object, by each sensor; the last is the finest."""
+    session = assemble(replace(TINY, sensor=sensors[-1]))
     stage = session.stage()
-    picture = FilmCamera(stage, session.rigs[0], sensor).still(aim)
+    pictures = [FilmCamera(stage, session.rigs[0], sensor).still(aim).astype(np.float64) for sensor in sensors]
     stage.close()
-    return picture.astype(np.float64)
+    return pictures
 
 
 def test_a_picture_rendered_finer_is_nearer_to_what_a_lens_would_show() -> None:
-    pictures = []
-    for supersampling in (2.0, 4.0, 8.0):
-        sensor = replace(NOISELESS, supersampling_still=supersampling)
-        pictures.append(taken(sensor, PanTiltZoom(0.2, 200.0)))
+    sensors = [replace(NOISELESS, supersampling_still=supersampling) for supersampling in (2.0, 4.0, 8.0)]
+    pictures = taken(PanTiltZoom(0.2, 200.0), *sensors)
     coarse, fine = (float(np.sqrt(np.mean((one - pictures[-1]) ** 2))) for one in pictures[:2])
     assert coarse < 15.0  # grey levels: it is the same picture
     assert fine < 0.7 * coarse
 
 
 def test_a_turned_grid_shows_the_same_picture_more_exactly() -> None:
-    def turned_by(supersampling: float, turn_deg: float) -> Array:
-        sensor = replace(NOISELESS, supersampling_still=supersampling, grid_turn_deg=turn_deg)
-        return taken(sensor, PanTiltZoom(0.2, 200.0))
-
-    exact = turned_by(8.0, -13.0)
-    upright, turned = (float(np.sqrt(np.mean((turned_by(4.0, deg) - exact) ** 2))) for deg in (0.0, 9.5))
+    turns = ((4.0, 0.0), (4.0, 9.5), (8.0, -13.0))
+    sensors = [replace(NOISELESS, supersampling_still=finer, grid_turn_deg=turn_deg) for finer, turn_deg in turns]
+    *both, exact = taken(PanTiltZoom(0.2, 200.0), *sensors)
+    upright, turned = (float(np.sqrt(np.mean((one - exact) ** 2))) for one in both)
     assert upright < 10.0  # grey levels
     assert turned < 0.9 * upright
 
@@ -133,7 +130,7 @@ def test_without_mipmaps_a_floor_seen_at_a_flat_angle_keeps_its_sharpness() -> N
     def sharpness(mipmaps: bool) -> tuple[float, float]:
         """Of floor and walls: the mean difference of neighbours in a row."""
         sensor = replace(NOISELESS, supersampling_still=8.0, mipmaps=mipmaps)
-        picture = taken(sensor, PanTiltZoom(0.9, 200.0))
+        (picture,) = taken(PanTiltZoom(0.9, 200.0), sensor)
         steps = np.abs(np.diff(picture.mean(axis=2), axis=1)).mean(axis=1)
         return float(steps[int(0.55 * len(steps)) :].mean()), float(steps[: len(steps) // 3].mean())
 
@@ -250,11 +247,25 @@ def drain(progress: Iterator[Progress]) -> list[Progress]:
     return list(progress)
 
 
-def test_the_same_config_gives_the_same_bytes(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        steps = drain(shoot(TINY, tmp_path / name))
-        assert all(0 <= step.done <= step.total for step in steps)
-    first, second = listing(tmp_path / "a"), listing(tmp_path / "b")
+@pytest.fixture(scope="module")
+def lit(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the tiny shoot and its light. Others of the same light are developed there sooner."""
+    root = tmp_path_factory.mktemp("lit")
+    footage.shot(TINY, root)
+    return root
+
+
+def captured(config: ShootConfig, root: Path) -> dict[str, bytes]:
+    """The files of a shoot that is kept in ``root``."""
+    found = listing(footage.shot(config, root))
+    assert found.pop("complete") == b""
+    return found
+
+
+def test_the_same_config_gives_the_same_bytes(lit: Path, tmp_path: Path) -> None:
+    steps = drain(shoot(TINY, tmp_path))
+    assert all(0 <= step.done <= step.total for step in steps)
+    first, second = captured(TINY, lit), listing(tmp_path)
     assert len(first) == 4 * 4 + 4 + 3
     assert first.keys() == second.keys()
     assert [name for name in first if first[name] != second[name]] == []
@@ -296,28 +307,29 @@ def test_the_config_survives_plain_data() -> None:
     assert converter.structure(plain, ShootConfig) == config
 
 
-def test_dropped_frames_are_gaps(tmp_path: Path) -> None:
-    config = replace(TINY, motion_frames=8, sensor=SensorConfig(dropped_share=0.4, sub_exposures=1))
-    drain(shoot(config, tmp_path))
-    truth = load(tmp_path / "truth")
+GAPPY = replace(TINY, motion_frames=8, sensor=SensorConfig(dropped_share=0.4, sub_exposures=1))
+
+
+def test_dropped_frames_are_gaps(lit: Path) -> None:
+    folder = footage.shot(GAPPY, lit)
+    truth = load(folder / "truth")
     assert not truth.recorded.all()
-    sets = frame_sets(read_capture(tmp_path / "capture"))
+    sets = frame_sets(read_capture(folder / "capture"))
     present = np.array([[image is not None for image in frames.images] for frames in sets]).T
     np.testing.assert_array_equal(present, truth.recorded)
 
 
-def test_a_detector_finds_the_athlete_and_changes_no_footage(tmp_path: Path) -> None:
+def test_a_detector_finds_the_athlete_and_changes_no_footage(lit: Path) -> None:
     """In the frames that were not dropped, and in them alone."""
-    config = replace(TINY, motion_frames=8, sensor=SensorConfig(dropped_share=0.4, sub_exposures=1))
-    drain(shoot(config, tmp_path / "without"))
-    drain(shoot(replace(config, detector=DetectorConfig(enabled=True)), tmp_path / "with"))
-    without, found = listing(tmp_path / "without" / "capture"), listing(tmp_path / "with" / "capture")
+    config = replace(GAPPY, detector=DetectorConfig(enabled=True))
+    without, found = (listing(footage.shot(one, lit) / "capture") for one in (GAPPY, config))
     assert [name for name in without if found[name] != without[name]] == ["capture.json"]
-    truth = load(tmp_path / "with" / "truth")
+    folder = footage.shot(config, lit)
+    truth = load(folder / "truth")
     joints = [JOINTS.index(name) for name in KEYPOINTS if name in JOINTS]
     points = [KEYPOINTS.index(JOINTS[joint]) for joint in joints]
     off = []
-    for f, frames in enumerate(frame_sets(read_capture(tmp_path / "with" / "capture"))):
+    for f, frames in enumerate(frame_sets(read_capture(folder / "capture"))):
         for c, people in enumerate(frames.keypoints):
             assert len(people) == truth.recorded[c, f]
             for person in people[:, points]:
@@ -329,14 +341,14 @@ def test_a_detector_finds_the_athlete_and_changes_no_footage(tmp_path: Path) -> 
     assert np.median(off) < 3.0
 
 
-def test_two_processes_film_the_same_bytes_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    drain(shoot(TINY, tmp_path / "one"))
+def test_two_processes_film_the_same_bytes_as_one(lit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = captured(TINY, lit)
     monkeypatch.setattr(team, "FEW", 0)
     monkeypatch.setattr(team, "free_cores", lambda: 2)
-    steps = drain(shoot(TINY, tmp_path / "two"))
+    steps = drain(shoot(TINY, tmp_path))
     assert list(dict.fromkeys(step.stage for step in steps)) == ["build", "film", "develop"]
     assert steps[-1].done == steps[-1].total
-    assert listing(tmp_path / "one") == listing(tmp_path / "two")
+    assert one == listing(tmp_path)
 
 
 def test_what_fails_in_another_process_ends_the_shoot_in_one_line(
@@ -354,11 +366,10 @@ def test_what_fails_in_another_process_ends_the_shoot_in_one_line(
 
 
 def test_other_noise_is_developed_from_light_that_was_filmed_before(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    lit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Noise, exposure, compression, vignetting, lost frames, lamps, papers and keypoints; and no byte is other than
     if all had been filmed for them alone."""
-    drain(shoot_cached(TINY, tmp_path))
     others = replace(
         TINY,
         gym=replace(TINY.gym, lights_on=1.2),
@@ -369,15 +380,11 @@ def test_other_noise_is_developed_from_light_that_was_filmed_before(
         crew=CrewConfig(keyframes_per_s=5.0),
         detector=DetectorConfig(enabled=True),
     )
-    alone = tmp_path / "alone"
-    drain(shoot(others, alone))
+    drain(shoot(others, tmp_path))
     monkeypatch.setattr(capture_cache, "film", None)
-    drain(shoot_cached(others, tmp_path))
-    made = {one.folder for one in kept(tmp_path) if not one.is_light}
-    (folder,) = (one for one in made if (one / "capture" / "camera1" / "keypoints").is_dir())
-    found = listing(folder)
-    assert found.pop("complete") == b""
-    assert found == listing(alone)
+    found = captured(others, lit)
+    assert "capture/camera1/keypoints" in {str(Path(name).parent) for name in found}
+    assert found == listing(tmp_path)
     assert light_of(replace(TINY, crew=CrewConfig(walks_in_sweep=True))) != light_of(TINY)
 
 
@@ -394,13 +401,13 @@ def test_light_that_was_not_used_for_longest_goes_first(tmp_path: Path) -> None:
     assert {path.name[:7] for path in tmp_path.iterdir()} == {"light-a", "c-0-000"}
 
 
-def test_a_failing_encoder_ends_the_shoot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_encoder_ends_the_shoot(lit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object, **__: object) -> None:
         raise PzcapError("the disk is full")
 
     monkeypatch.setattr(developing, "write_video", full)
     with pytest.raises(PzcapError, match="the disk is full"):
-        drain(shoot(TINY, tmp_path))
+        footage.shot(replace(TINY, sensor=SensorConfig(read_noise=3.0)), lit)
 
 
 def test_an_unknown_motion_gets_one_line(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Array, Keyframe, Mask, Pose
 from tests.scenes.tracked import clip, crops, lost, observed, true_body
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 FRAMES = range(2, 9)
 SURE = np.zeros((len(FRAMES), 16), bool)
 
@@ -61,8 +62,8 @@ def without_silhouettes(frame: int, body: Body) -> PoseObjective:
 @pytest.mark.parametrize("limb", range(4))
 def test_a_limb_looks_like_itself_where_it_is_and_nowhere_else(limb: int) -> None:
     objective, pose = observed(5, true_body()), clip().poses[5]
-    here = alike(pose, objective, known())
-    away = alike(swung(pose, limb, 0.9), objective, known())
+    looks = known()
+    here, away = (alike(each, objective, looks) for each in (pose, swung(pose, limb, 0.9)))
     assert here.min() > 0.0
     assert away[limb] < 0.5 * here[limb]
 
@@ -91,7 +92,8 @@ def test_light_does_not_change_what_a_limb_looks_like(gain: float) -> None:
         assert view is not None
         grey = tuple(cv2.convertScaleAbs(level, alpha=gain) for level in view.pyramid)
         brighter.append(replace(view, pyramid=grey))
-    here, there = (alike(pose, each, known()) for each in (objective, PoseObjective(objective.body, brighter)))
+    looks = known()
+    here, there = (alike(pose, each, looks) for each in (objective, PoseObjective(objective.body, brighter)))
     np.testing.assert_allclose(there, here, atol=0.12 * here.max())
 
 

@@ -14,6 +14,7 @@ from pzcap.tracking.bidirectional_fusion import choose, fuse
 from pzcap.types import JOINTS, SEGMENTS, Array, Pose
 from tests.scenes.tracked import clip, lost, step, true_body, without_score
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 ARM = 0
 WRIST = JOINTS.index("left_wrist")
 ANY_M: Array = np.full((11, len(SEGMENTS)), 0.02)

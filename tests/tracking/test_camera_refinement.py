@@ -27,6 +27,7 @@ from pzcap.tracking.tracker import Tracker, TrackInput
 from pzcap.types import SEGMENTS, Array, Lens, Localisation, PanZoomCamera
 from tests.scenes.tracked import FRAMES, by_hand, clip, crops, errors_m, inputs, taped, track, true_body
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 CONFIG = TrackingConfig()
 UP = np.array([0.0, 0.0, 1.0])
 SHAKEN = np.array([np.deg2rad(0.15), 0.004])  # of pan and log focal: one or two pixels

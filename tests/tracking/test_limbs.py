@@ -15,6 +15,8 @@ from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.types import Pose
 from tests.scenes.tracked import clip, observed, true_body
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
+
 
 def differing(objective: PoseObjective, pose: Pose) -> float:
     return mismatch(objective.views, objective.place(pose)[1])

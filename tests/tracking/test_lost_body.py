@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pzcap.body import kinematics
 from pzcap.segmentation import foreground
@@ -19,6 +20,7 @@ from pzcap.tracking.tuning import FRAME
 from pzcap.types import Array, Image, Pose
 from tests.scenes.tracked import CONFIG, clip, crops, lost, taped, true_body
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 FRAME_NUMBER = 6
 
 

@@ -32,6 +32,7 @@ from pzcap.types import SEGMENTS, Array
 from tests.scenes.body_scene import Clip, shoot
 from tests.scenes.tracked import CONFIG, FRAMES, as_fields, by_hand, clip, inputs_of, taped, true_body
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 CLOCKS = (0.30, -0.25, 0.15, -0.20)  # frame periods
 UP = np.array([0.0, 0.0, 1.0])
 

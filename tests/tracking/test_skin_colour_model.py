@@ -21,8 +21,10 @@ from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import Terms
 from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.types import SEGMENTS, Camera, Image, Mask, Pose, Subject
-from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot
+from tests.scenes import tracked
+from tests.scenes.body_scene import HEIGHT, WIDTH, Clip
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 LOWER_ARMS = np.isin(SEGMENTS, ["left_forearm", "right_forearm", "left_hand", "right_hand"])
 ELBOW = np.flatnonzero(SEGMENTS.index("left_forearm") == bodies.DOF_SEGMENT)[0]
 CONTOUR = Terms(0, 10.0, 3.0, 12.0, 1.0, 0.0, 0.15)
@@ -30,7 +32,9 @@ CONTOUR = Terms(0, 10.0, 3.0, 12.0, 1.0, 0.0, 0.15)
 
 @cache
 def clip() -> Clip:
-    return shoot(6)
+    """The first six frames."""
+    whole = tracked.clip()
+    return replace(whole, shots=whole.shots[:6], poses=whole.poses[:6], joints_m=whole.joints_m[:6])
 
 
 @cache

@@ -53,6 +53,8 @@ from tests.scenes.tracked import (
     without_score,
 )
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
+
 
 def test_between_two_keyframes() -> None:
     results = run([by_hand(0), by_hand(FRAMES - 1)], inputs())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pzcap.body import kinematics, landmarks
 from pzcap.body import skeleton as bodies
@@ -15,6 +16,7 @@ from pzcap.tracking.tracker import TrackInput, ViewInput
 from pzcap.types import JOINTS, SEGMENTS, Array, Keyframe, Silhouette
 from tests.scenes.tracked import FRAMES, by_hand, clip, errors_m, inputs, lost, run, true_body
 
+pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 LEFT = [k for k, name in enumerate(KEYPOINTS) if name.startswith("left_") and k > 4]
 RIGHT = [KEYPOINTS.index(KEYPOINTS[k].replace("left_", "right_")) for k in LEFT]
 

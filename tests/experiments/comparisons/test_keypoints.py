@@ -33,11 +33,13 @@ def test_a_capture_without_keypoints_gets_one_line(
 
 @pytest.mark.slow
 def test_the_table_has_a_row_for_each_way(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    finished: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
+    """With the cameras of the run without keypoints: a detector changes no footage."""
     GlobalHydra.instance().clear()
     folder = shot(replace(SMALL, detector=DetectorConfig(enabled=True)))
-    monkeypatch.setattr("sys.argv", ["compare", "keypoints", f"capture={folder}", f"hydra.run.dir={tmp_path}"])
+    given = f"capture={folder}", f"cameras={finished[0]}", f"hydra.run.dir={tmp_path}"
+    monkeypatch.setattr("sys.argv", ["compare", "keypoints", *given])
     assert compare.main() == 0
     out = capfd.readouterr().out
     assert all(label in out for label in ("without keypoints", "with keypoints", "keypoints alone"))

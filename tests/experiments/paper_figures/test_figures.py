@@ -125,7 +125,6 @@ def test_the_zoom_range_is_what_the_tracks_show() -> None:
 
 
 def is_drawn(drawn: Drawn, folder: Path) -> None:
-    page.save(drawn, folder)
     image = cv2.imread(str(folder / f"{drawn.stem}.png"))
     assert image is not None
     assert image.std() > 5
@@ -160,11 +159,15 @@ def test_without_a_truth_and_a_camera_figures_are_drawn_all_the_same(
     monkeypatch.setattr(skeletons, "NOVEL_PX", (60, 66))
     whole = dataclasses.replace(fabricated.without_a_camera(run.reconstruction), motion=run.reconstruction.motion)
     lacking = dataclasses.replace(run, reconstruction=whole, truth=None, truth_frames=None)
+    drawing = (
+        panoramas.panoramas, panoramas.located_frames, zooming.focal_lengths, zooming.fixed_focus, zooming.top_view,
+        skeletons.skeletons,
+    )  # fmt: skip
     with mpl.rc_context(STYLE):
-        for draw in (panoramas.panoramas, panoramas.located_frames, zooming.focal_lengths, zooming.fixed_focus):
-            is_drawn(draw(lacking), tmp_path)
-        is_drawn(zooming.top_view(lacking), tmp_path)
-        is_drawn(skeletons.skeletons(lacking), tmp_path)
+        for draw in drawing:
+            drawn = draw(lacking)
+            page.save(drawn, tmp_path)
+            is_drawn(drawn, tmp_path)
 
 
 def test_what_the_captions_say_of_a_perfect_run(run: Run) -> None:
