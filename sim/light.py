@@ -19,7 +19,7 @@ from av import VideoFrame
 from numpy.typing import NDArray
 
 from pzcap.types import Array, Image, PzcapError
-from sim.cameras.film import FilmCamera
+from sim.cameras.film import FilmCamera, Person
 from sim.cameras.operator import Trajectory, follow, swinging, tilting, zooming
 from sim.cameras.optics import OpticsConfig
 from sim.cameras.render import check_gl
@@ -129,9 +129,9 @@ def film_cameras(
     config, stage = session.config, session.stage()
     try:
         filming = {c: FilmCamera(stage, session.rigs[c], config.sensor) for c in cameras}
-        done = count(1)
+        walker, done = session.walker(), count(1)
         for c, camera in filming.items():
-            yield from _film_hall(session, c, camera, reels(folder, config)[c], done)
+            yield from _film_hall(session, c, camera, walker, reels(folder, config)[c], done)
         if config.gym.rearranged:
             for piece, by_m in REARRANGED.items():
                 stage.carry(piece, by_m)
@@ -152,10 +152,12 @@ def film_cameras(
         stage.close()
 
 
-def _film_hall(session: Session, c: int, camera: FilmCamera, reel: Reel, done: Iterator[int]) -> Iterator[int]:
-    """Film the reference image, the sweep and the zoom run of camera ``c``."""
+def _film_hall(
+    session: Session, c: int, camera: FilmCamera, walker: Person | None, reel: Reel, done: Iterator[int]
+) -> Iterator[int]:
+    """Film the reference image, the sweep, with the ``walker`` in it, and the zoom run of camera ``c``."""
     yield from _write(reel.reference, iter([camera.still()]), done)
-    for path, run, person in ((reel.sweep, session.sweep(c), session.walker()), (reel.zoom, session.zoom(c), None)):
+    for path, run, person in ((reel.sweep, session.sweep(c), walker), (reel.zoom, session.zoom(c), None)):
         if len(run.times_s):
             yield from _write(path, (camera.instant(run.at, t, person) for t in run.times_s.tolist()), done)
 
