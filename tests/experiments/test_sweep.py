@@ -35,7 +35,7 @@ GRID = ("value=1,2,3,4,5,6,7,8", "noise=0,1,2")  # 24 jobs
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a sweep over the grid that nothing disturbed."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    done = sweep_here(folder, *GRID)
+    done = sweep(folder, *GRID)
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -65,7 +65,7 @@ def test_killed_at_any_moment_it_ends_as_an_undisturbed_one(
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         results(tmp_path)
-    done = sweep_here(tmp_path, *GRID)
+    done = sweep(tmp_path, *GRID)
     assert done.returncode == 0, done.stderr
     assert results(tmp_path) == undisturbed
     assert not list(tmp_path.glob(".*.partial"))

@@ -41,7 +41,10 @@ def sweep(folder: Path, *arguments: str, launcher: str = "basic") -> subprocess.
 
 
 def sweep_here(folder: Path, *arguments: str, launcher: str = "basic") -> subprocess.CompletedProcess[str]:
-    """Run a sweep to its end in this process, which has imported all that it needs."""
+    """Run a sweep of few jobs to its end in this process, which has imported all that it needs.
+
+    Each job takes longer than in a fresh process, whose heap is small: not for many.
+    """
     line, said = command(folder, *arguments, launcher=launcher), io.StringIO()
     GlobalHydra.instance().clear()
     with patch.object(sys, "argv", line[2:]), redirect_stderr(said):
