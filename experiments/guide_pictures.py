@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from experiments.errors import guard
 from experiments.footage import capture_in, truth_beside
-from experiments.report.plots import STYLE
+from experiments.report.style import STYLE
 from experiments.terminal import command_line
 from pzcap.command.check.reference_check import check_reference
 from pzcap.io.capture import frame_sets, read_capture, read_image

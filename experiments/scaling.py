@@ -31,7 +31,7 @@ from experiments.config import AppConfig
 from experiments.errors import guard
 from experiments.footage import SMALL, shot
 from experiments.memory import watched
-from experiments.report.plots import COLOURS, svg
+from experiments.report.style import COLOURS, svg
 from experiments.terminal import command_line, table, terminal
 from pzcap.events import FrameLocalised
 from pzcap.io.capture import read_capture

@@ -24,12 +24,12 @@ from experiments.benchmark.entries import read_entries
 from experiments.benchmark.make import described
 from experiments.benchmark.tracks import TRACKS, Track
 from experiments.metrics import format_value
-from experiments.report import plots
+from experiments.report import style
 from pzcap.scoring.metric import Metric
 
 PAGE: Final = "index.html"
 BREAKS: Final = "breaks.html"
-COLOURS: Final = (*plots.COLOURS, "#7c4dff", "#6d4c41", "#00838f", "#c62828", "#9e9d24", "#455a64")
+COLOURS: Final = (*style.COLOURS, "#7c4dff", "#6d4c41", "#00838f", "#c62828", "#9e9d24", "#455a64")
 DASHES: Final = ("-", "--", ":")
 MARKERS: Final = ("o", "s", "^", "D", "v", "P")
 HEADS: Final = {
@@ -205,7 +205,7 @@ def by_capture(entered: Sequence[Mapping[str, Any]], name: str, track: Track) ->
         _finish(axes, names, f"{head(metric)} [{_unit(entered, metric) or '1'}]")
         figure.legend(loc="outside right upper", handlelength=2.4)
 
-    return plots.svg(11.0, 2.6 + 0.16 * max(0, len(entered) - 8), draw)
+    return style.svg(11.0, 2.6 + 0.16 * max(0, len(entered) - 8), draw)
 
 
 def _panels(name: str, entries: Sequence[Mapping[str, Any]], axis: Axis) -> dict[str, Any]:
@@ -224,11 +224,11 @@ def _panels(name: str, entries: Sequence[Mapping[str, Any]], axis: Axis) -> dict
                 _line(axes, np.arange(len(values)), values, entry["label"] if axes is panels[0] else None, number)
             unit = "%" if lost else _unit(entered, metric)
             if unit in FAILS:
-                axes.axhline(FAILS[unit], color=plots.MUTED, ls=":", lw=1.2)
+                axes.axhline(FAILS[unit], color=style.MUTED, ls=":", lw=1.2)
             _finish(axes, list(axis.values), f"{title} [{unit}]" if unit else title, logarithmic=unit != "%")
         figure.legend(loc="outside right upper", handlelength=2.4)
 
-    return {"axis": axis.name, "track": track.label, "captures": axis.captures, "svg": plots.svg(12.5, 2.8, draw)}
+    return {"axis": axis.name, "track": track.label, "captures": axis.captures, "svg": style.svg(12.5, 2.8, draw)}
 
 
 def _line(
@@ -236,12 +236,12 @@ def _line(
 ) -> None:
     y = np.array([np.nan if value is None or value <= 0.0 else value for value in values], np.float64)
     y = np.where([value == 0.0 for value in values], 0.0, y)
-    axes.plot(x, y, label=None if label is None else plots.literal(label), **_style(number), lw=1.4 if joined else 0.0)
+    axes.plot(x, y, label=None if label is None else style.literal(label), **_style(number), lw=1.4 if joined else 0.0)
 
 
 def _finish(axes: Axes, names: Sequence[str], title: str, *, logarithmic: bool = True) -> None:
-    axes.set_title(plots.literal(title))
-    axes.set_xticks(np.arange(len(names)), [plots.literal(name) for name in names])
+    axes.set_title(style.literal(title))
+    axes.set_xticks(np.arange(len(names)), [style.literal(name) for name in names])
     axes.set_xlim(-0.4, len(names) - 0.6)
     if any(len(name) > 12 for name in names) and len(names) > 4:
         axes.tick_params(axis="x", labelrotation=30)
@@ -250,7 +250,7 @@ def _finish(axes: Axes, names: Sequence[str], title: str, *, logarithmic: bool =
     )
     if not np.any(np.isfinite(shown)):
         axes.set_yticks([])
-        axes.text(0.5, 0.5, "nobody says", transform=axes.transAxes, ha="center", color=plots.MUTED)
+        axes.text(0.5, 0.5, "nobody says", transform=axes.transAxes, ha="center", color=style.MUTED)
     elif not logarithmic:
         axes.set_ylim(-4.0, 104.0)
     elif np.any(shown > 0.0):

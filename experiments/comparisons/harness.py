@@ -23,7 +23,7 @@ from rich.text import Text
 from experiments import footage
 from experiments.config import AppConfig
 from experiments.metrics import run_info, write_metrics
-from experiments.report.plots import COLOURS, INK, MUTED, STYLE
+from experiments.report.style import COLOURS, INK, MUTED, STYLE
 from experiments.score import score
 from experiments.terminal import print_whole, table
 from experiments.totals import metrics

@@ -25,7 +25,7 @@ from rich.console import Console
 from experiments import footage
 from experiments.comparisons.harness import Column, Comparison, Row
 from experiments.config import CONVERTER, AppConfig
-from experiments.report.plots import COLOURS
+from experiments.report.style import COLOURS
 from experiments.run import run as run_one
 from experiments.score import body_errors, frames_of
 from pzcap.io.results import load

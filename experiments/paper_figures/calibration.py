@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from experiments.paper_figures.canvas import PANNED, REFERENCE, WIDTH, Drawn, beneath, cased, letter, lines, show
 from experiments.paper_figures.material import Located, Run, shoot_config
 from experiments.report.pictures import border_on_panorama, window
-from experiments.report.plots import literal
+from experiments.report.style import literal
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry import camera as geometry
 from pzcap.localisation.localise import Localiser

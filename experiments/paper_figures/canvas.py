@@ -19,7 +19,7 @@ from matplotlib.patches import ConnectionPatch
 from matplotlib.ticker import MultipleLocator
 
 from experiments.paper_figures.material import Run
-from experiments.report import plots
+from experiments.report import style
 from pzcap.geometry import camera as geometry
 from pzcap.types import Array, Camera, Image
 from pzcap.viewer.drawing import BONE_COLOURS, BONES, KEYFRAME_COLOUR
@@ -28,9 +28,9 @@ WIDTH: Final = 10.0
 """Of a figure, inches."""
 MARGIN_M: Final = 2.2
 """Of floor about the tripods."""
-STYLE: Final[Any] = plots.STYLE | {"svg.fonttype": "path", "axes.grid": False, "savefig.dpi": 200}
-COLOURS: Final = plots.COLOURS
-INK, MUTED = plots.INK, plots.MUTED
+STYLE: Final[Any] = style.STYLE | {"svg.fonttype": "path", "axes.grid": False, "savefig.dpi": 200}
+COLOURS: Final = style.COLOURS
+INK, MUTED = style.INK, style.MUTED
 TRUTH_ON_IMAGE, TRUTH_ON_PAPER = "#ffffff", "#c4c7cc"
 REFERENCE, PANNED = "#56b4e9", "#f0a020"
 """Of what belongs to the reference pose, and to a frame after panning and zooming; told apart by the colour-blind."""
@@ -131,13 +131,13 @@ def tripod(plot: Axes, place_m: Array, name: str, colour: str) -> None:
     """A camera's place (2,) on the floor, its name beyond it."""
     plot.plot(*place_m, "o", color=colour, ms=6, mec="white", zorder=4)
     x, y = (1.12 * place_m).tolist()
-    plot.text(x, y, plots.literal(name), ha="center", va="center", color=colour, fontweight="bold")
+    plot.text(x, y, style.literal(name), ha="center", va="center", color=colour, fontweight="bold")
 
 
 def letter(plot: Axes, text: str) -> None:
     """A label in the corner of a picture."""
     plot.text(
-        0.015, 0.98, plots.literal(text), transform=plot.transAxes, va="top", color="white", fontsize=8.0,
+        0.015, 0.98, style.literal(text), transform=plot.transAxes, va="top", color="white", fontsize=8.0,
         path_effects=[effects.withStroke(linewidth=2.0, foreground="#000000c0")],
     )  # fmt: skip
 

@@ -25,7 +25,7 @@ from experiments.paper_figures.canvas import (
 )
 from experiments.paper_figures.material import Located, Run
 from experiments.report.pictures import EMPTY, border_on_panorama, window
-from experiments.report.plots import literal
+from experiments.report.style import literal
 from experiments.score import sweep_errors
 from pzcap.geometry import camera as geometry
 from pzcap.types import Array, PzcapError

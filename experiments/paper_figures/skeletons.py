@@ -28,7 +28,7 @@ from experiments.paper_figures.canvas import (
 from experiments.paper_figures.material import Located, Run, shoot_config
 from experiments.paper_figures.novel_view import render, virtual_camera
 from experiments.report.pictures import on_panorama, window
-from experiments.report.plots import literal
+from experiments.report.style import literal
 from pzcap.body import skeleton as body_model
 from pzcap.types import Array, Camera, Image, PzcapError
 from pzcap.viewer.drawing import KEYFRAME_COLOUR

@@ -24,7 +24,8 @@ from experiments.paper_figures.canvas import (
     tripod,
 )
 from experiments.paper_figures.material import Located, Run
-from experiments.report.plots import literal, triangle
+from experiments.report.plots import triangle
+from experiments.report.style import literal
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.lens import at as lens_at
 from pzcap.localisation.panorama_sampler import ViewPlace, warp_background

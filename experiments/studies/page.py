@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from experiments import pages
 from experiments.metrics import format_value
-from experiments.report import plots
+from experiments.report import style
 from experiments.settings_reference import descriptions
 from experiments.studies.study import SEED, Study, collect
 from pzcap.scoring.metric import Metric
@@ -183,7 +183,7 @@ def _context(study: Study) -> dict[str, Any]:
         "axes": [_short(axis) for axis in axes],
         "varied": [(axis, _phrase(told.get(axis, ""))) for axis in study.axes],
         "panels": [panel.title for panel in plan.panels],
-        "figure": plots.svg(WIDTH_IN, height_in, lambda figure: _draw(figure, plan)),
+        "figure": style.svg(WIDTH_IN, height_in, lambda figure: _draw(figure, plan)),
         "surface": _surfaces(plan),
         "count": study.count,
         "rows": [
@@ -226,7 +226,7 @@ def _draw(figure: Figure, plan: Plan) -> None:
 
 
 def _colour(index: int, count: int) -> Any:
-    return plots.COLOURS[index] if count <= len(plots.COLOURS) else mpl.colormaps["viridis"](0.85 * index / (count - 1))
+    return style.COLOURS[index] if count <= len(style.COLOURS) else mpl.colormaps["viridis"](0.85 * index / (count - 1))
 
 
 def _curve(axes: Axes, line: Line, panel: int, colour: Any) -> None:
@@ -234,7 +234,7 @@ def _curve(axes: Axes, line: Line, panel: int, colour: Any) -> None:
     mean, sigma = line.means()
     axes.errorbar(
         line.x, mean[:, panel], sigma[:, panel], color=colour, capsize=3, elinewidth=1.0,
-        label=plots.literal(line.label),
+        label=style.literal(line.label),
     )  # fmt: skip
     filled = ["white" if point.lost else colour for point in line.points]
     places, values = ([point.x for point in line.points], [point.values[panel] for point in line.points])
@@ -253,14 +253,14 @@ def _scale(axes: Axes, plan: Plan, panel: int) -> None:
         axes.set_yscale("log")
     places = np.unique(np.concatenate([line.x for line in plan.lines]))
     if len(places) <= TICKS:
-        axes.set_xticks(places, [plots.literal(name) for name in plan.names or ()] or [f"{p:g}" for p in places])
+        axes.set_xticks(places, [style.literal(name) for name in plan.names or ()] or [f"{p:g}" for p in places])
 
 
 def _legend(axes: Axes, plan: Plan) -> None:
     if any(point.lost for line in plan.lines for point in line.points):
-        axes.plot([], [], "o", color=plots.MUTED, mfc="white", label="with frames lost")
+        axes.plot([], [], "o", color=style.MUTED, mfc="white", label="with frames lost")
     if any(np.isfinite(line.means()[0][:, len(plan.panels) :]).any() for line in plan.lines):
-        axes.plot([], [], "--", color=plots.MUTED, lw=1.2, label="Cramér-Rao bound")
+        axes.plot([], [], "--", color=style.MUTED, lw=1.2, label="Cramér-Rao bound")
     if 0 < len(axes.get_legend_handles_labels()[1]) <= TICKS and any(axes.get_legend_handles_labels()[1]):
         axes.legend()
 
@@ -284,7 +284,7 @@ def _surfaces(plan: Plan) -> Markup | None:
             title = plan.panels[number].title
             plot.set(xlabel=_short(plan.x), ylabel=_short(plan.others[0]), title=title, xticks=x, yticks=second)
 
-    return plots.svg(WIDTH_IN, 1.4 * ROW_IN, draw)
+    return style.svg(WIDTH_IN, 1.4 * ROW_IN, draw)
 
 
 def _on(x: Array, line: Line, quantity: int) -> Array:
@@ -297,9 +297,9 @@ def _on(x: Array, line: Line, quantity: int) -> Array:
 def _surface(plot: Any, x: Array, y: Array, error: Array, bound: Array) -> None:
     across, along = np.meshgrid(x, y)
     if np.isfinite(error).any():
-        plot.plot_surface(across, along, np.log10(error), color=plots.COLOURS[0], alpha=0.75, edgecolor="white", lw=0.6)
+        plot.plot_surface(across, along, np.log10(error), color=style.COLOURS[0], alpha=0.75, edgecolor="white", lw=0.6)
     if np.isfinite(bound).any():
-        plot.plot_wireframe(across, along, np.log10(bound), color=plots.KEY, lw=1.0)
+        plot.plot_wireframe(across, along, np.log10(bound), color=style.KEY, lw=1.0)
     plot.invert_xaxis()
     low, high = plot.get_zlim()
     ticks: Array = np.arange(np.ceil(2 * low), np.floor(2 * high) + 1) / 2

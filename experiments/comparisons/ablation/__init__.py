@@ -37,7 +37,7 @@ from experiments.comparisons.ablation.variants import VARIANTS
 from experiments.comparisons.harness import Bar, Column, Comparison, Row, draw_bars, scored_capture, with_differences
 from experiments.config import AppConfig
 from experiments.progress import Bars
-from experiments.report.plots import COLOURS, INK, MUTED
+from experiments.report.style import COLOURS, INK, MUTED
 
 MEAN: Final = "mpjpe.mean"
 CUT_OFF: Final = 3.0

@@ -29,7 +29,7 @@ from experiments.comparisons.peers.folder import from_folder, is_folder_of_frame
 from experiments.comparisons.peers.material import Material, from_capture
 from experiments.config import AppConfig
 from experiments.progress import Bars
-from experiments.report.plots import COLOURS, INK, MUTED
+from experiments.report.style import COLOURS, INK, MUTED
 from pzcap.io.capture import MANIFEST, read_capture
 from pzcap.types import Array, PzcapError
 

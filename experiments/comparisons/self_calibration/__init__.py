@@ -34,7 +34,7 @@ from experiments.comparisons.self_calibration.trial import CONDITIONS, METHODS, 
 from experiments.comparisons.self_calibration.trial import compare as errors_of_all
 from experiments.config import AppConfig
 from experiments.progress import Bars
-from experiments.report.plots import COLOURS
+from experiments.report.style import COLOURS
 
 NAMES: Final = {
     "ours": "ours", "shum_szeliski": "Shum-Szeliski", "sinha_pollefeys": "Sinha-Pollefeys", "wu_radke": "Wu-Radke"
