@@ -7,7 +7,9 @@ RUN := $(VENV)/bin
 LAB := $(VENV)/.lab
 DEV := $(VENV)/.dev
 CLIENTS := .clients/.done
-INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --progress-bar off --constraint constraints.txt
+# Python compiles what it imports; pip would all of it, half a minute
+INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --progress-bar off --no-compile \
+          --constraint constraints.txt
 
 .PHONY: demo benchmark test test-all test-clients fuzz kills gate baseline docs check setup clean
 .DEFAULT_GOAL := demo
