@@ -43,7 +43,7 @@ def sweep(folder: Path, *arguments: str, launcher: str = "basic") -> subprocess.
 def sweep_here(folder: Path, *arguments: str, launcher: str = "basic") -> subprocess.CompletedProcess[str]:
     """Run a sweep of few jobs to its end in this process, which has imported all that it needs.
 
-    Each job takes longer than in a fresh process, whose heap is small: not for many.
+    Not for many: after other tests each job takes longer here than in a fresh process.
     """
     line, said = command(folder, *arguments, launcher=launcher), io.StringIO()
     GlobalHydra.instance().clear()
