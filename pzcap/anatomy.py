@@ -32,7 +32,7 @@ JOINTS: Final[tuple[str, ...]] = (
     "right_hip", "right_knee", "right_ankle",
 )  # fmt: skip
 """Joint centres, in the order of SEGMENTS: joint ``i`` is the origin of segment ``i``. These are what is scored.
-Zero pose: standing upright, arms hanging, every segment frame x forward, y left, z up."""
+Zero pose: standing upright, arms hanging, palms facing back, every segment frame x forward, y left, z up."""
 
 ENDS: Final[dict[str, str]] = {
     "head_top": "head",

@@ -121,14 +121,15 @@ def _stations(m: Mapping[str, float]) -> dict[str, tuple[Array, list[_Station], 
     forearm = (down, [
         _Station(0.0, m["girth_elbow"]),
         _Station(0.22 * m["forearm"], m["girth_forearm"]),
-        _Station(m["forearm"], m["girth_wrist"], 1.15),
+        _Station(m["forearm"], m["girth_wrist"], 0.87),
     ], 0.03, 0.02)  # fmt: skip
-    # it was measured stretched, and nobody holds his fingers straight: bent a little they reach a twelfth less
+    # Palms face back in the zero pose, so that hands are broad from left to right, and wrists with them. A hand was
+    # measured stretched, and nobody holds his fingers straight: bent a little they reach a twelfth less.
     hand = (down, [
-        _Station(0.0, m["girth_wrist"], 1.2),
-        _Station(0.35 * m["hand"], 1.15 * m["girth_wrist"], 2.6),
-        _Station(0.65 * m["hand"], 0.95 * m["girth_wrist"], 3.0),
-        _Station(0.86 * m["hand"], 0.55 * m["girth_wrist"], 3.0),
+        _Station(0.0, m["girth_wrist"], 0.83),
+        _Station(0.35 * m["hand"], 1.15 * m["girth_wrist"], 0.38),
+        _Station(0.65 * m["hand"], 0.95 * m["girth_wrist"], 0.33),
+        _Station(0.86 * m["hand"], 0.55 * m["girth_wrist"], 0.33),
     ], 0.02, 0.06 * m["hand"])  # fmt: skip
     thigh = (down, [
         _Station(-0.03, 0.97 * m["girth_thigh"]),

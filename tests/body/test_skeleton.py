@@ -36,6 +36,26 @@ def test_joints_stand_where_mujoco_puts_them(seed: int) -> None:
             np.testing.assert_allclose(frames[i, :3, :3].ravel(), data.body(name).xmat, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["thorax", "head", "left_hand", "right_hand", "left_foot", "right_foot"])
+def test_skin_lies_along_the_axes_that_an_athlete_s_does(name: str) -> None:
+    """Palms face back in the zero pose: a hand that is broad from front to back is a forearm that is twisted."""
+    person = subject(2)
+    spec = mujoco.MjSpec()
+    athlete.add_athlete(spec, person.measurements_m, athlete.AthleteConfig(), np.random.default_rng(2))
+    model = spec.compile()
+    own = np.flatnonzero(model.geom_bodyid == model.body(name).id)
+    axes = Rotation.from_quat(model.geom_quat[own], scalar_first=True).as_matrix()
+    size = model.geom_size[own]
+    capsule = (model.geom_type[own] == mujoco.mjtGeom.mjGEOM_CAPSULE)[:, None]
+    ellipsoids = np.linalg.norm(axes * size[:, None], axis=2)
+    capsules = np.abs(axes[:, :, 2]) * size[:, 1:2] + size[:, :1]
+    reach = np.where(capsule, capsules, ellipsoids)
+    theirs = (model.geom_pos[own] + reach).max(axis=0) - (model.geom_pos[own] - reach).min(axis=0)
+    skin = bodies.build(Subject(person.measurements_m, 1e-6)).surface
+    ours = np.ptp(skin.points_m[skin.segment == SEGMENTS.index(name)], axis=0)
+    np.testing.assert_allclose(np.log(ours / theirs), 0.0, atol=np.log(1.6))
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 99), st.floats(1e-9, 1.0))
 def test_difference_undoes_retract(seed: int, size: float) -> None:
