@@ -33,7 +33,8 @@ from pzcap.editor.tuning import POSING
 from pzcap.geometry.camera import rays
 from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray, to_pixel
 from pzcap.initialisation.pose_fit import REST
-from pzcap.tracking.body_constraints import collision_residuals, collision_shapes
+from pzcap.initialisation.tuning import FIT
+from pzcap.tracking.body_constraints import collision_residuals, collision_shapes, spine
 from pzcap.tracking.limbs import turned
 from pzcap.types import ENDS, JOINTS, SEGMENTS, Array, Camera, Indices, Pose
 
@@ -65,7 +66,7 @@ _EASE: Final[Array] = _easy()
 
 def _natural() -> Array:
     """(43,) Information with which joints are expected at rest: clicks say little of how a straight arm or leg is
-    twisted, or of how a trunk bends between the pelvis and the neck."""
+    twisted."""
     out = REST.copy()
     for limb in ("upper_arm", "thigh"):
         for side in ("left", "right"):
@@ -155,10 +156,11 @@ class Problem:
         back = difference(held.pose, pose) / held.sigma
         grip = 1.0 / (1.0 + (back / POSING.grip) ** 2)  # Cauchy's weight
         angles = joint_angles(pose)
-        hessian += np.diag(grip / held.sigma**2 + _NATURAL)
-        gradient += grip * back / held.sigma - _NATURAL * angles
+        bent, straighten, unusual = spine(angles, FIT.spine_rad)
+        hessian += np.diag(grip / held.sigma**2 + _NATURAL) + bent
+        gradient += grip * back / held.sigma - _NATURAL * angles + straighten
         pulls = np.where(far > POSING.strongest, POSING.strongest * (2.0 * far - POSING.strongest), far**2)
-        cost = pulls.sum() + stiffness @ excess**2 + depth @ depth + _NATURAL @ angles**2
+        cost = pulls.sum() + stiffness @ excess**2 + depth @ depth + _NATURAL @ angles**2 + unusual
         cost -= POSING.grip**2 * np.log(grip).sum()
         return hessian, gradient, float(cost)
 

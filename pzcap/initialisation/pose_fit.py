@@ -35,12 +35,11 @@ from pzcap.tracking.temporal_constraints import smooth_step
 from pzcap.tracking.tuning import KEYPOINT
 from pzcap.types import SEGMENTS, Array, Pose
 
-_REST_DEG: Final = {"lumbar": FIT.lumbar_deg, "thorax": FIT.thorax_deg, "head": FIT.head_deg, "hand": FIT.hand_deg,
-                    "foot": FIT.foot_deg}  # fmt: skip
+_REST_DEG: Final = {"head": FIT.head_deg, "hand": FIT.hand_deg, "foot": FIT.foot_deg}
 
 
 def _rest() -> Array:
-    """(43,) Information with which joints are expected at rest."""
+    """(43,) Information with which head, hands and feet are expected at rest."""
     kinds = [name.removeprefix("left_").removeprefix("right_") for name in SEGMENTS]
     found = np.array([np.deg2rad(_REST_DEG[kind]) ** -2.0 if kind in _REST_DEG else 0.0 for kind in kinds])[DOF_SEGMENT]
     return np.asarray(found)
@@ -105,7 +104,9 @@ def _normal(body: Body, pose: Pose, seen: Sighting, scale: float, config: Tracki
     for rows, keypoint in _residuals(body, frames, seen, scale):
         accumulate(rows, SEGMENT[keypoint], sums)
     hessian, gradient = lift(sums, screws(frames, centre))
-    stiffness, pull = constraints(body, pose, config.limit_sigma_rad, self_collision=False)
+    stiffness, pull = constraints(
+        body, pose, config.limit_sigma_rad, self_collision=False, spine_sigma_rad=FIT.spine_rad
+    )
     hessian = hessian + stiffness + np.diag(REST + FIT.damping)
     return hessian, gradient + pull - REST * joint_angles(pose)
 
@@ -124,7 +125,9 @@ class _Arrow(NamedTuple):
 def _arrow(body: Body, pose: Pose, seen: Sighting, config: TrackingConfig) -> _Arrow:
     """Linearise the keypoints of an instant about a fitted ``pose``, as if it was known what the detector means."""
     frames, count = forward(body, pose), len(SEGMENT)
-    stiffness, pull = constraints(body, pose, config.limit_sigma_rad, self_collision=False)
+    stiffness, pull = constraints(
+        body, pose, config.limit_sigma_rad, self_collision=False, spine_sigma_rad=FIT.spine_rad
+    )
     hessian, gradient = np.diag(REST + FIT.open) + stiffness, pull - REST * joint_angles(pose)
     cross, corner, beside = np.zeros((count, 3, DOF)), np.zeros((count, 3, 3)), np.zeros((count, 3))
     squares, rows_in_all = 0.0, 0

@@ -34,11 +34,10 @@ class FitTuning(NamedTuple):
     damping: float = 1.0  # 1 / rad^2 or m^2: what nothing says does not move
     acceleration: float = 1.5  # factor of the tracker's sigma of an acceleration
     # standard deviations of joints about rest; wide: they only keep from folding what no keypoint shows
-    lumbar_deg: float = 17.0
-    thorax_deg: float = 14.0
     head_deg: float = 40.0
     hand_deg: float = 29.0
     foot_deg: float = 40.0
+    spine_rad: float = 0.15  # wider than the tracker's: shoulders and hips of a detector are off together
     rounds: int = 2  # of learning what the detector means, and of fitting anew
     stride: int = 3  # one of so many frames is learned from: its neighbours say the same
     doubt: float = 20.0  # so many keypoints tell as much as one would of that: it changes with the posture

@@ -118,7 +118,11 @@ class _Batch:
             for t, (objective, here, where) in enumerate(zip(objectives, posed, placed, strict=True)):
                 normal = objective.normal(here, where, appearances, config.schedule[-1].terms)
                 stiffness, pull = constraints(
-                    self.body, here.pose, config.limit_sigma_rad, self_collision=config.self_collision
+                    self.body,
+                    here.pose,
+                    config.limit_sigma_rad,
+                    self_collision=config.self_collision,
+                    spine_sigma_rad=config.spine_sigma_rad,
                 )
                 hessians[t] = normal.hessian + stiffness
                 gradients.append(normal.gradient + pull)

@@ -1,4 +1,7 @@
-"""Constraints of the body by itself: limits of the joints, and no arm inside the trunk.
+"""Constraints of the body by itself: limits of the joints, a spine that bends evenly, and no arm inside the trunk.
+
+How a trunk bends between hips and shoulders shows little, least on a body whose lengths are guessed: a trunk taken for
+too long fits as well arched. Lumbar and thoracic joint are expected to bend little, and alike.
 
 Hidden by contour and texture, a forearm that is held before the chest could as well be inside it. The trunk is taken
 for three ellipsoids and each forearm with its hand for balls along it; how deep a ball is in an ellipsoid is one
@@ -13,9 +16,9 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.body.kinematics import forward, limit_residuals, point_jacobians, world_points
-from pzcap.body.skeleton import DOF, Body
-from pzcap.tracking.tuning import CONTACT
+from pzcap.body.kinematics import forward, joint_angles, limit_residuals, point_jacobians, world_points
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
+from pzcap.tracking.tuning import CONTACT, SPINE
 from pzcap.types import SEGMENTS, Array, Indices, Pose
 
 _TRUNK: Final = tuple(SEGMENTS.index(name) for name in ("pelvis", "lumbar", "thorax"))
@@ -70,12 +73,37 @@ def collision_residuals(shapes: CollisionShapes, world_T_segment: Array) -> tupl
     return rows, depth
 
 
-def constraints(body: Body, pose: Pose, limit_sigma_rad: float, *, self_collision: bool) -> tuple[Array, Array]:
-    """Normal equations (43, 43) and (43,) of joints beyond their limits and, with ``self_collision``, of arms in the
-    trunk."""
+def spine(angles: Array, sigma_rad: float) -> tuple[Array, Array, float]:
+    """Normal equations (43, 43) and (43,) of a spine bent by joint ``angles`` (43,), and their cost: Student's
+    distribution, so that a spine which is seen to bend far is let alone."""
+    information = _spine_information(sigma_rad)
+    pull = information @ angles
+    far = float(angles @ pull) / SPINE.freedom
+    return information / (1.0 + far), -pull / (1.0 + far), SPINE.freedom * float(np.log1p(far))
+
+
+@lru_cache(maxsize=4)
+def _spine_information(sigma_rad: float) -> Array:
+    """Information (43, 43) on the joint angles of the spine, about rest: about each axis lumbar and thoracic joint bend
+    by ``sigma_rad``, correlated."""
+    information = np.zeros((DOF, DOF))
+    joints = [np.flatnonzero(SEGMENTS.index(name) == DOF_SEGMENT) for name in ("lumbar", "thorax")]
+    own = np.linalg.inv(np.array([[1.0, SPINE.evenness], [SPINE.evenness, 1.0]])) / sigma_rad**2
+    for pair in zip(*joints, strict=True):
+        information[np.ix_(pair, pair)] = own
+    information.flags.writeable = False
+    return information
+
+
+def constraints(
+    body: Body, pose: Pose, limit_sigma_rad: float, *, self_collision: bool, spine_sigma_rad: float
+) -> tuple[Array, Array]:
+    """Normal equations (43, 43) and (43,) of joints beyond their limits, of a bent spine and, with ``self_collision``,
+    of arms in the trunk."""
     excess, violated = limit_residuals(pose)
     stiffness = violated / limit_sigma_rad**2
-    hessian, gradient = np.diag(stiffness), -stiffness * excess
+    bent, straighten, _ = spine(joint_angles(pose), spine_sigma_rad)
+    hessian, gradient = np.diag(stiffness) + bent, -stiffness * excess + straighten
     if self_collision:
         rows, depth = collision_residuals(collision_shapes(body), forward(body, pose))
         hessian, gradient = hessian + rows.T @ rows, gradient - rows.T @ depth

@@ -85,6 +85,9 @@ class TrackingConfig:
     """Share of a joint's velocity that is expected to go on: unseen limbs come to rest."""
     limit_sigma_rad: float = 0.05
     """Standard deviation beyond the limits of the joints, which are wide and soft."""
+    spine_sigma_rad: float = 0.07
+    """Standard deviation of the bend of the lumbar and the thoracic joint, about each axis; its distribution has long
+    tails."""
     cut_out_margin: float = 0.1
     """Margin that is kept of a view around the body, in sizes of the body."""
     step_tolerance: float = 3e-3

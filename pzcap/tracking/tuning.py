@@ -82,6 +82,13 @@ class ContactTuning(NamedTuple):
     inside_sigma_m: float = 0.02  # standard deviation of how much deeper an arm is in the trunk
 
 
+class SpineTuning(NamedTuple):
+    """Bend of the spine, where it shows little."""
+
+    evenness: float = 0.82  # correlation of the lumbar and the thoracic joint's bend
+    freedom: float = 6.0  # degrees of, of Student's distribution
+
+
 class FrameTuning(NamedTuple):
     """Frame-to-frame tracking."""
 
@@ -193,6 +200,7 @@ KEYPOINT = KeypointTuning()
 BODY_SIZE = BodySizeTuning()
 DRAPE = DrapeTuning()
 CONTACT = ContactTuning()
+SPINE = SpineTuning()
 FRAME = FrameTuning()
 FUSION = FusionTuning()
 INTERVAL = IntervalTuning()

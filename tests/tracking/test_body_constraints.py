@@ -1,4 +1,5 @@
-"""Arms that stand beside the trunk are let alone; one inside it is driven out, by a derivative that is right."""
+"""Arms that stand beside the trunk are let alone; one inside it is driven out, by a derivative that is right. A spine
+bends by what is believed of it."""
 
 from __future__ import annotations
 
@@ -6,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pzcap.body.kinematics import forward, joints, retract
-from pzcap.body.skeleton import DOF, Body, build
+from pzcap.body.kinematics import forward, joint_angles, joints, retract
+from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, build
 from pzcap.tracking import body_constraints
+from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import JOINTS, SEGMENTS, Pose, Subject
 from sim.people.anthropometry import draw_measurements
 
@@ -60,3 +62,50 @@ def test_the_derivative_agrees_with_finite_differences(body: Body) -> None:
             for k in (1, -1)
         )
         np.testing.assert_allclose(rows[:, d], (ahead - back) / (2 * step), rtol=1e-5, atol=1e-5)
+
+
+_SPINE = [np.flatnonzero(SEGMENTS.index(name) == DOF_SEGMENT) for name in ("lumbar", "thorax")]
+
+
+def _bent(lumbar_rad: float, thorax_rad: float) -> np.ndarray:
+    """(43,) Joint angles of a spine that is bent forward."""
+    angles = np.zeros(DOF)
+    angles[_SPINE[0][1]], angles[_SPINE[1][1]] = lumbar_rad, thorax_rad
+    return angles
+
+
+def test_an_uneven_bend_of_the_spine_is_less_likely_than_an_even_one() -> None:
+    assert body_constraints.spine(_bent(0.1, -0.1), 0.1)[2] > 3.0 * body_constraints.spine(_bent(0.1, 0.1), 0.1)[2]
+    limp = np.zeros(DOF)
+    limp[np.setdiff1d(np.arange(DOF), np.concatenate(_SPINE))] = 1.0
+    assert body_constraints.spine(limp, 0.1)[2] == 0.0
+
+
+def test_the_pull_of_the_spine_is_the_derivative_of_its_cost() -> None:
+    angles = np.random.default_rng(1).normal(0.0, 0.2, DOF)
+    pull = body_constraints.spine(angles, 0.1)[1]
+    for d, axis in enumerate(np.eye(DOF)):
+        ahead, back = (body_constraints.spine(angles + k * 1e-6 * axis, 0.1)[2] for k in (1, -1))
+        assert -2.0 * pull[d] == pytest.approx((ahead - back) / 2e-6, rel=1e-5, abs=1e-6)
+
+
+def test_a_spine_that_is_seen_to_bend_far_is_let_alone() -> None:
+    near, far = (body_constraints.spine(_bent(rad, rad), 0.07)[1] for rad in (0.1, 0.8))
+    assert np.linalg.norm(far) < np.linalg.norm(near)
+
+
+def test_a_bent_spine_straightens_where_nothing_else_tells(body: Body) -> None:
+    pose = retract(_arms(0, 0, 0), _bent(-0.12, 0.04))
+    for _ in range(3):
+        hessian, gradient = body_constraints.constraints(
+            body, pose, 0.05, self_collision=False, spine_sigma_rad=TrackingConfig().spine_sigma_rad
+        )
+        pose = retract(pose, np.linalg.solve(hessian + 1e-3 * np.eye(DOF), gradient))
+    assert np.abs(joint_angles(pose)[np.concatenate(_SPINE)]).max() < 1e-3
+
+
+def test_a_spine_is_let_alone_where_nothing_is_believed_of_it(body: Body) -> None:
+    bent = retract(_arms(0, 0, 0), _bent(-0.12, 0.04))
+    hessian, gradient = body_constraints.constraints(body, bent, 0.05, self_collision=False, spine_sigma_rad=np.inf)
+    assert not hessian.any()
+    assert not gradient.any()

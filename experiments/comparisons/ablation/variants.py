@@ -62,6 +62,7 @@ VARIANTS: Final[tuple[Variant, ...]] = (
     Variant("no_expectation", "body not expected", "evidence", expected=False),
     Variant("no_others", "others not told apart", "evidence", others=False),
     Variant("no_limits", "no joint limits", "evidence", _config(limit_sigma_rad=np.inf)),
+    Variant("no_spine", "spine free to bend", "evidence", _config(spine_sigma_rad=np.inf)),
     Variant("no_shape", "body as measured", "evidence", _config(shape_weight=0.0)),
     Variant("no_body_size", "size as measured", "evidence", _config(body_size=False)),
     Variant("no_drape", "loose clothes move with the body", "evidence", _config(drape=False)),
