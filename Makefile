@@ -11,7 +11,7 @@ CLIENTS := .clients/.done
 INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --progress-bar off --no-compile \
           --constraint constraints.txt
 
-.PHONY: demo benchmark test test-all test-clients fuzz kills gate baseline docs check setup clean
+.PHONY: demo benchmark test test-all test-clients fuzz kills gate baseline docs check kernels setup clean
 .DEFAULT_GOAL := demo
 
 demo: $(LAB)  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
@@ -22,7 +22,8 @@ benchmark: $(LAB)  ## shoot the mini split, let all methods of this tree answer,
 	$(RUN)/python -m experiments.benchmark score split=mini
 	$(RUN)/python -m experiments.benchmark board split=mini
 
-test: check  ## everything that has to hold
+test: $(DEV)  ## everything that has to hold
+	$(MAKE) --no-print-directory --jobs 2 check kernels
 	$(RUN)/python -m pytest -n 2 --dist loadgroup
 
 fuzz: $(DEV)  ## 10,000 damaged files: each a result or one line; 20 minutes on a free machine
@@ -31,7 +32,7 @@ fuzz: $(DEV)  ## 10,000 damaged files: each a result or one line; 20 minutes on 
 kills: $(DEV)  ## 100 kills of shoots, runs and sweeps at random moments: nothing lost, nobody left; half an hour
 	$(RUN)/python -m tests.fuzz.kills 100
 
-test-all: check  ## and the tests that take minutes each
+test-all: check kernels  ## and the tests that take minutes each
 	$(RUN)/python -m pytest -n 2 --dist loadgroup -m "heavy or not heavy"
 
 gate: $(LAB)  ## is any figure worse than the committed baseline? two or three minutes
@@ -51,6 +52,9 @@ check: $(DEV)  ## style, types, and the arrows between the rooms
 	$(RUN)/ruff format --check .
 	$(RUN)/mypy
 	$(RUN)/lint-imports
+
+kernels: $(DEV)  # compiled once, while the other core checks: two processes of tests would each compile all of them
+	$(RUN)/python -m pytest tests/test_pipeline.py::test_the_body_has_its_say_about_the_cameras
 
 setup: $(DEV)  ## all that the README's commands need
 
