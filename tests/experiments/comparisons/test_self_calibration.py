@@ -30,7 +30,7 @@ from experiments.metrics import read_metrics
 from pzcap.calibration.features import Features
 from pzcap.geometry.camera import head_T_cam
 from pzcap.geometry.lens import Distortion, distort
-from pzcap.types import Array
+from pzcap.types import Array, PzcapError
 
 METHODS: dict[str, Callable[[Shots, Sequence[Pair]], Frames]] = {
     "shum_szeliski": shum_szeliski,
@@ -97,6 +97,14 @@ def turned(found: Frames, true: Frames) -> Array:
 
 PLAIN = truth(CENTRE, (0.0, 0.0))
 REAL = truth(OFF_CENTRE, (-0.05, 0.06))
+
+
+def test_a_mosaic_of_frames_that_show_nothing_in_common_is_said() -> None:
+    """Of a swing so fast that frames match only those of another zoom."""
+    frames = truth(CENTRE, (0.0, 0.0))
+    across = [pair for pair in pairs_of(frames, 0.3) if pair.first < len(PANS) <= pair.second]
+    with pytest.raises(PzcapError, match="no two of these frames show the same"):
+        sinha_pollefeys(shots_of(len(frames.valid)), across)
 
 
 @pytest.mark.parametrize("method", ["shum_szeliski", "sinha_pollefeys", "wu_radke"])

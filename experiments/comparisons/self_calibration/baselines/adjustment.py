@@ -18,7 +18,7 @@ from experiments.comparisons.self_calibration.baselines.rotations import Frames,
 from pzcap.geometry.lens import Distortion, distort, jacobian, undistort
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
 from pzcap.solver.robust import geman_mcclure
-from pzcap.types import Array
+from pzcap.types import Array, PzcapError
 
 LENS = 4  # log focal, principal point (x, y), k1
 MEDIAN_LENGTH = 1.1774  # of a plane's standard normal distribution
@@ -90,11 +90,14 @@ def adjust(
     """Rotations and lenses by Gauss-Newton, a step limited to 0.3 rad: the frames, and the unknowns (U,).
 
     Frames that are not ``moving`` keep their rotation; the first valid one always does. Weights fall with the residual
-    (Geman and McClure, 1987), by a scale that follows the residuals down from ``scale_px``.
+    (Geman and McClure, 1987), by a scale that follows the residuals down from ``scale_px``. Raises PzcapError where no
+    two of the valid frames are linked by a pair.
     """
     count, size = len(start.valid), len(unknowns)
     turns = 3 * count
     used = [pair for pair in pairs if start.valid[pair.first] and start.valid[pair.second]]
+    if not used:
+        raise PzcapError("self-calibration: no two of these frames show the same")
     turning = start.valid.copy() if moving is None else start.valid & moving
     if moving is None and turning.any():
         turning[int(np.argmax(turning))] = False
