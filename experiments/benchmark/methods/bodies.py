@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from experiments import footage
-from experiments.benchmark.methods.given import Answered, Given, reconstructed
+from experiments.benchmark.methods.given import Answered, Given, attempted, reconstructed
 from experiments.comparisons.ablation import trial as ablation
 from experiments.comparisons.ablation.variants import Known, Variant
 from experiments.comparisons.fixed_tools import LIMBS, TOOLS
@@ -22,7 +23,7 @@ from pzcap.export.take import Take
 from pzcap.extras.plain_results import body_track, results_of
 from pzcap.io.capture import read_capture
 from pzcap.scoring.records import BodyTrack
-from pzcap.types import Camera, Mask, PzcapError
+from pzcap.types import Camera, Mask, PzcapError, Reconstruction, Subject
 from sim import truth as truth_files
 
 
@@ -37,22 +38,31 @@ def run_triangulated(given: Given) -> dict[str, Answered]:
     if not any(camera.keypoints for camera in given.capture.cameras):
         missing = Answered(None, 0.0, None, "needs keypoints")
         return {"triangulated": missing, "triangulated_true_cameras": missing}
+    return {
+        "triangulated": attempted(partial(_triangulated, given)),
+        "triangulated_true_cameras": attempted(partial(_triangulated_by_truth, given)),
+    }
+
+
+def _triangulated(given: Given) -> Answered:
     found, seconds, mib = given.ours
-    ours = partial(cameras_at, found)
+    start = time.perf_counter()
+    body = body_track(triangulated(given.capture, partial(cameras_at, found)))
+    results = replace(results_of(found), method="triangulated", body=body)
+    return Answered(results, seconds + time.perf_counter() - start, mib)
+
+
+def _triangulated_by_truth(given: Given) -> Answered:
+    names = [given.truth.camera_names.index(camera.name) for camera in given.capture.cameras]
 
     def true(frame: int) -> list[Camera | None]:
-        at = given.truth.timecodes.index(found.timecodes[frame])
-        return [given.truth.camera(given.truth.camera_names.index(n), at) for n in found.camera_names]
+        at = given.truth.timecodes.index(given.sets.timecodes[frame])
+        return [given.truth.camera(name, at) for name in names]
 
-    answers = {}
-    for key, cameras, spent in (("triangulated", ours, seconds), ("triangulated_true_cameras", true, 0.0)):
-        start = time.perf_counter()
-        body = body_track(triangulated(given.capture, cameras))
-        whole = results_of(found) if cameras is ours else given.results(key)
-        answers[key] = Answered(
-            replace(whole, method=key, body=body), spent + time.perf_counter() - start, mib if cameras is ours else None
-        )
-    return answers
+    start = time.perf_counter()
+    body = body_track(triangulated(given.capture, true))
+    results = replace(given.results("triangulated_true_cameras"), body=body)
+    return Answered(results, time.perf_counter() - start, None)
 
 
 def run_fixed_tools(given: Given) -> dict[str, Answered]:
@@ -60,26 +70,22 @@ def run_fixed_tools(given: Given) -> dict[str, Answered]:
     subject = given.capture.subject
     if subject is None or not any(camera.keypoints for camera in given.capture.cameras):
         return {tool: Answered(None, 0.0, None, "needs keypoints and measurements") for tool in TOOLS}
+    return {tool: attempted(partial(_by_tool, given, subject, tool)) for tool in TOOLS}
+
+
+def _by_tool(given: Given, subject: Subject, tool: str) -> Answered:
+    if not installed(tool):
+        return Answered(None, 0.0, None, "needs its own environment: make test-clients")
     found, seconds, mib = given.ours
     keyframe = np.zeros(len(found.timecodes), bool)
     keyframe[[key.frame for key in given.sets.keyframes]] = True
-    answers = {}
-    for tool, triangulation in TOOLS.items():
-        if not installed(tool):
-            answers[tool] = Answered(None, 0.0, None, "needs its own environment: make test-clients")
-            continue
-        start = time.perf_counter()
-        try:
-            with TemporaryDirectory() as work:
-                places = triangulation(Take(found, given.capture), Path(work))
-        except PzcapError as error:  # of this tool: the other may do it
-            answers[tool] = Answered(None, 0.0, None, str(error))
-            continue
-        joints = all_joints({name: places[:, k] for k, name in enumerate(LIMBS)}, subject)
-        known: Mask = np.all(np.isfinite(joints), axis=2)
-        results = replace(results_of(found), method=tool, body=BodyTrack(np.nan_to_num(joints), known, None, keyframe))
-        answers[tool] = Answered(results, seconds + time.perf_counter() - start, mib)
-    return answers
+    start = time.perf_counter()
+    with TemporaryDirectory() as work:
+        places = TOOLS[tool](Take(found, given.capture), Path(work))
+    joints = all_joints({name: places[:, k] for k, name in enumerate(LIMBS)}, subject)
+    known: Mask = np.all(np.isfinite(joints), axis=2)
+    results = replace(results_of(found), method=tool, body=BodyTrack(np.nan_to_num(joints), known, None, keyframe))
+    return Answered(results, seconds + time.perf_counter() - start, mib)
 
 
 def run_locked(given: Given) -> dict[str, Answered]:
@@ -91,15 +97,20 @@ def run_locked(given: Given) -> dict[str, Answered]:
         raise PzcapError(f"{shot}: another motion than that of {given.job}; make the split again")
     capture = replace(read_capture(shot / "capture"), keyframe_poses=given.capture.keyframe_poses)
     found, seconds, mib = reconstructed(capture, given.config, given.report)
-    body = {"locked": None if found.motion is None else body_track(found.motion)}
-    if any(camera.keypoints for camera in capture.cameras):
-        body["locked_triangulated"] = body_track(triangulate(capture, found))
+
+    def answer(key: str, body: Callable[[], BodyTrack]) -> Answered:
+        return attempted(lambda: Answered(replace(given.results(key), body=body()), seconds, mib))
+
     return {
-        key: Answered(None, 0.0, None, "found no body")
-        if track is None
-        else Answered(replace(given.results(key), body=track), seconds, mib)
-        for key, track in body.items()
+        "locked": answer("locked", lambda: _own_body(found)),
+        "locked_triangulated": answer("locked_triangulated", lambda: body_track(triangulate(capture, found))),
     }
+
+
+def _own_body(found: Reconstruction) -> BodyTrack:
+    if found.motion is None:
+        raise PzcapError("found no body")
+    return body_track(found.motion)
 
 
 def run_trackers(given: Given) -> dict[str, Answered]:
@@ -113,11 +124,11 @@ def run_trackers(given: Given) -> dict[str, Answered]:
     found = replace(given.ours[0], motion=None)
     frames = frames_of(given.truth, found)[0]
     material = ablation.Material(given.capture, subject, given.sets, found, {}, given.truth, frames)
-    answers = {}
-    for key, known in gifts.items():
+
+    def answer(key: str, known: tuple[Known, ...]) -> Answered:
         start = time.perf_counter()
         variant = Variant(key, key, "truth", known=frozenset(known))
         motion, _ = ablation.follow(material, variant, given.config.reconstruct, given.report)
-        answered = replace(given.results(key), body=body_track(motion))
-        answers[key] = Answered(answered, time.perf_counter() - start, None)
-    return answers
+        return Answered(replace(given.results(key), body=body_track(motion)), time.perf_counter() - start, None)
+
+    return {key: attempted(partial(answer, key, known)) for key, known in gifts.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,7 @@ from pzcap.calibration.calibrate import Report
 from pzcap.extras import reconstruct
 from pzcap.io.capture import FrameSets, frame_sets, read_capture
 from pzcap.scoring.records import CameraPoses, CameraTrack, Results
-from pzcap.types import Camera, Capture, Reconstruction
+from pzcap.types import Camera, Capture, PzcapError, Reconstruction
 from sim import truth as truth_files
 from sim.truth import Truth
 
@@ -31,6 +31,14 @@ class Answered:
     seconds: float  # wall time of all frames; of those that are run together, CPU time of their own part
     memory_mib: float | None
     missing: str | None = None  # why it could not run
+
+
+def attempted(answer: Callable[[], Answered]) -> Answered:
+    """The ``answer`` of one method, or why it has none on this footage: others that are run with it may have one."""
+    try:
+        return answer()
+    except PzcapError as error:
+        return Answered(None, 0.0, None, str(error))
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,8 @@ _LOCKED: Final = (
     "other footage: the same motion by cameras that stand still and have all of its way in view; cameras are not scored"
 )
 
+_LOCATED: Final = "sees the views that pzcap's own cameras were found in"
+
 METHODS: Final[tuple[Method, ...]] = (
     Method("ours", "pzcap", ("everything", "cameras"), "ours"),
     Method(
@@ -83,6 +85,6 @@ METHODS: Final[tuple[Method, ...]] = (
     Method("locked", "pzcap, locked cameras", ("everything",), "locked", notes=_LOCKED),
     Method("locked_triangulated", "keypoints triangulated, locked cameras", ("everything",), "locked", notes=_LOCKED),
     Method("triangulated_true_cameras", "keypoints triangulated", ("body_given_cameras",), "triangulated"),
-    Method("tracker_true_cameras", "pzcap's tracker", ("body_given_cameras",), "trackers"),
-    Method("tracker_true_cameras_masks", "pzcap's tracker", ("body_given_cameras_masks",), "trackers"),
+    Method("tracker_true_cameras", "pzcap's tracker", ("body_given_cameras",), "trackers", notes=_LOCATED),
+    Method("tracker_true_cameras_masks", "pzcap's tracker", ("body_given_cameras_masks",), "trackers", notes=_LOCATED),
 )

@@ -82,6 +82,42 @@ def test_a_tool_without_environment_or_keypoints_says_so(given: Given, monkeypat
     assert {a.missing for a in bodies.run_fixed_tools(given).values()} == {"needs keypoints and measurements"}
 
 
+def test_keypoints_have_a_body_by_true_cameras_where_ours_found_none(
+    given: Given, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, truth = plain.perfect()
+
+    def triangulated(_: object, cameras: Any) -> object:
+        if all(camera is None for camera in cameras(0)):
+            raise PzcapError("nowhere seen by two cameras")
+        return whole.motion
+
+    monkeypatch.setattr(bodies, "triangulated", triangulated)
+    monkeypatch.setattr(bodies, "cameras_at", lambda *_: [None, None])
+    vars(given)["truth"] = SimpleNamespace(
+        camera_names=whole.camera_names, timecodes=whole.timecodes, camera=lambda *_: "true", width=truth.width,
+        height=truth.height,
+    )  # fmt: skip
+    answers = bodies.run_triangulated(given)
+    assert answers["triangulated"].missing == "nowhere seen by two cameras"
+    assert values(answers["triangulated_true_cameras"])["body.mpjpe.mean"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_locked_cameras_that_find_no_body_leave_the_keypoints_theirs(
+    given: Given, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, truth = plain.perfect()
+    monkeypatch.setattr(bodies.footage, "shot", lambda *_: given.job)
+    monkeypatch.setattr(bodies.truth_files, "load", lambda _: truth)
+    monkeypatch.setattr(bodies, "read_capture", lambda _: given.capture)
+    monkeypatch.setattr(bodies, "replace", _replace)
+    monkeypatch.setattr(bodies, "reconstructed", lambda *_: (replace(whole, motion=None), 3.0, 50.0))
+    monkeypatch.setattr(bodies, "triangulate", lambda *_: whole.motion)
+    answers = bodies.run_locked(given)
+    assert answers["locked"].missing == "found no body"
+    assert values(answers["locked_triangulated"])["body.mpjpe.mean"] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_locked_cameras_are_other_footage_of_the_same_motion(given: Given, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
