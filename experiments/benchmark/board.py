@@ -53,6 +53,7 @@ class Axis:
     """Captures that are equal in everything but one axis, in the order of its values."""
 
     name: str
+    unit: str  # of its values; empty where they are names
     values: tuple[str, ...]
     captures: tuple[str, ...]
 
@@ -71,7 +72,7 @@ def write(folder: Path, entries: Path) -> Path:
     axes = axes_of(split)
     context = {
         "release": split["release"], "split": split["split"], "captures": split["captures"], "tables": tables,
-        "claims": CLAIMS, "breaks": BREAKS, "axes": [axis.name for axis in axes], "entries": len(found),
+        "claims": CLAIMS, "breaks": BREAKS, "axes": axes, "entries": len(found),
     }  # fmt: skip
     pages.write(place / PAGE, "board.html.j2", context)
     panels = [_panels(track, found, axis) for track in TRACKS for axis in axes if _entered(found, track)]
@@ -94,7 +95,8 @@ def axes_of(split: Mapping[str, Any]) -> list[Axis]:
             best = max(groups.values(), key=lambda some: len({str(captures[c][name]) for c in some}))
             if len({str(captures[c][name]) for c in best}) > 1:
                 ordered = sorted(best, key=lambda capture: order.index(str(captures[capture][name])))
-                found.append(Axis(name, tuple(str(captures[c][name]) for c in ordered), tuple(ordered)))
+                along = tuple(str(captures[c][name]) for c in ordered)
+                found.append(Axis(name, split.get("units", {}).get(name, ""), along, tuple(ordered)))
                 break
     return found
 
@@ -228,7 +230,7 @@ def _panels(name: str, entries: Sequence[Mapping[str, Any]], axis: Axis) -> dict
             _finish(axes, list(axis.values), f"{title} [{unit}]" if unit else title, logarithmic=unit != "%")
         figure.legend(loc="outside right upper", handlelength=2.4)
 
-    return {"axis": axis.name, "track": track.label, "captures": axis.captures, "svg": style.svg(12.5, 2.8, draw)}
+    return {"axis": axis, "track": track.label, "captures": axis.captures, "svg": style.svg(12.5, 2.8, draw)}
 
 
 def _line(

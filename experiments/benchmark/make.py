@@ -235,6 +235,7 @@ def _describe(path: Path, config: ReleaseConfig, split: str, captures: Sequence[
             "release": config.release,
             "split": split,
             "axes": {axis: list(values) for axis, values in config.axes.items()},
+            "units": config.units,
             "base": config.base,
             "captures": {one.name: {"seed": one.seed, **one.values} for one in captures},
         },

@@ -41,6 +41,8 @@ class ReleaseConfig:
     splits: dict[str, Split]
     common: tuple[str, ...] = ()
     """Overrides of every capture."""
+    units: dict[str, str] = field(default_factory=dict)
+    """Axis -> unit of its values, for the board; an axis whose values are names has none."""
 
 
 @dataclass(frozen=True, slots=True)

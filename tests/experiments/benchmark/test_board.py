@@ -181,6 +181,16 @@ def test_what_a_method_fails_at_is_named(page: Path) -> None:
     assert table[3:] == [["Cameras alone"], ["pzcap", "–", "–"], ["A <b>lab</b>'s", "–", "jump"]]
 
 
+def test_values_of_an_axis_have_their_unit_where_the_release_says_it(folder: Path, tmp_path: Path) -> None:
+    copied = tmp_path / "dev"
+    shutil.copytree(folder, copied)
+    content = json.loads((copied / "captures.json").read_text())
+    (copied / "captures.json").write_text(json.dumps(content | {"units": {"noise": "grey levels"}}))
+    shown = board.write(copied, copied / "entries").parent / board.BREAKS
+    assert Page(shown).tables[0][0] == ["fails at", "noisegrey levels", "motion"]
+    assert "noise [grey levels]: Everything" in shown.read_text(encoding="utf-8")
+
+
 def test_one_file_added_is_one_row_more(folder: Path, tmp_path: Path) -> None:
     copied = tmp_path / "dev"
     shutil.copytree(folder, copied)
