@@ -147,7 +147,7 @@ def _table(name: str, track: Track, entries: Sequence[Mapping[str, Any]], place:
         rows.append({
             "entry": entry, "cells": cells, "pictures": pictures, "hash": entry["predictions_sha256"][:12],
             "recording": recording if recording and (place / recording).is_file() else "",
-            "seconds": "–" if entry.get("seconds") is None else f"{entry['seconds']:.3g}",
+            "seconds": "–" if entry.get("seconds") is None else f"{entry['seconds']:.0f}",
             "memory": "–" if entry.get("memory_mib") is None else f"{entry['memory_mib']:.0f}",
         })  # fmt: skip
     columns = [{"key": column, "head": head(column), "unit": _unit(entered, column)} for column in track.columns]
@@ -246,7 +246,8 @@ def _finish(axes: Axes, names: Sequence[str], title: str, *, logarithmic: bool =
     axes.set_xticks(np.arange(len(names)), [style.literal(name) for name in names])
     axes.set_xlim(-0.4, len(names) - 0.6)
     if any(len(name) > 12 for name in names) and len(names) > 4:
-        axes.tick_params(axis="x", labelrotation=30)
+        for label in axes.get_xticklabels():
+            label.set(rotation=30, ha="right", rotation_mode="anchor")
     shown = (
         np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.lines]) if axes.lines else np.zeros(0)
     )
