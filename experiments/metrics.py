@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -42,9 +42,11 @@ def meets_target(metric: Metric) -> bool | None:
     return metric.value <= target if metric.direction == "lower" else metric.value >= target
 
 
-def run_info(config: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """Everything needed to run it again: configuration, seed, versions, and the kind of machine (never its name)."""
-    return {"config": dict(config), "seed": seed, "versions": versions(), "machine": machine()}
+def run_info(config: Mapping[str, Any], seed: int, notes: Sequence[str] = ()) -> dict[str, Any]:
+    """Everything needed to run it again: configuration, seed, versions, and the kind of machine (never its name); and
+    the ``notes`` of the reconstruction, what it said of the footage by itself."""
+    info = {"config": dict(config), "seed": seed, "versions": versions(), "machine": machine()}
+    return {**info, "notes": list(notes)}
 
 
 def versions() -> dict[str, str]:
@@ -93,6 +95,8 @@ def read_metrics(path: Path) -> tuple[tuple[Metric, ...], dict[str, Any]]:
         run = content.pop("_run")
         metrics = tuple(Metric(key, **entry) for key, entry in content.items())
         known = all(isinstance(metric.value, int | float | None) and isinstance(metric.unit, str) for metric in metrics)
+        notes = run.setdefault("notes", [])  # which older files have not
+        known &= isinstance(notes, list) and all(isinstance(note, str) for note in notes)
         if not known or not isinstance(run["config"], dict) or not isinstance(run["versions"], dict):
             raise ValueError("a value of another kind")
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:

@@ -103,7 +103,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
                 errors = foreground.errors(frames)
                 result = score(reconstruction, truth, errors, lambda done, total: bars.update("score", done, total))
             found = metrics(result)
-        info = run_info(tree, config.seed)
+        info = run_info(tree, config.seed, reconstruction.notes)
         if recorder is not None:
             with console.status("writing the recording"):
                 recording.finish(recorder, reconstruction, truth, result)

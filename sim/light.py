@@ -77,7 +77,9 @@ def light_of(config: ShootConfig) -> ShootConfig:
             crf_still=default.crf_still,
             dropped_share=default.dropped_share,
         ),
-        crew=CrewConfig(walks_in_sweep=config.crew.walks_in_sweep, company=config.crew.company),
+        crew=CrewConfig(
+            walks_in_sweep=config.crew.walks_in_sweep, company=config.crew.company, coach_m=config.crew.coach_m
+        ),
         detector=DetectorConfig(),
     )
 

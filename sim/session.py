@@ -132,7 +132,8 @@ class Session:
 
     def company(self) -> list[Companion]:
         """Whoever else is in the hall while the motion is filmed."""
-        kind, seed, end_s = self.config.crew.company, self.config.seed, float(self.times_s[-1])
+        crew, seed, end_s = self.config.crew, self.config.seed, float(self.times_s[-1])
+        kind = crew.company
 
         def somebody(number: int) -> tuple[dict[str, float], MotionClip]:
             measurements = draw_measurements(stream(seed, "other", number))
@@ -143,7 +144,7 @@ class Session:
         if kind == "bystanders":
             cameras_m = np.array([rig.world_T_head[:3, 3] for rig in self.rigs])
             return walkers(self.clip, [somebody(0), somebody(1)], cameras_m, end_s)
-        return [coach(self.clip, *somebody(0), end_s, touches=kind == "spotter")]
+        return [coach(self.clip, *somebody(0), end_s, crew.coach_m, touches=kind == "spotter")]
 
     def accompany(self, stage: Stage) -> None:
         """Let in whoever else is there, and hang loose clothes: from now on the motion is filmed."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -30,6 +30,8 @@ WIDTH_IN: Final = 11.8
 ROW_IN: Final = 3.3
 ROWS: Final = 1000
 """Runs that have a row and points of their own on the page; the others are in the table, and in the means."""
+RING: Final = 90
+"""Size of the ring around a run that speaks, square points."""
 TICKS: Final = 24
 """Most values on an axis, or lines in a legend, that are named one by one."""
 
@@ -40,15 +42,19 @@ class Panel(NamedTuple):
     metric: str
     title: str
     bound_ratio: str | None = None  # the metric that says how many times its Cramer-Rao bound it is
+    beyond: float | None = None  # from here on an error passes three of the claimed sigmas
 
 
 PANELS: Final = (
     Panel("panzoom.pan.rms", "Pan, RMS [deg]", "panzoom.bound_ratio.pan"),
     Panel("panzoom.focal.rms", "Focal length, RMS [%]", "panzoom.bound_ratio.focal"),
     Panel("panzoom.reprojection.rms", "Scene points, RMS [px]"),
-    Panel("panzoom.nees", "NEES (1: honest)"),
+    Panel("panzoom.nees", "NEES (1: honest; 9: three sigmas)", beyond=9.0),
     Panel("foreground.iou", "Silhouettes, IoU"),
     Panel("body.mpjpe.mean", "Joints, mean [mm]"),
+    Panel("body.lost", "Frames with a lost joint"),
+    Panel("body.covered", "Joints within one sigma [%] (68: honest)"),
+    Panel("body.beyond3", "Joints beyond three sigmas [%]"),
 )
 
 
@@ -84,6 +90,7 @@ class Point(NamedTuple):
     x: float
     values: Array  # (P,) of the panels
     lost: bool
+    spoke: bool  # the reconstruction said something of its footage by itself
 
 
 @dataclass(slots=True, eq=False)
@@ -133,7 +140,7 @@ class Plan:
         names: dict[str, int] = {}
         lines: dict[tuple[str, ...], Line] = {}
         rows: list[dict[str, Any]] = []
-        for row in study.rows(["path", "command", *columns.values(), *metrics]):
+        for row in study.rows(["path", "command", "notes", *columns.values(), *metrics]):
             settings = tuple(row[columns[axis]] for axis in others)
             key = tuple(map(_plain, settings))
             label = ", ".join(f"{_short(axis)} {value}" for axis, value in zip(others, key, strict=True))
@@ -147,7 +154,7 @@ class Plan:
             if len(rows) < ROWS:
                 rows.append({**row, "settings": [_plain(row[columns[axis]]) for axis in axes]})
                 lost = bool(row[f"metric.{LOST}"])
-                line.points.append(Point(Path(row["path"]).name, place, values, lost))
+                line.points.append(Point(Path(row["path"]).name, place, values, lost, bool(row["notes"])))
         return cls(x, others, None if numeric else tuple(names), panels, tuple(lines.values()), tuple(rows))
 
 
@@ -193,6 +200,7 @@ def _context(study: Study) -> dict[str, Any]:
                 "values": [_text(panel.metric, row[f"metric.{panel.metric}"]) for panel in plan.panels],
                 "links": [f"{row['path']}/{file}" for file in LINKS if (study.folder / row["path"] / file).is_file()],
                 "command": row["command"],
+                "notes": (row["notes"] or "").splitlines(),
             }
             for row in plan.rows
         ],
@@ -221,6 +229,8 @@ def _draw(figure: Figure, plan: Plan) -> None:
             _curve(axes, line, number, _colour(index, len(plan.lines)))
         axes.set(title=panel.title, xlabel=_short(plan.x))
         _scale(axes, plan, number)
+        if panel.beyond is not None:
+            axes.axhline(panel.beyond, color=style.MUTED, ls=":", lw=1.2)
         if number == 0:
             _legend(axes, plan)
 
@@ -230,7 +240,8 @@ def _colour(index: int, count: int) -> Any:
 
 
 def _curve(axes: Axes, line: Line, panel: int, colour: Any) -> None:
-    """Mean and standard deviation over the seeds, the runs as points that lead to their row, the bound dashed."""
+    """Mean and standard deviation over the seeds, the runs as points that lead to their row, in a ring where the run
+    said what is wrong; the bound dashed."""
     mean, sigma = line.means()
     axes.errorbar(
         line.x, mean[:, panel], sigma[:, panel], color=colour, capsize=3, elinewidth=1.0,
@@ -240,7 +251,13 @@ def _curve(axes: Axes, line: Line, panel: int, colour: Any) -> None:
     places, values = ([point.x for point in line.points], [point.values[panel] for point in line.points])
     points = axes.scatter(places, values, 22, filled, edgecolors=[colour], zorder=3)
     points.set_urls([f"#{point.name}" for point in line.points])
+    spoke = [point for point in line.points if point.spoke]
+    _rings(axes, [point.x for point in spoke], [point.values[panel] for point in spoke])
     axes.plot(line.x, mean[:, mean.shape[1] // 2 + panel], "--", color=colour, lw=1.2)
+
+
+def _rings(axes: Axes, x: Sequence[float], y: Sequence[float], label: str | None = None) -> None:
+    axes.scatter(x, y, RING, facecolors="none", edgecolors=[style.KEY], zorder=2, label=label)
 
 
 def _scale(axes: Axes, plan: Plan, panel: int) -> None:
@@ -259,6 +276,8 @@ def _scale(axes: Axes, plan: Plan, panel: int) -> None:
 def _legend(axes: Axes, plan: Plan) -> None:
     if any(point.lost for line in plan.lines for point in line.points):
         axes.plot([], [], "o", color=style.MUTED, mfc="white", label="with frames lost")
+    if any(point.spoke for line in plan.lines for point in line.points):
+        _rings(axes, [], [], "the run says what is wrong")
     if any(np.isfinite(line.means()[0][:, len(plan.panels) :]).any() for line in plan.lines):
         axes.plot([], [], "--", color=style.MUTED, lw=1.2, label="Cramér-Rao bound")
     if 0 < len(axes.get_legend_handles_labels()[1]) <= TICKS and any(axes.get_legend_handles_labels()[1]):

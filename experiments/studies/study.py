@@ -45,6 +45,7 @@ class Run:
     settings: Mapping[str, Any]  # dotted key -> value, of the whole configuration
     metrics: tuple[Metric, ...]
     versions: Mapping[str, str]
+    notes: tuple[str, ...]  # of its reconstruction
     seconds: float  # wall clock
 
     @property
@@ -108,8 +109,9 @@ class Study:
 def collect(folder: Path, places: Iterable[Path]) -> Study | None:
     """Write FOLDER/runs.parquet of the jobs in ``places``, whole or not at all; None where none of them has metrics.
 
-    A row a run: path, command, seconds, ``config.*``, ``chosen.*`` (of groups, as experiment=...), ``metric.*`` (with
-    its unit), ``version.*``. A job without metrics is left out; one whose files cannot be read counts as failed.
+    A row a run: path, command, seconds, notes (a line each), ``config.*``, ``chosen.*`` (of groups, as experiment=...),
+    ``metric.*`` (with its unit), ``version.*``. A job without metrics is left out; one whose files cannot be read
+    counts as failed.
     """
     failed: dict[str, str] = {}
     count = failures = 0
@@ -168,7 +170,7 @@ def _read(place: Path) -> tuple[Run | None, str | None]:
 def _run(folder: Path) -> Run:
     metrics, info = read_metrics(folder / METRICS)
     overrides, seconds = jobs.marked(folder)
-    return Run(folder, overrides, leaves(info["config"]), metrics, info["versions"], seconds)
+    return Run(folder, overrides, leaves(info["config"]), metrics, info["versions"], tuple(info["notes"]), seconds)
 
 
 def _write(parts: Path, count: int, folder: Path, runs: Sequence[Run]) -> None:
@@ -178,6 +180,7 @@ def _write(parts: Path, count: int, folder: Path, runs: Sequence[Run]) -> None:
             "path": run.folder.relative_to(folder).as_posix(),
             "command": run.command,
             "seconds": run.seconds,
+            "notes": "\n".join(run.notes),
             **{f"config.{key}": _scalar(value) for key, value in run.settings.items()},
             **{f"chosen.{key}": value for key, value in run.chosen.items() if key not in run.settings},
             **{f"metric.{metric.key}": metric.value for metric in run.metrics},

@@ -20,10 +20,8 @@ from sim.people.anthropometry import body_tree
 
 Company = Literal["none", "bystanders", "coach", "spotter"]
 
-_APART_M: Final = 1.2
-"""Distance of a coach from the athlete, to the side of where the athlete goes."""
 _REACH_M: Final = 0.58
-"""The same of a spotter whose hands are on the athlete."""
+"""Distance of a spotter whose hands are on the athlete, to the side of where the athlete goes."""
 _TOUCH_S: Final = 1.0
 _COMES_S: Final = 0.4  # it takes to come up, and to leave
 _FOLLOWS_S: Final = 0.5  # somebody who keeps beside the athlete follows so much of the way, before and after
@@ -80,9 +78,11 @@ def _turned(rotations: Array, turn: Rotation) -> Array:
     return np.vstack([pelvis.as_quat(scalar_first=True), rotations[1:]])
 
 
-def coach(clip: MotionClip, measurements: dict[str, float], walk: MotionClip, end_s: float, touches: bool) -> Companion:
-    """Somebody beside the athlete who goes along, and as a spotter (``touches``) lays hands on the hips for a second in
-    the middle of the time."""
+def coach(
+    clip: MotionClip, measurements: dict[str, float], walk: MotionClip, end_s: float, apart_m: float, touches: bool
+) -> Companion:
+    """Somebody who goes along ``apart_m`` beside the athlete, and as a spotter (``touches``) lays hands on the hips for
+    a second in the middle of the time."""
     times = np.linspace(0.0, end_s, 61)
     way = np.array([clip.at(t).root_position_m[:2] for t in times])
     width = max(1, round(_FOLLOWS_S / max(times[1], 1e-6)))
@@ -100,7 +100,7 @@ def coach(clip: MotionClip, measurements: dict[str, float], walk: MotionClip, en
         beside = np.array([np.interp(time_s, times, smooth[:, k]) for k in (0, 1)])
         # whoever touches is where the athlete is, not where the way leads
         beside += closeness * (athlete.root_position_m[:2] - beside)
-        place = beside + (_APART_M + closeness * (_REACH_M - _APART_M)) * aside
+        place = beside + (apart_m + closeness * (_REACH_M - apart_m)) * aside
         legs = walk.at((0.3 * walk.duration_s + time_s) % walk.duration_s)
         facing = Rotation.from_euler("z", float(np.arctan2(-aside[1], -aside[0])))
         heading = Rotation.from_quat(legs.rotations[0], scalar_first=True).as_euler("ZYX")

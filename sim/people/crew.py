@@ -48,7 +48,9 @@ class CrewConfig:
     picture."""
     company: Company = "none"
     """Others in the hall during the motion, dressed like the athlete. bystanders: two who walk by, before and behind;
-    coach: one who keeps 1.2 m beside; spotter: one who comes up and has both hands on the athlete for a second."""
+    coach: one who keeps beside; spotter: one who comes up and has both hands on the athlete for a second."""
+    coach_m: Annotated[float, Range(0.3, 10.0)] = 1.2
+    """Distance that a coach, or a spotter before coming up, keeps to the side of the athlete's way, m."""
 
 
 def measure(

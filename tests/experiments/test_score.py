@@ -334,12 +334,12 @@ def test_the_score_projects_as_the_library_does(seed: int, k1: float, k2: float,
 
 def test_metrics_json_is_what_it_says(tmp_path: Path) -> None:
     found = [Metric("panzoom.pan.rms", 0.0125, "deg"), Metric("foreground.iou", None, "1", "higher")]
-    run = run_info({"seed": 3}, 3)
+    run = run_info({"seed": 3}, 3, ["camera 1: its shutter rolls"])
     write_metrics(tmp_path / "metrics.json", found, run)
     content = json.loads((tmp_path / "metrics.json").read_text())
     assert content["panzoom.pan.rms"] == {"value": 0.0125, "unit": "deg", "direction": "lower"}
     assert content["foreground.iou"] == {"value": None, "unit": "1", "direction": "higher"}
-    assert set(content["_run"]) == {"config", "seed", "versions", "machine"}
+    assert set(content["_run"]) == {"config", "seed", "versions", "machine", "notes"}
     assert set(content["_run"]["machine"]) == {"cpu", "cores", "system"}
     assert read_metrics(tmp_path / "metrics.json") == (tuple(found), run)
 

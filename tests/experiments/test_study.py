@@ -27,7 +27,8 @@ def axes(name: str) -> dict[str, list[str]]:
 
 def test_the_studies_of_the_issue_are_there() -> None:
     method = {"noise", "zoom_range", "noise_x_zoom", "keyframes", "parallax", "frame_size"}
-    assert method | {"readout", "clocks", "mains", "settling", "lens"} == set(STUDIES)
+    cameras = {"readout", "clocks", "mains", "settling", "springing", "lens", "exposure", "sweep_by_hand"}
+    assert method | cameras | {"cloth", "nearness"} == set(STUDIES)
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -73,6 +74,24 @@ def test_every_point_leads_to_its_run_and_to_the_command_that_made_it(tmp_path: 
     assert page.count("<code>python -m experiments.run") == 6
     assert "Cramér-Rao bound" in page
     assert f"<code>{NOISE}</code>, standard deviation, grey levels." in page
+
+
+def test_a_run_that_says_what_is_wrong_is_ringed_and_its_words_stand_in_its_row(tmp_path: Path) -> None:
+    said = ("camera 2: its shutter rolls", "the body may be lost in 7 frames")
+    [silent] = grid(tmp_path, {NOISE: [0], "seed": [0]})
+    [speaks] = grid(tmp_path, {NOISE: [4], "seed": [0]}, notes=said)
+    plan = plan_of(tmp_path, [silent, speaks])
+    assert {point.name: point.spoke for line in plan.lines for point in line.points} == {
+        silent.name: False, speaks.name: True,
+    }  # fmt: skip
+    study_page.write_study(tmp_path, [silent, speaks])
+    assert [row["notes"] for row in pq.read_table(tmp_path / study.TABLE).to_pylist()] == ["", "\n".join(said)]
+    page = (tmp_path / study_page.PAGE).read_text()
+    assert "the run says what is wrong" in page  # the legend
+    _, row = page.split(f'<tr id="{speaks.name}">')
+    assert all(f"<li>{note}</li>" in row for note in said)
+    study_page.write_study(tmp_path, [silent])
+    assert "the run says what is wrong" not in (tmp_path / study_page.PAGE).read_text()
 
 
 def plan_of(folder: Path, places: list[Path]) -> study_page.Plan:

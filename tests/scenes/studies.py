@@ -34,8 +34,10 @@ def composed(*overrides: str, hydra: bool = False) -> DictConfig:
         return compose("config", overrides=list(overrides), return_hydra_config=hydra)
 
 
-def fabricate(folder: Path, overrides: Sequence[str], *, bounded: bool = True, lost: float = 0.0) -> Path:
-    """A finished run whose errors are three times their bound."""
+def fabricate(
+    folder: Path, overrides: Sequence[str], *, bounded: bool = True, lost: float = 0.0, notes: Sequence[str] = ()
+) -> Path:
+    """A finished run whose errors are three times their bound, and whose reconstruction said ``notes``."""
     config = plain(composed(*overrides))
     noise, zoom = config["shoot"]["sensor"]["read_noise"], config["shoot"]["optics"]["zoom_max"]
     error = (1.0 + noise + 0.1 * config["seed"]) / zoom / 1000
@@ -49,7 +51,7 @@ def fabricate(folder: Path, overrides: Sequence[str], *, bounded: bool = True, l
     ]
     place = folder / re.sub(r"[^\w.,=]", "_", ",".join(overrides))
     place.mkdir(parents=True)
-    write_metrics(place / "metrics.json", found, run_info(config, config["seed"]))
+    write_metrics(place / "metrics.json", found, run_info(config, config["seed"], notes))
     (place / jobs.MARK).write_text(json.dumps({"key": "", "overrides": list(overrides), "seconds": 1.5}))
     (place / "report.html").write_text("a report")
     return place

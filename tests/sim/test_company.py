@@ -33,7 +33,7 @@ def people() -> tuple[dict[str, float], motion.MotionClip]:
 
 def test_a_coach_keeps_beside_the_athlete(people: tuple[dict[str, float], motion.MotionClip]) -> None:
     session = assemble(SHOOT)
-    beside = company.coach(session.clip, *people, END_S, touches=False)
+    beside = company.coach(session.clip, *people, END_S, 1.2, touches=False)
     for t in np.linspace(0.0, END_S, 12):
         apart = beside.at(t).root_position_m[:2] - session.clip.at(t).root_position_m[:2]
         assert 0.9 < np.linalg.norm(apart) < 1.6
@@ -43,7 +43,7 @@ def test_a_spotter_has_both_hands_on_the_athlete_for_a_second(
     people: tuple[dict[str, float], motion.MotionClip],
 ) -> None:
     session = assemble(SHOOT)
-    spotter = company.coach(session.clip, *people, END_S, touches=True)
+    spotter = company.coach(session.clip, *people, END_S, 1.2, touches=True)
     spec = mujoco.MjSpec()
     athlete.add_athlete(spec, people[0], AthleteConfig(), np.random.default_rng(0))
     model = spec.compile()
