@@ -16,6 +16,7 @@ from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import panzoom_tracks, refined
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.frame_slips import FrameOffsets, slip_notes
+from pzcap.imaging.comb import comb_px
 from pzcap.io.capture import FrameSets
 from pzcap.plausibility import (
     SeenKeyframe,
@@ -27,6 +28,7 @@ from pzcap.plausibility import (
     seen_keyframe,
     share_on_athlete,
     unseen_keyframes,
+    woven_motion,
 )
 from pzcap.tracking.body_size import body_size
 from pzcap.tracking.tracker import Tracked, Tracker
@@ -50,12 +52,14 @@ class Gathered:
         self._unbiased = SeenViews((), ())  # of the latest keyframe, without a word of where the body should be
         self._keyframes: list[SeenKeyframe] = []
         self._offsets = FrameOffsets(len(capture.cameras))
+        self._combs_px: list[list[float]] = []  # of each frame and view
 
     def take(self, event: FrameLocalised | FrameSegmented | BodyTracked | Progress) -> None:
         """Keep what the result is made of."""
         match event:
             case FrameLocalised(frames, localisations):
                 self._located.append(localisations)
+                self._combs_px.append([0.0 if image is None else comb_px(image) for image in frames.images])
                 if self._tracker and frames.index in self._set_by_hand:
                     alone = self._segment(event, None)
                     self._unbiased = SeenViews(alone.cameras, alone.silhouettes)
@@ -83,6 +87,12 @@ class Gathered:
             for index, track in enumerate(tracks)
             if track is not None and self._capture.cameras[index].motion and not track.valid.any()
         ]
+
+    def woven(self, tracks: Sequence[PanZoomTrack | None]) -> list[str]:
+        """Notes on the cameras whose frames are two instants each."""
+        combs_px = np.array(self._combs_px).T
+        found = zip(self._capture.cameras, combs_px, tracks, strict=True) if self._combs_px else ()
+        return list(filter(None, (woven_motion(files, own, track) for files, own, track in found)))
 
     def contradictions(self, tracks: Sequence[PanZoomTrack | None]) -> list[str]:
         """Notes on what in the keyframes' views contradicts the crew's papers, and on frames that a camera lost."""

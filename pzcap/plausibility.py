@@ -12,12 +12,15 @@ from pzcap.body.kinematics import joints
 from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.geometry.camera import project
+from pzcap.imaging.comb import comb_of
 from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.body_size import BodySize, seen_sizes
 from pzcap.tuning import PLAUSIBILITY
 from pzcap.types import (
     MEASUREMENTS,
+    Array,
     Camera,
+    CameraFiles,
     Keyframe,
     Mask,
     PanZoomCamera,
@@ -85,6 +88,22 @@ def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_cloc
                 f"{np.rad2deg(off[1]):+.3f} degrees against the sweep: the tripod has settled or was touched"
             )
     return notes
+
+
+def woven_motion(files: CameraFiles, combs_px: Array, track: PanZoomTrack | None) -> str | None:
+    """A note where the frames of a camera are of two instants each, and were taken for one; ``combs_px`` (F,) as in
+    `comb_px`."""
+    if track is None or files.motion is None or len(combs_px) < 2:
+        return None
+    turned_px = track.focal_px * np.gradient(np.unwrap(track.pan_rad))
+    comb = comb_of(combs_px[track.valid], turned_px[track.valid])
+    if comb is None or not comb.is_woven:
+        return None
+    return (
+        f"camera {files.name}: odd and even rows of its pictures are of two instants ({abs(comb.share):.0%} of half a "
+        "frame period apart): it is interlaced video, and the file does not say so. Each picture was taken for one "
+        f"instant; copy the original again, or say it: {comb.cure(files.motion.name)}"
+    )
 
 
 def lost_body(lost: Mapping[int, float], timecodes: Sequence[str]) -> list[str]:

@@ -21,6 +21,7 @@ from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_cameras, taken_over
 from pzcap.events import BodyTracked, Finished, FrameLocalised, FrameSegmented, Progress
 from pzcap.extras import reconstruct as extras
+from pzcap.imaging import comb
 from pzcap.io import results
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.localisation.covariance import systematic
@@ -272,9 +273,9 @@ def test_a_method_that_the_core_has_not_is_said_in_one_line(capture: Capture) ->
         reconstruct(capture, Config(panzoom=PanZoomConfig(method="paper")))
 
 
-def woven(capture: Capture, found: Reconstruction, folder: Path) -> Capture:
-    """The capture's motion as cameras record it that weave two fields into a frame, at half the frame rate; posed by
-    hand where it was ``found`` in its first and its last frame."""
+def woven(capture: Capture, found: Reconstruction, folder: Path, *, told: bool = True) -> Capture:
+    """The capture's motion as cameras record it that weave two fields into a frame, at half the frame rate, which the
+    files tell or not; posed by hand where it was ``found`` in its first and its last frame."""
     assert found.motion is not None
     rate, instants = capture.frame_rate / 2, [frames.images for frames in frame_sets(capture)]
     pairs, cameras = list(zip(instants[::2], instants[1::2], strict=False)), []
@@ -288,7 +289,7 @@ def woven(capture: Capture, found: Reconstruction, folder: Path) -> Capture:
                 times_s.append(float(number / rate))
         path = encode(
             folder / f"{files.name}.mp4", frames, rate, timecode="01:00:00:00", times_s=times_s,
-            options={"x264-params": "tff=1", "crf": "2"},
+            options={"crf": "2"} | ({"x264-params": "tff=1"} if told else {}),
         )  # fmt: skip
         cameras.append(dataclasses.replace(files, motion=path))
     poses = {
@@ -314,3 +315,16 @@ def test_both_fields_of_interlaced_video_are_tracked(
     assert sum(isinstance(event, BodyTracked) for event in events) == 2 * frames + 1  # and the end
     off = np.linalg.norm(found.joints_m - whole.joints_m[: 2 * frames : 2], axis=2)
     assert off.mean() < 0.005
+    assert not any("interlaced" in note for note in last.reconstruction.notes)
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_interlaced_video_that_is_not_said_to_be_is_named(
+    capture: Capture, reconstruction: Reconstruction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(comb, "_LEAST", 3)  # the motion is four frames long,
+    monkeypatch.setattr(comb, "_PANNED_PX", 0.1)  # and the cameras hardly turn
+    silent = dataclasses.replace(woven(capture, reconstruction, tmp_path, told=False), subject=None)
+    named = [note for note in reconstruct(silent, Config(), cameras=reconstruction).notes if "interlaced" in note]
+    assert named
+    assert all("-x264-params tff=1" in note for note in named)

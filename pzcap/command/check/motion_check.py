@@ -15,6 +15,7 @@ from pzcap.command.check.sweep_check import MAINS, Sweep
 from pzcap.command.check.tuning import MOTION, VIEWS
 from pzcap.command.check.views import ENOUGH, NOTHING, Relation, best, mirrored, overlap, small, step, view
 from pzcap.command.check.zoom_check import ZoomRun
+from pzcap.imaging.comb import Comb, comb_of, comb_px
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image, Mask
 
@@ -138,15 +139,29 @@ def check_ranges(camera: str, places: Places, sweep: Sweep, run: ZoomRun, full_t
 
 
 def check_shutter(camera: str, path: Path) -> tuple[Shutter, list[Finding]]:
-    """Shutter of a camera, and a finding where bands of light lie over its rows."""
+    """Shutter of a camera, and findings where bands of light lie over its rows, or they are of two instants though
+    the file does not say so."""
     reader = VideoReader(path)
     start = int(reader.indices[len(reader.indices) // 2])
-    flicker = row_flicker([image for _, image in reader.read(start, start + MOTION.band_pictures)])
-    shutter = Shutter(reader.interlaced, flicker > MOTION.bands)
-    if not shutter.banded:
-        return shutter, []
-    text = f"light lies over it in bands, which change by {100 * flicker:.0f} % from picture to picture; {MAINS}"
-    return shutter, [Finding(Level.WARN, camera, "motion", text)]
+    images = [image for _, image in reader.read(start, start + MOTION.row_pictures)]
+    flicker, comb = row_flicker(images[: MOTION.band_pictures]), comb_between(images)
+    woven = comb is not None and comb.is_woven
+    shutter, texts = Shutter(reader.interlaced or woven, flicker > MOTION.bands), []
+    if shutter.banded:
+        change = f"{100 * flicker:.0f} %"
+        texts.append(f"light lies over it in bands, which change by {change} from picture to picture; {MAINS}")
+    if comb is not None and woven:
+        texts.append(
+            "odd and even rows are of two instants: it is interlaced video, and the file does not say so; copy the "
+            f"original again, or say it: {comb.cure(path.name)}"
+        )
+    return shutter, [Finding(Level.WARN, camera, "motion", text) for text in texts]
+
+
+def comb_between(images: Sequence[Image]) -> Comb | None:
+    """The comb of pictures one after the other; None where the camera pans too little to tell."""
+    turned = np.array([step(one, other)[0] * one.shape[1] for one, other in pairwise(images)])
+    return comb_of(np.array([comb_px(image) for image in images[:-1]]), turned)
 
 
 def row_flicker(images: Sequence[Image]) -> float:

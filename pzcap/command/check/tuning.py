@@ -47,7 +47,8 @@ class MotionTuning(NamedTuple):
     tilts: tuple[float, float] = (15.0, 85.0)  # percentiles of the pictures' tilts: one or two may be placed wrongly
     tilted_deg: float = 0.35  # between pictures, from which on it is said to have been tilted while it filmed
     turned_deg: float = 20.0  # roll against it, from which on the camera is said to be turned
-    band_pictures: int = 10  # one after the other, whose rows are compared
+    band_pictures: int = 10  # one after the other, in whose rows bands of light are sought
+    row_pictures: int = 40  # the same, in which the comb of interlaced video is
     bands: float = 0.04  # scatter of the brightness of rows from one picture to the next, from which on it is told
     level: float = 0.1  # widths of the picture above or below, from which on it is not that camera's sweep
     sure: float = 80.0  # features that agree, a picture, from which on nobody else's sweep has to be asked
