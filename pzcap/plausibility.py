@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -146,8 +145,8 @@ def seen_keyframe(key: Keyframe, body: Body, views: SeenViews, unbiased: SeenVie
     return SeenKeyframe(
         key,
         not _is_seen(key, body, views),
-        _on_athlete(key, body, views, 1.0),
-        np.stack([_on_athlete(key, body, unbiased, scale) for scale in _SCALES]),
+        _on_athlete(key, body, views, (1.0,))[0],
+        _on_athlete(key, body, unbiased, _SCALES),
         seen_sizes(body, key.pose, *views, margin),
     )
 
@@ -239,22 +238,23 @@ def blames_object(notes: Sequence[str]) -> bool:
     return any(note.startswith(_OBJECT) for note in notes)
 
 
-def _on_athlete(key: Keyframe, body: Body, seen: SeenViews, scale: float) -> Mask:
-    """(N,) The keyframe's joints, view by view, that lie on the athlete by the colours, in a hall so many times as
+def _on_athlete(key: Keyframe, body: Body, seen: SeenViews, scales: Sequence[float]) -> Mask:
+    """(S, N) The keyframe's joints, view by view, that lie on the athlete by the colours, in halls so many times as
     large."""
-    hits = [np.zeros(0, bool)]
+    times, points = np.array(scales)[:, None, None], joints(body, key.pose)
+    hits = [np.zeros((len(scales), 0), bool)]
     for camera, silhouette in zip(*seen, strict=True):
         if camera is None or silhouette is None or not silhouette.valid:
             continue
-        moved = camera.world_T_cam.copy()
-        moved[:3, 3] *= scale
-        pixels, depth = project(replace(camera, world_T_cam=moved), joints(body, key.pose))
+        # a tripod so much further off sees what its own place would see nearer by as much
+        apart = points - (times - 1.0) * camera.world_T_cam[:3, 3]
+        pixels, depth = project(camera, apart.reshape(-1, 3))
         inside = (depth > 0.0) & np.all((pixels >= 0.0) & (pixels < (camera.width - 1, camera.height - 1)), axis=1)
         halved = np.minimum((pixels[inside] / 2).astype(int), np.array(silhouette.evidence.shape)[::-1] - 1)
         on = np.zeros(len(inside), bool)
         on[inside] = silhouette.evidence[halved[:, 1], halved[:, 0]] > 0.0
-        hits.append(on)
-    return np.concatenate(hits)
+        hits.append(on.reshape(len(scales), -1))
+    return np.hstack(hits)
 
 
 def _is_seen(key: Keyframe, body: Body, seen: SeenViews) -> bool:

@@ -18,7 +18,7 @@ import numpy as np
 
 from pzcap.types import Array, Float32, Image
 
-_EVERY: Final = 8
+_EVERY: Final = 12
 """Rows of a picture that one comparison of each kind is made in."""
 _SOFT_PX: Final = 3.0
 """Standard deviation by which rows are smoothed: combs of up to twice as much are measured."""
