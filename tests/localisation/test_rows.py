@@ -99,17 +99,20 @@ def test_only_what_is_displaced_is_put_right() -> None:
     assert is_sheared(CAMERA, found(0.0, np.array([1e-3, 0.0]), np.ones(2)))
 
 
-def followed(readout: float, sigma: float, seed: int, frames: int = 60, panorama_rad: float = 0.0) -> Readout:
-    """The read-out after frames of a camera that is panned to and fro, their shear known to ``sigma``; the panorama is
-    sheared itself by ``panorama_rad``."""
+def followed(
+    readout: float, sigma: float, seed: int, frames: int = 60, panorama_rad: float = 0.0, swing: float = 0.1
+) -> Readout:
+    """The read-out after frames of a camera that is panned to and fro, by ``swing`` radians of its phase a frame, their
+    shear known to ``sigma``; the panorama is sheared itself by ``panorama_rad``."""
     rng, history = np.random.default_rng(seed), History(Readout(0.0, 0.6), Sway(OPTICS.tilt_rad, np.full(2, 1e-8)))
     for k in range(frames):
-        pan, zoom = 0.2 * np.sin(0.1 * k), 1.0 + 0.1 * np.sin(0.07 * k)
-        rate = np.array([0.02 * np.cos(0.1 * k), 0.007 * np.cos(0.07 * k) / zoom])
+        pan, zoom = 0.02 / swing * np.sin(swing * k), 1.0 + 0.1 * np.sin(0.07 * k)
+        rate = np.array([0.02 * np.cos(swing * k), 0.007 * np.cos(0.07 * k) / zoom])
         expected = None
-        if history.last is not None and history.before is not None:
-            last = history.last.pan_rad - history.before.pan_rad
-            zoomed = float(np.log(history.last.focal_px / history.before.focal_px))
+        if len(history.seen) > 1:
+            before, latest = history.seen[-2:]
+            last = latest.pan_rad - before.pan_rad
+            zoomed = float(np.log(latest.focal_px / before.focal_px))
             mean, spread = history.readout.shear(np.array([last, zoomed]))
             expected = found(0.0, mean, spread)
         shear, spread = readout * rate + rng.normal(0.0, sigma, 2), np.full(2, sigma)
@@ -120,6 +123,12 @@ def followed(readout: float, sigma: float, seed: int, frames: int = 60, panorama
             spread = information**-0.5
         history = history.followed_by(found(pan, shear, spread, FOCAL * zoom), expected)
     return history.readout
+
+
+@pytest.mark.parametrize("swing", [0.1, 0.35])  # half a hertz, and 1.7 Hz, at 30 frames a second
+def test_a_camera_that_swings_fast_has_the_same_read_out(swing: float) -> None:
+    found = [followed(0.5, 5e-5, seed, swing=swing).share for seed in range(6)]
+    assert np.mean(found) == pytest.approx(0.5, abs=0.0015)
 
 
 @pytest.mark.parametrize("readout", [-0.7, 0.0, 0.5])
