@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 from experiments.config import leaves
 from experiments.metrics import read_metrics
 from experiments.studies import jobs
+from pzcap.extras import keyframe_diagnostics
 from pzcap.scoring.metric import Metric
 from pzcap.types import PzcapError
 
@@ -45,7 +46,7 @@ class Run:
     settings: Mapping[str, Any]  # dotted key -> value, of the whole configuration
     metrics: tuple[Metric, ...]
     versions: Mapping[str, str]
-    notes: tuple[str, ...]  # of its reconstruction
+    notes: tuple[str, ...]  # of its reconstruction, on what is wrong or odd
     seconds: float  # wall clock
 
     @property
@@ -170,7 +171,8 @@ def _read(place: Path) -> tuple[Run | None, str | None]:
 def _run(folder: Path) -> Run:
     metrics, info = read_metrics(folder / METRICS)
     overrides, seconds = jobs.marked(folder)
-    return Run(folder, overrides, leaves(info["config"]), metrics, info["versions"], tuple(info["notes"]), seconds)
+    notes = tuple(note for note in info["notes"] if not keyframe_diagnostics.is_advice(note))
+    return Run(folder, overrides, leaves(info["config"]), metrics, info["versions"], notes, seconds)
 
 
 def _write(parts: Path, count: int, folder: Path, runs: Sequence[Run]) -> None:

@@ -62,7 +62,15 @@ class Suggestion:
     def told(self, timecodes: Sequence[str]) -> str:
         """In one line. ``timecodes`` (F,) are those of the frames."""
         where = f"frame {self.frame} ({timecodes[self.frame]})"
-        return f"the next keyframe would help most at {where}, where the {self.part} is least certain"
+        return f"{_ADVICE} at {where}, where the {self.part} is least certain"
+
+
+_ADVICE: Final = "the next keyframe would help most"
+
+
+def is_advice(note: str) -> bool:
+    """True of a note that says what would help, and of nothing that is wrong."""
+    return note.startswith(_ADVICE)
 
 
 def notes(

@@ -78,7 +78,7 @@ def test_every_point_leads_to_its_run_and_to_the_command_that_made_it(tmp_path: 
 
 def test_a_run_that_says_what_is_wrong_is_ringed_and_its_words_stand_in_its_row(tmp_path: Path) -> None:
     said = ("camera 2: its shutter rolls", "the body may be lost in 7 frames")
-    [silent] = grid(tmp_path, {NOISE: [0], "seed": [0]})
+    [silent] = grid(tmp_path, {NOISE: [0], "seed": [0]}, notes=["the next keyframe would help most at frame 3 (01:00)"])
     [speaks] = grid(tmp_path, {NOISE: [4], "seed": [0]}, notes=said)
     plan = plan_of(tmp_path, [silent, speaks])
     assert {point.name: point.spoke for line in plan.lines for point in line.points} == {
