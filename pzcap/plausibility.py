@@ -67,14 +67,14 @@ def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_cloc
         upside_down = "" if head.readout_s > 0.0 else ", from the bottom up"
         notes.append(
             f"camera {name}: its shutter rolls: {1e3 * abs(head.readout_s):.1f} ms (standard deviation "
-            f"{1e3 * head.readout_sigma_s:.1f}) from the first row to the last{upside_down}"
+            f"{1e3 * head.readout_sigma_s:.2f}) from the first row to the last{upside_down}"
         )
     clock_s = head.clock_s - usual_clock_s
     if abs(clock_s) > max(PLAUSIBILITY.clock_s, PLAUSIBILITY.sigmas * head.clock_sigma_s):
         late = "after" if clock_s > 0.0 else "before"
         notes.append(
             f"camera {name}: it exposes {1e3 * abs(clock_s):.1f} ms (standard deviation "
-            f"{1e3 * head.clock_sigma_s:.1f}) {late} the median of all: the cameras are not locked to each other"
+            f"{1e3 * head.clock_sigma_s:.2f}) {late} the median of all: the cameras are not locked to each other"
         )
     if track.valid.any():
         off = (

@@ -268,6 +268,8 @@ def _scale(axes: Axes, plan: Plan, panel: int) -> None:
     values = values[np.isfinite(values)]
     if values.min() > 0 and values.max() > 5 * values.min():
         axes.set_yscale("log")
+    elif values.min() == 0:  # a count, or a share
+        axes.set_ylim(bottom=0.0, top=None if values.max() > 0 else 1.0)
     places = np.unique(np.concatenate([line.x for line in plan.lines]))
     if len(places) <= TICKS:
         axes.set_xticks(places, [style.literal(name) for name in plan.names or ()] or [f"{p:g}" for p in places])
