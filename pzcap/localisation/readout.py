@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -50,13 +51,13 @@ class Readout(NamedTuple):
         Errors of the panorama are no longer taken for a shear then."""
         return self.sigma < READOUT.sure and abs(self.share) < READOUT.least_share
 
-    def shear(self, rate: Array) -> tuple[Array, Array]:
+    def shear(self, rate: Array, change: Array) -> tuple[Array, Array]:
         """Expected shear (2,) of pan and log focal of a frame, and its standard deviation, from their ``rate`` (2,) a
-        frame period, as it was a frame before."""
+        frame period, as it was between the two frames before, and by how much that has changed lately (2,)."""
         if self.is_global:
             return np.zeros(2), np.zeros(2)
-        off = np.array(READOUT.rate_sigma)
-        variance = (self.share**2 + self.sigma**2) * off**2 + self.sigma**2 * rate**2
+        off = np.square(READOUT.rate_sigma) + np.square(1.5 * change)
+        variance = (self.share**2 + self.sigma**2) * off + self.sigma**2 * rate**2
         return self.share * rate, np.sqrt(variance)
 
     def updated(self, found: Localisation, expected: Localisation, rate: Array) -> Readout:
@@ -135,8 +136,10 @@ class History(NamedTuple):
             fastest = np.hypot(self.readout.share, self.readout.sigma) * np.array(READOUT.fastest)  # rate is not known
             return replace(last, sway_sigma=sway, shear=np.zeros(2), shear_sigma=fastest)
         before = self.seen[-2]
-        rate = rate_between(before, last)
-        shear, shear_sigma = self.readout.shear(rate)
+        rates = np.array([rate_between(one, other) for one, other in pairwise(self.seen)])
+        rate, changes = rates[-1], np.diff(rates[-3:], axis=0)
+        change = np.sqrt(np.mean(np.square(changes), axis=0)) if len(changes) else np.zeros(2)
+        shear, shear_sigma = self.readout.shear(rate, change)
         return replace(
             last, pan_rad=float(wrapped(last.pan_rad + rate[0])), tilt_rad=2 * last.tilt_rad - before.tilt_rad,
             focal_px=last.focal_px * float(np.exp(rate[1])), sway_sigma=sway,

@@ -113,7 +113,7 @@ def followed(
             before, latest = history.seen[-2:]
             last = latest.pan_rad - before.pan_rad
             zoomed = float(np.log(latest.focal_px / before.focal_px))
-            mean, spread = history.readout.shear(np.array([last, zoomed]))
+            mean, spread = history.readout.shear(np.array([last, zoomed]), np.zeros(2))
             expected = found(0.0, mean, spread)
         shear, spread = readout * rate + rng.normal(0.0, sigma, 2), np.full(2, sigma)
         shear[0] += panorama_rad
