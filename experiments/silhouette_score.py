@@ -1,4 +1,8 @@
-"""Errors of silhouettes against the true masks, scored as they come."""
+"""Errors of silhouettes against the true masks, scored as they come.
+
+Silhouettes are of views in which the rows of a rolling shutter have been put right
+(`pzcap.localisation.rectification`): so are the true masks, by the true turning of the camera.
+"""
 
 from __future__ import annotations
 
@@ -49,8 +53,32 @@ class ForegroundScorer:
             return
         estimate = probability > EVEN
         shadow = self._truth.shadow(true_camera, frame)
+        if self._truth.readout_s[true_camera]:
+            true = self._upright(true, true_camera, frame)
+            shadow = None if shadow is None else self._upright(shadow, true_camera, frame)
         wrong = None if shadow is None else float(np.sum(estimate & shadow & ~true) / np.sum(true))
         self._rows[index, camera] = (iou(estimate, true), outline_distance(estimate, true), wrong)
+
+    def _upright(self, mask: Mask, camera: int, frame: int) -> Mask:
+        """A true ``mask`` (H, W) as if all rows had been exposed at once: what a row that was exposed later has turned
+        and zoomed by since is taken back."""
+        truth, (height, width) = self._truth, mask.shape
+        near = slice(max(frame - 2, 0), frame + 3)
+        at, times_s = frame - near.start, np.arange(len(truth.pan_rad[camera, near])) / float(truth.frame_rate)
+        focal_px, (across, down) = truth.focal_px[camera, frame], truth.principal_px[camera, frame]
+        pan, zoom = (
+            np.gradient(each, times_s)[at] if len(times_s) > 1 else 0.0
+            for each in (truth.pan_rad[camera, near], np.log(truth.focal_px[camera, near]))
+        )
+        row, column = np.mgrid[0:height, 0:width].astype(np.float64)
+        delay_s = ((row + 0.5) / height - 0.5) * truth.readout_s[camera]
+        x, y = column - across, row - down
+        # the scene moves to the right as the camera turns to the left
+        column += (focal_px + x * x / focal_px) * pan * delay_s + x * zoom * delay_s
+        row += x * y / focal_px * pan * delay_s + y * zoom * delay_s
+        places = column.astype(np.float32), row.astype(np.float32)
+        seen = cv2.remap(mask.astype(np.uint8), *places, interpolation=cv2.INTER_NEAREST)
+        return np.asarray(seen > 0)
 
     def errors(self, frames: int) -> tuple[ForegroundErrors, ...] | None:
         """Errors of each camera over so many ``frames``; None if no silhouette could be scored."""

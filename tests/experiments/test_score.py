@@ -298,6 +298,29 @@ def test_silhouettes_are_scored_where_the_body_is_tall(whole: Reconstruction, tr
     assert not views[1].iou.valid.any()
 
 
+def test_silhouettes_of_a_rolling_shutter_are_scored_as_if_all_rows_were_exposed_at_once(
+    whole: Reconstruction, truth: Truth
+) -> None:
+    """A camera that turns to the left by 8 px from the first row to the last, whose true mask is sheared by that."""
+    rate, period_s = 8.0 / truth.focal_px[0, 0], 1 / float(truth.frame_rate)
+    pan_rad, mask_bits = truth.pan_rad.copy(), truth.mask_bits.copy()
+    pan_rad[0] = rate * np.arange(F)
+    shear = np.array([[1.0, 8.0 / HEIGHT, 4.0 / HEIGHT - 4.0], [0.0, 1.0, 0.0]])
+    size = (WIDTH, HEIGHT)
+    sheared = cv2.warpAffine(body_mask().astype(np.uint8), shear, size, flags=cv2.INTER_NEAREST) > 0
+    mask_bits[0, 5] = np.packbits(sheared)
+    rolled = dataclasses.replace(
+        truth, pan_rad=pan_rad, mask_bits=mask_bits, readout_s=np.where(np.arange(len(pan_rad)) == 0, period_s, 0.0),
+        focal_px=np.repeat(truth.focal_px[:, :1], F, axis=1),
+    )  # fmt: skip
+    assert iou(body_mask(), sheared) < 0.97
+    scorer = ForegroundScorer(rolled, whole.camera_names)
+    scorer.add(5, truth.timecodes[5], 0, np.where(body_mask(), 255, 0).astype(np.uint8))
+    views = scorer.errors(F)
+    assert views is not None
+    assert views[0].iou.values[5] > 0.985
+
+
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 15), st.integers(0, 2**31))
 def test_outline_distance_measures_a_dilation(radius: int, seed: int) -> None:
