@@ -4,7 +4,6 @@ that was moved between them."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
@@ -13,16 +12,11 @@ from pzcap.calibration.calibrate import CalibratedCamera, Footage
 from pzcap.calibration.features import Features
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames, detect, place
+from pzcap.calibration.tuning import BLAME
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE
 from pzcap.tuning import PLAUSIBILITY
 from pzcap.types import Array
-
-_SWEEP_FRAMES: Final = 90  # of a full turn, a tenth of a picture apart
-_ZOOM_FRAMES: Final = 8
-_MANY: Final = 60
-"""Matches of two pictures that one camera took of one place: in the halls here 400 and more; two cameras have 20."""
-_FEWER: Final = 0.2  # share of those, that pictures of two cameras have
 
 
 def sweep_is_foreign(footage: Footage, config: PanZoomConfig) -> bool:
@@ -36,12 +30,12 @@ def sweep_is_foreign(footage: Footage, config: PanZoomConfig) -> bool:
     view = View(0.0, 0.0, 0.0, camera.focal_px, camera.principal_px, NONE)
     reference = [detect(footage.reference_image, config.sweep)]
     low, high = np.log(config.zoom_range)
-    zoomed = _some(footage.zoom, _ZOOM_FRAMES, config)
+    zoomed = _some(footage.zoom, BLAME.zoom_frames, config)
     beside = _agreed(zoomed, reference, view, np.arange(low, high, 0.04), config)
-    if beside < _MANY:
+    if beside < BLAME.many:
         return False
-    swept = _some(footage.sweep, _SWEEP_FRAMES, config)
-    return _agreed(reference, swept, view, np.arange(-0.1, 0.101, 0.02), config) < min(_MANY, _FEWER * beside)
+    swept = _some(footage.sweep, BLAME.sweep_frames, config)
+    return _agreed(reference, swept, view, np.arange(-0.1, 0.101, 0.02), config) < min(BLAME.many, BLAME.fewer * beside)
 
 
 def lens_moved(name: str, calibrated: CalibratedCamera) -> str | None:

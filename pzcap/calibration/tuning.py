@@ -205,6 +205,17 @@ class PropagationTuning(NamedTuple):
     """Fields of view off, of the sweep's frames that they are traced to."""
 
 
+class BlameTuning(NamedTuple):
+    """`blame`: the wrong file where two do not show the same."""
+
+    sweep_frames: int = 90  # of a full turn, a tenth of a picture apart
+    zoom_frames: int = 8
+    many: int = 60
+    """Matches of two pictures that one camera took of one place: in the halls here 400 and more; two cameras have
+    20."""
+    fewer: float = 0.2  # share of those, that pictures of two cameras have
+
+
 FEATURES = FeatureTuning()
 REFERENCE = ReferenceTuning()
 MARKERS = MarkerTuning()
@@ -216,3 +227,4 @@ STITCHING = StitchingTuning()
 BUNDLE = BundleTuning()
 PHOTOMETRIC = PhotometricTuning()
 PROPAGATION = PropagationTuning()
+BLAME = BlameTuning()

@@ -10,7 +10,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -22,15 +22,20 @@ DICTIONARY: Final = "DICT_4X4_50"
 CELLS: Final = 6
 """Cells of a marker along an edge: four of the pattern, and the black frame."""
 EDGE_RANGE_M: Final = (0.2, 8.0)
-_PITCH: Final = 0.33
-"""Distance of the centres of neighbouring markers, of the edge of the cube."""
-_MARKER: Final = 0.25
-"""Edge of a marker, of the edge of the cube."""
-_QUIET: Final = 0.75
-"""White about a marker, in cells: half a cell is needed."""
 _POINTS_PER_M: Final = 72.0 / 0.0254
 _LARGEST_M: Final = 14400 / _POINTS_PER_M
 """The largest sheet that PDF knows."""
+
+
+class Layout(NamedTuple):
+    """Markers on a face."""
+
+    pitch: float = 0.33  # distance of the centres of neighbouring markers, of the edge of the cube
+    marker: float = 0.25  # edge of a marker, of the edge of the cube
+    quiet: float = 0.75  # white about a marker, in cells: half a cell is needed
+
+
+_LAYOUT: Final = Layout()
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +52,12 @@ class Cube:
     @property
     def marker_m(self) -> float:
         """Edge of a marker."""
-        return _MARKER * self.edge_m
+        return _LAYOUT.marker * self.edge_m
 
     @property
     def sheet_m(self) -> float:
         """Edge of a sheet, a marker and the white about it."""
-        return self.marker_m * (1.0 + 2.0 * _QUIET / CELLS)
+        return self.marker_m * (1.0 + 2.0 * _LAYOUT.quiet / CELLS)
 
     def markers(self) -> list[Marker]:
         """Markers 0 to 35: nine a face, from the top left in rows, the faces to -y, +x, +y and -x."""
@@ -61,7 +66,7 @@ class Cube:
             normal, up = np.array(outward), np.array([0.0, 0.0, 1.0])
             right, centre = np.cross(up, normal), self.edge_m / 2 * (normal + up)
             for k in range(9):
-                middle = centre + _PITCH * self.edge_m * ((k % 3 - 1) * right + (1 - k // 3) * up)
+                middle = centre + _LAYOUT.pitch * self.edge_m * ((k % 3 - 1) * right + (1 - k // 3) * up)
                 signs = ((-1, 1), (1, 1), (1, -1), (-1, -1))
                 corners = [middle + self.marker_m / 2 * (a * right + b * up) for a, b in signs]
                 found.append(Marker(9 * face + k, np.array(corners)))
@@ -109,7 +114,7 @@ def black_cells(number: int) -> list[tuple[int, int, int]]:
 def _sheet(cube: Cube, marker: Marker) -> str:
     """The drawing of one sheet, in points from its lower left."""
     cell = cube.marker_m / CELLS * _POINTS_PER_M
-    quiet, height = _QUIET * cell, cube.sheet_m * _POINTS_PER_M
+    quiet, height = _LAYOUT.quiet * cell, cube.sheet_m * _POINTS_PER_M
     lines = ["0 g"]
     for row, column, length in black_cells(marker.id):
         lines.append(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from pzcap.body.skeleton import Body
 from pzcap.editor.edits import ORIGINS
 from pzcap.editor.footage import outlines
 from pzcap.editor.inverse_kinematics import HANDLES, SEGMENT, Click, Problem, epipolar, handle_name
+from pzcap.editor.tuning import SHOWING
 from pzcap.editor.workspace import Dragged, Workspace
 from pzcap.extras import keyframe_diagnostics
 from pzcap.extras.keyframe_diagnostics import PARTS, Suggestion
@@ -21,10 +22,6 @@ from pzcap.geometry.pinhole import projected
 from pzcap.tracking import keyframes, visibility
 from pzcap.tracking.visibility import GROUP
 from pzcap.types import JOINTS, PARENTS, Array, Camera, Keyframe, Motion, Pose, PzcapError
-
-_SUGGESTED: Final = 6
-_SURROUNDINGS: Final = 4  # frames on either side that a keyframe helps
-_OUTLINE_PX: Final = 200.0  # length of the body where its outline is found
 
 Json = dict[str, Any]
 
@@ -131,12 +128,12 @@ def overview(space: Workspace) -> Json:
 def _suggested(motion: Motion, keys: Sequence[int]) -> list[Json]:
     """Frames to pose next, the best first, and why."""
     posed = [key for key in keys if key not in motion.keyframes]
-    best = keyframe_diagnostics.suggestions(motion, posed, _SUGGESTED) or _least_certain(motion, keys)
+    best = keyframe_diagnostics.suggestions(motion, posed, SHOWING.suggested) or _least_certain(motion, keys)
     if best:
         return [{"frame": one.frame, "why": f"{one.part} least certain"} for one in best]
     found: list[Json] = []
     last, known = len(motion.valid) - 1, set(keys)
-    while len(found) < _SUGGESTED:
+    while len(found) < SHOWING.suggested:
         ends = [end for end in (0, last) if end not in known]
         gaps = [(b - a, -a, b) for a, b in pairwise(sorted(known)) if b - a > 1]
         if ends:
@@ -157,16 +154,16 @@ def _least_certain(motion: Motion, keys: Sequence[int]) -> list[Suggestion]:
     if not motion.valid.any():
         return []
     variance = np.where(motion.valid[:, None], motion.sigma_m**2, 1.0)  # (F, 16); a metre, where nobody was tracked
-    around = np.ones(2 * _SURROUNDINGS + 1)
-    sums = np.array([np.convolve(joint, around)[_SURROUNDINGS : len(joint) + _SURROUNDINGS] for joint in variance.T])
+    around = np.ones(2 * SHOWING.helped + 1)
+    sums = np.array([np.convolve(joint, around)[SHOWING.helped : len(joint) + SHOWING.helped] for joint in variance.T])
     frames, found, gains = np.arange(len(variance)), list[Suggestion](), sums.sum(axis=0)
     for key in keys:
-        gains[np.abs(frames - key) <= _SURROUNDINGS] = 0.0
-    while len(found) < _SUGGESTED and gains.any():
+        gains[np.abs(frames - key) <= SHOWING.helped] = 0.0
+    while len(found) < SHOWING.suggested and gains.any():
         best = int(gains.argmax())
         part = max(PARTS, key=lambda name: float(sums[list(PARTS[name]), best].mean()))
         found.append(Suggestion(best, part))
-        gains[np.abs(frames - best) <= 2 * _SURROUNDINGS] = 0.0
+        gains[np.abs(frames - best) <= 2 * SHOWING.helped] = 0.0
     return found
 
 
@@ -192,7 +189,7 @@ def _outline(body: Body, skin: Array, camera: Camera) -> Iterator[list[list[floa
         return
     size = np.array([camera.width, camera.height])
     low, high = (np.clip(corner, -size, 2 * size) for corner in box)
-    scale = max(float(np.max(high - low)) / _OUTLINE_PX, 0.05)
+    scale = max(float(np.max(high - low)) / SHOWING.outline_px, 0.05)
     left, top = np.floor(low - 2.0 * scale).astype(int).tolist()
     width, height = np.ceil(high - [left, top] + 3.0 * scale).astype(int).tolist()
     buffer = visibility.empty_z_buffer((left, top, width, height), scale)

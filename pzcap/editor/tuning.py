@@ -62,8 +62,17 @@ class WorkspaceTuning(NamedTuple):
     drag_steps: int = 6  # of the fit, while a handle is dragged
 
 
+class ShowingTuning(NamedTuple):
+    """Data of the page."""
+
+    suggested: int = 6  # frames to pose next
+    helped: int = 4  # frames on either side that a keyframe helps
+    outline_px: float = 200.0  # length of the body where its outline is found
+
+
 POSING: Final = PosingTuning()
 FOOTAGE: Final = FootageTuning()
 EDITS: Final = EditsTuning()
 RESOLVE: Final = ResolveTuning()
 WORKSPACE: Final = WorkspaceTuning()
+SHOWING: Final = ShowingTuning()

@@ -11,38 +11,27 @@ slanting edges do has the same. Half the difference is the comb alone.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
+from pzcap.imaging.tuning import COMB
 from pzcap.types import Array, Float32, Image
-
-_EVERY: Final = 12
-"""Rows of a picture that one comparison of each kind is made in."""
-_SOFT_PX: Final = 3.0
-"""Standard deviation by which rows are smoothed: combs of up to twice as much are measured."""
-_PANNED_PX: Final = 0.3
-"""Comb that has to be expected, pixels: codecs blend a smaller one away."""
-_LEAST: Final = 6
-"""Pictures with such a comb, at least."""
-_SHARE: Final = 0.3
-"""Share of the comb of half a frame period, from which on a picture is said to be woven: 1 where it is, 0 where not."""
-_SIGMAS: Final = 6.0
 
 
 def comb_px(image: Image) -> float:
     """Pixels by which the odd rows of a picture (H, W[, 3]) have moved to the right against the even ones; 0 of a bare
     one."""
     plane = image if image.ndim == 2 else image[..., 1]
-    tops = np.arange(4, len(plane) - 8, _EVERY) // 2 * 2
+    tops = np.arange(4, len(plane) - 8, COMB.every) // 2 * 2
     even, odd, next_even, next_odd = (_soft(plane[tops + k]) for k in range(4))
     return 0.5 * (_moved(odd, even, next_even) - _moved(next_even, odd, next_odd))
 
 
 def _soft(rows: Image) -> Float32:
     """Each row smoothed by itself."""
-    return np.asarray(cv2.GaussianBlur(rows.astype(np.float32), (0, 1), sigmaX=_SOFT_PX), np.float32)
+    return np.asarray(cv2.GaussianBlur(rows.astype(np.float32), (0, 1), sigmaX=COMB.soft_px), np.float32)
 
 
 def _moved(row: Float32, above: Float32, below: Float32) -> float:
@@ -61,7 +50,7 @@ class Comb(NamedTuple):
     @property
     def is_woven(self) -> bool:
         """True of pictures of two fields, whichever is first."""
-        return abs(self.share) > max(_SHARE, _SIGMAS * self.sigma)
+        return abs(self.share) > max(COMB.share, COMB.sigmas * self.sigma)
 
     def cure(self, name: str) -> str:
         """The command that makes a file of woven pictures say what it is."""
@@ -73,8 +62,8 @@ def comb_of(found_px: Array, turned_px: Array) -> Comb | None:
     """The comb of N pictures by `comb_px` (N,) of each, and the pixels (N,) by which the scene moves to the right in a
     frame period there. None where the camera pans too little to tell."""
     found, expected = found_px, 0.5 * turned_px
-    told = (np.abs(expected) > _PANNED_PX) & (np.abs(expected) < 2.0 * _SOFT_PX)
-    if told.sum() < _LEAST:
+    told = (np.abs(expected) > COMB.panned_px) & (np.abs(expected) < 2.0 * COMB.soft_px)
+    if told.sum() < COMB.least:
         return None
     found, expected = found[told], expected[told]
     weight = float(expected @ expected)

@@ -11,12 +11,8 @@ from scipy.spatial.transform import Rotation
 from pzcap.body.kinematics import forward, joint_jacobians, joints, limit_residuals
 from pzcap.body.skeleton import DOF_SEGMENT, Body
 from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.tuning import KEYFRAME
 from pzcap.types import HINGE_AXES, JOINTS, SEGMENTS, Array, Keyframe, Pose, PzcapError
-
-_HINGE_TOLERANCE_RAD = np.deg2rad(25.0)
-_LIMIT_TOLERANCE_RAD = np.deg2rad(20.0)
-_FLOOR_TOLERANCE_M = 0.15
-_FASTEST_M_PER_FRAME = 0.4
 
 
 def information(key: Keyframe, config: TrackingConfig) -> Array:
@@ -61,7 +57,7 @@ def check(keyframes: Sequence[Keyframe], body: Body, frame_count: int | None = N
     ordered = sorted(keyframes, key=lambda key: key.frame)
     for a, b in pairwise(ordered):
         moved = float(np.linalg.norm(b.pose.root_position_m - a.pose.root_position_m))
-        if moved > _FASTEST_M_PER_FRAME * (b.frame - a.frame):
+        if moved > KEYFRAME.fastest_m * (b.frame - a.frame):
             notes.append(
                 f"keyframes {a.frame} and {b.frame}: the pelvis moves {moved:.1f} m in {b.frame - a.frame} frames, "
                 "faster than anyone runs; check the timecodes"
@@ -88,13 +84,13 @@ def _check_pose(pose: Pose, body: Body) -> list[str]:
         if name in HINGE_AXES:
             axis = np.array(HINGE_AXES[name])
             beside = float(np.linalg.norm(vectors[index] - axis * (axis @ vectors[index])))
-            if beside > _HINGE_TOLERANCE_RAD:
+            if beside > KEYFRAME.hinge_rad:
                 notes.append(f"{name} turns by {np.rad2deg(beside):.0f} degrees beside its hinge")
     excess, _ = limit_residuals(pose)
-    for index in np.unique(DOF_SEGMENT[np.abs(excess) > _LIMIT_TOLERANCE_RAD]):
+    for index in np.unique(DOF_SEGMENT[np.abs(excess) > KEYFRAME.limit_rad]):
         worst = np.rad2deg(np.abs(excess[index == DOF_SEGMENT]).max())
         notes.append(f"{SEGMENTS[index]} is {worst:.0f} degrees beyond what its joint can do")
     heights: Array = joints(body, pose)[:, 2]
-    if heights.min() < -_FLOOR_TOLERANCE_M:
+    if heights.min() < -KEYFRAME.floor_m:
         notes.append(f"{JOINTS[int(heights.argmin())]} is {-heights.min():.2f} m below the floor")
     return notes

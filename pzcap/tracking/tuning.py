@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 
 class ViewTuning(NamedTuple):
     """Crop of a view, and placement of the body in it."""
@@ -192,6 +194,15 @@ class ClockTuning(NamedTuple):
     rounds: int = 6  # of an interval, at most
 
 
+class KeyframeTuning(NamedTuple):
+    """Poses that no person takes."""
+
+    hinge_rad: float = np.deg2rad(25.0)  # beside the axis of a hinge
+    limit_rad: float = np.deg2rad(20.0)  # beyond a joint's limits
+    floor_m: float = 0.15  # below the floor
+    fastest_m: float = 0.4  # a frame, of the pelvis
+
+
 VIEW = ViewTuning()
 CLOCK = ClockTuning()
 CONTOUR = ContourTuning()
@@ -208,3 +219,4 @@ SHAPE = ShapeTuning()
 APPEARANCE = AppearanceTuning()
 SKIN_COLOUR = SkinColourTuning()
 REACQUISITION = ReacquisitionTuning()
+KEYFRAME = KeyframeTuning()
