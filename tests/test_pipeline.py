@@ -322,8 +322,8 @@ def test_both_fields_of_interlaced_video_are_tracked(
 def test_interlaced_video_that_is_not_said_to_be_is_named(
     capture: Capture, reconstruction: Reconstruction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # the motion is four frames long, and the cameras hardly turn
-    monkeypatch.setattr(comb, "COMB", comb.COMB._replace(least=3, panned_px=0.1))
+    # the motion is four frames long, which are sure of nothing, and the cameras hardly turn
+    monkeypatch.setattr(comb, "COMB", comb.COMB._replace(least=3, panned_px=0.1, sigmas=3.0))
     silent = dataclasses.replace(woven(capture, reconstruction, tmp_path, told=False), subject=None)
     named = [note for note in reconstruct(silent, Config(), cameras=reconstruction).notes if "interlaced" in note]
     assert named
