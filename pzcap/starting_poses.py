@@ -49,7 +49,7 @@ def body_to_track(capture: Capture, sets: FrameSets, config: TrackingConfig, not
     body = skeleton.build(subject)
     notes += guessed_measurements(subject, body)
     if sets.keyframes:
-        notes += keyframes.check(sets.keyframes, body, len(sets))
+        notes += keyframes.check(sets.keyframes, body, len(sets), float(capture.frame_rate))
     return body
 
 

@@ -31,7 +31,9 @@ def joint_sigma_m(key: Keyframe, body: Body, config: TrackingConfig) -> float:
     return float(np.sqrt(variance.mean()))
 
 
-def check(keyframes: Sequence[Keyframe], body: Body, frame_count: int | None = None) -> tuple[str, ...]:
+def check(
+    keyframes: Sequence[Keyframe], body: Body, frame_count: int | None = None, frame_rate: float = 30.0
+) -> tuple[str, ...]:
     """Check keyframes: what looks wrong with them, one line each; empty if nothing does.
 
     Raises PzcapError where nothing can be tracked from them: none at all, two of one frame, numbers that are no pose,
@@ -57,7 +59,7 @@ def check(keyframes: Sequence[Keyframe], body: Body, frame_count: int | None = N
     ordered = sorted(keyframes, key=lambda key: key.frame)
     for a, b in pairwise(ordered):
         moved = float(np.linalg.norm(b.pose.root_position_m - a.pose.root_position_m))
-        if moved > KEYFRAME.fastest_m * (b.frame - a.frame):
+        if moved * frame_rate > KEYFRAME.fastest_m_s * (b.frame - a.frame):
             notes.append(
                 f"keyframes {a.frame} and {b.frame}: the pelvis moves {moved:.1f} m in {b.frame - a.frame} frames, "
                 "faster than anyone runs; check the timecodes"

@@ -200,7 +200,7 @@ class KeyframeTuning(NamedTuple):
     hinge_rad: float = np.deg2rad(25.0)  # beside the axis of a hinge
     limit_rad: float = np.deg2rad(20.0)  # beyond a joint's limits
     floor_m: float = 0.15  # below the floor
-    fastest_m: float = 0.4  # a frame, of the pelvis
+    fastest_m_s: float = 12.0  # of the pelvis: the fastest sprinters'
 
 
 VIEW = ViewTuning()

@@ -44,6 +44,12 @@ def test_a_pelvis_that_jumps_is_noted() -> None:
     assert "0 and 3" in notes[0]
 
 
+@pytest.mark.parametrize(("frame_rate", "noted"), [(10.0, False), (30.0, True), (120.0, True)])
+def test_how_far_a_runner_comes_in_a_frame_depends_on_the_frame_rate(frame_rate: float, noted: bool) -> None:
+    keys = [Keyframe(0, standing()), Keyframe(2, standing(1.6))]
+    assert bool(keyframes.check(keys, BODY, frame_rate=frame_rate)) == noted
+
+
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
