@@ -117,7 +117,7 @@ class Gathered:
             usual_clock_s = float(np.median([head.clock_s for head in heads if head is not None] or [0.0]))
             for name, head, track in zip(self.names, heads, tracks, strict=True):
                 if head is not None and track is not None:
-                    found += camera_notes(name, head, track, usual_clock_s)
+                    found += camera_notes(name, head, track, usual_clock_s, self._sets.timecodes)
         return Reconstruction(
             capture_name=self._capture.name,
             method=config.method,

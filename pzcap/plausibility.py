@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from pzcap.body.kinematics import joints
 from pzcap.body.skeleton import Body
@@ -59,7 +60,9 @@ def check_upright(cameras: Sequence[CalibratedCamera | None]) -> None:
         )
 
 
-def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_clock_s: float) -> list[str]:
+def camera_notes(
+    name: str, head: PanZoomCamera, track: PanZoomTrack, usual_clock_s: float, timecodes: Sequence[str]
+) -> list[str]:
     """Notes on what the motion has shown of camera ``name`` and a studio's would not do; all of it is corrected for.
     ``usual_clock_s``: the median of all cameras' clocks, which one that is a whole frame off does not move."""
     notes = []
@@ -86,7 +89,43 @@ def camera_notes(name: str, head: PanZoomCamera, track: PanZoomTrack, usual_cloc
                 f"camera {name}: in the motion it is tilted by {np.rad2deg(off[0]):+.3f} and rolled by "
                 f"{np.rad2deg(off[1]):+.3f} degrees against the sweep: the tripod has settled or was touched"
             )
+    if bumped := bump(track):
+        tilt_deg, roll_deg = np.rad2deg(bumped.step_rad)
+        notes.append(
+            f"camera {name}: at frame {bumped.frame} ({timecodes[bumped.frame]}) its tripod was bumped: from there on "
+            f"it is tilted by {tilt_deg:+.3f} and rolled by {roll_deg:+.3f} degrees against before; by how much it was "
+            "turned about the vertical nobody can tell from the pan"
+        )
     return notes
+
+
+class Bump(NamedTuple):
+    """A tripod that was moved for good."""
+
+    frame: int  # the first one after it
+    step_rad: Array  # (2,) of tilt and roll
+
+
+def bump(track: PanZoomTrack) -> Bump | None:
+    """The step of tilt and roll in mid-take, if there is one: between the medians of fifteen frames before and after,
+    and of all that is before and after; what rings on a sprung floor has a mean of 0."""
+    valid, width = np.flatnonzero(track.valid), PLAUSIBILITY.bump_frames
+    if len(valid) < 2 * width:
+        return None
+    leaned = np.stack([track.tilt_rad, track.roll_rad], axis=1)[valid]
+    medians = np.median(sliding_window_view(leaned, width, axis=0), axis=2)
+    steps = medians[width:] - medians[:-width]
+    at = int(np.argmax(np.linalg.norm(steps, axis=1)))
+    near = leaned[at : at + 2 * width]
+    middle = at + min(range(1, len(near)), key=lambda k: _scatter(near[:k]) + _scatter(near[k:]))
+    whole = np.median(leaned[middle:], axis=0) - np.median(leaned[:middle], axis=0)
+    if min(np.linalg.norm(steps[at]), np.linalg.norm(whole)) < PLAUSIBILITY.tilt_rad:
+        return None
+    return Bump(int(valid[middle]), steps[at])
+
+
+def _scatter(part: Array) -> float:
+    return float(np.sum((part - part.mean(axis=0)) ** 2))
 
 
 def woven_motion(files: CameraFiles, combs_px: Array, track: PanZoomTrack | None) -> str | None:
