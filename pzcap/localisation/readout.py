@@ -56,7 +56,7 @@ class Readout(NamedTuple):
         frame period, as it was between the two frames before, and by how much that has changed lately (2,)."""
         if self.is_global:
             return np.zeros(2), np.zeros(2)
-        off = np.square(READOUT.rate_sigma) + np.square(1.5 * change)
+        off = np.square(READOUT.rate_sigma) + np.square(1.5 * change)  # one and a half periods after that rate
         variance = (self.share**2 + self.sigma**2) * off + self.sigma**2 * rate**2
         return self.share * rate, np.sqrt(variance)
 

@@ -15,7 +15,7 @@ from pzcap.command.check.sweep_check import MAINS, Sweep
 from pzcap.command.check.tuning import MOTION, VIEWS
 from pzcap.command.check.views import ENOUGH, NOTHING, Relation, best, mirrored, overlap, small, step, view
 from pzcap.command.check.zoom_check import ZoomRun
-from pzcap.imaging.comb import Comb, comb_of, comb_px
+from pzcap.imaging.comb import comb_of, comb_px
 from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image, Mask
 
@@ -143,8 +143,13 @@ def check_shutter(camera: str, path: Path) -> tuple[Shutter, list[Finding]]:
     the file does not say so."""
     reader = VideoReader(path)
     start = int(reader.indices[len(reader.indices) // 2])
-    images = [image for _, image in reader.read(start, start + MOTION.row_pictures)]
-    flicker, comb = row_flicker(images[: MOTION.band_pictures]), comb_between(images)
+    pictures, combs_px = [], []  # small: forty of 4K are a gigabyte
+    for _, image in reader.read(start, start + MOTION.row_pictures):
+        pictures.append(small(image, VIEWS.step_width))
+        combs_px.append(comb_px(image))
+    flicker = row_flicker(pictures[: MOTION.band_pictures])
+    turned_px = reader.width * np.array([step(one, other)[0] for one, other in pairwise(pictures)])
+    comb = comb_of(np.array(combs_px[:-1]), turned_px)
     woven = comb is not None and comb.is_woven
     shutter, texts = Shutter(reader.interlaced or woven, flicker > MOTION.bands), []
     if shutter.banded:
@@ -156,12 +161,6 @@ def check_shutter(camera: str, path: Path) -> tuple[Shutter, list[Finding]]:
             f"original again, or say it: {comb.cure(path.name)}"
         )
     return shutter, [Finding(Level.WARN, camera, "motion", text) for text in texts]
-
-
-def comb_between(images: Sequence[Image]) -> Comb | None:
-    """The comb of pictures one after the other; None where the camera pans too little to tell."""
-    turned = np.array([step(one, other)[0] * one.shape[1] for one, other in pairwise(images)])
-    return comb_of(np.array([comb_px(image) for image in images[:-1]]), turned)
 
 
 def row_flicker(images: Sequence[Image]) -> float:
