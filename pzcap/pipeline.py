@@ -17,7 +17,7 @@ from typing import Any, Final
 from pzcap import runtime
 from pzcap.assembly import Gathered
 from pzcap.body import skeleton
-from pzcap.calibration.blame import lens_moved
+from pzcap.calibration.blame import focal_in_doubt, lens_moved
 from pzcap.calibration.calibrate import CalibratedCamera, Report, no_report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, taken_over
@@ -170,7 +170,8 @@ def _calibrated(
         yield event
     for files, camera in zip(capture.cameras, calibrated, strict=True):  # not as they come: notes stay in order
         if camera is not None and method is EXACT:
-            notes += filter(None, [object_of_other_shape(files.name, camera) or lens_moved(files.name, camera)])
+            contradicted = object_of_other_shape(files.name, camera) or focal_in_doubt(files.name, camera)
+            notes += filter(None, [contradicted or lens_moved(files.name, camera)])
     check_upright(calibrated)
     return calibrated
 

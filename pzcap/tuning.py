@@ -13,6 +13,9 @@ class PlausibilityTuning(NamedTuple):
     focal: float = 2e-4
     """Difference of the focal lengths of reference image and sweep, which a locked lens keeps to 2e-5; a lens
     that focused anew in the middle of a sweep leaves 1e-3."""
+    focal_sigma: float = 0.01
+    """Relative standard deviation of a focal length from which on it is in doubt: 0.0001 to 0.002 where all is
+    right."""
     corners_px: float = 0.3
     """Distance of the corners of the calibration object from where object.json has them, in the median: 0.02 to 0.06
     where it is right."""

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from pzcap.assembly import papers_against_views
 from pzcap.body import skeleton
 from pzcap.body.kinematics import joints
-from pzcap.calibration.blame import lens_moved, sweep_is_foreign
-from pzcap.calibration.calibrate import CalibratedCamera
+from pzcap.calibration.blame import focal_in_doubt, lens_moved, sweep_is_foreign
+from pzcap.calibration.calibrate import CalibratedCamera, contradiction
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, footage_of
 from pzcap.geometry.camera import project
@@ -121,6 +121,23 @@ def test_a_lens_that_was_moved_between_reference_and_sweep(factor: float, said: 
     if note:
         assert note.startswith("camera 1: the focal length of its sweep, ")
         assert note.endswith("focus or zoom have moved; set both by hand and shoot the sweep again")
+
+
+@pytest.mark.parametrize(
+    ("object_px", "sweep_px", "width", "said"),
+    [(880.0, 880.0, 640, False), (868.1, 880.0, 640, False), (427.7, 439.0, 320, False), (877.5, 914.2, 640, True)],
+)
+def test_a_sweep_that_contradicts_the_object_is_doubted(
+    object_px: float, sweep_px: float, width: int, said: bool
+) -> None:
+    """Focal lengths as they were found: right, twice at its worst, and one of a minimum that is not the right one."""
+    doubt = contradiction(object_px, sweep_px, width)
+    assert doubt == (pytest.approx(np.log(sweep_px / object_px)) if said else 0.0)
+    right = turned(0.0)
+    found = replace(right, camera=replace(right.camera, focal_sigma=float(np.hypot(1e-4, doubt))))
+    note = focal_in_doubt("1", found)
+    assert (note is not None) == said
+    assert note is None or re.match(r"camera 1: its focal length, \d+ px by the sweep, is in doubt by 4\.1%", note)
 
 
 @pytest.mark.parametrize(("off_px", "said"), [(0.05, False), (0.5, True)])

@@ -49,6 +49,18 @@ def lens_moved(name: str, calibrated: CalibratedCamera) -> str | None:
     )
 
 
+def focal_in_doubt(name: str, calibrated: CalibratedCamera) -> str | None:
+    """A note where the focal length of camera ``name`` is hardly known: object and sweep contradict each other."""
+    camera = calibrated.camera
+    if camera.focal_sigma < PLAUSIBILITY.focal_sigma:
+        return None
+    return (
+        f"camera {name}: its focal length, {camera.lens.reference_focal_px:.0f} px by the sweep, is in doubt by "
+        f"{camera.focal_sigma:.1%}: the calibration object shows another, or another fits the sweep as well; shoot the "
+        "sweep again, slowly, all the way round, by lamps that do not flicker"
+    )
+
+
 def _agreed(
     some: Sequence[Features], others: Sequence[Features], view: View, log_zooms: Array, config: PanZoomConfig
 ) -> int:

@@ -99,6 +99,8 @@ def calibrate(
     scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
     camera, surroundings = _in_metres(model, taken.pan_rad, refined.camera)
     doubt = np.hypot(0.0 if full_turn else BELIEF.partial_scale_sigma, undecided)
+    if calibration_object is not None:
+        doubt = np.hypot(doubt, contradiction(first.camera.focal_px, taken.focal_px, size[0]))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     camera = replace(
         camera, focal_sigma=float(np.sqrt(fitted.covariance[scale, scale] + doubt**2)),
@@ -115,6 +117,14 @@ def calibrate(
     zoom_pan_rad = float(model.pan_rad[-1] - taken.pan_rad)
     zoomed = stitching.ZoomedFrames(np.array(matched.zoom_numbers, np.int64), model.log_focal[2:], zoom_pan_rad)
     return CalibratedCamera(refined, panorama, camera), swept, zoomed
+
+
+def contradiction(object_px: float, sweep_px: float, width: int) -> float:
+    """By how much the focal length of the reference image, of so many columns, that a sweep has led to contradicts the
+    one that the calibration object shows by itself, relative; 0 where it does not: a minimum that is not the right
+    one."""
+    departure = abs(float(np.log(sweep_px / object_px)))
+    return departure if departure * width > BELIEF.implausible_px else 0.0
 
 
 def _unplaced(camera: Camera) -> ReferenceCamera:

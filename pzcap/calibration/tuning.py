@@ -74,6 +74,9 @@ class BeliefTuning(NamedTuple):
 
     focal_sigma: float = 0.005
     """From the reference image. A circle that closes fixes it far better, and then ten times this is believed."""
+    implausible_px: float = 16.0
+    """By how much an object that is as wide as the image would look wider by one focal length than by another, from
+    which on the sweep contradicts the object. Seen: up to 9 where it is right (640 and 320 columns), 26 where not."""
     partial_scale_sigma: float = 1e-3
     """Relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole. Fitted to captures."""
     usual_lens: float = 0.03
