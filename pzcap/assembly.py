@@ -13,6 +13,7 @@ import numpy as np
 from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
+from pzcap.camera_notes import camera_notes, woven_motion
 from pzcap.camera_set import panzoom_tracks, refined
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.frame_slips import FrameOffsets, slip_notes
@@ -22,13 +23,11 @@ from pzcap.plausibility import (
     SeenKeyframe,
     SeenViews,
     athlete_of_another_size,
-    camera_notes,
     lost_body,
     object_of_another_size,
     seen_keyframe,
     share_on_athlete,
     unseen_keyframes,
-    woven_motion,
 )
 from pzcap.tracking.body_size import body_size
 from pzcap.tracking.tracker import Tracked, Tracker

@@ -6,25 +6,19 @@ from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from pzcap.body.kinematics import joints
 from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.geometry.camera import project
-from pzcap.imaging.comb import comb_of
 from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.body_size import BodySize, seen_sizes
 from pzcap.tuning import PLAUSIBILITY
 from pzcap.types import (
     MEASUREMENTS,
-    Array,
     Camera,
-    CameraFiles,
     Keyframe,
     Mask,
-    PanZoomCamera,
-    PanZoomTrack,
     PzcapError,
     Silhouette,
     Subject,
@@ -58,90 +52,6 @@ def check_upright(cameras: Sequence[CalibratedCamera | None]) -> None:
             f"object.json: the cameras stand turned by {deg:.0f} degrees in its world, whose z axis has to point up; "
             "correct its corners (docs/capture.md), or set the object, or the cameras, upright"
         )
-
-
-def camera_notes(
-    name: str, head: PanZoomCamera, track: PanZoomTrack, usual_clock_s: float, timecodes: Sequence[str]
-) -> list[str]:
-    """Notes on what the motion has shown of camera ``name`` and a studio's would not do; all of it is corrected for.
-    ``usual_clock_s``: the median of all cameras' clocks, which one that is a whole frame off does not move."""
-    notes = []
-    if abs(head.readout_s) > max(PLAUSIBILITY.readout_s, PLAUSIBILITY.sigmas * head.readout_sigma_s):
-        upside_down = "" if head.readout_s > 0.0 else ", from the bottom up"
-        notes.append(
-            f"camera {name}: its shutter rolls: {1e3 * abs(head.readout_s):.1f} ms (standard deviation "
-            f"{1e3 * head.readout_sigma_s:.2f}) from the first row to the last{upside_down}"
-        )
-    clock_s = head.clock_s - usual_clock_s
-    if abs(clock_s) > max(PLAUSIBILITY.clock_s, PLAUSIBILITY.sigmas * head.clock_sigma_s):
-        late = "after" if clock_s > 0.0 else "before"
-        notes.append(
-            f"camera {name}: it exposes {1e3 * abs(clock_s):.1f} ms (standard deviation "
-            f"{1e3 * head.clock_sigma_s:.2f}) {late} the median of all: the cameras are not locked to each other"
-        )
-    if track.valid.any():
-        off = (
-            float(np.median(track.tilt_rad[track.valid])) - head.tilt_rad,
-            float(np.median(track.roll_rad[track.valid])),
-        )
-        if max(map(abs, off)) > PLAUSIBILITY.tilt_rad:
-            notes.append(
-                f"camera {name}: in the motion it is tilted by {np.rad2deg(off[0]):+.3f} and rolled by "
-                f"{np.rad2deg(off[1]):+.3f} degrees against the sweep: the tripod has settled or was touched"
-            )
-    if bumped := bump(track):
-        tilt_deg, roll_deg = np.rad2deg(bumped.step_rad)
-        notes.append(
-            f"camera {name}: at frame {bumped.frame} ({timecodes[bumped.frame]}) its tripod was bumped: from there on "
-            f"it is tilted by {tilt_deg:+.3f} and rolled by {roll_deg:+.3f} degrees against before; by how much it was "
-            "turned about the vertical nobody can tell from the pan"
-        )
-    return notes
-
-
-class Bump(NamedTuple):
-    """A tripod that was moved for good."""
-
-    frame: int  # the first one after it
-    step_rad: Array  # (2,) of tilt and roll
-
-
-def bump(track: PanZoomTrack) -> Bump | None:
-    """The step of tilt and roll in mid-take, if there is one: between the medians of fifteen frames before and after,
-    and of all that is before and after; what rings on a sprung floor has a mean of 0."""
-    valid, width = np.flatnonzero(track.valid), PLAUSIBILITY.bump_frames
-    if len(valid) < 2 * width:
-        return None
-    leaned = np.stack([track.tilt_rad, track.roll_rad], axis=1)[valid]
-    medians = np.median(sliding_window_view(leaned, width, axis=0), axis=2)
-    steps = medians[width:] - medians[:-width]
-    at = int(np.argmax(np.linalg.norm(steps, axis=1)))
-    near = leaned[at : at + 2 * width]
-    middle = at + min(range(1, len(near)), key=lambda k: _scatter(near[:k]) + _scatter(near[k:]))
-    whole = np.median(leaned[middle:], axis=0) - np.median(leaned[:middle], axis=0)
-    if min(np.linalg.norm(steps[at]), np.linalg.norm(whole)) < PLAUSIBILITY.tilt_rad:
-        return None
-    return Bump(int(valid[middle]), steps[at])
-
-
-def _scatter(part: Array) -> float:
-    return float(np.sum((part - part.mean(axis=0)) ** 2))
-
-
-def woven_motion(files: CameraFiles, combs_px: Array, track: PanZoomTrack | None) -> str | None:
-    """A note where the frames of a camera are of two instants each, and were taken for one; ``combs_px`` (F,) as in
-    `comb_px`."""
-    if track is None or files.motion is None or len(combs_px) < 2:
-        return None
-    turned_px = track.focal_px * np.gradient(np.unwrap(track.pan_rad))
-    comb = comb_of(combs_px[track.valid], turned_px[track.valid])
-    if comb is None or not comb.is_woven:
-        return None
-    return (
-        f"camera {files.name}: odd and even rows of its pictures are of two instants ({abs(comb.share):.0%} of half a "
-        "frame period apart): it is interlaced video, and the file does not say so. Each picture was taken for one "
-        f"instant; copy the original again, or say it: {comb.cure(files.motion.name)}"
-    )
 
 
 def lost_body(lost: Mapping[int, float], timecodes: Sequence[str]) -> list[str]:

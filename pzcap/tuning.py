@@ -36,6 +36,12 @@ class PlausibilityTuning(NamedTuple):
     """Tilt or roll, on average over the motion, from which on a tripod is said to have settled, and step of both from
     which on it is said to have been bumped: right footage has 0.002 degrees."""
     bump_frames: int = 15  # before and after a bump, whose medians are compared
+    bump_leaves: float = 0.5
+    """Share of the scatter of tilt and roll about a bump that the step leaves, at most: a tenth where it rings by 0.03
+    degrees and was bumped by 0.1."""
+    rocks_rad: float = np.deg2rad(0.15)
+    """Tilt and roll together, beside what is usual, from which on a tripod is said to rock: a sprung floor has 0.03
+    degrees."""
 
 
 class SlipTuning(NamedTuple):

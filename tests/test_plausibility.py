@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pzcap.assembly import papers_against_views
 from pzcap.body import skeleton
@@ -28,8 +26,6 @@ from pzcap.plausibility import (
     SeenKeyframe,
     SeenViews,
     blames_object,
-    bump,
-    camera_notes,
     check_upright,
     lost_body,
     object_of_another_size,
@@ -37,7 +33,7 @@ from pzcap.plausibility import (
     seen_keyframe,
     unseen_keyframes,
 )
-from pzcap.types import Camera, Capture, Keyframe, PanZoomTrack, Pose, PzcapError, Silhouette
+from pzcap.types import Camera, Capture, Keyframe, Pose, PzcapError, Silhouette
 from tests.scenes import fabricated
 from tests.scenes.captures import facing
 
@@ -308,49 +304,3 @@ def test_stretches_in_which_the_body_may_be_lost_are_named() -> None:
     assert "in 5 frames: 7 to 11 (10:00:00:07 to 10:00:00:11); " in one
     (three,) = lost_body(sure | dict.fromkeys([0, 1, 2, 7, 8, 9, 10, 20, 21, 22], 0.8), TIMECODES)
     assert "in 10 frames: 7 to 10 (10:00:00:07 to 10:00:00:10) and 2 more stretches; " in three
-
-
-def leaning(
-    step_deg: tuple[float, float], at: int, seed: int, frames: int = 90, ring_deg: float = 0.03
-) -> PanZoomTrack:
-    """A track on a sprung floor that rings after two landings, of a tripod that is bumped ``at`` a frame."""
-    rng, time_s = np.random.default_rng(seed), np.arange(frames) / 30
-    lean = rng.normal(0.0, np.deg2rad(0.002), (frames, 2))
-    for landing_s in (0.7, 1.9):
-        since = time_s - landing_s
-        ring = np.where(since > 0.0, np.exp(-6.0 * since) * np.sin(2 * np.pi * 8.0 * since), 0.0)
-        lean += np.deg2rad(ring_deg) * ring[:, None]
-    lean[at:] += np.deg2rad(step_deg)
-    track = fabricated.reconstruction(frames=frames).tracks[0]
-    assert track is not None
-    return replace(track, tilt_rad=track.tilt_rad + lean[:, 0], roll_rad=lean[:, 1])
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.floats(0.06, 0.5), st.floats(0.0, 2 * np.pi), st.integers(20, 70), st.integers(0, 1000))
-def test_a_tripod_that_is_bumped_is_told_with_the_frame_and_by_how_much(
-    size_deg: float, way: float, at: int, seed: int
-) -> None:
-    step_deg = size_deg * np.cos(way), size_deg * np.sin(way)
-    found = bump(leaning(step_deg, at, seed))
-    assert found is not None
-    assert abs(found.frame - at) <= 2
-    np.testing.assert_allclose(np.rad2deg(found.step_rad), step_deg, atol=0.01)
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 10_000))
-def test_a_floor_that_rings_bumps_no_tripod(seed: int) -> None:
-    assert bump(leaning((0.0, 0.0), 0, seed)) is None
-    assert bump(leaning((0.0, 0.0), 0, seed, frames=20)) is None  # too short to tell
-
-
-def test_the_note_on_a_bumped_tripod_names_camera_frame_and_angles() -> None:
-    head = fabricated.reconstruction(frames=90).cameras[0]
-    assert head is not None
-    timecodes = [f"10:00:{frame // 30:02}:{frame % 30:02}" for frame in range(90)]
-    notes = camera_notes("2", head, leaning((0.1, -0.05), 50, 3), 0.0, timecodes)
-    [note] = [each for each in notes if "bumped" in each]
-    assert note.startswith(("camera 2: at frame 49 (10:00:01:19) its", "camera 2: at frame 50 (10:00:01:20) its"))
-    assert re.search(r"tilted by \+0\.(09|10)\d and rolled by -0\.0[45]\d degrees", note)
-    assert not [each for each in camera_notes("2", head, leaning((0.0, 0.0), 0, 3), 0.0, timecodes) if "bumped" in each]

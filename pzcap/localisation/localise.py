@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -20,7 +21,10 @@ from pzcap.localisation.feature_search import Candidate, FeatureSearch
 from pzcap.localisation.panorama_sampler import ViewPlace, place_of
 from pzcap.localisation.photometric_alignment import Aligner, Alignment, Belief
 from pzcap.localisation.tuning import ALIGNMENT, READOUT
-from pzcap.types import Image, Localisation, Mask, Panorama, PanZoomCamera
+from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
+
+_KICKED: Final = np.full(2, ALIGNMENT.kicked_rad)
+"""Sway (2,) of tilt and roll of a tripod that was kicked, standard deviations."""
 
 
 class Localiser:
@@ -78,23 +82,35 @@ class Localiser:
         if body is not None and self._is_reliable(beside := align(4.0, body)):
             return self._localisation(beside)
         # noise and a bare wall agree less, however well the frame is found
-        return self._localisation(far) if self._coincide(near, far) else None
+        if self._coincide(near, far):
+            return self._localisation(far)
+        kicked = self._align(image, place_of(prior), 15.0, None, replace(prior, sway_sigma=_KICKED))
+        return self._localisation(kicked) if self._is_reliable(kicked) else None
 
     def _align(
         self, image: Image, start: ViewPlace, off_px: float, body: Mask | None = None,
         expected: Localisation | None = None,
     ) -> Alignment:  # fmt: skip
         """Align from a ``start`` that is off by up to ``off_px`` pixels of the panorama: 1.5, 4 or 15, the reaches of
-        one, two and all three `LEVELS`. Its sway and shear are known as well as ``expected``, else as a frame's are."""
+        one, two and all three `LEVELS`. Its sway and shear are known as well as ``expected``, else as a frame's are;
+        where it sways by far more, its tripod was kicked: it is aligned once more as if nothing were known of that."""
         beliefs, camera = self._config.beliefs, self._camera
         sway, shear = np.full(2, np.deg2rad(beliefs.sway_deg)), beliefs.readout * np.array(READOUT.fastest)
         if expected is not None:
             sway, shear = expected.sway_sigma, expected.shear_sigma
         locked = not self._config.free_tilt
         mean = start._replace(tilt_rad=camera.tilt_rad if locked else start.tilt_rad, roll_rad=0.0)
-        tilt_sigma = float(sway[0]) if locked else ALIGNMENT.free_tilt_rad
-        belief = Belief(mean, tilt_sigma, float(sway[1]), *shear.tolist())
-        return self._aligner.align(image, start, off_px, body, belief)
+
+        def align(start: ViewPlace, off_px: float, sway: Array) -> Alignment:
+            tilt_sigma = float(sway[0]) if locked else ALIGNMENT.free_tilt_rad
+            belief = Belief(mean, tilt_sigma, float(sway[1]), *shear.tolist())
+            return self._aligner.align(image, start, off_px, body, belief)
+
+        aligned = align(start, off_px, sway)
+        off = np.abs([aligned.at.tilt_rad - mean.tilt_rad, aligned.at.roll_rad])
+        if locked and np.any(off > np.minimum(ALIGNMENT.kicked_sigmas * sway, _KICKED)):
+            return align(aligned.at, 15.0, _KICKED)
+        return aligned
 
     def _coincide(self, near: Alignment, far: Alignment) -> bool:
         """True if a fit on all levels, which could have gone elsewhere, has come to where one on the finest has."""

@@ -221,7 +221,9 @@ class Aligner:
         pixels = level_pixels(frame, hidden, self.camera.lens, at.focal_px, self.sampler.px_per_rad, level)
         look, start = partial(self.sampler.sample, level), State(at, None)
         if level.scale > 1:  # too coarse to tell rows apart
-            return self.fit(look, pixels, start, Belief(belief.mean, belief.tilt_rad), Limits(steps, 0.0))
+            return self.fit(
+                look, pixels, start, Belief(belief.mean, belief.tilt_rad, belief.roll_rad), Limits(steps, 0.0)
+            )
         near = self.fit(look, pixels.thinned(ALIGNMENT.sparse), start, belief, Limits(steps, ALIGNMENT.near_px))
         start = near.solution.state
         if start.bands.size:  # all pixels tell them better

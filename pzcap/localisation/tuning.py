@@ -49,6 +49,10 @@ class AlignmentTuning(NamedTuple):
     """Change of log focal, or radians of tilt, up to which rays are linear in it, to 0.001 pixels."""
     free_tilt_rad: float = 0.5
     """Radians, standard deviation, of a tilt that is free: as good as unknown."""
+    kicked_rad: float = 0.02
+    """Radians, standard deviation, of tilt and roll of a tripod that was kicked."""
+    kicked_sigmas: float = 5.0
+    """Standard deviations of tilt or roll, as believed, from which on a tripod was kicked."""
     sure_agreement: float = 0.5
     """Agreement from which on a reference image, or a frame of the sweep, is where it was looked for."""
     same_px: float = 0.1

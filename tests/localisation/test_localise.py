@@ -18,6 +18,7 @@ from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.feature_search import Candidate, panorama_features, solve_eq11
 from pzcap.localisation.localise import Localiser
+from pzcap.localisation.tuning import READOUT
 from pzcap.types import Array, Image, PzcapError
 from tests.scenes import synthetic
 from tests.scenes.cylinders import camera_of, whole_turn
@@ -195,6 +196,22 @@ def test_a_tilted_frame_is_no_frame_of_a_camera_that_does_not_tilt(exact: Calibr
     localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
     tilted = synthetic.render(replace(OPTICS, tilt_rad=OPTICS.tilt_rad + np.deg2rad(3.0)), 0.1, 1.5 * FOCAL)
     assert not localiser.localise(tilted, None).valid
+
+
+@pytest.mark.parametrize(("tilt_deg", "roll_deg"), [(0.15, 0.1), (-0.6, 0.5), (1.0, -1.0)])
+def test_a_tripod_that_is_kicked_is_followed(exact: CalibratedCamera, tilt_deg: float, roll_deg: float) -> None:
+    """Though it stood still until then, so that hardly any sway is believed."""
+    localiser = Localiser(exact.panorama, exact.camera, PanZoomConfig())
+    still = localiser.localise(synthetic.render(OPTICS, 0.3, 1.5 * FOCAL, noise_seed=3), None)
+    tilt, roll = np.deg2rad((tilt_deg, roll_deg))
+    optics = replace(OPTICS, tilt_rad=OPTICS.tilt_rad + tilt, roll_rad=OPTICS.roll_rad + roll)
+    kicked = synthetic.render(optics, 0.31, 1.5 * FOCAL, noise_seed=4)
+    for before in (None, replace(still, sway_sigma=np.full(2, READOUT.least_sway_rad))):
+        found = localiser.localise(kicked, before)
+        assert found.valid
+        off = found.pan_rad - 0.31, np.log(found.focal_px / (1.5 * FOCAL))
+        assert off @ np.linalg.solve(found.covariance, off) < 2 * 9.0
+        np.testing.assert_allclose([found.tilt_rad - exact.camera.tilt_rad, found.roll_rad], [tilt, roll], atol=6e-4)
 
 
 def test_a_fast_pan_is_followed(exact: CalibratedCamera) -> None:
