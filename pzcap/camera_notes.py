@@ -70,8 +70,8 @@ def _moved(track: PanZoomTrack, timecodes: Sequence[str]) -> list[str]:
     if len(rocks):
         notes.append(
             f"its tripod rocks by up to {size:.2f} degrees between frames {rocks[0]} and {rocks[-1]} "
-            f"({timecodes[rocks[0]]} to {timecodes[rocks[-1]]}): put it on firm ground. Of each frame that is put "
-            "right; one that is smeared is lost"
+            f"({timecodes[rocks[0]]} to {timecodes[rocks[-1]]}): put it on firm ground. Frames are "
+            "corrected for it; those that it smears are lost"
         )
     return notes
 

@@ -76,16 +76,21 @@ class LimbAppearance:
 
     def __init__(self, body: Body, similarity: bool = True) -> None:
         self.body = body
-        self._weight = APPEARANCE.weight if similarity else 0.0
-        surface, stride = body.surface, APPEARANCE.stride
-        self._rows = [np.flatnonzero(np.isin(surface.segment, limb))[::stride] for limb in LIMBS]
-        self._skins = [
-            _LimbSkin(
-                np.ascontiguousarray(surface.points_m[rows]), np.ascontiguousarray(surface.normals[rows]),
-                surface.segment[rows] - limb[0], stride * surface.area_m2[rows],
-            )
-            for limb, rows in zip(LIMBS, self._rows, strict=True)
-        ]  # fmt: skip
+        self.weight = APPEARANCE.weight if similarity else 0.0
+        surface = body.surface
+
+        def skins(stride: int) -> tuple[list[Indices], list[_LimbSkin]]:
+            rows_of = [np.flatnonzero(np.isin(surface.segment, limb))[::stride] for limb in LIMBS]
+            return rows_of, [
+                _LimbSkin(
+                    np.ascontiguousarray(surface.points_m[rows]), np.ascontiguousarray(surface.normals[rows]),
+                    surface.segment[rows] - limb[0], stride * surface.area_m2[rows],
+                )
+                for limb, rows in zip(LIMBS, rows_of, strict=True)
+            ]  # fmt: skip
+
+        self._rows, self._skins = skins(APPEARANCE.stride)
+        self._coarse_rows, self._coarse_skins = skins(APPEARANCE.coarse_stride)
         face_segment = surface.segment[surface.faces[:, 0]]
         self._other_faces = [surface.faces[~np.isin(face_segment, limb)] for limb in LIMBS]
 
@@ -95,9 +100,9 @@ class LimbAppearance:
         """(4,) of each limb, square metres: what looks like its ``reference`` in each view, less what does not, the
         body being where it was ``placed``; ``alone``: where the limb itself hides nothing."""
         similarity, frames = np.zeros(len(LIMBS)), forward(self.body, pose)
-        for limb, segments in enumerate(LIMBS if self._weight else ()):
+        for limb, segments in enumerate(LIMBS if self.weight else ()):
             where = self._behind(limb, placed) if alone else placed
-            views = self._views(limb, pose, objective, where, reference, APPEARANCE.fine_level)
+            views = self._views(self._rows[limb], pose, objective, where, reference, APPEARANCE.fine_level)
             exposed = limbs.in_views(objective, limb, frames[None, list(segments)])
             similarity[limb] = _compared(self._skins[limb], exposed, views)[0]
         return similarity
@@ -108,38 +113,39 @@ class LimbAppearance:
         placed = objective.place(pose)[1]
         body, hall = support(objective, pose, placed).T
         similarity = self.similarity(pose, objective, placed, reference, alone=True)
-        return np.asarray(body - hall + self._weight * similarity)
+        return np.asarray(body - hall + self.weight * similarity)
 
     def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Appearances) -> LimbContext:
         """Make a frame ready to score postures of one limb near that of ``pose``."""
         posed, placed = objective.place(pose)
         behind = self._behind(limb, placed)
         coarse, fine = (
-            self._views(limb, pose, objective, behind, reference, level)
-            for level in (APPEARANCE.coarse_level, APPEARANCE.fine_level)
+            self._views(rows[limb], pose, objective, behind, reference, level)
+            for rows, level in ((self._coarse_rows, APPEARANCE.coarse_level), (self._rows, APPEARANCE.fine_level))
         )
         patches = limbs.patches(self.body, limb, posed.frames, grounds(objective.views, placed))
         return LimbContext(pose, objective, posed.frames, patches, coarse, fine)
 
-    def postures(self, limb: int, context: LimbContext, turns: Array, *, coarse: bool) -> Postures:
+    def postures(self, limb: int, context: LimbContext, turns: Array, *, coarse: bool = False) -> Postures:
         """Score a limb turned by ``turns`` (K, 4), in ``coarse`` or in fine images; the rest of the body is where the
         ``context`` has it."""
         turns = limbs.bounded(limb, context.pose, turns)
         posed = limbs.posed(self.body, limb, context.pose, turns)
         exposed = limbs.in_views(context.objective, limb, posed)
         body, hall = limbs.judged(self.body, limb, exposed, context.patches).T
-        similarity = _compared(self._skins[limb], exposed, context.coarse if coarse else context.fine)
-        score = body - hall + self._weight * similarity - APPEARANCE.reluctance_m2 * np.sum(turns**2, axis=1)
+        skins, views = (self._coarse_skins, context.coarse) if coarse else (self._skins, context.fine)
+        similarity = _compared(skins[limb], exposed, views)
+        score = body - hall + self.weight * similarity - APPEARANCE.reluctance_m2 * np.sum(turns**2, axis=1)
         score -= APPEARANCE.limit_m2 * limbs.beyond_limits(limb, context.pose, turns)
         first, *others = LIMBS[limb]
         moved = posed[:, 1:, :3, 3] - context.frames[others, :3, 3]
         return Postures(turns, score, moved @ context.frames[PARENTS[first], :3, :3])
 
     def _views(
-        self, limb: int, pose: Pose, objective: PoseObjective, placed: Placed, reference: Appearances,
+        self, rows: Indices, pose: Pose, objective: PoseObjective, placed: Placed, reference: Appearances,
         usual_level: int,
     ) -> list[_LimbView]:  # fmt: skip
-        rows, found = self._rows[limb], []
+        found = []
         for number, (view, where, look) in enumerate(zip(objective.views, placed, reference, strict=True)):
             if view is None or where is None:
                 continue

@@ -28,7 +28,7 @@ from pzcap.tracking.reacquisition import PassResults, accepted, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
-from pzcap.tracking.tuning import CLOCK
+from pzcap.tracking.tuning import CLOCK, REACQUISITION
 from pzcap.types import Array, Keyframe, Pose
 
 
@@ -66,17 +66,33 @@ def refine_batch(
             break
     if passes is None or not config.reacquisition:
         return found
-    inner, after = (len(poses), None) if key is None else (len(poses) - 1, poses[-1])
     limbs = LimbAppearance(body, config.appearance_score)
-    around = before[-1], after
-    again = reacquire(limbs, poses[:inner], found.objectives[:inner], placed[:inner], passes, around, sequence.period)
+    for _ in range(REACQUISITION.rounds):
+        found, taken = _reacquired(batch, limbs, found, sequence, passes)
+        if not taken:
+            break
+        passes = replace(passes, doubtful=np.zeros_like(passes.doubtful))  # what leapt does no longer
+    return found
+
+
+def _reacquired(
+    batch: _Batch, limbs: LimbAppearance, found: RefinedBatch, sequence: ViewSequence, passes: PassResults
+) -> tuple[RefinedBatch, bool]:
+    """What was ``found``, refined anew with the limbs that were lost where they score more; and whether any does."""
+    poses = [each.pose for each in found.frames]
+    inner, after = (len(poses), None) if batch.key is None else (len(poses) - 1, poses[-1])
+    placed = _placed(found.objectives, poses)[1]
+    again = reacquire(
+        limbs, poses[:inner], found.objectives[:inner], placed[:inner], passes, (batch.before[-1], after), batch.period
+    )
     if again is None:
-        return found
+        return found, False
     other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference)
-    pairs = [(here.pose, there.pose) for here, there in zip(found.frames, other.frames, strict=True)]
-    chosen = accepted(limbs, before[-1], pairs, sequence.corrected(other.objectives), again, passes.agreed)
+    pairs = [(here, there.pose) for here, there in zip(poses, other.frames, strict=True)]
+    chosen = accepted(limbs, batch.before[-1], pairs, sequence.corrected(other.objectives), again, passes.agreed)
     # where limbs of the two meet, the motion leaps: a third sweep smooths it
-    return batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
+    smoothed = batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
+    return smoothed, any(one is not here for one, here in zip(chosen, poses, strict=True))
 
 
 def _placed(objectives: Sequence[PoseObjective], poses: Sequence[Pose]) -> tuple[list[PosedBody], list[Placed]]:

@@ -2,10 +2,11 @@
 
 Between two keyframes a limb can be lost from both sides: held before the trunk it has no contour, and its appearance is
 forgotten while it is tracked wrongly. Beside the keyframes it is known (`FrameTracker.reference`). So where it does not
-look like itself, or lies on the hall, its postures in all these frames are chosen anew, together: those that score most
-(`pzcap.tracking.appearance`) and lead on from one frame to the next (Viterbi), from coarse to fine. The reference is
-also learned from all other frames in which the passes agree: of two that do not at least one is wrong, and nothing
-misleads as much as a limb that was learned elsewhere.
+look like itself, lies on the hall or scores far less than it mostly does, its postures in all these frames are chosen
+anew, together: those that score most (`pzcap.tracking.appearance`) and lead on from one frame to the next (Viterbi),
+among those that the passes have, and those to which it leads to follow the limb from the frames before and after
+(`pzcap.tracking.limb_beam`), then about these. The reference is also learned from all other frames in which the passes
+agree: of two that do not at least one is wrong, and nothing misleads as much as a limb that was learned elsewhere.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from pzcap.body.skeleton import LIMBS
 from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
 from pzcap.tracking.bidirectional_fusion import choose, runs, with_segments
+from pzcap.tracking.limb_beam import follow_limb
 from pzcap.tracking.limbs import POSTURES, support, turn_to, turned
 from pzcap.tracking.observation import Placed
 from pzcap.tracking.pose_objective import PoseObjective, ViewSequence
@@ -54,14 +56,15 @@ class Reacquired:
     poses: list[Pose]
     lost: Mask  # (T, 16) segments that were reacquired
     reference: list[Appearance]  # of the skin in each view, where nothing was lost
+    least_m2: Array  # (4,) score that a limb has where it is, at least
 
 
 def reacquire(
     limbs: LimbAppearance, poses: Sequence[Pose], objectives: Sequence[PoseObjective], placed: Sequence[Placed],
     passes: PassResults, around: Neighbours, period: float,
 ) -> Reacquired | None:  # fmt: skip
-    """Reacquire the limbs that are doubtful, lie on the hall or do not look like their reference, the body being where
-    it was ``placed``, an instant every ``period`` frame periods. None if there are none."""
+    """Reacquire the limbs that are doubtful, lie on the hall, do not look like their reference or score little, the
+    body being where it was ``placed``, an instant every ``period`` frame periods. None if there are none."""
     disputed, doubted = (
         np.array([segments[:, list(limb)].any(axis=1) for limb in LIMBS]).T
         for segments in (passes.disputed, passes.doubtful)
@@ -71,20 +74,26 @@ def reacquire(
     on_hall = supported[..., 1] / np.maximum(supported.sum(axis=2), REACQUISITION.least_area_m2)
     doubted |= _filtered(on_hall) > REACQUISITION.largest_hall
 
-    def unlike(reference: Appearances) -> Mask:
-        similarity = np.array([limbs.similarity(*frame, reference) for frame in frames])
-        return _filtered(similarity) < -REACQUISITION.unlike_m2
+    def similarity(reference: Appearances) -> Array:
+        return np.array([limbs.similarity(*frame, reference) for frame in frames])
 
-    lost = doubted | unlike(passes.reference)
+    similar = similarity(passes.reference)
+    score = supported[..., 0] - supported[..., 1] + limbs.weight * similar
+    usual_m2 = np.median(score, axis=0)
+    doubted |= _filtered(score) < REACQUISITION.lost_share * usual_m2
+    lost = doubted | _unlike(similar)
     if not lost.any():
         return None
     reference = _learned(passes.reference, objectives, placed, _widened(lost) | disputed)
-    lost = _widened(doubted | unlike(reference))
+    lost = _widened(doubted | _unlike(similarity(reference)))
     if not lost.any():
         return None
     candidates = list(zip(poses, *passes.poses, strict=True))
     sequence = ViewSequence([each.views for each in objectives], period)
-    return Reacquired(_found(limbs, candidates, sequence, reference, lost, around), lost @ _OF_LIMB, reference)
+    least_m2 = np.minimum(REACQUISITION.least_share * usual_m2, REACQUISITION.least_score_m2)
+    return Reacquired(
+        _found(limbs, candidates, sequence, reference, lost, around), lost @ _OF_LIMB, reference, least_m2
+    )
 
 
 def accepted(
@@ -100,9 +109,14 @@ def accepted(
     for t in np.flatnonzero(again.lost.any(axis=1)).tolist():
         here, there = (limbs.score(pose, own[t], again.reference) for pose, own in zip(pairs[t], moving, strict=True))
         worth = there - here - REACQUISITION.least_gain_m2
-        gain[t] = np.where(there > REACQUISITION.least_score_m2, worth, -np.inf)
+        gain[t] = worth - REACQUISITION.short_of * np.maximum(again.least_m2 - there, 0.0)
     least_m = np.where(agreed, REACQUISITION.apart_agreed_m, REACQUISITION.apart_m)
     return choose(limbs.body, before, one, other, np.where(again.lost, least_m, np.inf), gain)
+
+
+def _unlike(similarity: Array) -> Mask:
+    """(T, 4) limbs that do not look like their reference."""
+    return _filtered(similarity) < -REACQUISITION.unlike_m2
 
 
 def _widened(lost: Mask) -> Mask:
@@ -137,25 +151,38 @@ def _found(
     limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], sequence: ViewSequence, reference: Appearances,
     lost: Mask, around: Neighbours,
 ) -> list[Pose]:  # fmt: skip
-    """The poses, of each frame's ``candidates`` the first, with the ``lost`` (T, 4) limbs reacquired: near the
-    interpolation from the frame before to that after, or near the candidates."""
+    """The poses, of each frame's ``candidates`` the first, with the ``lost`` (T, 4) limbs reacquired one after the
+    other: one that has been found leaves its place to no other."""
     poses = [pose for pose, *_ in candidates]
-    found = list(poses)
-    chain = [around[0], *poses, around[1]]
+    found, chain = list(poses), [around[0], *poses, around[1]]
     for limb, segments in enumerate(LIMBS):
         for run in runs(lost[:, limb]):
             first, last = chain[run.start], chain[run.stop + 1]
             first, last = first or last or poses[run.start], last or first or poses[run.start]
-            shares = (np.arange(len(run)) + 1.0) / (len(run) + 1.0)
-            between = [retract(first, share * difference(last, first)) for share in shares]
-            starts = [with_segments(poses[t], segments, pose) for t, pose in zip(run, between, strict=True)]
+            came, goes = chain[max(run.start - 1, 0)] or first, chain[min(run.stop + 2, len(chain) - 1)] or last
             part = sequence.part(run)
-            pairs = zip(starts, part.objectives(limbs.body, starts), strict=True)
-            contexts = [limbs.context(limb, pose, objective, reference) for pose, objective in pairs]
-            path = _path(limbs, limb, part, contexts, [candidates[t] for t in run])
-            for t, pose in zip(run, path, strict=True):
+            contexts = _between(limbs, limb, part, found[run.start : run.stop], (first, last), reference)
+            ahead = follow_limb(limbs, limb, contexts, came, first, sequence.period)
+            back = follow_limb(limbs, limb, contexts[::-1], goes, last, -sequence.period)[::-1]
+            tried = [[*candidates[t], *a, *b] for t, a, b in zip(run, ahead, back, strict=True)]
+            for t, pose in zip(run, _path(limbs, limb, part, contexts, tried), strict=True):
                 found[t] = with_segments(found[t], segments, pose)
     return found
+
+
+def _between(
+    limbs: LimbAppearance, limb: int, sequence: ViewSequence, poses: Sequence[Pose], ends: tuple[Pose, Pose],
+    reference: Appearances,
+) -> list[LimbContext]:  # fmt: skip
+    """The frames of a ``sequence``, made ready to score a limb, which lies between what it is at its ``ends``."""
+    first, last = ends
+    shares = (np.arange(len(poses)) + 1.0) / (len(poses) + 1.0)
+    starts = [
+        with_segments(pose, LIMBS[limb], retract(first, share * difference(last, first)))
+        for pose, share in zip(poses, shares, strict=True)
+    ]
+    pairs = zip(starts, sequence.objectives(limbs.body, starts), strict=True)
+    return [limbs.context(limb, pose, objective, reference) for pose, objective in pairs]
 
 
 def _path(
@@ -173,7 +200,7 @@ def _path(
         for context, pose, beside in zip(contexts, path, others, strict=True):
             around = turn_to(limb, context.pose, pose) + size * POSTURES
             turns = np.vstack([around, *(turn_to(limb, context.pose, other) for other in beside)])
-            postures.append(limbs.postures(limb, context, turns, coarse=size > REACQUISITION.coarse_rad))
+            postures.append(limbs.postures(limb, context, turns))
         chosen = zip(contexts, postures, smoothest(postures), strict=True)
         path = [turned(limb, context.pose, each.turns[k]) for context, each, k in chosen]
         moving = sequence.objectives(limbs.body, path)

@@ -159,6 +159,7 @@ class AppearanceTuning(NamedTuple):
     largest_gain: float = 1.25  # factor by which it may brighten
     trust_elsewhere: float = 0.5  # trust in what another view has seen
     stride: int = 2  # one of so many points of the skin is looked at
+    coarse_stride: int = 4  # and in coarse images
     coarse_level: int = 2  # pyramid level in the usual view, for postures that differ much
     fine_level: int = 1  # pyramid level in the usual view, for those that differ little
     hinge_range_rad: tuple[float, float] = (0.0, 2.6)  # range of an elbow or a knee
@@ -168,20 +169,31 @@ class AppearanceTuning(NamedTuple):
 class ReacquisitionTuning(NamedTuple):
     """Reacquisition of lost limbs."""
 
+    rounds: int = 3  # of it, at most: one limb that is found may show where another is
     window: int = 2  # frames on either side that a verdict takes in
     beside: int = 6  # frames on either side of a lost one that may be wrong with it
     largest_hall: float = 0.25  # share of hall in what a limb covers, all views together, from which on it is lost
     least_area_m2: float = 0.05  # covered area to tell that by
     unlike_m2: float = 0.0  # negative similarity from which on a limb is lost: it looks less like itself than not
-    sizes_rad: tuple[float, ...] = (1.2, 0.6, 0.3, 0.14, 0.06)  # spread of the postures tried, from coarse to fine
-    coarse_rad: float = 0.3  # postures that are spread by more are scored in coarse images
+    lost_share: float = 0.6  # of the limb's median score, below which it is lost
+    sizes_rad: tuple[float, ...] = (0.3, 0.14, 0.06)  # spread of the postures tried, from coarse to fine
     leap_m: float = 0.08  # motion of a joint in a frame, besides what was expected, that is usual
     leap_m2: float = 0.005  # cost of that in a limb's score; it grows as the square of the length
     worst_leap: float = 10.0  # squares that count at most: an arm that swings moves further, and scores where it is
     least_score_m2: float = 0.05  # of a limb that is taken as reacquired: where it is truly, it is mostly well seen
-    least_gain_m2: float = 0.002  # and by which that must be more: a search finds what looks a little better
+    least_share: float = 0.4  # of its median score, that is enough where it is never seen so well
+    short_of: float = 4.0  # cost of a score that falls short of that, a share of what is missing
+    least_gain_m2: float = 0.002  # by which the score must be more: a search finds what looks a little better
     apart_m: float = 0.02  # a limb that was reacquired nearer than this was not lost
     apart_agreed_m: float = 0.1  # nor one nearer than this that both passes had there: clothes look like a limb beside
+
+
+class BeamTuning(NamedTuple):
+    """Beam search of a lost limb."""
+
+    width: int = 4  # hypotheses
+    spread_rad: float = 0.3  # of the postures about each: what a limb's motion changes by from frame to frame
+    apart_m: float = 0.03  # distance of the joints of two hypotheses, at least
 
 
 class ClockTuning(NamedTuple):
@@ -219,4 +231,5 @@ SHAPE = ShapeTuning()
 APPEARANCE = AppearanceTuning()
 SKIN_COLOUR = SkinColourTuning()
 REACQUISITION = ReacquisitionTuning()
+BEAM = BeamTuning()
 KEYFRAME = KeyframeTuning()

@@ -10,12 +10,13 @@ import numpy as np
 
 from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
-from pzcap.body.skeleton import Body
+from pzcap.body.skeleton import LIMBS, Body
 from pzcap.segmentation import foreground
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate
 from pzcap.tracking.observation import ViewCrop, prepare
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import Terms, TrackingConfig
+from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.skin_colour_model import UNKNOWN
 from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
 from pzcap.types import Array, Image, Keyframe, Pose, Subject
@@ -131,3 +132,17 @@ def step(pose: Pose) -> FrameEstimate:
 def without_score(_pass: int, _frame: int) -> Array:
     """The images tell no limb from another."""
     return np.zeros(4)
+
+
+def swung(pose: Pose, limb: int, by: float) -> Pose:
+    return lost(pose, int(np.flatnonzero(LIMBS[limb][0] == bodies.DOF_SEGMENT)[1]), by)
+
+
+def known(frames: range = range(2, 5)) -> list[Appearance]:
+    """What the skin looks like in these frames, the body being where it is."""
+    body = true_body()
+    looks = [Appearance.unseen(body) for _ in crops(0)]
+    for frame in frames:
+        objective = observed(frame, body)
+        learn(objective.views, objective.place(clip().poses[frame])[1], looks, 0.5)
+    return looks

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pzcap.body import kinematics
-from pzcap.body import skeleton as bodies
 from pzcap.body.skeleton import LIMBS, Body
 from pzcap.tracking.appearance import LimbAppearance, Postures
 from pzcap.tracking.batch_refinement import refine_batch
@@ -24,28 +23,14 @@ from pzcap.tracking.pixel_time import ClockEstimate, Exposure, velocities
 from pzcap.tracking.pose_objective import PoseObjective, ViewSequence
 from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, reacquire, smoothest
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.tracking.skin_appearance import Appearance, learn, shared
+from pzcap.tracking.skin_appearance import Appearance, shared
 from pzcap.tracking.tuning import REACQUISITION
 from pzcap.types import Array, Keyframe, Mask, Pose
-from tests.scenes.tracked import clip, crops, lost, observed, true_body
+from tests.scenes.tracked import clip, crops, known, observed, swung, true_body
 
 pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 FRAMES = range(2, 9)
 SURE = np.zeros((len(FRAMES), 16), bool)
-
-
-def swung(pose: Pose, limb: int, by: float) -> Pose:
-    return lost(pose, int(np.flatnonzero(LIMBS[limb][0] == bodies.DOF_SEGMENT)[1]), by)
-
-
-def known(frames: range = range(2, 5)) -> list[Appearance]:
-    """What the skin looks like in these frames, the body being where it is."""
-    body = true_body()
-    looks = [Appearance.unseen(body) for _ in crops(0)]
-    for frame in frames:
-        objective = observed(frame, body)
-        learn(objective.views, objective.place(clip().poses[frame])[1], looks, 0.5)
-    return looks
 
 
 def alike(pose: Pose, objective: PoseObjective, looks: list[Appearance]) -> Array:
@@ -75,7 +60,7 @@ def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(lim
     limbs, turn = LimbAppearance(body), np.zeros(4)
     context = limbs.context(limb, pose, objective, known())
     for size in (0.8, 0.4, 0.16, 0.06):
-        postures = limbs.postures(limb, context, turn + size * POSTURES, coarse=size > 0.3)
+        postures = limbs.postures(limb, context, turn + size * POSTURES)
         turn = postures.turns[np.argmax(postures.score_m2)]
     found = turned(limb, pose, turn)
     before, after = (np.linalg.norm(kinematics.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
@@ -279,7 +264,8 @@ def test_a_limb_is_taken_where_it_scores_well_and_lies_elsewhere(
             return np.full(len(LIMBS), score if any(pose is each for each in there) else score - 0.1)
 
     views: list[Views] = [[None] * len(crops(5))] * len(FRAMES)
-    again = Reacquired(there, np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape), known(range(0)))
+    lost = np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)
+    again = Reacquired(there, lost, known(range(0)), np.full(len(LIMBS), 0.05))
     pairs = list(zip(here, there, strict=True))
     found = accepted(Told(body), here[0], pairs, ViewSequence(views, 1.0), again, np.full(SURE.shape, agreed))
     off = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, here, strict=True)]
