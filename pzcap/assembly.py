@@ -95,7 +95,9 @@ class Gathered:
 
     def contradictions(self, tracks: Sequence[PanZoomTrack | None]) -> list[str]:
         """Notes on what in the keyframes' views contradicts the crew's papers, and on frames that a camera lost."""
-        slips = partial(slip_notes, self._offsets, tracks, self.names, self._sets.timecodes)
+        known = None if self._tracker is None else self._tracker.clocks
+        clocks = np.zeros(len(self.names)) if known is None else known.clock
+        slips = partial(slip_notes, self._offsets, clocks, tracks, self.names, self._sets.timecodes)
         if self._body is None:
             return slips()
         found = papers_against_views(self._body, self._keyframes, self._sets.timecodes)

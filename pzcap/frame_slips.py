@@ -183,9 +183,11 @@ def _between(steps: Array) -> Array:
 
 
 def slip_notes(
-    offsets: FrameOffsets, tracks: Sequence[PanZoomTrack | None], names: Sequence[str], timecodes: Sequence[str]
-) -> list[str]:
-    """Notes on cameras that show other instants than the others do."""
+    offsets: FrameOffsets, clocks: Array, tracks: Sequence[PanZoomTrack | None], names: Sequence[str],
+    timecodes: Sequence[str],
+) -> list[str]:  # fmt: skip
+    """Notes on cameras that show other instants than the others do, and than their ``clocks`` (C,), frame periods,
+    explain: of one that is half a frame off, the nearest whole frame may be the next."""
     frames, found = offsets.offsets()
     if len(frames) < 2:
         return []
@@ -201,7 +203,8 @@ def slip_notes(
     told = np.flatnonzero(np.isfinite(found[0])).tolist()
     for camera in told if len(told) > 2 else ():  # of two, each is as far from the other
         off = int(found[0, camera] - np.median([found[0, other] for other in told if other != camera]))
-        if off:
+        beyond = off - (clocks[camera] - np.median([clocks[other] for other in told if other != camera]))
+        if off and abs(beyond) > SLIPS.beyond_clock:
             many = f"{abs(off)} frame" + "s" * (abs(off) > 1)
             later, low = ("later", "low") if off > 0 else ("earlier", "high")
             notes.append(

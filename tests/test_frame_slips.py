@@ -85,14 +85,23 @@ def still() -> list[np.ndarray]:
     return [np.zeros(FRAMES) for _ in NAMES]
 
 
-def told(offsets: Sequence[Sequence[float]]) -> list[str]:
+def told(offsets: Sequence[Sequence[float]], clocks: Sequence[float] = (0.0, 0.0, 0.0, 0.0)) -> list[str]:
     found, tracks = seen(offsets)
-    return slip_notes(found, tracks, NAMES, TIMECODES)
+    return slip_notes(found, np.array(clocks), tracks, NAMES, TIMECODES)
 
 
 def test_right_footage_raises_no_note_nor_do_clocks_that_are_half_a_frame_off() -> None:
     assert told(still()) == []
     assert told([own + share for own, share in zip(still(), (0.4, -0.3, 0.0, 0.2), strict=True)]) == []
+
+
+def test_a_clock_that_is_half_a_frame_off_is_no_wrong_timecode() -> None:
+    clocks = (0.2, -0.6, 0.0, 0.3)
+    off = [own + share for own, share in zip(still(), clocks, strict=True)]
+    assert told(off, clocks) == []
+    off[1] -= 1.0
+    (note,) = told(off, clocks)
+    assert "camera 2: its pictures show the athlete 2 frames earlier" in note
 
 
 @pytest.mark.parametrize(("camera", "at", "lost"), [(0, 30, 1), (2, 20, 3), (3, 25, -1)])
@@ -152,4 +161,4 @@ def test_a_view_without_a_body_or_an_athlete_is_passed_over() -> None:
     for frame in range(12):
         found.see(frame, [view, None], [replace(outline, valid=False), None])
         found.track([tracked(frame, joints(BODY, swing(0.0)))])
-    assert slip_notes(found, [None, None], NAMES[:2], TIMECODES) == []
+    assert slip_notes(found, np.zeros(2), [None, None], NAMES[:2], TIMECODES) == []
