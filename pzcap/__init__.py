@@ -16,8 +16,8 @@ The spine, in reading order; everything else is a leaf that one may skip:
                                                        from keyframe to keyframe
 
 Beside the stages stand the modules at the top that prepare them and judge what they find (`camera_set`,
-`starting_poses`, `without_object`, `assembly`, `plausibility`, `camera_notes`, `frame_slips`), and `initialisation`, for
-footage without keyframes by hand.
+`starting_poses`, `without_object`, `assembly`, `plausibility`, `camera_notes`, `frame_slips`), and
+`initialisation`, for footage without keyframes by hand.
 
 Around the method stand the tools that a crew uses (`synchronisation`, `command`, `editor`, `export`, `scoring`),
 `extras` for what one comparison or one experiment needs, and `viewer`, which shows records in Rerun; the method imports
