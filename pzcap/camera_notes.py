@@ -56,7 +56,7 @@ def _settled(head: PanZoomCamera, track: PanZoomTrack) -> list[str]:
 
 
 def _moved(track: PanZoomTrack, timecodes: Sequence[str]) -> list[str]:
-    """What the tripod did in mid-take."""
+    """Notes on a tripod that moved in mid-take."""
     notes, bumped = [], bump(track)
     if bumped:
         tilt_deg, roll_deg = np.rad2deg(bumped.step_rad)

@@ -78,7 +78,7 @@ def refine_batch(
 def _reacquired(
     batch: _Batch, limbs: LimbAppearance, found: RefinedBatch, sequence: ViewSequence, passes: PassResults
 ) -> tuple[RefinedBatch, bool]:
-    """What was ``found``, refined anew with the limbs that were lost where they score more; and whether any does."""
+    """The batch ``found``, refined anew with lost limbs where they score more; and whether there are any such."""
     poses = [each.pose for each in found.frames]
     inner, after = (len(poses), None) if batch.key is None else (len(poses) - 1, poses[-1])
     placed = _placed(found.objectives, poses)[1]

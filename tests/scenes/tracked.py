@@ -139,7 +139,7 @@ def swung(pose: Pose, limb: int, by: float) -> Pose:
 
 
 def known(frames: range = range(2, 5)) -> list[Appearance]:
-    """What the skin looks like in these frames, the body being where it is."""
+    """Appearance of the skin in each view, learned in these frames from the true poses."""
     body = true_body()
     looks = [Appearance.unseen(body) for _ in crops(0)]
     for frame in frames:
