@@ -91,9 +91,8 @@ def reacquire(
     candidates = list(zip(poses, *passes.poses, strict=True))
     sequence = ViewSequence([each.views for each in objectives], period)
     least_m2 = np.minimum(REACQUISITION.least_share * usual_m2, REACQUISITION.least_score_m2)
-    return Reacquired(
-        _found(limbs, candidates, sequence, reference, lost, around), lost @ _OF_LIMB, reference, least_m2
-    )
+    found, sought = _found(limbs, candidates, sequence, reference, lost, around)
+    return Reacquired(found, sought @ _OF_LIMB, reference, least_m2) if sought.any() else None
 
 
 def accepted(
@@ -125,7 +124,7 @@ def _widened(lost: Mask) -> Mask:
 
 
 def _filtered(values: Array) -> Array:
-    """Median of (T, 4) over five frames."""
+    """Median of (T, N) over five frames."""
     return np.array([np.median(_window(values, t, REACQUISITION.window), axis=0) for t in range(len(values))])
 
 
@@ -150,9 +149,11 @@ def _learned(
 def _found(
     limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], sequence: ViewSequence, reference: Appearances,
     lost: Mask, around: Neighbours,
-) -> list[Pose]:  # fmt: skip
+) -> tuple[list[Pose], Mask]:  # fmt: skip
     """The poses, of each frame's ``candidates`` the first, with the ``lost`` (T, 4) limbs reacquired one after the
-    other: one that has been found leaves its place to no other."""
+    other: one that has been found leaves its place to no other. Also where they were sought: one that scores no more
+    where a beam leads stays as it is."""
+    sought = np.zeros_like(lost)
     poses = [pose for pose, *_ in candidates]
     found, chain = list(poses), [around[0], *poses, around[1]]
     for limb, segments in enumerate(LIMBS):
@@ -164,10 +165,28 @@ def _found(
             contexts = _between(limbs, limb, part, found[run.start : run.stop], (first, last), reference)
             ahead = follow_limb(limbs, limb, contexts, came, first, sequence.period)
             back = follow_limb(limbs, limb, contexts[::-1], goes, last, -sequence.period)[::-1]
-            tried = [[*candidates[t], *a, *b] for t, a, b in zip(run, ahead, back, strict=True)]
+            followed = [[*a, *b] for a, b in zip(ahead, back, strict=True)]
+            if _most_gained(limbs, limb, contexts, poses[run.start : run.stop], followed) < REACQUISITION.promising_m2:
+                continue
+            sought[run.start : run.stop, limb] = True
+            tried = [[*candidates[t], *beams] for t, beams in zip(run, followed, strict=True)]
             for t, pose in zip(run, _path(limbs, limb, part, contexts, tried), strict=True):
                 found[t] = with_segments(found[t], segments, pose)
-    return found
+    return found, sought
+
+
+def _most_gained(
+    limbs: LimbAppearance, limb: int, contexts: Sequence[LimbContext], poses: Sequence[Pose],
+    followed: Sequence[Sequence[Pose]],
+) -> float:  # fmt: skip
+    """By how much more a limb scores at the best of the poses to which it was ``followed`` than at that of ``poses``,
+    where most in the median of some frames."""
+    gained = []
+    for context, pose, others in zip(contexts, poses, followed, strict=True):
+        turns = np.array([turn_to(limb, context.pose, each) for each in (pose, *others)])
+        score = limbs.postures(limb, context, turns, coarse=True).score_m2
+        gained.append(score[1:].max() - score[:1])
+    return float(_filtered(np.array(gained)).max())
 
 
 def _between(
