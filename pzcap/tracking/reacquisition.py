@@ -152,7 +152,7 @@ def _found(
 ) -> tuple[list[Pose], Mask]:  # fmt: skip
     """The poses, of each frame's ``candidates`` the first, with the ``lost`` (T, 4) limbs reacquired one after the
     other: one that has been found leaves its place to no other. Also where they were sought: one that scores no more
-    where a beam leads stays as it is."""
+    anywhere else stays as it is."""
     sought = np.zeros_like(lost)
     poses = [pose for pose, *_ in candidates]
     found, chain = list(poses), [around[0], *poses, around[1]]
@@ -165,25 +165,23 @@ def _found(
             contexts = _between(limbs, limb, part, found[run.start : run.stop], (first, last), reference)
             ahead = follow_limb(limbs, limb, contexts, came, first, sequence.period)
             back = follow_limb(limbs, limb, contexts[::-1], goes, last, -sequence.period)[::-1]
-            followed = [[*a, *b] for a, b in zip(ahead, back, strict=True)]
-            if _most_gained(limbs, limb, contexts, poses[run.start : run.stop], followed) < REACQUISITION.promising_m2:
+            tried = [[*candidates[t], *a, *b] for t, a, b in zip(run, ahead, back, strict=True)]
+            if _most_gained(limbs, limb, contexts, tried) < REACQUISITION.promising_m2:
                 continue
             sought[run.start : run.stop, limb] = True
-            tried = [[*candidates[t], *beams] for t, beams in zip(run, followed, strict=True)]
             for t, pose in zip(run, _path(limbs, limb, part, contexts, tried), strict=True):
                 found[t] = with_segments(found[t], segments, pose)
     return found, sought
 
 
 def _most_gained(
-    limbs: LimbAppearance, limb: int, contexts: Sequence[LimbContext], poses: Sequence[Pose],
-    followed: Sequence[Sequence[Pose]],
-) -> float:  # fmt: skip
-    """By how much more a limb scores at the best of the poses to which it was ``followed`` than at that of ``poses``,
-    where most in the median of some frames."""
+    limbs: LimbAppearance, limb: int, contexts: Sequence[LimbContext], candidates: Sequence[Sequence[Pose]]
+) -> float:
+    """By how much more a limb scores at the best of the other ``candidates`` than at the first, where most in the
+    median of some frames."""
     gained = []
-    for context, pose, others in zip(contexts, poses, followed, strict=True):
-        turns = np.array([turn_to(limb, context.pose, each) for each in (pose, *others)])
+    for context, tried in zip(contexts, candidates, strict=True):
+        turns = np.array([turn_to(limb, context.pose, each) for each in tried])
         score = limbs.postures(limb, context, turns, coarse=True).score_m2
         gained.append(score[1:].max() - score[:1])
     return float(_filtered(np.array(gained)).max())

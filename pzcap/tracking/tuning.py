@@ -176,7 +176,7 @@ class ReacquisitionTuning(NamedTuple):
     least_area_m2: float = 0.05  # covered area to tell that by
     unlike_m2: float = 0.0  # negative similarity from which on a limb is lost: it looks less like itself than not
     lost_share: float = 0.4  # of the limb's median score, below which it is lost
-    promising_m2: float = 0.01  # that a limb scores more where beams lead, at least, for it to be sought about there
+    promising_m2: float = 0.01  # that a limb scores more in another place, at least, for it to be sought about there
     sizes_rad: tuple[float, ...] = (0.3, 0.14, 0.06)  # spread of the postures tried, from coarse to fine
     leap_m: float = 0.08  # motion of a joint in a frame, besides what was expected, that is usual
     leap_m2: float = 0.005  # cost of that in a limb's score; it grows as the square of the length

@@ -214,10 +214,11 @@ def test_what_the_passes_dispute_is_not_learned_from() -> None:
     """Its looks are of frames that nobody objects to."""
     body, limb = true_body(), 0
     objectives = [observed(frame, body) for frame in FRAMES]
-    poses = [clip().poses[frame] for frame in FRAMES]
+    true = [clip().poses[frame] for frame in FRAMES]
+    poses = [swung(pose, 1, 0.9) if 2 <= t < 5 else pose for t, pose in enumerate(true)]  # something has to be lost
     placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
     other = SURE.copy()
-    other[3, LIMBS[1][2]] = True  # something has to be doubtful
+    other[3, LIMBS[1][2]] = True
     learned, own = [], np.isin(body.surface.segment, LIMBS[limb])
     for disputed in (SURE, np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)):
         passes = PassResults([poses, poses], disputed, ~disputed, other, known(range(0)))
