@@ -65,14 +65,14 @@ def reacquire(
 ) -> Reacquired | None:  # fmt: skip
     """Reacquire the limbs that are doubtful, lie on the hall, do not look like their reference or score little, the
     body being where it was ``placed``, an instant every ``period`` frame periods. None if there are none."""
-    disputed, doubted = (
+    disputed, leaping = (
         np.array([segments[:, list(limb)].any(axis=1) for limb in LIMBS]).T
         for segments in (passes.disputed, passes.doubtful)
     )
     frames = list(zip(poses, objectives, placed, strict=True))
     supported = np.array([support(each, pose, where) for pose, each, where in frames])  # (T, 4, 2)
     on_hall = supported[..., 1] / np.maximum(supported.sum(axis=2), REACQUISITION.least_area_m2)
-    doubted |= _filtered(on_hall) > REACQUISITION.largest_hall
+    doubted = leaping | (_filtered(on_hall) > REACQUISITION.largest_hall)
 
     def similarity(reference: Appearances) -> Array:
         return np.array([limbs.similarity(*frame, reference) for frame in frames])
@@ -91,7 +91,7 @@ def reacquire(
     candidates = list(zip(poses, *passes.poses, strict=True))
     sequence = ViewSequence([each.views for each in objectives], period)
     least_m2 = np.minimum(REACQUISITION.least_share * usual_m2, REACQUISITION.least_score_m2)
-    found, sought = _found(limbs, candidates, sequence, reference, lost, around)
+    found, sought = _found(limbs, candidates, sequence, reference, (lost, leaping), around)
     return Reacquired(found, sought @ _OF_LIMB, reference, least_m2) if sought.any() else None
 
 
@@ -148,11 +148,15 @@ def _learned(
 
 def _found(
     limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], sequence: ViewSequence, reference: Appearances,
-    lost: Mask, around: Neighbours,
+    verdicts: tuple[Mask, Mask], around: Neighbours,
 ) -> tuple[list[Pose], Mask]:  # fmt: skip
-    """The poses, of each frame's ``candidates`` the first, with the ``lost`` (T, 4) limbs reacquired one after the
-    other: one that has been found leaves its place to no other. Also where they were sought: one that scores no more
-    anywhere else stays as it is."""
+    """The poses, of each frame's ``candidates`` the first, with limbs reacquired one after the other: one that has been
+    found leaves its place to no other. Also where they were sought, (T, 4).
+
+    By the ``verdicts`` (T, 4) some are lost, and some of them leap. One that leaps nowhere, and scores no more anywhere
+    else, stays as it is.
+    """
+    lost, leaping = verdicts
     sought = np.zeros_like(lost)
     poses = [pose for pose, *_ in candidates]
     found, chain = list(poses), [around[0], *poses, around[1]]
@@ -166,7 +170,8 @@ def _found(
             ahead = follow_limb(limbs, limb, contexts, came, first, sequence.period)
             back = follow_limb(limbs, limb, contexts[::-1], goes, last, -sequence.period)[::-1]
             tried = [[*candidates[t], *a, *b] for t, a, b in zip(run, ahead, back, strict=True)]
-            if _most_gained(limbs, limb, contexts, tried) < REACQUISITION.promising_m2:
+            leaps = leaping[run.start : run.stop, limb].any()
+            if not leaps and _most_gained(limbs, limb, contexts, tried) < REACQUISITION.promising_m2:
                 continue
             sought[run.start : run.stop, limb] = True
             for t, pose in zip(run, _path(limbs, limb, part, contexts, tried), strict=True):
