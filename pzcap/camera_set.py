@@ -95,8 +95,8 @@ def calibrate_rolling(
 ) -> tuple[CalibratedCamera, SweptFrames]:
     """Calibrate one camera as `calibrate` does; if its shutter rolls, again by frames of the sweep that are put right
     in place and light (`pzcap.localisation.sweep_readout`)."""
-    found, swept, zoomed = calibrate(footage, config, report)
-    even = evenly_lit(footage, found, swept, zoomed)
+    found, swept, zoomed, bands = calibrate(footage, config, report)
+    even = evenly_lit(footage, bands, swept.kept, zoomed.numbers)
     readout, right = 0.0, even is footage
     for _ in range(READOUT.sweep_rounds):
         more = remaining_readout(footage, found, swept)
@@ -104,7 +104,7 @@ def calibrate_rolling(
             break
         readout, right = readout + more, True
         upright = put_right(even, readout, found, swept, zoomed) if readout else even
-        found, swept, zoomed = calibrate(upright, config, report)
+        found, swept, zoomed, _ = calibrate(upright, config, report)
     readout_s, sigma_s = (one * footage.sweep_period_s for one in (readout, readout_sigma(found, swept)))
     return replace(found, camera=replace(found.camera, readout_s=readout_s, readout_sigma_s=sigma_s)), swept
 

@@ -303,7 +303,7 @@ class Localisation:
     # change of pan and log focal from the top edge to the bottom edge, with a rolling shutter
     shear: Array = field(default_factory=lambda: np.zeros(2))  # (2,)
     shear_sigma: Array = field(default_factory=lambda: np.ones(2))  # (2,)
-    bands: Array = field(default_factory=lambda: np.zeros(0))  # (K,) of mains light, `pzcap.localisation.row_bands`
+    bands: Array = field(default_factory=lambda: np.zeros(0))  # (K,) of mains light, `pzcap.imaging.row_bands`
     readout: float = 0.0  # frame periods from the top edge to the bottom edge, as known by then
     # pan and log focal half a frame period later, by the second field of an interlaced frame; none: it is whole
     second_field: Array = field(default_factory=lambda: np.zeros(0))  # (2,)

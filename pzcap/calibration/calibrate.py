@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -20,7 +21,7 @@ from pzcap.calibration import photometric_bundle_adjustment, reference_camera, s
 from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust, enough
 from pzcap.calibration.correspondences import Matched, height_of, match
 from pzcap.calibration.focal_from_sweep import camera_of_sweep, levelled
-from pzcap.calibration.parameters import CalibrationParameters, Sigmas
+from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.propagation import propagated
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames
@@ -69,8 +70,9 @@ def no_report(stage: str, done: int, total: int) -> None:
 
 def calibrate(
     footage: Footage, config: PanZoomConfig, report: Report = no_report
-) -> tuple[CalibratedCamera, stitching.SweptFrames, stitching.ZoomedFrames]:
-    """Calibrate one camera at its reference pose, and stitch its panorama; the frames that it is made of.
+) -> tuple[CalibratedCamera, stitching.SweptFrames, stitching.ZoomedFrames, Array]:
+    """Calibrate one camera at its reference pose, and stitch its panorama; the frames that it is made of, and the bands
+    of mains light (F, K) in those of the sweep, the reference image and those of the zoom run.
 
     Without a calibration object it stands levelled in a world of its own (`focal_from_sweep`), to be placed later.
     Raises PzcapError when the calibration object is not found or the sweep does not hold together.
@@ -81,9 +83,11 @@ def calibrate(
     else:
         first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
     matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
+    if calibration_object is not None:
+        matched = replace(matched, object_px=first.camera.focal_px)
     chained, count = matched.chained, len(matched.chained.pan_rad)
     fits = [_fit(matched, start, config, report) for start in _starts(matched, config)]
-    (adjusted, brightness, fitted), undecided = _likeliest(fits, matched.sigmas)
+    (adjusted, brightness, fitted), undecided = _likeliest(fits, matched)
     model = fitted.parameters
     _require_whole(adjusted, matched.sweep_links, chained.kept)
 
@@ -116,7 +120,7 @@ def calibrate(
     panorama = replace(pasted, sweep_inliers=inliers, closure_rad=chained.closure_rad, residual_px=adjusted.residual_px)
     zoom_pan_rad = float(model.pan_rad[-1] - taken.pan_rad)
     zoomed = stitching.ZoomedFrames(np.array(matched.zoom_numbers, np.int64), model.log_focal[2:], zoom_pan_rad)
-    return CalibratedCamera(refined, panorama, camera), swept, zoomed
+    return CalibratedCamera(refined, panorama, camera), swept, zoomed, fitted.bands
 
 
 def contradiction(object_px: float, sweep_px: float, width: int) -> float:
@@ -137,7 +141,7 @@ def _starts(matched: Matched, config: PanZoomConfig) -> list[CalibrationParamete
 
     A projection centre behind the axis, walls all alike and a longer focal length explain the features nearly as well
     as one before it and walls as they are. From one start it is chance which is found: the other side is tried, too,
-    and a part of the grey values decides, which tell the two apart better. Where it cannot, the whole has to.
+    and a part of the grey values decides with all else that is known. Where it cannot, the whole has to.
     """
     some = enough(matched.links)
     one = adjust(matched.start, some, matched.sigmas, scale_px=4.0, iterations=12)
@@ -152,11 +156,11 @@ def _starts(matched: Matched, config: PanZoomConfig) -> list[CalibrationParamete
     if same or worse.residual_px > BELIEF.worse_by_features * better.residual_px:
         return [better.parameters]
     few = replace(config, sweep=replace(config.sweep, pixels=config.sweep.pixels // BELIEF.deciding))
-    fits = [_fit(replace(matched, links=some), each.parameters, few, no_report).fitted for each in (one, other)]
-    best, worst = sorted(fits, key=lambda fit: fit.sigma)
-    found, other_found = (_without_departures(fit.parameters, matched.start) for fit in (best, worst))
+    fits = [_fit(replace(matched, links=some), each.parameters, few, no_report) for each in (one, other)]
+    (best, by), (worst, worse_by) = sorted(zip(fits, _deviances(fits, matched), strict=True), key=itemgetter(1))
+    found, other_found = (_without_departures(fit.fitted.parameters, matched.start) for fit in (best, worst))
     same = abs(float(other_found.log_focal[0] - found.log_focal[0])) < BELIEF.same_focal
-    return [found] if same or worst.sigma > BELIEF.worse_by_some * best.sigma else [found, other_found]
+    return [found] if same or worse_by - by > BELIEF.worse_by_some else [found, other_found]
 
 
 class _Fit(NamedTuple):
@@ -179,20 +183,32 @@ def _fit(matched: Matched, start: CalibrationParameters, config: PanZoomConfig, 
     return _Fit(adjusted, brightness, _fit_grey_values(matched, adjusted.parameters, brightness, config, report))
 
 
-def _likeliest(fits: Sequence[_Fit], sigmas: Sigmas) -> tuple[_Fit, float]:
+def _likeliest(fits: Sequence[_Fit], matched: Matched) -> tuple[_Fit, float]:
     """The likeliest of one or two fits, and the deviation of log focal length for the odds that the other is right."""
     if len(fits) == 1:
         return fits[0], 0.0
-    worth = PHOTOMETRIC.alike * min(fit.fitted.sigma for fit in fits) ** 2
-
-    def deviance(fit: _Fit) -> float:
-        off = fit.fitted.parameters.offset / sigmas.offset
-        return fit.fitted.report.cost / worth + float(off @ off)
-
-    best, other = sorted(fits, key=deviance)
+    (best, by), (other, worse_by) = sorted(zip(fits, _deviances(fits, matched), strict=True), key=itemgetter(1))
     apart = abs(float(other.fitted.parameters.log_focal[0] - best.fitted.parameters.log_focal[0]))
-    odds = math.exp(-0.5 * (deviance(other) - deviance(best)))
+    odds = math.exp(-0.5 * (worse_by - by))
     return best, apart * math.sqrt(odds / (1.0 + odds))
+
+
+def _deviances(fits: Sequence[_Fit], matched: Matched) -> list[float]:
+    """Minus twice the log likelihood of each fit, up to a constant: of the overlaps, by how little they agree with it;
+    of what was believed before; and of the focal length that the calibration object shows by itself.
+
+    The sum of squared residuals does not count: where the projection centre is far from the axis, the distances of the
+    hall are free to make up for colours that the lens sets apart, and the wrong minimum has had the lower one.
+    """
+    variance = min(fit.fitted.sigma for fit in fits) ** 2
+    width, deviances = matched.chained.images[0].shape[1], []
+    for fit in (each.fitted for each in fits):
+        deviance = fit.disagreement / (PHOTOMETRIC.doubt * variance) + fit.surprise
+        if matched.object_px is not None:
+            off = float(fit.parameters.log_focal[1]) - math.log(matched.object_px)  # the reference image's
+            deviance += (off * width / BELIEF.object_px) ** 2
+        deviances.append(deviance)
+    return deviances
 
 
 def is_unusual(higher: Array, sigmas: Array) -> bool:

@@ -37,6 +37,7 @@ class Matched:
     links: list[Link]  # these and all others
     start: CalibrationParameters  # first values
     sigmas: Sigmas
+    object_px: float | None = None  # focal length of the reference image, as the calibration object shows it by itself
 
 
 def match(

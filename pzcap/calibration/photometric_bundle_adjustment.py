@@ -43,6 +43,7 @@ from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import VIEW
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall
 from pzcap.imaging.bspline import Stored, at_pixels, cubic, softened_further
+from pzcap.imaging.row_bands import Overlaps, fit_frames, row_time
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, Solution, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure, normal_sigma
 from pzcap.types import Array, Float32
@@ -63,6 +64,11 @@ class Fitted:
     parameters: CalibrationParameters
     covariance: Array  # (U, U) of their vector, from the residuals alone
     sigma: float  # robust standard deviation of the residuals, grey levels
+    disagreement: (
+        float  # of overlaps with the parameters: the sum of their squared distances (`_beside`), grey levels^2
+    )
+    surprise: float  # squared distance of the parameters from what was believed before, in standard deviations
+    bands: Array  # (F, K) of mains light in the frames, as in `pzcap.imaging.row_bands`
     report: SolveReport
 
 
@@ -166,7 +172,11 @@ def adjust(
     # of pixels that err independently, the squared distances have the mean 4 sigma^2
     covariance = np.linalg.inv(normal) * (PHOTOMETRIC.doubt * float(compared.beside.mean()) / 4.0)
     covariance[held, held] = 0.0
-    return Fitted(state, np.asarray(covariance, np.float64), sigma, ended)
+    off, bands = to_vector(state) - mean, _bands(few, frames)
+    return Fitted(
+        state, np.asarray(covariance, np.float64), sigma, float(compared.beside.sum()), float(off @ believed @ off),
+        bands, ended,
+    )  # fmt: skip
 
 
 WIDTH: Final = SIDES + 3
@@ -178,7 +188,17 @@ def _compared(overlaps: Sequence[_Overlap], every: int = 1) -> _Pixels:
     ends, points, greys = zip(*((one.ends, one.points_px[::every], one.grey[::every]) for one in overlaps), strict=True)
     bounds, grey = np.cumsum([0, *map(len, greys)]), np.concatenate(greys)
     gains, beside = np.tile([1.0, 0.0], (len(overlaps), 1)), np.zeros(len(overlaps))
-    return _Pixels(np.array(ends), bounds, np.vstack(points), grey, gains, np.zeros_like(grey), beside)
+    residual, row = np.zeros_like(grey), np.zeros_like(grey)
+    return _Pixels(np.array(ends), bounds, np.vstack(points), grey, gains, residual, row, beside)
+
+
+def _bands(pixels: _Pixels, frames: Stored) -> Array:
+    """Bands of mains light (F, K) of the frames, from the residuals (`pzcap.imaging.row_bands.fit_frames`)."""
+    height, sizes = frames.shape[1], np.diff(pixels.bounds)
+    lit = np.repeat(pixels.gains[:, 0], sizes) * pixels.grey
+    time = row_time(np.column_stack([pixels.points[:, 1], pixels.row]), height)
+    overlaps = Overlaps(pixels.ends, pixels.bounds, lit.astype(np.float32), pixels.residual, time.astype(np.float32))
+    return fit_frames(overlaps, len(frames))
 
 
 class _Pixels(NamedTuple):
@@ -190,6 +210,7 @@ class _Pixels(NamedTuple):
     grey: Float32  # (N,) there
     gains: Array  # (L, 2) of each overlap: gain and shading, brought up to date
     residual: Float32  # (N,) written; inf where the second frame does not show the pixel
+    row: Float32  # (N,) written; in the second frame
     beside: Array  # (L,) written; squared distance of the second frame's place by this overlap alone, see `_beside`
 
 
@@ -218,6 +239,7 @@ def _accumulate(
             if not inside:
                 pixels.residual[n] = np.inf
                 continue
+            pixels.row[n] = seen.pixel[1]
             lit = pixels.grey[n]
             shaded = lit * (_radial(seen.pixel[0], seen.pixel[1], images) - _radial(u, v, images))
             difference = value - gains[0] * lit - gains[1] * shaded

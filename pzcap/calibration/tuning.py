@@ -92,8 +92,11 @@ class BeliefTuning(NamedTuple):
     """Of so many grey values one is used to decide between two minima."""
     worse_by_features: float = 1.002
     """A minimum whose residuals are not so many times those of the other may be the right one. Seen: 0.999 to 1.008."""
-    worse_by_some: float = 1.005
-    """The same by a part of the grey values. Seen: 0.997 to 1.04."""
+    worse_by_some: float = 12.0
+    """Deviance by a part of the grey values and all else that is known, by which a minimum that is worse is not the
+    right one. Seen: 38 to 82 where the other one is wrong."""
+    object_px: float = 6.0
+    """Standard deviation of the same width by the focal length of the calibration object alone."""
 
 
 class FocalTuning(NamedTuple):

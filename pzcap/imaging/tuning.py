@@ -19,4 +19,21 @@ class CombTuning(NamedTuple):
     sigmas: float = 6.0  # standard deviations from which on it is sure
 
 
+class BandsTuning(NamedTuple):
+    """`row_bands`: bands of mains light."""
+
+    cosines: int = 12  # of the rows' gain: six periods in a frame, or some fewer of any phase
+    sigma: float = 0.2  # standard deviation of each
+    least: float = 0.02  # root mean square from which on a frame has bands at all
+    least_of_sweep: float = 0.008
+    """The same of most of the frames that overlap, which tell more. Seen where there are none: 0.003."""
+    telling: int = 3  # one pixel in so many tells whether it is worth while to look for them
+    telling_cosines: int = 6  # by which overlaps tell it
+    suspicious: float = 0.015  # root mean square, by those of one frame, from which on it is
+    least_pixels: int = 200  # with fewer none are looked for
+    rounds: int = 5  # of the reweighted fit
+    scale_sigmas: float = 3.0  # scale of its Geman-McClure weight, standard deviations
+
+
 COMB: Final = CombTuning()
+BANDS: Final = BandsTuning()

@@ -22,6 +22,7 @@ from pzcap.geometry.lens import Distortion, distort_point, jacobian_at, undistor
 from pzcap.imaging.bspline import Stored, cubic
 from pzcap.imaging.colour import grey
 from pzcap.imaging.pyramid import Level, halved
+from pzcap.imaging.row_bands import row_time
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
 
@@ -64,12 +65,6 @@ def place_of(found: Localisation) -> ViewPlace:
     return ViewPlace(found.pan_rad, found.tilt_rad, found.focal_px, found.roll_rad, *found.shear.tolist())
 
 
-def row_time(rows: Array, height: int) -> Array:
-    """Time (...) at which pixel ``rows`` (...) of a frame are exposed: -1/2 at its top edge, 1/2 at its bottom edge, in
-    units of the time that its read-out takes."""
-    return np.asarray((rows + 0.5) / height - 0.5)
-
-
 def warp_background(
     panorama: Panorama, camera: PanZoomCamera, at: ViewPlace, window: Window | None = None
 ) -> tuple[Image, Mask]:
@@ -97,7 +92,7 @@ class Rays:
 
     at: ViewPlace
     directions: Array  # (N, 8) as in `axis_directions`
-    row_time: Array  # (N,) as in `row_time`
+    row_time: Array  # (N,) as in `row_bands.row_time`
 
     def far_from(self, at: ViewPlace) -> bool:
         """True if the directions are not linear as far as ``at``."""

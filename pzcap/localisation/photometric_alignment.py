@@ -25,12 +25,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pzcap.imaging import bspline
+from pzcap.imaging import bspline, row_bands
 from pzcap.imaging.colour import grey
-from pzcap.localisation import row_bands
+from pzcap.imaging.row_bands import NO_BANDS
 from pzcap.localisation.frame_pixels import FramePixels, level_pixels
 from pzcap.localisation.panorama_sampler import BY_PAN, KNOWN, VALUE, PanoramaSampler, Rays, ViewPlace
-from pzcap.localisation.row_bands import NO_BANDS
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.solver import robust
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, Solution, SolveReport, minimise

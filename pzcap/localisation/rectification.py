@@ -15,8 +15,7 @@ import numpy as np
 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.cylinder import smooth_map
-from pzcap.localisation.panorama_sampler import row_time
-from pzcap.localisation.row_bands import without_bands
+from pzcap.imaging.row_bands import row_time, without_bands
 from pzcap.localisation.tuning import READOUT
 from pzcap.types import Array, FrameSet, Image, Localisation, PanZoomCamera
 

@@ -4,13 +4,13 @@ A head that turns evenly shears all frames of the sweep alike, and so the panora
 the head turns meanwhile. Nothing within the sweep contradicts that. The reference image does: its camera stands still,
 and it shows no shear, but the opposite of the panorama's when it is aligned with that.
 
-Mains light leaves bands in rows. Those of the sweep's frames may be alike, and are then the panorama's; what a frame
-has beyond them it shows when it is aligned with the panorama (`row_bands`).
+Mains light leaves bands in rows. Frames one after the other may have nearly the same, and the panorama then has them,
+too; what overlaps of all frames together tell of them (`pzcap.imaging.row_bands.fit_frames`) is divided out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from pzcap.calibration.calibrate import CalibratedCamera, Footage
 from pzcap.calibration.stitching import SweptFrames, ZoomedFrames
 from pzcap.calibration.sweep import Frames
+from pzcap.imaging.row_bands import without_bands
 from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner, Belief
 from pzcap.localisation.rectification import rectified
-from pzcap.localisation.row_bands import without_bands
-from pzcap.localisation.tuning import ALIGNMENT, BANDS, READOUT
+from pzcap.localisation.tuning import ALIGNMENT, READOUT
 from pzcap.types import Array, Image, Localisation, PanZoomCamera
 
 
@@ -69,35 +69,17 @@ class EvenlyLit:
             yield number, without_bands(image, self.bands[number]) if number in self.bands else image
 
 
-def evenly_lit(footage: Footage, found: CalibratedCamera, swept: SweptFrames, zoomed: ZoomedFrames) -> Footage:
-    """The ``footage``, reference image, sweep and zoom run in the light of the panorama; itself where few of their
-    frames, looked at here and there, have bands that it has not."""
-    aligner, camera, sweep_pan = Aligner(found.panorama, found.camera), found.camera, found.panorama.sweep_pan_rad
-    focal_px, pans = camera.lens.reference_focal_px, np.unwrap(sweep_pan)
-
-    def bands(image: Image, pan_rad: float, focal_px: float) -> Array:
-        return aligner.align(image, ViewPlace(pan_rad, camera.tilt_rad, focal_px), 4.0).bands
-
-    def swept_at(number: int) -> tuple[float, float]:
-        return float(np.interp(number, swept.kept, pans)), focal_px
-
-    def zoomed_at(number: int) -> tuple[float, float]:
-        return zoomed.pan_rad, float(np.exp(np.interp(number, zoomed.numbers, zoomed.log_focal)))
-
-    def found_in(frames: Frames, at: Callable[[int], tuple[float, float]]) -> dict[int, Array]:
-        return {number: one for number, image in frames if (one := bands(image, *at(number))).size}
-
-    some = np.unique(np.linspace(0, len(pans) - 1, BANDS.probes).astype(int))
-    in_sweep = [bands(swept.images[number], float(pans[number]), focal_px).size > 0 for number in some]
-    probes = [] if footage.zoom is None else [frame for frame in footage.zoom if frame[0] in zoomed.numbers[::3]]
-    in_zoom = [bands(image, *zoomed_at(number)).size > 0 for number, image in probes]
-    in_reference = bands(footage.reference_image, 0.0, found.reference.camera.focal_px)
-    if not any(np.mean(banded) >= 0.5 for banded in (in_sweep, in_zoom, [in_reference.size > 0]) if banded):
+def evenly_lit(footage: Footage, bands: Array, kept: NDArray[np.int64], zoomed: NDArray[np.int64]) -> Footage:
+    """The ``footage`` without the ``bands`` (F, K) of its frames, those of the sweep that were ``kept`` (M,), the
+    reference image and those of the zoom run with the numbers ``zoomed`` (Z,); itself where there are none."""
+    if not bands.size:
         return footage
-    image = without_bands(footage.reference_image, in_reference)
-    zoom = None if footage.zoom is None else EvenlyLit(footage.zoom, found_in(footage.zoom, zoomed_at))
-    sweep = EvenlyLit(footage.sweep, found_in(footage.sweep, swept_at))
-    return footage._replace(reference_image=image, sweep=sweep, zoom=zoom)
+    swept, reference, in_zoom = bands[: len(kept)], bands[len(kept)], bands[len(kept) + 1 :]
+    zoom = None if footage.zoom is None else EvenlyLit(footage.zoom, dict(zip(zoomed.tolist(), in_zoom, strict=True)))
+    return footage._replace(
+        reference_image=without_bands(footage.reference_image, reference),
+        sweep=EvenlyLit(footage.sweep, dict(zip(kept.tolist(), swept, strict=True))), zoom=zoom,
+    )  # fmt: skip
 
 
 def _sheared(camera: PanZoomCamera, shear: Array) -> Localisation:

@@ -107,31 +107,7 @@ class ReadoutTuning(NamedTuple):
     """Rates a frame period, standard deviation, of a frame that is searched for without one before it."""
 
 
-class BandsTuning(NamedTuple):
-    """Bands of mains light."""
-
-    cosines: int = 12
-    """Of the rows' gain: six periods in a frame, or some fewer of any phase."""
-    sigma: float = 0.2
-    """Standard deviation of each."""
-    least: float = 0.02
-    """Root mean square from which on there are bands at all."""
-    telling: int = 3
-    """One pixel in so many tells whether it is worth while to look for them."""
-    suspicious: float = 0.015
-    """Root mean square, by those, from which on it is."""
-    probes: int = 8
-    """Frames of a sweep that are looked at first."""
-    least_pixels: int = 200
-    """With fewer none are looked for."""
-    rounds: int = 5
-    """Of the reweighted fit."""
-    scale_sigmas: float = 3.0
-    """Scale of its Geman-McClure weight, standard deviations."""
-
-
 LEVELS: Final = (LevelTuning(3, 4, 15.0, 1500), LevelTuning(1, 2, 4.0, 2000), LevelTuning(0, 12, 1.5))
 ALIGNMENT: Final = AlignmentTuning()
 SEARCH: Final = SearchTuning()
 READOUT: Final = ReadoutTuning()
-BANDS: Final = BandsTuning()

@@ -27,7 +27,7 @@ from pzcap.body.kinematics import turned
 from pzcap.body.segment_equations import SegmentSums
 from pzcap.body.skeleton import DOF, DOF_SEGMENT
 from pzcap.geometry.pinhole import NEAREST_M, Pinhole, pinhole, projected, ray, to_pixel
-from pzcap.localisation.panorama_sampler import row_time
+from pzcap.imaging.row_bands import row_time
 from pzcap.tracking.camera_refinement import CAMERA_DOF, MarginalisedCamera
 from pzcap.tracking.tuning import CLOCK
 from pzcap.tracking.visibility import SkinPoints

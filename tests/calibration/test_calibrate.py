@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import cv2
@@ -15,11 +16,12 @@ from experiments.footage import SMALL
 from pzcap.calibration import calibrate, reference_camera
 from pzcap.calibration.bundle_adjustment import Adjusted, Link
 from pzcap.calibration.calibrate import Footage, no_report
-from pzcap.calibration.correspondences import match, sigmas_of
+from pzcap.calibration.correspondences import Matched, match, sigmas_of
 from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters
 from pzcap.calibration.photometric_bundle_adjustment import Fitted
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.stitching import Brightness
+from pzcap.calibration.sweep import Chain
 from pzcap.calibration.tuning import PHOTOMETRIC
 from pzcap.camera_set import calibrate_camera
 from pzcap.geometry.camera import at
@@ -72,31 +74,36 @@ def model_at(focal_px: float, offset: float) -> CalibrationParameters:
     )  # fmt: skip
 
 
-def fit_of(focal_px: float, offset: float, cost: float) -> calibrate._Fit:
-    report = SolveReport(True, 4, cost)
-    fitted = Fitted(model_at(focal_px, offset), np.eye(1), 2.0, report)
+def fit_of(focal_px: float, disagreement: float = 0.0, surprise: float = 0.0, sigma: float = 2.0) -> calibrate._Fit:
+    model = replace(model_at(focal_px, 0.003), log_focal=np.log([focal_px, focal_px]))
+    fitted = Fitted(model, np.eye(1), sigma, disagreement, surprise, np.zeros((1, 0)), SolveReport(True, 4, 0.0))
     return calibrate._Fit(cast(Adjusted, None), cast(Brightness, None), fitted)
 
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_of_two_minima_the_likelier_is_taken_and_the_other_is_doubt(turned: bool) -> None:
-    sigmas = sigmas_of(taken(1.6), BeliefConfig(), True, True)
-    worth = PHOTOMETRIC.alike * 2.0**2
-    right = fit_of(FOCAL, 0.003, 1e6)
-    equal, wrong = (fit_of(1.01 * FOCAL, 0.003, 1e6 + worth * beyond) for beyond in (0, 30))
-    unusual = fit_of(1.01 * FOCAL, 4 * sigmas.offset, 1e6 - 3 * worth)
+    worth = PHOTOMETRIC.doubt * 2.0**2
+    right, equal = fit_of(FOCAL, 5e3 * worth), fit_of(1.01 * FOCAL, 5e3 * worth)
+    torn, unusual = fit_of(1.01 * FOCAL, 5.03e3 * worth), fit_of(1.01 * FOCAL, 4.997e3 * worth, 16.0, sigma=2.1)
+    nothing = Matched(
+        cast(Chain, SimpleNamespace(images=[np.zeros((240, 320))])), [], [], [], [], right.fitted.parameters,
+        sigmas_of(taken(1.6), BeliefConfig(), True, True),
+    )  # fmt: skip
 
-    def of(*fits: calibrate._Fit) -> tuple[calibrate._Fit, float]:
-        return calibrate._likeliest(fits[::-1] if turned else fits, sigmas)
+    def of(*fits: calibrate._Fit, object_px: float | None = None) -> tuple[calibrate._Fit, float]:
+        return calibrate._likeliest(fits[::-1] if turned else fits, replace(nothing, object_px=object_px))
 
-    assert calibrate._likeliest([right], sigmas) == (right, 0.0)
+    assert calibrate._likeliest([right], nothing) == (right, 0.0)
     assert of(right, equal)[1] == pytest.approx(np.log(1.01) / np.sqrt(2.0))
-    best, doubt = of(right, wrong)
+    best, doubt = of(right, torn)
     assert best is right
     assert doubt == pytest.approx(np.log(1.01) * np.exp(-30 / 4), rel=0.1)
-    best, doubt = of(right, unusual)  # a better cost of three does not make up for an offset of four deviations
+    best, doubt = of(right, unusual)  # overlaps that agree better by three do not make up for what nobody expects
     assert best is right
     assert doubt == pytest.approx(np.log(1.01) * np.exp(-13 / 4), rel=0.1)
+    best, doubt = of(right, equal, object_px=1.01 * FOCAL)
+    assert best is equal
+    assert doubt < 0.98 * np.log(1.01) / np.sqrt(2.0)
 
 
 def test_what_was_adjusted_is_what_the_camera_has() -> None:

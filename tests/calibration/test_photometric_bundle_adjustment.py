@@ -10,8 +10,10 @@ from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.parameters import CalibrationParameters, Sigmas, retract, to_vector
 from pzcap.calibration.sweep import SweepConfig
 from pzcap.geometry.camera import direction_to_pixel, pixel_to_direction
+from pzcap.imaging import row_bands
 from pzcap.imaging.bspline import STEPS, Stored, stored
 from pzcap.imaging.colour import grey
+from pzcap.imaging.row_bands import row_time
 from pzcap.types import FAR_AWAY, Array
 from tests.scenes import synthetic
 
@@ -106,6 +108,19 @@ def test_a_person_and_a_lamp_do_not_pull(frames: Stored) -> None:
     plain, disturbed = (errors(adjusted(taken, off(0)).parameters) for taken in (frames, walked))
     for first, then in zip(plain, disturbed, strict=True):
         np.testing.assert_allclose(first, then, atol=5e-5)
+
+
+def test_bands_of_mains_light_are_found(frames: Stored) -> None:
+    """As the residuals show them, another phase in each frame."""
+    rows = row_time(np.arange(frames.shape[1]), frames.shape[1])
+    gain = np.array([1.0 + 0.04 * np.sin(2 * np.pi * 1.6 * rows + 0.9 * frame) for frame in range(len(frames))])
+    banded = (frames * gain[:, :, None]).astype(np.uint16)
+    assert adjusted(frames, off(0)).bands.shape == (len(frames), 0)
+    found = np.array([row_bands.gain(bands, rows) for bands in adjusted(banded, off(0)).bands])
+    for frame in range(1, 8):  # of two that overlap the difference shows
+        seen, true = found[frame] - found[frame - 1], gain[frame] - gain[frame - 1]
+        off_by = (seen - seen.mean() - true + true.mean())[20:-20]
+        assert np.sqrt(np.mean(off_by**2)) < 0.25 * np.std(true)
 
 
 def test_its_sigmas_are_of_the_size_of_the_errors(frames: Stored) -> None:

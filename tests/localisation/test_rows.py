@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.calibration.calibrate import CalibratedCamera, Footage
-from pzcap.calibration.stitching import Brightness, SweptFrames, ZoomedFrames
+from pzcap.calibration.calibrate import Footage
 from pzcap.geometry import camera as geometry
-from pzcap.geometry.camera import at, view_at
-from pzcap.imaging.colour import grey
-from pzcap.localisation import row_bands
-from pzcap.localisation.panorama_sampler import ViewPlace, row_time
+from pzcap.imaging import row_bands
+from pzcap.imaging.row_bands import row_time
+from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner, Belief
 from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import is_sheared, rectified, rectified_points
 from pzcap.localisation.sweep_readout import evenly_lit
-from pzcap.types import Array, Image, Localisation, Panorama, ReferenceCamera
+from pzcap.types import Array, Image, Localisation, Panorama
 from tests.scenes import synthetic
 from tests.scenes.cylinders import camera_of, whole_turn
 
@@ -209,45 +205,73 @@ def test_a_banded_frame_is_aligned_and_evened(panorama: Panorama) -> None:
     assert np.std(level[20:-20]) / np.mean(level) < 0.03
 
 
-def sweep_and_zoom(banded: bool, panorama: Panorama) -> tuple[Footage, CalibratedCamera, SweptFrames, ZoomedFrames]:
-    """Six frames of a sweep, the last lit otherwise than the panorama if ``banded``, and three of a zoom run that all
-    are."""
-    time = row_time(np.arange(float(HEIGHT)), HEIGHT)
-    gain = 1.0 + 0.3 * np.sin(2 * np.pi * 1.6 * time + 0.7) * banded
-    pans, zooms = 0.1 * np.arange(6), FOCAL * np.array([1.0, 1.3, 1.7])
+def overlaps_of(bands: Array, seed: int) -> row_bands.Overlaps:
+    """What frames with ``bands`` (F, K) show of each other, each with the three next and every fifth of further ones:
+    400 pixels an overlap, of another exposure, noisy, a twentieth of them of somebody."""
+    rng, count, size = np.random.default_rng(seed), len(bands), 400
+    ends = np.array([(i, j) for i in range(count) for j in range(i + 1, count) if j - i < 4 or (j - i) % 5 == 0])
+    time, lit = rng.uniform(-0.45, 0.45, (len(ends), size, 1)), rng.uniform(40.0, 200.0, (len(ends), size))
+    time = np.concatenate([time, np.clip(time + rng.normal(0.0, 0.02, time.shape), -0.5, 0.5)], axis=2)
+    seen = np.array([
+        [row_bands.gain(bands[frame], time[n, :, side]) for side, frame in enumerate(pair)]
+        for n, pair in enumerate(ends.tolist())
+    ])  # fmt: skip
+    exposure = rng.uniform(0.98, 1.02, (len(ends), 1))
+    difference = lit * (exposure * seen[:, 1] - seen[:, 0]) + rng.normal(0.0, 2.0, lit.shape)
+    difference[rng.uniform(size=lit.shape) < 0.05] += 60.0
+    difference[:, 0] = np.inf  # outside the second frame
+    return row_bands.Overlaps(
+        ends, np.arange(0, lit.size + 1, size), lit.ravel().astype(np.float32),
+        difference.ravel().astype(np.float32), time.reshape(-1, 2).astype(np.float32),
+    )  # fmt: skip
 
-    def lit(image: Image, dark: bool) -> Image:
-        return np.rint(0.75 * image * (gain if dark else np.ones_like(gain))[:, None, None]).astype(np.uint8)
 
-    sweep = [(3 * k, lit(synthetic.render(OPTICS, pan, FOCAL), k == 5)) for k, pan in enumerate(pans.tolist())]
-    zoom = [(k, lit(synthetic.render(OPTICS, 0.2, focal), True)) for k, focal in enumerate(zooms.tolist())]
-    nothing = np.empty((0, 2))
-    reference = ReferenceCamera(at(CAMERA, 0.0, OPTICS.tilt_rad, FOCAL), np.empty((0, 3)), nothing, nothing)
-    found = CalibratedCamera(reference, replace(panorama, sweep_pan_rad=pans), CAMERA)
-    even = Brightness(np.zeros(6), np.zeros(2))
-    view = view_at(CAMERA, 0.0, OPTICS.tilt_rad, FOCAL)
-    swept = SweptFrames([grey(image) for _, image in sweep], 3 * np.arange(6), even, view)
-    footage = Footage(sweep[0][1], synthetic.calibration_object(), sweep, zoom, False)
-    return footage, found, swept, ZoomedFrames(np.arange(3), np.log(zooms), 0.2)
+@settings(deadline=None, max_examples=10)
+@given(st.floats(0.8, 3.0), st.floats(0.05, 0.5), st.integers(0, 100))
+def test_bands_that_drift_from_frame_to_frame_are_found_where_these_overlap(
+    periods: float, drift: float, seed: int
+) -> None:
+    """But for what all frames have alike."""
+    at = np.linspace(-0.4, 0.4, 81)
+    true = np.array([1.0 + 0.05 * np.sin(2 * np.pi * periods * at + drift * frame) for frame in range(30)])
+    cosines = np.cos(np.pi * np.arange(1, 13) * (at[:, None] + 0.5))
+    bands = np.array([np.linalg.lstsq(cosines, row - row.mean(), rcond=1e-3)[0] for row in true])
+    found = row_bands.fit_frames(overlaps_of(bands, seed), len(bands))
+    assert found.shape == (30, 12)
+    here, wanted = (np.array([row_bands.gain(one, at) for one in each]) for each in (found, bands))
+    off = here - wanted
+    off -= off.mean(axis=0)  # a gain of the frame's own is no band
+    off -= off.mean(axis=1, keepdims=True)
+    assert np.sqrt(np.mean(off**2)) < 0.12 * np.std(wanted - wanted.mean(axis=0))
 
 
-def test_sweep_and_zoom_run_are_brought_into_the_light_of_the_panorama(panorama: Panorama) -> None:
-    footage, *rest = sweep_and_zoom(True, panorama)
-    even = evenly_lit(footage, *rest)
-    assert footage.zoom is not None
+def test_frames_of_even_light_have_no_bands_where_they_overlap() -> None:
+    for seed in range(5):
+        assert row_bands.fit_frames(overlaps_of(np.zeros((30, 1)), seed), 30).shape == (30, 0)
+
+
+def test_bands_of_sweep_reference_and_zoom_run_are_divided_out() -> None:
+    """Of those frames that were used; the others stay as they are."""
+    image = synthetic.render(OPTICS, 0.3, FOCAL)
+    time, rng = row_time(np.arange(float(HEIGHT)), HEIGHT), np.random.default_rng(3)
+    bands = 0.05 * rng.normal(size=(6, 4))
+
+    def banded(number: int) -> Image:
+        return np.rint(0.75 * image * row_bands.gain(bands[number], time)[:, None, None]).astype(np.uint8)
+
+    kept, zoomed = np.array([0, 2, 3]), np.array([1, 4])
+    sweep = [(0, banded(0)), (1, image), (2, banded(1)), (3, banded(2))]
+    zoom = [(0, image), (1, banded(4)), (4, banded(5))]
+    footage = Footage(banded(3), synthetic.calibration_object(), sweep, zoom, False)
+    even, dim = evenly_lit(footage, bands, kept, zoomed), np.rint(0.75 * image)
     assert even.zoom is not None
-    wanted, *_ = sweep_and_zoom(False, panorama)
-    for frames, lit, steady in (
-        (footage.sweep, even.sweep, wanted.sweep),
-        (footage.zoom, even.zoom, wanted.zoom or ()),
-    ):
-        for (number, before), (same, after), (_, right) in zip(frames, lit, steady, strict=True):
-            assert number == same
-            level = after[20:-20].mean(axis=(1, 2)) / right[20:-20].mean(axis=(1, 2))
-            assert np.std(level) / np.mean(level) < 0.03
-            assert (np.abs(before.astype(int) - after).max() > 20) == (np.abs(before.astype(int) - right).max() > 20)
+    for number, frame in even.sweep:
+        assert np.abs(frame - (dim if number in kept else image.astype(float))).max() <= 2.0
+    for number, frame in even.zoom:
+        assert np.abs(frame - (dim if number in zoomed else image.astype(float))).max() <= 2.0
+    assert np.abs(even.reference_image - dim).max() <= 2.0
 
 
-def test_footage_in_steady_light_is_left_as_it_is(panorama: Panorama) -> None:
-    footage, *rest = sweep_and_zoom(False, panorama)
-    assert evenly_lit(footage, *rest) is footage
+def test_footage_in_steady_light_is_left_as_it_is() -> None:
+    footage = Footage(np.zeros((HEIGHT, 4, 3), np.uint8), None, [], None, False)
+    assert evenly_lit(footage, np.zeros((6, 0)), np.arange(3), np.arange(2)) is footage
