@@ -64,12 +64,12 @@ def fit_frames(overlaps: Overlaps, count: int) -> Array:
     speak of.
 
     Frames one after the other may have nearly the same bands, those further off have not, and all are fitted together:
-    iteratively reweighted least squares, a gain of each overlap eliminated. Bands that all frames have alike show in no
-    overlap, but errors of what is taken for vignetting do: they are left out.
+    iteratively reweighted least squares, a gain of each overlap eliminated. Whether there are any, only what differs
+    from frame to frame tells: all have alike what errs of the vignetting.
     """
     some = _some_of(overlaps, BANDS.telling)
-    telling = _strength(_fitted_to_overlaps(some, count, BANDS.telling_cosines, rounds=2))
-    if np.median(telling) < BANDS.least_of_sweep:
+    telling = _fitted_to_overlaps(some, count, BANDS.telling_cosines, rounds=2)
+    if np.median(_strength(telling - telling.mean(axis=0))) < BANDS.least_of_sweep:
         return np.zeros((count, 0))
     return _fitted_to_overlaps(overlaps, count, BANDS.cosines, BANDS.rounds)
 
@@ -91,7 +91,7 @@ def _fitted_to_overlaps(overlaps: Overlaps, count: int, cosines: int, rounds: in
         left = _add_overlaps(overlaps, bands, BANDS.scale_sigmas * noise, normal, gradient)
         bands = np.asarray(np.linalg.solve(normal, gradient).reshape(bands.shape), np.float64)
         noise = max(normal_sigma(left[np.isfinite(left)]), 0.1)
-    return bands - bands.mean(axis=0)
+    return bands
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
