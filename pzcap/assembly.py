@@ -23,6 +23,8 @@ from pzcap.plausibility import (
     SeenKeyframe,
     SeenViews,
     athlete_of_another_size,
+    company,
+    is_touched,
     lost_body,
     object_of_another_size,
     seen_keyframe,
@@ -52,6 +54,7 @@ class Gathered:
         self._keyframes: list[SeenKeyframe] = []
         self._offsets = FrameOffsets(len(capture.cameras))
         self._combs_px: list[list[float]] = []  # of each frame and view
+        self._touched: list[int] = []  # frames in which somebody else is at the athlete's side
 
     def take(self, event: FrameLocalised | FrameSegmented | BodyTracked | Progress) -> None:
         """Keep what the result is made of."""
@@ -64,6 +67,8 @@ class Gathered:
                     self._unbiased = SeenViews(alone.cameras, alone.silhouettes)
             case FrameSegmented(frames, cameras, silhouettes) if self._tracker:
                 self._offsets.see(frames.index, cameras, silhouettes)
+                if is_touched(silhouettes):
+                    self._touched.append(frames.index)
                 key = self._set_by_hand.get(frames.index)
                 if key is not None and self._body is not None:
                     views, margin = SeenViews(cameras, silhouettes), self._tracker.config.cut_out_margin
@@ -105,7 +110,8 @@ class Gathered:
         if found.misplaced:
             return found.notes
         lost = {pose.frame: pose.lost for pose in self._poses}
-        return [*found.notes, *slips(), *lost_body(lost, self._sets.timecodes)]
+        timecodes = self._sets.timecodes
+        return [*found.notes, *slips(), *lost_body(lost, timecodes), *company(self._touched, timecodes)]
 
     def reconstruction(
         self, calibrated: Sequence[CalibratedCamera | None], tracks: tuple[PanZoomTrack | None, ...],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
+import cv2
 import numpy as np
 
 from pzcap.body.kinematics import joints
@@ -57,18 +58,52 @@ def check_upright(cameras: Sequence[CalibratedCamera | None]) -> None:
 def lost_body(lost: Mapping[int, float], timecodes: Sequence[str]) -> list[str]:
     """A note on the stretches of frames in which the body is not where silhouettes show somebody; ``lost``: the
     probability of that, a frame."""
-    doubtful = np.zeros(len(timecodes), bool)
-    doubtful[[frame for frame, probability in lost.items() if probability > 0.5]] = True
-    stretches = [each for each in runs(doubtful) if len(each) >= PLAUSIBILITY.lost_frames]
+    where = _stretches([frame for frame, probability in lost.items() if probability > 0.5], timecodes)
+    what = "the views show somebody where it is not: one who is not told from the athlete, or the athlete"
+    return [f"the body may be lost in {where}; {what}; pose a keyframe there"] if where else []
+
+
+def is_touched(silhouettes: Sequence[Silhouette | None]) -> bool:
+    """True if somebody else touches the athlete's outline, or nearly so, in most views: one who stands before or behind
+    the athlete does in some, one who is near does in all."""
+    seen = [one for one in silhouettes if one is not None and one.valid]
+    touching = sum(map(_touches, seen))
+    return touching >= PLAUSIBILITY.touching_views and 2 * touching > len(seen)
+
+
+def _touches(silhouette: Silhouette) -> bool:
+    """True if a good part of the band about the athlete's outline shows somebody else."""
+    if not silhouette.others.any():
+        return False
+    height, width = silhouette.others.shape
+    athlete = (silhouette.probability[::2, ::2] > PLAUSIBILITY.even)[:height, :width]
+    rows = np.flatnonzero(athlete.any(axis=1))
+    if not len(rows):
+        return False
+    tall = int(rows[-1] - rows[0]) + 1
+    reach = max(round(PLAUSIBILITY.touching_reach * tall), 1)
+    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    near = (cv2.dilate(athlete.astype(np.uint8), disk) > 0) & (silhouette.others > 0)
+    return bool(near.sum() > PLAUSIBILITY.touching_share * tall * reach)
+
+
+def company(touched: Sequence[int], timecodes: Sequence[str]) -> list[str]:
+    """A note on the stretches of frames in which somebody else is at the athlete's side, the frames ``touched``."""
+    where = _stretches(touched, timecodes)
+    what = "a hand or a foot may be taken for the other's; look at these frames, and pose a keyframe where it was"
+    return [f"somebody else touches the athlete, or nearly so, in {where}: {what}"] if where else []
+
+
+def _stretches(frames: Sequence[int], timecodes: Sequence[str]) -> str:
+    """How many ``frames`` are in stretches that are worth a word, and which the longest is; "" if there are none."""
+    marked = np.zeros(len(timecodes), bool)
+    marked[list(frames)] = True
+    stretches = [each for each in runs(marked) if len(each) >= PLAUSIBILITY.lost_frames]
     if not stretches:
-        return []
-    longest, frames = max(stretches, key=len), sum(map(len, stretches))
+        return ""
+    longest, count = max(stretches, key=len), sum(map(len, stretches))
     more = f" and {len(stretches) - 1} more stretch{'es' * (len(stretches) > 2)}" if len(stretches) > 1 else ""
-    return [
-        f"the body may be lost in {frames} frames: {longest[0]} to {longest[-1]} ({timecodes[longest[0]]} to "
-        f"{timecodes[longest[-1]]}){more}; the views show somebody where it is not: one who is not told from the "
-        "athlete, or the athlete; pose a keyframe there"
-    ]
+    return f"{count} frames: {longest[0]} to {longest[-1]} ({timecodes[longest[0]]} to {timecodes[longest[-1]]}){more}"
 
 
 class SeenViews(NamedTuple):

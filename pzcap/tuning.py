@@ -28,7 +28,12 @@ class PlausibilityTuning(NamedTuple):
     alone is not."""
     alike: float = 0.02  # difference of that share that says nothing: a limb is as wide as some steps
     better: float = 0.25  # gain of that share that chance does not bring
-    lost_frames: int = 3  # in a row, from which on a body that may be lost is worth a word
+    lost_frames: int = 3  # in a row, from which on a body that may be lost, or company, is worth a word
+    touching_views: int = 2  # in which somebody else touches the athlete, at least, and in most of all
+    touching_reach: float = 0.04  # of the athlete's height in the image: what counts as touching
+    touching_share: float = 0.1
+    """Of the area of a band so wide and as long as the athlete is tall, that shows somebody else. Where a coach keeps
+    1.2 m off, no more than two of four views do; at 0.5 m three or four, most of the time."""
     readout_s: float = 1.5e-3  # read-out time from which on a camera is said to have a rolling shutter
     clock_s: float = 1.5e-3  # offset from which on a clock is said to be off
     sigmas: float = 5.0  # standard deviations from which on either is sure

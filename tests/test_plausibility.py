@@ -27,6 +27,8 @@ from pzcap.plausibility import (
     SeenViews,
     blames_object,
     check_upright,
+    company,
+    is_touched,
     lost_body,
     object_of_another_size,
     object_of_other_shape,
@@ -304,3 +306,45 @@ def test_stretches_in_which_the_body_may_be_lost_are_named() -> None:
     assert "in 5 frames: 7 to 11 (10:00:00:07 to 10:00:00:11); " in one
     (three,) = lost_body(sure | dict.fromkeys([0, 1, 2, 7, 8, 9, 10, 20, 21, 22], 0.8), TIMECODES)
     assert "in 10 frames: 7 to 10 (10:00:00:07 to 10:00:00:10) and 2 more stretches; " in three
+
+
+# --------------------------------------------------------------------------------------------------------------
+# Somebody else at the athlete's side
+
+
+def outline(gap_px: int | None) -> Silhouette:
+    """An athlete 120 px tall, and as tall a person so far to the right; None: alone."""
+    probability, others = np.zeros((240, 320), np.uint8), np.zeros((120, 160), np.uint8)
+    probability[60:180, 100:140] = 255
+    if gap_px is not None:
+        others[30:90, (140 + gap_px) // 2 : (180 + gap_px) // 2] = 1
+    return Silhouette(probability, np.zeros((240, 320, 3), np.uint8), np.zeros((120, 160), np.float32), True, others)
+
+
+@pytest.mark.parametrize(
+    ("gaps_px", "touched"),
+    [
+        ([0, 0, 0, None], True),
+        ([0, 2, 60, 0], True),
+        ([0, 0, None, None], False),  # one stands before the athlete, or behind
+        ([40, 40, 40, 40], False),
+        ([None] * 4, False),
+        ([0, 0], True),
+        ([0, None], False),
+    ],
+)
+def test_somebody_at_the_athletes_side_touches_in_most_views(gaps_px: list[int | None], touched: bool) -> None:
+    views = [outline(gap) for gap in gaps_px]
+    assert is_touched(views) == touched
+    assert is_touched([*views, None, replace(outline(0), valid=False)]) == touched  # lost views say nothing
+
+
+def test_footage_that_nobody_was_told_from_the_athlete_in_has_no_company() -> None:
+    unknown = replace(outline(0), others=np.zeros((0, 0), np.uint8))
+    assert not is_touched([unknown] * 4)
+
+
+def test_stretches_with_somebody_at_the_athletes_side_are_named() -> None:
+    assert company([3, 4, 9], TIMECODES) == []
+    (one,) = company([3, 4, 7, 8, 9, 10], TIMECODES)
+    assert "in 4 frames: 7 to 10 (10:00:00:07 to 10:00:00:10): a hand or a foot" in one
