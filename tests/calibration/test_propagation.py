@@ -36,7 +36,8 @@ def model() -> CalibrationParameters:
 
 def off_by(error: Array) -> Array:
     """Covariances of frames by a calibration that is off by ``error`` (U,), or by its opposite."""
-    return propagated(Fitted(model(), np.outer(error, error), 1.0, SolveReport(True, 1, 0.0)), COUNT, SIZE)
+    report, no_bands = SolveReport(True, 1, 0.0), np.zeros((1, 0))
+    return propagated(Fitted(model(), np.outer(error, error), 1.0, 0.0, 0.0, no_bands, report), COUNT, SIZE)
 
 
 def registered(error: Array, sweep_frame: int, zoom: float) -> Array:
