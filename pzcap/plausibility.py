@@ -95,7 +95,7 @@ def company(touched: Sequence[int], timecodes: Sequence[str]) -> list[str]:
 
 
 def _stretches(frames: Sequence[int], timecodes: Sequence[str]) -> str:
-    """How many ``frames`` are in stretches that are worth a word, and which the longest is; "" if there are none."""
+    """Text of the number of ``frames`` in stretches that are worth a word, and of the longest; "" if there are none."""
     marked = np.zeros(len(timecodes), bool)
     marked[list(frames)] = True
     stretches = [each for each in runs(marked) if len(each) >= PLAUSIBILITY.lost_frames]

@@ -64,9 +64,7 @@ class Fitted:
     parameters: CalibrationParameters
     covariance: Array  # (U, U) of their vector, from the residuals alone
     sigma: float  # robust standard deviation of the residuals, grey levels
-    disagreement: (
-        float  # of overlaps with the parameters: the sum of their squared distances (`_beside`), grey levels^2
-    )
+    disagreement: float  # of overlaps with the parameters: sum of squared distances (`_beside`), grey levels^2
     surprise: float  # squared distance of the parameters from what was believed before, in standard deviations
     bands: Array  # (F, K) of mains light in the frames, as in `pzcap.imaging.row_bands`
     report: SolveReport

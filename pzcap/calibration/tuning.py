@@ -94,7 +94,7 @@ class BeliefTuning(NamedTuple):
     """A minimum whose residuals are not so many times those of the other may be the right one. Seen: 0.999 to 1.008."""
     worse_by_some: float = 12.0
     """Deviance by a part of the grey values and all else that is known, by which a minimum that is worse is not the
-    right one. Seen: 38 to 82 where the other one is wrong."""
+    right one. Seen: 31 to 89 where the other one is wrong."""
     object_px: float = 6.0
     """Standard deviation of the same width by the focal length of the calibration object alone."""
 

@@ -206,7 +206,7 @@ def test_a_banded_frame_is_aligned_and_evened(panorama: Panorama) -> None:
 
 
 def overlaps_of(bands: Array, seed: int) -> row_bands.Overlaps:
-    """What frames with ``bands`` (F, K) show of each other, each with the three next and every fifth of further ones:
+    """Overlaps of frames with ``bands`` (F, K), each with the three next and every fifth of further ones:
     400 pixels an overlap, of another exposure, noisy, a twentieth of them of somebody."""
     rng, count, size = np.random.default_rng(seed), len(bands), 400
     ends = np.array([(i, j) for i in range(count) for j in range(i + 1, count) if j - i < 4 or (j - i) % 5 == 0])
