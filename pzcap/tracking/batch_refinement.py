@@ -24,12 +24,12 @@ from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import Placed
 from pzcap.tracking.pixel_time import ClockEstimate, ClockSystem
 from pzcap.tracking.pose_objective import PosedBody, PoseObjective, ViewSequence
-from pzcap.tracking.reacquisition import PassResults, accepted, reacquire
+from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, reacquire, spread
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
 from pzcap.tracking.tuning import CLOCK, REACQUISITION
-from pzcap.types import Array, Keyframe, Pose
+from pzcap.types import SEGMENTS, Array, Keyframe, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +41,7 @@ class RefinedBatch:
     clocks: ClockEstimate
     cameras: list[list[MarginalisedCamera | None]]
     report: SolveReport
+    spread_m: Array  # (T, 16) of joints in limbs that were sought, as `reacquisition.spread` has it; NaN of others
 
 
 def refine_batch(
@@ -67,18 +68,24 @@ def refine_batch(
     if passes is None or not config.reacquisition:
         return found
     limbs = LimbAppearance(body, config.appearance_score)
+    sought, reference = np.zeros(found.spread_m.shape, bool), passes.reference
     for _ in range(REACQUISITION.rounds):
-        found, taken = _reacquired(batch, limbs, found, sequence, passes)
+        found, again, taken = _reacquired(batch, limbs, found, sequence, passes)
+        if again is not None:
+            sought[: len(again.lost)] |= again.lost
+            reference = again.reference
         if not taken:
             break
         passes = replace(passes, doubtful=np.zeros_like(passes.doubtful))  # what leapt does no longer
-    return found
+    poses = [each.pose for each in found.frames]
+    return replace(found, spread_m=spread(limbs, poses, found.objectives, reference, sought))
 
 
 def _reacquired(
     batch: _Batch, limbs: LimbAppearance, found: RefinedBatch, sequence: ViewSequence, passes: PassResults
-) -> tuple[RefinedBatch, bool]:
-    """The batch ``found``, refined anew with lost limbs where they score more; and whether there are any such."""
+) -> tuple[RefinedBatch, Reacquired | None, bool]:
+    """The batch ``found``, refined anew with lost limbs where they score more; what was reacquired; and whether
+    anything of it was taken."""
     poses = [each.pose for each in found.frames]
     inner, after = (len(poses), None) if batch.key is None else (len(poses) - 1, poses[-1])
     placed = _placed(found.objectives, poses)[1]
@@ -86,13 +93,13 @@ def _reacquired(
         limbs, poses[:inner], found.objectives[:inner], placed[:inner], passes, (batch.before[-1], after), batch.period
     )
     if again is None:
-        return found, False
+        return found, None, False
     other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference)
     pairs = [(here, there.pose) for here, there in zip(poses, other.frames, strict=True)]
     chosen = accepted(limbs, batch.before[-1], pairs, sequence.corrected(other.objectives), again, passes.agreed)
     # where limbs of the two meet, the motion leaps: a third sweep smooths it
     smoothed = batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
-    return smoothed, any(one is not here for one, here in zip(chosen, poses, strict=True))
+    return smoothed, again, any(one is not here for one, here in zip(chosen, poses, strict=True))
 
 
 def _placed(objectives: Sequence[PoseObjective], poses: Sequence[Pose]) -> tuple[list[PosedBody], list[Placed]]:
@@ -169,7 +176,10 @@ class _Batch:
         seen = [any(view is not None for view in each.views) for each in objectives]
         frames = [PoseEstimate(*each) for each in zip(poses, hessians, contours, seen, strict=True)]
         converged = bool(np.abs(steps).max(initial=0.0) < config.step_tolerance)
-        return RefinedBatch(frames, objectives, known, cameras, SolveReport(converged, config.polishing_sweeps, cost))
+        return RefinedBatch(
+            frames, objectives, known, cameras, SolveReport(converged, config.polishing_sweeps, cost),
+            np.full((len(frames), len(SEGMENTS)), np.nan),
+        )  # fmt: skip
 
 
 def clocks_of(objectives: Sequence[PoseObjective]) -> Array:

@@ -115,13 +115,14 @@ def solved(problem: IntervalProblem) -> IntervalResult:
     frames = list(batch.frames)
     if anchor is not None:
         frames[-1] = trusted(anchor.key, frames[-1])
+    doubt_m = np.fmax(0.5 * disagreement, batch.spread_m)
     done = [
         tracked(
-            estimate, config, number, found, apart, list(zip(objective.views, cameras, strict=True)),
+            estimate, config, number, found, doubt, list(zip(objective.views, cameras, strict=True)),
             lost(objective, found.pose),
         )
-        for number, found, apart, objective, cameras in zip(
-            frames_of, frames, disagreement, batch.objectives, batch.cameras, strict=True
+        for number, found, doubt, objective, cameras in zip(
+            frames_of, frames, doubt_m, batch.objectives, batch.cameras, strict=True
         )
         if number is not None
     ]  # fmt: skip
@@ -144,10 +145,11 @@ def fit_keyframe(
 
 def tracked(
     estimate: BodyEstimate, config: TrackingConfig, frame: int, found: PoseEstimate,
-    disagreement_m: Array | float = 0.0,
+    doubt_m: Array | float = 0.0,
     cameras: Sequence[tuple[ViewCrop | None, MarginalisedCamera | None]] = (), lost: float = 0.0,
 ) -> Tracked:  # fmt: skip
-    """The body at an instant. ``disagreement_m`` (16,) is the distance of two estimates of a joint that do not agree.
+    """The body at an instant. ``doubt_m`` (16,) is the deviation of a joint that may be in several places: those of two
+    estimates that do not agree, or of postures that score nearly as much.
     ``cameras``, where they were corrected, is each view with the camera as it is now, and the marginalised one;
     ``lost`` the probability that the whole body is elsewhere."""
     frames = forward(estimate.body, found.pose)
@@ -155,8 +157,8 @@ def tracked(
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     jacobians = joint_jacobians(frames)
     variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
-    disputed, unsure = (0.5 * np.asarray(disagreement_m)) ** 2, misplaced(found.contour) + lost
-    variance += estimate.known.joint_variance_m2 + disputed + unsure * INTERVAL.misplaced_m**2
+    unsure = misplaced(found.contour) + lost
+    variance += estimate.known.joint_variance_m2 + np.asarray(doubt_m) ** 2 + unsure * INTERVAL.misplaced_m**2
     corrections = tuple(
         None if view is None or view.camera_prior is None or camera is None
         else Correction(view.camera_prior.correction, camera.covariance_with(covariance))

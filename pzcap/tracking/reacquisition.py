@@ -113,6 +113,26 @@ def accepted(
     return choose(limbs.body, before, one, other, np.where(again.lost, least_m, np.inf), gain)
 
 
+def spread(
+    limbs: LimbAppearance, poses: Sequence[Pose], objectives: Sequence[PoseObjective], reference: Appearances,
+    sought: Mask,
+) -> Array:  # fmt: skip
+    """Root mean square distance (T, 16), metres, of the joints of limbs that were ``sought`` (T, 16) from where they
+    are in postures all over their reach; NaN of others, and of the joint that a limb turns in.
+
+    The odds of two postures are those of their scores, so that the distance is small where the limb scores much more
+    than elsewhere.
+    """
+    found, turns = np.full(sought.shape, np.nan), np.vstack([POSTURES, 2.0 * POSTURES])
+    for t, limb in np.argwhere(sought[:, [members[0] for members in LIMBS]]).tolist():
+        context = limbs.context(limb, poses[t], objectives[t], reference)
+        tried = limbs.postures(limb, context, turns, coarse=True)
+        odds = np.exp((tried.score_m2 - tried.score_m2.max()) / REACQUISITION.odds_m2)
+        squared = np.sum(tried.moved_m**2, axis=2)
+        found[t, list(LIMBS[limb][1:])] = np.sqrt(odds @ squared / odds.sum())
+    return found
+
+
 def _unlike(similarity: Array) -> Mask:
     """(T, 4) limbs that do not look like their reference."""
     return _filtered(similarity) < -REACQUISITION.unlike_m2

@@ -185,6 +185,7 @@ class ReacquisitionTuning(NamedTuple):
     least_share: float = 0.4  # of its median score, that is enough where it is never seen so well
     short_of: float = 4.0  # cost of a score that falls short of that, a share of what is missing
     least_gain_m2: float = 0.002  # by which the score must be more: a search finds what looks a little better
+    odds_m2: float = 0.007  # of score by which one posture is e times as likely as another; fitted
     apart_m: float = 0.02  # a limb that was reacquired nearer than this was not lost
     apart_agreed_m: float = 0.1  # nor one nearer than this that both passes had there: clothes look like a limb beside
 

@@ -21,7 +21,7 @@ from pzcap.tracking.limbs import POSTURES, bounded, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop, Views
 from pzcap.tracking.pixel_time import ClockEstimate, Exposure, velocities
 from pzcap.tracking.pose_objective import PoseObjective, ViewSequence
-from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, reacquire, smoothest
+from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, reacquire, smoothest, spread
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, shared
 from pzcap.tracking.tuning import REACQUISITION
@@ -208,6 +208,34 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
         moved = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, true, strict=False)]
         off.append(np.linalg.norm(np.array(moved)[:, end], axis=1).max())
     assert off[1] < 0.04 < 0.2 < off[0]
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_a_limb_is_known_as_far_as_it_scores_more_than_elsewhere(limb: int) -> None:
+    """One that is seen lies where it is; one that neither silhouettes nor looks tell of, anywhere in its reach."""
+    body, pose, rows = true_body(), clip().poses[5], list(LIMBS[limb][1:])
+    sought = np.isin(np.arange(16), LIMBS[limb])[None]
+    seen, unseen = (
+        spread(LimbAppearance(body), [pose], [objective], looks, sought)[0]
+        for objective, looks in (
+            (observed(5, body), shared(known())),
+            (without_silhouettes(5, body), known(range(0))),
+        )
+    )
+    assert np.isnan(np.delete(seen, rows)).all()
+    assert seen[rows].max() < 0.02
+    assert unseen[rows].min() > 0.1
+
+
+def test_only_a_limb_that_was_sought_is_compared_with_what_else_it_may_be() -> None:
+    body, limb = true_body(), 0
+    true = [clip().poses[frame] for frame in FRAMES]
+    poses = [swung(pose, limb, 0.9) if 2 <= t < 5 else pose for t, pose in enumerate(true)]
+    sequence = ViewSequence([crops(frame) for frame in FRAMES], 1.0)
+    clocks, config = ClockEstimate.of(4, 0.3), TrackingConfig()
+    batch = refine_batch(body, poses, sequence, true[:1], None, told(poses, shared(known()), SURE), clocks, config)
+    assert np.isfinite(batch.spread_m[2:5, list(LIMBS[limb][1:])]).all()
+    assert np.isnan(np.delete(batch.spread_m, LIMBS[limb], axis=1)).all()
 
 
 def test_what_the_passes_dispute_is_not_learned_from() -> None:
