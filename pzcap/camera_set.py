@@ -96,15 +96,15 @@ def calibrate_rolling(
     """Calibrate one camera as `calibrate` does; if its shutter rolls, again by frames of the sweep that are put right
     in place and light (`pzcap.localisation.sweep_readout`)."""
     found, swept, zoomed, bands = calibrate(footage, config, report)
-    even = evenly_lit(footage, bands, swept.kept, zoomed.numbers)
-    readout, right = 0.0, even is footage
+    even, readout = evenly_lit(footage, bands, swept.kept, zoomed.numbers), 0.0
     for _ in range(READOUT.sweep_rounds):
         more = remaining_readout(footage, found, swept)
-        if right and more == 0.0:
+        if more == 0.0 and not bands.size:
             break
-        readout, right = readout + more, True
+        readout += more
         upright = put_right(even, readout, found, swept, zoomed) if readout else even
-        found, swept, zoomed, _ = calibrate(upright, config, report)
+        found, swept, zoomed, bands = calibrate(upright, config, report)
+        even = evenly_lit(even, bands, swept.kept, zoomed.numbers)  # what frames out of place had hidden
     readout_s, sigma_s = (one * footage.sweep_period_s for one in (readout, readout_sigma(found, swept)))
     return replace(found, camera=replace(found.camera, readout_s=readout_s, readout_sigma_s=sigma_s)), swept
 

@@ -60,7 +60,7 @@ def fit(ratio: Array, time: Array, squared: Array) -> Array:
 
 
 def fit_frames(overlaps: Overlaps, count: int) -> Array:
-    """Bands (F, K) of ``count`` frames, from what differs where two of them overlap; (F, 0) where most have none to
+    """Bands (F, K) of ``count`` frames, from what differs where two of them overlap; (F, 0) where there are none to
     speak of.
 
     Frames one after the other may have nearly the same bands, those further off have not, and all are fitted together:
@@ -69,7 +69,8 @@ def fit_frames(overlaps: Overlaps, count: int) -> Array:
     """
     some = _some_of(overlaps, BANDS.telling)
     telling = _fitted_to_overlaps(some, count, BANDS.telling_cosines, rounds=2)
-    if np.median(_strength(telling - telling.mean(axis=0))) < BANDS.least_of_sweep:
+    strength = _strength(telling - telling.mean(axis=0))
+    if np.median(strength) < BANDS.least_of_sweep and strength.max() < BANDS.most_of_sweep:
         return np.zeros((count, 0))
     return _fitted_to_overlaps(overlaps, count, BANDS.cosines, BANDS.rounds)
 
