@@ -79,3 +79,12 @@ def test_bands_that_drift_from_frame_to_frame_are_found_where_these_overlap(
 def test_frames_of_even_light_have_no_bands_where_they_overlap() -> None:
     for seed in range(5):
         assert row_bands.fit_frames(overlaps_of(np.zeros((30, 1)), seed), 30).shape == (30, 0)
+
+
+def test_bands_of_a_few_frames_are_found_where_the_others_have_none() -> None:
+    """Those of a zoom run that are left, after the sweep's were divided out."""
+    bands = np.zeros((30, 3))
+    bands[-4:, 1] = 0.06, -0.06, 0.05, -0.05
+    found = row_bands.fit_frames(overlaps_of(bands, 0), len(bands))
+    assert found.shape == (30, 12)
+    np.testing.assert_allclose(found[-4:, 1] - found[:-4, 1].mean(), bands[-4:, 1], atol=0.01)
