@@ -70,7 +70,7 @@ def fit_frames(overlaps: Overlaps, count: int) -> Array:
     some = _some_of(overlaps, BANDS.telling)
     telling = _fitted_to_overlaps(some, count, BANDS.telling_cosines, rounds=2)
     strength = _strength(telling - telling.mean(axis=0))
-    if np.median(strength) < BANDS.least_of_sweep and strength.max() < BANDS.most_of_sweep:
+    if np.median(strength) < BANDS.least_of_sweep and strength.max() < BANDS.least_of_one:
         return np.zeros((count, 0))
     return _fitted_to_overlaps(overlaps, count, BANDS.cosines, BANDS.rounds)
 

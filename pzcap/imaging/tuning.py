@@ -27,7 +27,7 @@ class BandsTuning(NamedTuple):
     least: float = 0.02  # root mean square from which on a frame has bands at all
     least_of_sweep: float = 0.008
     """The same of most of the frames that overlap, which tell more. Seen where there are none: 0.002 to 0.005."""
-    most_of_sweep: float = 0.025  # the same of any one of these frames. Seen where there are none: 0.004 to 0.015
+    least_of_one: float = 0.025  # the same of any one of these frames. Seen where there are none: 0.004 to 0.015
     telling: int = 3  # one pixel in so many tells whether it is worth while to look for them
     telling_cosines: int = 6  # by which overlaps tell it
     suspicious: float = 0.015  # root mean square, by those of one frame, from which on it is

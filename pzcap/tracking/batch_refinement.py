@@ -24,7 +24,7 @@ from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import Placed
 from pzcap.tracking.pixel_time import ClockEstimate, ClockSystem
 from pzcap.tracking.pose_objective import PosedBody, PoseObjective, ViewSequence
-from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, reacquire, spread
+from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, posterior_spread, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
@@ -41,7 +41,7 @@ class RefinedBatch:
     clocks: ClockEstimate
     cameras: list[list[MarginalisedCamera | None]]
     report: SolveReport
-    spread_m: Array  # (T, 16) of joints in limbs that were sought, as `reacquisition.spread` has it; NaN of others
+    spread_m: Array  # (T, 16) of joints in limbs that were sought, as `posterior_spread` has it; NaN of others
 
 
 def refine_batch(
@@ -78,7 +78,7 @@ def refine_batch(
             break
         passes = replace(passes, doubtful=np.zeros_like(passes.doubtful))  # what leapt does no longer
     poses = [each.pose for each in found.frames]
-    return replace(found, spread_m=spread(limbs, poses, found.objectives, reference, sought))
+    return replace(found, spread_m=posterior_spread(limbs, poses, found.objectives, reference, sought))
 
 
 def _reacquired(

@@ -113,7 +113,7 @@ def accepted(
     return choose(limbs.body, before, one, other, np.where(again.lost, least_m, np.inf), gain)
 
 
-def spread(
+def posterior_spread(
     limbs: LimbAppearance, poses: Sequence[Pose], objectives: Sequence[PoseObjective], reference: Appearances,
     sought: Mask,
 ) -> Array:  # fmt: skip

@@ -21,7 +21,7 @@ from pzcap.tracking.limbs import POSTURES, bounded, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop, Views
 from pzcap.tracking.pixel_time import ClockEstimate, Exposure, velocities
 from pzcap.tracking.pose_objective import PoseObjective, ViewSequence
-from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, reacquire, smoothest, spread
+from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, posterior_spread, reacquire, smoothest
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, shared
 from pzcap.tracking.tuning import REACQUISITION
@@ -216,7 +216,7 @@ def test_a_limb_is_known_as_far_as_it_scores_more_than_elsewhere(limb: int) -> N
     body, pose, rows = true_body(), clip().poses[5], list(LIMBS[limb][1:])
     sought = np.isin(np.arange(16), LIMBS[limb])[None]
     seen, unseen = (
-        spread(LimbAppearance(body), [pose], [objective], looks, sought)[0]
+        posterior_spread(LimbAppearance(body), [pose], [objective], looks, sought)[0]
         for objective, looks in (
             (observed(5, body), shared(known())),
             (without_silhouettes(5, body), known(range(0))),
