@@ -12,12 +12,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import block_diag
 
 from pzcap.calibration.bundle_adjustment import Link, matches_of
-from pzcap.calibration.sweep import Frames
+from pzcap.calibration.sweep import Frames, spaced
 from pzcap.calibration.tuning import STITCHING
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
@@ -92,14 +93,14 @@ def stitch(
     """Paste those ``frames`` of a sweep that ``swept`` has kept, taken at ``pan_rad`` (M,), on the cylinder about
     the pan axis.
 
-    Twice: what differs from the first result, made of the M grey frames of ``swept``, is somebody who walked through
-    the sweep, and counts little in the second. The panorama is as fine as the sweep in the middle of its frames, its
-    azimuth 0 is pan 0; ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
+    Twice: what differs from the first result, made of some of the grey frames of ``swept``, is somebody who walked
+    through the sweep, and counts little in the second. The panorama is as fine as the sweep in the middle of its
+    frames, its azimuth 0 is pan 0; ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
     """
     canvas = _Canvas(swept, pan_rad, full_turn, 1, surroundings)
     places = list(zip(pan_rad.tolist(), swept.brightness.log_gain.tolist(), strict=True))
-    for number, image in enumerate(swept.images):
-        canvas.paste(image, *places[number], None)
+    for number in dict.fromkeys([*spaced(pan_rad, (canvas.left - canvas.right) / STITCHING.first), len(pan_rad) - 1]):
+        canvas.paste(swept.images[number], *places[number], None)
         report(number + 1)
     before = canvas.finish()[0][..., 0]
     canvas = _Canvas(swept, pan_rad, full_turn, 3, surroundings)
@@ -138,7 +139,7 @@ class _Canvas:
         self.colour = np.zeros((rows, columns, channels), np.float32)
         self.weight = np.zeros((rows, columns), np.float32)
         u, v = np.meshgrid(np.arange(width), np.arange(height))
-        self.flat = flatness(swept.brightness, view, width, height)
+        self.flat = cv2.merge([flatness(swept.brightness, view, width, height)] * channels)
         across = 1.0 - np.abs(2.0 * u / (width - 1) - 1.0)
         edge = np.minimum(v, height - 1 - v) / STITCHING.feather_px
         # the outermost rings weigh nothing: what interpolation takes from beyond the edge does not count
@@ -161,20 +162,19 @@ class _Canvas:
             return geometry.direction_to_pixel(turned, azimuth + moved[0], slope + moved[1])[0]
 
         column, row = cylinder.smooth_map(to_frame, stop - start, self.weight.shape[0])
-        flat = self.flat * np.float32(np.exp(-log_gain))
-        level = image.astype(np.float32) * (flat if image.ndim == 2 else flat[..., None])
+        gain = float(np.exp(-log_gain))
+        level = np.asarray(cv2.multiply(image, self.flat, scale=gain, dtype=cv2.CV_32F), np.float32)
         weight = cv2.remap(self.trust, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         if before is None:  # to tell who walks there is enough
             warped = cv2.remap(level, column, row, cv2.INTER_LINEAR)[..., None]
         else:
             warped = bspline.warped(level, column, row)
         for here, there in self._parts(start, stop):
-            own, part = weight[:, there], warped[:, there]
+            own, part = np.asarray(weight[:, there], np.float32), np.asarray(warped[:, there], np.float32)
             if before is not None:
                 seen = np.asarray(cv2.cvtColor(part, cv2.COLOR_BGR2GRAY), np.float32)
                 own = own * agreement(seen - before[:, here].astype(np.float32))
-            self.colour[:, here] += part * own[..., None]
-            self.weight[:, here] += own
+            _add(part, own, self.colour[:, here], self.weight[:, here])
 
     def _parts(self, start: int, stop: int) -> list[tuple[slice, slice]]:
         """The canvas's columns of a strip that begins and ends there, and the strip's: in two where it lies across the
@@ -190,6 +190,16 @@ class _Canvas:
         colour = self.colour / np.maximum(self.weight, 1e-6)[..., None]
         colour[~valid] = 0.0
         return np.clip(np.rint(colour), 0, 255).astype(np.uint8), valid
+
+
+@njit(cache=True, nogil=True)
+def _add(image: Float32, weight: Float32, colour: Float32, total: Float32) -> None:
+    """Add an ``image`` (H, W, C) times its ``weight`` (H, W) to the sums of both."""
+    for i in range(weight.shape[0]):
+        for j in range(weight.shape[1]):
+            total[i, j] += weight[i, j]
+            for c in range(image.shape[2]):
+                colour[i, j, c] += weight[i, j] * image[i, j, c]
 
 
 def agreement(difference: Float32) -> Float32:

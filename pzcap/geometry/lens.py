@@ -35,7 +35,8 @@ class Distortion(NamedTuple):
 
 
 NONE: Final = Distortion()
-_NEWTON_STEPS: Final = 8  # of the radius
+_NEWTON_STEPS: Final = 8  # of the radius, at most
+_SETTLED: Final = 1e-9  # change of the radius, whose square the next one would be
 _POINT_STEPS: Final = 4  # of the point after it: from what tangential distortion leaves, to a millionth of a pixel
 
 
@@ -172,9 +173,11 @@ def _undistort_all(xy: Array, d: Distortion, furthest: float, straight: Array) -
     for n in range(len(xy)):
         x_d, y_d = xy[n, 0], xy[n, 1]
         bent = min(np.sqrt(x_d * x_d + y_d * y_d), furthest)
-        radius = bent
+        radius, before = bent, -1.0
         for _ in range(_NEWTON_STEPS):
-            radius = _radius_step(radius, bent, d)
+            if abs(radius - before) < _SETTLED:
+                break
+            radius, before = _radius_step(radius, bent, d), radius
         factor = _radial(radius * radius, d)
         x, y = x_d / factor, y_d / factor
         for _ in range(0 if d.p1 == 0.0 and d.p2 == 0.0 else _POINT_STEPS):
