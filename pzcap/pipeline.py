@@ -34,7 +34,7 @@ from pzcap.events import (
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.localisation.localise import Localiser
 from pzcap.plausibility import check_upright, object_of_other_shape
-from pzcap.runtime import give_back, one_thread_each, set_large_apart
+from pzcap.runtime import give_back, keep_heap_small, one_thread_each
 from pzcap.segmentation.foreground import ForegroundConfig
 from pzcap.starting_poses import body_to_track, body_tracker, track_input
 from pzcap.tracking.interval_solver import warm_up
@@ -114,7 +114,7 @@ def stages(
     if config.panzoom.method != method.name:
         raise PzcapError(f"method '{config.panzoom.method}' is not the core's; call pzcap.extras.reconstruct for it")
     notes: list[str] = []
-    set_large_apart()
+    keep_heap_small()
     with one_thread_each(), ThreadPoolExecutor(config.threads) as pool:
         sets = frame_sets(capture)
         body = body_to_track(capture, sets, config.tracking, notes)

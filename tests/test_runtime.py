@@ -12,10 +12,10 @@ SCRIPT = """
 import sys
 import numpy as np
 import psutil
-from pzcap.runtime import give_back, set_large_apart
+from pzcap.runtime import give_back, keep_heap_small
 
 if sys.argv[1] == "apart":
-    set_large_apart()
+    keep_heap_small()
 taught = np.ones(3_000_000)  # 24 MB: so much glibc learns to keep
 del taught
 before = psutil.Process().memory_info().rss
