@@ -6,6 +6,7 @@ import json
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -49,6 +50,7 @@ def run_info(config: Mapping[str, Any], seed: int, notes: Sequence[str] = ()) ->
     return {**info, "notes": list(notes)}
 
 
+@cache
 def versions() -> dict[str, str]:
     """Versions of everything that the numbers can depend on."""
     found = {"python": platform.python_version()}

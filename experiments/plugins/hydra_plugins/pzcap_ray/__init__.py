@@ -16,7 +16,7 @@ from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf
 
-from experiments.studies.ray_job import run_one
+from experiments.studies.ray_job import require_plain, run_one
 
 HERE: Final = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
 """Ray's switch for machines that are to be no part of a cluster, read when it is imported and inherited by all that it
@@ -32,7 +32,9 @@ class RayLauncher(Launcher):
         self._remote: Any = OmegaConf.to_container(remote, resolve=True)
 
     def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        """Keep what Hydra hands to every launcher before the sweep."""
+        """Keep what Hydra hands to every launcher before the sweep. PzcapError where it asks for what Ray's jobs have
+        not."""
+        require_plain(config)
         self._context, self._task, self._config = hydra_context, task_function, config
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
@@ -48,7 +50,7 @@ class RayLauncher(Launcher):
             ray.init(**start)
         job = ray.remote(**self._remote)(run_one)
         shared = ray.put((self._context, self._config, self._task, Singleton.get_state()))
-        running = [job.remote(shared, number, given) for number, given in enumerate(job_overrides, initial_job_idx)]
+        running = [job.remote([shared], number, given) for number, given in enumerate(job_overrides, initial_job_idx)]
         return list(ray.get(running))
 
 
