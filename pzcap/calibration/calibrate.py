@@ -25,7 +25,7 @@ from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.propagation import propagated
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames
-from pzcap.calibration.tuning import BELIEF, BUNDLE, FEATURES, HALL, PHOTOMETRIC, PROPAGATION
+from pzcap.calibration.tuning import BELIEF, FEATURES, HALL, PHOTOMETRIC, PROPAGATION
 from pzcap.geometry import camera as geometry
 from pzcap.imaging.bspline import stored
 from pzcap.types import (
@@ -143,21 +143,20 @@ def _starts(matched: Matched, config: PanZoomConfig) -> list[CalibrationParamete
     as one before it and walls as they are. From one start it is chance which is found: the other side is tried, too,
     and a part of the grey values decides with all else that is known. Where it cannot, the whole has to.
     """
-    few = enough(matched.links, BUNDLE.starting)
-    one = adjust(matched.start, few, matched.sigmas, scale_px=4.0, iterations=12)
+    some = enough(matched.links)
+    one = adjust(matched.start, some, matched.sigmas, scale_px=4.0, iterations=12)
     beside, nearness = BELIEF.other_side
     opposite = replace(
         matched.start, offset=np.array([-math.copysign(beside, one.parameters.offset[0]), 0.0]),
         surroundings=replace(matched.start.surroundings, walls=np.full(HALL.azimuths, nearness)),
     )  # fmt: skip
-    other = adjust(opposite, few, matched.sigmas, prior=matched.start, scale_px=4.0, iterations=12)
+    other = adjust(opposite, some, matched.sigmas, prior=matched.start, scale_px=4.0, iterations=12)
     better, worse = sorted((one, other), key=lambda each: each.residual_px)
     same = abs(one.parameters.log_focal[0] - other.parameters.log_focal[0]) < BELIEF.same_focal
     if same or worse.residual_px > BELIEF.worse_by_features * better.residual_px:
         return [better.parameters]
-    coarse = replace(config, sweep=replace(config.sweep, pixels=config.sweep.pixels // BELIEF.deciding))
-    some = replace(matched, links=enough(matched.links))
-    fits = [_fit(some, each.parameters, coarse, no_report) for each in (one, other)]
+    few = replace(config, sweep=replace(config.sweep, pixels=config.sweep.pixels // BELIEF.deciding))
+    fits = [_fit(replace(matched, links=some), each.parameters, few, no_report) for each in (one, other)]
     (best, by), (worst, worse_by) = sorted(zip(fits, _deviances(fits, matched), strict=True), key=itemgetter(1))
     found, other_found = (_without_departures(fit.fitted.parameters, matched.start) for fit in (best, worst))
     same = abs(float(other_found.log_focal[0] - found.log_focal[0])) < BELIEF.same_focal

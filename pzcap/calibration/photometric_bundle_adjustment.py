@@ -133,7 +133,6 @@ def adjust(
     edges = [_edges(frame, pixels, _border_px(smoothing)) for frame in frames]
     pairs = dict.fromkeys((link.first, link.second) for link in links)
     overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, pair, pixels, smoothing)) is not None]
-    overlaps.sort(key=lambda one: one.ends[1])  # a frame whose grey values are looked up stays in the cache
     held, done = int(start.pan_of[0]), 0
     some_matches = matches_of(enough(links))
     length = np.empty(len(some_matches.pixels))

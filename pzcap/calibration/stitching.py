@@ -18,7 +18,7 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from pzcap.calibration.bundle_adjustment import Link, matches_of
-from pzcap.calibration.sweep import Frames, spaced
+from pzcap.calibration.sweep import Frames
 from pzcap.calibration.tuning import STITCHING
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
@@ -93,14 +93,14 @@ def stitch(
     """Paste those ``frames`` of a sweep that ``swept`` has kept, taken at ``pan_rad`` (M,), on the cylinder about
     the pan axis.
 
-    Twice: what differs from the first result, made of some of the grey frames of ``swept``, is somebody who walked
-    through the sweep, and counts little in the second. The panorama is as fine as the sweep in the middle of its
-    frames, its azimuth 0 is pan 0; ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
+    Twice: what differs from the first result, made of the M grey frames of ``swept``, is somebody who walked through
+    the sweep, and counts little in the second. The panorama is as fine as the sweep in the middle of its frames, its
+    azimuth 0 is pan 0; ``sweep_inliers``, ``closure_rad`` and ``residual_px`` are left 0.
     """
     canvas = _Canvas(swept, pan_rad, full_turn, 1, surroundings)
     places = list(zip(pan_rad.tolist(), swept.brightness.log_gain.tolist(), strict=True))
-    for number in dict.fromkeys([*spaced(pan_rad, (canvas.left - canvas.right) / STITCHING.first), len(pan_rad) - 1]):
-        canvas.paste(swept.images[number], *places[number], None)
+    for number, image in enumerate(swept.images):
+        canvas.paste(image, *places[number], None)
         report(number + 1)
     before = canvas.finish()[0][..., 0]
     canvas = _Canvas(swept, pan_rad, full_turn, 3, surroundings)

@@ -156,8 +156,6 @@ class StitchingTuning(NamedTuple):
     """Grey levels, mean over a few pixels, that noise and resampling do not make."""
     feather_px: float = 12.0
     """Pixels over which a frame fades in from its upper and lower edge."""
-    first: float = 8.0
-    """So many frames a field of view make the first panorama: nobody stands in half of them."""
 
 
 class BundleTuning(NamedTuple):
@@ -167,8 +165,6 @@ class BundleTuning(NamedTuple):
     """Largest change of a pan that ends the adjustment: a hundredth of a pixel."""
     least_sigma_px: float = 0.01
     """No match is better than this, however well all agree."""
-    starting: int = 15
-    """One of so many matches tells which minima there are."""
 
 
 class PhotometricTuning(NamedTuple):
