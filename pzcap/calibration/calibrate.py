@@ -153,7 +153,8 @@ def _starts(matched: Matched, config: PanZoomConfig) -> list[CalibrationParamete
     other = adjust(opposite, some, matched.sigmas, prior=matched.start, scale_px=4.0, iterations=12)
     better, worse = sorted((one, other), key=lambda each: each.residual_px)
     same = abs(one.parameters.log_focal[0] - other.parameters.log_focal[0]) < BELIEF.same_focal
-    if same or worse.residual_px > BELIEF.worse_by_features * better.residual_px:
+    excess = (worse.residual_px / better.residual_px - 1.0) * math.sqrt(sum(len(link.first_px) for link in some))
+    if same or excess > BELIEF.worse_by_features:
         return [better.parameters]
     few = replace(config, sweep=replace(config.sweep, pixels=config.sweep.pixels // BELIEF.deciding))
     fits = [_fit(replace(matched, links=some), each.parameters, few, no_report) for each in (one, other)]

@@ -90,9 +90,9 @@ class BeliefTuning(NamedTuple):
     """Relative: starts that end nearer to each other in focal length have found the same minimum."""
     deciding: int = 4
     """Of so many grey values one is used to decide between two minima."""
-    worse_by_features: float = 1.006
-    """A minimum whose residuals are not so many times those of the other may be the right one. Seen, the wrong one's
-    over the right one's: 0.999 to 1.008, and 0.996 of a third of the matches of 320 x 240 pixels."""
+    worse_by_features: float = 0.6
+    """A minimum whose residuals are so much worse, a share times the square root of the number of matches, is not the
+    right one. Seen, where the other one was wrong: 0.3 at most, and 0.4 of a third of the matches of a small image."""
     worse_by_some: float = 12.0
     """Deviance by a part of the grey values and all else that is known, by which a minimum that is worse is not the
     right one. Seen: 31 to 89 where the other one is wrong."""
