@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ray import ObjectRef
 
 Shared: TypeAlias = tuple[HydraContext, DictConfig, TaskFunction, dict[Any, Any]]
-"""What the jobs of a sweep have in common, as the launcher has it."""
+"""All that the jobs of a sweep have in common, as the launcher has it."""
 
 
 def require_plain(config: DictConfig) -> None:
@@ -34,7 +34,7 @@ def run_one(shared: list[ObjectRef[Shared]], number: int, overrides: Sequence[st
     """Run job ``number`` of what the launcher has ``shared``, in a list: else Ray would read it anew for every job.
 
     It does what Hydra's own `run_job` does, but for four copies of the configuration, which take it longer than all
-    that a sweep adds to a job.
+    that a sweep adds to a job, and for hydra.output_subdir, which our sweeper's jobs have none of.
     """
     task, composer = _of_sweep(shared[0])
     config = composer.compose(overrides, number)
@@ -42,6 +42,7 @@ def run_one(shared: list[ObjectRef[Shared]], number: int, overrides: Sequence[st
     with read_write(config.hydra.runtime), open_dict(config.hydra.runtime):
         config.hydra.runtime.output_dir = str(folder)
     HydraConfig.instance().set_config(config)
+    folder.mkdir(parents=True, exist_ok=True)
     configure_log(config.hydra.job_logging, config.hydra.verbose)
     variables = config.hydra.job.env_set
     with read_write(config), open_dict(config):
@@ -57,7 +58,7 @@ def run_one(shared: list[ObjectRef[Shared]], number: int, overrides: Sequence[st
 
 @lru_cache(maxsize=1)
 def _of_sweep(shared: ObjectRef[Shared]) -> tuple[TaskFunction, Composer]:
-    """What this process needs for any job of a sweep."""
+    """The task and the composer of a sweep, once for all of its jobs that this process runs."""
     import ray
 
     context, config, task, singletons = ray.get(shared)

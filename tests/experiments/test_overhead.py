@@ -1,4 +1,4 @@
-"""What a sweep costs beside the work of its jobs."""
+"""The overhead of a sweep, measured by its command."""
 
 from __future__ import annotations
 
