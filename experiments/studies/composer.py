@@ -28,15 +28,18 @@ class Composer:
         parsed = self._parser.parse_overrides(list(overrides))
         changes = [one for one in parsed if not self._chooses(one)]
         if any(one.is_add() or one.is_delete() or one.package for one in changes):
-            return _numbered(self._loader.load_sweep_config(self._config, list(overrides)), number)
+            return self._by_hydra(overrides, number)
         config = self._of_files(tuple(one.input_line or "" for one in parsed if self._chooses(one)))
         try:
             for one in changes:
                 OmegaConf.update(config, one.key_or_group, one.value(), merge=True)
         except OmegaConfBaseException:  # Hydra says it better
-            return _numbered(self._loader.load_sweep_config(self._config, list(overrides)), number)
+            return self._by_hydra(overrides, number)
         _note(config, parsed)
         return _numbered(config, number)
+
+    def _by_hydra(self, overrides: Sequence[str], number: int) -> DictConfig:
+        return _numbered(self._loader.load_sweep_config(self._config, list(overrides)), number)
 
     def _chooses(self, one: Override) -> bool:
         """True of an override that chooses a file of a group, such as experiment=clean."""
