@@ -16,7 +16,8 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
+from multiprocessing.util import Finalize
 from typing import Any, Final, ParamSpec, TypeVar
 
 import cv2
@@ -127,9 +128,20 @@ def free_cores() -> int:
 
 
 def _executor():  # type: ignore[no-untyped-def]  # loky has no types
-    return get_reusable_executor(
+    executor = get_reusable_executor(
         max_workers=1, timeout=_IDLE_S, initializer=_alone, initargs=(os.getpid(),), env=_ONE_THREAD
     )
+    _ended_at_exit(executor)
+    return executor
+
+
+@cache
+def _ended_at_exit(executor: ProcessPoolExecutor) -> Finalize:
+    """End the executor's process with this one, where this one is a process of `multiprocessing`: a job of a sweep.
+
+    Such a process first waits for all that it has started, and the executor's ends when it has been idle.
+    """
+    return Finalize(None, executor.shutdown, kwargs={"kill_workers": True}, exitpriority=0)
 
 
 def _alone(parent: int) -> None:

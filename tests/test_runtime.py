@@ -1,11 +1,15 @@
-"""The allocator of this system, told what to do with large arrays."""
+"""The allocator of this system, told what to do with large arrays; and processes that end when they are told to."""
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import subprocess
 import sys
 
 import pytest
+
+from pzcap import runtime
 
 # what lives between large arrays that are freed pins them, if they stand among the small ones
 SCRIPT = """
@@ -36,3 +40,17 @@ def test_large_arrays_go_back_to_the_system_as_soon_as_they_are_free() -> None:
 
     assert grown_mib("apart") < 4.0
     assert grown_mib("among") > 20.0  # else this test could not fail
+
+
+def test_a_process_that_had_a_worker_ends_before_that_has_been_idle_for_long() -> None:
+    # joblib's processes are of this kind: a sweep would end that much later
+    process = multiprocessing.get_context("spawn").Process(target=_has_worker)
+    process.start()
+    process.join(runtime._IDLE_S / 2)
+    ended = process.exitcode
+    process.kill()
+    assert ended == 0
+
+
+def _has_worker() -> None:
+    assert runtime.submit(os.getpid).result() != os.getpid()
