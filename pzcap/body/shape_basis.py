@@ -39,6 +39,7 @@ class Basis:
     skin: Array  # (P, 16, 3, 4) of a point (x, y, z, 1) in its segment's frame, at the station
     station: Indices  # (P,) along the segment; SHAPE.stations: the whole of it
     covariance_m2: Array  # (P, P) prior
+    doubt: Array  # (P,) factor of the deviation that is left of the prior's, as it turns out to be
     told: Array  # (P, 26) metres of a correction for each metre that a measurement is off by
     span: Array  # (16, 4) takes a point (x, y, z, 1) of a segment to 0 at one end of it, 1 at the other
 
@@ -167,9 +168,13 @@ def basis(body: Body) -> Basis:
     # nobody knows how far cloth stands off
     clothed = skin.any(axis=(2, 3))  # (P, 16)
     room = clothed @ body.loose_m / np.maximum(clothed.sum(axis=1), 1)
-    sigma = np.where(sigma > 0.0, np.hypot(sigma, SHAPE.loose * room), 0.0)
-    covariance = told @ body.measured.covariance_m2 @ told.T + np.diag(sigma**2)
-    return Basis(joints, skin, station, _centred(covariance, rows.centred), told, _spans(body))
+    cloth = np.where(sigma > 0.0, SHAPE.loose * room, 0.0)
+    measured = told @ body.measured.covariance_m2 @ told.T
+    covariance = measured + np.diag(sigma**2 + cloth**2)
+    own = np.sqrt(np.diag(measured) + sigma**2)
+    doubt = np.hypot(SHAPE.doubt_of_skin * own, cloth) / np.hypot(own, cloth)
+    doubt[:LENGTHS] = SHAPE.doubt_of_lengths
+    return Basis(joints, skin, station, _centred(covariance, rows.centred), doubt, told, _spans(body))
 
 
 def _radii_m(body: Body) -> Array:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -41,6 +41,30 @@ class FrameResiduals:
     pull: Array  # (43,) the gradient of that
 
 
+class Postures(NamedTuple):
+    """Sums over frames of what a correction that is wrong moves the joints by: how far it differs with the posture."""
+
+    frames: int
+    total: Array | float  # (16, 3, P)
+    squares: float
+
+    @staticmethod
+    def of(joints: Array) -> Postures:
+        """Sums over frames (S, 16, 3, P)."""
+        return Postures(len(joints), joints.sum(axis=0), float(np.sum(joints**2)))
+
+    def and_of(self, other: Postures) -> Postures:
+        """Sums over the frames of both."""
+        return Postures(self.frames + other.frames, self.total + other.total, self.squares + other.squares)
+
+    @property
+    def telling(self) -> float:
+        """Number of frames, at most, that tell something of their own: 1 where all postures are the same."""
+        mean = self.total / max(self.frames, 1)
+        alike = self.frames * float(np.sum(mean**2)) / max(self.squares, 1e-12)
+        return 1.0 + SHAPE.postures * (1.0 - min(alike, 1.0))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeEquations:
     """Normal equations of the corrections themselves (not of a step from where they are now)."""
@@ -48,7 +72,7 @@ class ShapeEquations:
     information: Array  # (P, P)
     vector: Array  # (P,)
     joints: Array  # (S, 16, 3, P) in each frame, what a correction that is wrong moves the joints by
-    frames: int  # that have said this
+    postures: Postures  # of all frames that have said this
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +98,7 @@ class ShapeEstimate:
         change = basis(body)
         nothing, joints = np.zeros(len(change.station)), np.zeros((0, len(SEGMENTS), 3, len(change.station)))
         information = np.asarray(np.linalg.inv(change.covariance_m2))
-        return ShapeEstimate(body, change, nothing, ShapeEquations(information, nothing, joints, 0))
+        return ShapeEstimate(body, change, nothing, ShapeEquations(information, nothing, joints, Postures.of(joints)))
 
     def accumulate(self, residuals: Iterable[FrameResiduals]) -> ShapeEquations:
         """Normal equations of frames that share their texture, tracked with the body as corrected last."""
@@ -93,14 +117,15 @@ class ShapeEstimate:
             shared += information
             right += vector
         information, vector = _without(shared, right, _SLIDES)
-        return ShapeEquations(information, vector + information @ self.amounts_m, np.array(joints), len(joints))
+        moved = np.array(joints)
+        return ShapeEquations(information, vector + information @ self.amounts_m, moved, Postures.of(moved))
 
     def commit(self, equations: ShapeEquations) -> ShapeEstimate:
         """The estimate with the ``equations`` of some frames added for good."""
         before = self.equations
         information, vector = before.information + equations.information, before.vector + equations.vector
-        frames = before.frames + equations.frames
-        return replace(self, equations=ShapeEquations(information, vector, equations.joints, frames))
+        postures = before.postures.and_of(equations.postures)
+        return replace(self, equations=ShapeEquations(information, vector, equations.joints, postures))
 
     def solve(self, equations: ShapeEquations) -> ShapeEstimate:
         """The estimate with its corrections solved for from all that was committed and from further ``equations``."""
@@ -118,14 +143,12 @@ class ShapeEstimate:
         A correction that is wrong by ``c`` moves the joints by ``(B - J (A' W A)^-1 A' W C) c``: ``B`` moves them in
         the body, ``C`` moves the contours, and the pose (contours ``A``, joints ``J``) then follows the contours to
         where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept. That
-        tells no more than ``SHAPE.most_frames`` would: contours err alike in all frames.
+        tells no more than `Postures.telling` frames would: contours of the same posture err alike.
         """
-        doubt = np.full(len(self.amounts_m), SHAPE.doubt_of_skin)
-        doubt[:LENGTHS] = SHAPE.doubt_of_lengths
-        tape = np.linalg.inv(self.basis.covariance_m2)
-        share = min(1.0, SHAPE.most_frames / max(self.equations.frames, 1))
+        tape, postures = np.linalg.inv(self.basis.covariance_m2), self.equations.postures
+        share = min(1.0, postures.telling / max(postures.frames, 1))
         information = tape + share * (self.equations.information - tape)
-        covariance = np.linalg.inv(information) * np.outer(doubt, doubt)
+        covariance = np.linalg.inv(information) * np.outer(self.basis.doubt, self.basis.doubt)
         joints = self.equations.joints
         return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
 

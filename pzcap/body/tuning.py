@@ -19,11 +19,12 @@ class ShapeTuning(NamedTuple):
     # it flatter (0.25-0.5 measured). Taken at its word, each step would stop far short.
     texture_curvature: float = 0.4
     # Factors of the deviations that are left of the tape's, in lengths and in the skin: of lengths a little too little
-    # is left, since frames err alike; of the skin too much, since people are more like each other than is assumed. The
-    # numbers of a joint's sigma that are fitted, to what is covered on captures.
+    # is left, since frames err alike; of the skin too much, since people are more like each other than is assumed.
+    # What cloth adds to the skin's is left as it is. These, and the next one, are fitted to what captures have covered.
     doubt_of_lengths: float = 1.2
-    doubt_of_skin: float = 0.4
-    most_frames: int = 10  # so many tell as much of the body as any number does: they err alike; fitted, as these are
+    doubt_of_skin: float = 0.25
+    # Frames that tell something of their own, beyond the first, if no two postures are alike: those that are err alike.
+    postures: float = 25.0
 
 
 SHAPE = ShapeTuning()

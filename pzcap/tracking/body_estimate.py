@@ -34,6 +34,7 @@ class BodyEstimate:
     shape: ShapeEstimate
     known: Shape  # that results are given with
     landmarks: LandmarkEstimate
+    by_hand: bool = False  # a keyframe among those so far was set by a hand
 
     @staticmethod
     def of(body: Body) -> BodyEstimate:
@@ -61,7 +62,7 @@ class BodyEstimate:
             if by_hand and view is not None and view.person is not None:
                 landmarks = landmarks.accumulate(frames, view.camera, view.person)
         body = replace(self.body, landmarks=landmarks.solve())
-        return replace(self, body=body, shape=shape, landmarks=landmarks)
+        return replace(self, body=body, shape=shape, landmarks=landmarks, by_hand=self.by_hand or by_hand)
 
     def accumulate(
         self, poses: Sequence[Pose], objectives: Sequence[PoseObjective], config: TrackingConfig
@@ -92,7 +93,8 @@ class BodyEstimate:
     def commit(self, equations: ShapeEquations) -> BodyEstimate:
         """The estimate with the ``equations`` of an interval added for good."""
         shape = self.shape.commit(equations)
-        return replace(self, shape=shape, known=Shape(shape.amounts_m, shape.joint_variance()))
+        doubt = 1.0 if self.by_hand else SHAPE.found_keyframes
+        return replace(self, shape=shape, known=Shape(shape.amounts_m, doubt * shape.joint_variance()))
 
 
 def _less_of_cloth(contour: PointResiduals, body: Body, config: TrackingConfig) -> PointResiduals:

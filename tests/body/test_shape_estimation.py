@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward
 from pzcap.body.segment_equations import PointResiduals, SegmentSums
 from pzcap.body.shape_basis import basis, corrected
-from pzcap.body.shape_estimation import FrameResiduals, ShapeEquations, ShapeEstimate
+from pzcap.body.shape_estimation import FrameResiduals, Postures, ShapeEquations, ShapeEstimate
 from pzcap.body.skeleton import DOF, Body
 from pzcap.body.tuning import SHAPE
 from pzcap.tracking.pose_objective import PoseObjective
@@ -119,19 +120,27 @@ def test_what_is_learned_narrows_the_joints_sigma() -> None:
     assert 0.001 < np.sqrt(variances[2]) < 0.02
 
 
-def test_more_frames_than_tell_different_things_leave_the_joints_sigma_as_it_is() -> None:
-    """Contours err alike in all frames: what a thousand of them agree about is no surer than what some do."""
+def test_frames_of_one_posture_leave_the_joints_sigma_as_one_does_and_other_postures_narrow_it() -> None:
+    """Contours err alike in all frames of a posture: what a thousand of them agree about is no surer than one is."""
     estimate = ShapeEstimate.of(true_body())
-    rng = np.random.default_rng(0)
-    joints = rng.normal(size=(1, 16, 3, len(estimate.amounts_m)))
-    one = ShapeEquations(1e4 * np.eye(len(estimate.amounts_m)), np.zeros(len(estimate.amounts_m)), joints, 1)
-    variances, after = [estimate.commit(one).joint_variance()], estimate
-    for count in (SHAPE.most_frames, 10 * SHAPE.most_frames):
-        while after.equations.frames < count:
-            after = after.commit(one)
-        variances.append(after.joint_variance())
-    assert np.all(variances[1] < variances[0])
-    np.testing.assert_allclose(variances[2], variances[1])
+    rng, size = np.random.default_rng(0), len(estimate.amounts_m)
+
+    def variance(number: int, joints: Callable[[], Array]) -> Array:
+        after = estimate
+        for _ in range(number):
+            moved = joints()
+            after = after.commit(ShapeEquations(1e4 * np.eye(size), np.zeros(size), moved, Postures.of(moved)))
+        first = replace(after.equations, joints=one)  # the same to be judged by
+        return replace(after, equations=first).joint_variance()
+
+    one = rng.normal(size=(1, 16, 3, size))
+    alone = variance(1, lambda: one)
+    np.testing.assert_allclose(variance(100, lambda: one), alone)
+    others = variance(100, lambda: rng.normal(size=one.shape))
+    assert np.all(others < alone)
+    # nor do they tell more than there are, or than postures that differ in all tell at most
+    assert np.all(variance(3, lambda: rng.normal(size=one.shape)) > others)
+    np.testing.assert_allclose(variance(2000, lambda: rng.normal(size=one.shape)), others, rtol=0.05)
 
 
 def test_texture_moves_with_its_segment() -> None:
