@@ -11,7 +11,7 @@ import pytest
 from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward
 from pzcap.body.segment_equations import PointResiduals, SegmentSums
-from pzcap.body.shape_basis import basis, corrected
+from pzcap.body.shape_basis import LENGTHS, basis, corrected
 from pzcap.body.shape_estimation import FrameResiduals, Postures, ShapeEquations, ShapeEstimate
 from pzcap.body.skeleton import DOF, Body
 from pzcap.body.tuning import SHAPE
@@ -141,6 +141,18 @@ def test_frames_of_one_posture_leave_the_joints_sigma_as_one_does_and_other_post
     # nor do they tell more than there are, or than postures that differ in all tell at most
     assert np.all(variance(3, lambda: rng.normal(size=one.shape)) > others)
     np.testing.assert_allclose(variance(2000, lambda: rng.normal(size=one.shape)), others, rtol=0.05)
+
+
+def test_cloth_is_doubted_for_what_it_is_and_skin_for_less_than_is_assumed_of_people() -> None:
+    """People are more alike than the basis assumes, the room under a shirt is not."""
+    tape = clip().measurements_m
+    tight, loose = (basis(bodies.build(Subject(tape, 0.005, loose_m=worn))).doubt for worn in ({}, {"shirt": 0.04}))
+    lengths, clothed = slice(0, LENGTHS), loose > tight
+    assert np.array_equal(tight[lengths], loose[lengths])
+    np.testing.assert_allclose(tight[LENGTHS:], SHAPE.doubt_of_skin)
+    assert clothed.any()
+    assert np.array_equal(loose[~clothed], tight[~clothed])  # the legs are bare
+    assert np.all(loose[clothed] < 1.0)
 
 
 def test_texture_moves_with_its_segment() -> None:

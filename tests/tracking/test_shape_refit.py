@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pzcap.body.kinematics import difference, forward, joints, place, retract
 from pzcap.body.shape_basis import basis, corrected
@@ -15,6 +16,7 @@ from pzcap.tracking.interval_solver import BodyEstimate, tracked
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_pose, refit_shape
 from pzcap.tracking.tracker import Tracker, TrackInput
+from pzcap.tracking.tuning import SHAPE
 from pzcap.types import SEGMENTS, Keyframe, Pose
 from tests.scenes.bodies import BODY
 
@@ -74,3 +76,19 @@ def test_a_tracker_gives_back_what_one_body_tracked_as_it_is() -> None:
     tracker = Tracker(BODY, [Keyframe(0, POSE)], TrackingConfig())
     (only,) = tracker._tracked(TrackInput(0, ()), PoseEstimate(POSE, 1e4 * np.eye(DOF), NO_CONTOUR, True))
     np.testing.assert_array_equal(tracker.motion([only]).joints_m, [only.joints_m])
+
+
+def test_sigma_is_wider_until_a_hand_has_set_a_keyframe() -> None:
+    config, still = TrackingConfig(), np.zeros((len(SEGMENTS), 6))
+
+    def widened(*found: bool) -> float:
+        estimate = BodyEstimate.of(BODY)
+        for number, by_detector in enumerate(found):
+            key = Keyframe(number, POSE, found=by_detector)
+            estimate = estimate.with_keyframe(key, POSE, [], still, config)
+        after = estimate.commit(estimate.shape.equations)
+        return float(after.known.joint_variance_m2.sum() / after.shape.joint_variance().sum())
+
+    assert widened(True) == pytest.approx(SHAPE.found_keyframes)
+    for found in ((False,), (True, False), (False, True)):
+        assert widened(*found) == pytest.approx(1.0)
