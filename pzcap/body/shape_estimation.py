@@ -45,15 +45,15 @@ class Postures(NamedTuple):
     """Sums over frames of what a correction that is wrong moves the joints by: how far it differs with the posture."""
 
     frames: int
-    total: Array | float  # (16, 3, P)
+    total: Array  # (16, 3, P)
     squares: float
 
     @staticmethod
     def of(joints: Array) -> Postures:
         """Sums over frames (S, 16, 3, P)."""
-        return Postures(len(joints), joints.sum(axis=0), float(np.sum(joints**2)))
+        return Postures(len(joints), np.asarray(joints.sum(axis=0)), float(np.sum(joints**2)))
 
-    def and_of(self, other: Postures) -> Postures:
+    def plus(self, other: Postures) -> Postures:
         """Sums over the frames of both."""
         return Postures(self.frames + other.frames, self.total + other.total, self.squares + other.squares)
 
@@ -124,7 +124,7 @@ class ShapeEstimate:
         """The estimate with the ``equations`` of some frames added for good."""
         before = self.equations
         information, vector = before.information + equations.information, before.vector + equations.vector
-        postures = before.postures.and_of(equations.postures)
+        postures = before.postures.plus(equations.postures)
         return replace(self, equations=ShapeEquations(information, vector, equations.joints, postures))
 
     def solve(self, equations: ShapeEquations) -> ShapeEstimate:
