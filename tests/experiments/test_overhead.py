@@ -13,13 +13,16 @@ from pzcap.types import PzcapError
 
 
 def test_the_overhead_of_a_job_is_measured() -> None:
-    """All jobs have results, and the table's parts agree: what a job takes is the whole over their number."""
+    """All jobs have results, and the table's parts agree: what a job takes is the whole over their number.
+
+    Which sweep took longer is the machine's: a busy one may start two jobs more slowly than four.
+    """
     out = io.StringIO()
     overhead.measure(4, "basic", Console(file=out, width=100))
     start_s, whole_s, each_ms, further_ms = (
         float(value) for value in re.findall(r"│ +([-\d.]+) m?s │", out.getvalue())
     )
-    assert 0 < start_s < whole_s
+    assert start_s > 0 and whole_s > 0
     assert each_ms == pytest.approx(1e3 * whole_s / 4, abs=30)
     assert further_ms == pytest.approx(1e3 * (whole_s - start_s) / 2, abs=60)
 
