@@ -181,7 +181,10 @@ def _never_located(index: int, names: Sequence[str], localise: ViewLocaliser, se
             return f"{camera}: its motion is mirrored against its sweep"
     if taken_over:
         return f"{camera}: no frame agrees with the take before; it was moved since then, calibrate it anew"
-    return f"{camera}: no frame of its motion fits its sweep; it was moved between the two, or filmed another hall"
+    return (
+        f"{camera}: no frame of its motion fits its sweep; it was moved between the two, filmed another hall, or "
+        "somebody covers most of its view all the while"
+    )
 
 
 def _with_clocks(

@@ -78,7 +78,10 @@ def light_of(config: ShootConfig) -> ShootConfig:
             dropped_share=default.dropped_share,
         ),
         crew=CrewConfig(
-            walks_in_sweep=config.crew.walks_in_sweep, company=config.crew.company, coach_m=config.crew.coach_m
+            walks_in_sweep=config.crew.walks_in_sweep,
+            company=config.crew.company,
+            coach_m=config.crew.coach_m,
+            sync="none" if sensor.clock_offset and config.crew.sync != "timecode" else "timecode",
         ),
         detector=DetectorConfig(),
     )

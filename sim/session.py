@@ -21,7 +21,7 @@ from sim.cameras.film import Person, finest_plate
 from sim.cameras.operator import OperatorConfig, PanTiltZoom, Trajectory, faltering, sweep, through
 from sim.cameras.optics import OpticsConfig, Rig, build_rig
 from sim.cameras.render import LARGEST_PICTURE_PX, Stage
-from sim.cameras.sensor import SensorConfig, draw_clocks, rolls
+from sim.cameras.sensor import SensorConfig, draw_clocks, nearest_frames, rolls
 from sim.cameras.trajectories import read_trajectories
 from sim.cameras.tripod import Unrest
 from sim.hall import gym, sound
@@ -220,10 +220,9 @@ class Session:
 
     def own_clocks(self) -> tuple[Array, Array]:
         """Offset (C,), s, and drift (C,) of the cameras' clocks; 0 where they are genlocked."""
-        sensor = self.config.sensor
-        return draw_clocks(
-            self.config.cameras, sensor, 1 / self.config.frame_rate, stream(self.config.seed, "own clocks")
-        )
+        sensor, period_s = self.config.sensor, 1 / self.config.frame_rate
+        offset_s, drift = draw_clocks(self.config.cameras, sensor, period_s, stream(self.config.seed, "own clocks"))
+        return offset_s if self.config.crew.sync == "timecode" else nearest_frames(offset_s, period_s), drift
 
     def mains(self, c: int, purpose: str) -> Mains | None:
         """Flicker of the hall's lamps in what camera ``c`` films for some purpose; None: they burn steadily."""

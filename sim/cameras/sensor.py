@@ -171,3 +171,11 @@ def draw_dropped(frames: int, share: float, rng: np.random.Generator) -> Mask:
     dropped = rng.uniform(size=frames) < share
     dropped[[0, -1]] = False
     return dropped
+
+
+def nearest_frames(offset_s: Array, period_s: float) -> Array:
+    """The offsets (C,) of clocks that do not count together: of each camera's frames those nearest to the first one's
+    belong to it. None is further off than four tenths of a frame, so that there is no doubt about which are nearest."""
+    apart = offset_s - offset_s[0]
+    apart = np.clip(apart - period_s * np.round(apart / period_s), -0.4 * period_s, 0.4 * period_s)
+    return np.asarray(apart - apart.mean())

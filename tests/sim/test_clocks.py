@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sim.cameras.operator import OperatorConfig
 from sim.cameras.optics import OpticsConfig
-from sim.cameras.sensor import SensorConfig
+from sim.cameras.sensor import SensorConfig, nearest_frames
 from sim.session import ShootConfig, assemble
 from sim.shoot import shoot
 from sim.truth import Truth, load
@@ -43,6 +45,26 @@ def test_genlocked_cameras_are_not_off_at_all() -> None:
     assert not any(each.any() for each in session.own_clocks())
     early = session.clock().early[2]
     np.testing.assert_array_equal(session.exposed_s(2), (np.arange(len(session.exposed_s(2))) - early) / 30)
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=8))
+def test_without_timecode_the_nearest_frames_belong_together(offsets_s: list[float]) -> None:
+    """The same clocks, whole frames apart from how they were drawn, but for the last tenth beside half a frame."""
+    drawn, period_s = np.array(offsets_s), 1 / 30
+    apart, before = (each - each[0] for each in (nearest_frames(drawn, period_s), drawn))
+    assert np.abs(apart).max() <= 0.4 * period_s + 1e-12
+    whole = (apart - before) / period_s
+    assert np.abs(whole - np.round(whole)).max() <= 0.1 + 1e-9
+    assert nearest_frames(drawn, period_s).mean() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_untimed_cameras_have_other_frame_numbers_and_the_same_drift() -> None:
+    """Seed 32 draws two cameras that are 19 and 31 ms behind the first: a frame of theirs is nearer than that."""
+    timed = replace(ShootConfig(motion="pedestrian"), seed=32, sensor=SensorConfig(clock_offset=0.5))
+    untimed = replace(timed, crew=replace(timed.crew, sync="sound"))
+    (one, drift), (other, same) = (assemble(each).own_clocks() for each in (timed, untimed))
+    np.testing.assert_array_equal(drift, same)
+    np.testing.assert_array_equal(np.round(30 * (one - one[0] - (other - other[0]))), [0, 1, 1, 0])
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import cattrs
 import cv2
@@ -386,6 +387,17 @@ def test_other_noise_is_developed_from_light_that_was_filmed_before(
     assert "capture/camera1/keypoints" in {str(Path(name).parent) for name in found}
     assert found == listing(tmp_path)
     assert light_of(replace(TINY, crew=CrewConfig(walks_in_sweep=True))) != light_of(TINY)
+
+
+def test_light_depends_on_what_brings_the_cameras_together_where_their_clocks_differ() -> None:
+    """Which frames of clocks that differ belong together: without timecode it is the nearest."""
+
+    def light(sync: Literal["timecode", "sound", "flash"], clock_offset: float) -> ShootConfig:
+        sensor = SensorConfig(clock_offset=clock_offset)
+        return light_of(replace(TINY, sensor=sensor, crew=CrewConfig(sync=sync)))
+
+    assert light("sound", 0.0) == light("timecode", 0.0) == light_of(TINY)
+    assert light("sound", 0.5) == light("flash", 0.5) != light("timecode", 0.5)
 
 
 def test_light_that_was_not_used_for_longest_goes_first(tmp_path: Path) -> None:
