@@ -35,17 +35,26 @@ class Offsets:
 
 def solve(cameras: int, delays: Sequence[Delay], agree_s: float) -> Offsets | None:
     """The offsets of all cameras by those delays that agree to ``agree_s``: of contradicting ones those that contradict
-    most are left out. None where the rest does not connect all cameras, or nothing bears out what contradicts."""
-    used = list(delays)
+    most are left out. None where the rest does not connect all cameras, or where it cannot be told what is wrong."""
+    used, left_out = list(delays), list[Delay]()
     while connected(cameras, used):
         found = _least_squares(cameras, used)
         off = np.array([abs(found.offset_s[d.a] - found.offset_s[d.b] - d.delay_s) for d in used])
         if not off.size or off.max() <= agree_s:
-            return found
-        if len(used) <= cameras:  # a single loop: which of its delays is wrong cannot be told
-            return None
-        del used[int(np.argmax(off / [d.sigma_s for d in used]))]
+            return None if _doubtful(cameras, used, left_out, agree_s) else found
+        left_out.append(used.pop(int(np.argmax(off / [d.sigma_s for d in used]))))
     return None
+
+
+def _doubtful(cameras: int, used: Sequence[Delay], left_out: Sequence[Delay], agree_s: float) -> bool:
+    """True where one of those that were left out could stand in for one that was used: in a single loop, or where two
+    lead to a camera and contradict each other, either may be wrong."""
+    for other in left_out:
+        for each in used:
+            instead = [*(one for one in used if one is not each), other]
+            if connected(cameras, instead) and _least_squares(cameras, instead).left_s <= agree_s:
+                return True
+    return False
 
 
 def connected(cameras: int, delays: Sequence[Delay]) -> bool:
