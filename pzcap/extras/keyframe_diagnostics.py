@@ -31,6 +31,8 @@ _ASTRAY: Final = 5  # frames that a timecode may be off by
 _CHANCE: Final = 1e-3  # that a hand as good as stated sets a part of the body so far off
 _UNKNOWN_M: Final = 1.0  # of a joint, in a frame in which nobody was tracked
 _TRIED: Final = 256  # frames of a stretch that are tried, at least, where there are more
+_OPEN_M: Final = 0.15  # sigma of a joint, from which on its limb may be anywhere
+_OPEN_SHARE: Final = 0.25  # of the frames, from which on it is worth running a detector over all of them
 _RISK_M2: Final = 3e-4  # a frame: that a limb is lost unnoticed, some 0.3 m off, in three of a thousand
 
 
@@ -66,19 +68,33 @@ class Suggestion:
 
 
 _ADVICE: Final = "the next keyframe would help most"
+_DETECTOR: Final = "a detector's keypoints would help"
 
 
 def is_advice(note: str) -> bool:
     """True of a note that says what would help, and of nothing that is wrong."""
-    return note.startswith(_ADVICE)
+    return note.startswith((_ADVICE, _DETECTOR))
 
 
 def notes(
-    motion: Motion, keyframes: Sequence[Keyframe], body: Body, hand_sigma: Array, timecodes: Sequence[str]
-) -> tuple[str, ...]:
-    """All advice, a line each."""
+    motion: Motion, keyframes: Sequence[Keyframe], body: Body, hand_sigma: Array, timecodes: Sequence[str],
+    detected: bool,
+) -> tuple[str, ...]:  # fmt: skip
+    """All advice, a line each. ``detected``: the motion was tracked by a detector's keypoints, too."""
     found: list[Contradiction | Suggestion | None] = [*contradictions(motion, keyframes, body, hand_sigma)]
-    return tuple(each.told(timecodes) for each in [*found, suggestion(motion)] if each is not None)
+    told = [each.told(timecodes) for each in [*found, suggestion(motion)] if each is not None]
+    return tuple(told if detected else [*told, *_for_a_detector(motion)])
+
+
+def _for_a_detector(motion: Motion) -> list[str]:
+    """A line where limbs are often in doubt: few keyframes help all of these frames, a detector looks at each."""
+    in_doubt = int((motion.valid & (motion.sigma_m > _OPEN_M).any(axis=1)).sum())
+    if in_doubt < _OPEN_SHARE * len(motion.valid):
+        return []
+    return [
+        f"{_DETECTOR} (pzcap keypoints FOLDER): in {in_doubt} of {len(motion.valid)} frames a limb is known to no "
+        f"better than {1000 * _OPEN_M:.0f} mm"
+    ]
 
 
 # --------------------------------------------------------------------------------------------------------------

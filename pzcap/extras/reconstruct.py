@@ -79,8 +79,10 @@ def completed(found: Reconstruction, capture: Capture, config: Config) -> Recons
     notes = found.notes
     if found.motion is not None and capture.subject is not None and not blames_object(notes):
         keyframes, body = frame_sets(capture).keyframes, skeleton.build(capture.subject)
-        hand_sigma = config.tracking.hand_sigma
-        notes += keyframe_diagnostics.notes(found.motion, keyframes, body, hand_sigma, found.timecodes)
+        detected = any(camera.keypoints is not None for camera in capture.cameras)
+        notes += keyframe_diagnostics.notes(
+            found.motion, keyframes, body, config.tracking.hand_sigma, found.timecodes, detected
+        )
     tracks = smoothed(found.tracks, found.cameras, found.frame_rate, config)
     return replace(found, tracks=tracks, notes=notes)
 

@@ -140,6 +140,22 @@ def test_without_any_keyframe_or_any_other_frame_there_is_no_advice(keyframes: S
 
 def test_advice_is_a_line_each() -> None:
     keys = [turned(by_hand(k), "right_thigh", 40.0) if k == 20 else by_hand(k) for k in KEYS]
-    first, second = keyframe_diagnostics.notes(motion(), keys, BODY, HAND, TIMECODES)
+    first, second = keyframe_diagnostics.notes(motion(), keys, BODY, HAND, TIMECODES, detected=False)
     assert first.startswith("keyframe 20: the images have its right leg ")
     assert second.startswith("the next keyframe would help most at frame ")
+
+
+@pytest.mark.parametrize("frames", [7, 8])
+def test_where_limbs_are_often_in_doubt_a_detector_is_advised(frames: int) -> None:
+    """From a quarter of the 31 frames on, and never to those who have run one."""
+    sigma = np.full((FRAMES, 16), 0.01)
+    sigma[11 : 11 + frames, 9] = 0.2
+
+    def notes(detected: bool) -> tuple[str, ...]:
+        return keyframe_diagnostics.notes(motion(sigma), [by_hand(k) for k in KEYS], BODY, HAND, TIMECODES, detected)
+
+    assert len(notes(True)) == 1
+    own = notes(False)[1:]
+    assert len(own) == (frames == 8)
+    assert all("in 8 of 31 frames a limb is known to no better than 150 mm" in note for note in own)
+    assert all(keyframe_diagnostics.is_advice(note) for note in notes(False))
