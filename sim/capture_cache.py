@@ -26,7 +26,7 @@ from sim.session import ShootConfig
 from sim.shoot import written
 from sim.team import Progress
 
-VERSION: Final = 11
+VERSION: Final = 12
 """Version of the simulator. Raise it with every change of a default or of pixels, so that captures are shot again."""
 
 _TEMPORARY: Final = re.compile(r"\..+-\d+-[0-9a-f]{12}-\w{8}(\.lock)?")  # of a shoot at work, and its lock

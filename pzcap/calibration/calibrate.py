@@ -283,8 +283,8 @@ def _require_whole(adjusted: Adjusted, links: Sequence[Link], kept: NDArray[np.i
         first = int(torn[0])
         raise PzcapError(
             f"sweep: of {matches[first]} matches across frames {kept[first]} and {kept[first + 1]} {agreed[first]} "
-            "agree with the rest: it does not hold together there; pan evenly and slowly, with nothing nearer than a metre, "
-            "and shoot the sweep again"
+            "agree with the rest: it does not hold together there; pan evenly and slowly, with nothing nearer "
+            "than a metre, and shoot the sweep again"
         )
 
 

@@ -3,7 +3,7 @@
 Silhouettes say nothing of an arm that is held before the trunk, in any view. Its texture does: sleeve, skin and seams
 stand out from the cloth behind them. So a limb is also judged by its skin: the area that looks as it is known to, less
 what does not, in square metres summed over the views. A posture of a limb is then scored by both, silhouettes
-(`pzcap.tracking.limbs`) and similarity.
+(`pzcap.tracking.limbs`) and similarity, and by a detector's keypoints that agree with it, where there are any.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from pzcap.body.skeleton import LIMBS, Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.imaging.interpolation import bilinear
 from pzcap.tracking import limbs
+from pzcap.tracking.keypoint_residuals import agreement
 from pzcap.tracking.limbs import Patch, grounds, support
 from pzcap.tracking.observation import Placed, PlacedView
 from pzcap.tracking.pose_objective import PoseObjective, px_per_m, view_level
 from pzcap.tracking.residuals import CropImage, Template
 from pzcap.tracking.skin_appearance import Appearances
-from pzcap.tracking.tuning import APPEARANCE, BRIGHTNESS, VIEW
+from pzcap.tracking.tuning import APPEARANCE, BRIGHTNESS, KEYPOINT, VIEW
 from pzcap.tracking.visibility import GROUP, ZBuffer, rasterise
 from pzcap.types import PARENTS, Array, Float32, Indices, Pose
 
@@ -109,11 +110,23 @@ class LimbAppearance:
 
     def score(self, pose: Pose, objective: PoseObjective, reference: Appearances) -> Array:
         """(4,) of each limb, square metres: the silhouettes that it explains, less the hall that it covers
-        (`pzcap.tracking.limbs.support`), and its similarity."""
+        (`pzcap.tracking.limbs.support`), its similarity, and what the keypoints that agree are worth."""
         placed = objective.place(pose)[1]
         body, hall = support(objective, pose, placed).T
         similarity = self.similarity(pose, objective, placed, reference, alone=True)
-        return np.asarray(body - hall + self.weight * similarity)
+        frames = forward(self.body, pose)[None]
+        exposed = [limbs.in_views(objective, limb, frames[:, list(segments)]) for limb, segments in enumerate(LIMBS)]
+        agree = [self._agreement(limb, objective, each)[0] for limb, each in enumerate(exposed)]
+        return np.asarray(body - hall + self.weight * similarity + KEYPOINT.limb_m2 * np.array(agree))
+
+    def _agreement(self, limb: int, objective: PoseObjective, exposed: Sequence[Array]) -> Array:
+        """(K,) How many of a limb's keypoints, in all views together, agree with its postures, ``exposed`` as
+        `limbs.in_views` has them."""
+        found = np.zeros(len(exposed[0]))
+        for view, there in zip(objective.views, exposed, strict=True):
+            if view is not None and view.person is not None:
+                found += agreement(self.body.landmarks, LIMBS[limb], there, view.camera, view.person)
+        return found
 
     def context(self, limb: int, pose: Pose, objective: PoseObjective, reference: Appearances) -> LimbContext:
         """Make a frame ready to score postures of one limb near that of ``pose``."""
@@ -136,6 +149,7 @@ class LimbAppearance:
         skins, views = (self._coarse_skins, context.coarse) if coarse else (self._skins, context.fine)
         similarity = _compared(skins[limb], exposed, views)
         score = body - hall + self.weight * similarity - APPEARANCE.reluctance_m2 * np.sum(turns**2, axis=1)
+        score += KEYPOINT.limb_m2 * self._agreement(limb, context.objective, exposed)
         score -= APPEARANCE.limit_m2 * limbs.beyond_limits(limb, context.pose, turns)
         first, *others = LIMBS[limb]
         moved = posed[:, 1:, :3, 3] - context.frames[others, :3, 3]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,6 +90,20 @@ def residuals(
     confidence = _confidence(depth, person)
     count = _residuals(world, pinhole(camera), pixels, person, confidence, sigma, scale, found)
     return found.first(count)
+
+
+def agreement(landmarks: Landmarks, segments: Sequence[int], posed: Array, camera: Camera, person: Array) -> Array:
+    """How many keypoints of a ``person`` (26, 3) agree with each of K postures of a limb (K,), its ``segments`` being
+    at ``posed`` (K, S, 4, 4). One counts half at a distance of `KeypointTuning.half_agrees` sigmas; those at the joint
+    that the limb turns in say nothing of its posture, and do not count."""
+    rows = np.flatnonzero(np.isin(SEGMENT, segments[1:]) & (person[:, 2] >= KEYPOINT.least_confidence))
+    frames = posed[:, SEGMENT[rows] - segments[0]]
+    world = np.einsum("knij,nj->kni", frames[..., :3, :3], landmarks.points_m[rows]) + frames[..., :3, 3]
+    pixels, depth = projected(world.reshape(-1, 3), camera)
+    apart_px = np.linalg.norm(pixels.reshape(len(posed), len(rows), 2) - person[rows, :2], axis=2)
+    apart_m = apart_px * np.maximum(depth.reshape(apart_px.shape), 0.1) / camera.focal_px
+    scale_m = KEYPOINT.half_agrees * np.hypot(landmarks.sigma_m, _noise_m(person))[rows]
+    return np.asarray(np.sum(1.0 / (1.0 + (apart_m / scale_m) ** 2), axis=1))
 
 
 def noise_share(landmarks: Landmarks, person: Array) -> Array:

@@ -49,6 +49,10 @@ class KeypointTuning(NamedTuple):
     posture_m: float = 0.010  # change of where a keypoint is meant to lie, with the posture and the direction of view
     least_confidence: float = 0.05  # a keypoint found with less does not count
     near_m: float = 0.5  # keypoints further off than this are somebody else's
+    half_agrees: float = 3.0  # sigmas from where a limb has it, at which a keypoint agrees by half
+    # of a limb's score, that a keypoint which agrees is worth: twice what one that does not costs in a fit (weighted by
+    # 0.3, of three sigmas at most) by the odds of scores, `ReacquisitionTuning.odds_m2`; chosen on `crew` of seed 19
+    limb_m2: float = 0.019
     largest_share: float = 0.7  # of ``near_m`` that the athlete's may be off on average: some limbs may be lost
 
 

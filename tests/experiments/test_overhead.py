@@ -22,7 +22,7 @@ def test_the_overhead_of_a_job_is_measured() -> None:
     start_s, whole_s, each_ms, further_ms = (
         float(value) for value in re.findall(r"│ +([-\d.]+) m?s │", out.getvalue())
     )
-    assert start_s > 0 and whole_s > 0
+    assert min(start_s, whole_s) > 0
     assert each_ms == pytest.approx(1e3 * whole_s / 4, abs=30)
     assert further_ms == pytest.approx(1e3 * (whole_s - start_s) / 2, abs=60)
 

@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 
 from pzcap.body import kinematics
 from pzcap.body.skeleton import LIMBS, Body
+from pzcap.geometry.pinhole import projected
+from pzcap.tracking import keypoint_residuals
 from pzcap.tracking.appearance import LimbAppearance, Postures
 from pzcap.tracking.batch_refinement import refine_batch
 from pzcap.tracking.bidirectional_fusion import runs
@@ -24,7 +26,7 @@ from pzcap.tracking.pose_objective import PoseObjective, ViewSequence
 from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, posterior_spread, reacquire, smoothest
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, shared
-from pzcap.tracking.tuning import REACQUISITION
+from pzcap.tracking.tuning import KEYPOINT, REACQUISITION
 from pzcap.types import Array, Keyframe, Mask, Pose
 from tests.scenes.tracked import clip, crops, known, observed, swung, true_body
 
@@ -66,6 +68,43 @@ def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(lim
     before, after = (np.linalg.norm(kinematics.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
     assert before > 0.1
     assert after < 0.4 * before
+
+
+def detected(frame: int, objective: PoseObjective) -> PoseObjective:
+    """The views with keypoints where the body has them in this frame."""
+    body = objective.body
+    world = keypoint_residuals.in_world(body.landmarks, kinematics.forward(body, clip().poses[frame]))
+    views: list[ViewCrop | None] = []
+    for view in objective.views:
+        assert view is not None
+        person = np.column_stack([projected(world, view.camera)[0], np.full(len(world), 0.9)])
+        views.append(replace(view, person=person))
+    return PoseObjective(body, views)
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_a_limb_is_found_by_its_keypoints_where_nothing_else_tells(limb: int) -> None:
+    body, pose = true_body(), swung(clip().poses[5], limb, 0.8)
+    objective, end = detected(5, without_silhouettes(5, body)), LIMBS[limb][2]
+    limbs, turn = LimbAppearance(body, similarity=False), np.zeros(4)
+    context = limbs.context(limb, pose, objective, known())
+    for size in (0.8, 0.4, 0.16, 0.06):
+        postures = limbs.postures(limb, context, turn + size * POSTURES)
+        turn = postures.turns[np.argmax(postures.score_m2)]
+    found = turned(limb, pose, turn)
+    before, after = (np.linalg.norm(kinematics.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
+    assert before > 0.2
+    assert after < 0.2 * before
+
+
+def test_a_score_counts_the_keypoints_that_agree() -> None:
+    """In four views an elbow and a wrist, or a knee, an ankle, a heel and two toes; none of a limb elsewhere."""
+    plain, pose, away = observed(5, true_body()), clip().poses[5], swung(clip().poses[5], 0, 1.2)
+    limbs, told = LimbAppearance(true_body()), detected(5, plain)
+    here, there = (limbs.score(each, told, known()) - limbs.score(each, plain, known()) for each in (pose, away))
+    np.testing.assert_allclose(here, KEYPOINT.limb_m2 * 4 * np.array([2, 2, 5, 5]), rtol=1e-6)
+    assert there[0] < 0.2 * here[0]
+    np.testing.assert_allclose(there[1:], here[1:], rtol=1e-6)
 
 
 @settings(max_examples=10, deadline=None)

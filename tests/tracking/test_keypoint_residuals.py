@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from pzcap.body import kinematics, landmarks
 from pzcap.body import skeleton as bodies
 from pzcap.body.segment_equations import SegmentSums, accumulate, lift
-from pzcap.body.skeleton import Body
+from pzcap.body.skeleton import LIMBS, Body
 from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
 from pzcap.tracking import keypoint_residuals
+from pzcap.tracking.tuning import KEYPOINT
 from pzcap.types import SEGMENTS, Array, Camera, Pose, Subject
 from sim.people.anthropometry import draw_measurements
 from tests.scenes.body_scene import POSITIONS, aim, swing
@@ -180,3 +181,24 @@ def test_what_a_detector_means_is_found_out() -> None:
     assert found.sigma_m[seen].max() < 0.015
     np.testing.assert_array_equal(found.points_m[~seen], BODY.landmarks.points_m[~seen])
     np.testing.assert_array_equal(found.sigma_m[~seen], BODY.landmarks.sigma_m[~seen])
+
+
+@given(st.floats(0.0, 0.4), st.floats(0.0, 6.3), st.floats(0.1, 1.0))
+def test_a_keypoint_agrees_the_less_the_further_off_it_is(off_m: float, angle: float, confidence: float) -> None:
+    """Seen off by so much; a half where that is three sigmas of the keypoint."""
+    pose, limb = swing(0.4), LIMBS[0]
+    frames, person = kinematics.forward(BODY, pose), detected(pose, confidence=confidence)
+    depth = project(CAMERA, marks(pose))[1]
+    person[:, :2] += (off_m * CAMERA.focal_px / depth)[:, None] * [np.cos(angle), np.sin(angle)]
+    agree = keypoint_residuals.agreement(BODY.landmarks, limb, frames[None, list(limb)], CAMERA, person)
+    rows = [AT["left_elbow"], AT["left_wrist"]]
+    sigma_m = np.hypot(BODY.landmarks.sigma_m[rows], KEYPOINT.detector_m / confidence)
+    np.testing.assert_allclose(agree, [np.sum(1.0 / (1.0 + (off_m / (3.0 * sigma_m)) ** 2))], rtol=1e-6)
+
+
+def test_keypoints_that_were_not_found_agree_with_nothing() -> None:
+    frames, person = kinematics.forward(BODY, swing(0.4)), detected(swing(0.4), confidence=0.0)
+    posed = np.stack([frames[list(LIMBS[2])]] * 3)
+    np.testing.assert_array_equal(
+        keypoint_residuals.agreement(BODY.landmarks, LIMBS[2], posed, CAMERA, person), np.zeros(3)
+    )
