@@ -73,7 +73,7 @@ class Postures:
 
 
 class LimbAppearance:
-    """Scores the limbs of one body; without ``similarity`` by silhouettes alone."""
+    """Scores the limbs of one body; without ``similarity`` by silhouettes and keypoints alone."""
 
     def __init__(self, body: Body, similarity: bool = True) -> None:
         self.body = body

@@ -79,7 +79,7 @@ def test_the_names_of_default_captures_have_not_changed(tmp_path: Path, monkeypa
     monkeypatch.setattr(capture_cache, "film", lambda *_: iter(()))
     monkeypatch.setattr(capture_cache, "develop", pretend)
     list(shoot_cached(ShootConfig(), tmp_path))
-    name = "floor_exercise-0-e91509b47d4b"
+    name = "floor_exercise-0-aade01ba6104"
     assert {path.name for path in tmp_path.iterdir()} == {name, f"light-{name}"}
 
 

@@ -55,17 +55,21 @@ def test_a_limb_looks_like_itself_where_it_is_and_nowhere_else(limb: int) -> Non
     assert away[limb] < 0.5 * here[limb]
 
 
-@pytest.mark.parametrize("limb", range(4))
-def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(limb: int) -> None:
-    body, pose = true_body(), swung(clip().poses[5], limb, 0.4)
-    objective, end = without_silhouettes(5, body), LIMBS[limb][2]
-    limbs, turn = LimbAppearance(body), np.zeros(4)
+def searched(limbs: LimbAppearance, limb: int, off_rad: float, objective: PoseObjective) -> tuple[float, float]:
+    """How far the end of a limb that is swung off is from where it is, before and after the best of many postures."""
+    pose, turn, end = swung(clip().poses[5], limb, off_rad), np.zeros(4), LIMBS[limb][2]
     context = limbs.context(limb, pose, objective, known())
     for size in (0.8, 0.4, 0.16, 0.06):
         postures = limbs.postures(limb, context, turn + size * POSTURES)
         turn = postures.turns[np.argmax(postures.score_m2)]
-    found = turned(limb, pose, turn)
-    before, after = (np.linalg.norm(kinematics.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
+    joints = (kinematics.joints(limbs.body, each)[end] for each in (pose, turned(limb, pose, turn)))
+    before, after = (float(np.linalg.norm(joint - clip().joints_m[5, end])) for joint in joints)
+    return before, after
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_a_limb_is_found_by_what_it_looks_like_where_silhouettes_say_nothing(limb: int) -> None:
+    before, after = searched(LimbAppearance(true_body()), limb, 0.4, without_silhouettes(5, true_body()))
     assert before > 0.1
     assert after < 0.4 * before
 
@@ -84,15 +88,8 @@ def detected(frame: int, objective: PoseObjective) -> PoseObjective:
 
 @pytest.mark.parametrize("limb", range(4))
 def test_a_limb_is_found_by_its_keypoints_where_nothing_else_tells(limb: int) -> None:
-    body, pose = true_body(), swung(clip().poses[5], limb, 0.8)
-    objective, end = detected(5, without_silhouettes(5, body)), LIMBS[limb][2]
-    limbs, turn = LimbAppearance(body, similarity=False), np.zeros(4)
-    context = limbs.context(limb, pose, objective, known())
-    for size in (0.8, 0.4, 0.16, 0.06):
-        postures = limbs.postures(limb, context, turn + size * POSTURES)
-        turn = postures.turns[np.argmax(postures.score_m2)]
-    found = turned(limb, pose, turn)
-    before, after = (np.linalg.norm(kinematics.joints(body, p)[end] - clip().joints_m[5, end]) for p in (pose, found))
+    objective = detected(5, without_silhouettes(5, true_body()))
+    before, after = searched(LimbAppearance(true_body(), similarity=False), limb, 0.8, objective)
     assert before > 0.2
     assert after < 0.2 * before
 
