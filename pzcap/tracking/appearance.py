@@ -120,7 +120,7 @@ class LimbAppearance:
         return np.asarray(body - hall + self.weight * similarity + KEYPOINT.limb_m2 * np.array(agree))
 
     def _agreement(self, limb: int, objective: PoseObjective, exposed: Sequence[Array]) -> Array:
-        """(K,) How many of a limb's keypoints, in all views together, agree with its postures, ``exposed`` as
+        """(K,) Number of a limb's keypoints, in all views together, that agree with its postures, ``exposed`` as
         `limbs.in_views` has them."""
         found = np.zeros(len(exposed[0]))
         for view, there in zip(objective.views, exposed, strict=True):

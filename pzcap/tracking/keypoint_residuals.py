@@ -93,8 +93,8 @@ def residuals(
 
 
 def agreement(landmarks: Landmarks, segments: Sequence[int], posed: Array, camera: Camera, person: Array) -> Array:
-    """How many keypoints of a ``person`` (26, 3) agree with each of K postures of a limb (K,), its ``segments`` being
-    at ``posed`` (K, S, 4, 4). One counts half at a distance of `KeypointTuning.half_agrees` sigmas; those at the joint
+    """Number (K,) of the keypoints of a ``person`` (26, 3) that agree with a limb's postures, its ``segments`` being at
+    ``posed`` (K, S, 4, 4). One counts half at a distance of `KeypointTuning.half_agrees` sigmas; those at the joint
     that the limb turns in say nothing of its posture, and do not count."""
     rows = np.flatnonzero(np.isin(SEGMENT, segments[1:]) & (person[:, 2] >= KEYPOINT.least_confidence))
     frames = posed[:, SEGMENT[rows] - segments[0]]

@@ -390,7 +390,7 @@ def test_other_noise_is_developed_from_light_that_was_filmed_before(
 
 
 def test_light_depends_on_what_brings_the_cameras_together_where_their_clocks_differ() -> None:
-    """Which frames of clocks that differ belong together: without timecode it is the nearest."""
+    """Without timecode those frames of clocks that differ belong together that are nearest."""
 
     def light(sync: Literal["timecode", "sound", "flash"], clock_offset: float) -> ShootConfig:
         sensor = SensorConfig(clock_offset=clock_offset)

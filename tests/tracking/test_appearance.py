@@ -56,7 +56,7 @@ def test_a_limb_looks_like_itself_where_it_is_and_nowhere_else(limb: int) -> Non
 
 
 def searched(limbs: LimbAppearance, limb: int, off_rad: float, objective: PoseObjective) -> tuple[float, float]:
-    """How far the end of a limb that is swung off is from where it is, before and after the best of many postures."""
+    """Distance of the end of a limb that is swung off from where it is, before and after the best of many postures."""
     pose, turn, end = swung(clip().poses[5], limb, off_rad), np.zeros(4), LIMBS[limb][2]
     context = limbs.context(limb, pose, objective, known())
     for size in (0.8, 0.4, 0.16, 0.06):
