@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pzcap.calibration import reference_camera
+from pzcap.calibration import lateral_colour, reference_camera
 from pzcap.calibration.blame import lens_moved, sweep_is_foreign
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
 from pzcap.calibration.other_dictionaries import find_other
@@ -93,8 +93,11 @@ def calibrate_camera(footage: Footage, config: PanZoomConfig, report: Report = n
 def calibrate_rolling(
     footage: Footage, config: PanZoomConfig, report: Report = no_report
 ) -> tuple[CalibratedCamera, SweptFrames]:
-    """Calibrate one camera as `calibrate` does; if its shutter rolls, again by frames of the sweep that are put right
-    in place and light (`pzcap.localisation.sweep_readout`)."""
+    """Calibrate one camera as `calibrate` does, the colours of its frames aligned; if its shutter rolls, again by
+    frames of the sweep that are put right in place and light (`pzcap.localisation.sweep_readout`)."""
+    colours = lateral_colour.measure(footage.sweep)
+    if colours.any():
+        footage = lateral_colour.aligned(footage, colours)
     found, swept, zoomed, bands = calibrate(footage, config, report)
     even, readout = evenly_lit(footage, bands, swept.kept, zoomed.numbers), 0.0
     for _ in range(READOUT.sweep_rounds):
@@ -106,7 +109,8 @@ def calibrate_rolling(
         found, swept, zoomed, bands = calibrate(upright, config, report)
         even = evenly_lit(even, bands, swept.kept, zoomed.numbers)  # what frames out of place had hidden
     readout_s, sigma_s = (one * footage.sweep_period_s for one in (readout, readout_sigma(found, swept)))
-    return replace(found, camera=replace(found.camera, readout_s=readout_s, readout_sigma_s=sigma_s)), swept
+    lens = replace(found.camera.lens, lateral_colour=colours)
+    return replace(found, camera=replace(found.camera, lens=lens, readout_s=readout_s, readout_sigma_s=sigma_s)), swept
 
 
 class _GivenUpError(Exception):

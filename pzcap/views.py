@@ -16,6 +16,7 @@ from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.events import FrameLocalised, FrameSegmented
 from pzcap.geometry.camera import of_frame
+from pzcap.imaging.colour import colours_aligned
 from pzcap.localisation.fields import expected_second
 from pzcap.localisation.localise import Localiser
 from pzcap.localisation.readout import History, Readout, Sway
@@ -120,7 +121,8 @@ class ViewLocaliser:
             expected = None if tracker is None else tracker.expect(frame, camera)
             return None if expected is None else expected.covered(camera.height, camera.width)
 
-        prior = history.predicted()
+        prior, colours = history.predicted(), head.lens.lateral_colour
+        image, second = colours_aligned(image, colours), second if second is None else colours_aligned(second, colours)
         localisation: Localisation = localiser.localise(image, prior, hidden)
         later: Localisation | None = None
         if second is not None and localisation.valid:

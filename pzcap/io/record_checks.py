@@ -29,7 +29,9 @@ _S: Final = len(PARENTS)
 
 SHAPES: Final[dict[type, dict[str, tuple[int | str, ...]]]] = {
     Camera: {"world_T_cam": (4, 4), "principal_px": (2,)},
-    Lens: {"principal_px": ("P", 2), "k1": ("Q",), "k2": ("Q2",), "p1": ("Q3",), "p2": ("Q4",)},
+    Lens: {
+        "principal_px": ("P", 2), "k1": ("Q",), "k2": ("Q2",), "p1": ("Q3",), "p2": ("Q4",), "lateral_colour": (3,),
+    },
     PanZoomCamera: {
         "world_T_head": (4, 4), "offset_m": (2,), "shared_covariance": ("P", "Z", 2, 2), "shared_zooms": ("Z",),
     },

@@ -55,7 +55,7 @@ PER_CAMERA: Final[dict[str, tuple[str, type]]] = {
 }
 """Field of Reconstruction -> (name in the npz, type)."""
 
-HIGHER: Final = ("k2", "p1", "p2")
+ABSENT_IF_ZERO: Final = ("k2", "p1", "p2", "lateral_colour")
 """Coefficients of distortion that are stored where they are not zero."""
 
 _LEAST_BYTES: Final = 2**28
@@ -150,7 +150,7 @@ def _flatten(part: Any, prefix: str) -> dict[str, NDArray[Any]]:
         value, key = getattr(part, field.name), f"{prefix}.{field.name}"
         if value is None:
             continue
-        if isinstance(part, Camera | Lens) and field.name in HIGHER and not np.any(value):
+        if isinstance(part, Camera | Lens) and field.name in ABSENT_IF_ZERO and not np.any(value):
             continue
         if dataclasses.is_dataclass(value):
             arrays |= _flatten(value, key)

@@ -15,6 +15,7 @@ import numpy as np
 
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import wrapped
+from pzcap.imaging.colour import colours_aligned
 from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.feature_search import Candidate, FeatureSearch
@@ -163,7 +164,7 @@ def count_from_reference(
     """The panorama, its azimuths counted from where the reference ``image``, of ``focal_px``, lies on it. The bundle
     adjustment has determined that already; but found as each frame's pan is later, an error that all share cancels."""
     # an error of this one pan is all frames' error, so all pixels are compared
-    start = ViewPlace(0.0, camera.tilt_rad, focal_px)
+    start, image = ViewPlace(0.0, camera.tilt_rad, focal_px), colours_aligned(image, camera.lens.lateral_colour)
     reference = aligner(panorama, camera, pixels=image.size).align(image, start, 1.5)
     if reference.agreement < ALIGNMENT.sure_agreement:
         return panorama
