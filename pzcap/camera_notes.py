@@ -1,4 +1,4 @@
-"""Notes on what the motion shows of a camera and a studio's would not do: shutter, clock, tripod, woven fields."""
+"""Notes on what a camera does and a studio's would not do: lens, shutter, clock, tripod, woven fields."""
 
 from __future__ import annotations
 
@@ -10,16 +10,32 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from pzcap.imaging.comb import comb_of
 from pzcap.tuning import PLAUSIBILITY
-from pzcap.types import Array, CameraFiles, PanZoomCamera, PanZoomTrack
+from pzcap.types import Array, CameraFiles, Lens, PanZoomCamera, PanZoomTrack
 
 
 def camera_notes(
     name: str, head: PanZoomCamera, track: PanZoomTrack, usual_clock_s: float, timecodes: Sequence[str]
 ) -> list[str]:
-    """Notes on what the motion has shown of camera ``name`` and a studio's would not do; all of it is corrected for.
+    """Notes on what has been found of camera ``name`` and a studio's would not do; all of it is corrected for.
     ``usual_clock_s``: the median of all cameras' clocks, which one that is a whole frame off does not move."""
-    found = [*_shutter(head), *_clock(head, usual_clock_s), *_settled(head, track), *_moved(track, timecodes)]
+    found = [
+        *_colours(head.lens),
+        *_shutter(head),
+        *_clock(head, usual_clock_s),
+        *_settled(head, track),
+        *_moved(track, timecodes),
+    ]
     return [f"camera {name}: {each}" for each in found]
+
+
+def _colours(lens: Lens) -> list[str]:
+    if not lens.lateral_colour.any():
+        return []
+    blue_px, _, red_px = lens.lateral_colour * np.hypot(lens.width, lens.height) / 2
+    return [
+        f"its lens sets colours apart: in the corners red stands {red_px:+.1f} px and blue {blue_px:+.1f} px further "
+        "out than grey"
+    ]
 
 
 def _shutter(head: PanZoomCamera) -> list[str]:

@@ -81,3 +81,15 @@ def test_the_note_on_a_tripod_that_rocks_names_camera_frames_and_size() -> None:
     # what comes back after a bump is no rocking
     [note] = camera_notes("2", head, leaning((0.3, 0.0), 50, 3), 0.0, TIMECODES)
     assert "bumped" in note
+
+
+def test_a_lens_that_sets_colours_apart_is_told_with_its_size() -> None:
+    made = fabricated.reconstruction(frames=90)
+    (head, *_), (track, *_) = made.cameras, made.tracks
+    assert head is not None
+    assert track is not None
+    corner_px = np.hypot(head.lens.width, head.lens.height) / 2
+    parting = replace(head, lens=replace(head.lens, lateral_colour=np.array([-0.62, 0.02, 0.41]) / corner_px))
+    said = camera_notes("1", parting, track, 0.0, TIMECODES)
+    assert any("in the corners red stands +0.4 px and blue -0.6 px further out than grey" in each for each in said)
+    assert not any("colours" in each for each in camera_notes("1", head, track, 0.0, TIMECODES))

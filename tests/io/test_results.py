@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from pzcap.io import results
-from pzcap.types import PzcapError
+from pzcap.types import PzcapError, Reconstruction
 from tests.scenes import fabricated
 from tests.test_damaged_files import damaged, mutated
 
@@ -39,7 +39,14 @@ def assert_same(one: Any, two: Any, path: str = "reconstruction") -> None:
         assert one == two, path
 
 
-@pytest.mark.parametrize("shape", [lambda r: r, fabricated.without_a_camera])
+def with_lateral_colour(made: Reconstruction) -> Reconstruction:
+    first, *others = made.cameras
+    assert first is not None
+    lens = dataclasses.replace(first.lens, lateral_colour=np.array([-1.5e-3, 1e-4, 1e-3]))
+    return dataclasses.replace(made, cameras=(dataclasses.replace(first, lens=lens), *others))
+
+
+@pytest.mark.parametrize("shape", [lambda r: r, fabricated.without_a_camera, with_lateral_colour])
 def test_what_is_loaded_is_what_was_saved(tmp_path: Path, shape: Callable[[Any], Any]) -> None:
     before = shape(fabricated.reconstruction())
     results.save(before, tmp_path / "r")
