@@ -226,12 +226,12 @@ class BlameTuning(NamedTuple):
 class LateralTuning(NamedTuple):
     """`lateral_colour`."""
 
-    every: int = 12  # one frame of the sweep in so many is looked at
+    every: int = 8  # one frame of the sweep in so many is looked at
     least_frames: int = 5
     window: int = 9  # pixels at half the resolution
     flat: float = 2.0  # variance of grey values below which a window is flat
     steep: float = 2.0  # grey levels a pixel from which on there is an edge
-    sigmas: float = 5.0  # standard deviations from which on it is sure
+    sigmas: float = 4.0  # standard deviations from which on it is sure
     least_px: float = 0.15
     """In the corners; less is left as it is. Seen where there is none: 0.07."""
 
