@@ -41,7 +41,6 @@ DOF_AXES: Final[Array] = np.concatenate(
 """(43, 3) World axis of a translation, axis in the segment's frame of a rotation."""
 LIMBS: Final = ((4, 5, 6), (7, 8, 9), (10, 11, 12), (13, 14, 15))
 """Segments of the arms and the legs: a ball joint, a hinge and a ball joint each."""
-SKELETON_EDGES: Final = tuple((parent, child) for child, parent in enumerate(PARENTS) if parent >= 0)
 
 
 def _moved_segments() -> Mask:
