@@ -129,6 +129,7 @@ def stages(
         )
         segment_by = partial(_segmenter, config, pool)
         localise, placed = localise_by(calibrated), None
+        localise.look_ahead(sets)
         if capture.calibration_object is None and not any(known) and any(calibrated):
             assert capture.subject is not None, "no camera is calibrated then"
             measured = skeleton.build(capture.subject)
@@ -139,6 +140,7 @@ def stages(
                 sets.keyframes = ()
                 notes.append("keyframes.json is not used: without a calibration object nobody knows its world")
             localise = localise_by(calibrated)
+            localise.look_ahead(sets)
         segment = segment_by(calibrated)
         yield CamerasReady(time.perf_counter() - started)
 

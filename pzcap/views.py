@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from pzcap.calibration.settings import PanZoomConfig
 from pzcap.events import FrameLocalised, FrameSegmented
 from pzcap.geometry.camera import of_frame
 from pzcap.imaging.colour import colours_aligned
+from pzcap.io.capture import FrameSets
 from pzcap.localisation.fields import expected_second
 from pzcap.localisation.localise import Localiser
 from pzcap.localisation.readout import History, Readout, Sway
@@ -33,6 +34,15 @@ class Expecting(Protocol):
     def expect(self, frame: int, camera: Camera) -> Expected | None:
         """Prior of the silhouette in a view of a ``frame``; None where nothing is expected."""
 
+
+class LookAhead(NamedTuple):
+    """How far `ViewLocaliser.look_ahead` looks."""
+
+    frames: int = 90
+    stride: int = 6  # of which one is looked at; the others in turn, from the last
+
+
+LOOK_AHEAD: Final = LookAhead()
 
 Localise: TypeAlias = Callable[[FrameSet, Expecting | None], FrameLocalised]
 """Stage 4, as `ViewLocaliser` is one; what expects the body says where it hides the hall."""
@@ -65,7 +75,49 @@ class ViewLocaliser:
         self.localisers = [None if one is None else localiser(one.panorama, one.camera, config) for one in cameras]
         give_back()
         self._pool, self._config, self._frame_rate = pool, config, frame_rate
+        self._starts: list[dict[int, Localisation]] = [{} for _ in cameras]
         self.restart()
+
+    def look_ahead(self, sets: FrameSets) -> None:
+        """Where the cameras that are not found in the first frame by themselves, as one with a body before it at a long
+        zoom, are in the first frames of ``sets``: from a later one, and back, each from the next."""
+        self._starts = list(self._pool.map(partial(self._found_back, sets), range(len(self._heads))))
+
+    def _found_back(self, sets: FrameSets, index: int) -> dict[int, Localisation]:
+        """Places of a camera by frame, the first ones; none where it needs none, or is not found."""
+        later, found = self._found_alone(sets, index)
+        if found is None or later == 0:
+            return {}
+        places = {later: found}
+        for start in range(later - LOOK_AHEAD.stride, -1, -LOOK_AHEAD.stride):
+            for frames in reversed(list(sets.between(start, start + LOOK_AHEAD.stride))):
+                found = self._localised(frames, index, self._near(found, index)) or found
+                if not found.valid:
+                    return places
+                places[frames.index] = found
+        return places
+
+    def _found_alone(self, sets: FrameSets, index: int) -> tuple[int, Localisation | None]:
+        """The first of the frames that are looked at in which a camera is found without the ones before, and where; 0
+        and None where it is in none."""
+        for number in range(0, min(len(sets), LOOK_AHEAD.frames), LOOK_AHEAD.stride):
+            found = self._localised(next(sets.between(number, number + 1)), index, None)
+            if found is not None and found.valid:
+                return number, found
+        return 0, None
+
+    def _localised(self, frames: FrameSet, index: int, prior: Localisation | None) -> Localisation | None:
+        """A view of ``frames``, near ``prior`` where there is one; None where the camera has none, or is not known."""
+        localiser, head, image = self.localisers[index], self._heads[index], frames.images[index]
+        if localiser is None or head is None or image is None:
+            return None
+        found: Localisation = localiser.localise(colours_aligned(image, head.lens.lateral_colour), prior)
+        return found
+
+    def _near(self, found: Localisation, index: int) -> Localisation | None:
+        """The prior of a frame beside one that was ``found``, whichever of the two comes first."""
+        history = self.histories[index]
+        return None if history is None else history._replace(seen=(found,)).predicted()
 
     def restart(self) -> None:
         """Forget the frames so far: the next one is the first."""
@@ -122,6 +174,8 @@ class ViewLocaliser:
             return None if expected is None else expected.covered(camera.height, camera.width)
 
         prior, colours = history.predicted(), head.lens.lateral_colour
+        if prior is None and frame in self._starts[index]:
+            prior = self._near(self._starts[index][frame], index)
         image, second = colours_aligned(image, colours), second if second is None else colours_aligned(second, colours)
         localisation: Localisation = localiser.localise(image, prior, hidden)
         later: Localisation | None = None

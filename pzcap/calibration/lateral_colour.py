@@ -1,10 +1,11 @@
 """Lateral colour of a lens (`pzcap.imaging.colour`), measured in the frames of a sweep.
 
-Where a colour is set apart radially by a share ``s`` of the radius, it has at every grey edge, less the grey values, a
-fringe ``-s (x dY/dx + y dY/dy)``. What a surface's own colour adds there has the shape of the edge, not of its
-derivative: in each small window a mean and a multiple of the grey values are taken out of both, and ``s`` is what is
-left of the one over what is left of the other, by least squares over all windows of all frames. Video has chroma at
-half the resolution, and it is done there.
+Where a colour is set apart radially by a share ``s`` of the radius, it has at every upright edge of the grey values Y,
+beside a picture's middle by x, a fringe ``-s x dY/dx`` more than these. What a surface's own colour adds there has the
+shape of the edge, not of its derivative: in each small window a mean and a multiple of Y are taken out of both, and
+``s`` is what is left of the one over what is left of the other, by least squares over all windows of all frames. What
+that leaves of a surface's colour cancels, since a sweep sees it on either side; level edges, as of the floor, are
+always below the middle, and would not. Video has chroma at half the resolution, and it is done there.
 """
 
 from __future__ import annotations
@@ -72,9 +73,8 @@ def _fringes(image: Image) -> tuple[Array, float]:
     """Products (2,) of fringes of blue and red with those that a stretch of 1 would leave, and the square of these,
     summed over the edges of a frame (H, W, 3)."""
     luma, *chroma = (_halved(plane) for plane in np.moveaxis(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), 2, 0))
-    down, across = np.gradient(luma, axis=0), np.gradient(luma, axis=1)
-    height, width = luma.shape
-    x, y = np.arange(width, dtype=np.float32) - (width - 1) / 2, np.arange(height, dtype=np.float32) - (height - 1) / 2
+    across, width = np.gradient(luma, axis=1), luma.shape[1]
+    beside = (np.arange(width) - (width - 1) / 2).astype(np.float32)
     mean = _around(luma)
     variance = _around(luma**2) - mean**2 + LATERAL.flat
 
@@ -85,8 +85,8 @@ def _fringes(image: Image) -> tuple[Array, float]:
         return np.asarray(plane - usual - multiple * (luma - mean), np.float32)
 
     edge = np.s_[LATERAL.window : -LATERAL.window, LATERAL.window : -LATERAL.window]
-    steep = (across**2 + down**2)[edge] > LATERAL.steep**2
-    unit = -left(x * across + y[:, None] * down)[edge][steep]
+    steep = np.abs(across[edge]) > LATERAL.steep
+    unit = -left(beside * across)[edge][steep]
     red, blue = (left(plane)[edge][steep] for plane in chroma)
     products = [float(np.vdot(scale * plane, unit)) for scale, plane in zip(_FROM_CHROMA, (blue, red), strict=True)]
     return np.array(products), float(np.vdot(unit, unit))

@@ -18,7 +18,7 @@ from sim.hall.gym import GymConfig
 from tests.scenes.hall import HEIGHT, WIDTH, Hall
 
 CORNER_PX = np.hypot(WIDTH, HEIGHT) / 2
-PANS = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
+PANS = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +62,12 @@ def recorded(images: list[Image], rng: np.random.Generator) -> Iterator[tuple[in
         yield k * LATERAL.every + 1, np.zeros_like(image)
 
 
-@pytest.mark.parametrize("corner_px", [-1.5, -0.5, 0.4, 1.0])
+@pytest.mark.parametrize("corner_px", [-1.5, -0.5, 0.5, 1.0])
 def test_it_is_measured_in_a_sweep(pictures: list[Image], corner_px: float) -> None:
-    """To a sixth of a pixel in the corners, and a sixth of its size: a wood's own colours look like some of it."""
+    """Chroma that is softer than the grey values lets it look smaller by up to a quarter."""
     true = apart(corner_px)
     found = measure(recorded([stretched(each, true) for each in pictures], np.random.default_rng(0)))
-    np.testing.assert_allclose(found[[0, 2]], true[[0, 2]], rtol=0.16, atol=0.16 / CORNER_PX)
+    np.testing.assert_allclose(found[[0, 2]], true[[0, 2]], rtol=0.25, atol=0.03 / CORNER_PX)
     assert LUMA @ found == pytest.approx(0.0, abs=1e-12)
 
 
