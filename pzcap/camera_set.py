@@ -24,7 +24,7 @@ from pzcap.io.video import VideoReader
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.fields import by_both_fields
 from pzcap.localisation.localise import count_from_reference
-from pzcap.localisation.sweep_readout import evenly_lit, put_right, readout_sigma, remaining_readout
+from pzcap.localisation.sweep_readout import evenly_lit, put_right, readout_sigma, remaining_readout, still_of
 from pzcap.localisation.tuning import READOUT
 from pzcap.runtime import give_back
 from pzcap.tracking.tracker import Tracked
@@ -101,14 +101,16 @@ def calibrate_rolling(
     found, swept, zoomed, bands = calibrate(footage, config, report)
     even, readout = evenly_lit(footage, bands, swept.kept, zoomed.numbers), 0.0
     for _ in range(READOUT.sweep_rounds):
-        more = remaining_readout(footage, found, swept)
+        still = still_of(footage, found, zoomed)
+        more = 0.0 if still is None else remaining_readout(still, found, swept)
         if more == 0.0 and not bands.size:
             break
         readout += more
         upright = put_right(even, readout, found, swept, zoomed) if readout else even
         found, swept, zoomed, bands = calibrate(upright, config, report)
         even = evenly_lit(even, bands, swept.kept, zoomed.numbers)  # what frames out of place had hidden
-    readout_s, sigma_s = (one * footage.sweep_period_s for one in (readout, readout_sigma(found, swept)))
+    sigma = 0.0 if still is None else readout_sigma(still, found, swept)  # 0: not known
+    readout_s, sigma_s = readout * footage.sweep_period_s, sigma * footage.sweep_period_s
     lens = replace(found.camera.lens, lateral_colour=colours)
     return replace(found, camera=replace(found.camera, lens=lens, readout_s=readout_s, readout_sigma_s=sigma_s)), swept
 

@@ -1,8 +1,9 @@
 """A sweep by a rolling shutter: its frames put right, so that the panorama is neither sheared nor banded.
 
 A head that turns evenly shears all frames of the sweep alike, and so the panorama: rows stand beside each other by what
-the head turns meanwhile. Nothing within the sweep contradicts that. The reference image does: its camera stands still,
-and it shows no shear, but the opposite of the panorama's when it is aligned with that.
+the head turns meanwhile. Nothing within the sweep contradicts that. The reference image does, or the zoom run where
+there is none: its camera stands still, and it shows no shear, but the opposite of the panorama's when it is aligned
+with that.
 
 Mains light leaves bands in rows. Frames one after the other may have nearly the same, and the panorama then has them,
 too; what overlaps of all frames together tell of them (`pzcap.imaging.row_bands.fit_frames`) is divided out.
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 from pzcap.calibration.calibrate import CalibratedCamera, Footage
 from pzcap.calibration.stitching import SweptFrames, ZoomedFrames
 from pzcap.calibration.sweep import Frames
+from pzcap.geometry.camera import wrapped
 from pzcap.imaging.row_bands import without_bands
 from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner, Belief
@@ -90,29 +93,49 @@ def _sheared(camera: PanZoomCamera, shear: Array) -> Localisation:
     )
 
 
-def remaining_readout(footage: Footage, found: CalibratedCamera, swept: SweptFrames) -> float:
-    """Read-out, frame periods of the sweep, that its frames show beyond what they were put right by: 0 where the
-    reference image shows none, or cannot be aligned."""
-    panorama, camera, image = found.panorama, found.camera, footage.reference_image
-    focal_px = found.reference.camera.focal_px
-    start = ViewPlace(0.0, camera.tilt_rad, focal_px)
-    belief = Belief(start, *([READOUT.panorama_rad] * 3))
-    aligned = Aligner(panorama, camera, pixels=image.size).align(image, start, 4.0, None, belief)
+class Still(NamedTuple):
+    """A picture by a camera that stood still, and where it looked."""
+
+    image: Image
+    at: ViewPlace
+
+
+def still_of(footage: Footage, found: CalibratedCamera, zoomed: ZoomedFrames) -> Still | None:
+    """The reference image, if the calibration object is in it; else, as any of the sweep would tell nothing, the
+    frame of the zoom run whose focal length is nearest to its own. None without either."""
+    tilt_rad, focal_px = found.camera.tilt_rad, found.reference.camera.focal_px
+    if footage.calibration_object is not None:
+        return Still(footage.reference_image, ViewPlace(0.0, tilt_rad, focal_px))
+    if footage.zoom is None or not len(zoomed.numbers):
+        return None
+    nearest = int(np.argmin(np.abs(zoomed.log_focal - np.log(focal_px))))
+    image = next(image for number, image in footage.zoom if number == zoomed.numbers[nearest])
+    return Still(image, ViewPlace(zoomed.pan_rad, tilt_rad, float(np.exp(zoomed.log_focal[nearest]))))
+
+
+def remaining_readout(still: Still, found: CalibratedCamera, swept: SweptFrames) -> float:
+    """Read-out, frame periods of the sweep, that its frames show beyond what they were put right by: 0 where a picture
+    by the camera at rest shows none, or cannot be aligned."""
+    belief = Belief(still.at, *([READOUT.panorama_rad] * 3))
+    aligner = Aligner(found.panorama, found.camera, pixels=still.image.size)
+    aligned = aligner.align(still.image, still.at, 4.0, None, belief)
     if aligned.agreement < ALIGNMENT.sure_agreement or not aligned.report.converged:
         return 0.0
     shear_rad, sigma_rad = aligned.at.pan_shear_rad, np.sqrt(ALIGNMENT.doubt * aligned.covariance[4, 4])
     if abs(shear_rad) < max(READOUT.least_shear_rad, 3.0 * sigma_rad):
         return 0.0
-    return -float(shear_rad) / _rate_at_reference(found, swept)
+    return -float(shear_rad) / _rate_at(still.at.pan_rad, found, swept)
 
 
-def readout_sigma(found: CalibratedCamera, swept: SweptFrames) -> float:
+def readout_sigma(still: Still, found: CalibratedCamera, swept: SweptFrames) -> float:
     """Standard deviation of the read-out, frame periods of the sweep, that `remaining_readout` leaves."""
-    return READOUT.least_shear_rad / abs(_rate_at_reference(found, swept))
+    return READOUT.least_shear_rad / abs(_rate_at(still.at.pan_rad, found, swept))
 
 
-def _rate_at_reference(found: CalibratedCamera, swept: SweptFrames) -> float:
-    """Pan a frame period where the reference image looks: a frame of the sweep has shown there what it had of shear."""
+def _rate_at(looked_rad: float, found: CalibratedCamera, swept: SweptFrames) -> float:
+    """Pan a frame period where a camera at rest ``looked``: a frame of the sweep has shown there what it had of
+    shear."""
     pan_rad = found.panorama.sweep_pan_rad
-    rate = float(np.median(np.gradient(np.unwrap(pan_rad), swept.kept)[np.argsort(np.abs(pan_rad))[:5]]))
+    near = np.argsort(np.abs(wrapped(pan_rad - looked_rad)))[:5]
+    rate = float(np.median(np.gradient(np.unwrap(pan_rad), swept.kept)[near]))
     return float(np.copysign(max(abs(rate), 1e-9), rate))
