@@ -57,7 +57,10 @@ def put_right(
         zoom_rate = np.gradient(zoomed.log_focal, zoomed.numbers)
         shear = readout * np.column_stack([np.zeros_like(zoom_rate), zoom_rate])
         zoom = RectifiedFrames(zoom, found.camera, zoomed.numbers, shear)
-    return footage._replace(sweep=sweep, zoom=zoom)
+    image = footage.reference_image
+    if footage.calibration_object is None:  # it is the sweep's first frame
+        _, image = next(iter(sweep))
+    return footage._replace(reference_image=image, sweep=sweep, zoom=zoom)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

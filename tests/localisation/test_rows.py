@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import cast
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.calibration.calibrate import Footage
+from pzcap.calibration.calibrate import CalibratedCamera, Footage
+from pzcap.calibration.stitching import Brightness, SweptFrames, ZoomedFrames
 from pzcap.geometry import camera as geometry
+from pzcap.geometry.camera import wrapped
 from pzcap.imaging import row_bands
 from pzcap.imaging.row_bands import row_time
 from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner, Belief
 from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import is_sheared, rectified, rectified_points
-from pzcap.localisation.sweep_readout import evenly_lit
-from pzcap.types import Array, Image, Localisation, Panorama
+from pzcap.localisation.sweep_readout import Still, evenly_lit, put_right, readout_sigma, remaining_readout, still_of
+from pzcap.localisation.tuning import READOUT
+from pzcap.types import Array, Image, Localisation, Panorama, ReferenceCamera
 from tests.scenes import synthetic
 from tests.scenes.cylinders import camera_of, whole_turn
 
@@ -204,3 +210,53 @@ def test_bands_of_sweep_reference_and_zoom_run_are_divided_out() -> None:
 def test_footage_in_steady_light_is_left_as_it_is() -> None:
     footage = Footage(np.zeros((HEIGHT, 4, 3), np.uint8), None, [], None, False)
     assert evenly_lit(footage, np.zeros((6, 0)), np.arange(3), np.arange(2)) is footage
+
+
+# --------------------------------------------------------------------------------------------------------------
+# What a picture by a camera at rest tells of the sweep
+
+
+def swept_at(panorama: Panorama, step_rad: float) -> tuple[CalibratedCamera, SweptFrames]:
+    """A sweep of the whole turn in steps of ``step_rad``."""
+    pan_rad = np.arange(0.0, 2 * np.pi, abs(step_rad)) * np.sign(step_rad)
+    taken = geometry.at(CAMERA, 0.0, OPTICS.tilt_rad, FOCAL)
+    reference = ReferenceCamera(taken, np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2)))
+    found = CalibratedCamera(reference, replace(panorama, sweep_pan_rad=wrapped(pan_rad)), CAMERA)
+    view = geometry.view_at(CAMERA, 0.0, OPTICS.tilt_rad, FOCAL)
+    return found, SweptFrames((), np.arange(len(pan_rad)), cast(Brightness, None), view)
+
+
+@pytest.mark.parametrize("step_rad", [0.06, -0.04])
+def test_a_picture_at_rest_shows_the_read_out_of_the_sweep(panorama: Panorama, sheared: Image, step_rad: float) -> None:
+    """A frame that is sheared before a panorama that is not is as one that is not before one that is, the other way."""
+    found, swept = swept_at(panorama, step_rad)
+    still = Still(sheared, ViewPlace(0.3, OPTICS.tilt_rad, 1.3 * FOCAL))
+    assert remaining_readout(still, found, swept) == pytest.approx(-0.006 / step_rad, rel=0.03)
+    assert readout_sigma(still, found, swept) == pytest.approx(READOUT.least_shear_rad / abs(step_rad))
+    upright = Still(synthetic.render(OPTICS, 0.3, FOCAL), ViewPlace(0.3, OPTICS.tilt_rad, FOCAL))
+    assert remaining_readout(upright, found, swept) == 0.0
+
+
+def test_without_an_object_a_frame_of_the_zoom_run_is_the_one_at_rest(panorama: Panorama) -> None:
+    found, swept = swept_at(panorama, 0.1)
+    pictures = [(number, np.full((HEIGHT, OPTICS.width, 3), number, np.uint8)) for number in range(60)]
+    zoomed = ZoomedFrames(np.array([3, 7, 20]), np.log(FOCAL * np.array([0.8, 1.02, 1.5])), 0.4)
+    footage = Footage(pictures[0][1], synthetic.calibration_object(), pictures, pictures, True)
+    with_object = still_of(footage, found, zoomed)
+    assert with_object is not None
+    assert (with_object.image[0, 0, 0], with_object.at.pan_rad, with_object.at.focal_px) == (0, 0.0, FOCAL)
+    without = footage._replace(calibration_object=None)
+    at_rest = still_of(without, found, zoomed)
+    assert at_rest is not None
+    assert (at_rest.image[0, 0, 0], at_rest.at.pan_rad) == (7, 0.4)
+    assert at_rest.at.focal_px == pytest.approx(1.02 * FOCAL)
+    assert still_of(without._replace(zoom=None), found, zoomed) is None
+    assert still_of(without, found, ZoomedFrames(np.zeros(0, np.int64), np.zeros(0), 0.0)) is None
+    kept = put_right(footage, 0.05, found, swept, zoomed)
+    np.testing.assert_array_equal(kept.reference_image, footage.reference_image)
+    marked = pictures[0][1].copy()
+    marked[:, 100:] = 200
+    rolling = without._replace(reference_image=marked, sweep=[(0, marked), *pictures[1:]])
+    turned = put_right(rolling, 0.05, found, swept, zoomed)
+    np.testing.assert_array_equal(turned.reference_image, next(iter(turned.sweep))[1])
+    assert (turned.reference_image != marked).any()
