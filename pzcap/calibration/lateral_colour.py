@@ -65,7 +65,7 @@ def measure(frames: Frames) -> Array:
     sigma = np.sqrt(np.sum((fringes - found * edges[:, None]) ** 2, axis=0)) / edges.sum()
     if np.all(np.abs(found) < np.maximum(LATERAL.sigmas * sigma, LATERAL.least_px / corner_px)):
         return np.zeros(3)
-    blue, red = found
+    blue, red = found / LATERAL.kept
     return np.array([blue, -(LUMA[0] * blue + LUMA[2] * red) / LUMA[1], red])
 
 

@@ -232,6 +232,7 @@ class LateralTuning(NamedTuple):
     flat: float = 2.0  # variance of grey values below which a window is flat
     steep: float = 2.0  # grey levels a pixel from which on there is an edge
     sigmas: float = 4.0  # standard deviations from which on it is sure
+    kept: float = 0.87  # share of a fringe that the softer chroma of video keeps: 0.8 to 0.97
     least_px: float = 0.15
     """In the corners; less is left as it is. Seen where there is none: 0.07."""
 

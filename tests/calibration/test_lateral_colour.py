@@ -64,10 +64,10 @@ def recorded(images: list[Image], rng: np.random.Generator) -> Iterator[tuple[in
 
 @pytest.mark.parametrize("corner_px", [-1.5, -0.5, 0.5, 1.0])
 def test_it_is_measured_in_a_sweep(pictures: list[Image], corner_px: float) -> None:
-    """Chroma that is softer than the grey values lets it look smaller by up to a quarter."""
+    """Chroma keeps otherwise much of a fringe in one hall than in another: to an eighth."""
     true = apart(corner_px)
     found = measure(recorded([stretched(each, true) for each in pictures], np.random.default_rng(0)))
-    np.testing.assert_allclose(found[[0, 2]], true[[0, 2]], rtol=0.25, atol=0.03 / CORNER_PX)
+    np.testing.assert_allclose(found[[0, 2]], true[[0, 2]], rtol=0.125, atol=0.03 / CORNER_PX)
     assert LUMA @ found == pytest.approx(0.0, abs=1e-12)
 
 
