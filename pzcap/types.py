@@ -211,7 +211,7 @@ class Lens:
     p1: Array = field(default_factory=lambda: np.zeros(1))
     p2: Array = field(default_factory=lambda: np.zeros(1))
     # (3,) how much larger blue, green and red are than grey values, relative, about the middle of the image; frames are
-    # rid of it before anything else is done with them (`pzcap.imaging.colour`)
+    # rid of it where they are compared with the panorama (`pzcap.imaging.colour`)
     lateral_colour: Array = field(default_factory=lambda: np.zeros(3))
 
 

@@ -15,15 +15,13 @@ import numpy as np
 
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.cylinder import smooth_map
-from pzcap.imaging.colour import colours_aligned
 from pzcap.imaging.row_bands import row_time, without_bands
 from pzcap.localisation.tuning import READOUT
 from pzcap.types import Array, FrameSet, Image, Localisation, PanZoomCamera
 
 
 def upright(image: Image, camera: PanZoomCamera, found: Localisation) -> Image:
-    """The frame (H, W, 3) with its colours aligned, and its rows put right, in place and in brightness."""
-    image = colours_aligned(image, camera.lens.lateral_colour)
+    """The frame (H, W, 3) with its rows put right, in place and in brightness."""
     if found.bands.size:
         image = without_bands(image, found.bands)
     return rectified(image, camera, found) if is_sheared(camera, found) else image
@@ -32,7 +30,7 @@ def upright(image: Image, camera: PanZoomCamera, found: Localisation) -> Image:
 def upright_views(
     frames: FrameSet, cameras: Sequence[PanZoomCamera | None], found: Sequence[Localisation | None]
 ) -> FrameSet:
-    """``frames``, each view that was ``found`` with colours and rows put right, and its keypoints with these."""
+    """``frames``, each view that was ``found`` with its rows put right, and its keypoints with them."""
     images, keypoints = list(frames.images), list(frames.keypoints)
     for index, (image, camera, one) in enumerate(zip(images, cameras, found, strict=True)):
         if image is None or camera is None or one is None:
