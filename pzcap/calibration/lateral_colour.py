@@ -58,9 +58,9 @@ def measure(frames: Frames) -> Array:
         if number % LATERAL.every == 0:
             sums.append(_fringes(image))
             corner_px = float(np.hypot(*image.shape[:2])) / 2
-    if len(sums) < LATERAL.least_frames:
-        return np.zeros(3)
     fringes, edges = np.array([each for each, _ in sums]), np.array([each for _, each in sums])
+    if np.count_nonzero(edges) < LATERAL.least_frames:
+        return np.zeros(3)
     found = fringes.sum(axis=0) / edges.sum()
     sigma = np.sqrt(np.sum((fringes - found * edges[:, None]) ** 2, axis=0)) / edges.sum()
     if np.all(np.abs(found) < np.maximum(LATERAL.sigmas * sigma, LATERAL.least_px / corner_px)):

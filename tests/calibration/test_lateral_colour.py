@@ -86,6 +86,11 @@ def test_too_few_frames_tell_nothing(pictures: list[Image]) -> None:
     assert not measure(recorded(few, np.random.default_rng(0))).any()
 
 
+def test_pictures_without_edges_tell_nothing() -> None:
+    blank = [np.full((HEIGHT, WIDTH, 3), (90, 120, 150), np.uint8)] * 12
+    assert not measure((k * LATERAL.every, each) for k, each in enumerate(blank)).any()
+
+
 def test_footage_is_aligned_as_a_whole(pictures: list[Image]) -> None:
     """Grey values come to where they would be without it: to a third of what it had moved them by."""
     true = apart(3.0)
