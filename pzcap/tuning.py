@@ -64,5 +64,13 @@ class SlipTuning(NamedTuple):
     leap_sigmas: float = 6.0  # leap of pan and zoom, beside what is usual, from which on it tells the frame
 
 
+class LookAheadTuning(NamedTuple):
+    """`views`: cameras that are not found in the first frame."""
+
+    frames: int = 90  # that are looked at, at most
+    stride: int = 6  # one in so many, then the others back from there
+
+
+LOOK_AHEAD: Final = LookAheadTuning()
 PLAUSIBILITY: Final = PlausibilityTuning()
 SLIPS: Final = SlipTuning()

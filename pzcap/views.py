@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
-from typing import Any, Final, NamedTuple, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from pzcap.localisation.rectification import upright_views
 from pzcap.runtime import give_back
 from pzcap.segmentation.foreground import Expected, ForegroundConfig, separate
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
+from pzcap.tuning import LOOK_AHEAD
 from pzcap.types import Camera, FrameSet, Image, Localisation, Mask, PanZoomCamera, Silhouette
 
 
@@ -34,15 +35,6 @@ class Expecting(Protocol):
     def expect(self, frame: int, camera: Camera) -> Expected | None:
         """Prior of the silhouette in a view of a ``frame``; None where nothing is expected."""
 
-
-class LookAhead(NamedTuple):
-    """How far `ViewLocaliser.look_ahead` looks."""
-
-    frames: int = 90
-    stride: int = 6  # of which one is looked at; the others in turn, from the last
-
-
-LOOK_AHEAD: Final = LookAhead()
 
 Localise: TypeAlias = Callable[[FrameSet, Expecting | None], FrameLocalised]
 """Stage 4, as `ViewLocaliser` is one; what expects the body says where it hides the hall."""

@@ -14,8 +14,9 @@ from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrated_of
 from pzcap.io.capture import FrameSets
 from pzcap.localisation.localise import lost
+from pzcap.tuning import LOOK_AHEAD
 from pzcap.types import FrameSet, Image, Localisation, Panorama, PanZoomCamera
-from pzcap.views import LOOK_AHEAD, ViewLocaliser
+from pzcap.views import ViewLocaliser
 from tests.scenes import fabricated
 
 FOUND = 14  # the first frame that is found without another

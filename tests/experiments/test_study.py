@@ -27,7 +27,17 @@ def axes(name: str) -> dict[str, list[str]]:
 
 def test_the_studies_of_the_issue_are_there() -> None:
     method = {"noise", "zoom_range", "noise_x_zoom", "keyframes", "parallax", "frame_size"}
-    cameras = {"readout", "clocks", "mains", "settling", "springing", "lens", "exposure", "sweep_by_hand"}
+    cameras = {
+        "readout",
+        "clocks",
+        "mains",
+        "settling",
+        "springing",
+        "lens",
+        "lateral_colour",
+        "exposure",
+        "sweep_by_hand",
+    }
     assert method | cameras | {"cloth", "nearness"} == set(STUDIES)
 
 
