@@ -71,8 +71,8 @@ class ViewLocaliser:
         self.restart()
 
     def look_ahead(self, sets: FrameSets) -> None:
-        """Where the cameras that are not found in the first frame by themselves, as one with a body before it at a long
-        zoom, are in the first frames of ``sets``: from a later one, and back, each from the next."""
+        """Find the cameras that are not found in the first frame by themselves, as one with a body before it at a long
+        zoom, in the first frames of ``sets``: from a later one, and back, each from the next."""
         self._starts = list(self._pool.map(partial(self._found_back, sets), range(len(self._heads))))
 
     def _found_back(self, sets: FrameSets, index: int) -> dict[int, Localisation]:

@@ -79,7 +79,7 @@ def _fringes(image: Image) -> tuple[Array, float]:
     variance = _around(luma**2) - mean**2 + LATERAL.flat
 
     def left(plane: Float32) -> Float32:
-        """What a mean and a multiple of the grey values, in each window, do not explain of a ``plane``."""
+        """The part of a ``plane`` that a mean and a multiple of the grey values, in each window, do not explain."""
         usual = _around(plane)
         multiple = (_around(plane * luma) - usual * mean) / variance
         return np.asarray(plane - usual - multiple * (luma - mean), np.float32)
