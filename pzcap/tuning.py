@@ -11,7 +11,7 @@ class PlausibilityTuning(NamedTuple):
     """Contradictions of the footage to the papers."""
 
     focal: float = 4e-4
-    """Difference of the focal lengths of reference image and sweep, which a locked lens keeps to 2e-5, or to 2.4e-4
+    """Difference of the focal lengths of reference image and sweep, which a locked lens keeps to 2e-5, or to 2.0e-4
     with a rolling shutter under mains light; a lens that focused anew in the middle of a sweep leaves 1e-3."""
     focal_sigma: float = 0.01
     """Relative standard deviation of a focal length from which on it is in doubt: 0.0001 to 0.002 where all is
