@@ -125,11 +125,11 @@ def stages(
         if body:
             runtime.submit(warm_up)  # not before: cameras being calibrated take most of the memory that there is
         localise_by = partial(
-            ViewLocaliser, config=config.panzoom, pool=pool, frame_rate=capture.frame_rate, localiser=method.localiser
-        )
+            ViewLocaliser, config=config.panzoom, pool=pool, frame_rate=capture.frame_rate, localiser=method.localiser,
+            ahead=sets,
+        )  # fmt: skip
         segment_by = partial(_segmenter, config, pool)
         localise, placed = localise_by(calibrated), None
-        localise.look_ahead(sets)
         if capture.calibration_object is None and not any(known) and any(calibrated):
             assert capture.subject is not None, "no camera is calibrated then"
             measured = skeleton.build(capture.subject)
@@ -140,7 +140,6 @@ def stages(
                 sets.keyframes = ()
                 notes.append("keyframes.json is not used: without a calibration object nobody knows its world")
             localise = localise_by(calibrated)
-            localise.look_ahead(sets)
         segment = segment_by(calibrated)
         yield CamerasReady(time.perf_counter() - started)
 

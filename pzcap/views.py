@@ -59,44 +59,50 @@ class ViewLocaliser:
 
     def __init__(
         self, cameras: Sequence[CalibratedCamera | None], config: PanZoomConfig, pool: ThreadPoolExecutor,
-        frame_rate: Fraction, localiser: Callable[..., Any] = Localiser,
+        frame_rate: Fraction, localiser: Callable[..., Any] = Localiser, ahead: FrameSets | None = None,
     ) -> None:  # fmt: skip
-        """``localiser`` makes of a panorama, a PanZoomCamera and a PanZoomConfig what has `Localiser.localise`."""
+        """``localiser`` makes of a panorama, a PanZoomCamera and a PanZoomConfig what has `Localiser.localise`.
+
+        ``ahead``: the take, in which a camera that is not found in its first frame by itself, as one with a body before
+        it at a long zoom, is looked for further on, and from there followed back.
+        """
         self._heads = [None if one is None else one.camera for one in cameras]
         # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
         self.localisers = [None if one is None else localiser(one.panorama, one.camera, config) for one in cameras]
         give_back()
-        self._pool, self._config, self._frame_rate = pool, config, frame_rate
-        self._starts: list[dict[int, Localisation]] = [{} for _ in cameras]
+        self._pool, self._config, self._frame_rate, self._take = pool, config, frame_rate, ahead
+        # of each camera, places by frame that were found looking ahead; None before its first frame
+        self._starts: list[dict[int, Localisation] | None] = [None for _ in cameras]
         self.restart()
 
-    def look_ahead(self, sets: FrameSets) -> None:
-        """Find the cameras that are not found in the first frame by themselves, as one with a body before it at a long
-        zoom, in the first frames of ``sets``: from a later one, and back, each from the next."""
-        self._starts = list(self._pool.map(partial(self._found_back, sets), range(len(self._heads))))
-
-    def _found_back(self, sets: FrameSets, index: int) -> dict[int, Localisation]:
-        """Places of a camera by frame, the first ones; none where it needs none, or is not found."""
-        later, found = self._found_alone(sets, index)
-        if found is None or later == 0:
+    def _found_back(self, first: int, index: int) -> dict[int, Localisation]:
+        """Places of a camera in the frames from the ``first`` one on, which is lost, as far back as it can be followed
+        from the first that is found; none where none is."""
+        later, found = self._found_alone(first, index)
+        if found is None:
             return {}
         places = {later: found}
-        for start in range(later - LOOK_AHEAD.stride, -1, -LOOK_AHEAD.stride):
-            for frames in reversed(list(sets.between(start, start + LOOK_AHEAD.stride))):
+        for start in range(later - LOOK_AHEAD.stride, first - 1, -LOOK_AHEAD.stride):
+            for frames in reversed(self._read(start, LOOK_AHEAD.stride)):
                 found = self._localised(frames, index, self._near(found, index)) or found
                 if not found.valid:
                     return places
                 places[frames.index] = found
         return places
 
-    def _found_alone(self, sets: FrameSets, index: int) -> tuple[int, Localisation | None]:
-        """The first of the frames that are looked at in which a camera is found without the ones before, and where; 0
-        and None where it is in none."""
-        for number in range(0, min(len(sets), LOOK_AHEAD.frames), LOOK_AHEAD.stride):
-            found = self._localised(next(sets.between(number, number + 1)), index, None)
-            if found is not None and found.valid:
-                return number, found
-        return 0, None
+    def _found_alone(self, first: int, index: int) -> tuple[int, Localisation | None]:
+        """The first of the frames that are looked at in which a camera is found without the ones before, and where;
+        ``first`` and None where it is in none."""
+        for number in range(first + LOOK_AHEAD.stride, first + LOOK_AHEAD.frames, LOOK_AHEAD.stride):
+            for frames in self._read(number, 1):
+                found = self._localised(frames, index, None)
+                if found is not None and found.valid:
+                    return number, found
+        return first, None
+
+    def _read(self, start: int, count: int) -> list[FrameSet]:
+        """So many frame sets of the take from ``start`` on; fewer at its end, none where it is not known."""
+        return [] if self._take is None else list(self._take.between(start, min(start + count, len(self._take))))
 
     def _localised(self, frames: FrameSet, index: int, prior: Localisation | None) -> Localisation | None:
         """A view of ``frames``, near ``prior`` where there is one; None where the camera has none, or is not known."""
@@ -105,6 +111,11 @@ class ViewLocaliser:
             return None
         found: Localisation = localiser.localise(colours_aligned(image, head.lens.lateral_colour), prior)
         return found
+
+    def _start(self, frame: int, index: int) -> Localisation | None:
+        """The prior of a frame of a camera that was found looking ahead."""
+        place = (self._starts[index] or {}).get(frame)
+        return None if place is None else self._near(place, index)
 
     def _near(self, found: Localisation, index: int) -> Localisation | None:
         """The prior of a frame beside one that was ``found``, whichever of the two comes first."""
@@ -165,11 +176,15 @@ class ViewLocaliser:
             expected = None if tracker is None else tracker.expect(frame, camera)
             return None if expected is None else expected.covered(camera.height, camera.width)
 
-        prior, colours = history.predicted(), head.lens.lateral_colour
-        if prior is None and frame in self._starts[index]:
-            prior = self._near(self._starts[index][frame], index)
+        colours = head.lens.lateral_colour
         image, second = colours_aligned(image, colours), second if second is None else colours_aligned(second, colours)
+        prior = history.predicted() or self._start(frame, index)
         localisation: Localisation = localiser.localise(image, prior, hidden)
+        if self._starts[index] is None:
+            self._starts[index] = {} if localisation.valid else self._found_back(frame, index)
+            prior = prior or self._start(frame, index)
+            if not localisation.valid and prior is not None:
+                localisation = localiser.localise(image, prior, hidden)
         later: Localisation | None = None
         if second is not None and localisation.valid:
             later = localiser.localise(second, expected_second(history, localisation), hidden)

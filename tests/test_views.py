@@ -15,7 +15,7 @@ from pzcap.camera_set import calibrated_of
 from pzcap.io.capture import FrameSets
 from pzcap.localisation.localise import lost
 from pzcap.tuning import LOOK_AHEAD
-from pzcap.types import FrameSet, Image, Localisation, Panorama, PanZoomCamera
+from pzcap.types import FrameSet, Image, Localisation, Panorama, PanZoomCamera, Reconstruction
 from pzcap.views import ViewLocaliser
 from tests.scenes import fabricated
 
@@ -55,11 +55,10 @@ class Late:
         return Localisation(*place, np.eye(2) * 1e-8, True, nothing, nothing)
 
 
-@pytest.fixture
-def localise() -> Iterator[ViewLocaliser]:
-    with ThreadPoolExecutor(2) as pool:
-        made = fabricated.reconstruction()
-        yield ViewLocaliser(calibrated_of(made), PanZoomConfig(), pool, Fraction(30), Late)
+def localising(ahead: Footage | None, made: Reconstruction | None = None) -> ViewLocaliser:
+    cameras = calibrated_of(made or fabricated.reconstruction())
+    take = cast(FrameSets | None, ahead)
+    return ViewLocaliser(cameras, PanZoomConfig(), ThreadPoolExecutor(2), Fraction(30), Late, take)
 
 
 def valid(localise: ViewLocaliser, footage: Footage) -> list[bool]:
@@ -68,51 +67,41 @@ def valid(localise: ViewLocaliser, footage: Footage) -> list[bool]:
     return [bool(views[0] and views[0].valid) for views in seen]
 
 
-def looked(localise: ViewLocaliser, footage: Footage) -> None:
-    localise.look_ahead(cast(FrameSets, footage))
+def test_without_looking_ahead_the_first_frames_are_lost() -> None:
+    assert valid(localising(None), Footage(30)) == [False] * FOUND + [True] * (30 - FOUND)
 
 
-def test_without_looking_ahead_the_first_frames_are_lost(localise: ViewLocaliser) -> None:
-    assert valid(localise, Footage(30)) == [False] * FOUND + [True] * (30 - FOUND)
-
-
-def test_they_are_found_from_a_later_one_and_back(localise: ViewLocaliser) -> None:
-    looked(localise, Footage(30))
+def test_they_are_found_from_a_later_one_and_back() -> None:
+    localise = localising(Footage(30))
     assert all(valid(localise, Footage(30)))
     localise.restart()
     assert all(valid(localise, Footage(30)))
 
 
-def test_a_frame_that_a_camera_dropped_is_passed_over(localise: ViewLocaliser) -> None:
-    looked(localise, Footage(30, dropped=5))
-    assert valid(localise, Footage(30, dropped=5)) == [index != 5 for index in range(30)]
+@pytest.mark.parametrize("dropped", [0, 5, 6])
+def test_a_frame_that_a_camera_dropped_is_passed_over(dropped: int) -> None:
+    found = valid(localising(Footage(30, dropped)), Footage(30, dropped))
+    assert found == [index != dropped for index in range(30)]
 
 
-def test_nothing_is_looked_for_where_the_first_frame_is_found(
-    localise: ViewLocaliser, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_looked_for_where_the_first_frame_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tests.test_views.FOUND", 0)
-    footage = Footage(30)
-    looked(localise, footage)
-    assert set(footage.read) == {0}
+    ahead = Footage(30)
+    assert all(valid(localising(ahead), Footage(30)))
+    assert not ahead.read
 
 
 @pytest.mark.parametrize("frames", [10, 2 * LOOK_AHEAD.frames])
-def test_the_search_ends_with_the_take_or_before_it_takes_long(
-    localise: ViewLocaliser, monkeypatch: pytest.MonkeyPatch, frames: int
-) -> None:
+def test_the_search_ends_with_the_take_or_before_it_takes_long(monkeypatch: pytest.MonkeyPatch, frames: int) -> None:
     monkeypatch.setattr("tests.test_views.FOUND", 10_000)
-    footage = Footage(frames)
-    looked(localise, footage)
-    assert max(footage.read) < min(frames, LOOK_AHEAD.frames)
-    assert not any(valid(localise, Footage(10)))
+    ahead = Footage(frames)
+    assert not any(valid(localising(ahead), Footage(10)))
+    assert 0 < max(ahead.read) < min(frames, LOOK_AHEAD.frames)
+    assert len(ahead.read) <= 4 * LOOK_AHEAD.frames / LOOK_AHEAD.stride  # once for each of four cameras
 
 
 def test_a_camera_that_is_not_calibrated_is_left_out() -> None:
     made = fabricated.without_a_camera(fabricated.reconstruction())
-    with ThreadPoolExecutor(2) as pool:
-        localise = ViewLocaliser(calibrated_of(made), PanZoomConfig(), pool, Fraction(30), Late)
-        looked(localise, Footage(30))
-        (frames,) = Footage(1).between(0, 1)
-        found = localise(frames, None).localisations
+    (frames,) = Footage(1).between(0, 1)
+    found = localising(Footage(30), made)(frames, None).localisations
     assert [one is not None and one.valid for one in found] == [one is not None for one in made.cameras]
