@@ -25,6 +25,7 @@ from typing import Any, Final
 import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
+from numba.core.event import install_timer
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.text import Text
@@ -61,6 +62,7 @@ class Reconstructed:
     stage_s: dict[str, float]
     seconds: float  # of the pipeline alone, from the first decoded frame to the result
     peak: memory.Peak
+    compiling_s: float = 0.0  # a first run compiles its kernels
     outlines: dict[tuple[int, int], list[Array]] = field(default_factory=dict)  # (frame set, camera)
 
 
@@ -153,7 +155,7 @@ def _reconstruct(
     clock = _Clock(reconstruct.stages(capture, config.reconstruct, cameras))
     contours: dict[tuple[int, int], list[Array]] = {}
     stage_s = dict.fromkeys(("prepare", "panzoom", "foreground", "tracking"), 0.0)
-    with memory.watched() as peak:
+    with memory.watched() as peak, install_timer("numba:compile", lambda _: None) as compiling:
         for event in clock:
             if recorder is not None:
                 recorder.event(event)
@@ -175,7 +177,8 @@ def _reconstruct(
                         if foreground is not None:
                             foreground.add(frames.index, frames.timecode, camera, silhouette.probability)
                 case events.Finished(reconstruction):
-                    return Reconstructed(reconstruction, stage_s, clock.seconds, peak, contours)
+                    compiling_s = compiling.duration if compiling.done else 0.0
+                    return Reconstructed(reconstruction, stage_s, clock.seconds, peak, compiling_s, contours)
                 case _:
                     pass
     raise AssertionError("the pipeline ends with Finished")
@@ -212,6 +215,7 @@ def _speed(done: Reconstructed, frames: int, log_share: float | None) -> list[Me
         *(Metric(f"speed.{stage}", 1000.0 * seconds / frames, "ms/frame") for stage, seconds in done.stage_s.items()),
         # the cameras are prepared once a hall, whatever is filmed there: that is speed.prepare
         Metric("speed.fps", frames / (done.seconds - done.stage_s.get("prepare", 0.0)), "frame sets/s", "higher"),
+        Metric("speed.compiling", done.compiling_s, "s"),
         Metric("speed.log_share", None if log_share is None else 100.0 * log_share, "%"),
         Metric("memory.peak", done.peak.mib, "MiB"),
     ]

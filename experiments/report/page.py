@@ -102,7 +102,7 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "frame_rate": float(reconstruction.frame_rate),
         "notes": reconstruction.notes,
         "scored": result is not None,
-        "headlines": [_headline(by_key[key], *HEADLINES[key]) for key in headlines],
+        "headlines": [_headline(by_key[key], *HEADLINES[key], _remark(by_key, key)) for key in headlines],
         "own_world": own_world,
         "references": _references(material),
         "camera_rows": _camera_rows(reconstruction, result),
@@ -160,12 +160,20 @@ def _advice(material: Material) -> tuple[list[int], int | None]:
     return [each.frame for each in found], None if next_one is None else next_one.frame
 
 
-def _headline(metric: Metric, name: str, text: str) -> dict[str, Any]:
+def _remark(by_key: Mapping[str, Metric], key: str) -> str:
+    """A sentence on a figure that this run has only once."""
+    compiling = by_key.get("speed.compiling")
+    if key != "speed.fps" or compiling is None or not compiling.value:
+        return ""
+    return f" This run compiled its kernels for {compiling.value:.0f} s; the next one has them."
+
+
+def _headline(metric: Metric, name: str, text: str, remark: str) -> dict[str, Any]:
     return {
         "name": name,
         "value": format_value(metric),
         "unit": "" if metric.unit == "1" else {"deg": "°"}.get(metric.unit, metric.unit),
-        "text": text,
+        "text": text + remark,
         "target": _target(metric),
         "reached": meets_target(metric),
     }

@@ -11,6 +11,7 @@ from experiments.report import page, plots
 from experiments.score import Score, score
 from pzcap.geometry.camera import wrapped
 from pzcap.scoring.body_errors import BodyErrors
+from pzcap.scoring.metric import Metric
 from pzcap.types import Reconstruction
 from sim.truth import Truth
 from tests.scenes import fabricated
@@ -37,6 +38,14 @@ def test_the_error_over_time_marks_what_is_said_of_the_keyframes() -> None:
 def test_a_report_is_headed_by_the_experiment_and_not_by_its_motion_alone() -> None:
     assert page._experiment("python -m experiments.run experiment=crew seed=0 'hydra.run.dir=a b'") == "crew"
     assert page._experiment("python -m experiments.run seed=0") is None
+
+
+def test_a_run_that_compiled_its_kernels_says_so_beside_its_speed() -> None:
+    def remark(compiling_s: float, key: str = "speed.fps") -> str:
+        return page._remark({"speed.compiling": Metric("speed.compiling", compiling_s, "s")}, key)
+
+    assert "compiled its kernels for 27 s" in remark(27.4)
+    assert remark(0.0) == remark(27.4, "panzoom.pan.rms") == page._remark({}, "speed.fps") == ""
 
 
 def test_what_the_axis_leaves_out_is_said() -> None:

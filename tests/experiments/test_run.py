@@ -45,7 +45,8 @@ def test_it_leaves_everything_that_it_promises(finished: tuple[Path, str], small
 def test_the_metrics_have_a_value_or_none(finished: tuple[Path, str]) -> None:
     found, run = read_metrics(finished[0] / "metrics.json")
     values = {metric.key: metric.value for metric in found}
-    assert {"speed.fps", "speed.log_share", "memory.peak", "panzoom.pan.rms", "panzoom.nees"} <= set(values)
+    assert {"speed.fps", "speed.compiling", "speed.log_share", "panzoom.pan.rms", "panzoom.nees"} <= set(values)
+    assert "memory.peak" in values
     assert all(value is None or np.isfinite(value) for value in values.values())
     assert run["seed"] == 0
     assert run["config"]["shoot"]["sensor"]["read_noise"] == 2.0
