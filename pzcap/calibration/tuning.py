@@ -34,6 +34,8 @@ class ReferenceTuning(NamedTuple):
     """Samples of three markers that are tried where not all of them fit one camera."""
     corner_sigma_px: float = 0.1
     """Pixels, of a detected corner: what the prior of k1 is weighed against."""
+    outlier_sigmas: float = 4.0
+    """Standard deviations of the corners' residuals: those beyond count less and less."""
     pose_agreement: float = 5.0
     """Standard deviations between the pose of the corners and that of the grey values; beyond, the former stays."""
     least_corner_error_px: float = 0.02

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.calibration import reference_camera
 from pzcap.calibration.reference_camera import ReferenceConfig
+from pzcap.calibration.tuning import REFERENCE
 from pzcap.geometry.camera import project
 from pzcap.types import Array, CalibrationObject, Camera, PzcapError
 from tests.scenes import synthetic
@@ -65,8 +66,10 @@ def test_refinement_finds_focal_length_and_distortion_exactly() -> None:
     np.testing.assert_allclose(found.world_T_cam, truth.world_T_cam, atol=1e-6)
 
 
-def test_agrees_with_opencv() -> None:
-    """The same points, the same model: `cv2.calibrateCamera` with its other coefficients held at 0."""
+def test_agrees_with_opencv(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same points, the same model: `cv2.calibrateCamera` with its other coefficients held at 0, and least squares,
+    which forget no corner."""
+    monkeypatch.setattr(reference_camera, "REFERENCE", REFERENCE._replace(outlier_sigmas=1e6))
     rng = np.random.default_rng(3)
     truth = camera_at(np.array([0.2, 0.4, 0.1]), np.array([0.02, -0.05, 0.03]), 880.0, -0.07)
     points = cube_points()
@@ -99,6 +102,23 @@ def test_a_wrong_corner_hardly_matters() -> None:
     )
     assert found.camera.focal_px == pytest.approx(880.0, rel=2e-3)
     assert np.hypot(*found.residuals_px[7]) > 8
+
+
+def test_corners_that_are_off_by_much_more_than_the_others_are_forgotten() -> None:
+    """As on markers of a dozen pixels: corners of an oblique face are off by one or two pixels, the others by 0.05."""
+    rng = np.random.default_rng(4)
+    truth = camera_at(np.array([-2.5, 0.4, 0.5]), np.array([0.01, -0.02, 0.03]), 500.0, 0.0)
+    points = cube_points()
+    exact = project(truth, points)[0]
+
+    def centre_off(wrong: int) -> float:
+        pixels = exact + rng.normal(0, 0.05, exact.shape)
+        pixels[:wrong] += (1.2, -1.6)
+        found = reference_camera.fit(truth, points, pixels, ReferenceConfig(), free_lens=False).camera
+        return float(np.linalg.norm(found.world_T_cam[:3, 3] - truth.world_T_cam[:3, 3]))
+
+    right, wrong = (np.median([centre_off(count) for _ in range(20)]) for count in (0, 3))
+    assert wrong < 1.5 * right
 
 
 def test_drawn_markers_are_found_to_a_tenth_of_a_pixel() -> None:
