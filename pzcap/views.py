@@ -16,8 +16,9 @@ from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.events import FrameLocalised, FrameSegmented
 from pzcap.geometry.camera import of_frame
-from pzcap.imaging.colour import colours_aligned
+from pzcap.imaging.colour import colours_aligned, grey
 from pzcap.io.capture import FrameSets
+from pzcap.localisation import repetition
 from pzcap.localisation.fields import expected_second
 from pzcap.localisation.localise import Localiser
 from pzcap.localisation.readout import History, Readout, Sway
@@ -112,6 +113,14 @@ class ViewLocaliser:
         found: Localisation = localiser.localise(colours_aligned(image, head.lens.lateral_colour), prior)
         return found
 
+    def _as_new_as(self, found: Localisation, index: int, picture: Image) -> Localisation:
+        """A frame that was ``found``, less sure the more its ``picture`` repeats the one before."""
+        before, self._before[index] = self._before[index], picture
+        if before is None or not found.valid:
+            return found
+        stale = repetition.covariance(repetition.repeated_share(picture, before), found.focal_px, picture.shape[1])
+        return replace(found, covariance=found.covariance + stale)
+
     def _start(self, frame: int, index: int) -> Localisation | None:
         """The prior of a frame of a camera that was found looking ahead."""
         place = (self._starts[index] or {}).get(frame)
@@ -126,6 +135,7 @@ class ViewLocaliser:
         """Forget the frames so far: the next one is the first."""
         beliefs = self._config.beliefs
         sway = np.full(2, np.deg2rad(beliefs.sway_deg) ** 2)
+        self._before: list[Image | None] = [None for _ in self._heads]  # the grey picture that came last
         self.histories = [
             None if head is None
             else History(Readout.of(head, float(self._frame_rate), beliefs.readout), Sway(head.tilt_rad, sway))
@@ -185,6 +195,7 @@ class ViewLocaliser:
             prior = prior or self._start(frame, index)
             if not localisation.valid and prior is not None:
                 localisation = localiser.localise(image, prior, hidden)
+        localisation = self._as_new_as(localisation, index, grey(image))
         later: Localisation | None = None
         if second is not None and localisation.valid:
             later = localiser.localise(second, expected_second(history, localisation), hidden)

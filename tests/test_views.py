@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from fractions import Fraction
 from typing import cast
 
@@ -14,6 +15,7 @@ from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrated_of
 from pzcap.io.capture import FrameSets
 from pzcap.localisation.localise import lost
+from pzcap.localisation.tuning import REPETITION
 from pzcap.tuning import LOOK_AHEAD
 from pzcap.types import FrameSet, Image, Localisation, Panorama, PanZoomCamera, Reconstruction
 from pzcap.views import ViewLocaliser
@@ -105,3 +107,18 @@ def test_a_camera_that_is_not_calibrated_is_left_out() -> None:
     (frames,) = Footage(1).between(0, 1)
     found = localising(Footage(30), made)(frames, None).localisations
     assert [one is not None and one.valid for one in found] == [one is not None for one in made.cameras]
+
+
+def test_a_picture_that_repeats_the_one_before_is_less_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.test_views.FOUND", 0)
+    localise, (first,) = localising(None), Footage(1).between(0, 1)
+    edges = np.tile(np.arange(8, dtype=np.uint8) % 2 * 100, (8, 1))[..., None].repeat(3, axis=2)
+    repeated, new = (replace(first, index=1, images=(edges + lighter,) * 4) for lighter in (np.uint8(0), np.uint8(9)))
+    sigmas = []
+    for frames in (repeated, new):
+        localise.restart()
+        localise(replace(first, images=(edges,) * 4), None)
+        found = localise(frames, None).localisations[0]
+        assert found is not None
+        sigmas.append(np.sqrt(found.covariance[0, 0]) * found.focal_px)
+    assert sigmas[0] > 0.9 * REPETITION.sigma_px > sigmas[1]

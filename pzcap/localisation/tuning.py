@@ -107,7 +107,18 @@ class ReadoutTuning(NamedTuple):
     """Rates a frame period, standard deviation, of a frame that is searched for without one before it."""
 
 
+class RepetitionTuning(NamedTuple):
+    """`repetition`: pictures that a codec has repeated."""
+
+    block_px: int = 8
+    levels: int = 1
+    """Grey levels by which no pixel of a repeated block has changed."""
+    sigma_px: float = 0.4
+    """Pixels, standard deviation by which a picture that is repeated as a whole is off."""
+
+
 LEVELS: Final = (LevelTuning(3, 4, 15.0, 1500), LevelTuning(1, 2, 4.0, 2000), LevelTuning(0, 12, 1.5))
 ALIGNMENT: Final = AlignmentTuning()
 SEARCH: Final = SearchTuning()
 READOUT: Final = ReadoutTuning()
+REPETITION: Final = RepetitionTuning()

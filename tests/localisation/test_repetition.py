@@ -1,0 +1,93 @@
+"""Pictures that a codec repeats: they are told from new ones, and known to be less sure of where the camera is."""
+
+from __future__ import annotations
+
+import io
+from itertools import pairwise
+
+import av
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pzcap.localisation import repetition
+from pzcap.localisation.tuning import REPETITION
+from pzcap.types import Array, Image
+
+WIDTH, HEIGHT = 320, 240
+
+
+def hall(shift_px: float, noise: np.random.Generator) -> Image:
+    """A picture of blurred edges, shifted to the right, with a sensor's noise of two grey levels."""
+    rng, x = np.random.default_rng(5), np.arange(WIDTH) - shift_px
+    rows = np.zeros((HEIGHT, WIDTH))
+    for row in range(0, HEIGHT, 24):
+        for edge in rng.uniform(0, WIDTH, 12):
+            rows[row : row + 24] += rng.uniform(-25, 25) * np.tanh((x - edge) / 1.5)
+    return np.clip(rows + 128 + noise.normal(0, 2, rows.shape), 0, 255).astype(np.uint8)
+
+
+def decoded(pictures: list[Image], crf: int) -> list[Image]:
+    """The ``pictures`` as H.264 leaves them."""
+    file = io.BytesIO()
+    with av.open(file, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=30, options={"crf": str(crf)})
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        for picture in pictures:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "gray").reformat(format="yuv420p")))
+        container.mux(stream.encode(None))
+    file.seek(0)
+    with av.open(file) as container:
+        return [frame.to_ndarray(format="gray") for frame in container.decode(video=0)]
+
+
+def shares(pictures: list[Image]) -> Array:
+    return np.array([repetition.repeated_share(one, before) for before, one in pairwise(pictures)])
+
+
+def taken(shift_px: Array) -> list[Image]:
+    noise = np.random.default_rng(1)
+    return [hall(shift, noise) for shift in shift_px]
+
+
+@pytest.mark.parametrize("step_px", [0.0, 0.1, 3.0])
+def test_no_block_of_two_exposures_is_the_same(step_px: float) -> None:
+    assert shares(taken(step_px * np.arange(4.0))).max() == 0.0
+
+
+def test_a_codec_repeats_what_hardly_moves_and_not_what_does() -> None:
+    slow, fast = (shares(decoded(taken(step_px * np.arange(12.0)), 30)) for step_px in (0.05, 3.0))
+    assert slow.mean() > 0.3
+    assert fast.mean() < 0.1
+
+
+def test_the_more_is_lost_the_more_is_repeated() -> None:
+    moving = taken(0.2 * np.sin(np.arange(12.0)))
+    fine, coarse = (shares(decoded(moving, crf)).mean() for crf in (10, 34))
+    assert fine < 0.05 < coarse
+
+
+@settings(deadline=None)
+@given(st.integers(0, HEIGHT // 8 - 1), st.integers(0, WIDTH // 8 - 1))
+def test_a_block_counts_by_how_steep_it_is(row: int, column: int) -> None:
+    before = hall(0.0, np.random.default_rng(2)).clip(2, 253)
+    picture = before + np.uint8(1)  # a grey level is what a filter between blocks may change
+    assert repetition.repeated_share(picture, before) == pytest.approx(1.0)
+    picture[8 * row + 3, 8 * column + 3] ^= 8
+    steep = np.square(np.diff(picture.astype(float), axis=1, append=picture[:, -1:]))
+    own = steep[8 * row : 8 * row + 8, 8 * column : 8 * column + 8].sum()
+    assert repetition.repeated_share(picture, before) == pytest.approx(1.0 - own / steep.sum(), abs=1e-5)
+
+
+def test_a_lamp_that_outshines_all_is_not_taken_for_repeated() -> None:
+    first, second = taken(np.array([0.0, 3.0]))
+    first[40:200, 100:260] = second[40:200, 100:260] = 255
+    assert repetition.repeated_share(second, first) == 0.0
+
+
+def test_a_new_picture_is_as_sure_as_it_was_and_a_repeated_one_off_by_parts_of_a_pixel() -> None:
+    assert not repetition.covariance(0.0, 900.0, WIDTH).any()
+    pan, focal = np.sqrt(np.diag(repetition.covariance(1.0, 900.0, WIDTH)))
+    assert pan * 900.0 == pytest.approx(REPETITION.sigma_px)
+    assert focal * WIDTH / 2 == pytest.approx(REPETITION.sigma_px)
