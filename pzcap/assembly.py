@@ -16,7 +16,7 @@ from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_notes import camera_notes, woven_motion
 from pzcap.camera_set import panzoom_tracks, refined
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
-from pzcap.frame_slips import FrameOffsets, slip_notes
+from pzcap.frame_slips import FrameOffsets, repeated_pictures, slip_notes
 from pzcap.imaging.comb import comb_px
 from pzcap.io.capture import FrameSets
 from pzcap.plausibility import (
@@ -33,7 +33,7 @@ from pzcap.plausibility import (
 )
 from pzcap.tracking.body_size import body_size
 from pzcap.tracking.tracker import Tracked, Tracker
-from pzcap.types import Capture, Localisation, PanZoomCamera, PanZoomTrack, Reconstruction
+from pzcap.types import Array, Capture, Localisation, PanZoomCamera, PanZoomTrack, Reconstruction
 from pzcap.views import Segment, ViewLocaliser
 
 
@@ -98,6 +98,15 @@ class Gathered:
         found = zip(self._capture.cameras, combs_px, tracks, strict=True) if self._combs_px else ()
         return list(filter(None, (woven_motion(files, own, track) for files, own, track in found)))
 
+    def _missed(self, camera: int) -> Array:
+        """(F, 2) changes of pan and log focal that a camera's pictures have `missed`."""
+        seen = (views[camera] for views in self._located)
+        return np.array([np.zeros(2) if one is None else one.missed for one in seen])
+
+    def repeated(self) -> list[str]:
+        """Notes on the cameras that show pictures twice."""
+        return repeated_pictures(self._located, self.names, self._sets.timecodes)
+
     def contradictions(self, tracks: Sequence[PanZoomTrack | None]) -> list[str]:
         """Notes on what in the keyframes' views contradicts the crew's papers, and on frames that a camera lost."""
         known = None if self._tracker is None else self._tracker.clocks
@@ -137,7 +146,7 @@ class Gathered:
             tracks=tracks,
             refined=tuple(
                 None if track is None or head is None or not self._poses
-                else refined(track, head, number, self._poses, config)
+                else refined(track, head, number, self._poses, self._missed(number), config)
                 for number, (track, head) in enumerate(zip(tracks, heads, strict=True))
             ),
             motion=self._tracker.motion(self._poses) if self._tracker else None,

@@ -24,6 +24,7 @@ from pzcap.io.video import VideoReader
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.fields import by_both_fields
 from pzcap.localisation.localise import count_from_reference
+from pzcap.localisation.repetition import carried_on, covariance_of
 from pzcap.localisation.sweep_readout import evenly_lit, put_right, readout_sigma, remaining_readout, still_of
 from pzcap.localisation.tuning import READOUT
 from pzcap.runtime import give_back
@@ -283,20 +284,22 @@ def _panzoom_track(history: Sequence[Localisation | None]) -> PanZoomTrack:
 def panzoom_tracks(
     calibrated: Sequence[CalibratedCamera | None], located: Sequence[tuple[Localisation | None, ...]]
 ) -> tuple[PanZoomTrack | None, ...]:
-    """Pan and zoom of each camera over the frames, interlaced ones by both fields; None where it was not calibrated."""
+    """Pan and zoom of each camera over the frames, interlaced ones by both fields, and where its
+    pictures stand still, carried on; None where it was not calibrated."""
     histories = zip(*located, strict=True) if located else ((),) * len(calibrated)
     return tuple(
-        _panzoom_track(by_both_fields(history)) if one else None
+        _panzoom_track([found and carried_on(found) for found in by_both_fields(history)]) if one else None
         for one, history in zip(calibrated, histories, strict=True)
     )
 
 
 def refined(
-    track: PanZoomTrack, head: PanZoomCamera, number: int, poses: Sequence[Tracked], config: PanZoomConfig
-) -> PanZoomTrack:
-    """The ``track`` of camera ``number`` with what the body has corrected of it."""
+    track: PanZoomTrack, head: PanZoomCamera, number: int, poses: Sequence[Tracked], missed: Array,
+    config: PanZoomConfig,
+) -> PanZoomTrack:  # fmt: skip
+    """The ``track`` of camera ``number``, whose pictures ``missed`` (F, 2), with what the body has corrected of it."""
     pan_rad, focal_px, covariance = track.pan_rad.copy(), track.focal_px.copy(), track.covariance.copy()
-    shared = systematic(config, head, track.pan_rad, track.focal_px)
+    shared = systematic(config, head, track.pan_rad, track.focal_px) + covariance_of(missed)
     for pose in poses:
         correction = pose.corrections[number] if pose.corrections else None
         if correction is not None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pzcap.geometry.camera import project
 from pzcap.tracking.tracker import Tracked
 from pzcap.tuning import SLIPS
-from pzcap.types import PARENTS, Array, Camera, PanZoomTrack, Silhouette
+from pzcap.types import PARENTS, Array, Camera, Localisation, PanZoomTrack, Silhouette
 
 _OFFSETS: Final = np.arange(-SLIPS.reach, SLIPS.reach + 1)
 _ALONG: Final = np.linspace(0.0, 1.0, 6)
@@ -210,5 +210,21 @@ def slip_notes(
             notes.append(
                 f"camera {names[camera]}: its pictures show the athlete {many} {later} than those of the other cameras "
                 f"with the same timecode: its timecode is {many} too {low}; correct it"
+            )
+    return notes
+
+
+def repeated_pictures(
+    located: Sequence[Sequence[Localisation | None]], names: Sequence[str], timecodes: Sequence[str]
+) -> list[str]:
+    """Notes on cameras some of whose pictures are the one before once more; ``located``: the views of each frame."""
+    notes = []
+    for name, views in zip(names, zip(*located, strict=True), strict=False):
+        frames = [frame for frame, one in enumerate(views) if one is not None and one.missed.any()]
+        if len(frames) >= SLIPS.repeated:
+            notes.append(
+                f"camera {name}: in {len(frames)} frames, the first of them {frames[0]} ({timecodes[frames[0]]}), its "
+                "picture is the one before once more, though it turns or zooms: pan and zoom are guessed there from "
+                "those before; give the camera's own file, which nobody has converted or cut"
             )
     return notes

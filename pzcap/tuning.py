@@ -62,6 +62,7 @@ class SlipTuning(NamedTuple):
     most_lost: float = 0.1  # probability that the body is lost: beyond, it tells nothing of the cameras
     near: int = 5  # frames before and after the body's best guess in which pan and zoom may tell the frame
     leap_sigmas: float = 6.0  # leap of pan and zoom, beside what is usual, from which on it tells the frame
+    repeated: int = 2  # pictures shown twice, from which on a word is said
 
 
 class LookAheadTuning(NamedTuple):

@@ -310,6 +310,8 @@ class Localisation:
     readout: float = 0.0  # frame periods from the top edge to the bottom edge, as known by then
     # pan and log focal half a frame period later, by the second field of an interlaced frame; none: it is whole
     second_field: Array = field(default_factory=lambda: np.zeros(0))  # (2,)
+    # change of pan and log focal that is expected since the frame before, where that one's picture is shown once more
+    missed: Array = field(default_factory=lambda: np.zeros(2))  # (2,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,11 +18,11 @@ from pzcap.events import FrameLocalised, FrameSegmented
 from pzcap.geometry.camera import of_frame
 from pzcap.imaging.colour import colours_aligned, grey
 from pzcap.io.capture import FrameSets
-from pzcap.localisation import repetition
 from pzcap.localisation.fields import expected_second
 from pzcap.localisation.localise import Localiser
-from pzcap.localisation.readout import History, Readout, Sway
+from pzcap.localisation.readout import History, Readout, Sway, rate_between
 from pzcap.localisation.rectification import upright_views
+from pzcap.localisation.repetition import carried_on, known_less_surely, repeated_share
 from pzcap.runtime import give_back
 from pzcap.segmentation.foreground import Expected, ForegroundConfig, separate
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
@@ -113,13 +113,14 @@ class ViewLocaliser:
         found: Localisation = localiser.localise(colours_aligned(image, head.lens.lateral_colour), prior)
         return found
 
-    def _as_new_as(self, found: Localisation, index: int, picture: Image) -> Localisation:
-        """A frame that was ``found``, less sure the more its ``picture`` repeats the one before."""
+    def _as_new_as(self, found: Localisation, history: History, index: int, picture: Image) -> Localisation:
+        """A frame that was ``found`` after the ``history``, less sure the more its ``picture`` is the one before."""
         before, self._before[index] = self._before[index], picture
         if before is None or not found.valid:
             return found
-        stale = repetition.covariance(repetition.repeated_share(picture, before), found.focal_px, picture.shape[1])
-        return replace(found, covariance=found.covariance + stale)
+        last, expected = history.last, history.predicted()
+        change = np.zeros(2) if last is None or expected is None else rate_between(last, expected)
+        return known_less_surely(found, change, repeated_share(picture, before), picture.shape[1])
 
     def _start(self, frame: int, index: int) -> Localisation | None:
         """The prior of a frame of a camera that was found looking ahead."""
@@ -195,14 +196,14 @@ class ViewLocaliser:
             prior = prior or self._start(frame, index)
             if not localisation.valid and prior is not None:
                 localisation = localiser.localise(image, prior, hidden)
-        localisation = self._as_new_as(localisation, index, grey(image))
+        localisation = self._as_new_as(localisation, history, index, grey(image))
         later: Localisation | None = None
         if second is not None and localisation.valid:
             later = localiser.localise(second, expected_second(history, localisation), hidden)
             if later.valid:
                 there = np.array([later.pan_rad, np.log(later.focal_px)])
                 localisation = replace(localisation, second_field=there)
-        self.histories[index] = history.followed_by(localisation, prior)
+        self.histories[index] = history.followed_by(carried_on(localisation), prior)
         share = history.readout.share
         return replace(localisation, readout=share), None if later is None else replace(later, readout=share)
 

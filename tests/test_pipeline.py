@@ -8,11 +8,12 @@ import subprocess
 import sys
 import time
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -328,3 +329,41 @@ def test_interlaced_video_that_is_not_said_to_be_is_named(
     named = [note for note in reconstruct(silent, Config(), cameras=reconstruction).notes if "interlaced" in note]
     assert named
     assert all("-x264-params tff=1" in note for note in named)
+
+
+def turning(capture: Capture, folder: Path, repeated: Sequence[int]) -> Capture:
+    """The capture's motion, of which the first camera turns on by 5 pixels a frame, and its pictures of the frames
+    ``repeated`` are the ones before once more."""
+    pictures: list[Image] = []
+    for frames in frame_sets(capture):
+        picture = frames.images[0]
+        assert picture is not None
+        turned = cv2.warpAffine(
+            picture, np.array([[1.0, 0.0, -5.0 * frames.index], [0.0, 1.0, 0.0]]), picture.shape[1::-1],
+            borderMode=cv2.BORDER_REPLICATE,
+        )  # fmt: skip
+        pictures.append(pictures[-1] if frames.index in repeated else np.asarray(turned, np.uint8))
+    times_s = [float(number / capture.frame_rate) for number in range(len(pictures))]
+    timecode = frame_sets(capture).timecodes[0]
+    path = encode(folder / f"{len(repeated)}.mp4", pictures, capture.frame_rate, timecode=timecode, times_s=times_s)
+    one, *others = capture.cameras
+    return dataclasses.replace(capture, cameras=(dataclasses.replace(one, motion=path), *others))
+
+
+@pytest.mark.xdist_group("pipeline")
+def test_pictures_that_are_shown_twice_are_named_and_their_pan_is_carried_on(
+    capture: Capture, reconstruction: Reconstruction, tmp_path: Path
+) -> None:
+    filmed, at = dataclasses.replace(bare(capture), subject=None, keyframe_poses={}), [4, 6]
+    whole, found = (
+        reconstruct(turning(filmed, tmp_path, repeated), Config(), cameras=reconstruction) for repeated in ([], at)
+    )
+    named = [[note for note in each.notes if "once more" in note] for each in (whole, found)]
+    assert not named[0]
+    assert [note[:55] for note in named[1]] == ["camera 1: in 2 frames, the first of them 4 (11:05:53:07"]
+    before, after = whole.tracks[0], found.tracks[0]
+    assert before is not None
+    assert after is not None
+    off = np.abs(after.pan_rad - before.pan_rad)[at]
+    assert np.all(off * after.focal_px[at] < 2.0)  # 5 where it is left where the picture shows it
+    assert np.all(off < 3.0 * np.sqrt(after.covariance[at, 0, 0]))

@@ -1,18 +1,22 @@
-"""Pictures that a codec has repeated.
+"""Pictures that are the picture before, in part or as a whole.
 
 Where a camera moves by less than a pixel a frame, as in the hand of somebody who waits, a codec repeats blocks of the
-picture before: it saves bits, and no eye sees it. Such a block shows where the camera was, and not where it is. All
-parts of a picture are then off alike, so that its residuals do not tell; but two exposures are never the same to a grey
-level, and blocks that are tell how much of a picture is no news.
+picture before: it saves bits, and no eye sees it. Whoever converts a variable rate, or loses pictures, repeats whole
+ones. What is repeated shows where the camera was, and not where it is. All parts of a picture are then off alike, so
+that its residuals do not tell; but two exposures are never the same to a grey level, and blocks that are tell how much
+of a picture is no news.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
+from pzcap.geometry.camera import wrapped
 from pzcap.localisation.tuning import REPETITION
-from pzcap.types import Array, Image
+from pzcap.types import Array, Image, Localisation
 
 
 def repeated_share(grey: Image, before: Image) -> float:
@@ -28,8 +32,25 @@ def repeated_share(grey: Image, before: Image) -> float:
     return float(steep[same].sum() / max(float(steep.sum()), 1e-9))
 
 
-def covariance(share: float, focal_px: float, width: int) -> Array:
-    """Covariance (2, 2) of pan and log focal for the ``share`` of a picture that is repeated: the picture is shifted,
-    and its edges are, by a part of a pixel that nobody knows."""
-    sigma_px = REPETITION.sigma_px * np.sqrt(share)
-    return np.diag([sigma_px / focal_px, sigma_px / (width / 2)]) ** 2
+def known_less_surely(found: Localisation, change: Array, share: float, width: int) -> Localisation:
+    """A frame that was ``found``, of whose picture a ``share`` is repeated: that is shifted, and its edges are, by a
+    part of a pixel that nobody knows. Where pan and log focal were to ``change`` (2,) by more than a codec passes over,
+    the picture is the one before, encoded once more, and has `missed` that."""
+    by_pixel = np.array([1.0 / found.focal_px, 1.0 / (width / 2)])
+    shifted = share * np.diag((REPETITION.sigma_px * by_pixel) ** 2)
+    is_old = share > REPETITION.most and float(np.hypot(*(change / by_pixel))) > REPETITION.missed_px
+    return replace(found, covariance=found.covariance + shifted, missed=change if is_old else np.zeros(2))
+
+
+def carried_on(found: Localisation) -> Localisation:
+    """Place of a frame at its own instant, where its picture `missed` a change: as expected from the frames before."""
+    pan_rad, focal_px = found.pan_rad + found.missed[0], found.focal_px * np.exp(found.missed[1])
+    covariance = found.covariance + covariance_of(found.missed)
+    return replace(found, pan_rad=float(wrapped(pan_rad)), focal_px=float(focal_px), covariance=covariance)
+
+
+def covariance_of(missed: Array) -> Array:
+    """Covariance (..., 2, 2) of pan and log focal where changes that pictures ``missed`` (..., 2) are made up for: they
+    are known to the half of themselves, since a hand may stop within a frame."""
+    sigma = 0.5 * missed
+    return np.asarray(sigma[..., :, None] * sigma[..., None, :])

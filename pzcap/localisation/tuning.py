@@ -108,13 +108,17 @@ class ReadoutTuning(NamedTuple):
 
 
 class RepetitionTuning(NamedTuple):
-    """`repetition`: pictures that a codec has repeated."""
+    """`repetition`: pictures that are the picture before."""
 
     block_px: int = 8
     levels: int = 1
     """Grey levels by which no pixel of a repeated block has changed."""
     sigma_px: float = 0.4
-    """Pixels, standard deviation by which a picture that is repeated as a whole is off."""
+    """Pixels, standard deviation by which a picture that is repeated as a whole is off where nothing was changing."""
+    most: float = 0.3
+    """Share from which on a picture is taken for the one before, encoded once more,"""
+    missed_px: float = 2.0
+    """where it should have moved by more pixels than this: no codec passes over so many."""
 
 
 LEVELS: Final = (LevelTuning(3, 4, 15.0, 1500), LevelTuning(1, 2, 4.0, 2000), LevelTuning(0, 12, 1.5))

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from pzcap.localisation import repetition
 from pzcap.localisation.tuning import REPETITION
-from pzcap.types import Array, Image
+from pzcap.types import Array, Image, Localisation
 
 WIDTH, HEIGHT = 320, 240
+FOCAL_PX = 900.0
 
 
 def hall(shift_px: float, noise: np.random.Generator) -> Image:
@@ -86,8 +87,29 @@ def test_a_lamp_that_outshines_all_is_not_taken_for_repeated() -> None:
     assert repetition.repeated_share(second, first) == 0.0
 
 
-def test_a_new_picture_is_as_sure_as_it_was_and_a_repeated_one_off_by_parts_of_a_pixel() -> None:
-    assert not repetition.covariance(0.0, 900.0, WIDTH).any()
-    pan, focal = np.sqrt(np.diag(repetition.covariance(1.0, 900.0, WIDTH)))
-    assert pan * 900.0 == pytest.approx(REPETITION.sigma_px)
+def known(share: float, change: Array) -> Localisation:
+    exact = Localisation(0.1, 0.0, FOCAL_PX, np.zeros((2, 2)), True, np.empty((0, 2)), np.empty((0, 2)))
+    return repetition.known_less_surely(exact, change, share, WIDTH)
+
+
+def test_a_new_picture_is_as_sure_as_it_was() -> None:
+    found = known(0.0, np.array([0.01, 0.01]))
+    assert not found.covariance.any()
+    assert not found.missed.any()
+
+
+def test_one_that_a_codec_repeats_is_off_by_a_part_of_a_pixel() -> None:
+    found = known(1.0, np.zeros(2))
+    pan, focal = np.sqrt(np.diag(found.covariance))
+    assert pan * FOCAL_PX == pytest.approx(REPETITION.sigma_px)
     assert focal * WIDTH / 2 == pytest.approx(REPETITION.sigma_px)
+    assert not found.missed.any()
+
+
+@pytest.mark.parametrize("change", [(5.0 / FOCAL_PX, 0.0), (0.0, -5.0 / (WIDTH / 2))])
+def test_one_that_shows_the_frame_before_has_missed_what_was_to_change(change: tuple[float, float]) -> None:
+    move = np.array(change)
+    np.testing.assert_array_equal(known(0.9, move).missed, move)
+    np.testing.assert_array_equal(known(0.9, move).covariance, known(0.9, np.zeros(2)).covariance)
+    assert not known(0.1, move).missed.any()  # flat parts of a hall
+    assert not known(0.9, 0.2 * move).missed.any()  # a codec may have done that
