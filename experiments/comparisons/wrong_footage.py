@@ -27,7 +27,7 @@ from pzcap.io.files import written_whole
 from pzcap.io.timecode import frames_to_timecode, timecode_to_frames
 from pzcap.io.video import VideoReader
 from pzcap.pipeline import reconstruct
-from pzcap.types import Array, CameraFiles, Capture, PzcapError, Reconstruction
+from pzcap.types import Array, CameraFiles, Capture, Image, PzcapError, Reconstruction
 from sim.capture_writer import write_video
 from sim.truth import Truth
 
@@ -53,22 +53,29 @@ class Fault:
     anew: bool = False  # the cameras' own files change
 
 
-def recorded_again(capture: Capture, folder: Path, *, lost: int = 0, late: int = 0, mirrored: bool = False) -> Capture:
+def recorded_again(
+    capture: Capture, folder: Path, *, lost: int = 0, late: int = 0, mirrored: bool = False, shown_twice: int = 0
+) -> Capture:
     """The motion of the first camera without so many pictures in the middle, the others one after the other, and its
-    timecode so many frames later; no keyframe where that camera has nothing any more."""
+    timecode so many frames later; no keyframe where that camera has nothing any more. ``shown_twice``: one picture in
+    so many stands in the place of the next."""
     files = capture.cameras[0]
     assert files.motion is not None, "it has been scored"
     reader = VideoReader(files.motion)
     assert reader.timecode is not None, "the simulator writes one"
     middle = reader.frame_count // 2
-    pictures = (
-        np.ascontiguousarray(image[:, ::-1]) if mirrored else image
-        for at, (_, image) in enumerate(reader)
-        if not middle <= at < middle + lost
-    )
+
+    def pictures() -> Iterator[Image]:
+        before: Image | None = None
+        for at, (_, image) in enumerate(reader):
+            if before is None or not shown_twice or (at + 1) % shown_twice:
+                before = np.ascontiguousarray(image[:, ::-1]) if mirrored else image
+            if not middle <= at < middle + lost:
+                yield before
+
     timecode = frames_to_timecode(timecode_to_frames(reader.timecode, reader.frame_rate) + late, reader.frame_rate)
     path = folder / f"motion_{files.name}.mp4"
-    write_video(path, pictures, reader.frame_rate, crf=12, timecode=timecode)
+    write_video(path, pictures(), reader.frame_rate, crf=12, timecode=timecode)
     changed = with_files(capture, 0, replace(files, motion=path))
     common = set(frame_sets(replace(changed, keyframe_poses={})).timecodes)
     return replace(changed, keyframe_poses={k: pose for k, pose in capture.keyframe_poses.items() if k in common})
@@ -81,6 +88,11 @@ def with_files(capture: Capture, number: int, files: CameraFiles) -> Capture:
 def without_frames(many: int) -> Callable[[Capture, Path], Capture]:
     """Camera 1 lost so many frames in the middle, and the recording was closed up."""
     return lambda capture, folder: recorded_again(capture, folder, lost=many)
+
+
+def with_pictures_twice(one_in: int) -> Callable[[Capture, Path], Capture]:
+    """Of camera 1 one picture in so many is shown twice, as where a variable rate was converted."""
+    return lambda capture, folder: recorded_again(capture, folder, shown_twice=one_in)
 
 
 def by_a_clock(late: int) -> Callable[[Capture, Path], Capture]:
@@ -147,6 +159,8 @@ FAULTS: Final = (
           r"camera 1: from frame \d+ .* 1 frame lost there, and the recording closed up"),
     Fault("lost_frames", "camera 1 lost three, closed up", without_frames(3),
           r"camera 1: from frame \d+ .* 3 frames lost there, and the recording closed up"),
+    Fault("pictures_twice", "one picture of camera 1 in ten twice", with_pictures_twice(10),
+          r"camera 1: in \d+ frames, .* its picture is the one before once more"),
     Fault("late_clock", "clock of camera 1 a frame off", by_a_clock(1), "camera 1: .* timecode is 1 frame too high"),
     Fault("late_clock_3", "clock of camera 1 three off", by_a_clock(3), "camera 1: .* timecode is 3 frames too high"),
     Fault("larger_subject", "subject 10 % larger than written", of_a_person(1 / 1.1),
