@@ -42,6 +42,16 @@ def test_frames_are_lost_and_the_recording_closed_up(capture: Capture, tmp_path:
     assert changed.cameras[1:] == capture.cameras[1:]
 
 
+def test_pictures_are_shown_twice(capture: Capture, tmp_path: Path) -> None:
+    before, after = capture.cameras[0].motion, wrong.with_pictures_twice(3)(capture, tmp_path).cameras[0].motion
+    assert before is not None
+    assert after is not None
+    usual, twice = ([image.astype(float) for _, image in VideoReader(path)] for path in (before, after))
+    assert len(twice) == len(usual)
+    for number, image in enumerate(twice):
+        assert np.abs(image - usual[number - (number % 3 == 2)]).mean() < 3.0
+
+
 def test_a_clock_is_off(capture: Capture, tmp_path: Path) -> None:
     changed = BY_KEY["late_clock"].change(capture, tmp_path)
     usual, late = frame_sets(capture), frame_sets(changed)
