@@ -13,7 +13,7 @@ import numpy as np
 from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.camera_notes import camera_notes, woven_motion
+from pzcap.camera_notes import ON_ITS_SIDE, camera_notes, woven_motion
 from pzcap.camera_set import panzoom_tracks, refined
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.frame_slips import FrameOffsets, repeated_pictures, slip_notes
@@ -92,20 +92,22 @@ class Gathered:
             if track is not None and self._capture.cameras[index].motion and not track.valid.any()
         ]
 
-    def woven(self, tracks: Sequence[PanZoomTrack | None]) -> list[str]:
-        """Notes on the cameras whose frames are two instants each."""
+    def recorded(self, tracks: Sequence[PanZoomTrack | None]) -> list[str]:
+        """Notes on the cameras that were held upright, whose frames are two instants each, or that show pictures
+        twice."""
+        sides = zip(self.names, self._sets.on_their_side, strict=True)
         combs_px = np.array(self._combs_px).T
         found = zip(self._capture.cameras, combs_px, tracks, strict=True) if self._combs_px else ()
-        return list(filter(None, (woven_motion(files, own, track) for files, own, track in found)))
+        return [
+            *(f"camera {name}: {ON_ITS_SIDE}" for name, on_its_side in sides if on_its_side),
+            *filter(None, (woven_motion(files, own, track) for files, own, track in found)),
+            *repeated_pictures(self._located, self.names, self._sets.timecodes),
+        ]
 
     def _missed(self, camera: int) -> Array:
         """(F, 2) changes of pan and log focal that a camera's pictures have `missed`."""
         seen = (views[camera] for views in self._located)
         return np.array([np.zeros(2) if one is None else one.missed for one in seen])
-
-    def repeated(self) -> list[str]:
-        """Notes on the cameras that show pictures twice."""
-        return repeated_pictures(self._located, self.names, self._sets.timecodes)
 
     def contradictions(self, tracks: Sequence[PanZoomTrack | None]) -> list[str]:
         """Notes on what in the keyframes' views contradicts the crew's papers, and on frames that a camera lost."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -11,6 +11,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from pzcap.imaging.comb import comb_of
 from pzcap.tuning import PLAUSIBILITY
 from pzcap.types import Array, CameraFiles, Lens, PanZoomCamera, PanZoomTrack
+
+ON_ITS_SIDE: Final = (
+    "it was held upright, and its columns are exposed one after the other in place of rows; where its shutter rolls, "
+    "as all phones' do, pan, zoom and the athlete are off by more than is said: film with the camera lying"
+)
 
 
 def camera_notes(

@@ -152,8 +152,7 @@ def stages(
             yield event
         tracks = gathered.tracks(calibrated)
         notes += gathered.never_located(tracks, localise, known)
-        notes += gathered.woven(tracks)
-    notes += gathered.repeated()
+        notes += gathered.recorded(tracks)
     notes += gathered.contradictions(tracks)
     found = gathered.reconstruction(calibrated, tracks, localise.with_readout(), config.panzoom, notes)
     yield Finished(found if placed is None else in_metres(found, measured, placed))

@@ -19,6 +19,7 @@ import pytest
 
 from experiments.comparisons.wrong_footage import recorded_again
 from pzcap.calibration.settings import PanZoomConfig
+from pzcap.camera_notes import ON_ITS_SIDE
 from pzcap.camera_set import calibrate_cameras, taken_over
 from pzcap.events import BodyTracked, Finished, FrameLocalised, FrameSegmented, Progress
 from pzcap.extras import reconstruct as extras
@@ -28,7 +29,7 @@ from pzcap.io.capture import frame_sets, read_capture
 from pzcap.localisation.covariance import systematic
 from pzcap.pipeline import Config, reconstruct, stages
 from pzcap.types import Capture, Image, Pose, PzcapError, Reconstruction
-from tests.scenes.recorders import encode
+from tests.scenes.recorders import TURNS, encode, flag
 
 RECONSTRUCT = """
 import sys
@@ -332,8 +333,8 @@ def test_interlaced_video_that_is_not_said_to_be_is_named(
 
 
 def turning(capture: Capture, folder: Path, repeated: Sequence[int]) -> Capture:
-    """The capture's motion, of which the first camera turns on by 5 pixels a frame, and its pictures of the frames
-    ``repeated`` are the ones before once more."""
+    """The capture's motion, of which the first camera, a phone held upright, turns on by 5 pixels a frame, and its
+    pictures of the frames ``repeated`` are the ones before once more."""
     pictures: list[Image] = []
     for frames in frame_sets(capture):
         picture = frames.images[0]
@@ -342,12 +343,13 @@ def turning(capture: Capture, folder: Path, repeated: Sequence[int]) -> Capture:
             picture, np.array([[1.0, 0.0, -5.0 * frames.index], [0.0, 1.0, 0.0]]), picture.shape[1::-1],
             borderMode=cv2.BORDER_REPLICATE,
         )  # fmt: skip
-        pictures.append(pictures[-1] if frames.index in repeated else np.asarray(turned, np.uint8))
+        stored = np.ascontiguousarray(np.rot90(turned))
+        pictures.append(pictures[-1] if frames.index in repeated else np.asarray(stored, np.uint8))
     times_s = [float(number / capture.frame_rate) for number in range(len(pictures))]
     timecode = frame_sets(capture).timecodes[0]
     path = encode(folder / f"{len(repeated)}.mp4", pictures, capture.frame_rate, timecode=timecode, times_s=times_s)
     one, *others = capture.cameras
-    return dataclasses.replace(capture, cameras=(dataclasses.replace(one, motion=path), *others))
+    return dataclasses.replace(capture, cameras=(dataclasses.replace(one, motion=flag(path, TURNS[90])), *others))
 
 
 @pytest.mark.xdist_group("pipeline")
@@ -360,6 +362,9 @@ def test_pictures_that_are_shown_twice_are_named_and_their_pan_is_carried_on(
     )
     named = [[note for note in each.notes if "once more" in note] for each in (whole, found)]
     assert not named[0]
+    for each in (whole, found):
+        assert [note for note in each.notes if "held upright" in note] == [f"camera 1: {ON_ITS_SIDE}"]
+    assert not any("held upright" in note for note in reconstruction.notes)
     assert [note[:55] for note in named[1]] == ["camera 1: in 2 frames, the first of them 4 (11:05:53:07"]
     before, after = whole.tracks[0], found.tracks[0]
     assert before is not None

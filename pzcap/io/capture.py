@@ -164,7 +164,7 @@ class FrameSets:
     """The recordings of the motion, brought together by their clocks. See `frame_sets`.
 
     ``len()`` is the number of frame sets, ``timecodes`` names each, ``keyframes`` holds the poses set by hand;
-    ``interlaced``: so is a recording.
+    ``interlaced``: so is a recording; ``on_their_side``: which cameras' rows are shown as columns.
     """
 
     def __init__(
@@ -176,6 +176,7 @@ class FrameSets:
         self._pictures = [dict(zip(each.clock.tolist(), each.picture.tolist(), strict=True)) for each in clocks]
         late = [dict(zip(each.clock.tolist(), each.late.tolist(), strict=True)) for each in clocks]
         self._late = late if any(each.late.any() for each in clocks) else []
+        self.on_their_side = [reader is not None and reader.on_its_side for reader in readers]
         self.interlaced = any(reader is not None and reader.interlaced for reader in readers)
         self._first = first  # of the first frame set, on the common clock
         self.timecodes = timecodes

@@ -48,10 +48,11 @@ class VideoReader:
 
     Attributes: ``width``, ``height`` (upright), ``frame_rate`` (Fraction), ``timecode`` (str, or None if the file has
     none), ``indices`` (frame_count,) int64 increasing, ``times_s`` (frame_count,) when each is shown, ``frame_count``,
-    ``constant_rate``, ``interlaced``. Where the rate is not constant, as phones film, the index of a frame is its
-    number. Stamps that tremble about a constant rate are of a constant rate. Of interlaced video the first field of a
-    frame is read, its time the frame's, and with `read_fields` the second as well, half a frame period later. The rows
-    between are made by FFmpeg's bwdif: from the other fields where nothing moves, else from the rows beside.
+    ``constant_rate``, ``interlaced``, ``on_its_side`` (its rows are shown as columns: a phone held upright). Where
+    the rate is not constant, as phones film, the index of a frame is its number. Stamps that tremble about a constant
+    rate are of a constant rate. Of interlaced video the first field of a frame is read, its time the frame's, and with
+    `read_fields` the second as well, half a frame period later. The rows between are made by FFmpeg's bwdif: from the
+    other fields where nothing moves, else from the rows beside.
 
     Raises PzcapError if the file is missing, is no video, is empty or truncated, if its pixels are not square, and for
     sizes beyond `pzcap.io.limits`.
@@ -72,8 +73,9 @@ class VideoReader:
         self.times_s, self.indices = shown.times_s, shown.indices
         self.frame_rate, self.constant_rate = shown.rate, shown.constant
         self._quarter_turns = self._turned()
+        self.on_its_side = self._quarter_turns % 2 == 1
         size = stream.codec_context.width, stream.codec_context.height
-        self.width, self.height = size[::-1] if self._quarter_turns % 2 else size
+        self.width, self.height = size[::-1] if self.on_its_side else size
 
     def __iter__(self) -> Iterator[tuple[int, Image]]:
         return self.read()

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pzcap.command.check.motion_check import check_shutter
 from pzcap.imaging.comb import comb_of, comb_px
 from pzcap.types import Array, Image
-from tests.scenes.recorders import encode
+from tests.scenes.recorders import TURNS, encode, flag
 
 WIDTH, HEIGHT = 320, 240
 
@@ -77,6 +77,7 @@ def test_a_file_that_does_not_say_it_is_found_by_check_which_tells_how_to_say_it
     silent = encode(tmp_path / "motion.mp4", pictures, Fraction(25))
     shutter, findings = check_shutter("1", silent)
     assert shutter.interlaced
+    assert not any("held upright" in each.text for each in findings)
     [finding] = [each for each in findings if "interlaced" in each.text]
     order = finding.text.partition("-x264-params ")[2].split()[0]
     assert order == ("tff=1", "bff=1")[first]
@@ -84,3 +85,11 @@ def test_a_file_that_does_not_say_it_is_found_by_check_which_tells_how_to_say_it
     shutter, findings = check_shutter("1", told)
     assert shutter.interlaced
     assert not any("interlaced" in each.text for each in findings)
+
+
+def test_a_phone_that_was_held_upright_is_found_by_check(tmp_path: Path) -> None:
+    lying = [np.repeat(each[..., None], 3, axis=2) for each in panned(5, 14, 3.0, None)]
+    stored = [np.ascontiguousarray(np.rot90(each)) for each in lying]
+    path = flag(encode(tmp_path / "motion.mp4", stored, Fraction(25)), TURNS[90])
+    [finding] = check_shutter("1", path)[1]
+    assert "held upright" in finding.text

@@ -108,6 +108,7 @@ def test_pictures_are_turned_as_every_player_turns_them(degrees: int, tmp_path: 
     path = flag(encode(tmp_path / "motion.mp4", stored, RATE), TURNS[degrees])
     reader = VideoReader(path)
     assert (reader.width, reader.height) == (64, 48)
+    assert reader.on_its_side == (degrees in (90, 270))
     for (_, image), wanted in zip(reader, shown, strict=True):
         assert image.shape == wanted.shape
         assert np.abs(image.astype(float) - wanted).max() < 6

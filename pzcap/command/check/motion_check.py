@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pzcap.camera_notes import ON_ITS_SIDE
 from pzcap.command.check.findings import Finding, Level
 from pzcap.command.check.forecast import Shutter
 from pzcap.command.check.sweep_check import MAINS, Sweep
@@ -139,8 +140,8 @@ def check_ranges(camera: str, places: Places, sweep: Sweep, run: ZoomRun, full_t
 
 
 def check_shutter(camera: str, path: Path) -> tuple[Shutter, list[Finding]]:
-    """Shutter of a camera, and findings where bands of light lie over its rows, or they are of two instants though
-    the file does not say so."""
+    """Shutter of a camera, and findings where bands of light lie over its rows, where these are of two instants though
+    the file does not say so, or are shown as columns."""
     reader = VideoReader(path)
     start = int(reader.indices[len(reader.indices) // 2])
     pictures, combs_px = [], []  # small: forty of 4K are a gigabyte
@@ -155,6 +156,8 @@ def check_shutter(camera: str, path: Path) -> tuple[Shutter, list[Finding]]:
     if shutter.banded:
         change = f"{100 * flicker:.0f} %"
         texts.append(f"light lies over it in bands, which change by {change} from picture to picture; {MAINS}")
+    if reader.on_its_side:
+        texts.append(ON_ITS_SIDE)
     if comb is not None and woven:
         texts.append(
             "odd and even rows are of two instants: it is interlaced video, and the file does not say so; copy the "
