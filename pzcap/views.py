@@ -22,7 +22,7 @@ from pzcap.localisation.fields import expected_second
 from pzcap.localisation.localise import Localiser
 from pzcap.localisation.readout import History, Readout, Sway, rate_between
 from pzcap.localisation.rectification import upright_views
-from pzcap.localisation.repetition import carried_on, known_less_surely, repeated_share
+from pzcap.localisation.repetition import Pictures, carried_on, known_less_surely, moved_px
 from pzcap.runtime import give_back
 from pzcap.segmentation.foreground import Expected, ForegroundConfig, separate
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
@@ -115,12 +115,10 @@ class ViewLocaliser:
 
     def _as_new_as(self, found: Localisation, history: History, index: int, picture: Image) -> Localisation:
         """A frame that was ``found`` after the ``history``, less sure the more its ``picture`` is the one before."""
-        before, self._before[index] = self._before[index], picture
-        if before is None or not found.valid:
-            return found
-        last, expected = history.last, history.predicted()
+        last, expected, width = history.last, history.predicted(), picture.shape[1]
         change = np.zeros(2) if last is None or expected is None else rate_between(last, expected)
-        return known_less_surely(found, change, repeated_share(picture, before), picture.shape[1])
+        share = self._pictures[index].repeated_share(picture, moved_px(change, found.focal_px, width))
+        return known_less_surely(found, change, share, width) if found.valid else found
 
     def _start(self, frame: int, index: int) -> Localisation | None:
         """The prior of a frame of a camera that was found looking ahead."""
@@ -136,7 +134,7 @@ class ViewLocaliser:
         """Forget the frames so far: the next one is the first."""
         beliefs = self._config.beliefs
         sway = np.full(2, np.deg2rad(beliefs.sway_deg) ** 2)
-        self._before: list[Image | None] = [None for _ in self._heads]  # the grey picture that came last
+        self._pictures = [Pictures() for _ in self._heads]
         self.histories = [
             None if head is None
             else History(Readout.of(head, float(self._frame_rate), beliefs.readout), Sway(head.tilt_rad, sway))

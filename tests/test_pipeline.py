@@ -97,7 +97,8 @@ def test_the_body_has_its_say_about_the_cameras(reconstruction: Reconstruction) 
         assert np.all(np.abs(off) < sigma)
         # a frame alone is never believed to better than 1e-7 rad
         assert np.all(refined.covariance[1:, 0, 0] < track.covariance[1:, 0, 0] + 2e-14)
-        assert np.all(refined.covariance[1:, 0, 0] > 0.5 * track.covariance[1:, 0, 0])
+        # the body has more to say of a frame that a codec has repeated in part
+        assert np.all(refined.covariance[1:, 0, 0] > 0.4 * track.covariance[1:, 0, 0])
 
 
 @pytest.mark.xdist_group("pipeline")

@@ -16,30 +16,58 @@ import numpy as np
 
 from pzcap.geometry.camera import wrapped
 from pzcap.localisation.tuning import REPETITION
-from pzcap.types import Array, Image, Localisation
+from pzcap.types import Array, Image, Localisation, Mask
 
 
-def repeated_share(grey: Image, before: Image) -> float:
-    """Share of a picture (H, W) that is the picture ``before``: of its blocks, those whose pixels are the same to a
-    grey level, each by how steep it is across. What is flat, as a lamp that outshines all, tells of no place."""
+class Pictures:
+    """The picture that came last of a camera, and where the camera writes over its pictures, a date or its name: what
+    stays there while it turns is no repetition."""
+
+    def __init__(self) -> None:
+        self._last: Image | None = None
+        self._turned = 0  # pictures so far in which the camera turned or zoomed,
+        self._stayed = np.zeros((1, 1), np.int64)  # and in how many of them each block stayed
+
+    def repeated_share(self, grey: Image, change_px: float) -> float:
+        """Share of the picture (H, W) that comes next that is the one before: of its blocks, those whose pixels are the
+        same to a grey level, each by how steep it is across, since what is flat tells of no place. ``change_px``: by
+        how much it should have moved."""
+        before, self._last = self._last, grey
+        if before is None:
+            return 0.0
+        same, weight = _blocks(grey, before)
+        if change_px > REPETITION.missed_px:
+            self._turned, self._stayed = self._turned + 1, self._stayed + same
+            if self._turned < REPETITION.turned:  # who knows what is written there
+                return 0.0
+        weight = np.where(self._stayed > max(REPETITION.stayed * self._turned, 1), 0.0, weight)
+        return float(weight[same].sum() / max(float(weight.sum()), 1e-9))
+
+
+def _blocks(grey: Image, before: Image) -> tuple[Mask, Array]:
+    """Which blocks (h, w) are the same in two pictures, and their weights, from 0 where they are flat to 1."""
     block = REPETITION.block_px
     height, width = (size // block * block for size in grey.shape)
     grey, before = grey[:height, :width], before[:height, :width]
     changed = cv2.absdiff(grey, before) > REPETITION.levels
-    same = ~changed.reshape(height // block, block, width // block, block).any(axis=(1, 3))
+    same = np.logical_not(changed.reshape(height // block, block, width // block, block).any(axis=(1, 3)))
     slope = np.pad(cv2.absdiff(grey[:, 1:], grey[:, :-1]), ((0, 0), (0, 1))).astype(np.float32)
     steep = cv2.resize(slope * slope, (width // block, height // block), interpolation=cv2.INTER_AREA)
-    return float(steep[same].sum() / max(float(steep.sum()), 1e-9))
+    return np.asarray(same, np.bool_), np.asarray(steep / (steep + REPETITION.steep**2), np.float64)
 
 
 def known_less_surely(found: Localisation, change: Array, share: float, width: int) -> Localisation:
     """A frame that was ``found``, of whose picture a ``share`` is repeated: that is shifted, and its edges are, by a
     part of a pixel that nobody knows. Where pan and log focal were to ``change`` (2,) by more than a codec passes over,
     the picture is the one before, encoded once more, and has `missed` that."""
-    by_pixel = np.array([1.0 / found.focal_px, 1.0 / (width / 2)])
-    shifted = share * np.diag((REPETITION.sigma_px * by_pixel) ** 2)
-    is_old = share > REPETITION.most and float(np.hypot(*(change / by_pixel))) > REPETITION.missed_px
+    shifted = share * np.diag([REPETITION.sigma_px / found.focal_px, REPETITION.sigma_px / (width / 2)]) ** 2
+    is_old = share > REPETITION.most and moved_px(change, found.focal_px, width) > REPETITION.missed_px
     return replace(found, covariance=found.covariance + shifted, missed=change if is_old else np.zeros(2))
+
+
+def moved_px(change: Array, focal_px: float, width: int) -> float:
+    """Pixels by which a ``change`` (2,) of pan and log focal moves a picture, and its edges."""
+    return float(np.hypot(change[0] * focal_px, change[1] * width / 2))
 
 
 def carried_on(found: Localisation) -> Localisation:

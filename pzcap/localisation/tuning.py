@@ -113,6 +113,12 @@ class RepetitionTuning(NamedTuple):
     block_px: int = 8
     levels: int = 1
     """Grey levels by which no pixel of a repeated block has changed."""
+    steep: float = 10.0
+    """Grey levels from a pixel to the next, root mean square, of a block that counts half."""
+    turned: int = 3
+    """Pictures in which the camera turns until it is known what is written over them:"""
+    stayed: float = 0.6
+    """blocks that stay in a larger share of them."""
     sigma_px: float = 0.4
     """Pixels, standard deviation by which a picture that is repeated as a whole is off where nothing was changing."""
     most: float = 0.3

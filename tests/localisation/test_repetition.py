@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from itertools import pairwise
 
 import av
 import numpy as np
@@ -44,7 +43,8 @@ def decoded(pictures: list[Image], crf: int) -> list[Image]:
 
 
 def shares(pictures: list[Image]) -> Array:
-    return np.array([repetition.repeated_share(one, before) for before, one in pairwise(pictures)])
+    seen = repetition.Pictures()
+    return np.array([seen.repeated_share(picture, 0.0) for picture in pictures])[1:]
 
 
 def taken(shift_px: Array) -> list[Image]:
@@ -74,17 +74,28 @@ def test_the_more_is_lost_the_more_is_repeated() -> None:
 def test_a_block_counts_by_how_steep_it_is(row: int, column: int) -> None:
     before = hall(0.0, np.random.default_rng(2)).clip(2, 253)
     picture = before + np.uint8(1)  # a grey level is what a filter between blocks may change
-    assert repetition.repeated_share(picture, before) == pytest.approx(1.0)
+    assert shares([before, picture]) == pytest.approx(1.0)
     picture[8 * row + 3, 8 * column + 3] ^= 8
     steep = np.square(np.diff(picture.astype(float), axis=1, append=picture[:, -1:]))
-    own = steep[8 * row : 8 * row + 8, 8 * column : 8 * column + 8].sum()
-    assert repetition.repeated_share(picture, before) == pytest.approx(1.0 - own / steep.sum(), abs=1e-5)
+    steep = steep.reshape(HEIGHT // 8, 8, WIDTH // 8, 8).mean(axis=(1, 3))
+    weight = steep / (steep + REPETITION.steep**2)
+    assert shares([before, picture]) == pytest.approx(1.0 - weight[row, column] / weight.sum(), abs=1e-5)
+
+
+def test_what_a_camera_writes_over_its_pictures_is_no_repetition() -> None:
+    pictures, seen = taken(4.0 * np.arange(8.0)), repetition.Pictures()
+    date = np.where(np.random.default_rng(7).random((24, 160)) < 0.5, 0, 255)
+    for picture in pictures:
+        picture[8:32, 80:240] = date
+    assert shares(pictures).min() > 0.2  # a twentieth of the picture, and the steepest of it
+    assert max(seen.repeated_share(picture, 4.0) for picture in pictures) == 0.0
+    assert seen.repeated_share(pictures[-1], 4.0) > 0.99
 
 
 def test_a_lamp_that_outshines_all_is_not_taken_for_repeated() -> None:
     first, second = taken(np.array([0.0, 3.0]))
     first[40:200, 100:260] = second[40:200, 100:260] = 255
-    assert repetition.repeated_share(second, first) == 0.0
+    assert shares([first, second]) == 0.0
 
 
 def known(share: float, change: Array) -> Localisation:
