@@ -19,6 +19,7 @@ from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.frame_slips import FrameOffsets, repeated_pictures, slip_notes
 from pzcap.imaging.comb import comb_px
 from pzcap.io.capture import FrameSets
+from pzcap.localisation.repetition import confirmed
 from pzcap.plausibility import (
     SeenKeyframe,
     SeenViews,
@@ -79,7 +80,7 @@ class Gathered:
 
     def tracks(self, calibrated: Sequence[CalibratedCamera | None]) -> tuple[PanZoomTrack | None, ...]:
         """Pan and zoom of each camera over the frames."""
-        return panzoom_tracks(calibrated, self._located)
+        return panzoom_tracks(calibrated, self._confirmed())
 
     def never_located(
         self, tracks: Sequence[PanZoomTrack | None], localise: ViewLocaliser,
@@ -101,13 +102,17 @@ class Gathered:
         return [
             *(f"camera {name}: {ON_ITS_SIDE}" for name, on_its_side in sides if on_its_side),
             *filter(None, (woven_motion(files, own, track) for files, own, track in found)),
-            *repeated_pictures(self._located, self.names, self._sets.timecodes),
+            *repeated_pictures(self._confirmed(), self.names, self._sets.timecodes),
         ]
 
     def _missed(self, camera: int) -> Array:
         """(F, 2) changes of pan and log focal that a camera's pictures have `missed`."""
-        seen = (views[camera] for views in self._located)
+        seen = (views[camera] for views in self._confirmed())
         return np.array([np.zeros(2) if one is None else one.missed for one in seen])
+
+    def _confirmed(self) -> list[tuple[Localisation | None, ...]]:
+        """The views of each frame, as those after it bear them out."""
+        return list(zip(*map(confirmed, zip(*self._located, strict=True)), strict=True))
 
     def contradictions(self, tracks: Sequence[PanZoomTrack | None]) -> list[str]:
         """Notes on what in the keyframes' views contradicts the crew's papers, and on frames that a camera lost."""

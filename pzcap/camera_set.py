@@ -284,8 +284,8 @@ def _panzoom_track(history: Sequence[Localisation | None]) -> PanZoomTrack:
 def panzoom_tracks(
     calibrated: Sequence[CalibratedCamera | None], located: Sequence[tuple[Localisation | None, ...]]
 ) -> tuple[PanZoomTrack | None, ...]:
-    """Pan and zoom of each camera over the frames, interlaced ones by both fields, and where its
-    pictures stand still, carried on; None where it was not calibrated."""
+    """Pan and zoom of each camera over the frames, of interlaced ones by both fields, carried on where a picture is
+    shown twice; None where it was not calibrated."""
     histories = zip(*located, strict=True) if located else ((),) * len(calibrated)
     return tuple(
         _panzoom_track([found and carried_on(found) for found in by_both_fields(history)]) if one else None

@@ -22,7 +22,7 @@ from pzcap.localisation.fields import expected_second
 from pzcap.localisation.localise import Localiser
 from pzcap.localisation.readout import History, Readout, Sway, rate_between
 from pzcap.localisation.rectification import upright_views
-from pzcap.localisation.repetition import Pictures, carried_on, known_less_surely, moved_px
+from pzcap.localisation.repetition import Pictures, as_shown, carried_on, known_less_surely, moved_px, stood_still
 from pzcap.runtime import give_back
 from pzcap.segmentation.foreground import Expected, ForegroundConfig, separate
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
@@ -118,6 +118,8 @@ class ViewLocaliser:
         last, expected, width = history.last, history.predicted(), picture.shape[1]
         change = np.zeros(2) if last is None or expected is None else rate_between(last, expected)
         share = self._pictures[index].repeated_share(picture, moved_px(change, found.focal_px, width))
+        if last is not None and last.missed.any():  # that was shown twice, or the camera has stopped
+            change = np.zeros(2)
         return known_less_surely(found, change, share, width) if found.valid else found
 
     def _start(self, frame: int, index: int) -> Localisation | None:
@@ -201,9 +203,18 @@ class ViewLocaliser:
             if later.valid:
                 there = np.array([later.pan_rad, np.log(later.focal_px)])
                 localisation = replace(localisation, second_field=there)
-        self.histories[index] = history.followed_by(carried_on(localisation), prior)
+        self.histories[index] = _corrected(history, localisation).followed_by(carried_on(localisation), prior)
         share = history.readout.share
         return replace(localisation, readout=share), None if later is None else replace(later, readout=share)
+
+
+def _corrected(history: History, found: Localisation) -> History:
+    """A ``history``, its last frame where its picture shows it if the camera had stopped there, as the next frame that
+    was ``found`` tells."""
+    last = history.last
+    if last is None or not last.missed.any() or not found.valid or not stood_still(as_shown(last), last.missed, found):
+        return history
+    return history._replace(seen=(*history.seen[:-1], as_shown(last)))
 
 
 def segment_views(

@@ -122,3 +122,22 @@ def test_a_picture_that_repeats_the_one_before_is_less_sure(monkeypatch: pytest.
         assert found is not None
         sigmas.append(np.sqrt(found.covariance[0, 0]) * found.focal_px)
     assert sigmas[0] > 0.9 * REPETITION.sigma_px > sigmas[1]
+
+
+def test_a_camera_that_stops_is_said_to_have_missed_a_change_for_one_frame_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tests.test_views.FOUND", 0)
+    localise, (frames,) = localising(None), Footage(1).between(0, 1)
+    edges = np.tile(np.arange(8, dtype=np.uint8) % 2 * 100, (8, 1))[..., None].repeat(3, axis=2)
+    missed, pans = [], []
+    for index, number in enumerate([0, 10, 20, 30, 40, 50, 50, 50, 50, 50]):  # 6 pixels a frame, then none
+        picture = edges.copy()
+        picture[0, 0] = number
+        found = localise(replace(frames, index=index, images=(picture,) * 4), None).localisations[0]
+        assert found is not None
+        missed.append(bool(found.missed.any()))
+        expected = localise.histories[0].predicted() if localise.histories[0] else None
+        pans.append(0.0 if expected is None else expected.pan_rad / TURN_RAD)
+    assert missed == [False] * 6 + [True] + [False] * 3
+    np.testing.assert_allclose(pans[-3:], 50.0, atol=1e-6)

@@ -9,7 +9,9 @@ of a picture is no news.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -75,6 +77,33 @@ def carried_on(found: Localisation) -> Localisation:
     pan_rad, focal_px = found.pan_rad + found.missed[0], found.focal_px * np.exp(found.missed[1])
     covariance = found.covariance + covariance_of(found.missed)
     return replace(found, pan_rad=float(wrapped(pan_rad)), focal_px=float(focal_px), covariance=covariance)
+
+
+def as_shown(carried: Localisation) -> Localisation:
+    """A frame that was `carried_on`, as its picture shows it."""
+    pan_rad, focal_px = carried.pan_rad - carried.missed[0], carried.focal_px * np.exp(-carried.missed[1])
+    covariance = carried.covariance - covariance_of(carried.missed)
+    return replace(
+        carried, pan_rad=float(wrapped(pan_rad)), focal_px=float(focal_px), covariance=covariance, missed=np.zeros(2)
+    )
+
+
+def stood_still(shown: Localisation, missed: Array, after: Localisation) -> bool:
+    """True if a camera had stopped in a frame, ``shown`` by its picture, that is said to have ``missed`` (2,) a change:
+    the frame ``after`` is there still, and not where two such changes lead."""
+    change = np.array([float(wrapped(after.pan_rad - shown.pan_rad)), np.log(after.focal_px / shown.focal_px)])
+    return float(change @ missed) < float(missed @ missed)
+
+
+def confirmed(frames: Sequence[Localisation | None]) -> list[Localisation | None]:
+    """Frames one after the other, without the changes that were `missed` where the camera had stopped."""
+    out = list(frames)
+    for number, (one, after) in enumerate(pairwise(frames)):
+        if one is None or after is None or not after.valid or not one.missed.any():
+            continue
+        if stood_still(one, one.missed, after):
+            out[number] = replace(one, missed=np.zeros(2))
+    return out
 
 
 def covariance_of(missed: Array) -> Array:

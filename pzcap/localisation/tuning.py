@@ -121,7 +121,7 @@ class RepetitionTuning(NamedTuple):
     """blocks that stay in a larger share of them."""
     sigma_px: float = 0.4
     """Pixels, standard deviation by which a picture that is repeated as a whole is off where nothing was changing."""
-    most: float = 0.3
+    most: float = 0.2
     """Share from which on a picture is taken for the one before, encoded once more,"""
     missed_px: float = 2.0
     """where it should have moved by more pixels than this: no codec passes over so many."""

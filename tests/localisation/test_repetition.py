@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import av
 import numpy as np
@@ -124,3 +125,23 @@ def test_one_that_shows_the_frame_before_has_missed_what_was_to_change(change: t
     np.testing.assert_array_equal(known(0.9, move).covariance, known(0.9, np.zeros(2)).covariance)
     assert not known(0.1, move).missed.any()  # flat parts of a hall
     assert not known(0.9, 0.2 * move).missed.any()  # a codec may have done that
+
+
+@pytest.mark.parametrize(("after", "stopped"), [(0.0, True), (0.2, True), (2.0, False), (1.7, False)])
+def test_the_next_frame_tells_a_camera_that_stopped_from_a_picture_shown_twice(after: float, stopped: bool) -> None:
+    change = np.array([5.0 / FOCAL_PX, 0.002])
+    shown, move = known(0.9, change), after * change
+    later = replace(known(0.0, change), pan_rad=shown.pan_rad + move[0], focal_px=FOCAL_PX * float(np.exp(move[1])))
+    (one, _) = repetition.confirmed([shown, later])
+    assert one is not None
+    assert one.missed.any() != stopped
+    assert repetition.confirmed([shown, None])[0] is shown
+
+
+def test_a_frame_that_was_carried_on_can_be_brought_back() -> None:
+    shown = known(0.9, np.array([5.0 / FOCAL_PX, -0.002]))
+    carried = repetition.carried_on(shown)
+    back = repetition.as_shown(carried)
+    assert carried.pan_rad == pytest.approx(shown.pan_rad + 5.0 / FOCAL_PX)
+    assert (back.pan_rad, back.focal_px) == pytest.approx((shown.pan_rad, shown.focal_px))
+    np.testing.assert_allclose(back.covariance, shown.covariance, atol=1e-15)
