@@ -161,7 +161,7 @@ def _advice(material: Material) -> tuple[list[int], int | None]:
 
 
 def _remark(by_key: Mapping[str, Metric], key: str) -> str:
-    """A sentence on a figure that this run has only once."""
+    """A sentence on what a figure of this run holds that the next one's will not; "" if there is nothing."""
     compiling = by_key.get("speed.compiling")
     if key != "speed.fps" or compiling is None or not compiling.value:
         return ""
