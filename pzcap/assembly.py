@@ -107,7 +107,7 @@ class Gathered:
 
     def _missed(self, camera: int) -> Array:
         """(F, 2) changes of pan and log focal that a camera's pictures have `missed`."""
-        seen = (views[camera] for views in self._confirmed())
+        seen = confirmed([views[camera] for views in self._located])
         return np.array([np.zeros(2) if one is None else one.missed for one in seen])
 
     def _confirmed(self) -> list[tuple[Localisation | None, ...]]:

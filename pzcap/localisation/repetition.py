@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from pzcap.geometry.camera import wrapped
+from pzcap.localisation.readout import rate_between
 from pzcap.localisation.tuning import REPETITION
 from pzcap.types import Array, Image, Localisation, Mask
 
@@ -47,7 +48,7 @@ class Pictures:
 
 
 def _blocks(grey: Image, before: Image) -> tuple[Mask, Array]:
-    """Which blocks (h, w) are the same in two pictures, and their weights, from 0 where they are flat to 1."""
+    """Blocks (h, w) that are the same in two pictures, and the weights of all, from 0 where they are flat to 1."""
     block = REPETITION.block_px
     height, width = (size // block * block for size in grey.shape)
     grey, before = grey[:height, :width], before[:height, :width]
@@ -91,8 +92,7 @@ def as_shown(carried: Localisation) -> Localisation:
 def stood_still(shown: Localisation, missed: Array, after: Localisation) -> bool:
     """True if a camera had stopped in a frame, ``shown`` by its picture, that is said to have ``missed`` (2,) a change:
     the frame ``after`` is there still, and not where two such changes lead."""
-    change = np.array([float(wrapped(after.pan_rad - shown.pan_rad)), np.log(after.focal_px / shown.focal_px)])
-    return float(change @ missed) < float(missed @ missed)
+    return float(rate_between(shown, after) @ missed) < float(missed @ missed)
 
 
 def confirmed(frames: Sequence[Localisation | None]) -> list[Localisation | None]:
