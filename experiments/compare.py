@@ -8,6 +8,7 @@
     python -m experiments.compare burden seed=0                         # what each thing that a crew brings is worth
     python -m experiments.compare forecast seed=0                       # what `pzcap check` foresees, what is reached
     python -m experiments.compare wrong_footage seed=0                  # is what is wrong with a capture named?
+    python -m experiments.compare treated_footage seed=0                # dates, bars, filters: what each costs
     python -m experiments.compare peers every=10 methods=[ours,sift]    # other ways to pan and zoom, docs/peers.md
     python -m experiments.compare self_calibration seed=0               # against three self-calibrations
 
@@ -38,8 +39,8 @@ from experiments.terminal import terminal
 from pzcap.types import PzcapError
 
 NAMES: Final = (
-    "ablation", "operators", "keypoints", "detectors", "burden", "fixed_tools", "forecast", "wrong_footage", "peers",
-    "self_calibration",
+    "ablation", "operators", "keypoints", "detectors", "burden", "fixed_tools", "forecast", "wrong_footage",
+    "treated_footage", "peers", "self_calibration",
 )  # fmt: skip
 
 
