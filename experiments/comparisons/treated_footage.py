@@ -5,8 +5,8 @@
 
 Every file is decoded, treated and encoded anew, so that ``copied``, which is encoded anew and nothing else, is what
 the others are compared with. Cameras are calibrated from the treated files. ``notes`` counts the notes that the footage
-does not raise as it was shot; they are in said.txt. Focal lengths and covariances are not compared where pictures
-change their size.
+does not raise as it was shot; they are in said.txt. Of pictures that show things larger, smaller or
+elsewhere than the lens had them the truth does not know the focal lengths, or the pan.
 """
 
 from __future__ import annotations
@@ -36,6 +36,12 @@ from sim.capture_writer import write_video
 from sim.truth import Truth
 
 SAID: Final = "said.txt"
+PAN: Final = Column("panzoom.pan.rms", "pan deg", "deg", "{:.2g}")
+FOCAL: Final = Column("panzoom.focal.rms", "focal %", "%", "{:.2g}")
+LOST_VIEWS: Final = Column("panzoom.lost", "views lost", "views", "{:.0f}")
+NEES: Final = Column("panzoom.nees", "NEES", "1", "{:.1f}")
+OF_SIZE: Final = (FOCAL.key, NEES.key)
+"""What is not compared where things come out larger or smaller than the lens had them."""
 CRF: Final = 16
 """x264's, of what is encoded anew: an editor's usual export."""
 NOISE: Final = 12.0
@@ -46,6 +52,13 @@ HELD_PX: Final = 8.0
 """How far a stabiliser shifts a picture at most, and the margin that it cuts off for it."""
 RECENTRED: Final = 0.1
 """Share of its shift that it gives up with each frame."""
+
+FLASH_EVERY: Final = 15
+"""Pictures from a flash to the next."""
+HUNTING_EVERY: Final = 60
+"""Pictures from where focus is lost to where it is lost again."""
+BLUR_PX: Final = 3.0
+"""Standard deviation of the blur where focus is furthest off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +78,7 @@ class Treatment:
     treat: Callable[[Iterator[Image]], Iterator[Image]]  # the pictures of one file
     camera: int | None = None  # which is treated; None: all
     only: str | None = None  # file of `FOOTAGE` that is treated; None: all
+    not_compared: tuple[str, ...] = ()  # keys of columns in which the truth is of other pictures
     crf: int = CRF
 
 
@@ -164,18 +178,39 @@ def stabilised(pictures: Iterator[Image]) -> Iterator[Image]:
         yield _moved(image, place)
 
 
+def flashed(pictures: Iterator[Image]) -> Iterator[Image]:
+    """Somebody's flash in one picture of fifteen: a band of rows, since the shutter rolls, twice as bright."""
+    for number, image in enumerate(pictures):
+        if number % FLASH_EVERY == FLASH_EVERY - 1:
+            height, image = len(image), image.copy()
+            band = slice(number * height // 40 % height, None)
+            image[band] = np.minimum(2 * image[band].astype(np.uint16), 255)
+        yield image
+
+
+def hunting(pictures: Iterator[Image]) -> Iterator[Image]:
+    """Focus lost and found again in the first third of each two seconds."""
+    for number, image in enumerate(pictures):
+        lost = float(np.sin(np.pi * min(number % HUNTING_EVERY / (HUNTING_EVERY / 3), 1.0)))
+        yield image if lost < 0.05 else np.asarray(cv2.GaussianBlur(image, (0, 0), BLUR_PX * lost), np.uint8)
+
+
 TREATMENTS: Final = (
     Treatment("copied", "encoded anew", iter),
-    Treatment("date", "date, name and red light in them", with_date),
+    Treatment("date", "a date, a name and a red light in them", with_date),
     Treatment("bars", "black bars on either side", pictured(with_bars)),
     Treatment("sharpened", "sharpened", pictured(sharpened)),
-    Treatment("graded", "contrast curve", pictured(graded)),
+    Treatment("graded", "a curve of more contrast", pictured(graded)),
     Treatment("noise_filter", "noise filtered over time", less_noisy),
-    Treatment("stabilised", "stabiliser left on", stabilised),
-    Treatment("messenger", "two thirds as large, crf 30: a messenger's", pictured(scaled(2.0 / 3.0)), crf=30),
-    Treatment("enlarged", "half again as large", pictured(scaled(1.5))),
-    Treatment("cut_closer", "motion cut closer, by 1.1", pictured(closer(1.1)), only="motion"),
-    Treatment("another_size", "camera 2 two thirds as large", pictured(scaled(2.0 / 3.0)), camera=1),
+    Treatment("flashes", "flashes in the motion", flashed, only="motion"),
+    Treatment("hunting", "focus of camera 1 hunts in the motion", hunting, camera=0, only="motion"),
+    Treatment("stabilised", "a stabiliser left on", stabilised, not_compared=(PAN.key, *OF_SIZE)),
+    Treatment("messenger", "two thirds as large, crf 30, by a messenger", pictured(scaled(2 / 3)), crf=30,
+              not_compared=OF_SIZE),
+    Treatment("enlarged", "half again as large", pictured(scaled(1.5)), not_compared=OF_SIZE),
+    Treatment("cut_closer", "the motion cut closer, by 1.1", pictured(closer(1.1)), only="motion",
+              not_compared=OF_SIZE),
+    Treatment("another_size", "camera 2 two thirds as large", pictured(scaled(2 / 3)), camera=1, not_compared=OF_SIZE),
 )  # fmt: skip
 
 
@@ -189,7 +224,7 @@ def compare(config: TreatedFootageConfig, folder: Path, console: Console) -> Ite
     with Bars(console) as bars:
         capture, truth = scored_capture(config, bars.update)
         usual = reconstruct(capture, config.reconstruct, bars.update)
-        yield Row("as_shot", "as it was shot", _figures(usual, capture, truth))
+        yield Row("as_shot", "as it was shot", _figures(usual, truth))
         for treatment in TREATMENTS:
             if config.treatments and treatment.key not in config.treatments:
                 continue
@@ -211,7 +246,7 @@ def _tried(
             found = reconstruct(treated, config.reconstruct, labelled(bars.update, treatment.label))
         except PzcapError as error:
             return {"notes": 1.0}, [str(error)]
-        figures = _figures(found, treated, truth)
+        figures = {key: each for key, each in _figures(found, truth).items() if key not in treatment.not_compared}
     raised = {_without_figures(note) for note in usual.notes}
     notes = [note for note in found.notes if _without_figures(note) not in raised]
     return {**figures, "notes": float(len(notes))}, notes
@@ -246,21 +281,9 @@ def _treated(treatment: Treatment, files: CameraFiles, folder: Path) -> CameraFi
     return replace(files, **changed)
 
 
-PAN: Final = Column("panzoom.pan.rms", "pan deg", "deg", "{:.2g}")
-FOCAL: Final = Column("panzoom.focal.rms", "focal %", "%", "{:.2g}")
-LOST_VIEWS: Final = Column("panzoom.lost", "views lost", "views", "{:.0f}")
-NEES: Final = Column("panzoom.nees", "NEES", "1", "{:.1f}")
-OF_SIZE: Final = (FOCAL.key, NEES.key)
-"""What means nothing where the truth counts other pixels."""
-
-
-def _figures(found: Reconstruction, capture: Capture, truth: Truth) -> dict[str, float | None]:
+def _figures(found: Reconstruction, truth: Truth) -> dict[str, float | None]:
     scored = {metric.key: metric.value for metric in metrics(score(found, truth, None))}
-    figures = {column.key: scored[column.key] for column in COMPARISON.columns if column.key in scored}
-    sizes = [(VideoReader(files.motion).width, number) for number, files in enumerate(capture.cameras) if files.motion]
-    if any(width != truth.camera(number, 0).width for width, number in sizes):
-        figures = {key: value for key, value in figures.items() if key not in OF_SIZE}
-    return figures
+    return {column.key: scored[column.key] for column in COMPARISON.columns if column.key in scored}
 
 
 COMPARISON: Final[Comparison[Any]] = Comparison(
