@@ -77,15 +77,20 @@ def calibrate(
     Without a calibration object it stands levelled in a world of its own (`focal_from_sweep`), to be placed later.
     Raises PzcapError when the calibration object is not found or the sweep does not hold together.
     """
-    reference_image, calibration_object, sweep, zoom, full_turn, _ = footage
+    reference_image, calibration_object, sweep, zoom, all_round, _ = footage
     if calibration_object is None:
         first = _unplaced(camera_of_sweep(sweep, config))
     else:
         first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
-    matched = match(first.camera, reference_image, sweep, zoom, full_turn, config, report)
+    matched = match(first.camera, reference_image, sweep, zoom, all_round, config, report)
     if calibration_object is not None:
         matched = replace(matched, object_px=first.camera.focal_px)
     chained, count = matched.chained, len(matched.chained.pan_rad)
+    if calibration_object is None and not chained.full_turn:
+        raise PzcapError(
+            "sweep: it has a gap where nothing is seen twice, and without a calibration object nothing but a closed "
+            "circle tells the focal length; film a calibration object"
+        )
     fits = [_fit(matched, start, config, report) for start in _starts(matched, config)]
     (adjusted, brightness, fitted), undecided = _likeliest(fits, matched)
     model = fitted.parameters
@@ -102,7 +107,7 @@ def calibrate(
     size = refined.camera.width, refined.camera.height
     scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
     camera, surroundings = _in_metres(model, taken.pan_rad, refined.camera)
-    doubt = np.hypot(0.0 if full_turn else BELIEF.partial_scale_sigma, undecided)
+    doubt = np.hypot(0.0 if chained.full_turn else BELIEF.partial_scale_sigma, undecided)
     if calibration_object is not None:
         doubt = np.hypot(doubt, contradiction(first.camera.focal_px, taken.focal_px, size[0]))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
@@ -113,7 +118,7 @@ def calibrate(
     view = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     swept = stitching.SweptFrames(chained.images, chained.kept, brightness, view)
     pasted = stitching.stitch(
-        sweep, swept, sweep_pan_rad, full_turn, surroundings,
+        sweep, swept, sweep_pan_rad, chained.full_turn, surroundings,
         lambda done: report("paste sweep", done, 2 * count),
     )  # fmt: skip
     inliers = _sweep_inliers(adjusted, matched.links, count)

@@ -52,7 +52,7 @@ def match(
     view = View(0.0, 0.0, 0.0, camera.focal_px, camera.principal_px, NONE)
     chained = chain(sweep, view, full_turn, config.sweep, lambda done: report("match sweep", done, 0))
     count = len(chained.pan_rad)
-    sigmas = sigmas_of(camera, config.beliefs, full_turn, zoom=False)
+    sigmas = sigmas_of(camera, config.beliefs, chained.full_turn, zoom=False)
     coarse = adjust(first_values(view, chained.pan_rad), enough(chained.links), sigmas, iterations=6).parameters
     further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
     sweep_links = [*chained.links, *further]
@@ -81,7 +81,7 @@ def match(
         np.zeros(HIGHER), coarse.offset, 0.0, _floor_and_walls(coarse.view(0), width, height, 2),
     )  # fmt: skip
     others = [grey(image) for image in [reference_image, *zoomed]]
-    sigmas = sigmas_of(camera, config.beliefs, full_turn, bool(zoomed))
+    sigmas = sigmas_of(camera, config.beliefs, chained.full_turn, bool(zoomed))
     return Matched(chained, others, [number for number, _ in chosen], sweep_links, links, start, sigmas)
 
 

@@ -63,18 +63,20 @@ class Chain:
     pan_rad: Array  # (M,) from the displacements; the first frame's is 0
     links: tuple[Link, ...]
     closure_rad: float  # error of the chain over the full turn; 0 for a partial sweep
-    full_turn: bool
+    full_turn: bool  # the circle is closed
 
 
 def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, report: Callable[[int], None]) -> Chain:
-    """Match each frame of a sweep with the next, and the last with the first; ``view`` is a first guess, at pan 0.
+    """Match each frame of a sweep with the next, and the last with the first; ``view`` is a first guess, at pan 0. Of a
+    sweep with gaps the longest part.
 
-    Raises PzcapError where the sweep has a gap, or where a full turn does not close.
+    Raises PzcapError where a full turn does not close, or a sweep has a gap and no part of it is long enough.
     """
     found: list[Features] = []
     images: list[Image] = []
     kept: list[int] = []
     links: list[Link] = []
+    gaps: list[int] = []  # each after that frame
     pans = [0.0]
     for index, image in frames:
         report(index + 1)
@@ -89,22 +91,49 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
         found.append(detect(images[-1], config))
         last = len(kept) - 1
         if last > 0:
-            link = _link_to_next(found, last - 1, view, expected, len(links[-1].first_px) if links else 0, config)
+            before = len(links[-1].first_px) if links and last - 1 not in gaps else 0
+            link = _link_to_next(found, last - 1, view, expected, before, config)
             if link is None:
-                raise PzcapError(
-                    f"sweep: frames {kept[-2]} and {index} show nothing in common; pan more slowly, past texture"
-                )
-            links.append(link)
-            pans.append(pans[-1] + _turn(link, view))
+                gaps.append(last - 1)
+                pans.append(pans[-1] + (expected or 0.0))
+            else:
+                links.append(link)
+                pans.append(pans[-1] + _turn(link, view))
     if len(found) < 3:
         raise PzcapError(f"sweep: {len(found)} frames are too few; record the whole pan")
-    pan = np.array(pans)
-    closure = 0.0
-    if full_turn:
-        field = 2 * np.arctan(images[0].shape[1] / 2 / view.focal_px)
-        pan, closure, seam = _close(found, pan, view, field, config)
-        links.extend(seam)
-    return Chain(np.array(kept), tuple(images), tuple(found), pan, tuple(links), closure, full_turn)
+    chained = Chain(np.array(kept), tuple(images), tuple(found), np.array(pans), tuple(links), 0.0, False)
+    seam = _seam(chained, view, config) if full_turn else []
+    if gaps:
+        return _longest_part(chained, gaps, seam, view)
+    return _closed(chained, seam, view) if full_turn else chained
+
+
+def _longest_part(chained: Chain, gaps: Sequence[int], seam: Sequence[Link], view: View) -> Chain:
+    """The longest part of a sweep, across whose ``gaps``, each after a frame, nothing is seen twice: before a bare wall,
+    as a rule. There the circle does not close; beginning and end of a full turn are one part, by the links of their
+    ``seam``.
+
+    Raises PzcapError where all parts are short.
+    """
+    parts = np.split(np.arange(len(chained.kept)), np.array(gaps) + 1)
+    first, last, pan_rad = parts[0], parts[-1], chained.pan_rad.copy()
+    seam = [link for link in seam if link.first in first and link.second in last]
+    if seam:
+        pan_rad[first] += np.median([pan_rad[link.second] - pan_rad[link.first] - _turn(link, view) for link in seam])
+        parts = [np.concatenate([first, last]), *parts[1:-1]]
+    part = max(parts, key=lambda numbers: float(np.ptp(pan_rad[numbers])))
+    if np.ptp(pan_rad[part]) < FEATURES.least_part_rad:
+        before, after = chained.kept[gaps[0] : gaps[0] + 2]
+        raise PzcapError(f"sweep: frames {before} and {after} show nothing in common; pan more slowly, past texture")
+    place = {number: k for k, number in enumerate(part.tolist())}
+    links = [
+        replace(link, first=place[link.first], second=place[link.second])
+        for link in (*chained.links, *seam)
+        if link.first in place and link.second in place
+    ]
+    images, found = (tuple(each[number] for number in part) for each in (chained.images, chained.features))
+    pan_rad = pan_rad[part] - pan_rad[part[0]]
+    return Chain(chained.kept[part], images, found, pan_rad, tuple(links), 0.0, False)
 
 
 def _link_to_next(
@@ -122,8 +151,13 @@ def _link_to_next(
 
 
 def detect(image: Image, config: SweepConfig) -> Features:
-    """Features of a frame (H, W[, 3]) of sweep or zoom run, or of the reference image."""
-    return features.detect(grey(image), config.threshold, config.features, scales=FEATURES.few_scales)
+    """Features of a frame (H, W[, 3]) of sweep or zoom run, or of the reference image; fainter ones where it shows
+    few, as before a bare wall."""
+    image = grey(image)
+    found = features.detect(image, config.threshold, config.features, scales=FEATURES.few_scales)
+    if len(found) >= FEATURES.few:
+        return found
+    return features.detect(image, FEATURES.faint * config.threshold, config.features, scales=FEATURES.few_scales)
 
 
 def link_further(found: Sequence[Features], views: Sequence[View], width: int, config: SweepConfig) -> list[Link]:
@@ -168,12 +202,10 @@ def link_pan(
     return link.subset(agree) if agree.sum() >= config.min_matches else None
 
 
-def _close(
-    found: Sequence[Features], pan: Array, view: View, field: float, config: SweepConfig
-) -> tuple[Array, float, list[Link]]:
-    """Match the end of a full turn with its beginning: the pans, the closure error distributed over them; that error;
-    and the links across the seam."""
-    turn = float(np.sign(pan[-1])) * 2 * np.pi
+def _seam(chained: Chain, view: View, config: SweepConfig) -> list[Link]:
+    """Links across the seam of a full turn, between its beginning and its end."""
+    found, pan = chained.features, chained.pan_rad
+    field, turn = 2 * np.arctan(chained.images[0].shape[1] / 2 / view.focal_px), _full_turn(pan)
     apart = np.abs(pan[None, :] - pan[:, None] - turn)
     firsts, seconds = np.nonzero((apart < 0.75 * field) & (np.arange(len(pan))[:, None] < np.arange(len(pan))))
     order = np.argsort(apart[firsts, seconds], kind="stable")
@@ -181,19 +213,34 @@ def _close(
     misses: list[float] = []
     for which in order[:: max(1, len(order) // 40)]:
         first, second = int(firsts[which]), int(seconds[which])
-        chained = float(pan[second] - pan[first])
-        expected = chained - turn - float(np.median(misses)) if misses else None
+        chained_rad = float(pan[second] - pan[first])
+        expected = chained_rad - turn - float(np.median(misses)) if misses else None
         link = link_pan(found, first, second, view, expected, config)
         if link is not None and len(link.first_px) >= 2 * config.min_matches:
             seam.append(link)
-            misses.append(chained - turn - _turn(link, view))
+            misses.append(chained_rad - turn - _turn(link, view))
+    return seam
+
+
+def _closed(chained: Chain, seam: Sequence[Link], view: View) -> Chain:
+    """A full turn with the links of its ``seam``, the closure error distributed over the pans.
+
+    Raises PzcapError where there are none.
+    """
     if not seam:
         raise PzcapError(
             "sweep: its end does not show what its beginning showed, so the circle cannot close; "
             "pan a little more than a full turn, or say that it is a partial sweep"
         )
-    closure = float(np.median(misses))
-    return pan * (turn / (turn + closure)), closure, seam
+    pan, turn = chained.pan_rad, _full_turn(chained.pan_rad)
+    closure = float(np.median([pan[link.second] - pan[link.first] - turn - _turn(link, view) for link in seam]))
+    pan_rad, links = pan * (turn / (turn + closure)), (*chained.links, *seam)
+    return replace(chained, pan_rad=pan_rad, links=links, closure_rad=closure, full_turn=True)
+
+
+def _full_turn(pan_rad: Array) -> float:
+    """A turn the way that a sweep goes, at ``pan_rad`` (M,)."""
+    return float(np.sign(pan_rad[-1])) * 2 * np.pi
 
 
 def _turn(link: Link, view: View) -> float:

@@ -14,6 +14,14 @@ class FeatureTuning(NamedTuple):
     """Times the least number of matches that make a link: fewer near the pan that is expected may be chance."""
     sure_share: float = 0.5
     """Share of the matches of the link before: so may fewer. Where a pan turned back, 65 beside 800 were."""
+    few: int = 120
+    """Features of a frame; where it shows fewer, fainter ones are sought. Frames of a hall with things on its walls show
+    200 and more."""
+    faint: float = 0.1
+    """Times the usual threshold of their response."""
+    least_part_rad: float = 1.5
+    """That a part of a sweep between two gaps turns, at least, to be of use: with the field of view, what an athlete in
+    the middle of a hall is followed through."""
     least_agreed: float = 0.3
     """Share of the matches across a place of the sweep that agree with all others where it holds together. Seen: 0.94
     and more; 0.008 where it was torn."""
