@@ -33,7 +33,7 @@ from pzcap.events import (
 )
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.localisation.localise import Localiser
-from pzcap.plausibility import check_upright, object_of_other_shape
+from pzcap.plausibility import check_upright, object_of_other_shape, open_circle
 from pzcap.runtime import give_back, keep_heap_small, one_thread_each
 from pzcap.segmentation.foreground import ForegroundConfig
 from pzcap.starting_poses import body_to_track, body_tracker, track_input
@@ -172,7 +172,8 @@ def _calibrated(
     for files, camera in zip(capture.cameras, calibrated, strict=True):  # not as they come: notes stay in order
         if camera is not None and method is EXACT:
             contradicted = object_of_other_shape(files.name, camera) or focal_in_doubt(files.name, camera)
-            notes += filter(None, [contradicted or lens_moved(files.name, camera)])
+            gap = open_circle(files.name, camera) if capture.full_turn else None
+            notes += filter(None, [gap, contradicted or lens_moved(files.name, camera)])
     check_upright(calibrated)
     return calibrated
 

@@ -11,7 +11,7 @@ import numpy as np
 from pzcap.body.kinematics import joints
 from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
-from pzcap.geometry.camera import project
+from pzcap.geometry.camera import project, wrapped
 from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.body_size import BodySize, seen_sizes
 from pzcap.tuning import PLAUSIBILITY
@@ -40,6 +40,23 @@ def object_of_other_shape(name: str, calibrated: CalibratedCamera) -> str | None
     return (
         f"camera {name}: the calibration object's corners are {off_px:.1f} px from where object.json has them: it is "
         "of another object, or some lengths in it are wrong; measure it again"
+    )
+
+
+def open_circle(name: str, calibrated: CalibratedCamera) -> str | None:
+    """A note where the sweep of camera ``name``, said to go all the way round, has a gap."""
+    panorama = calibrated.panorama
+    if panorama.full_turn:
+        return None
+    pan_rad = np.sort(wrapped(panorama.sweep_pan_rad))
+    widths = np.diff(np.append(pan_rad, pan_rad[0] + 2.0 * np.pi))
+    right = int(np.argmax(widths))
+    ends_deg = np.rad2deg(wrapped(pan_rad[right] + np.array([0.0, widths[right]])))
+    from_deg, to_deg = (f"{abs(end):.0f} {'left' if end > 0.0 else 'right'}" for end in ends_deg)
+    return (
+        f"camera {name}: from {from_deg} to {to_deg} (degrees from the reference image) its sweep shows nothing twice, "
+        f"a bare wall or a blurred turn, and so does not close: focal lengths are known to "
+        f"{calibrated.camera.focal_sigma:.2%}; hang something up there, or turn more slowly"
     )
 
 

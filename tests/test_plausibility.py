@@ -32,6 +32,7 @@ from pzcap.plausibility import (
     lost_body,
     object_of_another_size,
     object_of_other_shape,
+    open_circle,
     seen_keyframe,
     unseen_keyframes,
 )
@@ -46,6 +47,22 @@ MARGIN = 0.1
 @pytest.fixture(scope="module")
 def capture(small_capture: Path) -> Capture:
     return read_capture(small_capture / "capture")
+
+
+def test_a_sweep_that_does_not_close_says_where() -> None:
+    usual = fabricated.reconstruction()
+    panorama, camera, reference = usual.panoramas[0], usual.cameras[0], usual.references[0]
+    assert panorama is not None
+    assert camera is not None
+    assert reference is not None
+    around = np.deg2rad(np.arange(-100.0, 241.0, 5.0))  # the way to 260 is missing
+    part = replace(panorama, full_turn=False, sweep_pan_rad=around)
+    known = replace(camera, focal_sigma=0.00123)
+    note = open_circle("2", CalibratedCamera(reference, part, known))
+    assert note is not None
+    assert note.startswith("camera 2: from 120 right to 100 right (degrees from the reference image) its sweep")
+    assert "known to 0.12%" in note
+    assert open_circle("2", CalibratedCamera(reference, replace(part, full_turn=True), known)) is None
 
 
 # --------------------------------------------------------------------------------------------------------------

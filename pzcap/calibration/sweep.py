@@ -109,9 +109,9 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
 
 
 def _longest_part(chained: Chain, gaps: Sequence[int], seam: Sequence[Link], view: View) -> Chain:
-    """The longest part of a sweep, across whose ``gaps``, each after a frame, nothing is seen twice: before a bare wall,
-    as a rule. There the circle does not close; beginning and end of a full turn are one part, by the links of their
-    ``seam``.
+    """The longest part of a sweep, across whose ``gaps``, each after a frame, nothing is seen twice: before a bare
+    wall, as a rule. There the circle does not close; beginning and end of a full turn are one part, by the links of
+    their ``seam``.
 
     Raises PzcapError where all parts are short.
     """

@@ -15,8 +15,8 @@ class FeatureTuning(NamedTuple):
     sure_share: float = 0.5
     """Share of the matches of the link before: so may fewer. Where a pan turned back, 65 beside 800 were."""
     few: int = 120
-    """Features of a frame; where it shows fewer, fainter ones are sought. Frames of a hall with things on its walls show
-    200 and more."""
+    """Features of a frame; where it shows fewer, fainter ones are sought. Frames of a hall with things on its walls
+    show 200 and more."""
     faint: float = 0.1
     """Times the usual threshold of their response."""
     least_part_rad: float = 1.5

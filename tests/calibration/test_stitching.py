@@ -12,7 +12,7 @@ from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.parameters import CalibrationParameters, Sigmas
 from pzcap.calibration.sweep import SweepConfig
 from pzcap.extras.paper import stitching as paper
-from pzcap.geometry.camera import View
+from pzcap.geometry.camera import View, pixel_to_direction, wrapped
 from pzcap.geometry.lens import NONE, Distortion
 from pzcap.imaging.colour import grey
 from pzcap.types import FAR_AWAY, Array, Image, Panorama, PzcapError
@@ -136,6 +136,56 @@ def test_a_pan_that_went_on_unexpectedly_is_found_where_it_went() -> None:
     believed = sweep._link_to_next(found, 0, guess, np.deg2rad(1.0), 0, content)
     assert believed is not None
     assert len(believed.first_px) == len(misled.first_px)
+
+
+WALL = np.deg2rad([100.0, 150.0])
+"""Where the hall has a bare wall, in `before_a_wall`."""
+
+
+def before_a_wall(pans: Array, wall: Array = WALL) -> list[tuple[int, Image]]:
+    """Frames of a hall in which nothing is seen between two azimuths."""
+    shown = []
+    for index, image in synthetic.frames(OPTICS, pans):
+        columns = np.stack([np.arange(WIDTH), np.full(WIDTH, HEIGHT / 2)], axis=-1)
+        azimuth, _ = pixel_to_direction(replace(VIEW, pan_rad=float(pans[index])), columns)
+        bare = (wrapped(azimuth - wall[0]) > 0.0) & (wrapped(azimuth - wall[1]) < 0.0)
+        shown.append((index, np.where(bare[:, None], np.uint8(150), image)))
+    return shown
+
+
+@pytest.mark.parametrize("start_deg", [-30.0, 60.0])
+def test_of_a_turn_past_a_bare_wall_the_rest_is_one_part(start_deg: float) -> None:
+    """End and beginning show the same: the sweep goes on from the one to the other, and stops before the wall."""
+    pans = np.deg2rad(start_deg + np.arange(0.0, 380.0, 5.0))
+    found = sweep.chain(before_a_wall(pans), VIEW, True, SweepConfig(), silent)
+    assert not found.full_turn
+    assert found.closure_rad == 0.0
+    assert 0 < len(pans) - len(found.kept) < 12
+    left_out = pans[np.setdiff1d(np.arange(len(pans)), found.kept)]
+    assert np.all((left_out > WALL[0]) & (left_out < WALL[1]))
+    turned, expected = (each - each[0] for each in (found.pan_rad, pans[found.kept]))
+    np.testing.assert_allclose(np.rad2deg(wrapped(turned - expected)), 0.0, atol=0.6)
+    assert np.ptp(found.pan_rad) < 2 * np.pi
+    apart = [found.pan_rad[link.second] - found.pan_rad[link.first] for link in found.links]
+    assert np.abs(apart).max() < 0.8  # those across the seam, too
+    assert any(link.second - link.first > len(pans) // 2 for link in found.links)
+
+
+def test_of_a_partial_sweep_with_a_gap_the_longer_part_counts() -> None:
+    pans = np.deg2rad(np.arange(60.0, 260.0, 5.0))
+    found = sweep.chain(before_a_wall(pans), VIEW, False, SweepConfig(), silent)
+    assert np.rad2deg(pans[found.kept[0]]) > 120.0
+    assert found.kept[-1] == len(pans) - 1
+    assert np.array_equal(np.diff(found.kept), np.ones(len(found.kept) - 1))
+    assert all(link.second == link.first + 1 for link in found.links)
+
+
+def test_fainter_features_are_sought_where_few_are_seen() -> None:
+    [(_, image)] = synthetic.frames(OPTICS, np.zeros(1))
+    faint = np.rint(128.0 + 0.12 * (grey(image).astype(float) - 128.0)).astype(np.uint8)
+    usual = sweep.features.detect(faint, SweepConfig().threshold, 1000, scales=(2, 2))
+    assert len(usual) < 60
+    assert len(sweep.detect(faint, SweepConfig())) > 3 * len(usual)
 
 
 def test_gaps_and_open_circles_are_said_in_one_line() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from pzcap.command.check.findings import Finding, Level
 from pzcap.command.check.run import _empty_hall
-from pzcap.command.check.sweep_check import Sweep, _level, check_sweep
+from pzcap.command.check.sweep_check import Sweep, _bare, _level, check_sweep
 from pzcap.command.main import main
 from pzcap.io.capture import read_capture
 from pzcap.types import Capture, Image
@@ -237,3 +237,14 @@ def test_only_an_object_needs_a_reference_image(small_capture: Path) -> None:
 
     assert [each.level for each in said(capture)] == [Level.FAIL]
     assert said(replace(capture, calibration_object=None)) == []
+
+
+def test_frames_that_show_next_to_nothing_are_named() -> None:
+    angles = np.deg2rad(np.arange(0.0, 60.0, 3.0))
+    sweep = Sweep(0.7, -angles, (), np.zeros(0), (), 100.0)
+    sure = np.full(len(angles) - 1, 0.9)
+    assert list(_bare(sweep, sure)) == []
+    sure[[2, 7, 8, 9]] = 0.2
+    [(level, text)] = _bare(sweep, sure)
+    assert level is Level.WARN
+    assert "frames 7 to 10, 21 to 30 degrees on: a bare wall?" in text

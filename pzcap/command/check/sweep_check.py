@@ -95,11 +95,27 @@ def _motion(sweep: Sweep, moves: Array, rate: float) -> Iterator[tuple[Level, st
             Level.WARN,
             f"{100 * lost:.0f} % of its frames cannot be laid to the next; bare walls, blur or somebody in it?",
         )
+    yield from _bare(sweep, sure)
     way = np.sign(np.median(turned))
     back = float(np.sum(np.abs(turned[turned * way < 0]))) if way else 0.0
     if back > np.deg2rad(5.0):
         text = f"turns back by {np.rad2deg(back):.0f} degrees; turn the head one way throughout"
         yield graded(np.rad2deg(back), 5.0, SWEEP.back_deg), text
+
+
+def _bare(sweep: Sweep, sure: Array) -> Iterator[tuple[Level, str]]:
+    """Word on frames that show hardly anything, by how ``sure`` (N,) each step to the next is."""
+    bare = np.flatnonzero(sure < SWEEP.bare * np.median(sure))
+    if len(bare):
+        longest = max(np.split(bare, np.flatnonzero(np.diff(bare) > 1) + 1), key=len)
+        first, last = int(longest[0]), int(longest[-1]) + 1
+        at = np.rad2deg(np.abs(sweep.angles_rad[[first, last]]))
+        yield (
+            Level.WARN,
+            f"shows next to nothing in frames {first} to {last}, {at[0]:.0f} to {at[1]:.0f} degrees on: a bare wall? "
+            "What is not seen twice does not close the circle, and focal lengths are then known to 0.1 % only; "
+            "hang something up there",
+        )
 
 
 def _level(sweep: Sweep, down: Array, net: float) -> Iterator[tuple[Level, str]]:

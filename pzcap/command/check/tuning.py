@@ -37,6 +37,7 @@ class SweepTuning(NamedTuple):
     ring: float = 0.04  # of log focal length between reference image and sweep, that is told
     ring_far: float = 0.15  # the same, from which on calibration has not been tried
     unsure: float = 0.03  # response of the phase correlation, below which a step is not known
+    bare: float = 0.5  # share of a sweep's median response below which two frames show next to nothing
 
 
 class MotionTuning(NamedTuple):
