@@ -23,6 +23,7 @@ TRIALS = {
     "close_up": {"motion", "optics.zoom_max", "optics.tilt_deg", "operator.body_height", "operator.whole_body"},
     "lights_on": {"gym.lights_on"},
     "moved_object": {"gym.rearranged"},
+    "bare_walls": {"gym.bare_walls"},
     "crew_in_sweep": {"crew.walks_in_sweep"},
     "tilting": {"operator.tilts"},
     "partial_sweep": {"sweep_deg", "zoom_frames"},

@@ -19,7 +19,7 @@ from pzcap.ranges import Range
 from pzcap.types import Array, CalibrationObject, Marker
 from sim.hall.furniture import furnish
 from sim.hall.scenery import HALL_M, UP, WALLS, Scenery
-from sim.hall.surfaces import CARPET_M, LOWER_M, carpet, ceiling, floor, lower_wall, upper_wall
+from sim.hall.surfaces import CARPET_M, LOWER_M, carpet, ceiling, floor, lower_wall, plaster, upper_wall
 from sim.hall.wallpaper import cover, wall_pictures
 
 HALL_GROUP: Final = 0
@@ -52,6 +52,8 @@ class GymConfig:
     mains_phases: Annotated[int, Range(1, 3)] = 1
     """Phases of the mains that the lamps hang on by turns. With three, what a camera sees is lit by all in a mixture of
     its own, which flickers less."""
+    bare_walls: bool = False
+    """Walls are plastered: one colour, faintly mottled. What hangs on them or stands before them stays."""
     wall_pictures: str = ""
     """Folder of pictures that cover walls: north, east, south, west, as PNG or JPEG; empty: the painted hall."""
     rearranged: bool = False
@@ -68,7 +70,11 @@ def build_gym(spec: mujoco.MjSpec, config: GymConfig, rng: np.random.Generator) 
     shell: list[Callable[[], None]] = []  # hung last: what stands before it need not be drawn over it
     for wall in WALLS.values():
         lower, upper = lower_wall(wall, ppm, rng), upper_wall(wall, 0.6 * ppm, rng)
-        if wall.name in pictures:  # painted all the same, so that nothing else in the hall changes
+        # painted all the same, so that nothing else in the hall changes
+        if config.bare_walls:
+            for part in (lower, upper):
+                plaster(part, rng.spawn(1)[0])
+        if wall.name in pictures:
             cover(pictures[wall.name], lower, upper)
         for name, part, z in (("lower", lower, LOWER_M / 2), ("upper", upper, (LOWER_M + height) / 2)):
             at, size_m = wall.at(wall.length / 2, 0.0, z), (part.width_m, part.height_m)

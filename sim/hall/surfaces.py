@@ -16,6 +16,7 @@ LOWER_M: Final = 2.75  # height of the lower part of the walls, which cameras co
 CARPET_M: Final = 12.0
 PILASTERS_U: Final = (5.0, 10.0, 15.0, 20.0, 25.0)  # along the long walls
 PILASTER_M: Final = 0.5
+PLASTER: Final[Colour] = (150, 190, 176)
 
 Fitting = Callable[[Canvas, np.random.Generator], None]
 Place = tuple[Fitting, float, float, float, float]  # what, left, bottom, width, height
@@ -72,6 +73,12 @@ def upper_wall(wall: Wall, px_per_m: float, rng: np.random.Generator) -> Canvas:
     )  # fmt: skip
     _fill(canvas, rng, taken, boards, 0.25, 4.7, round(2.5 * wall.length))
     return canvas
+
+
+def plaster(canvas: Canvas, rng: np.random.Generator) -> None:
+    """Paint over all that is on a wall: one colour, faintly mottled."""
+    canvas.fill(PLASTER)
+    weather(canvas.image, grain(canvas.image.shape, rng, 0.6))
 
 
 def floor(px_per_m: float, rng: np.random.Generator) -> Canvas:

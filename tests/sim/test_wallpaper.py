@@ -80,6 +80,23 @@ def test_it_is_seen_the_right_way_round_and_nothing_else_changes(tmp_path: Path)
         assert (patch > 80).tolist() == [value > 100 for value in colour], (u, v, patch)
 
 
+def test_bare_walls_are_plastered_and_nothing_else_changes() -> None:
+    corners = {}
+    for bare in (False, True):
+        hall = Hall(GymConfig(texture_px_per_m=50.0, bare_walls=bare), seed=0)
+        try:
+            hall.aim(np.array([10.5, -8.0, 1.8]), np.array([15.0, -6.0, 1.8]))  # a wall, from near
+            wall = hall.image()
+            hall.aim(np.array([0.0, 0.0, 4.0]), np.array([1.0, 0.0, 0.0]))  # the floor
+            corners[bare] = wall, hall.image()
+        finally:
+            hall.close()
+    (painted, floor), (plastered, same) = corners[False], corners[True]
+    np.testing.assert_array_equal(same, floor)
+    flat = [np.mean(np.abs(cv2.Laplacian(image, cv2.CV_32F)) < 3.0) for image in (painted, plastered)]
+    assert flat[1] > flat[0] + 0.3
+
+
 @pytest.mark.parametrize(
     ("names", "message"),
     [
