@@ -5,8 +5,8 @@
 
 Every file is decoded, treated and encoded anew, so that ``copied``, which is encoded anew and nothing else, is what
 the others are compared with. Cameras are calibrated from the treated files. ``notes`` counts the notes that the footage
-does not raise as it was shot; they are in said.txt. Of pictures that show things larger, smaller or
-elsewhere than the lens had them the truth does not know the focal lengths, or the pan.
+does not raise as it was shot; they are in said.txt, with what would help. Of pictures that show things larger, smaller
+or elsewhere than the lens had them the truth does not know the focal lengths, or the pan.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ from experiments.config import AppConfig
 from experiments.progress import Bars
 from experiments.score import score
 from experiments.totals import metrics
+from pzcap.extras.keyframe_diagnostics import is_advice
+from pzcap.extras.reconstruct import reconstruct
 from pzcap.io.capture import FOOTAGE, read_image
 from pzcap.io.files import written_whole
 from pzcap.io.video import VideoReader
-from pzcap.pipeline import reconstruct
 from pzcap.types import Array, CameraFiles, Capture, Image, PzcapError, Reconstruction
 from sim.capture_writer import write_video
 from sim.truth import Truth
@@ -249,7 +250,7 @@ def _tried(
         figures = {key: each for key, each in _figures(found, truth).items() if key not in treatment.not_compared}
     raised = {_without_figures(note) for note in usual.notes}
     notes = [note for note in found.notes if _without_figures(note) not in raised]
-    return {**figures, "notes": float(len(notes))}, notes
+    return {**figures, "notes": float(sum(not is_advice(note) for note in notes))}, notes
 
 
 def _without_figures(note: str) -> str:
