@@ -13,7 +13,7 @@ import numpy as np
 from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.camera_notes import ON_ITS_SIDE, camera_notes, woven_motion
+from pzcap.camera_notes import ON_ITS_SIDE, camera_notes, stabilised, woven_motion
 from pzcap.camera_set import panzoom_tracks, refined
 from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.frame_slips import FrameOffsets, repeated_pictures, slip_notes
@@ -141,6 +141,7 @@ class Gathered:
             for name, head, track in zip(self.names, heads, tracks, strict=True):
                 if head is not None and track is not None:
                     found += camera_notes(name, head, track, usual_clock_s, self._sets.timecodes)
+            found += stabilised(self.names, tracks)
         return Reconstruction(
             capture_name=self._capture.name,
             method=config.method,

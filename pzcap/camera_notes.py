@@ -97,6 +97,17 @@ def _moved(track: PanZoomTrack, timecodes: Sequence[str]) -> list[str]:
     return notes
 
 
+def stabilised(names: Sequence[str], tracks: Sequence[PanZoomTrack | None]) -> list[str]:
+    """A note where several tripods seem to have been bumped in one take, which is what a stabiliser looks like."""
+    bumped = [name for name, track in zip(names, tracks, strict=True) if track is not None and bump(track)]
+    if len(bumped) < PLAUSIBILITY.bumped_tripods:
+        return []
+    return [
+        f"cameras {', '.join(bumped)}: so many tripods are hardly bumped in one take, but a stabiliser that was left on "
+        "shifts and turns pictures so; switch it off, in camera and lens, and film all anew"
+    ]
+
+
 class Bump(NamedTuple):
     """A tripod that was moved for good."""
 

@@ -40,6 +40,7 @@ class PlausibilityTuning(NamedTuple):
     tilt_rad: float = np.deg2rad(0.02)
     """Tilt or roll, on average over the motion, from which on a tripod is said to have settled, and step of both from
     which on it is said to have been bumped: right footage has 0.002 degrees."""
+    bumped_tripods: int = 2  # from which on a stabiliser is likelier
     bump_frames: int = 15  # before and after a bump, whose medians are compared
     bump_leaves: float = 0.5
     """Share of the scatter of tilt and roll about a bump that the step leaves, at most: a tenth where it rings by 0.03

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.camera_notes import bump, camera_notes, rocking
+from pzcap.camera_notes import bump, camera_notes, rocking, stabilised
 from pzcap.types import PanZoomTrack
 from tests.scenes import fabricated
 
@@ -81,6 +81,14 @@ def test_the_note_on_a_tripod_that_rocks_names_camera_frames_and_size() -> None:
     # what comes back after a bump is no rocking
     [note] = camera_notes("2", head, leaning((0.3, 0.0), 50, 3), 0.0, TIMECODES)
     assert "bumped" in note
+
+
+def test_many_bumped_tripods_are_a_stabiliser() -> None:
+    still, bumped = leaning((0.0, 0.0), 0, 3), leaning((0.1, -0.05), 50, 3)
+    assert stabilised(("1", "2", "3", "4"), (still, bumped, None, still)) == []
+    [note] = stabilised(("1", "2", "3", "4"), (bumped, bumped, None, still))
+    assert note.startswith("cameras 1, 2: ")
+    assert "stabiliser" in note
 
 
 def test_a_lens_that_sets_colours_apart_is_told_with_its_size() -> None:
