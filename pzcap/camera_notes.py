@@ -103,8 +103,8 @@ def stabilised(names: Sequence[str], tracks: Sequence[PanZoomTrack | None]) -> l
     if len(bumped) < PLAUSIBILITY.bumped_tripods:
         return []
     return [
-        f"cameras {', '.join(bumped)}: so many tripods are hardly bumped in one take, but a stabiliser that was left on "
-        "shifts and turns pictures so; switch it off, in camera and lens, and film all anew"
+        f"cameras {', '.join(bumped)}: so many tripods are hardly bumped in one take, but a stabiliser that was left "
+        "on shifts and turns pictures so; switch it off, in camera and lens, and film all anew"
     ]
 
 
