@@ -210,7 +210,7 @@ TREATMENTS: Final = (
               not_compared=OF_SIZE),
     Treatment("enlarged", "half again as large", pictured(scaled(1.5)), not_compared=OF_SIZE),
     Treatment("cut_closer", "the motion cut closer, by 1.1", pictured(closer(1.1)), only="motion",
-              not_compared=OF_SIZE),
+              not_compared=(PAN.key, *OF_SIZE)),
     Treatment("another_size", "camera 2 two thirds as large", pictured(scaled(2 / 3)), camera=1, not_compared=OF_SIZE),
 )  # fmt: skip
 
