@@ -71,6 +71,19 @@ def test_an_arm_that_is_turned_is_named(frame: int) -> None:
     assert found.told(TIMECODES).startswith(f"keyframe {frame}: the images have its left arm ")
 
 
+def test_a_leg_that_is_thrown_in_the_last_frame_contradicts_nothing() -> None:
+    """Nothing is seen after it, and a line through the frames before it leads elsewhere."""
+    thrown = motion()
+    for frame, degrees in ((28, 2.0), (29, 12.0), (30, 42.0)):
+        key = turned(Keyframe(frame, swing(frame / RATE)), "right_thigh", degrees)
+        pose = turned(key, "right_thigh", 0.0).pose
+        thrown.rotations[frame], thrown.joints_m[frame] = pose.rotations, kinematics.joints(BODY, pose)
+    last = Keyframe(30, Pose(thrown.root_position_m[30], thrown.rotations[30]))
+    assert contradicted([last], thrown) == ()
+    [found] = contradicted([turned(last, "right_thigh", 70.0)], thrown)
+    assert found.parts == ("right leg",)
+
+
 @pytest.mark.parametrize("late", [-2, 2])
 def test_a_pose_of_another_instant_is_told_which(late: int) -> None:
     (found,) = contradicted([by_hand(0), by_hand(10, of=10 + late)])
