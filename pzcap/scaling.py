@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.geometry import camera as geometry
-from pzcap.types import Array, InverseDepthMap, Motion, Panorama, PanZoomCamera, Reconstruction, ReferenceCamera
+from pzcap.types import Array, Motion, Panorama, PanZoomCamera, Reconstruction, ReferenceCamera
 
 
 def scaled_camera(one: CalibratedCamera, factor: float, world_T_head: Array) -> CalibratedCamera:
@@ -61,5 +61,5 @@ def _motion(motion: Motion, factor: float) -> Motion:
 
 def _panorama(panorama: Panorama, factor: float) -> Panorama:
     hall = panorama.surroundings
-    scaled = InverseDepthMap(factor * hall.height_m, hall.walls / factor, hall.departures, hall.slopes)
+    scaled = replace(hall, height_m=factor * hall.height_m, walls=hall.walls / factor)
     return replace(panorama, surroundings=scaled)

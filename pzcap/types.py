@@ -255,13 +255,15 @@ class ReferenceCamera:
 class InverseDepthMap:
     """Nearness of the hall, as far as it matters to a projection centre that is not quite on the pan axis.
 
-    Inverse horizontal distance, 1 / m: a floor so far below, or the wall before it, and what departs from these.
+    Inverse distance from the pan axis, 1 / m: a floor so far below, or the wall before it, and what departs from these.
     """
 
     height_m: float
     walls: Array  # (A,) at equally spaced azimuths round the turn, from 0 to the left; none: all is far away
     departures: Array  # (R, A) how much nearer it is, as a share of that; rows at equally spaced slopes
     slopes: Array  # (2,) of their first and last row
+    lean: Array = field(default_factory=lambda: np.zeros(2), kw_only=True)
+    """(2,) by how much the floor rises towards azimuth 0, and to the left of it: the pan axis is not quite upright."""
 
 
 FAR_AWAY: Final = InverseDepthMap(1.0, np.zeros(0), np.zeros((0, 0)), np.zeros(2))

@@ -84,13 +84,14 @@ def calibrate(
         first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
     matched = match(first.camera, reference_image, sweep, zoom, all_round, config, report)
     if calibration_object is not None:
-        matched = replace(matched, object_px=first.camera.focal_px)
+        matched = replace(matched, object_px=first.camera.focal_px, up=first.camera.world_T_cam[2, :3])
     chained, count = matched.chained, len(matched.chained.pan_rad)
     if calibration_object is None and not chained.full_turn:
         raise PzcapError(
             "sweep: it has a gap where nothing is seen twice, and without a calibration object nothing but a closed "
             "circle tells the focal length; film a calibration object"
         )
+    matched = replace(matched, start=_with_lean(matched.start, matched))
     fits = [_fit(matched, start, config, report) for start in _starts(matched, config)]
     (adjusted, brightness, fitted), undecided = _likeliest(fits, matched)
     model = fitted.parameters
@@ -107,7 +108,8 @@ def calibrate(
     size = refined.camera.width, refined.camera.height
     scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
     camera, surroundings = _in_metres(model, taken.pan_rad, refined.camera)
-    doubt = np.hypot(0.0 if chained.full_turn else BELIEF.partial_scale_sigma, undecided)
+    stretched = BELIEF.partial_scale_sigma if zoom is None else BELIEF.partial_zoomed_sigma
+    doubt = np.hypot(0.0 if chained.full_turn else stretched, undecided)
     if calibration_object is not None:
         doubt = np.hypot(doubt, contradiction(first.camera.focal_px, taken.focal_px, size[0]))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
@@ -182,6 +184,7 @@ def _fit(matched: Matched, start: CalibrationParameters, config: PanZoomConfig, 
         wide = matched.sigmas.higher / BELIEF.usual_lens
         matched = replace(matched, sigmas=replace(matched.sigmas, higher=wide))
     adjusted = adjust(start, matched.links, matched.sigmas, prior=matched.start, scale_px=1.0, iterations=3)
+    adjusted = replace(adjusted, parameters=_with_lean(adjusted.parameters, matched))
     # features place frames to a quarter of a pixel, grey values better
     height, width = matched.chained.images[0].shape
     count, first = len(matched.chained.pan_rad), adjusted.parameters.view(0)
@@ -262,7 +265,23 @@ def _rotated(hall: InverseDepthMap, origin_rad: float, height_m: float) -> Inver
     places = np.mod(origin_rad / (2 * np.pi), 1.0) * len(hall.walls)
     walls = ndimage.shift(hall.walls, -places, order=1, mode="grid-wrap")
     departures = ndimage.shift(hall.departures, (0.0, -places), order=1, mode="grid-wrap")
-    return InverseDepthMap(height_m, walls / height_m, departures, hall.slopes)
+    cos, sin = np.cos(origin_rad), np.sin(origin_rad)
+    lean = np.array([[cos, sin], [-sin, cos]]) @ hall.lean
+    return InverseDepthMap(height_m, walls / height_m, departures, hall.slopes, lean=lean)
+
+
+def _with_lean(model: CalibrationParameters, matched: Matched) -> CalibrationParameters:
+    """The same with the floor's lean against the pan axis, by the way up in the reference image; unchanged where
+    nothing has told that.
+
+    Seen from a centre that is beside the axis, a floor that leans the other way looks like pans that are off: they
+    swing to and fro once in a turn.
+    """
+    if matched.up is None:
+        return model
+    view = model.view(len(matched.chained.pan_rad))
+    up = geometry.head_T_cam(view.pan_rad, view.tilt_rad, view.roll_rad)[:3, :3] @ matched.up
+    return replace(model, surroundings=replace(model.surroundings, lean=-up[:2] / up[2]))
 
 
 def _with_departures(model: CalibrationParameters) -> CalibrationParameters:

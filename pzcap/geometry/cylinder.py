@@ -41,12 +41,12 @@ def from_panorama(panorama: Panorama, points_px: Array) -> tuple[Array, Array]:
     return offset[..., 0], offset[..., 1]
 
 
-Hall = tuple[float, Array, Array, Array]
+Hall = tuple[float, Array, Array, Array, Array]
 """The fields of `types.InverseDepthMap`, for kernels."""
 
 
 def kernel_hall(surroundings: InverseDepthMap) -> Hall:
-    return surroundings.height_m, surroundings.walls, surroundings.departures, surroundings.slopes
+    return surroundings.height_m, surroundings.walls, surroundings.departures, surroundings.slopes, surroundings.lean
 
 
 def inverse_distance(surroundings: InverseDepthMap, azimuth_rad: Array, slope: Array) -> Array:
@@ -68,7 +68,7 @@ would be held there by its foot: of the floor's pixels none would say that it sh
 def near_at(hall: Hall, azimuth: float, slope: float, nodes: NDArray[np.int64], shares: Array) -> float:
     """`inverse_distance` in one direction, for other kernels; linear between neighbours. ``nodes`` (NODES,) takes the
     indices of what it is made of, in walls followed by departures, and ``shares`` (NODES,) the derivatives by these."""
-    height, walls, departures, slopes = hall
+    height, walls, departures, slopes, lean = hall
     rows, around = departures.shape
     up = min(max((slope - slopes[0]) / (slopes[1] - slopes[0]), 0.0), 1.0) * (rows - 1)
     row = min(int(up), rows - 2)
@@ -77,7 +77,8 @@ def near_at(hall: Hall, azimuth: float, slope: float, nodes: NDArray[np.int64], 
     column = min(int(left), around - 1)
     beyond = column + 1 if column + 1 < around else 0
     b, a = up - row, left - column
-    wall, floor = (1 - a) * walls[column] + a * walls[beyond], -slope / height
+    rise = lean[0] * np.cos(azimuth) + lean[1] * np.sin(azimuth)
+    wall, floor = (1 - a) * walls[column] + a * walls[beyond], (rise - slope) / height
     nodes[0], nodes[1] = column, beyond
     nodes[2], nodes[3] = around * (row + 1) + column, around * (row + 1) + beyond
     nodes[4], nodes[5] = nodes[2] + around, nodes[3] + around

@@ -36,7 +36,7 @@ SHAPES: Final[dict[type, dict[str, tuple[int | str, ...]]]] = {
         "world_T_head": (4, 4), "offset_m": (2,), "shared_covariance": ("P", "Z", 2, 2), "shared_zooms": ("Z",),
     },
     ReferenceCamera: {"points_m": ("N", 3), "points_px": ("N", 2), "residuals_px": ("N", 2)},
-    InverseDepthMap: {"walls": ("A",), "departures": ("R", "A"), "slopes": (2,)},
+    InverseDepthMap: {"walls": ("A",), "departures": ("R", "A"), "slopes": (2,), "lean": (2,)},
     Panorama: {"origin_px": (2,), "sweep_pan_rad": ("M",), "sweep_inliers": ("M",), "fine": ("H", "W")},
     PanZoomTrack: {
         "pan_rad": ("F",), "tilt_rad": ("F",), "roll_rad": ("F",), "focal_px": ("F",), "covariance": ("F", 2, 2),

@@ -29,6 +29,7 @@ from pzcap.types import (
     JOINTS,
     SEGMENTS,
     Camera,
+    InverseDepthMap,
     Lens,
     Motion,
     Panorama,
@@ -55,8 +56,8 @@ PER_CAMERA: Final[dict[str, tuple[str, type]]] = {
 }
 """Field of Reconstruction -> (name in the npz, type)."""
 
-ABSENT_IF_ZERO: Final = ("k2", "p1", "p2", "lateral_colour")
-"""Coefficients of distortion that are stored where they are not zero."""
+ABSENT_IF_ZERO: Final = ("k2", "p1", "p2", "lateral_colour", "lean")
+"""What is stored where it is not zero: coefficients of distortion, and the floor's lean."""
 
 _LEAST_BYTES: Final = 2**28
 """Bytes of a reconstruction's arrays that are read, however small the file: 256 MiB."""
@@ -150,7 +151,7 @@ def _flatten(part: Any, prefix: str) -> dict[str, NDArray[Any]]:
         value, key = getattr(part, field.name), f"{prefix}.{field.name}"
         if value is None:
             continue
-        if isinstance(part, Camera | Lens) and field.name in ABSENT_IF_ZERO and not np.any(value):
+        if isinstance(part, Camera | Lens | InverseDepthMap) and field.name in ABSENT_IF_ZERO and not np.any(value):
             continue
         if dataclasses.is_dataclass(value):
             arrays |= _flatten(value, key)

@@ -11,6 +11,7 @@ from typing import cast
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from experiments.footage import SMALL
 from pzcap.calibration import calibrate, reference_camera
@@ -24,7 +25,7 @@ from pzcap.calibration.stitching import Brightness
 from pzcap.calibration.sweep import Chain
 from pzcap.calibration.tuning import PHOTOMETRIC
 from pzcap.camera_set import calibrate_camera
-from pzcap.geometry.camera import at
+from pzcap.geometry.camera import at, head_T_cam
 from pzcap.io.video import VideoReader
 from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.panorama_sampler import ViewPlace
@@ -120,6 +121,31 @@ def test_what_was_adjusted_is_what_the_camera_has() -> None:
     np.testing.assert_allclose(hall.walls, HALL.walls / 1.6)
     there = at(camera, 0.0, camera.tilt_rad, FOCAL)
     np.testing.assert_allclose(there.world_T_cam, taken(1.6).world_T_cam, atol=1e-12)
+
+
+def test_the_floor_leans_as_the_axis_does() -> None:
+    """The way up in the reference image tells it; where the axis is upright it is level, whatever the tilt."""
+    for lean in (np.zeros(3), np.array([0.02, -0.03, 0.0])):
+        world_R_head = Rotation.from_rotvec(lean).as_matrix()
+        up = (world_R_head @ head_T_cam(0.4, -0.07, 0.01)[:3, :3])[2]
+        model = CalibrationParameters(
+            np.array([0.0, 0.4]), np.log([FOCAL]), np.array([0, 1]), np.zeros(2, int), -0.07, 0.01,
+            np.array([[160.0, 121.0]]), np.zeros(1), np.zeros(3), np.zeros(2), 0.0, HALL,
+        )  # fmt: skip
+        chained = SimpleNamespace(pan_rad=np.zeros(1))
+        found = calibrate._with_lean(model, cast(Matched, SimpleNamespace(up=up, chained=chained)))
+        normal = world_R_head.T[:, 2]
+        np.testing.assert_allclose(found.surroundings.lean, -normal[:2] / normal[2], atol=1e-12)
+        unknown = calibrate._with_lean(model, cast(Matched, SimpleNamespace(up=None, chained=chained)))
+        assert unknown is model
+    # counted from another pan, it leans the same way
+    turned = calibrate._rotated(found.surroundings, 0.4, 1.6)
+    for azimuth in (0.0, 1.0, 2.5):
+        before, after = (
+            float(hall.lean @ (np.cos(at_rad), np.sin(at_rad)))
+            for hall, at_rad in ((found.surroundings, azimuth + 0.4), (turned, azimuth))
+        )
+        assert after == pytest.approx(before, abs=1e-12)
 
 
 def test_beliefs_are_in_metres_and_the_adjustment_in_camera_heights() -> None:

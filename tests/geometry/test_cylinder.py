@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -47,6 +48,17 @@ def test_parallax_is_what_three_dimensions_give(pan: float, alpha: float, slope:
     pixel, _ = direction_to_pixel(view, *seen)
     back = axis_directions(panorama, camera, pixel, ViewPlace(pan, -0.07, 700.0))[0]
     np.testing.assert_allclose([pan + back[0], back[1]], [azimuth, slope], atol=1e-5 + foot)
+
+
+@given(st.floats(-3, 3), st.floats(-0.6, -0.2), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
+def test_a_floor_that_leans_is_where_its_plane_is(azimuth: float, slope: float, forward: float, left: float) -> None:
+    hall = InverseDepthMap(
+        1.7, np.full(8, 1e-3), np.zeros((2, 8)), np.array([-0.7, 0.4]), lean=np.array([forward, left])
+    )
+    near = cylinder.inverse_distance(hall, np.array([azimuth]), np.array([slope]))[0]
+    point = np.array([np.cos(azimuth), np.sin(azimuth), slope]) / near
+    rounded = cylinder.FOOT**2 / 1.7 / near**2 / 0.2
+    assert point[2] == pytest.approx(-1.7 + forward * point[0] + left * point[1], abs=rounded)
 
 
 def test_nearness_is_linear_between_its_nodes_and_wraps() -> None:

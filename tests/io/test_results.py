@@ -46,7 +46,14 @@ def with_lateral_colour(made: Reconstruction) -> Reconstruction:
     return dataclasses.replace(made, cameras=(dataclasses.replace(first, lens=lens), *others))
 
 
-@pytest.mark.parametrize("shape", [lambda r: r, fabricated.without_a_camera, with_lateral_colour])
+def with_leaning_floor(made: Reconstruction) -> Reconstruction:
+    first, *others = made.panoramas
+    assert first is not None
+    hall = dataclasses.replace(first.surroundings, lean=np.array([0.01, -0.02]))
+    return dataclasses.replace(made, panoramas=(dataclasses.replace(first, surroundings=hall), *others))
+
+
+@pytest.mark.parametrize("shape", [lambda r: r, fabricated.without_a_camera, with_lateral_colour, with_leaning_floor])
 def test_what_is_loaded_is_what_was_saved(tmp_path: Path, shape: Callable[[Any], Any]) -> None:
     before = shape(fabricated.reconstruction())
     results.save(before, tmp_path / "r")

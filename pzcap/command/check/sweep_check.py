@@ -113,7 +113,7 @@ def _bare(sweep: Sweep, sure: Array) -> Iterator[tuple[Level, str]]:
         yield (
             Level.WARN,
             f"shows next to nothing in frames {first} to {last}, {at[0]:.0f} to {at[1]:.0f} degrees on: a bare wall? "
-            "What is not seen twice does not close the circle, and focal lengths are then known to 0.1 % only; "
+            "What is not seen twice does not close the circle, which then does not fix the focal length; "
             "hang something up there",
         )
 
