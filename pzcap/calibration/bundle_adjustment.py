@@ -33,7 +33,7 @@ from pzcap.calibration.parameters import (
 )
 from pzcap.calibration.tuning import BUNDLE
 from pzcap.geometry.camera import HIGHER, SEEN, VIEW, direction_to_pixel_with_derivatives, pixel_to_direction_kernel
-from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at
+from pzcap.geometry.cylinder import NODES, Hall, axis_direction, kernel_hall
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
 from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Mask
@@ -122,20 +122,30 @@ def new_transfer() -> Transfer:
 
 @njit(cache=True, nogil=True)
 def transfer(first: Array, second: Array, u: float, v: float, hall: Hall, out: Transfer) -> None:
-    """Project what the ``first`` view shows at (u, v) into the ``second``, with derivatives, but for how the parallax
-    itself turns with the view: some thousandths."""
+    """Project what the ``first`` view shows at (u, v) into the ``second``, with derivatives; those by the centres are
+    to first order, and how the parallax itself turns with the view is left out: some thousandths."""
     pixel, by_views, by_near, nodes, shares, here, there, by_centre = out
     azimuth, slope = pixel_to_direction_kernel(first, u, v)
     direction_to_pixel_with_derivatives(first, azimuth, slope, here)
-    near, moved, lifted = 0.0, 0.0, 0.0  # parallax of azimuth and slope
+    near, moved, lifted = 0.0, 0.0, 0.0  # parallax of azimuth and slope, by the inverse distance
     if len(hall[1]):
-        near = near_at(hall, azimuth, slope, nodes, shares)
+        away = azimuth - first[0]
+        toward = first[0], np.cos(away), np.sin(away)
+        centre = first[CENTRE], first[CENTRE + 1], first[CENTRE + 2]
+        away, slope, near = axis_direction(hall, away, slope, toward, centre, nodes, shares)
+        azimuth = first[0] + away
         back, on = (
             _by_centre(first, azimuth, slope, -1.0, by_centre[0]),
             _by_centre(second, azimuth, slope, 1.0, by_centre[1]),
         )
         moved, lifted = back[0] + on[0], back[1] + on[1]
-    direction_to_pixel_with_derivatives(second, azimuth + near * moved, slope + near * lifted, there)
+        # on to the second centre, as `geometry.camera.parallax` has it
+        sin_a, cos_a = np.sin(azimuth - second[0]), np.cos(azimuth - second[0])
+        forward, left, up = near * second[CENTRE], near * second[CENTRE + 1], near * second[CENTRE + 2]
+        across, ahead = forward * sin_a - left * cos_a, 1.0 - forward * cos_a - left * sin_a
+        azimuth += np.arctan2(across, ahead)
+        slope = (slope - up) / np.sqrt(across * across + ahead * ahead)
+    direction_to_pixel_with_derivatives(second, azimuth, slope, there)
     # the pixel in the first frame stays: its direction moves against what the parameters do to it
     determinant = here[0, 8] * here[1, 9] - here[0, 9] * here[1, 8]
     for row in range(2):

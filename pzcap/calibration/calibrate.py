@@ -27,6 +27,7 @@ from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames
 from pzcap.calibration.tuning import BELIEF, FEATURES, HALL, PHOTOMETRIC, PROPAGATION
 from pzcap.geometry import camera as geometry
+from pzcap.geometry.camera import View
 from pzcap.imaging.bspline import stored
 from pzcap.types import (
     Array,
@@ -77,40 +78,21 @@ def calibrate(
     Without a calibration object it stands levelled in a world of its own (`focal_from_sweep`), to be placed later.
     Raises PzcapError when the calibration object is not found or the sweep does not hold together.
     """
-    reference_image, calibration_object, sweep, zoom, all_round, _ = footage
-    if calibration_object is None:
-        first = _unplaced(camera_of_sweep(sweep, config))
-    else:
-        first = reference_camera.calibrate(reference_image, calibration_object, config.reference)
-    matched = match(first.camera, reference_image, sweep, zoom, all_round, config, report)
-    if calibration_object is not None:
-        matched = replace(matched, object_px=first.camera.focal_px, up=first.camera.world_T_cam[2, :3])
+    first, matched = _matched(footage, config, report)
     chained, count = matched.chained, len(matched.chained.pan_rad)
-    if calibration_object is None and not chained.full_turn:
-        raise PzcapError(
-            "sweep: it has a gap where nothing is seen twice, and without a calibration object nothing but a closed "
-            "circle tells the focal length; film a calibration object"
-        )
-    matched = replace(matched, start=_with_lean(matched.start, matched))
     fits = [_fit(matched, start, config, report) for start in _starts(matched, config)]
     (adjusted, brightness, fitted), undecided = _likeliest(fits, matched)
     model = fitted.parameters
     _require_whole(adjusted, matched.sweep_links, chained.kept)
 
     taken = model.view(count)
-    intrinsics = {"focal_px": taken.focal_px, "principal_px": taken.principal_px, **taken.distortion._asdict()}
-    known = replace(first.camera, **intrinsics)
-    if calibration_object is None:
-        known = replace(known, world_T_cam=levelled(model.tilt_rad, model.roll_rad))
-        refined = replace(first, camera=known)
-    else:
-        refined = reference_camera.resolve(first, known, reference_image, calibration_object, config.reference)
+    refined = _with_lens_of(taken, first, footage, config)
     size = refined.camera.width, refined.camera.height
     scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
     camera, surroundings = _in_metres(model, taken.pan_rad, refined.camera)
-    stretched = BELIEF.partial_scale_sigma if zoom is None else BELIEF.partial_zoomed_sigma
+    stretched = BELIEF.partial_scale_sigma if footage.zoom is None else BELIEF.partial_zoomed_sigma
     doubt = np.hypot(0.0 if chained.full_turn else stretched, undecided)
-    if calibration_object is not None:
+    if footage.calibration_object is not None:
         doubt = np.hypot(doubt, contradiction(first.camera.focal_px, taken.focal_px, size[0]))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0
     camera = replace(
@@ -120,7 +102,7 @@ def calibrate(
     view = geometry.view_at(camera, 0.0, camera.tilt_rad, camera.lens.reference_focal_px)
     swept = stitching.SweptFrames(chained.images, chained.kept, brightness, view)
     pasted = stitching.stitch(
-        sweep, swept, sweep_pan_rad, chained.full_turn, surroundings,
+        footage.sweep, swept, sweep_pan_rad, chained.full_turn, surroundings,
         lambda done: report("paste sweep", done, 2 * count),
     )  # fmt: skip
     inliers = _sweep_inliers(adjusted, matched.links, count)
@@ -128,6 +110,39 @@ def calibrate(
     zoom_pan_rad = float(model.pan_rad[-1] - taken.pan_rad)
     zoomed = stitching.ZoomedFrames(np.array(matched.zoom_numbers, np.int64), model.log_focal[2:], zoom_pan_rad)
     return CalibratedCamera(refined, panorama, camera), swept, zoomed, fitted.bands
+
+
+def _matched(footage: Footage, config: PanZoomConfig, report: Report) -> tuple[ReferenceCamera, Matched]:
+    """The camera of the reference image by itself, and all frames matched. Raises PzcapError as `calibrate` does."""
+    image, calibration_object, sweep, zoom, full_turn, _ = footage
+    if calibration_object is None:
+        first = _unplaced(camera_of_sweep(sweep, config))
+    else:
+        first = reference_camera.calibrate(image, calibration_object, config.reference)
+    matched = match(first.camera, image, sweep, zoom, full_turn, config, report)
+    if calibration_object is None:
+        if not matched.chained.full_turn:
+            raise PzcapError(
+                "sweep: it has a gap where nothing is seen twice, and without a calibration object nothing but a "
+                "closed circle tells the focal length; film a calibration object"
+            )
+        return first, matched
+
+    def up(view: View) -> Array:
+        return np.asarray(_with_lens_of(view, first, footage, config).camera.world_T_cam[2, :3])
+
+    matched = replace(matched, object_px=first.camera.focal_px, up=up)
+    return first, replace(matched, start=_with_lean(matched.start, matched))
+
+
+def _with_lens_of(view: View, first: ReferenceCamera, footage: Footage, config: PanZoomConfig) -> ReferenceCamera:
+    """The camera of the reference image with the lens of a ``view``; without a calibration object it stands levelled in
+    a world of its own."""
+    lens = {"focal_px": view.focal_px, "principal_px": view.principal_px, **view.distortion._asdict()}
+    known = replace(first.camera, **lens)
+    if footage.calibration_object is None:
+        return replace(first, camera=replace(known, world_T_cam=levelled(view.tilt_rad, view.roll_rad)))
+    return reference_camera.resolve(first, known, footage.reference_image, footage.calibration_object, config.reference)
 
 
 def contradiction(object_px: float, sweep_px: float, width: int) -> float:
@@ -280,7 +295,7 @@ def _with_lean(model: CalibrationParameters, matched: Matched) -> CalibrationPar
     if matched.up is None:
         return model
     view = model.view(len(matched.chained.pan_rad))
-    up = geometry.head_T_cam(view.pan_rad, view.tilt_rad, view.roll_rad)[:3, :3] @ matched.up
+    up = geometry.head_T_cam(view.pan_rad, view.tilt_rad, view.roll_rad)[:3, :3] @ matched.up(view)
     return replace(model, surroundings=replace(model.surroundings, lean=-up[:2] / up[2]))
 
 

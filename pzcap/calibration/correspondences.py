@@ -38,7 +38,7 @@ class Matched:
     start: CalibrationParameters  # first values
     sigmas: Sigmas
     object_px: float | None = None  # focal length of the reference image, as the calibration object shows it by itself
-    up: Array | None = None  # (3,) the way up in the camera of the reference image; None: nothing has told it
+    up: Callable[[View], Array] | None = None  # (3,) the way up in the reference image, by the lens of a view
 
 
 def match(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from pzcap.geometry import camera as geometry
-from pzcap.geometry.camera import View
+from pzcap.geometry.camera import View, parallax_back
 from pzcap.types import Array, Float32, InverseDepthMap, Panorama
 
 GRID = 16  # maps are smooth: they are computed at every sixteenth pixel and interpolated, to 0.0003 px
@@ -58,10 +58,14 @@ def inverse_distance(surroundings: InverseDepthMap, azimuth_rad: Array, slope: A
     return near.reshape(azimuth.shape)
 
 
+BESIDE: Final = 0.01
+"""Of a projection centre so far from the axis, in metres or camera heights, the hall that it sees is looked up where it
+stands from the axis, and not where it is seen."""
 NODES: Final = 6
-FOOT: Final = 0.02
+FOOT: Final = 0.01
 """Inverse heights of the camera over which the floor passes into a wall. Were it an edge, a wall that is too far off
-would be held there by its foot: of the floor's pixels none would say that it should be nearer."""
+would be held there by its foot: of the floor's pixels none would say that it should be nearer. Where the projection
+centre is 12 cm off the axis, twice as much makes the focal length 0.04 % too short."""
 
 
 @njit(cache=True, nogil=True)
@@ -94,6 +98,24 @@ def near_at(hall: Hall, azimuth: float, slope: float, nodes: NDArray[np.int64], 
     for k in range(2, NODES):
         shares[k] *= nearest
     return nearest * nearer
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def axis_direction(
+    hall: Hall, azimuth: float, slope: float, toward: tuple[float, float, float], centre: tuple[float, float, float],
+    nodes: NDArray[np.int64], shares: Array,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Azimuth, slope and inverse distance, from the pan axis, of what is seen from a ``centre``, forward, left and up
+    of it; ``toward`` are the pan, and cosine and sine of ``azimuth``, which counts from that. Where the centre is far
+    from the axis, the hall is looked up again where it is. ``nodes`` and ``shares`` as in `near_at`."""
+    pan, cos_a, sin_a = toward
+    forward, left, up = centre
+    near = near_at(hall, pan + azimuth, slope, nodes, shares)
+    turned, level = parallax_back(cos_a, sin_a, slope, near, forward, left, up)
+    if forward * forward + left * left > BESIDE * BESIDE:
+        near = near_at(hall, pan + azimuth + turned, level, nodes, shares)
+        turned, level = parallax_back(cos_a, sin_a, slope, near, forward, left, up)
+    return azimuth + turned, level, near
 
 
 @njit(cache=True, nogil=True)

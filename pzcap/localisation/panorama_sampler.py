@@ -17,7 +17,7 @@ from numba import njit
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import lens
 from pzcap.geometry.camera import VIEW
-from pzcap.geometry.cylinder import NODES, Hall, kernel_hall, near_at, smooth_map, to_unwrapped
+from pzcap.geometry.cylinder import NODES, Hall, axis_direction, kernel_hall, smooth_map, to_unwrapped
 from pzcap.geometry.lens import Distortion, distort_point, jacobian_at, undistort_point
 from pzcap.imaging.bspline import Stored, cubic
 from pzcap.imaging.colour import grey
@@ -160,7 +160,7 @@ def _axis_directions(
     """
     pan, tilt, focal, roll, principal_x, principal_y = view[:6]
     slope_x, slope_y = principal_slope
-    offset_x, offset_y, offset_z = view[VIEW - 3 : VIEW]
+    centre = view[VIEW - 3], view[VIEW - 2], view[VIEW - 1]
     cos_t, sin_t, cos_r, sin_r = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
     nodes, shares = np.empty(NODES, np.int64), np.empty(NODES)
     out = np.empty((len(points), 8))
@@ -183,11 +183,10 @@ def _axis_directions(
         by_across = 1.0 / (forward * forward + left * left)
         by_level = np.sqrt(by_across)
         azimuth, slope = np.arctan2(left, forward), up * by_level
-        near = near_at(hall, pan + azimuth, slope, nodes, shares) if len(hall[1]) else 0.0
-        to_x, to_y = near * offset_x, near * offset_y
-        cos_a, sin_a = forward * by_level, left * by_level
-        out[n, 0] = azimuth - to_x * sin_a + to_y * cos_a
-        out[n, 1] = slope * (1.0 - to_x * cos_a - to_y * sin_a) + near * offset_z
+        if len(hall[1]):
+            toward = pan, forward * by_level, left * by_level
+            azimuth, slope, _ = axis_direction(hall, azimuth, slope, toward, centre, nodes, shares)
+        out[n, 0], out[n, 1] = azimuth, slope
         out[n, 2] = (forward * d_left - left * d_forward) * by_across
         out[n, 3] = (d_up - up * (forward * d_forward + left * d_left) * by_across) * by_level
         # tilting turns the ray's (forward, up) by itself

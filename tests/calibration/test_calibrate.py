@@ -123,21 +123,21 @@ def test_what_was_adjusted_is_what_the_camera_has() -> None:
     np.testing.assert_allclose(there.world_T_cam, taken(1.6).world_T_cam, atol=1e-12)
 
 
-def test_the_floor_leans_as_the_axis_does() -> None:
+@pytest.mark.parametrize("lean", [(0.0, 0.0, 0.0), (0.02, -0.03, 0.0)])
+def test_the_floor_leans_as_the_axis_does(lean: tuple[float, float, float]) -> None:
     """The way up in the reference image tells it; where the axis is upright it is level, whatever the tilt."""
-    for lean in (np.zeros(3), np.array([0.02, -0.03, 0.0])):
-        world_R_head = Rotation.from_rotvec(lean).as_matrix()
-        up = (world_R_head @ head_T_cam(0.4, -0.07, 0.01)[:3, :3])[2]
-        model = CalibrationParameters(
-            np.array([0.0, 0.4]), np.log([FOCAL]), np.array([0, 1]), np.zeros(2, int), -0.07, 0.01,
-            np.array([[160.0, 121.0]]), np.zeros(1), np.zeros(3), np.zeros(2), 0.0, HALL,
-        )  # fmt: skip
-        chained = SimpleNamespace(pan_rad=np.zeros(1))
-        found = calibrate._with_lean(model, cast(Matched, SimpleNamespace(up=up, chained=chained)))
-        normal = world_R_head.T[:, 2]
-        np.testing.assert_allclose(found.surroundings.lean, -normal[:2] / normal[2], atol=1e-12)
-        unknown = calibrate._with_lean(model, cast(Matched, SimpleNamespace(up=None, chained=chained)))
-        assert unknown is model
+    world_R_head = Rotation.from_rotvec(lean).as_matrix()
+    up = (world_R_head @ head_T_cam(0.4, -0.07, 0.01)[:3, :3])[2]
+    model = CalibrationParameters(
+        np.array([0.0, 0.4]), np.log([FOCAL]), np.array([0, 1]), np.zeros(2, int), -0.07, 0.01,
+        np.array([[160.0, 121.0]]), np.zeros(1), np.zeros(3), np.zeros(2), 0.0, HALL,
+    )  # fmt: skip
+    matched = SimpleNamespace(up=lambda _: up, chained=SimpleNamespace(pan_rad=np.zeros(1)))
+    found = calibrate._with_lean(model, cast(Matched, matched))
+    normal = world_R_head.T[:, 2]
+    np.testing.assert_allclose(found.surroundings.lean, -normal[:2] / normal[2], atol=1e-12)
+    matched.up = None
+    assert calibrate._with_lean(model, cast(Matched, matched)) is model
     # counted from another pan, it leans the same way
     turned = calibrate._rotated(found.surroundings, 0.4, 1.6)
     for azimuth in (0.0, 1.0, 2.5):
