@@ -90,8 +90,7 @@ def calibrate(
     size = refined.camera.width, refined.camera.height
     scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
     camera, surroundings = _in_metres(model, taken.pan_rad, refined.camera)
-    stretched = BELIEF.partial_scale_sigma if footage.zoom is None else BELIEF.partial_zoomed_sigma
-    doubt = np.hypot(0.0 if chained.full_turn else stretched, undecided)
+    doubt = np.hypot(0.0 if chained.full_turn else BELIEF.partial_scale_sigma, undecided)
     if footage.calibration_object is not None:
         doubt = np.hypot(doubt, contradiction(first.camera.focal_px, taken.focal_px, size[0]))
     sweep_pan_rad = model.pan_rad[:count] - taken.pan_rad  # the reference image's pan is 0

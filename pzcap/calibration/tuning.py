@@ -89,8 +89,6 @@ class BeliefTuning(NamedTuple):
     which on the sweep contradicts the object. Seen: up to 9 where it is right (640 and 320 columns), 26 where not."""
     partial_scale_sigma: float = 1e-3
     """Relative: where no circle closes, 0.02 pixels of compression or lens stretch the whole. Fitted to captures."""
-    partial_zoomed_sigma: float = 3e-4
-    """The same where a zoom run tells the lens: 2.6e-4 rms, 6e-4 at most, in 16 cameras of four halls."""
     usual_lens: float = 0.03
     """Share of the standard deviations of k2, p1 and p2 that is believed of a lens at first."""
     unusual: float = 2.0
