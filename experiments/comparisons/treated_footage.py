@@ -42,7 +42,7 @@ FOCAL: Final = Column("panzoom.focal.rms", "focal %", "%", "{:.2g}")
 LOST_VIEWS: Final = Column("panzoom.lost", "views lost", "views", "{:.0f}")
 NEES: Final = Column("panzoom.nees", "NEES", "1", "{:.1f}")
 OF_SIZE: Final = (FOCAL.key, NEES.key)
-"""What is not compared where things come out larger or smaller than the lens had them."""
+"""Columns that are not compared where things come out larger or smaller than the lens had them."""
 CRF: Final = 16
 """x264's, of what is encoded anew: an editor's usual export."""
 NOISE: Final = 12.0
@@ -50,10 +50,9 @@ NOISE: Final = 12.0
 MIXED: Final = 0.75
 """Share of the picture before that it mixes in where nothing changes."""
 HELD_PX: Final = 8.0
-"""How far a stabiliser shifts a picture at most, and the margin that it cuts off for it."""
+"""Most by which a stabiliser shifts a picture, and the margin that it cuts off for it."""
 RECENTRED: Final = 0.1
 """Share of its shift that it gives up with each frame."""
-
 FLASH_EVERY: Final = 15
 """Pictures from a flash to the next."""
 HUNTING_EVERY: Final = 60

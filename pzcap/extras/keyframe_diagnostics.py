@@ -174,7 +174,7 @@ def _in_line(motion: Motion, near: Sequence[int], frame: int) -> tuple[Pose, flo
 
 
 def _speeding_m(motion: Motion, near: Sequence[int], frame: int) -> Array:
-    """What joints may be beside a line through the frames ``near``, (16,) metres: where these are on one side of a
+    """Error (16,) of the joints, metres, on a line through the frames ``near``: where these are on one side of a
     ``frame`` only, as much as each has last moved, since a limb that is thrown moves twice as fast a frame later."""
     if near[0] < frame < near[-1]:
         return np.zeros(len(SEGMENTS))

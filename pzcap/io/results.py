@@ -57,7 +57,7 @@ PER_CAMERA: Final[dict[str, tuple[str, type]]] = {
 """Field of Reconstruction -> (name in the npz, type)."""
 
 ABSENT_IF_ZERO: Final = ("k2", "p1", "p2", "lateral_colour", "lean")
-"""What is stored where it is not zero: coefficients of distortion, and the floor's lean."""
+"""Fields that are stored where they are not zero: coefficients of distortion, and the floor's lean."""
 
 _LEAST_BYTES: Final = 2**28
 """Bytes of a reconstruction's arrays that are read, however small the file: 256 MiB."""

@@ -139,7 +139,7 @@ def test_a_pan_that_went_on_unexpectedly_is_found_where_it_went() -> None:
 
 
 WALL = np.deg2rad([100.0, 150.0])
-"""Where the hall has a bare wall, in `before_a_wall`."""
+"""Azimuths between which the hall of `before_a_wall` has a bare wall."""
 
 
 def before_a_wall(pans: Array, wall: Array = WALL) -> list[tuple[int, Image]]:

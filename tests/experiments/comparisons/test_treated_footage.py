@@ -1,4 +1,4 @@
-"""What is done to the pictures of a capture, and what is counted of it."""
+"""Treatments of the pictures of a capture, and what is counted of them."""
 
 from __future__ import annotations
 
