@@ -14,16 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pzcap.body.kinematics import difference, retract
-from pzcap.body.skeleton import DOF, Body
+from pzcap.body.skeleton import Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.camera_refinement import MarginalisedCamera
-from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
+from pzcap.tracking.frame_tracker import PoseEstimate
 from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import Placed
-from pzcap.tracking.pixel_time import ClockEstimate, ClockSystem
-from pzcap.tracking.pose_objective import PosedBody, PoseObjective, ViewSequence
+from pzcap.tracking.pixel_time import ClockEquations, ClockEstimate, ClockSystem
+from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, ViewSequence
 from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, posterior_spread, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
@@ -123,63 +123,91 @@ class _Batch:
         self, objectives: Sequence[PoseObjective], posed: Sequence[PosedBody], placed: Sequence[Placed],
         appearances: Appearances,
     ) -> RefinedBatch:  # fmt: skip
-        """Some Gauss-Newton steps of the poses, the cameras and the clocks, visibility staying as ``placed``."""
-        config, objectives, poses = self.config, list(objectives), [each.pose for each in posed]
-        hessians, contours = [np.zeros((DOF, DOF)) for _ in poses], [NO_CONTOUR for _ in poses]
-        cameras: list[list[MarginalisedCamera | None]] = [[None] * len(each.views) for each in objectives]
-        steps, cost, clock = np.zeros((len(poses), DOF)), 0.0, clocks_of(objectives)
-        known = self.clocks
-        for count in range(config.polishing_sweeps):
+        """Gauss-Newton steps of the poses, the cameras and the clocks until they stay, visibility staying as
+        ``placed``. A frame that has come to rest is not linearised again: its equations follow its last small steps."""
+        config, poses = self.config, [each.pose for each in posed]
+        seen = [any(view is not None for view in each.views) for each in objectives]
+        keys = [*[None] * (len(poses) - 1), self.key]
+        scene = zip(keys, objectives, posed, placed, strict=True)
+        equations = [self._linearised(*each, appearances) for each in scene]
+        objectives, clock, known = list(objectives), clocks_of(objectives), self.clocks
+        weak = np.diag(1.0 / config.prediction_sigma**2)  # what no view shows still moves as other frames do
+        # forces that change at random: how far they throw a body off grows as the time to the power of 3/2
+        sigma = config.acceleration_sigma * self.period**1.5
+        moving, count = np.ones(len(poses), bool), 0
+        while moving.any() and count < config.polishing_sweeps:
             if count:
-                drapes = [each.drape for each in objectives]
-                sequence = ViewSequence([each.views for each in objectives], self.period)
-                objectives = sequence.objectives(self.body, poses)
-                objectives = [replace(each, drape=drape) for each, drape in zip(objectives, drapes, strict=True)]
-                posed = [each.posed(pose) for each, pose in zip(objectives, poses, strict=True)]
-            gradients, cost, normals = [], 0.0, {}
-            system, crosses, told = ClockSystem(self.clocks), [], []
-            for t, (objective, here, where) in enumerate(zip(objectives, posed, placed, strict=True)):
-                normal = objective.normal(here, where, appearances, config.schedule[-1].terms)
-                stiffness, pull = constraints(
-                    self.body,
-                    here.pose,
-                    config.limit_sigma_rad,
-                    self_collision=config.self_collision,
-                    spine_sigma_rad=config.spine_sigma_rad,
-                )
-                hessians[t] = normal.hessian + stiffness
-                gradients.append(normal.gradient + pull)
-                contours[t], cameras[t], cost = normal.contour, normal.cameras, cost + normal.cost
-                normals[t] = normal
-                told.append(objective.clocks(here, normal))
-            if self.key is not None:
-                prior = information(self.key, config)
-                hessians[-1] += prior
-                gradients[-1] += prior @ difference(self.key.pose, poses[-1])
-            weak = np.diag(1.0 / config.prediction_sigma**2)  # what no view shows still moves as other frames do
-            for hessian, gradient, own in zip(hessians, gradients, told, strict=True):
-                crosses.append(system.add(own, hessian + weak, gradient))
+                objectives = self._moved(objectives, poses)
+                equations = [
+                    self._linearised(keys[t], objectives[t], objectives[t].posed(poses[t]), placed[t], appearances)
+                    if moving[t] else each
+                    for t, each in enumerate(equations)
+                ]  # fmt: skip
+            system = ClockSystem(self.clocks)
+            crosses = [system.add(each.clocks, each.hessian + weak, each.gradient) for each in equations]
             known = system.solve(clock)
             ticked, clock = known.clock - clock, known.clock
-            gradients = [each - cross @ ticked for each, cross in zip(gradients, crosses, strict=True)]
-            chain = [*self.before, *poses]
-            ties = contacts(self.body, chain) if config.contacts else []
-            # forces that change at random: how far they throw a body off grows as the time to the power of 3/2
-            sigma = config.acceleration_sigma * self.period**1.5
-            steps = smooth_step(poses, hessians, gradients, sigma, self.before, ties)
+            pulls = [each.gradient - cross @ ticked for each, cross in zip(equations, crosses, strict=True)]
+            ties = contacts(self.body, [*self.before, *poses]) if config.contacts else []
+            steps = smooth_step(poses, [each.hessian for each in equations], pulls, sigma, self.before, ties)
             steps = steps.clip(-0.5, 0.5)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
             objectives = [
-                each.after(normals[t], step).with_clocks(clock)
-                for t, (each, step) in enumerate(zip(objectives, steps, strict=True))
+                objective.after(each.normal, step).with_clocks(clock)
+                for objective, each, step in zip(objectives, equations, steps, strict=True)
             ]
-        seen = [any(view is not None for view in each.views) for each in objectives]
-        frames = [PoseEstimate(*each) for each in zip(poses, hessians, contours, seen, strict=True)]
-        converged = bool(np.abs(steps).max(initial=0.0) < config.step_tolerance)
+            moving, count = np.abs(steps).max(axis=1) > config.step_tolerance, count + 1
+            equations = [
+                each.after(step, ticked, pull) for each, step, pull in zip(equations, steps, pulls, strict=True)
+            ]
+        found = zip(poses, equations, seen, strict=True)
+        frames = [PoseEstimate(pose, each.hessian, each.normal.contour, any_) for pose, each, any_ in found]
         return RefinedBatch(
-            frames, objectives, known, cameras, SolveReport(converged, config.polishing_sweeps, cost),
+            frames, objectives, known, [each.normal.cameras for each in equations],
+            SolveReport(not moving.any(), count, sum(each.normal.cost for each in equations)),
             np.full((len(frames), len(SEGMENTS)), np.nan),
         )  # fmt: skip
+
+    def _linearised(
+        self, key: Keyframe | None, objective: PoseObjective, posed: PosedBody, placed: Placed, appearances: Appearances
+    ) -> _Linearised:
+        """The equations of a frame, whose pose a hand gave if it is a ``key``."""
+        config, normal = self.config, objective.normal(posed, placed, appearances, self.config.schedule[-1].terms)
+        stiffness, pull = constraints(
+            self.body,
+            posed.pose,
+            config.limit_sigma_rad,
+            self_collision=config.self_collision,
+            spine_sigma_rad=config.spine_sigma_rad,
+        )
+        hessian, gradient = normal.hessian + stiffness, normal.gradient + pull
+        if key is not None:
+            prior = information(key, config)
+            hessian, gradient = hessian + prior, gradient + prior @ difference(key.pose, posed.pose)
+        return _Linearised(normal, hessian, gradient, objective.clocks(posed, normal))
+
+    def _moved(self, objectives: Sequence[PoseObjective], poses: Sequence[Pose]) -> list[PoseObjective]:
+        """The ``objectives`` with the body moving as the ``poses`` say."""
+        moved = ViewSequence([each.views for each in objectives], self.period).objectives(self.body, poses)
+        return [replace(each, drape=old.drape) for each, old in zip(moved, objectives, strict=True)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Linearised:
+    """Normal equations of a frame: its images, the constraints of the body, and the hand where it set the pose."""
+
+    normal: PoseEquations  # of the images
+    hessian: Array  # (43, 43)
+    gradient: Array  # (43,)
+    clocks: list[ClockEquations | None]
+
+    def after(self, step: Array, ticked: Array, pull: Array) -> _Linearised:
+        """The equations after a small ``step`` (43,) of the pose, the clocks having ``ticked`` (C,), which has left the
+        gradient ``pull`` (43,)."""
+        clocks = [
+            None if one is None else one.after(step, float(tick)) for one, tick in zip(self.clocks, ticked, strict=True)
+        ]
+        return replace(self, gradient=pull - self.hessian @ step, clocks=clocks)
 
 
 def clocks_of(objectives: Sequence[PoseObjective]) -> Array:

@@ -123,6 +123,10 @@ class ClockEquations(NamedTuple):
     pull: float  # c
     cross: Array  # (43,) B
 
+    def after(self, step: Array, tick: float) -> ClockEquations:
+        """The equations after a small ``step`` (43,) of the pose and ``tick`` of the clock."""
+        return self._replace(pull=self.pull - float(self.cross @ step) - self.information * tick)
+
 
 def clock_equations(
     view: SegmentSums, velocity: Array, world_T_segment: Array, twists: Array,

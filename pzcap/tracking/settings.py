@@ -111,8 +111,8 @@ class TrackingConfig:
     """Standard deviation of the root's acceleration, a frame squared."""
     acceleration_rotation_sigma_rad: float = 0.05
     """Standard deviation of each joint's acceleration, a frame squared."""
-    polishing_sweeps: int = 2
-    """Gauss-Newton steps of all frames of an interval together."""
+    polishing_sweeps: int = 16
+    """Gauss-Newton steps of all frames of an interval together, at most; they end once no frame moves."""
     longest_stretch: int = 200
     """Frames that wait for a keyframe to be tracked backward."""
     longest_lead: int = 120
