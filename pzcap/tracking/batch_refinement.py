@@ -207,7 +207,7 @@ class _Linearised:
         clocks = [
             None if one is None else one.after(step, float(tick)) for one, tick in zip(self.clocks, ticked, strict=True)
         ]
-        return replace(self, gradient=pull - self.hessian @ step, clocks=clocks)
+        return replace(self, normal=self.normal.taken(), gradient=pull - self.hessian @ step, clocks=clocks)
 
 
 def clocks_of(objectives: Sequence[PoseObjective]) -> Array:

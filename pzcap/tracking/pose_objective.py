@@ -55,6 +55,12 @@ class PoseEquations:
         """Weighted squares of contour (px2) and brightness (sigmas squared)."""
         return float(self.contour[:, 0].sum() + self.brightness[:, 0].sum())
 
+    def taken(self) -> PoseEquations:
+        """The equations once a step has been taken: cameras and drape have come to their best, and only follow."""
+        cameras = [None if one is None else one._replace(pull=np.zeros_like(one.pull)) for one in self.cameras]
+        drape = None if self.drape is None else replace(self.drape, ahead=np.zeros_like(self.drape.ahead))
+        return replace(self, cameras=cameras, drape=drape)
+
 
 def misfit_px2(contour: Array, unseen_px2: float) -> Array:
     """Mean squared distance (S,) of each segment's contour from the silhouettes, from the ``contour`` (S, 3) of

@@ -10,6 +10,7 @@ import pytest
 from pzcap.body.kinematics import forward, retract
 from pzcap.body.skeleton import DOF
 from pzcap.tracking.batch_refinement import RefinedBatch, refine_batch
+from pzcap.tracking.camera_refinement import CAMERA_DOF, CameraPrior
 from pzcap.tracking.pixel_time import ClockEquations, ClockEstimate
 from pzcap.tracking.pose_objective import ViewSequence
 from pzcap.tracking.settings import TrackingConfig
@@ -18,6 +19,7 @@ from tests.scenes.tracked import CONFIG, clip, crops, true_body
 
 pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 FRAMES = range(2, 11)
+CAMERA_SIGMA = np.array([1e-3, 1e-3])
 
 
 def start(seed: int) -> list[Pose]:
@@ -29,7 +31,8 @@ def start(seed: int) -> list[Pose]:
 
 
 def refined(poses: list[Pose], config: TrackingConfig = CONFIG) -> RefinedBatch:
-    views = ViewSequence([crops(frame) for frame in FRAMES], 1.0)
+    loose = CameraPrior(np.array([0.0, 0.0, 1.0]), np.diag(CAMERA_SIGMA**-2.0), np.zeros(CAMERA_DOF))
+    views = ViewSequence([[view and replace(view, camera_prior=loose) for view in crops(f)] for f in FRAMES], 1.0)
     before = [clip().poses[frame] for frame in (0, 1)]
     return refine_batch(true_body(), poses, views, before, None, None, ClockEstimate.of(4, 0.3), config)
 
@@ -37,6 +40,12 @@ def refined(poses: list[Pose], config: TrackingConfig = CONFIG) -> RefinedBatch:
 def errors_mm(found: RefinedBatch) -> Array:
     joints = np.array([forward(true_body(), each.pose)[:, :3, 3] for each in found.frames])
     return 1e3 * np.linalg.norm(joints - clip().joints_m[FRAMES.start : FRAMES.stop], axis=2)
+
+
+def corrections(found: RefinedBatch) -> Array:
+    """(F, C, 2) of the cameras, in their standard deviations."""
+    priors = [[view.camera_prior for view in each.views if view is not None] for each in found.objectives]
+    return np.array([[one.correction for one in row if one is not None] for row in priors]) / CAMERA_SIGMA
 
 
 def test_a_frame_that_began_off_comes_to_where_the_others_are() -> None:
@@ -57,6 +66,8 @@ def test_frames_at_rest_need_not_be_linearised_again() -> None:
         for a, b in zip(begun.frames, every.frames, strict=True)
     ]
     assert 1e3 * np.max(apart) < 2.0
+    assert np.abs(corrections(begun)).max() > 0.3  # there is something to correct
+    assert np.abs(corrections(begun) - corrections(every)).max() < 0.1
 
 
 def test_equations_of_a_clock_follow_small_steps() -> None:

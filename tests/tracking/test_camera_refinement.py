@@ -177,3 +177,24 @@ def test_cameras_stay_as_they_are_where_they_are_not_to_be_refined() -> None:
         tracker.push(TrackInput(0, tuple(views)))
         found = tracker._crop(views, clip().poses[0])
         assert all(view is not None and (view.camera_prior is not None) == on for view in found)
+
+
+def test_equations_that_have_been_taken_move_a_camera_no_further() -> None:
+    """But as the pose moves on, which is linear: two steps are their sum."""
+    body, pose = true_body(), clip().poses[6]
+    appearances: list[Appearance | None] = [Appearance.unseen(body) for _ in range(4)]
+    objective = PoseObjective(body, shaken(6, 4 * [SHAKEN], SHAKEN))
+    posed, placed = objective.place(pose)
+    learn(objective.views, placed, appearances, 1.0)
+    normal = objective.normal(posed, placed, appearances, CONFIG.schedule[-1].terms)
+    one, two = np.random.default_rng(1).normal(0.0, 0.01, (2, DOF))
+
+    def corrections(after: PoseObjective) -> Array:
+        priors = [view.camera_prior for view in after.views if view is not None]
+        return np.array([prior.correction for prior in priors if prior is not None])
+
+    at_once = objective.after(normal, one + two)
+    np.testing.assert_allclose(
+        corrections(objective.after(normal, one).after(normal.taken(), two)), corrections(at_once), atol=1e-12
+    )
+    assert np.abs(corrections(objective.after(normal, 0.0 * one))).max() > 0.1 * SHAKEN.max()
