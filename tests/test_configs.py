@@ -24,6 +24,7 @@ TRIALS = {
     "lights_on": {"gym.lights_on"},
     "moved_object": {"gym.rearranged"},
     "bare_walls": {"gym.bare_walls"},
+    "plain_head": {"optics.axis_behind_m", "optics.axis_beside_m"},
     "crew_in_sweep": {"crew.walks_in_sweep"},
     "tilting": {"operator.tilts"},
     "partial_sweep": {"sweep_deg", "zoom_frames"},

@@ -68,7 +68,8 @@ class BeliefConfig:
     decentring: float = 0.001
     """Of p1 and p2 about 0: a pixel or two in the corners of a wide image."""
     offset_m: float = 0.03
-    """Metres, of the projection centre beside the pan axis. A slide head leaves less, a bare tripod about as much."""
+    """Metres, of the projection centre about the pan axis. A slide head leaves less; a plain head 5 to 15 cm, which the
+    footage tells all the same: near and far things shift against each other by pixels."""
     travel_m: float = 0.003
     """Metres a unit of log focal, of the projection centre along the optical axis as the lens zooms."""
     sway_deg: float = 0.015
