@@ -90,6 +90,7 @@ def calibrate(
     size = refined.camera.width, refined.camera.height
     scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
     camera, surroundings = _in_metres(model, taken.pan_rad, refined.camera)
+    fitted = fitted.less_sure(scale, BELIEF.parallax_scale_sigma_m * float(np.linalg.norm(camera.offset_m)))
     doubt = np.hypot(0.0 if chained.full_turn else BELIEF.partial_scale_sigma, undecided)
     if footage.calibration_object is not None:
         doubt = np.hypot(doubt, contradiction(first.camera.focal_px, taken.focal_px, size[0]))

@@ -69,6 +69,12 @@ class Fitted:
     bands: Array  # (F, K) of mains light in the frames, as in `pzcap.imaging.row_bands`
     report: SolveReport
 
+    def less_sure(self, place: int, sigma: float) -> Fitted:
+        """The adjustment, whose parameter at a ``place`` may be off by ``sigma`` beside what is claimed; the others
+        follow it as they are correlated."""
+        along = self.covariance[:, place] / self.covariance[place, place]
+        return replace(self, covariance=self.covariance + sigma**2 * np.outer(along, along))
+
 
 def _overlap(
     frames: Stored, edges: Sequence[NDArray[np.int16]], state: CalibrationParameters, pair: tuple[int, int], most: int,

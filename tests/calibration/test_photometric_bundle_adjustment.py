@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pzcap.calibration import photometric_bundle_adjustment
 from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.parameters import CalibrationParameters, Sigmas, retract, to_vector
+from pzcap.calibration.photometric_bundle_adjustment import Fitted
 from pzcap.calibration.sweep import SweepConfig
 from pzcap.geometry.camera import direction_to_pixel, pixel_to_direction
 from pzcap.imaging import row_bands
 from pzcap.imaging.bspline import STEPS, Stored, stored
 from pzcap.imaging.colour import grey
 from pzcap.imaging.row_bands import row_time
+from pzcap.solver.gauss_newton import SolveReport
 from pzcap.types import FAR_AWAY, Array
 from tests.scenes import synthetic
 
@@ -135,3 +139,22 @@ def test_frames_without_overlap_are_not_compared(frames: Stored) -> None:
     assert photometric_bundle_adjustment._overlap(frames, edges, truth(), (0, 7), PIXELS, 0.64) is not None
     far = retract(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(to_vector(truth())) - 8)]))
     assert photometric_bundle_adjustment._overlap(frames, edges, far, (0, 7), PIXELS, 0.64) is None
+
+
+@given(st.integers(0, 2**31), st.floats(0.0, 10.0))
+def test_what_is_less_sure_keeps_how_the_others_follow(seed: int, sigma: float) -> None:
+    """The variance grows by what is added; given the parameter, the others are known as before."""
+    root = np.random.default_rng(seed).normal(size=(5, 8))
+    before = root @ root.T
+    fitted = Fitted(truth(), before, 1.0, 0.0, 0.0, np.zeros((1, 0)), SolveReport(True, 1, 0.0))
+    after = fitted.less_sure(2, sigma).covariance
+    assert after[2, 2] == pytest.approx(before[2, 2] + sigma**2)
+    others = np.delete(np.arange(5), 2)
+
+    def given_it(covariance: Array) -> tuple[Array, Array]:
+        """How the others follow the parameter, and their covariance where it is known."""
+        along = covariance[others, 2] / covariance[2, 2]
+        return along, covariance[np.ix_(others, others)] - np.outer(along, along) * covariance[2, 2]
+
+    for known, was in zip(given_it(after), given_it(before), strict=True):
+        np.testing.assert_allclose(known, was, rtol=1e-6, atol=1e-9 * (1.0 + sigma**2) * before.max() / before[2, 2])
