@@ -91,7 +91,7 @@ class TrackingConfig:
     cut_out_margin: float = 0.1
     """Margin that is kept of a view around the body, in sizes of the body."""
     step_tolerance: float = 3e-3
-    """Metres, radians: a smaller step ends a round."""
+    """Metres, radians: a smaller step ends a round, and a frame that makes one is at rest."""
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
     """Rounds of a fit, coarse to fine."""
     start_widening: float = 4.0

@@ -152,7 +152,7 @@ def test_what_is_less_sure_keeps_how_the_others_follow(seed: int, sigma: float) 
     others = np.delete(np.arange(5), 2)
 
     def given_it(covariance: Array) -> tuple[Array, Array]:
-        """How the others follow the parameter, and their covariance where it is known."""
+        """Regression of the others on the parameter, and their covariance where it is known."""
         along = covariance[others, 2] / covariance[2, 2]
         return along, covariance[np.ix_(others, others)] - np.outer(along, along) * covariance[2, 2]
 
