@@ -62,9 +62,9 @@ Garment: TypeAlias = Literal["shirt", "trousers", "skirt"]
 GARMENTS: Final[dict[Garment, tuple[str, ...]]] = {
     "shirt": ("thorax", "lumbar", "left_upper_arm", "right_upper_arm"),
     "trousers": ("pelvis", "left_thigh", "left_shank", "right_thigh", "right_shank"),
-    "skirt": ("pelvis", "left_thigh", "right_thigh"),
+    "skirt": ("pelvis",),
 }
-"""Segments that loose clothes cover."""
+"""Segments that loose clothes hang on. A skirt hangs down over the thighs from there."""
 
 LUMBAR_FRACTION: Final = 0.25
 THORAX_FRACTION: Final = 0.55

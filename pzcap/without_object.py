@@ -256,7 +256,7 @@ def _scaled_by_contours(
 def of_open_size(body: Body, sigma: float) -> Body:
     """The body in units of length that are uncertain by a relative ``sigma``."""
     values, covariance = body.measured.values_m, body.measured.covariance_m2
-    return of(Measured(values, covariance + sigma**2 * np.outer(values, values)), body.loose_m)
+    return of(Measured(values, covariance + sigma**2 * np.outer(values, values)), body.worn)
 
 
 def in_metres(found: Reconstruction, body: Body, placed: Placed) -> Reconstruction:

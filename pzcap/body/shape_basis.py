@@ -15,7 +15,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pzcap.body.anthropometry import Measured
 from pzcap.body.mesh import girths_along
 from pzcap.body.skeleton import Body
 from pzcap.body.tuning import SHAPE
@@ -220,7 +219,7 @@ def _skin(body: Body, rows: _Rows) -> None:
         return points.min(axis=0), points.max(axis=0)
 
     outwards = {i: -1.0 if name.startswith("right_") else 1.0 for i, name in enumerate(SEGMENTS)}
-    swells = _swelling(body.measured)
+    swells = _swelling(body)
     for segment in range(4):  # the trunk and the head: deeper, wider, further ahead, further up
         depth, width, _ = 0.5 * np.subtract(*extent(segment)[::-1])
         swell = swells[SEGMENTS[segment]]
@@ -260,15 +259,17 @@ def _skin(body: Body, rows: _Rows) -> None:
 _SMALL_M: Final = 1e-4
 
 
-def _swelling(measured: Measured) -> dict[str, Array]:
+def _swelling(body: Body) -> dict[str, Array]:
     """Of each segment by name: share (SHAPE.stations, 26) that it is thicker by at its stations, for each metre that a
     girth is off by."""
-    before = girths_along(measured.named(), SHAPE.stations)
+    measured, skirt = body.measured, "skirt" in body.worn
+    before = girths_along(measured.named(), SHAPE.stations, skirt)
     shares = {name: np.zeros((SHAPE.stations, len(MEASUREMENTS))) for name in before}
     for k, measurement in enumerate(MEASUREMENTS):
         if not measurement.startswith("girth_"):
             continue
-        after = girths_along(measured.named() | {measurement: float(measured.values_m[k]) + _SMALL_M}, SHAPE.stations)
+        wider = measured.named() | {measurement: float(measured.values_m[k]) + _SMALL_M}
+        after = girths_along(wider, SHAPE.stations, skirt)
         for name, girths in before.items():
             shares[name][:, k] = (after[name] / girths - 1.0) / _SMALL_M
     return shares

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,6 +24,7 @@ from pzcap.types import (
     SEGMENTS,
     THORAX_FRACTION,
     Array,
+    Garment,
     Indices,
     Mask,
     MovedBody,
@@ -94,7 +96,8 @@ class Body:
     offsets_m: Array  # (16, 3) joint of each segment in its parent's frame; zero for the root
     surface: Surface
     measured: Measured  # what it was made from
-    loose_m: Array  # (16,) room between skin and clothes, by which the surface is wider; 0 where these are tight
+    worn: Mapping[Garment, float]  # loose clothes, and how far they stand off the skin, metres
+    loose_m: Array  # (16,) that room, by which the surface is wider; 0 where clothes are tight
     landmarks: Landmarks  # where a detector's keypoints lie
 
 
@@ -102,21 +105,21 @@ def build(subject: Subject) -> Body:
     """The body of a subject; measurements that are missing are guessed. Raises PzcapError when one cannot be a
     person's."""
     _check(subject.measurements_m, "measurements are in metres")
-    loose_m = np.zeros(len(SEGMENTS))
-    for garment, room_m in subject.loose_m.items():
-        for name in GARMENTS[garment]:
-            loose_m[SEGMENTS.index(name)] = max(loose_m[SEGMENTS.index(name)], room_m)
-    return of(anthropometry.measured(subject), loose_m)
+    return of(anthropometry.measured(subject), subject.loose_m)
 
 
-def of(measured: Measured, loose_m: Array) -> Body:
-    """The body of a person with these measurements, in clothes so loose (16,)."""
+def of(measured: Measured, worn: Mapping[Garment, float]) -> Body:
+    """The body of a person with these measurements, in loose clothes that are ``worn`` so far off the skin, metres."""
     m = measured.named()
     _check(m, "as the rest of subject.json has it: correct that")
-    offsets, surface = _offsets(m), build_surface(m)
+    loose_m = np.zeros(len(SEGMENTS))
+    for garment, room_m in worn.items():
+        for name in GARMENTS[garment]:
+            loose_m[SEGMENTS.index(name)] = max(loose_m[SEGMENTS.index(name)], room_m)
+    offsets, surface = _offsets(m), build_surface(m, "skirt" in worn)
     if loose_m.any():
         surface = surface.moved(surface.points_m + loose_m[surface.segment][:, None] * surface.normals)
-    return Body(offsets, surface, measured, loose_m, landmarks.usual(offsets, surface))
+    return Body(offsets, surface, measured, worn, loose_m, landmarks.usual(offsets, surface))
 
 
 def _check(measurements_m: dict[str, float], remedy: str) -> None:

@@ -76,7 +76,7 @@ def resized(body: Body, size: BodySize) -> Body:
     variance = _size_variance(Measured(values, covariance))
     gain = variance / (variance + size.sigma**2)
     values = values * np.exp(gain * np.log(size.ratio))
-    return skeleton.of(Measured(values, covariance - gain * variance * along), body.loose_m)
+    return skeleton.of(Measured(values, covariance - gain * variance * along), body.worn)
 
 
 def scaled(body: Body, ratio: float) -> Body:

@@ -143,6 +143,25 @@ def test_a_ring_has_the_girth_that_was_measured(ratio: float) -> None:
     assert depth / width == pytest.approx(ratio)
 
 
+def test_a_skirt_hangs_from_the_pelvis_to_the_middle_of_the_thighs() -> None:
+    tape = subject(0).measurements_m
+    dressed = bodies.build(Subject(tape, 0.005, loose_m={"trousers": 0.03, "skirt": 0.05}))
+    bare = bodies.build(Subject(tape, 0.005, loose_m={"trousers": 0.03}))
+    of_pelvis, of_thigh = (SEGMENTS.index(name) for name in ("pelvis", "left_thigh"))
+    assert dressed.loose_m[of_pelvis] == 0.05
+    assert dressed.loose_m[of_thigh] == 0.03
+    skirt = dressed.surface.points_m[dressed.surface.segment == of_pelvis]
+    assert skirt[:, 2].min() == pytest.approx(-0.5 * tape["thigh"] - 0.05, abs=0.03)
+    assert bare.surface.points_m[bare.surface.segment == of_pelvis][:, 2].min() > -0.2
+    # at its hem it is as wide as at the hips
+    hem = skirt[np.abs(skirt[:, 2] + 0.4 * tape["thigh"]) < 0.02]
+    hips = skirt[np.abs(skirt[:, 2]) < 0.02]
+    np.testing.assert_allclose(np.ptp(hem, axis=0)[1], np.ptp(hips, axis=0)[1], atol=0.03)
+    for body in (dressed, bodies.of(dressed.measured, dressed.worn)):
+        np.testing.assert_array_equal(body.surface.points_m, dressed.surface.points_m)
+    assert (dressed.offsets_m == bare.offsets_m).all()
+
+
 def test_limits_leave_the_standing_body_alone_and_catch_a_knee_that_bends_forward() -> None:
     standing = Pose(np.zeros(3), np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1)))
     assert not kinematics.limit_residuals(standing)[0].any()
