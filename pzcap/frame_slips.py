@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.geometry.camera import project
+from pzcap.segmentation.others import BEFORE
 from pzcap.tracking.tracker import Tracked
 from pzcap.tuning import SLIPS
-from pzcap.types import PARENTS, Array, Camera, Localisation, PanZoomTrack, Silhouette
+from pzcap.types import PARENTS, Array, Camera, Localisation, Mask, PanZoomTrack, Silhouette
 
 _OFFSETS: Final = np.arange(-SLIPS.reach, SLIPS.reach + 1)
 _ALONG: Final = np.linspace(0.0, 1.0, 6)
@@ -39,6 +40,7 @@ class Slip(NamedTuple):
 class _Kept(NamedTuple):
     camera: Camera  # scaled to the picture
     log_odds: NDArray[np.int8]  # (h, w) an eighth of a unit of _MOST_LOG_ODDS / 16
+    hidden: Mask  # (h, w) by somebody who stands before the athlete
 
 
 class FrameOffsets:
@@ -83,7 +85,8 @@ class FrameOffsets:
                 inside = (depth > 0.0) & (columns >= 0) & (rows >= 0) & (columns < width) & (rows < height)
                 seen = np.full(len(points), -127.0)
                 seen[inside] = view.log_odds[rows[inside], columns[inside]]
-                if inside.mean() > 0.5:  # else the athlete walks out of the picture
+                hidden = view.hidden[rows[inside], columns[inside]].sum() > SLIPS.most_hidden * len(points)
+                if inside.mean() > 0.5 and not hidden:  # else the athlete walks out of the picture, or out of sight
                     scores[number] = seen.reshape(len(_OFFSETS), -1).mean(axis=1) * SLIPS.most_log_odds / 127.0
         return scores
 
@@ -114,6 +117,7 @@ def _kept(camera: Camera, silhouette: Silhouette) -> _Kept:
     height, width = silhouette.evidence.shape
     share = min(1.0, SLIPS.width / width)
     size = max(1, round(share * width)), max(1, round(share * height))
+    hidden = cv2.resize((silhouette.others == BEFORE).astype(np.uint8), size) if silhouette.others.size else None
     odds = np.clip(silhouette.evidence, -SLIPS.most_log_odds, SLIPS.most_log_odds) * (127.0 / SLIPS.most_log_odds)
     small = cv2.resize(odds, size, interpolation=cv2.INTER_AREA)
     scale = np.array([size[0] / camera.width, size[1] / camera.height])
@@ -121,7 +125,8 @@ def _kept(camera: Camera, silhouette: Silhouette) -> _Kept:
     shrunk = replace(
         camera, width=size[0], height=size[1], focal_px=float(scale[0]) * camera.focal_px, principal_px=principal
     )
-    return _Kept(shrunk, np.asarray(np.round(small), np.int8))
+    nothing = np.zeros(size[::-1], np.uint8)
+    return _Kept(shrunk, np.asarray(np.round(small), np.int8), (nothing if hidden is None else hidden) > 0)
 
 
 def _path(scores: Array) -> Array:

@@ -61,6 +61,7 @@ class SlipTuning(NamedTuple):
     of two seconds brings 1, a frame that was lost in its middle 40."""
     beyond_clock: float = 0.7  # frames beside its clock by which a camera is off whose timecode is wrong
     most_lost: float = 0.1  # probability that the body is lost: beyond, it tells nothing of the cameras
+    most_hidden: float = 0.02  # share of the body's places that somebody hides: beyond, a view tells nothing
     near: int = 5  # frames before and after the body's best guess in which pan and zoom may tell the frame
     leap_sigmas: float = 6.0  # leap of pan and zoom, beside what is usual, from which on it tells the frame
     repeated: int = 2  # pictures shown twice, from which on a word is said

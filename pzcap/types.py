@@ -341,7 +341,7 @@ class Silhouette:
     background: Image  # (H, W, 3) the panorama as this camera sees it, gain matched to the frame
     evidence: NDArray[np.float32]  # (H // 2, W // 2) log-odds that it shows the athlete, from its colours alone
     valid: bool
-    others: Image = field(default_factory=lambda: np.zeros((0, 0), np.uint8))  # (H // 2, W // 2) 1: somebody else; none
+    others: Image = field(default_factory=lambda: np.zeros((0, 0), np.uint8))  # (H // 2, W // 2) 0: nobody else
 
 
 @dataclass(frozen=True, slots=True, eq=False)

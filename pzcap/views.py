@@ -24,6 +24,7 @@ from pzcap.localisation.readout import History, Readout, Sway, rate_between
 from pzcap.localisation.rectification import upright_views
 from pzcap.localisation.repetition import Pictures, as_shown, carried_on, known_less_surely, moved_px, stood_still
 from pzcap.runtime import give_back
+from pzcap.segmentation.company import WholeView, others_on_floor, whole_view, with_others
 from pzcap.segmentation.foreground import Expected, ForegroundConfig, separate
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
 from pzcap.tuning import LOOK_AHEAD
@@ -225,14 +226,31 @@ def segment_views(
     body."""
     started = time.perf_counter()
 
-    def one(index: int) -> tuple[Camera | None, Silhouette | None, CameraPrior | None]:
+    def one(index: int) -> tuple[Camera | None, Silhouette | None, CameraPrior | None, WholeView | None]:
         image, found, known = seen.frames.images[index], seen.localisations[index], cameras[index]
         if known is None or image is None or found is None or not found.valid:
-            return None, None, None
+            return None, None, None, None
         camera = of_frame(known.camera, found)
         expected = None if tracker is None else tracker.expect(seen.frames.index, camera)
         cut_out = separate(image, known.panorama, known.camera, found, silhouettes, expected)
-        return camera, cut_out, camera_prior(panzoom, known.camera, found)
+        whole = None
+        if expected is not None and silhouettes.others:
+            whole = whole_view(image, known.panorama, known.camera, found, silhouettes, expected)
+        return camera, cut_out, camera_prior(panzoom, known.camera, found), whole
 
-    found, cut_outs, priors = zip(*pool.map(one, range(len(seen.frames.images))), strict=True)
+    found, cut_outs, priors, wholes = zip(*pool.map(one, range(len(seen.frames.images))), strict=True)
+    cut_outs = _apart(cut_outs, wholes)
     return FrameSegmented(seen.frames, found, cut_outs, priors, time.perf_counter() - started)
+
+
+def _apart(
+    silhouettes: tuple[Silhouette | None, ...], wholes: Sequence[WholeView | None]
+) -> tuple[Silhouette | None, ...]:
+    """The ``silhouettes`` of an instant, with others whom the ``wholes`` show on the floor."""
+    places = others_on_floor([whole for whole in wholes if whole is not None])
+    if not len(places):
+        return silhouettes
+    return tuple(
+        silhouette if silhouette is None or whole is None else with_others(silhouette, whole, places)
+        for silhouette, whole in zip(silhouettes, wholes, strict=True)
+    )

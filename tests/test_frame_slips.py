@@ -13,6 +13,7 @@ import pytest
 from pzcap.body.kinematics import joints
 from pzcap.frame_slips import FrameOffsets, along_limbs, leap_near, slip_notes
 from pzcap.geometry.camera import project
+from pzcap.segmentation.others import BEFORE
 from pzcap.types import Array, Camera, Silhouette
 from tests.scenes.bodies import BODY
 from tests.scenes.body_scene import POSITIONS, swing
@@ -75,6 +76,25 @@ def seen(offsets: Sequence[Sequence[float]]) -> tuple[FrameOffsets, list[Any]]:
             )
         )
     return found, tracks
+
+
+def test_a_view_in_which_somebody_hides_the_athlete_tells_nothing() -> None:
+    rng, found = np.random.default_rng(1), FrameOffsets(2)
+    there = [joints(BODY, swing(2.0 * frame / RATE)) for frame in range(FRAMES)]
+    for frame in range(FRAMES):
+        cameras = [looking(camera, there[frame][0], frame / RATE) for camera in range(2)]
+        outlines = [silhouette(camera, there[frame], rng) for camera in cameras]
+        if 20 <= frame < 30:
+            column = round(float(project(cameras[1], there[frame][:1])[0][0, 0]) / 2)
+            others, evidence = np.zeros((120, 160), np.uint8), outlines[1].evidence.copy()
+            others[:, column : column + 20] = BEFORE
+            evidence[others > 0] = 0.0
+            outlines[1] = replace(outlines[1], others=others, evidence=evidence)
+        found.see(frame, cameras, outlines)
+    found.track([tracked(frame, there[frame]) for frame in range(FRAMES)])
+    told = {frame: np.isfinite(scores).all(axis=1).tolist() for frame, scores in found.scores.items()}
+    assert told[19] == told[30] == [True, True]
+    assert all(told[frame] == [True, False] for frame in range(20, 30))
 
 
 def tracked(frame: int, joints_m: Array, lost: float = 0.0) -> Any:

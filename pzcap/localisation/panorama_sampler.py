@@ -66,18 +66,19 @@ def place_of(found: Localisation) -> ViewPlace:
 
 
 def warp_background(
-    panorama: Panorama, camera: PanZoomCamera, at: ViewPlace, window: Window | None = None
+    panorama: Panorama, camera: PanZoomCamera, at: ViewPlace, window: Window | None = None, every: int = 1
 ) -> tuple[Image, Mask]:
     """The empty hall as ``camera`` sees it (H, W, 3) when all rows are exposed at once, black where the panorama does
-    not know it, and a mask (H, W) of where it does. With a ``window``, of that part of the view alone."""
+    not know it, and a mask (H, W) of where it does. With a ``window``, of that part of the view alone; with ``every``,
+    in pixels of so many of the view's, of a panorama that is as coarse."""
     left, top, right, bottom = window or (0, 0, camera.lens.width, camera.lens.height)
 
     def to_panorama(points_px: Array) -> Array:
-        pixels = points_px.reshape(-1, 2) + np.array([left, top])
+        pixels = every * points_px.reshape(-1, 2) + 0.5 * (every - 1) + np.array([left, top])
         azimuth, slope = axis_directions(panorama, camera, pixels, at)[:, :2].T
         return to_unwrapped(panorama, at.pan_rad + azimuth, slope).reshape(points_px.shape)
 
-    column, row = smooth_map(to_panorama, right - left, bottom - top)
+    column, row = smooth_map(to_panorama, (right - left) // every, (bottom - top) // every)
     border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
     image = cv2.remap(panorama.image, column, row, cv2.INTER_LINEAR, borderMode=border)
     known = cv2.remap(panorama.valid.view(np.uint8), column, row, cv2.INTER_NEAREST, borderMode=border)

@@ -21,7 +21,7 @@ from pzcap.segmentation.background_model import Compared, ForegroundConfig, comp
 from pzcap.segmentation.others import other_people
 from pzcap.segmentation.tuning import BODY
 from pzcap.solver.robust import line
-from pzcap.types import Camera, Float32, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
+from pzcap.types import Array, Camera, Float32, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
 __all__ = ["Expected", "ForegroundConfig", "match_gain", "separate", "subtract"]
 
@@ -34,11 +34,19 @@ class Expected:
     top: int
     distance_px: Float32  # (h, w) of half pixels, from the outline; positive inside
     sigma_px: float  # of that, for the error of the predicted pose
+    pelvis_m: Array | None = None  # (3,) where the body is; None: it is lost
 
     @property
     def window(self) -> Window:
         height, width = self.distance_px.shape
         return self.left, self.top, self.left + 2 * width, self.top + 2 * height
+
+    def within(self, beside_px: float, shape: tuple[int, ...]) -> Mask:
+        """(h, w) half pixels of the view that the body may cover, or stand off by ``beside_px``, as predictions err."""
+        left, top, right, bottom = self.window
+        near = np.zeros(shape, np.bool_)
+        near[top // 2 : bottom // 2, left // 2 : right // 2] = self.distance_px >= -beside_px - self.sigma_px
+        return near
 
     def covered(self, height: int, width: int) -> Mask:
         """(height, width) the pixels of the view in which the body may be."""
@@ -109,14 +117,14 @@ def _prior(expected: Expected, config: ForegroundConfig) -> Float32:
     return np.asarray(np.clip(log_odds, -config.prediction_against, config.prediction_for), np.float32)
 
 
-def match_gain(image: Image, background: Image, known: Mask) -> Image:
+def match_gain(image: Image, background: Image, known: Mask, by: int = 8) -> Image:
     """The background as bright as the frame: exposure, and the vignetting that the panorama does not share, from the
     pixels that agree. The gain is ``exp(a + b r^2)``, r the distance from the middle. No offset: blur would corrupt
     it."""
     height, width = known.shape
-    frame, hall = (shrink(one, 8).sum(axis=2, dtype=np.float64) for one in (image, background))
+    frame, hall = (shrink(one, by).sum(axis=2, dtype=np.float64) for one in (image, background))
     # neither black nor saturated
-    usable = (shrink(np.asarray(known, np.float32), 8) > 0.99) & (hall > 45.0) & (hall < 720.0) & (frame > 45.0)
+    usable = (shrink(np.asarray(known, np.float32), by) > 0.99) & (hall > 45.0) & (hall < 720.0) & (frame > 45.0)
     if usable.sum() < 50:
         return background
     rows, columns = frame.shape

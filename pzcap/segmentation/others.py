@@ -8,11 +8,17 @@ Nothing is known there: neither hall, against which the athlete's outline would 
 
 from __future__ import annotations
 
+from typing import Final
+
 import cv2
 import numpy as np
 
 from pzcap.segmentation.tuning import OTHERS
 from pzcap.types import Float32, Image
+
+BESIDE: Final = 1
+BEFORE: Final = 2
+"""Somebody else in `pzcap.types.Silhouette.others`, and one who is nearer to the camera than the athlete."""
 
 
 def other_people(log_odds: Float32, distance_px: Float32, sigma_px: float) -> Image:

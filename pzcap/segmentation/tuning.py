@@ -52,6 +52,45 @@ class OthersTuning(NamedTuple):
     """The same of a part of somebody, who stands over the edge of what is looked at."""
 
 
+class CompanyTuning(NamedTuple):
+    """Other people as all views together find them."""
+
+    columns: int = 160
+    """Of a whole view, about, in which everybody is sought; half as many of what is found."""
+    gain_px: int = 2
+    """Pixels of it, to either side, that are compared with the hall as one for their brightness."""
+    blur_px: float = 0.5
+    """Of the hall in it, standard deviation."""
+    least_log_odds: float = -2.0
+    """Hall speaks no louder against its neighbours: a person is a few pixels wide."""
+    range_m: float = 5.0
+    """About the athlete within which others matter."""
+    step_m: float = 0.15
+    """Between places of the floor."""
+    hips_m: float = 0.7
+    """Height from which on up the middle of a person is filled: below, legs may be apart."""
+    head_m: float = 1.5
+    """Height up to which it is, of the smaller."""
+    half_width_m: float = 0.1
+    """Of that middle, whichever way the person stands."""
+    nearest_m: float = 0.3
+    """Before a camera; who is nearer is not sought."""
+    least_shown: float = 0.5
+    """Share of a person that a view has to show to be asked."""
+    least_views: int = 3
+    """Views that show a person, where there are so many."""
+    filled: float = 0.75
+    """Share of the middle that is foreground in each view."""
+    views_apart: float = 1.2
+    """Views, in all, that show the middle apart from the athlete."""
+    reach_m: float = 0.8
+    """From the athlete's pelvis, on the floor, within which a person's limbs may touch hers."""
+    profile_m: tuple[tuple[float, float], ...] = (
+        (0.0, 0.3), (0.5, 0.27), (1.0, 0.28), (1.45, 0.26), (1.6, 0.15), (1.85, 0.13),
+    )  # fmt: skip
+    """Heights, and the half widths there within which a person who walks is seen from all sides."""
+
+
 class BoundaryTuning(NamedTuple):
     """Boundary of the body on the sharp frame."""
 
@@ -80,4 +119,5 @@ class BoundaryTuning(NamedTuple):
 BACKGROUND: Final = BackgroundTuning()
 BODY: Final = BodyTuning()
 BOUNDARY: Final = BoundaryTuning()
+COMPANY: Final = CompanyTuning()
 OTHERS: Final = OthersTuning()

@@ -56,7 +56,7 @@ class ViewCrop:
     probability: Image  # (h, w) 0..255 of the finest level: that it is the athlete
     arms: Image  # (h, w) 0..255 that it is one of the lower arms, as `pzcap.tracking.skin_colour_model` has it
     belief: Float32  # (h / 4, w / 4) -1 hall .. 1 body, of `ViewTuning.belief_scale`
-    others: Image  # (h / 2, w / 2) 1 where somebody else is, else 0; or (0, 0): nobody is
+    others: Image  # (h / 2, w / 2) where somebody else is, as in `pzcap.segmentation.others`; or (0, 0): nobody is
     undivided: Float32  # (h / 2, w / 2) log-odds of people, where it was not known who is the athlete; or (0, 0)
     person: Array | None = None  # (26, 3) what a detector found of the body, as in `pzcap.io.detections`
     camera_prior: CameraPrior | None = None  # None: the camera is not to be corrected
@@ -168,7 +168,7 @@ def expect(body: Body, pose: Pose, sigma_m: float, camera: Camera, margin: float
     window = _around(placed[0], camera, margin)
     if window is None:
         return None
-    return Expected(*window[:2], *_outline(body, placed, sigma_m, camera, window))
+    return Expected(*window[:2], *_outline(body, placed, sigma_m, camera, window), pose.root_position_m)
 
 
 def anywhere(body: Body, pose: Pose, camera: Camera, margin: float) -> Expected | None:

@@ -33,7 +33,7 @@ from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, Template
 from pzcap.tracking.settings import Terms
 from pzcap.tracking.skin_appearance import SomeAppearances
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR, DRAPE, VIEW
-from pzcap.tracking.visibility import ProjectedSkin, SkinPoints
+from pzcap.tracking.visibility import ProjectedSkin, SkinPoints, hide_behind
 from pzcap.types import SEGMENTS, Array, Camera, Pose
 
 
@@ -151,10 +151,14 @@ class PoseObjective:
 
     def visibility(self, posed: PosedBody) -> list[PlacedView | None]:
         """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
-        return [
+        placed = [
             None if view is None or skin is None else place_view(self.body, own.points, skin, view.camera)
             for view, own, skin in zip(self.views, posed.skins, posed.projected, strict=True)
         ]
+        for view, where in zip(self.views, placed, strict=True):
+            if view is not None and where is not None and view.others.size:
+                hide_behind(view.others, where.skin, view.left, view.top, where.facing)
+        return placed
 
     def place(self, pose: Pose) -> tuple[PosedBody, list[PlacedView | None]]:
         """Put the body in a ``pose``, and test its visibility."""

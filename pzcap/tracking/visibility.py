@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from pzcap.body.skeleton import LIMBS
 from pzcap.geometry.pinhole import Vector
-from pzcap.types import SEGMENTS, Array, Float32, Indices
+from pzcap.segmentation.others import BEFORE
+from pzcap.types import SEGMENTS, Array, Float32, Image, Indices
 
 Face = tuple[float, float, float, float, float, float, float, float, float, float]
 
@@ -155,3 +156,13 @@ def visible(
             continue
         dx, dy, dz = centre[0] - points[n, 0], centre[1] - points[n, 1], centre[2] - points[n, 2]
         facing[n] = seen.above[n] / np.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@njit(cache=True, nogil=True)
+def hide_behind(people: Image, seen: ProjectedSkin, left: int, top: int, facing: Float32) -> None:
+    """Zero ``facing`` (V,) of the points that somebody stands before, as ``people`` (h / 2, w / 2) of half pixels say,
+    whose corner is at ``(left, top)`` of the view."""
+    for n in range(len(facing)):
+        i, j = int((seen.pixels[n, 1] - top) / 2.0), int((seen.pixels[n, 0] - left) / 2.0)
+        if 0 <= i < people.shape[0] and 0 <= j < people.shape[1] and people[i, j] == BEFORE:
+            facing[n] = 0.0

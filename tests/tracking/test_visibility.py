@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pzcap.segmentation.others import BEFORE, BESIDE
 from pzcap.tracking import visibility
 
 
@@ -35,3 +36,12 @@ def test_a_face_is_drawn_where_its_pixels_lie_inside_and_nearest() -> None:
                 bits[row, column] |= group[segment[face[0]]]
     np.testing.assert_allclose(z_buffer, expected, rtol=1e-6)
     np.testing.assert_array_equal(cover, bits)
+
+
+def test_who_stands_before_the_athlete_hides_what_is_behind() -> None:
+    pixels = np.asfortranarray([[10.2, 21.0], [13.9, 21.0], [14.1, 21.0], [500.0, 21.0], [10.2, 24.5]])
+    seen = visibility.ProjectedSkin(pixels, np.full(5, 4.0), np.ones(5))
+    people = np.array([[BEFORE, BEFORE, BESIDE], [0, BESIDE, BEFORE]], np.uint8)  # of half pixels
+    facing = np.full(5, 0.5, np.float32)
+    visibility.hide_behind(people, seen, 10, 20, facing)
+    assert facing.tolist() == [0.0, 0.0, 0.5, 0.5, 0.5]
