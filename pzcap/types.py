@@ -269,7 +269,7 @@ class InverseDepthMap:
 FAR_AWAY: Final = InverseDepthMap(1.0, np.zeros(0), np.zeros((0, 0)), np.zeros(2))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Panorama:
     """The empty hall on a cylinder about the pan axis (section 3, eqs. 3-6).
 

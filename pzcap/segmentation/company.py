@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from typing import Final
+from weakref import WeakKeyDictionary
 
 import cv2
 import numpy as np
@@ -65,9 +66,18 @@ def whole_view(
     return WholeView(view, foreground, athlete, 2 * every, expected, expected.pelvis_m)
 
 
-@lru_cache(maxsize=64)
+_SHRUNK: Final[WeakKeyDictionary[Panorama, dict[int, Panorama]]] = WeakKeyDictionary()
+
+
 def _shrunk(panorama: Panorama, by: int) -> Panorama:
-    """A panorama at so many times less the resolution."""
+    """A panorama at so many times less the resolution. It is kept as long as the panorama is."""
+    kept = _SHRUNK.setdefault(panorama, {})
+    if by not in kept:
+        kept[by] = _shrink(panorama, by)
+    return kept[by]
+
+
+def _shrink(panorama: Panorama, by: int) -> Panorama:
     valid = shrink(panorama.valid.astype(np.float32), by) > 0.99
     origin = (panorama.origin_px + 0.5) / by - 0.5
     return replace(

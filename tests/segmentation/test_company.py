@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 
 import cv2
@@ -158,3 +159,12 @@ def test_a_coarse_hall_is_the_fine_one_shrunk() -> None:
     assert known.all()
     off = cv2.GaussianBlur(coarse, (0, 0), 1.0).astype(float) - cv2.GaussianBlur(shrink(fine, by), (0, 0), 1.0)
     assert np.sqrt(np.mean(off[2:-2, 2:-2] ** 2)) < 2.0
+
+
+def test_a_shrunk_hall_is_made_once_and_kept_no_longer_than_the_hall() -> None:
+    panorama = whole_turn(4)
+    assert company._shrunk(panorama, 3) is company._shrunk(panorama, 3)
+    kept = len(company._SHRUNK)
+    del panorama
+    gc.collect()
+    assert len(company._SHRUNK) == kept - 1
