@@ -197,7 +197,13 @@ def slip_notes(
     if len(frames) < 2:
         return []
     notes = []
+    told = np.flatnonzero(np.isfinite(found[0])).tolist()
+    own = np.zeros(len(clocks))  # against the others'
+    for camera in told if len(told) > 1 else ():
+        own[camera] = clocks[camera] - np.median(clocks[[each for each in told if each != camera]])
     for camera, frame, lost in slips(frames, found, tracks):
+        if np.abs(found[:, camera] - own[camera]).max() < SLIPS.beyond_clock:
+            continue  # of a camera that is half a frame off, either frame is the nearest
         many = f"{abs(lost)} frame" + "s" * (abs(lost) > 1)
         what = f"{many} lost there, and the recording closed up" if lost > 0 else f"{many} too many there, doubled"
         notes.append(
@@ -205,11 +211,9 @@ def slip_notes(
             f"{many} {'later' if lost > 0 else 'earlier'} than before, against the other cameras: {what}; give the "
             "frames after it their true time stamps, or cut the take there"
         )
-    told = np.flatnonzero(np.isfinite(found[0])).tolist()
     for camera in told if len(told) > 2 else ():  # of two, each is as far from the other
         off = int(found[0, camera] - np.median([found[0, other] for other in told if other != camera]))
-        beyond = off - (clocks[camera] - np.median([clocks[other] for other in told if other != camera]))
-        if off and abs(beyond) > SLIPS.beyond_clock:
+        if off and abs(off - own[camera]) > SLIPS.beyond_clock:
             many = f"{abs(off)} frame" + "s" * (abs(off) > 1)
             later, low = ("later", "low") if off > 0 else ("earlier", "high")
             notes.append(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pzcap.body.kinematics import joints
-from pzcap.frame_slips import FrameOffsets, along_limbs, leap_near, slip_notes
+from pzcap.frame_slips import FrameOffsets, along_limbs, leap_near, slip_notes, slips
 from pzcap.geometry.camera import project
 from pzcap.segmentation.others import BEFORE
 from pzcap.types import Array, Camera, Silhouette
@@ -172,6 +172,16 @@ def test_a_body_that_may_be_lost_tells_nothing() -> None:
     told = [frame for frame, scores in found.scores.items() if np.isfinite(scores).all()]
     assert {5, 30} < set(told)
     assert not {16, 20, 24} & set(told)
+
+
+def test_a_clock_half_a_frame_off_is_no_slip() -> None:
+    offsets = still()
+    offsets[2] = np.where(np.arange(FRAMES) < FRAMES // 2, 0.2, 0.8)
+    found, tracks = seen(offsets)
+    assert slips(*found.offsets(), tracks), "the nearest frame is another one then"
+    assert slip_notes(found, np.array([0.0, 0.0, 0.5, 0.0]), tracks, NAMES, TIMECODES) == []
+    (note,) = slip_notes(found, np.zeros(4), tracks, NAMES, TIMECODES)
+    assert note.startswith(f"camera {NAMES[2]}: from frame")
 
 
 def test_a_view_without_a_body_or_an_athlete_is_passed_over() -> None:
