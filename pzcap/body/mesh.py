@@ -75,20 +75,22 @@ def _perimeter(depth: float, width: float) -> float:
     return 4.0 * long * float(ellipe(1.0 - (short / long) ** 2))
 
 
-def _stations(m: Mapping[str, float], skirt: bool) -> dict[str, tuple[Array, list[_Station], float, float]]:
+def _stations(m: Mapping[str, float], skirt_m: float) -> dict[str, tuple[Array, list[_Station], float, float]]:
     """Per segment: the frame of its rings, its cross sections in ascending order, and how far each cap stands out.
 
-    The frame's columns are where a ring's depth, width and axis point in the segment's: right-handed. A ``skirt`` is
-    part of the pelvis, down to the middle of the thighs, as wide as the hips.
+    The frame's columns are where a ring's depth, width and axis point in the segment's: right-handed. A skirt,
+    which stands ``skirt_m`` off the skin (0: none), is part of the pelvis: down to the middle of the thighs, as wide as
+    the hips.
     """
-    hem = _Station(-0.45 * m["thigh"], m["girth_hips"], 0.80)
+    # widened by its room, as all cloth is, it ends at the middle of the thighs
+    hem = _Station(min(skirt_m - 0.5 * m["thigh"], -0.09), m["girth_hips"], 0.80)
     trunk, thorax_length = m["trunk"], (1.0 - THORAX_FRACTION) * m["trunk"]
     shoulder = thorax_length - m["shoulder_drop"]
     up, down = np.eye(3), np.diag([1.0, -1.0, -1.0])  # limbs hang: depth stays forward, so width turns over
     ahead = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # the foot: depth is up, the axis ahead
     table: dict[str, tuple[Array, list[_Station], float, float]] = {
         "pelvis": (up, [
-            hem if skirt else _Station(-0.09, 0.80 * m["girth_hips"], 0.72),
+            hem if skirt_m else _Station(-0.09, 0.80 * m["girth_hips"], 0.72),
             _Station(0.00, m["girth_hips"], 0.72),
             _Station(0.13 * trunk, 0.97 * m["girth_hips"], 0.70),
             _Station(0.27 * trunk, 1.03 * m["girth_waist"], 0.72),
@@ -166,10 +168,10 @@ def _stations(m: Mapping[str, float], skirt: bool) -> dict[str, tuple[Array, lis
     return table
 
 
-def build_surface(measurements_m: Mapping[str, float], skirt: bool = False) -> Surface:
+def build_surface(measurements_m: Mapping[str, float], skirt_m: float = 0.0) -> Surface:
     """The skin of a person with these tape measurements (keys ``pzcap.types.MEASUREMENTS``), under a ``skirt``."""
     points, segment, faces, edges, count = [], [], [], [], 0
-    table = _stations(measurements_m, skirt)
+    table = _stations(measurements_m, skirt_m)
     for index, name in enumerate(SEGMENTS):
         frame, stations, near_cap_m, far_cap_m = table[name]
         vertices, triangles, lines = _loft(stations, near_cap_m, far_cap_m)
@@ -181,11 +183,11 @@ def build_surface(measurements_m: Mapping[str, float], skirt: bool = False) -> S
     return Surface.of(np.concatenate(points), np.concatenate(segment), np.concatenate(faces), np.concatenate(edges))
 
 
-def girths_along(measurements_m: Mapping[str, float], count: int, skirt: bool) -> dict[str, Array]:
+def girths_along(measurements_m: Mapping[str, float], count: int, skirt_m: float) -> dict[str, Array]:
     """Girths (count,) of every segment by name, evenly spaced from its lower end to its upper (of a foot: from the heel
     to the toes)."""
     found = {}
-    for name, (frame, stations, near_cap_m, far_cap_m) in _stations(measurements_m, skirt).items():
+    for name, (frame, stations, near_cap_m, far_cap_m) in _stations(measurements_m, skirt_m).items():
         along, girths = (np.array(column) for column in zip(*((s.along_m, s.girth_m) for s in stations), strict=True))
         evenly = np.interp(np.linspace(along[0] - near_cap_m, along[-1] + far_cap_m, count), along, girths)
         found[name] = evenly if frame[:, 2].max() > 0.0 else evenly[::-1]

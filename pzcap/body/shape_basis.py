@@ -262,14 +262,14 @@ _SMALL_M: Final = 1e-4
 def _swelling(body: Body) -> dict[str, Array]:
     """Of each segment by name: share (SHAPE.stations, 26) that it is thicker by at its stations, for each metre that a
     girth is off by."""
-    measured, skirt = body.measured, "skirt" in body.worn
-    before = girths_along(measured.named(), SHAPE.stations, skirt)
+    measured, skirt_m = body.measured, body.worn.get("skirt", 0.0)
+    before = girths_along(measured.named(), SHAPE.stations, skirt_m)
     shares = {name: np.zeros((SHAPE.stations, len(MEASUREMENTS))) for name in before}
     for k, measurement in enumerate(MEASUREMENTS):
         if not measurement.startswith("girth_"):
             continue
         wider = measured.named() | {measurement: float(measured.values_m[k]) + _SMALL_M}
-        after = girths_along(wider, SHAPE.stations, skirt)
+        after = girths_along(wider, SHAPE.stations, skirt_m)
         for name, girths in before.items():
             shares[name][:, k] = (after[name] / girths - 1.0) / _SMALL_M
     return shares

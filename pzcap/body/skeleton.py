@@ -116,7 +116,7 @@ def of(measured: Measured, worn: Mapping[Garment, float]) -> Body:
     for garment, room_m in worn.items():
         for name in GARMENTS[garment]:
             loose_m[SEGMENTS.index(name)] = max(loose_m[SEGMENTS.index(name)], room_m)
-    offsets, surface = _offsets(m), build_surface(m, "skirt" in worn)
+    offsets, surface = _offsets(m), build_surface(m, worn.get("skirt", 0.0))
     if loose_m.any():
         surface = surface.moved(surface.points_m + loose_m[surface.segment][:, None] * surface.normals)
     return Body(offsets, surface, measured, worn, loose_m, landmarks.usual(offsets, surface))

@@ -86,7 +86,7 @@ class CompanyTuning(NamedTuple):
     reach_m: float = 0.8
     """From the athlete's pelvis, on the floor, within which a person's limbs may touch hers."""
     profile_m: tuple[tuple[float, float], ...] = (
-        (0.0, 0.3), (0.5, 0.27), (1.0, 0.28), (1.45, 0.26), (1.6, 0.15), (1.85, 0.13),
+        (0.0, 0.3), (0.5, 0.28), (1.0, 0.32), (1.45, 0.3), (1.6, 0.16), (1.85, 0.14),
     )  # fmt: skip
     """Heights, and the half widths there within which a person who walks is seen from all sides."""
 
