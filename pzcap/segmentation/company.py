@@ -148,8 +148,11 @@ def with_others(silhouette: Silhouette, view: WholeView, places: Array) -> Silho
     people = (silhouette.evidence > 0.0) | (silhouette.others > 0)
     outside = people & ~view.expected.within(OTHERS.beside_px, people.shape)
     for place in places:
+        outline = _outline(view.camera, place)
+        if outline is None:
+            continue
         covered = np.zeros(evidence.shape, np.uint8)
-        cv2.fillPoly(covered, [_outline(view.camera, place)], 1)
+        cv2.fillPoly(covered, [outline], 1)
         within_reach = np.linalg.norm(place - view.pelvis_m[:2]) < COMPANY.reach_m
         before = not within_reach and np.linalg.norm(place - centre) < away
         theirs = (covered > 0) & (outside if within_reach else people)
@@ -158,9 +161,12 @@ def with_others(silhouette: Silhouette, view: WholeView, places: Array) -> Silho
     return replace(silhouette, evidence=evidence, others=others)
 
 
-def _outline(camera: Camera, place: Array) -> Array:
-    """(K, 2) Outline of anybody who stands or walks at a ``place`` (2,), half pixels."""
+def _outline(camera: Camera, place: Array) -> Array | None:
+    """(K, 2) Outline of anybody who stands or walks at a ``place`` (2,), half pixels; None where that is not before the
+    camera."""
     height, half_m = np.array(COMPANY.profile_m).T
     pixels, depth = projected(np.column_stack([np.tile(place, (len(height), 1)), height]), camera)
-    half = np.outer(half_m * camera.focal_px / np.maximum(depth, COMPANY.nearest_m), [1.0, 0.0])
+    if depth.min() < COMPANY.nearest_m:
+        return None
+    half = np.outer(half_m * camera.focal_px / depth, [1.0, 0.0])
     return np.rint(np.vstack([pixels - half, (pixels + half)[::-1]]) / 2.0).astype(np.int32)

@@ -36,7 +36,9 @@ def cameras() -> list[Camera]:
 def somebody(camera: Camera, place: Array) -> Image:
     """Somebody who stands at a ``place`` (2,) in a view, half pixels."""
     mask = np.zeros((camera.height // 2, camera.width // 2), np.uint8)
-    cv2.fillPoly(mask, [company._outline(camera, place)], 1)
+    outline = company._outline(camera, place)
+    assert outline is not None
+    cv2.fillPoly(mask, [outline], 1)
     return mask
 
 
@@ -113,6 +115,15 @@ def test_foreground_of_others_is_unknown_and_they_hide_who_is_behind() -> None:
         assert not told.others[~theirs].any()
         assert (told.evidence[~theirs] == evidence[~theirs]).all()
         assert not silhouette.others.any()  # what was given stays as it was
+
+
+def test_who_stands_behind_the_camera_hides_nothing() -> None:
+    camera = cameras()[0]
+    behind = camera.world_T_cam[:2, 3] + 0.3 * (camera.world_T_cam[:2, 3] - ATHLETE_M[:2])
+    evidence = np.full((camera.height // 2, camera.width // 2), 4.0, np.float32)
+    nothing = np.zeros((camera.height, camera.width), np.uint8)
+    silhouette = Silhouette(nothing, np.dstack([nothing] * 3), evidence, True, np.zeros(evidence.shape, np.uint8))
+    assert not with_others(silhouette, seen(camera, []), behind[None]).others.any()
 
 
 @pytest.mark.parametrize("gain", [1.0, 0.8])
