@@ -169,7 +169,8 @@ def _stations(m: Mapping[str, float], skirt_m: float) -> dict[str, tuple[Array, 
 
 
 def build_surface(measurements_m: Mapping[str, float], skirt_m: float = 0.0) -> Surface:
-    """The skin of a person with these tape measurements (keys ``pzcap.types.MEASUREMENTS``), under a ``skirt``."""
+    """The skin of a person with these tape measurements (keys ``pzcap.types.MEASUREMENTS``), in a skirt that
+    stands ``skirt_m`` off it (0: in none)."""
     points, segment, faces, edges, count = [], [], [], [], 0
     table = _stations(measurements_m, skirt_m)
     for index, name in enumerate(SEGMENTS):
