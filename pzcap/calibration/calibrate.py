@@ -254,7 +254,8 @@ def _fit_grey_values(
         view = model.view(number)
         lens = view.focal_px, float(view.principal_px[0])
         kept[number] = stored(image * (flat * np.float32(gain)), lens, config.sweep.smoothing)
-    most = PHOTOMETRIC.steps_on_some + PHOTOMETRIC.steps
+    rounds = PHOTOMETRIC.rounds * PHOTOMETRIC.steps_of_round
+    most = PHOTOMETRIC.steps_on_some + PHOTOMETRIC.open_steps + rounds + PHOTOMETRIC.steps
     return photometric_bundle_adjustment.adjust(
         _with_departures(model), kept, matched.links, matched.sigmas, prior=_with_departures(matched.start),
         config=config.sweep, report=lambda done: report("adjust grey values", done, most),

@@ -14,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.calibration.tuning import HALL
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import PARAMETERS, VIEW, View
+from pzcap.geometry.cylinder import inverse_distance
 from pzcap.geometry.lens import Distortion
 from pzcap.types import Array, InverseDepthMap, Lens
 
@@ -104,25 +106,41 @@ def to_vector(state: CalibrationParameters) -> Array:
     ])  # fmt: skip
 
 
-def information(state: CalibrationParameters, sigmas: Sigmas) -> Array:
-    """Inverse covariance (U, U) of the parameters before the footage is seen."""
+def information(state: CalibrationParameters, sigmas: Sigmas, apart: NDArray[np.bool_] | None = None) -> Array:
+    """Inverse covariance (U, U) of the parameters before the footage is seen; departures are open where something
+    stands ``apart`` (R, A) from floor and walls."""
     focal = np.zeros(len(state.log_focal))
     focal[0] = sigmas.reference_focal**-2.0
     rows, around = state.surroundings.departures.shape
+    open_to = np.zeros(rows * around, np.bool_) if apart is None else apart.ravel()
+    anything = HALL.shift / max(float(np.linalg.norm(state.offset)), HALL.least_offset)
     information = np.diag(np.concatenate([
         np.zeros(len(state.pan_rad)), focal, np.full(2, sigmas.angle_rad**-2.0),
         np.repeat(sigmas.principal_px**-2.0, 2), sigmas.k1**-2.0, sigmas.higher**-2.0,
         np.full(2, sigmas.offset**-2.0), [sigmas.travel**-2.0], np.full(around, sigmas.walls**-2.0),
-        np.full(rows * around, sigmas.departures**-2.0),
+        np.where(open_to, max(anything, sigmas.departures), sigmas.departures) ** -2.0,
     ]))  # fmt: skip
     if around:
         across = np.eye(around) - np.roll(np.eye(around), 1, axis=1)  # differences between neighbouring azimuths
         down = np.diff(np.eye(rows), axis=0)  # and slopes
-        rough = np.kron(np.eye(rows), across.T @ across) + np.kron(down.T @ down, np.eye(around))
+        differences = np.vstack([np.kron(np.eye(rows), across), np.kron(down, np.eye(around))])
+        rough = np.where(np.abs(differences) @ open_to > 0, max(anything, sigmas.roughness), sigmas.roughness) ** -2.0
         walls, departures = slice(-hall_size(state), -rows * around), slice(-rows * around, None)
         information[walls, walls] += across.T @ across * sigmas.unevenness**-2.0
-        information[departures, departures] += rough * sigmas.roughness**-2.0
+        information[departures, departures] += differences.T @ (rough[:, None] * differences)
     return information
+
+
+def standing_apart(state: CalibrationParameters) -> NDArray[np.bool_]:
+    """(R, A) where something stands before the walls or on the floor: there it is much nearer than these are, and
+    enough to be seen to shift against them."""
+    hall = state.surroundings
+    rows, around = hall.departures.shape
+    azimuth, slope = np.arange(around) * 2 * np.pi / around, np.linspace(hall.slopes[0], hall.slopes[1], rows)
+    behind = inverse_distance(replace(hall, departures=np.zeros((rows, around))), azimuth, slope[:, None])
+    nearer = hall.departures - np.median(hall.departures)
+    shift_px = np.linalg.norm(state.offset) * np.exp(state.log_focal[0]) * nearer * behind  # from one side to the other
+    return np.asarray((nearer > HALL.nearer) & (shift_px > HALL.shift_px))
 
 
 def hall_size(state: CalibrationParameters) -> int:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pzcap.calibration.bundle_adjustment import (
     SIDES,
     Link,
+    Matches,
     add_link,
     add_nodes,
     enough,
@@ -34,6 +35,7 @@ from pzcap.calibration.parameters import (
     ViewJacobians,
     information,
     retract,
+    standing_apart,
     to_vector,
     view_jacobians,
 )
@@ -130,57 +132,104 @@ def adjust(
     ``links`` are between, and to some of their matches, in at most ``config.pixels`` of each pair, first in some.
 
     Matches are worse than grey values, but not misled by what these are: light that is modelled a little wrong drives
-    focal length, projection centre and walls, which make up for each other, slowly away together.
+    focal length, projection centre and walls, which make up for each other, slowly away together. The floor, whose
+    distances are known, holds them; a box on it, taken for the floor behind, would push them (`_with_standing_apart`).
     """
     # the images know inverse distance times offset: walls held to their prior would push the projection centre away
     loose = replace(sigmas, walls=3.0, unevenness=1.0, departures=0.1, roughness=0.05)
-    believed, mean = information(start, loose), to_vector(prior)
     pixels, smoothing = config.pixels, config.smoothing
     edges = [_edges(frame, pixels, _border_px(smoothing)) for frame in frames]
     pairs = dict.fromkeys((link.first, link.second) for link in links)
     overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, pair, pixels, smoothing)) is not None]
-    held, done = int(start.pan_of[0]), 0
-    some_matches = matches_of(enough(links))
-    length = np.empty(len(some_matches.pixels))
+    fit = _Fit(frames, matches_of(enough(links)), to_vector(prior), int(start.pan_of[0]), report)
 
-    def solved(
-        start: CalibrationParameters, compared: _Pixels, every: int, schedule: Schedule, settled_rad: float
-    ) -> Solution[CalibrationParameters]:
-        def linearise(state: CalibrationParameters, scale: float) -> NormalEquations:
-            nonlocal done
-            normal, gradient = np.zeros_like(believed), np.zeros_like(mean)
-            cost = _accumulate(
-                compared, frames, view_jacobians(state), kernel_hall(state.surroundings), scale, normal, gradient
-            )
-            done += 1
-            report(done)
-            sigma = normal_sigma(compared.residual[np.isfinite(compared.residual)])
-            matched = normal_equations(state, some_matches, PHOTOMETRIC.match_scale_px, length)
-            # some stand for themselves alone, since a feature's matches err alike; and for fewer where pixels are fewer
-            share = (sigma / matched.sigma) ** 2 / every
-            return NormalEquations(normal + share * matched.normal, gradient + share * matched.gradient, sigma, cost)
-
-        return minimise(
-            start, linearise, retract, lambda step: np.abs(step[: len(start.pan_rad)]).max() < settled_rad, schedule,
-            prior=Prior(believed, lambda state: to_vector(state) - mean, PHOTOMETRIC.alike / every), held=held,
-        )  # fmt: skip
-
-    few = _compared(overlaps, PHOTOMETRIC.some)
-    schedule = Schedule(PHOTOMETRIC.steps_on_some, 30.0, least_steps=3)
-    near = solved(start, few, PHOTOMETRIC.some, schedule, PHOTOMETRIC.settled_on_some_rad)
+    few = _Part(_compared(overlaps, PHOTOMETRIC.some), PHOTOMETRIC.some, PHOTOMETRIC.settled_on_some_rad)
+    believed, near = _with_standing_apart(fit, start, loose, few)
     compared = _compared(overlaps)
-    compared.gains[:] = few.gains
-    state, normal, sigma, _, ended = solved(
-        near.state, compared, 1, Schedule(PHOTOMETRIC.steps, near.scale, least_steps=2), PHOTOMETRIC.settled_rad
+    compared.gains[:] = few.pixels.gains
+    schedule = Schedule(PHOTOMETRIC.steps, near.scale, least_steps=2)
+    state, normal, sigma, _, ended = fit.solved(
+        near.state, believed, _Part(compared, 1, PHOTOMETRIC.settled_rad), schedule
     )
     # of pixels that err independently, the squared distances have the mean 4 sigma^2
     covariance = np.linalg.inv(normal) * (PHOTOMETRIC.doubt * float(compared.beside.mean()) / 4.0)
-    covariance[held, held] = 0.0
-    off, bands = to_vector(state) - mean, _bands(few, frames)
+    covariance[fit.held, fit.held] = 0.0
+    off, bands = to_vector(state) - fit.mean, _bands(few.pixels, frames)
     return Fitted(
         state, np.asarray(covariance, np.float64), sigma, float(compared.beside.sum()), float(off @ believed @ off),
         bands, ended,
     )  # fmt: skip
+
+
+def _with_standing_apart(
+    fit: _Fit, start: CalibrationParameters, loose: Sigmas, few: _Part
+) -> tuple[Array, Solution[CalibrationParameters]]:
+    """The parameters fitted to a ``few`` pixels, and what is believed of them (U, U) now that these have told what
+    stands apart from floor and walls.
+
+    All distances are opened for a while. Where light is modelled a little wrong, that drives the projection centre
+    away: then nothing is taken to stand apart.
+    """
+    believed = information(start, loose)
+    near = fit.solved(start, believed, few, Schedule(PHOTOMETRIC.steps_on_some, 30.0, least_steps=3))
+    if not start.surroundings.departures.size:
+        return believed, near
+    everywhere = information(near.state, loose, np.ones_like(start.surroundings.departures, np.bool_))
+    opened = fit.solved(near.state, everywhere, few, Schedule(PHOTOMETRIC.open_steps, near.scale, least_steps=2))
+    offset = near.state.offset
+    if np.linalg.norm(opened.state.offset - offset) > PHOTOMETRIC.driven * np.linalg.norm(offset):
+        return believed, near
+    near = opened
+    for _ in range(PHOTOMETRIC.rounds):
+        believed = information(near.state, loose, standing_apart(near.state))
+        near = fit.solved(near.state, believed, few, Schedule(PHOTOMETRIC.steps_of_round, near.scale, least_steps=2))
+    return believed, near
+
+
+class _Part(NamedTuple):
+    """A part of the pixels, to be fitted to."""
+
+    pixels: _Pixels
+    every: int  # one of so many
+    settled_rad: float  # largest change of a pan that ends the fit
+
+
+@dataclass(slots=True)
+class _Fit:
+    """What the fits to more and more pixels have in common."""
+
+    frames: Stored
+    matches: Matches
+    mean: Array  # (U,) believed of the parameters
+    held: int  # the parameter that keeps its value
+    report: Callable[[int], None]
+    done: int = 0  # steps
+
+    def solved(
+        self, start: CalibrationParameters, believed: Array, part: _Part, schedule: Schedule
+    ) -> Solution[CalibrationParameters]:
+        """The parameters fitted to a part of the pixels, from a ``start``, with ``believed`` (U, U) their inverse
+        covariance before."""
+        length = np.empty(len(self.matches.pixels))
+
+        def linearise(state: CalibrationParameters, scale: float) -> NormalEquations:
+            normal, gradient = np.zeros_like(believed), np.zeros_like(self.mean)
+            hall = kernel_hall(state.surroundings)
+            cost = _accumulate(part.pixels, self.frames, view_jacobians(state), hall, scale, normal, gradient)
+            self.done += 1
+            self.report(self.done)
+            sigma = normal_sigma(part.pixels.residual[np.isfinite(part.pixels.residual)])
+            matched = normal_equations(state, self.matches, PHOTOMETRIC.match_scale_px, length)
+            # some stand for themselves alone, since a feature's matches err alike; and for fewer where pixels are fewer
+            share = (sigma / matched.sigma) ** 2 / part.every
+            return NormalEquations(normal + share * matched.normal, gradient + share * matched.gradient, sigma, cost)
+
+        return minimise(
+            start, linearise, retract,
+            lambda step: np.abs(step[: len(start.pan_rad)]).max() < part.settled_rad, schedule,
+            prior=Prior(believed, lambda state: to_vector(state) - self.mean, PHOTOMETRIC.alike / part.every),
+            held=self.held,
+        )  # fmt: skip
 
 
 WIDTH: Final = SIDES + 3

@@ -148,6 +148,15 @@ class HallTuning(NamedTuple):
     """Number of slopes at which departures from these are estimated from grey values."""
     wall_nearness: float = 0.15
     """Inverse camera heights: inverse distance of a wall before anything is known."""
+    nearer: float = 0.2
+    """A share of floor's or wall's inverse distance, by which what stands before them is nearer: a bench, a box."""
+    shift_px: float = 0.15
+    """Pixels a radian of pan, by which it shifts against them at least: less is chance."""
+    shift: float = 0.01
+    """Camera heights: standard deviation of departures where something stands apart, times the offset of the
+    projection centre. The further that is off, the less has to be left open for as large a shift."""
+    least_offset: float = 0.003
+    """Camera heights: a projection centre nearer to the axis is taken to be so far off."""
     min_height_m: float = 0.2
     """Metres. A camera lower than this over the world's origin does not stand on its floor."""
 
@@ -198,6 +207,15 @@ class PhotometricTuning(NamedTuple):
     come to rest slowly."""
     steps_on_some: int = 12
     """Gauss-Newton steps on these, at most."""
+    open_steps: int = 4
+    """Gauss-Newton steps on these with all distances open, at most: what stands apart shows soon."""
+    driven: float = 0.7
+    """Share of the projection centre's offset by which it moves in these, from which on it is light that moves it.
+    Seen: 0.08 to 0.43 in clean footage of 640 columns, 0.97 and more in that of 320, or with mains light and noise."""
+    rounds: int = 2
+    """Rounds in which it is told on these what stands before the walls and on the floor, and what follows from that."""
+    steps_of_round: int = 3
+    """Gauss-Newton steps of a round, at most."""
     settled_on_some_rad: float = 1e-5
     """Largest change of a pan that ends these."""
     match_scale_px: float = 1.0
