@@ -196,7 +196,7 @@ class _Part(NamedTuple):
 
 @dataclass(slots=True)
 class _Fit:
-    """What the fits to more and more pixels have in common."""
+    """The fits to more and more pixels, and their common material."""
 
     frames: Stored
     matches: Matches

@@ -1,4 +1,4 @@
-"""What is believed of the hall's distances, and what is taken to stand apart from floor and walls."""
+"""The belief about the hall's distances, and the things that are taken to stand apart from floor and walls."""
 
 from __future__ import annotations
 
