@@ -113,7 +113,7 @@ def information(state: CalibrationParameters, sigmas: Sigmas, apart: NDArray[np.
     focal[0] = sigmas.reference_focal**-2.0
     rows, around = state.surroundings.departures.shape
     open_to = np.zeros(rows * around, np.bool_) if apart is None else apart.ravel()
-    anything = HALL.shift / max(float(np.linalg.norm(state.offset)), HALL.least_offset)
+    anything = HALL.apart_sigma / max(float(np.linalg.norm(state.offset)), HALL.least_offset)
     information = np.diag(np.concatenate([
         np.zeros(len(state.pan_rad)), focal, np.full(2, sigmas.angle_rad**-2.0),
         np.repeat(sigmas.principal_px**-2.0, 2), sigmas.k1**-2.0, sigmas.higher**-2.0,

@@ -141,7 +141,7 @@ def adjust(
     edges = [_edges(frame, pixels, _border_px(smoothing)) for frame in frames]
     pairs = dict.fromkeys((link.first, link.second) for link in links)
     overlaps = [one for pair in pairs if (one := _overlap(frames, edges, start, pair, pixels, smoothing)) is not None]
-    fit = _Fit(frames, matches_of(enough(links)), to_vector(prior), int(start.pan_of[0]), report)
+    fit = _GreyValues(frames, matches_of(enough(links)), to_vector(prior), int(start.pan_of[0]), report)
 
     few = _Part(_compared(overlaps, PHOTOMETRIC.some), PHOTOMETRIC.some, PHOTOMETRIC.settled_on_some_rad)
     believed, near = _with_standing_apart(fit, start, loose, few)
@@ -162,7 +162,7 @@ def adjust(
 
 
 def _with_standing_apart(
-    fit: _Fit, start: CalibrationParameters, loose: Sigmas, few: _Part
+    fit: _GreyValues, start: CalibrationParameters, loose: Sigmas, few: _Part
 ) -> tuple[Array, Solution[CalibrationParameters]]:
     """The parameters fitted to a ``few`` pixels, and what is believed of them (U, U) now that these have told what
     stands apart from floor and walls.
@@ -195,8 +195,8 @@ class _Part(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Fit:
-    """The fits to more and more pixels, and their common material."""
+class _GreyValues:
+    """Material that the fits to more and more pixels have in common."""
 
     frames: Stored
     matches: Matches

@@ -152,7 +152,7 @@ class HallTuning(NamedTuple):
     """A share of floor's or wall's inverse distance, by which what stands before them is nearer: a bench, a box."""
     shift_px: float = 0.15
     """Pixels a radian of pan, by which it shifts against them at least: less is chance."""
-    shift: float = 0.01
+    apart_sigma: float = 0.01
     """Camera heights: standard deviation of departures where something stands apart, times the offset of the
     projection centre. The further that is off, the less has to be left open for as large a shift."""
     least_offset: float = 0.003
