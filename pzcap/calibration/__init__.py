@@ -3,5 +3,6 @@ order:
 
 `settings`; `reference_camera` (Tsai) and `marker_pose`; `features`, `sweep` and `correspondences` (which pixels of two
 frames show the same); `parameters` (what is estimated), `bundle_adjustment` (from matches),
-`photometric_bundle_adjustment` (from grey values); `stitching` (the panorama); `calibrate` leads through all.
+`photometric_bundle_adjustment` (from grey values: `compared_pixels`, `grey_value_equations`); `stitching` (the
+panorama); `calibrate` leads through all.
 """

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from pzcap.calibration import photometric_bundle_adjustment
 from pzcap.calibration.bundle_adjustment import Link
+from pzcap.calibration.compared_pixels import edge_pixels, overlap_of
 from pzcap.calibration.parameters import CalibrationParameters, Sigmas, retract, to_vector
 from pzcap.calibration.photometric_bundle_adjustment import Fitted
 from pzcap.calibration.sweep import SweepConfig
@@ -135,10 +136,10 @@ def test_its_sigmas_are_of_the_size_of_the_errors(frames: Stored) -> None:
 
 
 def test_frames_without_overlap_are_not_compared(frames: Stored) -> None:
-    edges = [photometric_bundle_adjustment._edges(frame, PIXELS, 4) for frame in frames]
-    assert photometric_bundle_adjustment._overlap(frames, edges, truth(), (0, 7), PIXELS, 0.64) is not None
+    edges = [edge_pixels(frame, PIXELS, 0.64) for frame in frames]
+    assert overlap_of(frames, edges, truth(), (0, 7), PIXELS, 0.64) is not None
     far = retract(truth(), np.concatenate([np.zeros(7), [1.0], np.zeros(len(to_vector(truth())) - 8)]))
-    assert photometric_bundle_adjustment._overlap(frames, edges, far, (0, 7), PIXELS, 0.64) is None
+    assert overlap_of(frames, edges, far, (0, 7), PIXELS, 0.64) is None
 
 
 @given(st.integers(0, 2**31), st.floats(0.0, 10.0))
