@@ -2,10 +2,10 @@
 the middle and the recording closed up, so that no stamp shows it.
 
 The body is found from all cameras together. In each view it is laid to the colours of the athlete not only as it was
-at that instant, but also as it was some frames before and after: the camera shows the instant that fits best. Along a
-take that offset stays the same; where it changes, and stays changed, frames were lost or doubled. Clocks that are off
-by less than a frame are the tracker's (`pzcap.tracking.pixel_time`), which sees nothing of larger offsets: such views
-contradict the others by more than it takes for an error of the images, and are passed over.
+at that instant, but also as it was up to some frames before and after: the camera shows the instant that fits best.
+Along a take that offset stays the same; where it changes by whole frames, and stays changed, frames were lost or
+doubled. Clocks that are off by less than a frame are the tracker's (`pzcap.tracking.pixel_time`), which sees nothing of
+larger offsets: such views contradict the others by more than it takes for an error of the images, and are passed over.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pzcap.tracking.tracker import Tracked
 from pzcap.tuning import SLIPS
 from pzcap.types import PARENTS, Array, Camera, Localisation, Mask, PanZoomTrack, Silhouette
 
-_OFFSETS: Final = np.arange(-SLIPS.reach, SLIPS.reach + 1)
+_OFFSETS: Final = np.arange(-SLIPS.reach * SLIPS.parts, SLIPS.reach * SLIPS.parts + 1) / SLIPS.parts
 _ALONG: Final = np.linspace(0.0, 1.0, 6)
 """Shares of the way from a joint to the one before it, at which points are laid to the athlete."""
 
@@ -51,7 +51,7 @@ class FrameOffsets:
         self._views: dict[int, list[_Kept | None]] = {}
         self._points: dict[int, Array] = {}
         self._latest = -1
-        self.scores: dict[int, Array] = {}  # frame -> (C, 2 REACH + 1) log-odds a point; NaN: not told
+        self.scores: dict[int, Array] = {}  # frame -> (C, O) log-odds a point, of each of _OFFSETS; NaN: not told
 
     def see(self, frame: int, cameras: Sequence[Camera | None], silhouettes: Sequence[Silhouette | None]) -> None:
         """Keep what the views of a frame show of the athlete."""
@@ -73,10 +73,10 @@ class FrameOffsets:
 
     def _scored(self, frame: int, views: Sequence[_Kept | None]) -> Array:
         scores = np.full((self._cameras, len(_OFFSETS)), np.nan)
-        bodies = [self._points.get(frame + offset) for offset in _OFFSETS.tolist()]
+        bodies = [self._points.get(frame + offset) for offset in range(-SLIPS.reach, SLIPS.reach + 1)]
         if any(body is None for body in bodies):
             return scores
-        points = np.concatenate([body for body in bodies if body is not None])
+        points = _between_frames(np.array(bodies)).reshape(-1, 3)
         for number, view in enumerate(views):
             if view is not None:
                 pixels, depth = project(view.camera, points)
@@ -92,16 +92,17 @@ class FrameOffsets:
 
     def offsets(self) -> tuple[list[int], Array]:
         """The frames (N,) that were told, and each camera's offset there, (N, C): how many frames late its pictures
-        are; NaN of one that tells nothing."""
+        are, in parts of a frame that stay the same; NaN of one that tells nothing."""
         frames = sorted(frame for frame, scores in self.scores.items() if np.isfinite(scores).any())
         scores = np.array([self.scores[frame] for frame in frames]).reshape(-1, self._cameras, len(_OFFSETS))
         found = np.full((len(frames), self._cameras), np.nan)
         for camera in range(self._cameras):
             told = np.isfinite(scores[:, camera]).all(axis=1)
             if told.any():
-                found[:, camera] = np.interp(
-                    np.arange(len(frames)), np.flatnonzero(told), _path(scores[told, camera])
-                ).round()
+                path = _path(scores[told, camera])
+                part = path[0] % 1.0
+                between = np.interp(np.arange(len(frames)), np.flatnonzero(told), path)
+                found[:, camera] = (between - part).round() + part
         return frames, found
 
 
@@ -110,6 +111,13 @@ def along_limbs(joints_m: Array) -> Array:
     parents = np.array(PARENTS[1:])
     way = joints_m[parents] - joints_m[1:]
     return np.asarray((joints_m[1:, None] + _ALONG[:, None] * way[:, None]).reshape(-1, 3))
+
+
+def _between_frames(bodies: Array) -> Array:
+    """Points (O, N, 3) of a body at each of _OFFSETS, from its points (2 REACH + 1, N, 3) in the frames."""
+    before = np.minimum((_OFFSETS + SLIPS.reach).astype(int), 2 * SLIPS.reach - 1)
+    share = (_OFFSETS + SLIPS.reach - before)[:, None, None]
+    return np.asarray((1.0 - share) * bodies[before] + share * bodies[before + 1])
 
 
 def _kept(camera: Camera, silhouette: Silhouette) -> _Kept:
@@ -130,9 +138,16 @@ def _kept(camera: Camera, silhouette: Silhouette) -> _Kept:
 
 
 def _path(scores: Array) -> Array:
-    """(N,) the offsets that gather most of the ``scores`` (N, 2 REACH + 1), each change costing _CHANGE and one that is
-    there from the start half of it: a timecode is wrong more often than that a frame is lost so soon (Viterbi)."""
-    total, came = scores[0] - 0.5 * SLIPS.change * (_OFFSETS != 0), []
+    """(N,) the offsets, whole frames apart, that gather most of the ``scores`` (N, O)."""
+    paths = [_path_of(scores[:, part :: SLIPS.parts], _OFFSETS[part :: SLIPS.parts]) for part in range(SLIPS.parts)]
+    return max(paths, key=lambda path: path[0])[1]
+
+
+def _path_of(scores: Array, offsets: Array) -> tuple[float, Array]:
+    """The most that the ``scores`` (N, K) of some ``offsets`` (K,) add up to, each change costing ``SLIPS.change``, and
+    the offsets (N,) that do. Of one that is a frame or more from the start, half of that is taken off: a timecode is
+    wrong more often than that a frame is lost so soon (Viterbi)."""
+    total, came = scores[0] - 0.5 * SLIPS.change * (np.abs(offsets) >= 1.0), []
     for each in scores[1:]:
         best = int(np.argmax(total))
         change = total[best] - SLIPS.change > total
@@ -143,7 +158,7 @@ def _path(scores: Array) -> Array:
     for back in reversed(came):
         state = int(back[state])
         states.append(state)
-    return _OFFSETS[states[::-1]].astype(np.float64)
+    return float(total.max()), offsets[states[::-1]]
 
 
 def slips(frames: Sequence[int], offsets: Array, tracks: Sequence[PanZoomTrack | None]) -> list[Slip]:
@@ -151,7 +166,7 @@ def slips(frames: Sequence[int], offsets: Array, tracks: Sequence[PanZoomTrack |
     found = []
     for camera in range(offsets.shape[1]):
         for k in (np.flatnonzero(np.abs(np.diff(offsets[:, camera])) > 0.5) + 1).tolist():
-            lost = int(offsets[k, camera] - offsets[k - 1, camera])
+            lost = round(offsets[k, camera] - offsets[k - 1, camera])
             track = tracks[camera]
             leap = None if track is None else leap_near(track, frames[k], lost)
             found.append(Slip(camera, frames[k] if leap is None else leap, lost))
@@ -192,7 +207,7 @@ def slip_notes(
     timecodes: Sequence[str],
 ) -> list[str]:  # fmt: skip
     """Notes on cameras that show other instants than the others do, and than their ``clocks`` (C,), frame periods,
-    explain: of one that is half a frame off, the nearest whole frame may be the next."""
+    explain."""
     frames, found = offsets.offsets()
     if len(frames) < 2:
         return []
@@ -202,8 +217,6 @@ def slip_notes(
     for camera in told if len(told) > 1 else ():
         own[camera] = clocks[camera] - np.median(clocks[[each for each in told if each != camera]])
     for camera, frame, lost in slips(frames, found, tracks):
-        if np.abs(found[:, camera] - own[camera]).max() < SLIPS.beyond_clock:
-            continue  # of a camera that is half a frame off, either frame is the nearest
         many = f"{abs(lost)} frame" + "s" * (abs(lost) > 1)
         what = f"{many} lost there, and the recording closed up" if lost > 0 else f"{many} too many there, doubled"
         notes.append(
@@ -212,8 +225,9 @@ def slip_notes(
             "frames after it their true time stamps, or cut the take there"
         )
     for camera in told if len(told) > 2 else ():  # of two, each is as far from the other
-        off = int(found[0, camera] - np.median([found[0, other] for other in told if other != camera]))
-        if off and abs(off - own[camera]) > SLIPS.beyond_clock:
+        off = found[0, camera] - np.median([found[0, other] for other in told if other != camera])
+        beyond, off = abs(off - own[camera]), round(off)
+        if off and beyond > SLIPS.beyond_clock:
             many = f"{abs(off)} frame" + "s" * (abs(off) > 1)
             later, low = ("later", "low") if off > 0 else ("earlier", "high")
             notes.append(

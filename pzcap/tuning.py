@@ -54,6 +54,7 @@ class SlipTuning(NamedTuple):
     """Frames that a recording lost."""
 
     reach: int = 4  # frames, early or late, that are told
+    parts: int = 4  # of a frame, by which a clock is told
     width: int = 160  # of the picture of the athlete's colours that is kept of a view until the body is known
     most_log_odds: float = 4.0  # of a pixel
     change: float = 8.0

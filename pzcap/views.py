@@ -111,7 +111,7 @@ class ViewLocaliser:
         localiser, head, image = self.localisers[index], self._heads[index], frames.images[index]
         if localiser is None or head is None or image is None:
             return None
-        found: Localisation = localiser.localise(colours_aligned(image, head.lens.lateral_colour), prior)
+        found: Localisation = localiser.localise(_grey(head, image), prior)
         return found
 
     def _as_new_as(self, found: Localisation, history: History, index: int, picture: Image) -> Localisation:
@@ -188,8 +188,7 @@ class ViewLocaliser:
             expected = None if tracker is None else tracker.expect(frame, camera)
             return None if expected is None else expected.covered(camera.height, camera.width)
 
-        colours = head.lens.lateral_colour
-        image, second = colours_aligned(image, colours), second if second is None else colours_aligned(second, colours)
+        image, second = _grey(head, image), second if second is None else _grey(head, second)
         prior = history.predicted() or self._start(frame, index)
         localisation: Localisation = localiser.localise(image, prior, hidden)
         if self._starts[index] is None:
@@ -197,7 +196,7 @@ class ViewLocaliser:
             prior = prior or self._start(frame, index)
             if not localisation.valid and prior is not None:
                 localisation = localiser.localise(image, prior, hidden)
-        localisation = self._as_new_as(localisation, history, index, grey(image))
+        localisation = self._as_new_as(localisation, history, index, image)
         later: Localisation | None = None
         if second is not None and localisation.valid:
             later = localiser.localise(second, expected_second(history, localisation), hidden)
@@ -207,6 +206,11 @@ class ViewLocaliser:
         self.histories[index] = _corrected(history, localisation).followed_by(carried_on(localisation), prior)
         share = history.readout.share
         return replace(localisation, readout=share), None if later is None else replace(later, readout=share)
+
+
+def _grey(head: PanZoomCamera, image: Image) -> Image:
+    """A frame's grey values, its colours brought to where they are seen without lateral colour."""
+    return grey(colours_aligned(image, head.lens.lateral_colour))
 
 
 def _corrected(history: History, found: Localisation) -> History:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pzcap.body.kinematics import joints
-from pzcap.frame_slips import FrameOffsets, along_limbs, leap_near, slip_notes, slips
+from pzcap.frame_slips import FrameOffsets, along_limbs, leap_near, slip_notes
 from pzcap.geometry.camera import project
 from pzcap.segmentation.others import BEFORE
 from pzcap.types import Array, Camera, Silhouette
@@ -174,14 +174,20 @@ def test_a_body_that_may_be_lost_tells_nothing() -> None:
     assert not {16, 20, 24} & set(told)
 
 
-def test_a_clock_half_a_frame_off_is_no_slip() -> None:
-    offsets = still()
-    offsets[2] = np.where(np.arange(FRAMES) < FRAMES // 2, 0.2, 0.8)
+@pytest.mark.parametrize("clock", [-0.8, -0.3, 0.5, 0.79])
+def test_what_a_clock_is_off_by_is_no_slip_and_hides_none(clock: float) -> None:
+    """Of a camera that is between two frames, either is near: no frame is lost where one comes nearer than the other
+    (from still to moving, say), and a lost one is told as of any other camera."""
+    clocks, offsets = np.array([0.0, 0.0, clock, 0.0]), still()
+    offsets[2] += clock
     found, tracks = seen(offsets)
-    assert slips(*found.offsets(), tracks), "the nearest frame is another one then"
-    assert slip_notes(found, np.array([0.0, 0.0, 0.5, 0.0]), tracks, NAMES, TIMECODES) == []
-    (note,) = slip_notes(found, np.zeros(4), tracks, NAMES, TIMECODES)
-    assert note.startswith(f"camera {NAMES[2]}: from frame")
+    _, told = found.offsets()
+    assert np.abs(told - clocks).max() < 0.3
+    assert slip_notes(found, clocks, tracks, NAMES, TIMECODES) == []
+    offsets[2][25:] += 1.0
+    found, tracks = seen(offsets)
+    (note,) = slip_notes(found, clocks, tracks, NAMES, TIMECODES)
+    assert note.startswith("camera 3: from frame 25 ")
 
 
 def test_a_view_without_a_body_or_an_athlete_is_passed_over() -> None:

@@ -49,7 +49,7 @@ class Late:
         self.camera = camera
 
     def localise(self, image: Image, prior: Localisation | None, _: object = None) -> Localisation:
-        number, nothing = int(image[0, 0, 0]), np.empty((0, 2))
+        number, nothing = int(image[0, 0]), np.empty((0, 2))
         near = prior is not None and abs(prior.pan_rad - number * TURN_RAD) < 2.5 * TURN_RAD
         if number < FOUND and not near:
             return lost(self.camera, prior)

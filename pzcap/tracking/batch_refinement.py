@@ -59,7 +59,7 @@ def refine_batch(
     objectives = sequence.objectives(body, poses)
     posed, placed = _placed(objectives, poses)
     found = batch.sweep(objectives, posed, placed, mean_appearances(body, sequence.views, placed))
-    for _ in range(CLOCK.rounds):  # a skin that was sampled at wrong poses, or by wrong clocks, holds these back
+    for _ in range(0 if passes is None else CLOCK.rounds):  # a skin that was sampled at wrong poses, or by wrong clocks, holds these back
         clock = found.clocks.clock
         posed, placed = _placed(found.objectives, [each.pose for each in found.frames])
         found = batch.sweep(found.objectives, posed, placed, mean_appearances(body, sequence.views, placed))

@@ -84,11 +84,14 @@ def _expose(
     exposure: tuple[float, float], out: Array,
 ) -> None:  # fmt: skip
     """``rows``: time of the first one, and from one to the next. ``exposure``: clock and readout."""
-    for n in range(len(points)):
+    time = np.empty(len(points))
+    for n in range(len(points)):  # a loop of its own, which the compiler vectorises
         across, down, depth = ray(points[n, 0], points[n, 1], points[n, 2], camera)
-        row = to_pixel(across, down, camera)[1] if depth >= NEAREST_M else 0.0
-        t = exposure[0] + exposure[1] * min(max(rows[0] + rows[1] * row, -0.5), 0.5)
-        s = segment[n]
+        row = to_pixel(across, down, camera)[1]
+        row = row if depth >= NEAREST_M else 0.0
+        time[n] = exposure[0] + exposure[1] * min(max(rows[0] + rows[1] * row, -0.5), 0.5)
+    for n in range(len(points)):
+        t, s = time[n], segment[n]
         x, y, z = points[n, 0] - joints[s, 0], points[n, 1] - joints[s, 1], points[n, 2] - joints[s, 2]
         wx, wy, wz = velocity[s, 3], velocity[s, 4], velocity[s, 5]
         out[n, 0] = points[n, 0] + t * (velocity[s, 0] + wy * z - wz * y)

@@ -73,13 +73,15 @@ def bounds(pixels: Array, depth: Array) -> tuple[Array, Array] | None:
     return (low, high) if low[0] <= high[0] else None
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"nnan", "nsz", "reassoc"})
 def _corners(pixels: Array, depth: Array) -> tuple[Array, Array]:
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for k in range(2):
+        least, most = np.inf, -np.inf
         for n in range(len(pixels)):
-            if depth[n] > 0.0:
-                low[k], high[k] = min(low[k], pixels[n, k]), max(high[k], pixels[n, k])
+            least = min(least, pixels[n, k] if depth[n] > 0.0 else np.inf)
+            most = max(most, pixels[n, k] if depth[n] > 0.0 else -np.inf)
+        low[k], high[k] = least, most
     return low, high
 
 
