@@ -80,7 +80,7 @@ def adjust(
     fit = _GreyValues(frames, matches_of(enough(links)), to_vector(prior), int(start.pan_of[0]), report)
 
     few = _Part(compared_pixels(overlaps, PHOTOMETRIC.some), PHOTOMETRIC.some, PHOTOMETRIC.settled_on_some_rad)
-    believed, near = _with_standing_apart(fit, start, loose, few)
+    believed, near, told_apart = _with_standing_apart(fit, start, loose, few)
     compared = compared_pixels(overlaps)
     compared.gains[:] = few.pixels.gains
     schedule = Schedule(PHOTOMETRIC.steps, near.scale, least_steps=2)
@@ -88,7 +88,8 @@ def adjust(
         near.state, believed, _Part(compared, 1, PHOTOMETRIC.settled_rad), schedule
     )
     # of pixels that err independently, the squared distances have the mean 4 sigma^2
-    covariance = np.linalg.inv(normal) * (PHOTOMETRIC.doubt * float(compared.beside.mean()) / 4.0)
+    doubt = PHOTOMETRIC.doubt_apart if told_apart else PHOTOMETRIC.doubt
+    covariance = np.linalg.inv(normal) * (doubt * float(compared.beside.mean()) / 4.0)
     covariance[fit.held, fit.held] = 0.0
     off, bands = to_vector(state) - fit.mean, _bands(few.pixels, frames)
     return Fitted(
@@ -99,9 +100,9 @@ def adjust(
 
 def _with_standing_apart(
     fit: _GreyValues, start: CalibrationParameters, loose: Sigmas, few: _Part
-) -> tuple[Array, Solution[CalibrationParameters]]:
-    """The parameters fitted to a ``few`` pixels, and what is believed of them (U, U) now that these have told what
-    stands apart from floor and walls.
+) -> tuple[Array, Solution[CalibrationParameters], bool]:
+    """What is believed of the parameters (U, U) once a ``few`` pixels have told what stands apart from floor and walls,
+    the parameters fitted to these, and whether that could be told.
 
     All distances are opened for a while. Where light is modelled a little wrong, that drives the projection centre
     away: then nothing is taken to stand apart.
@@ -109,17 +110,17 @@ def _with_standing_apart(
     believed = information(start, loose)
     near = fit.solved(start, believed, few, Schedule(PHOTOMETRIC.steps_on_some, 30.0, least_steps=3))
     if not start.surroundings.departures.size:
-        return believed, near
+        return believed, near, False
     everywhere = information(near.state, loose, np.ones_like(start.surroundings.departures, np.bool_))
     opened = fit.solved(near.state, everywhere, few, Schedule(PHOTOMETRIC.open_steps, near.scale, least_steps=2))
     offset = near.state.offset
     if np.linalg.norm(opened.state.offset - offset) > PHOTOMETRIC.driven * np.linalg.norm(offset):
-        return believed, near
+        return believed, near, False
     near = opened
     for _ in range(PHOTOMETRIC.rounds):
         believed = information(near.state, loose, standing_apart(near.state))
         near = fit.solved(near.state, believed, few, Schedule(PHOTOMETRIC.steps_of_round, near.scale, least_steps=2))
-    return believed, near
+    return believed, near, True
 
 
 class _Part(NamedTuple):

@@ -226,6 +226,9 @@ class PhotometricTuning(NamedTuple):
     doubt: float = 16.0
     """Ratio of the parameters' variance to that by independent pixels, where each overlap by itself is off by no more
     than its pixels let one expect: a frame errs alike in all its overlaps. Fitted to captures."""
+    doubt_apart: float = 8.0
+    """The same where what stands apart from floor and walls is told from them: taken for these, it makes the focal
+    length too long. Fitted to sixteen cameras."""
     settled_rad: float = 2e-7
     """Largest change of a pan that ends the adjustment: a five thousandth of a pixel."""
 
