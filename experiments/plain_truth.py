@@ -1,15 +1,26 @@
-"""The simulator's truth as the plain one that `pzcap.scoring` scores against and hands out."""
+"""The simulator's truth as the plain one that `pzcap.scoring` scores against and hands out.
+
+    python -m experiments.plain_truth CAPTURE FOLDER
+
+writes that of a capture that the simulator has shot, for `pzcap-score RESULTS FOLDER`.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from experiments.errors import guard
+from experiments.footage import truth_beside
+from experiments.terminal import command_line
+from pzcap.io.capture import read_capture
 from pzcap.scoring.records import CameraPoses, CameraTrack, Series, TrueCamera, TrueCapture
-from pzcap.types import Array
+from pzcap.scoring.truth_files import write_truth
+from pzcap.types import Array, PzcapError
 from sim.truth import Truth
 
 _HEAD_R_CAM: Final = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -86,3 +97,25 @@ def _about(axis: int, angle_rad: float) -> Array:
     rotation[one, one] = rotation[two, two] = np.cos(angle_rad)
     rotation[two, one], rotation[one, two] = np.sin(angle_rad), -np.sin(angle_rad)
     return rotation
+
+
+def write(capture: Path, folder: Path) -> None:
+    """Write the truth of a ``capture`` that the simulator has shot to a ``folder``."""
+    truth = truth_beside(capture)
+    if truth is None:
+        raise PzcapError(f"{capture}: no truth beside it; give the folder `capture` of one that the simulator has shot")
+    keyframes = keyframes_of(list(read_capture(capture).keyframe_poses), truth)
+    write_truth(true_capture(truth, capture_name(capture), keyframes), folder)
+
+
+def main() -> int:
+    """The command line."""
+    parser = command_line("plain_truth", __doc__)
+    parser.add_argument("capture", type=Path)
+    parser.add_argument("folder", type=Path)
+    options = parser.parse_args()
+    return guard(lambda: write(options.capture, options.folder))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

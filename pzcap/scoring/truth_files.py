@@ -24,6 +24,7 @@ FRAMES: Final = "frames.csv"
 POINTS: Final = "points.csv"
 KEYS: Final = ("name", "image_size", "frame_rate", "cameras", "timecodes", "pan_axes", "keyframes")
 BOUND: Final = ("bound_pan", "bound_logf")
+_OF_SIMULATOR: Final = "truth.npz"
 _FLAGS: Final = ("inverted", "airborne")
 
 
@@ -65,6 +66,11 @@ def _beside(camera: TrueCamera, frame: int) -> list[object]:
 def read_truth(folder: Path) -> TrueCapture:
     """Read what `write_truth` wrote. Raises PzcapError, in one line, where it is not one."""
     path = folder / HEADER
+    if (folder / _OF_SIMULATOR).is_file() and not (folder / FRAMES).is_file():
+        raise PzcapError(
+            f"{folder}: this is the simulator's own truth; python -m experiments.plain_truth CAPTURE FOLDER writes one "
+            "that can be scored against"
+        )
     header = read_header(path, FORMAT, VERSION, KEYS, KEYS)
     names = field(path, header, "cameras", texts, "a list of names")
     timecodes = field(path, header, "timecodes", texts, "a list of timecodes")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.plain_truth import true_capture
+from experiments.plain_truth import true_capture, write
 from experiments.score import score as score_in_memory
 from experiments.totals import metrics as metrics_in_memory
 from pzcap.extras.plain_results import results_of
@@ -69,6 +69,17 @@ def test_what_a_reconstruction_lacks_is_lacking_in_files_too(tmp_path: Path) -> 
     assert found["panzoom.completeness"] == 75.0
     assert found["body.mpjpe.mean"] is None
     assert found["body.completeness"] == 0.0
+
+
+def test_a_truth_of_the_simulator_is_named_and_can_be_written_plain(tmp_path: Path, small_capture: Path) -> None:
+    with pytest.raises(PzcapError, match="this is the simulator's own truth"):
+        truth_files.read_truth(small_capture / "truth")
+    write(small_capture / "capture", tmp_path)
+    plainly = truth_files.read_truth(tmp_path)
+    assert plainly.camera_names == ("1", "2", "3", "4")
+    assert plainly.keyframe.any(), "poses that the capture gives are not scored"
+    with pytest.raises(PzcapError, match="no truth beside it"):
+        write(tmp_path, tmp_path / "out")
 
 
 def test_part_of_a_result_is_scored_and_its_completeness_apart() -> None:
