@@ -213,6 +213,8 @@ def _compare(posed: Array, skin: _LimbSkin, view: _LimbView, similarity: Array) 
                 n = last
                 last += 1
                 weight[n] = 0.0
+                if template.trust[n] <= 0.0:
+                    continue
                 x = m[0, 0] * points[n, 0] + m[0, 1] * points[n, 1] + m[0, 2] * points[n, 2] + m[0, 3]
                 y = m[1, 0] * points[n, 0] + m[1, 1] * points[n, 1] + m[1, 2] * points[n, 2] + m[1, 3]
                 z = m[2, 0] * points[n, 0] + m[2, 1] * points[n, 1] + m[2, 2] * points[n, 2] + m[2, 3]
@@ -220,9 +222,12 @@ def _compare(posed: Array, skin: _LimbSkin, view: _LimbView, similarity: Array) 
                 ny = m[1, 0] * normals[n, 0] + m[1, 1] * normals[n, 1] + m[1, 2] * normals[n, 2]
                 nz = m[2, 0] * normals[n, 0] + m[2, 1] * normals[n, 1] + m[2, 2] * normals[n, 2]
                 dx, dy, dz = eye[0] - x, eye[1] - y, eye[2] - z
-                facing = (nx * dx + ny * dy + nz * dz) / np.sqrt(dx * dx + dy * dy + dz * dz)
+                towards = nx * dx + ny * dy + nz * dz
+                if towards <= 0.0:
+                    continue
+                facing = towards / np.sqrt(dx * dx + dy * dy + dz * dz)
                 across, down, depth = ray(x, y, z, view.camera)
-                if facing <= BRIGHTNESS.learned_facing or template.trust[n] <= 0.0 or depth < 0.1:
+                if facing <= BRIGHTNESS.learned_facing or depth < 0.1:
                     continue
                 u, v = to_pixel(across, down, view.camera)
                 j = int(np.rint((u - z_buffer.left) / z_buffer.scale))

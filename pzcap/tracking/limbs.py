@@ -252,16 +252,19 @@ def _paint(ends: Array, radii: Array, patch: Patch, areas: Array) -> None:
             if not seen:
                 continue
             dx, dy = xy[1, 0] - xy[0, 0], xy[1, 1] - xy[0, 1]
-            squared = dx * dx + dy * dy + 1e-9
+            per_squared = 1.0 / (dx * dx + dy * dy + 1e-9)
             widest = max(radius[0], radius[1]) + 0.5
             first_row, last_row = int(min(xy[0, 1], xy[1, 1]) - widest), int(max(xy[0, 1], xy[1, 1]) + widest) + 1
             first, last = int(min(xy[0, 0], xy[1, 0]) - widest), int(max(xy[0, 0], xy[1, 0]) + widest) + 1
             for i in range(max(first_row, 0), min(last_row, height - 1) + 1):
                 for j in range(max(first, 0), min(last, width - 1) + 1):
                     px, py = j - xy[0, 0], i - xy[0, 1]
-                    t = min(max((px * dx + py * dy) / squared, 0.0), 1.0)
+                    t = min(max((px * dx + py * dy) * per_squared, 0.0), 1.0)
                     ox, oy = px - t * dx, py - t * dy
-                    share = min(radius[0] + t * (radius[1] - radius[0]) - np.sqrt(ox * ox + oy * oy) + 0.5, 1.0)
+                    away, reach = ox * ox + oy * oy, radius[0] + t * (radius[1] - radius[0]) + 0.5
+                    if away >= reach * reach:
+                        continue
+                    share = min(reach - np.sqrt(away), 1.0)
                     before = painted[i, j] if painter[i, j] == k else 0.0
                     if share <= before:
                         continue

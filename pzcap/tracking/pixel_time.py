@@ -21,7 +21,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.spatial.transform import Rotation
 
 from pzcap.body.kinematics import turned
 from pzcap.body.segment_equations import SegmentSums
@@ -102,10 +101,29 @@ def _expose(
 def moved_frames(world_T_segment: Array, velocity: Array, time: Array) -> Array:
     """Segments (..., S, 4, 4) of ``velocity`` (S, 6) after ``time`` (..., S)."""
     out, moved = world_T_segment.copy(), time[..., None] * velocity
-    out[..., :3, 3] += moved[..., :3]
-    turns = Rotation.from_rotvec(moved[..., 3:].reshape(-1, 3)).as_matrix()
-    out[..., :3, :3] = turns.reshape(*time.shape, 3, 3) @ world_T_segment[..., :3, :3]
+    _move(moved.reshape(-1, 6), out.reshape(-1, 4, 4))
     return out
+
+
+@njit(cache=True, nogil=True)
+def _move(moved: Array, frames: Array) -> None:
+    """Shift and turn ``frames`` (N, 4, 4), in place, by ``moved`` (N, 6): metres, and rotation vectors about the axes
+    of the world."""
+    for n in range(len(frames)):
+        x, y, z = moved[n, 3], moved[n, 4], moved[n, 5]
+        squared = x * x + y * y + z * z
+        angle = np.sqrt(squared)
+        small = angle < 1e-4
+        sine = 1.0 - squared / 6.0 if small else np.sin(angle) / angle
+        rest = 0.5 - squared / 24.0 if small else (1.0 - np.cos(angle)) / squared
+        for i in range(3):
+            a, b, c = frames[n, 0, i], frames[n, 1, i], frames[n, 2, i]
+            along = rest * (x * a + y * b + z * c)
+            cosine = 1.0 - rest * squared
+            frames[n, 0, i] = cosine * a + sine * (y * c - z * b) + along * x
+            frames[n, 1, i] = cosine * b + sine * (z * a - x * c) + along * y
+            frames[n, 2, i] = cosine * c + sine * (x * b - y * a) + along * z
+            frames[n, i, 3] += moved[n, i]
 
 
 def exposed_frames(world_T_segment: Array, velocity: Array, camera: Camera, exposure: Exposure) -> Array:
