@@ -88,14 +88,21 @@ def corrected(camera: Camera, prior: CameraPrior, step: Array) -> tuple[Camera, 
     return turned, replace(prior, correction=prior.correction + step)
 
 
+@njit(cache=True, nogil=True)
 def segment_twists(world_T_cam: Array, pan_axis: Array, frames: Array, centre: Array) -> Array:
     """(16, 6, 2) Twists ``(v, w)`` about the ``centre`` that show the segments, posed as ``frames`` (16, 4, 4), where
     the camera would see them with one unit more of pan, and of log focal. All of a segment is as deep as its joint."""
-    eye, axis = world_T_cam[:3, 3], world_T_cam[:3, 2]
-    found = np.zeros((len(frames), 6, CAMERA_DOF))
-    (x, y, z), (a, b, c) = centre - eye, pan_axis
-    found[:, :3, 0], found[:, 3:, 0] = (y * c - z * b, z * a - x * c, x * b - y * a), -pan_axis
-    found[:, :3, 1] = -((frames[:, :3, 3] - eye) @ axis)[:, None] * axis
+    found, m = np.zeros((len(frames), 6, CAMERA_DOF)), world_T_cam
+    x, y, z = centre[0] - m[0, 3], centre[1] - m[1, 3], centre[2] - m[2, 3]
+    a, b, c = pan_axis[0], pan_axis[1], pan_axis[2]
+    for s in range(len(frames)):
+        found[s, 0, 0], found[s, 1, 0], found[s, 2, 0] = y * c - z * b, z * a - x * c, x * b - y * a
+        depth = 0.0
+        for i in range(3):
+            found[s, 3 + i, 0] = -pan_axis[i]
+            depth += (frames[s, i, 3] - m[i, 3]) * m[i, 2]
+        for i in range(3):
+            found[s, i, 1] = -depth * m[i, 2]
     return found
 
 
@@ -111,18 +118,28 @@ def eliminate(
     joint, right = information.copy(), -information @ correction
     moved = np.zeros(moves.shape)  # H M, of a segment and all that hang on it
     for s in range(len(moves) - 1, -1, -1):  # parents come before their children
-        own = view.hessians[s] @ moves[s]
-        joint += moves[s].T @ own
-        right += moves[s].T @ view.gradients[s]
-        moved[s] += own
+        for k in range(CAMERA_DOF):
+            for i in range(6):  # sums, not products of small matrices: these take as long to be called
+                own = 0.0
+                for j in range(6):
+                    own += view.hessians[s, i, j] * moves[s, j, k]
+                moved[s, i, k] += own
+                right[k] += moves[s, i, k] * view.gradients[s, i]
+                for other in range(CAMERA_DOF):
+                    joint[other, k] += moves[s, i, other] * own
         if PARENTS[s] >= 0:
             moved[PARENTS[s]] += moved[s]
-    cross = np.empty((DOF, CAMERA_DOF))  # B
+    cross = np.zeros((DOF, CAMERA_DOF))  # B
     for d in range(DOF):
-        cross[d] = twists[d] @ moved[DOF_SEGMENT[d]]
+        for i in range(6):
+            for k in range(CAMERA_DOF):
+                cross[d, k] += twists[d, i] * moved[DOF_SEGMENT[d], i, k]
     covariance = np.empty_like(joint)
     covariance[:] = np.linalg.inv(joint)
     pull, give = covariance @ right, covariance @ cross.T
-    gradient -= cross @ pull
-    hessian -= cross @ give
+    for d in range(DOF):
+        for k in range(CAMERA_DOF):
+            gradient[d] -= cross[d, k] * pull[k]
+            for e in range(DOF):
+                hessian[d, e] -= cross[d, k] * give[k, e]
     return MarginalisedCamera(covariance, pull, give)

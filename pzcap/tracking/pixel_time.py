@@ -181,16 +181,21 @@ def _clock_sums(
         twist[0] += velocity[s, 4] * arm[2] - velocity[s, 5] * arm[1]
         twist[1] += velocity[s, 5] * arm[0] - velocity[s, 3] * arm[2]
         twist[2] += velocity[s, 3] * arm[1] - velocity[s, 4] * arm[0]
-        own = view.hessians[s] @ twist
-        information += own @ twist
-        pull += twist @ view.gradients[s]
-        with_camera += moves[s].T @ own
-        moved[s] += own
+        for i in range(6):  # sums, as in `pzcap.tracking.camera_refinement.eliminate`
+            own = 0.0
+            for j in range(6):
+                own += view.hessians[s, i, j] * twist[j]
+            moved[s, i] += own
+            information += own * twist[i]
+            pull += twist[i] * view.gradients[s, i]
+            for k in range(len(with_camera)):
+                with_camera[k] += moves[s, i, k] * own
         if PARENTS[s] >= 0:
             moved[PARENTS[s]] += moved[s]
-    cross = np.empty(DOF)
+    cross = np.zeros(DOF)
     for d in range(DOF):
-        cross[d] = twists[d] @ moved[DOF_SEGMENT[d]]
+        for i in range(6):
+            cross[d] += twists[d, i] * moved[DOF_SEGMENT[d], i]
     return information, pull, with_camera, cross
 
 
