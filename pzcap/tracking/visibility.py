@@ -111,18 +111,14 @@ def rasterise(pixels: Array, depth: Array, faces: Indices, bits: NDArray[np.uint
         if not area < -1e-9:
             continue
         first = max(int(np.ceil(x0 + min(x1, x2, 0.0))), 0)
-        columns = min(int(np.floor(x0 + max(x1, x2, 0.0))) + 1, width) - first
-        upper = max(int(np.ceil(y0 + min(y1, y2, 0.0))), 0)
-        rows = min(int(np.floor(y0 + max(y1, y2, 0.0))) + 1, height) - upper
-        face = (x0, y0, z0, x1, y1, z1, x2, y2, z2, 1.0 / area)
-        if columns <= 2 and rows <= 2 and first + 2 <= width and upper + 2 <= height:
-            # most are smaller than a pixel: to ask which pixels they hold costs more than to try
-            for row in range(2):
-                for column in range(2):
-                    _fill(upper + row, first + column, face, bits[i0], nearest, cover)
+        last = min(int(np.floor(x0 + max(x1, x2, 0.0))), width - 1)
+        if last < first:  # most are smaller than a pixel, and lie between two
             continue
-        for row in range(upper, upper + rows):
-            for column in range(first, first + columns):
+        upper = max(int(np.ceil(y0 + min(y1, y2, 0.0))), 0)
+        lower = min(int(np.floor(y0 + max(y1, y2, 0.0))), height - 1)
+        face = (x0, y0, z0, x1, y1, z1, x2, y2, z2, 1.0 / area)
+        for row in range(upper, lower + 1):
+            for column in range(first, last + 1):
                 _fill(row, column, face, bits[i0], nearest, cover)
 
 
