@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-import cv2
 import numpy as np
+from numba import njit
 
 from pzcap.geometry.camera import wrapped
 from pzcap.localisation.readout import rate_between
@@ -49,14 +49,26 @@ class Pictures:
 
 def _blocks(grey: Image, before: Image) -> tuple[Mask, Array]:
     """Blocks (h, w) that are the same in two pictures, and the weights of all, from 0 where they are flat to 1."""
+    shape = (grey.shape[0] // REPETITION.block_px, grey.shape[1] // REPETITION.block_px)
+    same, steep = np.empty(shape, np.bool_), np.empty(shape)
+    _compare(grey, before, same, steep)
+    return same, steep / (steep + REPETITION.steep**2)
+
+
+@njit(cache=True, nogil=True)
+def _compare(grey: Image, before: Image, same: Mask, steep: Array) -> None:
+    """Fill in which blocks (h, w) are the ``same`` to a grey level or so, and their mean square slope across."""
     block = REPETITION.block_px
-    height, width = (size // block * block for size in grey.shape)
-    grey, before = grey[:height, :width], before[:height, :width]
-    changed = cv2.absdiff(grey, before) > REPETITION.levels
-    same = np.logical_not(changed.reshape(height // block, block, width // block, block).any(axis=(1, 3)))
-    slope = np.pad(cv2.absdiff(grey[:, 1:], grey[:, :-1]), ((0, 0), (0, 1))).astype(np.float32)
-    steep = cv2.resize(slope * slope, (width // block, height // block), interpolation=cv2.INTER_AREA)
-    return np.asarray(same, np.bool_), np.asarray(steep / (steep + REPETITION.steep**2), np.float64)
+    for n in range(same.shape[0]):
+        for m in range(same.shape[1]):
+            apart, squares = 0, 0
+            for i in range(n * block, (n + 1) * block):
+                for j in range(m * block, (m + 1) * block):
+                    here = int(grey[i, j])
+                    apart = max(apart, abs(here - int(before[i, j])))
+                    slope = int(grey[i, min(j + 1, grey.shape[1] - 1)]) - here
+                    squares += slope * slope
+            same[n, m], steep[n, m] = apart <= REPETITION.levels, squares / block**2
 
 
 def known_less_surely(found: Localisation, change: Array, share: float, width: int) -> Localisation:
