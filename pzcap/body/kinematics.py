@@ -20,6 +20,7 @@ from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMIT_HIGH, LIMIT_LO
 from pzcap.types import PARENTS, SEGMENTS, Array, Indices, Pose
 
 Quaternion = tuple[float, float, float, float]
+Coordinates = tuple[Array, Array, Array]
 
 _PARENTS: Final[Indices] = np.array(PARENTS)
 _IDENTITY: Final[Array] = np.tile([1.0, 0.0, 0.0, 0.0], (len(SEGMENTS), 1))
@@ -128,12 +129,41 @@ def _screws(frames: Array, centre: Array) -> Array:
 def _carry(
     frames: Array, segment: Indices, points: Array, normals: Array, out_points: Array, out_normals: Array
 ) -> None:
-    """Points and normals (V, 3) from their segments' frames to the world."""
-    for i in range(3):
-        for v in range(len(points)):
-            m = frames[segment[v], i]
-            out_points[v, i] = m[0] * points[v, 0] + m[1] * points[v, 1] + m[2] * points[v, 2] + m[3]
-            out_normals[v, i] = m[0] * normals[v, 0] + m[1] * normals[v, 1] + m[2] * normals[v, 2]
+    """Points and normals (V, 3) from their segments' frames to the world; they come segment by segment."""
+    begin = 0
+    while begin < len(points):
+        end = segment_end(segment, begin)
+        here, across = coordinates(points, begin, end), coordinates(normals, begin, end)
+        for i in range(3):
+            m = frames[segment[begin], i]
+            _mix(m, here, m[3], out_points[:, i][begin:end])
+            _mix(m, across, 0.0, out_normals[:, i][begin:end])
+        begin = end
+
+
+@njit(cache=True, nogil=True)
+def _mix(row: Array, vectors: Coordinates, shift: float, out: Array) -> None:
+    """Fill in ``out`` (N,): a row of a matrix times ``vectors`` (N, 3), and a ``shift``."""
+    a, b, c = row[0], row[1], row[2]
+    x, y, z = vectors
+    for n in range(len(out)):
+        out[n] = a * x[n] + b * y[n] + c * z[n] + shift
+
+
+@njit(cache=True, nogil=True)
+def segment_end(segment: Indices, begin: int) -> int:
+    """The first point after ``begin`` that is of another segment."""
+    end = begin + 1
+    while end < len(segment) and segment[end] == segment[begin]:
+        end += 1
+    return end
+
+
+@njit(cache=True, nogil=True, inline="always")
+def coordinates(points: Array, begin: int, end: int) -> Coordinates:
+    """Some of the points (V, 3), which lie a coordinate after the other in memory, so that the compiler vectorises a
+    loop over them."""
+    return points[:, 0][begin:end], points[:, 1][begin:end], points[:, 2][begin:end]
 
 
 @njit(cache=True, nogil=True)

@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-from pzcap.body.kinematics import turned
+from pzcap.body.kinematics import Coordinates, coordinates, segment_end, turned
 from pzcap.body.segment_equations import SegmentSums
 from pzcap.body.skeleton import DOF, DOF_SEGMENT
 from pzcap.geometry.pinhole import NEAREST_M, Pinhole, pinhole, projected, ray, to_pixel
@@ -89,13 +89,25 @@ def _expose(
         row = to_pixel(across, down, camera)[1]
         row = row if depth >= NEAREST_M else 0.0
         time[n] = exposure[0] + exposure[1] * min(max(rows[0] + rows[1] * row, -0.5), 0.5)
-    for n in range(len(points)):
-        t, s = time[n], segment[n]
-        x, y, z = points[n, 0] - joints[s, 0], points[n, 1] - joints[s, 1], points[n, 2] - joints[s, 2]
-        wx, wy, wz = velocity[s, 3], velocity[s, 4], velocity[s, 5]
-        out[n, 0] = points[n, 0] + t * (velocity[s, 0] + wy * z - wz * y)
-        out[n, 1] = points[n, 1] + t * (velocity[s, 1] + wz * x - wx * z)
-        out[n, 2] = points[n, 2] + t * (velocity[s, 2] + wx * y - wy * x)
+    begin = 0
+    while begin < len(points):
+        end, s = segment_end(segment, begin), segment[begin]
+        here, there = coordinates(points, begin, end), coordinates(out, begin, end)
+        _move_on(here, joints[s], velocity[s], time[begin:end], there)
+        begin = end
+
+
+@njit(cache=True, nogil=True)
+def _move_on(here: Coordinates, joint: Array, velocity: Array, time: Array, out: Coordinates) -> None:
+    """Points of a segment whose ``joint`` and turn have the ``velocity`` (6,), each after its ``time`` (N,)."""
+    (px, py, pz), (ox, oy, oz) = here, out
+    jx, jy, jz = joint[0], joint[1], joint[2]
+    vx, vy, vz, wx, wy, wz = velocity[0], velocity[1], velocity[2], velocity[3], velocity[4], velocity[5]
+    for n in range(len(time)):
+        x, y, z = px[n] - jx, py[n] - jy, pz[n] - jz
+        ox[n] = px[n] + time[n] * (vx + wy * z - wz * y)
+        oy[n] = py[n] + time[n] * (vy + wz * x - wx * z)
+        oz[n] = pz[n] + time[n] * (vz + wx * y - wy * x)
 
 
 def moved_frames(world_T_segment: Array, velocity: Array, time: Array) -> Array:
