@@ -52,23 +52,20 @@ def refine_batch(
     in the frames ``before`` them the body is held fast. Where the last is a ``key``, the pose that it was given counts
     there beside the images.
 
-    Given the results of the ``passes`` in the others, the clocks are brought to rest, too; limbs that do not look like
-    themselves are reacquired (`pzcap.tracking.reacquisition`), and taken from there if that scores more. Without, the
-    frames are soon refined again, with the body as corrected meanwhile.
+    Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
+    (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
     """
     batch = _Batch(body, sequence.period, before, key, clocks, config)
     objectives = sequence.objectives(body, poses)
     posed, placed = _placed(objectives, poses)
     found = batch.sweep(objectives, posed, placed, mean_appearances(body, sequence.views, placed))
-    if passes is None:
-        return found
     for _ in range(CLOCK.rounds):  # a skin that was sampled at wrong poses, or by wrong clocks, holds these back
         clock = found.clocks.clock
         posed, placed = _placed(found.objectives, [each.pose for each in found.frames])
         found = batch.sweep(found.objectives, posed, placed, mean_appearances(body, sequence.views, placed))
         if np.abs(found.clocks.clock - clock).max() < CLOCK.settled:
             break
-    if not config.reacquisition:
+    if passes is None or not config.reacquisition:
         return found
     limbs = LimbAppearance(body, config.appearance_score)
     sought, reference = np.zeros(found.spread_m.shape, bool), passes.reference

@@ -13,9 +13,8 @@ from pzcap.tracking.batch_refinement import RefinedBatch, refine_batch
 from pzcap.tracking.camera_refinement import CAMERA_DOF, CameraPrior
 from pzcap.tracking.pixel_time import ClockEquations, ClockEstimate
 from pzcap.tracking.pose_objective import ViewSequence
-from pzcap.tracking.reacquisition import PassResults
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.types import Array, Pose
 from tests.scenes.tracked import CONFIG, clip, crops, true_body
 
 pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
@@ -35,10 +34,7 @@ def refined(poses: list[Pose], config: TrackingConfig = CONFIG) -> RefinedBatch:
     loose = CameraPrior(np.array([0.0, 0.0, 1.0]), np.diag(CAMERA_SIGMA**-2.0), np.zeros(CAMERA_DOF))
     views = ViewSequence([[view and replace(view, camera_prior=loose) for view in crops(f)] for f in FRAMES], 1.0)
     before = [clip().poses[frame] for frame in (0, 1)]
-    nowhere = np.zeros((len(poses), len(SEGMENTS)), bool)
-    passes = PassResults([poses], nowhere, nowhere, nowhere, [])
-    alone = replace(config, reacquisition=False)
-    return refine_batch(true_body(), poses, views, before, None, passes, ClockEstimate.of(4, 0.3), alone)
+    return refine_batch(true_body(), poses, views, before, None, None, ClockEstimate.of(4, 0.3), config)
 
 
 def errors_mm(found: RefinedBatch) -> Array:
