@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -38,6 +40,14 @@ class Candidate:
     panorama_points_px: Array  # (N, 2)
 
 
+class _Known(NamedTuple):
+    """Features of a panorama."""
+
+    features: Features
+    azimuth_rad: Array  # (N,) of each
+    slope: Array  # (N,)
+
+
 class FeatureSearch:
     """Finds frames of one camera by the features that its panorama shows."""
 
@@ -45,8 +55,12 @@ class FeatureSearch:
         self._panorama = panorama
         self._camera = camera
         self._config = config
-        self._features = panorama_features(panorama, config.threshold, config.panorama_features)
-        self._azimuth, self._slope = cylinder.from_panorama(panorama, self._features.points_px)
+
+    @cached_property
+    def _known(self) -> _Known:
+        """The panorama's features, found when they are first asked for: most takes do without."""
+        found = panorama_features(self._panorama, self._config.threshold, self._config.panorama_features)
+        return _Known(found, *cylinder.from_panorama(self._panorama, found.points_px))
 
     def candidates(self, image: Image, prior: Localisation | None) -> Iterator[Candidate]:
         """Places of ``image`` (H, W[, 3]), near ``prior`` or anywhere: each that is determined as soon as it is found,
@@ -81,12 +95,13 @@ class FeatureSearch:
             focals = lens.reference_focal_px * np.exp(np.arange(np.log(low), np.log(high), 0.02))
         else:
             focals = prior.focal_px * np.exp(np.arange(-0.2, 0.2001, 0.02))
-        window = near_prior(self._azimuth, prior, self._camera, config.search_deg)
-        pairs = features.match(found, self._features.subset(window), config.ratio)
+        known = self._known
+        window = near_prior(known.azimuth_rad, prior, self._camera, config.search_deg)
+        pairs = features.match(found, known.features.subset(window), config.ratio)
         if len(pairs) < 2:
             return None
         points, which = points[pairs[:, 0]], window[pairs[:, 1]]
-        azimuth, slope = self._azimuth[which], self._slope[which]
+        azimuth, slope = known.azimuth_rad[which], known.slope[which]
 
         def view_at(focal_px: float) -> View:
             return geometry.view_at(self._camera, 0.0, self._camera.tilt_rad, focal_px)
@@ -106,7 +121,7 @@ class FeatureSearch:
         )
         return Candidate(
             float(wrapped(solution.pan_rad)), solution.tilt_rad, solution.focal_px, bool(determined), points,
-            self._features.points_px[which],
+            known.features.points_px[which],
         )  # fmt: skip
 
 
