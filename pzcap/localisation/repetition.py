@@ -61,14 +61,15 @@ def _compare(grey: Image, before: Image, same: Mask, steep: Array) -> None:
     block = REPETITION.block_px
     for n in range(same.shape[0]):
         for m in range(same.shape[1]):
-            apart, squares = 0, 0
+            changed, squares = False, 0.0
             for i in range(n * block, (n + 1) * block):
                 for j in range(m * block, (m + 1) * block):
-                    here = int(grey[i, j])
-                    apart = max(apart, abs(here - int(before[i, j])))
-                    slope = int(grey[i, min(j + 1, grey.shape[1] - 1)]) - here
-                    squares += slope * slope
-            same[n, m], steep[n, m] = apart <= REPETITION.levels, squares / block**2
+                    here = np.int64(grey[i, j])
+                    if abs(here - np.int64(before[i, j])) > REPETITION.levels:  # uint8 would wrap
+                        changed = True
+                    slope = np.int64(grey[i, min(j + 1, grey.shape[1] - 1)]) - here
+                    squares += float(slope * slope)
+            same[n, m], steep[n, m] = not changed, squares / block**2
 
 
 def known_less_surely(found: Localisation, change: Array, share: float, width: int) -> Localisation:

@@ -58,6 +58,19 @@ def test_no_block_of_two_exposures_is_the_same(step_px: float) -> None:
     assert shares(taken(step_px * np.arange(4.0))).max() == 0.0
 
 
+@given(st.integers(0, 2**31))
+@settings(deadline=None)  # the first one compiles
+def test_blocks_are_compared_as_whole_arrays_are(seed: int) -> None:
+    """Brighter or darker: a block is the same where no pixel of it has changed by more than `levels`."""
+    rng, size = np.random.default_rng(seed), REPETITION.block_px
+    before = rng.integers(0, 256, (5 * size + 3, 4 * size + 1), np.uint8)
+    change = rng.integers(-1, 2, before.shape) * rng.integers(0, 4, before.shape) * (rng.random(before.shape) < 0.01)
+    grey = np.clip(before + change, 0, 255).astype(np.uint8)
+    same, _ = repetition._blocks(grey, before)
+    apart = np.abs(grey.astype(int) - before)[: 5 * size, : 4 * size].reshape(5, size, 4, size)
+    np.testing.assert_array_equal(same, apart.max(axis=(1, 3)) <= REPETITION.levels)
+
+
 def test_a_codec_repeats_what_hardly_moves_and_not_what_does() -> None:
     slow, fast = (shares(decoded(taken(step_px * np.arange(12.0)), 30)) for step_px in (0.05, 3.0))
     assert slow.mean() > 0.3
