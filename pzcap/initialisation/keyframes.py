@@ -23,7 +23,7 @@ from pzcap.initialisation.triangulation import rays_of, triangulate
 from pzcap.initialisation.tuning import FIT, JUDGEMENT, PEOPLE
 from pzcap.tracking.interval_solver import fit_keyframe, misplaced
 from pzcap.tracking.observation import ViewInput, crop_view
-from pzcap.tracking.pixel_time import sequence_velocities
+from pzcap.tracking.pixel_time import sequence_rates
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.types import Array, Keyframe, Pose
@@ -45,7 +45,7 @@ def find_keyframes(
     for _ in range(FIT.rounds):
         body = replace(body, landmarks=pose_fit.learned_landmarks(usual, body, poses, sightings, config))
         poses = pose_fit.fit(body, sightings, poses, config)
-    speeds = sequence_velocities([forward(body, pose) for pose in poses], 1.0)
+    speeds = sequence_rates([forward(body, pose) for pose in poses], 1.0)
     candidates, variances = {}, {}
     for frame, (pose, seen) in enumerate(zip(poses, sightings, strict=True)):
         known = pose_fit.known(body, pose, seen, config)

@@ -47,7 +47,7 @@ class BodyEstimate:
     def with_keyframe(
         self, key: Keyframe, fitted: Pose, views: Views, speed: Array, config: TrackingConfig
     ) -> BodyEstimate:
-        """The estimate after a keyframe, whose pose was ``fitted`` to the images; ``speed`` (16, 6) is that of the
+        """The estimate after a keyframe, whose pose was ``fitted`` to the images; ``speed`` (16, 12) is that of the
         segments there."""
         shape, landmarks, frames = self.shape, self.landmarks, forward(self.body, fitted)
         by_hand = not key.found

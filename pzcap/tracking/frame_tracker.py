@@ -22,7 +22,7 @@ from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.limbs import mismatch
 from pzcap.tracking.observation import Views, divided
-from pzcap.tracking.pixel_time import velocities
+from pzcap.tracking.pixel_time import rates_between
 from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, misfit_px2
 from pzcap.tracking.settings import Round, TrackingConfig
 from pzcap.tracking.skin_appearance import SomeAppearances, learn, mean_appearances
@@ -92,9 +92,9 @@ class FrameTracker:
         return retract(self.pose, self.velocity)
 
     def speed(self, pose: Pose) -> Array:
-        """Velocities (16, 6) of the segments, forward in time, if they go on through a ``pose`` as they did so far."""
+        """Rates (16, 12) of the segments, forward in time, if they go on through a ``pose`` as they did so far."""
         came_from = forward(self.body, retract(pose, -self.velocity))
-        return velocities(came_from, forward(self.body, pose), self._period)
+        return rates_between(came_from, forward(self.body, pose), self._period)
 
     def step(self, views: Views) -> FrameEstimate:
         """Move on by one instant."""

@@ -67,7 +67,7 @@ class Anchor:
     views: Views
     fit: PoseEstimate
     velocity: Array  # (43,) with which the forward pass arrives at it
-    speed: Array  # (16, 6) the same of the segments, as in `pixel_time.velocities`
+    speed: Array  # (16, 12) the same of the segments, as in `pixel_time.rates_between`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +134,7 @@ def solved(problem: IntervalProblem) -> IntervalResult:
 def fit_keyframe(
     body: Body, key: Keyframe, views: Views, speed: Array, config: TrackingConfig
 ) -> tuple[PoseEstimate, SolveReport]:
-    """A keyframe's pose, fitted to the images with its own error as prior; ``speed`` (16, 6) is that of the segments
+    """A keyframe's pose, fitted to the images with its own error as prior; ``speed`` (16, 12) is that of the segments
     there."""
     prior = information(key, config)
     if all(view is None for view in views):

@@ -19,7 +19,7 @@ from pzcap.body.skeleton import LIMBS
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
 from pzcap.tracking.bidirectional_fusion import with_segments
 from pzcap.tracking.limbs import POSTURES, turn_to, turned
-from pzcap.tracking.pixel_time import velocities
+from pzcap.tracking.pixel_time import rates_between
 from pzcap.tracking.tuning import BEAM, REACQUISITION
 from pzcap.types import Array, Pose
 
@@ -72,8 +72,8 @@ def _going_on(limbs: LimbAppearance, limb: int, context: LimbContext, each: Hypo
     stays = with_segments(context.pose, segments, each.pose)
     turn = turn_to(limb, with_segments(each.pose, segments, each.before), each.pose)
     goes_on = turned(limb, stays, turn)
-    speed = velocities(forward(limbs.body, each.pose), forward(limbs.body, goes_on), period)
-    moving = replace(context, objective=replace(context.objective, velocity=speed))
+    rates = rates_between(forward(limbs.body, each.pose), forward(limbs.body, goes_on), period)
+    moving = replace(context, objective=replace(context.objective, rates=rates))
     around = turn_to(limb, context.pose, goes_on) + BEAM.spread_rad * _AROUND
     return limbs.postures(limb, moving, around, coarse=True)
 

@@ -1,12 +1,14 @@
 """Time of a pixel: views are not exposed at one instant, and the athlete moves meanwhile.
 
 A camera's clock is off from the others' by ``d``, and with a rolling shutter row v of H is exposed ``r tau`` after the
-middle row, tau = (v + 1/2) / H - 1/2. A point that moves with the velocity ``u`` is seen where it is at
+middle row, tau = (v + 1/2) / H - 1/2. A point that moves with the velocity ``u`` and the acceleration ``a`` is seen
+where it is at
 
-    x + (d + r tau) u                                                     (times in frame periods)
+    x + t u + t^2 a / 2,   t = d + r tau                                  (times in frame periods)
 
+(between two frames a hand is a centimetre off the straight line in a somersault).
 `Exposure` holds d and r of a view, and how late a picture came whose stamps are uneven; `exposed` puts the skin there.
-The derivative by d is the segments' velocity, a twist
+The derivative by d is the segments' velocity then, a twist
 ``M_s`` of each, so that the normal equations of the clocks follow from those of the segments as the cameras' do
 (`pzcap.tracking.camera_refinement`): ``C = sum_s M_s' H_s M_s``, ``c = sum_s M_s' g_s``, ``B = sum_s T_s' H_s M_s``.
 All frames of an interval share the clocks (`ClockEstimate`). What shifts all of them alike is a shift of the motion in
@@ -17,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -46,31 +49,42 @@ class Exposure(NamedTuple):
 
 
 AT_ONCE: Final = Exposure()
+AT_REST: Final = np.zeros((len(SEGMENTS), 12))
+"""Rates of segments that do not move."""
 
 
-def velocities(before: Array, after: Array, periods: float) -> Array:
-    """(16, 6) Velocity of each segment's joint and angular velocity, world, a frame period, between ``before`` and
-    ``after`` (16, 4, 4), which are so many ``periods`` apart."""
-    moved = after[:, :3, 3] - before[:, :3, 3]
-    return np.hstack([moved, turned(before, after)]) / periods
+def rates_between(before: Array, after: Array, periods: float) -> Array:
+    """(16, 12) Rates of the segments, world, a frame period, from ``before`` to ``after`` (16, 4, 4), which are so many
+    ``periods`` apart: velocity of each one's joint, its angular velocity, and the acceleration of both, of which two
+    instants know nothing: 0."""
+    return np.hstack([_moved(before, after) / periods, np.zeros((len(before), 6))])
 
 
-def sequence_velocities(frames: Sequence[Array], period: float) -> list[Array]:
-    """`velocities` (16, 6) at each of successive instants (16, 4, 4), one every ``period`` frame periods: from the one
-    before to the one after."""
-    last = len(frames) - 1
-    pairs = [(max(t - 1, 0), min(t + 1, last)) for t in range(len(frames))]
-    return [velocities(frames[a], frames[b], period * max(b - a, 1)) for a, b in pairs]
+def sequence_rates(frames: Sequence[Array], period: float) -> list[Array]:
+    """Rates (16, 12), as in `rates_between`, at each of successive instants (16, 4, 4), one every ``period`` frame
+    periods: central differences, so that the three instants about each are met. At the ends nothing is known of the
+    acceleration."""
+    if len(frames) < 2:
+        return [AT_REST] * len(frames)
+    steps = [_moved(before, after) / period for before, after in pairwise(frames)]
+    inner = [np.hstack([(before + after) / 2.0, (after - before) / period]) for before, after in pairwise(steps)]
+    ends = [np.hstack([step, np.zeros_like(step)]) for step in (steps[0], steps[-1])]
+    return [ends[0], *inner, ends[1]]
 
 
-def exposed(skin: SkinPoints, world_T_segment: Array, velocity: Array, camera: Camera, exposure: Exposure) -> Array:
+def _moved(before: Array, after: Array) -> Array:
+    """(16, 6) By how much joints have moved and segments turned."""
+    return np.hstack([after[:, :3, 3] - before[:, :3, 3], turned(before, after)])
+
+
+def exposed(skin: SkinPoints, world_T_segment: Array, rates: Array, camera: Camera, exposure: Exposure) -> Array:
     """Points (V, 3) of the ``skin`` where they are when the camera exposes them, a coordinate after the other in
-    memory; ``velocity`` (16, 6) as in `velocities`."""
+    memory; ``rates`` (16, 12) as in `rates_between`."""
     out = np.empty_like(skin.points)
     rows = row_time(_ROWS, camera.height).tolist()
     first, clock = (rows[0], rows[1] - rows[0]), exposure.clock + exposure.late
     eye, joints = pinhole(camera), world_T_segment[:, :3, 3]
-    _expose(skin.points, skin.segment, joints, velocity, eye, first, (clock, exposure.readout), out)
+    _expose(skin.points, skin.segment, joints, rates, eye, first, (clock, exposure.readout), out)
     return out
 
 
@@ -79,7 +93,7 @@ _ROWS: Final = np.array([0.0, 1.0])
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _expose(
-    points: Array, segment: Indices, joints: Array, velocity: Array, camera: Pinhole, rows: tuple[float, float],
+    points: Array, segment: Indices, joints: Array, rates: Array, camera: Pinhole, rows: tuple[float, float],
     exposure: tuple[float, float], out: Array,
 ) -> None:  # fmt: skip
     """``rows``: time of the first one, and from one to the next. ``exposure``: clock and readout."""
@@ -93,26 +107,30 @@ def _expose(
     while begin < len(points):
         end, s = segment_end(segment, begin), segment[begin]
         here, there = coordinates(points, begin, end), coordinates(out, begin, end)
-        _move_on(here, joints[s], velocity[s], time[begin:end], there)
+        _move_on(here, joints[s], rates[s], time[begin:end], there)
         begin = end
 
 
 @njit(cache=True, nogil=True)
-def _move_on(here: Coordinates, joint: Array, velocity: Array, time: Array, out: Coordinates) -> None:
-    """Points of a segment whose ``joint`` and turn have the ``velocity`` (6,), each after its ``time`` (N,)."""
+def _move_on(here: Coordinates, joint: Array, rates: Array, time: Array, out: Coordinates) -> None:
+    """Points of a segment whose ``joint`` and turn have the ``rates`` (12,), each after its ``time`` (N,)."""
     (px, py, pz), (ox, oy, oz) = here, out
     jx, jy, jz = joint[0], joint[1], joint[2]
-    vx, vy, vz, wx, wy, wz = velocity[0], velocity[1], velocity[2], velocity[3], velocity[4], velocity[5]
+    vx, vy, vz, wx, wy, wz = rates[0], rates[1], rates[2], rates[3], rates[4], rates[5]
+    ax, ay, az, bx, by, bz = rates[6], rates[7], rates[8], rates[9], rates[10], rates[11]
     for n in range(len(time)):
-        x, y, z = px[n] - jx, py[n] - jy, pz[n] - jz
-        ox[n] = px[n] + time[n] * (vx + wy * z - wz * y)
-        oy[n] = py[n] + time[n] * (vy + wz * x - wx * z)
-        oz[n] = pz[n] + time[n] * (vz + wx * y - wy * x)
+        x, y, z, t = px[n] - jx, py[n] - jy, pz[n] - jz, time[n]
+        ux, uy, uz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+        half = 0.5 * t
+        ox[n] = px[n] + t * (vx + ux + half * (ax + by * z - bz * y + wy * uz - wz * uy))
+        oy[n] = py[n] + t * (vy + uy + half * (ay + bz * x - bx * z + wz * ux - wx * uz))
+        oz[n] = pz[n] + t * (vz + uz + half * (az + bx * y - by * x + wx * uy - wy * ux))
 
 
-def moved_frames(world_T_segment: Array, velocity: Array, time: Array) -> Array:
-    """Segments (..., S, 4, 4) of ``velocity`` (S, 6) after ``time`` (..., S)."""
-    out, moved = world_T_segment.copy(), time[..., None] * velocity
+def moved_frames(world_T_segment: Array, rates: Array, time: Array) -> Array:
+    """Segments (..., S, 4, 4) of the ``rates`` (S, 12) after ``time`` (..., S)."""
+    after = time[..., None]
+    out, moved = world_T_segment.copy(), after * (rates[:, :6] + 0.5 * after * rates[:, 6:])
     _move(moved.reshape(-1, 6), out.reshape(-1, 4, 4))
     return out
 
@@ -138,11 +156,11 @@ def _move(moved: Array, frames: Array) -> None:
             frames[n, i, 3] += moved[n, i]
 
 
-def exposed_frames(world_T_segment: Array, velocity: Array, camera: Camera, exposure: Exposure) -> Array:
-    """Segments (..., S, 4, 4) of ``velocity`` (S, 6) where they are when the camera exposes their joints."""
+def exposed_frames(world_T_segment: Array, rates: Array, camera: Camera, exposure: Exposure) -> Array:
+    """Segments (..., S, 4, 4) of the ``rates`` (S, 12) where they are when the camera exposes their joints."""
     rows = projected(world_T_segment[..., :3, 3].reshape(-1, 3), camera)[0][:, 1]
     time = exposure.times(rows, camera.height).reshape(world_T_segment.shape[:-2])
-    return moved_frames(world_T_segment, velocity, time)
+    return moved_frames(world_T_segment, rates, time)
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -166,8 +184,8 @@ def clock_equations(
     camera: tuple[MarginalisedCamera, Array] | None,
 ) -> ClockEquations:  # fmt: skip
     """Normal equations of the clock of a view that has made the normal equations ``view`` of the segments. ``velocity``
-    (16, 6) as in `velocities`, ``twists`` (43, 6) those by the pose. Where the view's ``camera`` is eliminated from the
-    pose's equations, it is given with its `segment_twists`, and eliminated from these, too."""
+    (16, 6) is theirs at its time, ``twists`` (43, 6) those by the pose. Where the view's ``camera`` is eliminated from
+    the pose's equations, it is given with its `segment_twists`, and eliminated from these, too."""
     moves = _NO_MOVES if camera is None else camera[1]
     information, pull, with_camera, cross = _clock_sums(view, velocity, world_T_segment, twists, moves)
     if camera is not None:

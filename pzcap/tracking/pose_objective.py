@@ -27,7 +27,7 @@ from pzcap.tracking.pixel_time import (
     clock_equations,
     exposed,
     exposed_frames,
-    sequence_velocities,
+    sequence_rates,
 )
 from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, Template
 from pzcap.tracking.settings import Terms
@@ -91,7 +91,7 @@ class PoseObjective:
 
     body: Body
     views: Views
-    velocity: Array | None = None  # (16, 6) of the segments, as in `pixel_time.velocities`; None: it is not known
+    rates: Array | None = None  # (16, 12) of the segments, as in `pixel_time.rates_between`; None: they are not known
     drape: Array | None = None  # (16, 3) displacement of loose clothes; None: as it is to be expected
 
     @property
@@ -115,7 +115,7 @@ class PoseObjective:
         return replace(moved, drape=self._drape() + np.clip(change, -DRAPE.most_m, DRAPE.most_m))
 
     def _drape(self) -> Array:
-        return expected_drape(self.body.loose_m, self.velocity) if self.drape is None else self.drape
+        return expected_drape(self.body.loose_m, self.rates) if self.drape is None else self.drape
 
     def with_clocks(self, clock: Array) -> PoseObjective:
         """The objective with the views exposed by ``clock`` (C,), frame periods."""
@@ -139,15 +139,15 @@ class PoseObjective:
 
     def _exposed(self, view: ViewCrop | None, skin: SkinPoints, frames: Array) -> SkinPoints:
         """The ``skin`` where it was when the ``view`` was exposed."""
-        if view is None or self.velocity is None or view.exposure == AT_ONCE:
+        if view is None or self.rates is None or view.exposure == AT_ONCE:
             return skin
-        return skin._replace(points=exposed(skin, frames, self.velocity, view.camera, view.exposure))
+        return skin._replace(points=exposed(skin, frames, self.rates, view.camera, view.exposure))
 
     def exposed_frames(self, view: ViewCrop, frames: Array, segments: Sequence[int] = range(len(SEGMENTS))) -> Array:
         """The ``segments``, at ``frames`` (..., S, 4, 4), where they were when the ``view`` was exposed."""
-        if self.velocity is None or view.exposure == AT_ONCE:
+        if self.rates is None or view.exposure == AT_ONCE:
             return frames
-        return exposed_frames(frames, self.velocity[list(segments)], view.camera, view.exposure)
+        return exposed_frames(frames, self.rates[list(segments)], view.camera, view.exposure)
 
     def visibility(self, posed: PosedBody) -> list[PlacedView | None]:
         """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
@@ -172,7 +172,7 @@ class PoseObjective:
         twists = screws(posed.frames, posed.centre)
         drape, every = None, sums
         if self.body.loose_m.any():
-            expected = expected_drape(self.body.loose_m, self.velocity)
+            expected = expected_drape(self.body.loose_m, self.rates)
             sums, of_drape, drape = eliminate_drape(sums, self.body.loose_m, self._drape(), expected)
             every = [*sums, of_drape]
         hessian, gradient = lift(sum_of(every), twists)
@@ -190,13 +190,15 @@ class PoseObjective:
         """Equations of each view's clock, from those of the ``posed`` body; None where its velocity is not known."""
         found: list[ClockEquations | None] = []
         for view, own, camera in zip(self.views, normal.views, normal.cameras, strict=True):
-            if view is None or self.velocity is None:
+            if view is None or self.rates is None:
                 found.append(None)
                 continue
             eliminated = None
             if camera is not None and view.camera_prior is not None:
                 eliminated = camera, camera_moves(view, view.camera_prior, posed)
-            found.append(clock_equations(own, self.velocity, posed.frames, normal.twists, eliminated))
+            after = view.exposure.clock + view.exposure.late
+            velocity = self.rates[:, :6] + after * self.rates[:, 6:]
+            found.append(clock_equations(own, velocity, posed.frames, normal.twists, eliminated))
         return found
 
     def texture(self, posed: PosedBody, placed: Placed, appearances: SomeAppearances, terms: Terms) -> SegmentSums:
@@ -274,8 +276,8 @@ class ViewSequence:
 
     def objectives(self, body: Body, poses: Sequence[Pose]) -> list[PoseObjective]:
         """Of each instant, the body moving as the ``poses`` say."""
-        speeds = sequence_velocities([forward(body, pose) for pose in poses], self.period)
-        return [PoseObjective(body, each, speed) for each, speed in zip(self.views, speeds, strict=True)]
+        rates = sequence_rates([forward(body, pose) for pose in poses], self.period)
+        return [PoseObjective(body, each, own) for each, own in zip(self.views, rates, strict=True)]
 
     def corrected(self, objectives: Sequence[PoseObjective]) -> ViewSequence:
         """The sequence with the cameras and clocks that the ``objectives`` have come to."""

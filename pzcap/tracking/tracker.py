@@ -34,7 +34,7 @@ from pzcap.tracking.interval_solver import (
 )
 from pzcap.tracking.keyframes import joint_sigma_m
 from pzcap.tracking.observation import ViewCrop, ViewInput, anywhere, crop_view, expect
-from pzcap.tracking.pixel_time import ClockEstimate
+from pzcap.tracking.pixel_time import AT_REST, ClockEstimate
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_shape
@@ -143,7 +143,7 @@ class Tracker:
         if self._ahead is None and self.config.body_size:
             self._correct_size(item, key)
         views = self._crop(item.views, key.pose)
-        speed = np.zeros((len(SEGMENTS), 6)) if self._ahead is None else self._ahead.speed(key.pose)
+        speed = AT_REST if self._ahead is None else self._ahead.speed(key.pose)
         fit, _ = fit_keyframe(self._estimate.body, key, views, speed, self.config)
         if self.config.skin_colours:
             for view, where in zip(item.views, PoseObjective(self.body, views, speed).place(fit.pose)[1], strict=True):

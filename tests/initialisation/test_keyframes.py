@@ -16,6 +16,7 @@ from pzcap.initialisation import selection
 from pzcap.initialisation.keyframes import find_keyframes, is_borne_out
 from pzcap.initialisation.people import Detections
 from pzcap.tracking.observation import ViewInput, expect
+from pzcap.tracking.pixel_time import AT_REST
 from pzcap.types import SEGMENTS, Array, Camera, Keyframe, Pose, Silhouette
 from tests.scenes import tracked
 from tests.scenes.detected import RATE, Faults, body, cameras, detections, poses
@@ -96,7 +97,7 @@ def test_beside_a_hands_keyframes_only_gaps_are_filled(monkeypatch: pytest.Monke
 
 
 def test_a_limb_that_stands_elsewhere_is_not_borne_out() -> None:
-    (key, *_), speed = found(), np.zeros((len(SEGMENTS), 6))
+    (key, *_), speed = found(), AT_REST
     assert is_borne_out(body(), key, observe(key), speed, CONFIG)
     wrong = replace(key, pose=lost(key.pose, THIGH_FORWARD, 1.0))
     assert not is_borne_out(body(), wrong, observe(key), speed, CONFIG)

@@ -21,7 +21,7 @@ from pzcap.tracking.batch_refinement import refine_batch
 from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.limbs import POSTURES, bounded, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop, Views
-from pzcap.tracking.pixel_time import ClockEstimate, Exposure, velocities
+from pzcap.tracking.pixel_time import ClockEstimate, Exposure, rates_between
 from pzcap.tracking.pose_objective import PoseObjective, ViewSequence
 from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, posterior_spread, reacquire, smoothest
 from pzcap.tracking.settings import TrackingConfig
@@ -143,9 +143,9 @@ def test_a_limb_that_swings_is_judged_where_each_view_exposed_it() -> None:
     late = [view and replace(view, exposure=Exposure(clock=0.5)) for view in crops(frame)]
     before, there = clip().poses[frame - 1], clip().poses[frame]
     half = kinematics.retract(before, 0.5 * kinematics.difference(there, before))
-    velocity = velocities(kinematics.forward(body, half), kinematics.forward(body, there), 0.5)
+    rates = rates_between(kinematics.forward(body, half), kinematics.forward(body, there), 0.5)
     limbs, looks = LimbAppearance(body), known()
-    exposed, frozen = (limbs.score(half, PoseObjective(body, late, each), looks) for each in (velocity, None))
+    exposed, frozen = (limbs.score(half, PoseObjective(body, late, each), looks) for each in (rates, None))
     at_once = limbs.score(there, observed(frame, body), looks)
     np.testing.assert_allclose(exposed, at_once, atol=0.002)
     assert np.abs(frozen - at_once).max() > 0.01

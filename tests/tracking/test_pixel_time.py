@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from pzcap.body.kinematics import forward, place, retract, screws, world_points
 from pzcap.body.segment_equations import SegmentSums, lift
@@ -22,8 +23,8 @@ from pzcap.tracking.pixel_time import (
     clock_equations,
     exposed,
     moved_frames,
-    sequence_velocities,
-    velocities,
+    rates_between,
+    sequence_rates,
 )
 from pzcap.tracking.tracker import Tracker, TrackInput
 from pzcap.tracking.tuning import CLOCK
@@ -56,7 +57,7 @@ def test_skin_moves_as_the_segments_do(seed: int, time: float) -> None:
     body, pose, small = true_body(), clip().poses[3], 1e-5
     tangent = rng.normal(0.0, 1.0, DOF)
     frames = forward(body, pose)
-    velocity = velocities(
+    rates = rates_between(
         forward(body, retract(pose, -small * tangent)), forward(body, retract(pose, small * tangent)), 2.0
     )
     segment, local = rng.integers(0, len(SEGMENTS), 50), rng.normal(0.0, 0.2, (50, 3))
@@ -65,30 +66,48 @@ def test_skin_moves_as_the_segments_do(seed: int, time: float) -> None:
     there = world_points(after, segment, local)
     speed = np.abs(there - points).max() + 1e-12
     skin, camera = SkinPoints(points, np.zeros_like(points), segment), clip().shots[0][0].camera
-    late = exposed(skin, frames, velocity, camera, Exposure(0.4 * time, 0.0, 0.6 * time))
+    late = exposed(skin, frames, rates, camera, Exposure(0.4 * time, 0.0, 0.6 * time))
     assert np.abs(late - there).max() < 1e-3 * speed + 1e-12
-    np.testing.assert_allclose(moved_frames(frames, velocity, np.full(16, time)), after, atol=1e-3 * speed + 1e-12)
+    np.testing.assert_allclose(moved_frames(frames, rates, np.full(16, time)), after, atol=1e-3 * speed + 1e-12)
 
 
 def test_each_point_moves_for_the_time_of_its_row() -> None:
     body, camera, exposure = true_body(), clip().shots[0][0].camera, Exposure(0.1, 0.6, -0.05)
-    frames, velocity = forward(body, clip().poses[3]), np.random.default_rng(1).normal(0.0, 0.1, (len(SEGMENTS), 6))
+    frames, rates = forward(body, clip().poses[3]), np.random.default_rng(1).normal(0.0, 0.1, (len(SEGMENTS), 12))
     skin = SkinPoints(*place(body, frames), body.surface.segment)
     times = exposure.times(projected(skin.points, camera)[0][:, 1], camera.height)
     assert np.ptp(times) > 0.1
     arm = skin.points - frames[skin.segment, :3, 3]
-    moved = skin.points + times[:, None] * (velocity[skin.segment, :3] + np.cross(velocity[skin.segment, 3:], arm))
-    np.testing.assert_allclose(exposed(skin, frames, velocity, camera, exposure), moved, atol=1e-12)
+    velocity, turning, acceleration, faster = rates[skin.segment].reshape(-1, 4, 3).transpose(1, 0, 2)
+    spun = np.cross(turning, arm)
+    moved = skin.points + times[:, None] * (velocity + spun)
+    moved += 0.5 * times[:, None] ** 2 * (acceleration + np.cross(faster, arm) + np.cross(turning, spun))
+    np.testing.assert_allclose(exposed(skin, frames, rates, camera, exposure), moved, atol=1e-12)
 
 
-def test_velocities_of_a_sequence_are_central_differences() -> None:
+@pytest.mark.parametrize("period", [-1.0, 0.5, 1.0])
+def test_rates_of_a_sequence_lead_to_the_instants_about(period: float) -> None:
+    """Joints meet both; segments turn there to second order, as a body does that spins and speeds up."""
+    spin, slower = np.array([0.02, -0.03, 0.05]), np.array([0.004, 0.002, -0.003])
+    frames = np.tile(np.eye(4), (3, len(SEGMENTS), 1, 1))
+    for k, t in enumerate((-1.0, 0.0, 1.0)):
+        frames[k, :, :3, 3] = np.array([t, 2.0 - t * t, 0.1 * t])
+        frames[k, :, :3, :3] = Rotation.from_rotvec(t * spin + 0.5 * t * t * slower).as_matrix()
+    _, rates, _ = sequence_rates(list(frames), period)
+    for k, t in ((0, -period), (2, period)):
+        there = moved_frames(frames[1], rates, np.full(len(SEGMENTS), t))
+        np.testing.assert_allclose(there[:, :3, 3], frames[k, :, :3, 3], atol=1e-12)
+        np.testing.assert_allclose(there[:, :3, :3], frames[k, :, :3, :3], atol=2e-4)
+
+
+def test_rates_of_a_sequence_are_central_differences() -> None:
     frames = [forward(true_body(), pose) for pose in clip().poses[:3]]
-    found = sequence_velocities(frames, 1.0)
+    found = sequence_rates(frames, 1.0)
     np.testing.assert_allclose(found[1][:, :3], (frames[2] - frames[0])[:, :3, 3] / 2.0)
     np.testing.assert_allclose(found[0][:, :3], (frames[1] - frames[0])[:, :3, 3])
-    assert not sequence_velocities(frames[:1], 1.0)[0].any()
-    for whole, half in zip(found, sequence_velocities(frames, 0.5), strict=True):
-        np.testing.assert_allclose(half, 2.0 * whole)  # as far in half the time
+    assert not sequence_rates(frames[:1], 1.0)[0].any()
+    for whole, half in zip(found, sequence_rates(frames, 0.5), strict=True):
+        np.testing.assert_allclose(half, whole * np.repeat([2.0, 4.0], 6))  # as far in half the time
 
 
 @pytest.mark.parametrize("with_camera", [False, True])
