@@ -6,7 +6,7 @@ where it is at
 
     x + t u + t^2 a / 2,   t = d + r tau                                  (times in frame periods)
 
-(between two frames a hand is a centimetre off the straight line in a somersault).
+(between two frames a hand is a centimetre off the straight line in a somersault; of fields, ``a`` is taken for 0).
 `Exposure` holds d and r of a view, and how late a picture came whose stamps are uneven; `exposed` puts the skin there.
 The derivative by d is the segments' velocity then, a twist
 ``M_s`` of each, so that the normal equations of the clocks follow from those of the segments as the cameras' do
@@ -63,11 +63,13 @@ def rates_between(before: Array, after: Array, periods: float) -> Array:
 def sequence_rates(frames: Sequence[Array], period: float) -> list[Array]:
     """Rates (16, 12), as in `rates_between`, at each of successive instants (16, 4, 4), one every ``period`` frame
     periods: central differences, so that the three instants about each are met. At the ends nothing is known of the
-    acceleration."""
+    acceleration; nor is it of fields, since a clock half a frame off leads beyond the next field, where a parabola
+    through three goes anywhere."""
     if len(frames) < 2:
         return [AT_REST] * len(frames)
     steps = [_moved(before, after) / period for before, after in pairwise(frames)]
-    inner = [np.hstack([(before + after) / 2.0, (after - before) / period]) for before, after in pairwise(steps)]
+    per_period = 0.0 if abs(period) < 1.0 else 1.0 / period
+    inner = [np.hstack([(before + after) / 2.0, (after - before) * per_period]) for before, after in pairwise(steps)]
     ends = [np.hstack([step, np.zeros_like(step)]) for step in (steps[0], steps[-1])]
     return [ends[0], *inner, ends[1]]
 
@@ -248,9 +250,11 @@ class ClockEstimate:
 
     @property
     def sigma(self) -> Array:
-        """(C,) standard deviations from the mean of all: what all have in common no image shows."""
+        """(C,) standard deviations from the mean of all: what all have in common no image shows. Skin is sampled where
+        clocks have it so far, so that they come out too small by a share of themselves."""
         apart = np.eye(len(self.clock)) - 1.0 / len(self.clock)
-        return np.sqrt(np.diag(apart @ np.linalg.inv(self.information) @ apart))
+        variance = np.diag(apart @ np.linalg.inv(self.information) @ apart)
+        return np.sqrt(variance + (CLOCK.short * (apart @ self.clock)) ** 2)
 
 
 class ClockSystem:
