@@ -101,8 +101,8 @@ def adjust(
 def _with_standing_apart(
     fit: _GreyValues, start: CalibrationParameters, loose: Sigmas, few: _Part
 ) -> tuple[Array, Solution[CalibrationParameters], bool]:
-    """What is believed of the parameters (U, U) once a ``few`` pixels have told what stands apart from floor and walls,
-    the parameters fitted to these, and whether that could be told.
+    """Information on the parameters (U, U) once a ``few`` pixels have told what stands apart from floor and walls, the
+    parameters fitted to these, and True if that could be told.
 
     All distances are opened for a while. Where light is modelled a little wrong, that drives the projection centre
     away: then nothing is taken to stand apart.
