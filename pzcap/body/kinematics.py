@@ -136,13 +136,13 @@ def _carry(
         here, across = coordinates(points, begin, end), coordinates(normals, begin, end)
         for i in range(3):
             m = frames[segment[begin], i]
-            _mix(m, here, m[3], out_points[:, i][begin:end])
-            _mix(m, across, 0.0, out_normals[:, i][begin:end])
+            _row_times(m, here, m[3], out_points[:, i][begin:end])
+            _row_times(m, across, 0.0, out_normals[:, i][begin:end])
         begin = end
 
 
 @njit(cache=True, nogil=True)
-def _mix(row: Array, vectors: Coordinates, shift: float, out: Array) -> None:
+def _row_times(row: Array, vectors: Coordinates, shift: float, out: Array) -> None:
     """Fill in ``out`` (N,): a row of a matrix times ``vectors`` (N, 3), and a ``shift``."""
     a, b, c = row[0], row[1], row[2]
     x, y, z = vectors

@@ -45,7 +45,7 @@ def find_keyframes(
     for _ in range(FIT.rounds):
         body = replace(body, landmarks=pose_fit.learned_landmarks(usual, body, poses, sightings, config))
         poses = pose_fit.fit(body, sightings, poses, config)
-    speeds = sequence_rates([forward(body, pose) for pose in poses], 1.0)
+    rates = sequence_rates([forward(body, pose) for pose in poses], 1.0)
     candidates, variances = {}, {}
     for frame, (pose, seen) in enumerate(zip(poses, sightings, strict=True)):
         known = pose_fit.known(body, pose, seen, config)
@@ -60,14 +60,14 @@ def find_keyframes(
         if unjudged is None:
             return [candidates[frame] for frame in found]
         key = candidates[unjudged]
-        if is_borne_out(body, key, observe(key), speeds[unjudged], config):
+        if is_borne_out(body, key, observe(key), rates[unjudged], config):
             sure.add(unjudged)
         else:
             del variances[unjudged]
 
 
 def is_borne_out(
-    body: Body, key: Keyframe, views: Sequence[ViewInput | None], speed: Array, config: TrackingConfig
+    body: Body, key: Keyframe, views: Sequence[ViewInput | None], rates: Array, config: TrackingConfig
 ) -> bool:
     """True where the images agree with a keyframe: fitted to them, it moves no further than it is uncertain by, and its
     contours are those of the silhouettes."""
@@ -78,7 +78,7 @@ def is_borne_out(
     ]
     if sum(crop is not None for crop in crops) < JUDGEMENT.least_views:
         return False
-    fit, _ = fit_keyframe(body, key, crops, speed, config)
+    fit, _ = fit_keyframe(body, key, crops, rates, config)
     moved = difference(fit.pose, key.pose)
     off = float(moved @ np.linalg.solve(key.covariance, moved)) / len(moved)
     return off < JUDGEMENT.largest_move and float(misplaced(fit.contour).max()) < JUDGEMENT.misplaced

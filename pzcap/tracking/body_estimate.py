@@ -45,14 +45,14 @@ class BodyEstimate:
         return BodyEstimate(body, shape, known, LandmarkEstimate.of(body.landmarks))
 
     def with_keyframe(
-        self, key: Keyframe, fitted: Pose, views: Views, speed: Array, config: TrackingConfig
+        self, key: Keyframe, fitted: Pose, views: Views, rates: Array, config: TrackingConfig
     ) -> BodyEstimate:
-        """The estimate after a keyframe, whose pose was ``fitted`` to the images; ``speed`` (16, 12) is that of the
+        """The estimate after a keyframe, whose pose was ``fitted`` to the images; ``rates`` (16, 12) are those of the
         segments there."""
         shape, landmarks, frames = self.shape, self.landmarks, forward(self.body, fitted)
         by_hand = not key.found
         if config.shape_weight:
-            objective = PoseObjective(self.body, views, speed)
+            objective = PoseObjective(self.body, views, rates)
             contour = _less_of_cloth(objective.contour(*objective.place(fitted), _terms(config)), self.body, config)
             # what a detector means by a joint is one error of all its keyframes: these say what any frame does
             prior = information(key, config) if by_hand else _weak(config)

@@ -51,7 +51,7 @@ class Eliminated(NamedTuple):
 
 def expected_drape(loose_m: Array, velocity: Array | None) -> Array:
     """(16, 3) the drape to be expected of pieces ``loose_m`` (16,) off the skin, with the segments' velocities (16, 6),
-    a frame period: behind their motion."""
+    a frame period, or rates that begin with these: behind their motion."""
     if velocity is None:
         return np.zeros((len(loose_m), 3))
     speed = np.linalg.norm(velocity[:, :3], axis=1, keepdims=True)

@@ -77,7 +77,7 @@ class FrameTracker:
         self.lost = 0.0  # probability that the whole body is elsewhere
         self._velocity_known = velocity != 0.0  # of each degree of freedom
         self._persistence = np.where(DOF_SEGMENT > 0, config.joint_persistence, 1.0)  # the body as a whole moves on
-        placed = PoseObjective(body, views, self.speed(pose)).place(pose)[1]
+        placed = PoseObjective(body, views, self.rates(pose)).place(pose)[1]
         self.appearances = mean_appearances(body, [views], [placed])
         # the adaptive appearance drifts with a limb that is lost; the reference is of frames beside the keyframe alone
         self.reference = [each.copy() for each in self.appearances]
@@ -91,7 +91,7 @@ class FrameTracker:
         """The pose of the next frame."""
         return retract(self.pose, self.velocity)
 
-    def speed(self, pose: Pose) -> Array:
+    def rates(self, pose: Pose) -> Array:
         """Rates (16, 12) of the segments, forward in time, if they go on through a ``pose`` as they did so far."""
         came_from = forward(self.body, retract(pose, -self.velocity))
         return rates_between(came_from, forward(self.body, pose), self._period)
@@ -114,7 +114,7 @@ class FrameTracker:
         expected = retract(self.pose, self._persistence * self.velocity)
         schedule = [each for each in config.schedule if self.prediction_error_m >= each.surprise_m]
         fit = fit_pose(
-            PoseObjective(self.body, views, self.speed(predicted)), predicted, np.diag(1.0 / sigma**2),
+            PoseObjective(self.body, views, self.rates(predicted)), predicted, np.diag(1.0 / sigma**2),
             self.appearances, config, schedule, expected,
         )  # fmt: skip
         pose, placed = fit.posed.pose, fit.objective.visibility(fit.posed)

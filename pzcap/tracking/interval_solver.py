@@ -67,7 +67,7 @@ class Anchor:
     views: Views
     fit: PoseEstimate
     velocity: Array  # (43,) with which the forward pass arrives at it
-    speed: Array  # (16, 12) the same of the segments, as in `pixel_time.rates_between`
+    rates: Array  # (16, 12) the same of the segments, as in `pixel_time.rates_between`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,11 +99,11 @@ def solved(problem: IntervalProblem) -> IntervalResult:
     """Solve an interval; without any frames, its keyframe by itself, with the body as corrected by then."""
     anchor, config = problem.anchor, problem.config
     if anchor is not None and anchor.fit.seen:
-        estimate = problem.estimate.with_keyframe(anchor.key, anchor.fit.pose, anchor.views, anchor.speed, config)
+        estimate = problem.estimate.with_keyframe(anchor.key, anchor.fit.pose, anchor.views, anchor.rates, config)
         problem = replace(problem, estimate=estimate)
     if not problem.instants:
         assert anchor is not None, "an interval has a frame or a keyframe"
-        fit, report = fit_keyframe(problem.estimate.body, anchor.key, anchor.views, anchor.speed, config)
+        fit, report = fit_keyframe(problem.estimate.body, anchor.key, anchor.views, anchor.rates, config)
         keyframe = tracked(problem.estimate, config, anchor.key.frame, trusted(anchor.key, fit))
         return IntervalResult([keyframe], problem.estimate, problem.clocks, [fit.pose], report)
     poses, views, disagreement, passes = _passes(problem)
@@ -132,14 +132,14 @@ def solved(problem: IntervalProblem) -> IntervalResult:
 
 
 def fit_keyframe(
-    body: Body, key: Keyframe, views: Views, speed: Array, config: TrackingConfig
+    body: Body, key: Keyframe, views: Views, rates: Array, config: TrackingConfig
 ) -> tuple[PoseEstimate, SolveReport]:
-    """A keyframe's pose, fitted to the images with its own error as prior; ``speed`` (16, 12) is that of the segments
+    """A keyframe's pose, fitted to the images with its own error as prior; ``rates`` (16, 12) are those of the segments
     there."""
     prior = information(key, config)
     if all(view is None for view in views):
         return PoseEstimate(key.pose, prior, NO_CONTOUR, False), SolveReport(True, 0, 0.0)
-    fit = fit_pose(PoseObjective(body, views, speed), key.pose, prior, [None] * len(views), config, config.schedule)
+    fit = fit_pose(PoseObjective(body, views, rates), key.pose, prior, [None] * len(views), config, config.schedule)
     return PoseEstimate(fit.posed.pose, fit.normal.hessian + prior, fit.normal.contour, True), fit.report
 
 

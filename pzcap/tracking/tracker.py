@@ -143,14 +143,14 @@ class Tracker:
         if self._ahead is None and self.config.body_size:
             self._correct_size(item, key)
         views = self._crop(item.views, key.pose)
-        speed = AT_REST if self._ahead is None else self._ahead.speed(key.pose)
-        fit, _ = fit_keyframe(self._estimate.body, key, views, speed, self.config)
+        rates = AT_REST if self._ahead is None else self._ahead.rates(key.pose)
+        fit, _ = fit_keyframe(self._estimate.body, key, views, rates, self.config)
         if self.config.skin_colours:
-            for view, where in zip(item.views, PoseObjective(self.body, views, speed).place(fit.pose)[1], strict=True):
+            for view, where in zip(item.views, PoseObjective(self.body, views, rates).place(fit.pose)[1], strict=True):
                 if view is not None and where is not None:
                     self._skin_colours.learn(view.image, self.body.surface.segment, where.skin.pixels, where.facing)
         velocity = np.zeros(DOF) if self._ahead is None else _carried(self._ahead, views, fit.pose)
-        anchor = Anchor(key, views, fit, velocity, speed)
+        anchor = Anchor(key, views, fit, velocity, rates)
         if self._ahead is None:
             first = solved(self._problem([], anchor))
             self._estimate, self._before = first.estimate, first.before
