@@ -2,7 +2,9 @@
 
 A tape is off by half a centimetre and an athlete is no stack of ellipses. What the contours and the skin's texture say
 is also differentiated with respect to the corrections (`pzcap.body.shape_basis`), the pose of each frame is
-eliminated (Schur complement), and what is left is gathered over the frames with the tape as prior.
+eliminated (Schur complement), and what is left is gathered over the frames with the tape as prior. Frames of the same
+posture err alike: of what they say together a share counts (`Postures.share`), in the corrections as in their
+covariance.
 
 The contours show the skin; where in it the joints lie shows only in how the limbs move: the texture of a thigh turns
 about the hip. But what the skin looks like was learned from the very poses that are to be corrected, so it may be in
@@ -58,11 +60,11 @@ class Postures(NamedTuple):
         return Postures(self.frames + other.frames, self.total + other.total, self.squares + other.squares)
 
     @property
-    def telling(self) -> float:
-        """Number of frames, at most, that tell something of their own: 1 where all postures are the same."""
+    def share(self) -> float:
+        """Share of what the frames say that is their own: one frame's where all postures are the same."""
         mean = self.total / max(self.frames, 1)
         alike = self.frames * float(np.sum(mean**2)) / max(self.squares, 1e-12)
-        return 1.0 + SHAPE.postures * (1.0 - min(alike, 1.0))
+        return min(1.0, (1.0 + SHAPE.postures * (1.0 - min(alike, 1.0))) / max(self.frames, 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +132,13 @@ class ShapeEstimate:
     def solve(self, equations: ShapeEquations) -> ShapeEstimate:
         """The estimate with its corrections solved for from all that was committed and from further ``equations``."""
         both = self.commit(equations).equations
-        return replace(self, amounts_m=np.asarray(np.linalg.solve(both.information, both.vector)))
+        share = both.postures.share
+        return replace(self, amounts_m=np.asarray(np.linalg.solve(self._information(both), share * both.vector)))
+
+    def _information(self, equations: ShapeEquations) -> Array:
+        """(P, P) what is known of the corrections: by the tape, and by the share of what the frames say."""
+        tape = np.linalg.inv(self.basis.covariance_m2)
+        return np.asarray(tape + equations.postures.share * (equations.information - tape))
 
     def body(self, amounts_m: Array) -> Body:
         """The body after corrections (P,)."""
@@ -142,13 +150,9 @@ class ShapeEstimate:
 
         A correction that is wrong by ``c`` moves the joints by ``(B - J (A' W A)^-1 A' W C) c``: ``B`` moves them in
         the body, ``C`` moves the contours, and the pose (contours ``A``, joints ``J``) then follows the contours to
-        where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept. That
-        tells no more than `Postures.telling` frames would: contours of the same posture err alike.
+        where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept.
         """
-        tape, postures = np.linalg.inv(self.basis.covariance_m2), self.equations.postures
-        share = min(1.0, postures.telling / max(postures.frames, 1))
-        information = tape + share * (self.equations.information - tape)
-        covariance = np.linalg.inv(information) * np.outer(self.basis.doubt, self.basis.doubt)
+        covariance = np.linalg.inv(self._information(self.equations)) * np.outer(self.basis.doubt, self.basis.doubt)
         joints = self.equations.joints
         return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
 

@@ -21,10 +21,10 @@ class ShapeTuning(NamedTuple):
     # Factors of the deviations that are left of the tape's, in lengths and in the skin: of lengths a little too little
     # is left, since frames err alike; of the skin too much, since people are more like each other than is assumed.
     # What cloth adds to the skin's is left as it is. These, and the next one, are fitted to what captures have covered.
-    doubt_of_lengths: float = 1.2
-    doubt_of_skin: float = 0.25
+    doubt_of_lengths: float = 1.35
+    doubt_of_skin: float = 0.28
     # Frames that tell something of their own, beyond the first, if no two postures are alike: those that are err alike.
-    postures: float = 25.0
+    postures: float = 50.0
 
 
 SHAPE = ShapeTuning()

@@ -143,6 +143,29 @@ def test_frames_of_one_posture_leave_the_joints_sigma_as_one_does_and_other_post
     np.testing.assert_allclose(variance(2000, lambda: rng.normal(size=one.shape)), others, rtol=0.05)
 
 
+def test_frames_of_one_posture_move_the_body_from_the_tape_as_one_does_and_other_postures_further() -> None:
+    """However many frames agree about a length, if all of them have it from the same posture the tape still counts."""
+    estimate = ShapeEstimate.of(true_body())
+    rng, size, thigh = np.random.default_rng(0), len(estimate.amounts_m), 6
+    tape = estimate.basis.sigma_m[thigh] ** -2.0
+    longer = np.zeros(size)
+    longer[thigh] = 0.01
+
+    def found(number: int, joints: Callable[[], Array]) -> float:
+        after = estimate
+        for _ in range(number):
+            moved, information = joints(), np.diag(np.where(longer > 0.0, tape, 0.0))
+            after = after.commit(ShapeEquations(information, information @ longer, moved, Postures.of(moved)))
+        nothing = ShapeEquations(np.zeros((size, size)), np.zeros(size), moved[:0], Postures.of(moved[:0]))
+        return float(after.solve(nothing).amounts_m[thigh])
+
+    one = rng.normal(size=(1, 16, 3, size))
+    alone = found(1, lambda: one)
+    assert 0.002 < alone < 0.007
+    np.testing.assert_allclose(found(100, lambda: one), alone)
+    assert found(30, lambda: rng.normal(size=one.shape)) > 0.009
+
+
 def test_cloth_is_doubted_for_what_it_is_and_skin_for_less_than_is_assumed_of_people() -> None:
     """People are more alike than the basis assumes, the room under a shirt is not."""
     tape = clip().measurements_m
