@@ -136,7 +136,7 @@ class ShapeTuning(NamedTuple):
     settled_m: float = 5e-4  # a smaller change of the joints ends the rounds of an interval
     # Factor of a joint's variance for what is not known of the body, where no keyframe was set by hand: what a detector
     # means by a joint is elsewhere in the skin, by the same in all frames. Fitted to what is covered on captures.
-    found_keyframes: float = 1.2
+    found_keyframes: float = 1.5
     brightness_sigma: float = 25.0  # grey levels, while the shape is not known: more than in tracking
     # weight of a point's displacement along the skin; the rest is that across it: contours show the latter, and the
     # texture, which shows the former, was learned with the body of its time
