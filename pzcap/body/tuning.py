@@ -24,7 +24,7 @@ class ShapeTuning(NamedTuple):
     doubt_of_lengths: float = 1.35
     doubt_of_skin: float = 0.28
     # Frames that tell something of their own, beyond the first, if no two postures are alike: those that are err alike.
-    postures: float = 35.0
+    postures: float = 50.0
 
 
 SHAPE = ShapeTuning()
