@@ -233,7 +233,7 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
     """And without a leap where the two ways meet."""
     body, limb = true_body(), 0
     true = [clip().poses[frame] for frame in FRAMES]
-    poses = [swung(pose, limb, 0.9) if 2 <= t < 5 else pose for t, pose in enumerate(true)]
+    poses = [swung(pose, limb, 1.0) if 2 <= t < 5 else pose for t, pose in enumerate(true)]
     views, end = [crops(frame) for frame in FRAMES], LIMBS[limb][2]
     off = []
     for passes in (None, told(poses, shared(known()), SURE)):
