@@ -153,7 +153,8 @@ def _stations(m: Mapping[str, float], skirt_m: float) -> dict[str, tuple[Array, 
         _Station(0.75 * m["shank"], 0.5 * (m["girth_ankle"] + 0.8 * m["girth_calf"])),
         _Station(m["shank"], m["girth_ankle"], 1.2),
     ], 0.04, 0.03)  # fmt: skip
-    # a foot's rings stand across x: "depth" is its height, "forward" how far its middle is above the ankle
+    # a foot's rings stand across x: "depth" is its height, "forward" how far its middle is above the ankle; the ball's
+    # height and all widths are by hand
     sole, length = -m["ankle_height"], m["foot"]
 
     def foot_ring(x: float, top: float, width: float) -> _Station:
