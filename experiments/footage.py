@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Final
 
 from experiments.config import AppConfig
-from pzcap.calibration.calibrate import Report, no_report
 from pzcap.command.syncing import SYNC, synchronised
 from pzcap.io.capture import read_capture
+from pzcap.progress import Report, no_report
 from sim import truth as truth_files
 from sim.cameras.optics import OpticsConfig
 from sim.capture_cache import LIGHT_GB, shoot_cached

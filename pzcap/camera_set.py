@@ -14,7 +14,7 @@ import numpy as np
 
 from pzcap.calibration import lateral_colour, reference_camera
 from pzcap.calibration.blame import lens_moved, sweep_is_foreign
-from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, calibrate, no_report
+from pzcap.calibration.calibrate import CalibratedCamera, Footage, calibrate
 from pzcap.calibration.other_dictionaries import find_other
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.stitching import SweptFrames
@@ -27,6 +27,7 @@ from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.repetition import carried_on, covariance_of
 from pzcap.localisation.sweep_readout import evenly_lit, put_right, readout_sigma, remaining_readout, still_of
 from pzcap.localisation.tuning import READOUT
+from pzcap.progress import Report, no_report
 from pzcap.runtime import give_back
 from pzcap.tracking.tracker import Tracked
 from pzcap.types import (

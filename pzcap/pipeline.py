@@ -18,7 +18,7 @@ from pzcap import runtime
 from pzcap.assembly import Gathered
 from pzcap.body import skeleton
 from pzcap.calibration.blame import focal_in_doubt, lens_moved
-from pzcap.calibration.calibrate import CalibratedCamera, Report, no_report
+from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, calibrate_cameras, taken_over
 from pzcap.events import (
@@ -34,6 +34,7 @@ from pzcap.events import (
 from pzcap.io.capture import FrameSets, frame_sets
 from pzcap.localisation.localise import Localiser
 from pzcap.plausibility import check_upright, object_of_other_shape, open_circle
+from pzcap.progress import Report, no_report
 from pzcap.runtime import give_back, keep_heap_small, one_thread_each
 from pzcap.segmentation.foreground import ForegroundConfig
 from pzcap.starting_poses import body_to_track, body_tracker, track_input

@@ -23,11 +23,12 @@ from pzcap.localisation.localise import Localiser
 from pzcap.localisation.readout import History, Readout, Sway, rate_between
 from pzcap.localisation.rectification import upright_views
 from pzcap.localisation.repetition import Pictures, as_shown, carried_on, known_less_surely, moved_px, stood_still
+from pzcap.look_ahead import LookAhead
 from pzcap.runtime import give_back
 from pzcap.segmentation.company import WholeView, others_on_floor, whole_view, with_others
-from pzcap.segmentation.foreground import Expected, ForegroundConfig, separate
+from pzcap.segmentation.expected import Expected
+from pzcap.segmentation.foreground import ForegroundConfig, separate
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
-from pzcap.tuning import LOOK_AHEAD
 from pzcap.types import Camera, FrameSet, Image, Localisation, Mask, PanZoomCamera, Silhouette
 
 
@@ -72,45 +73,17 @@ class ViewLocaliser:
         # one after the other: the features of a panorama take 250 MiB for the half second in which they are found
         self.localisers = [None if one is None else localiser(one.panorama, one.camera, config) for one in cameras]
         give_back()
-        self._pool, self._config, self._frame_rate, self._take = pool, config, frame_rate, ahead
-        # of each camera, places by frame that were found looking ahead; None before its first frame
-        self._starts: list[dict[int, Localisation] | None] = [None for _ in cameras]
+        self._pool, self._config, self._frame_rate = pool, config, frame_rate
+        self._ahead = [LookAhead(ahead, partial(self._beside, index)) for index in range(len(cameras))]
         self.restart()
 
-    def _found_back(self, first: int, index: int) -> dict[int, Localisation]:
-        """Places of a camera in the frames from the ``first`` one on, which is lost, as far back as it can be followed
-        from the first that is found; none where none is."""
-        later, found = self._found_alone(first, index)
-        if found is None:
-            return {}
-        places = {later: found}
-        for start in range(later - LOOK_AHEAD.stride, first - 1, -LOOK_AHEAD.stride):
-            for frames in reversed(self._read(start, LOOK_AHEAD.stride)):
-                found = self._localised(frames, index, self._near(found, index)) or found
-                if not found.valid:
-                    return places
-                places[frames.index] = found
-        return places
-
-    def _found_alone(self, first: int, index: int) -> tuple[int, Localisation | None]:
-        """The first of the frames that are looked at in which a camera is found without the ones before, and where;
-        ``first`` and None where it is in none."""
-        for number in range(first + LOOK_AHEAD.stride, first + LOOK_AHEAD.frames, LOOK_AHEAD.stride):
-            for frames in self._read(number, 1):
-                found = self._localised(frames, index, None)
-                if found is not None and found.valid:
-                    return number, found
-        return first, None
-
-    def _read(self, start: int, count: int) -> list[FrameSet]:
-        """So many frame sets of the take from ``start`` on; fewer at its end, none where it is not known."""
-        return [] if self._take is None else list(self._take.between(start, min(start + count, len(self._take))))
-
-    def _localised(self, frames: FrameSet, index: int, prior: Localisation | None) -> Localisation | None:
-        """A view of ``frames``, near ``prior`` where there is one; None where the camera has none, or is not known."""
+    def _beside(self, index: int, frames: FrameSet, beside: Localisation | None) -> Localisation | None:
+        """A view of ``frames``, near one that was found ``beside`` it; None where the camera has none, or is not
+        known."""
         localiser, head, image = self.localisers[index], self._heads[index], frames.images[index]
         if localiser is None or head is None or image is None:
             return None
+        prior = None if beside is None else self._near(beside, index)
         found: Localisation = localiser.localise(_grey(head, image), prior)
         return found
 
@@ -125,7 +98,7 @@ class ViewLocaliser:
 
     def _start(self, frame: int, index: int) -> Localisation | None:
         """The prior of a frame of a camera that was found looking ahead."""
-        place = (self._starts[index] or {}).get(frame)
+        place = self._ahead[index].places.get(frame)
         return None if place is None else self._near(place, index)
 
     def _near(self, found: Localisation, index: int) -> Localisation | None:
@@ -191,8 +164,7 @@ class ViewLocaliser:
         image, second = _grey(head, image), second if second is None else _grey(head, second)
         prior = history.predicted() or self._start(frame, index)
         localisation: Localisation = localiser.localise(image, prior, hidden)
-        if self._starts[index] is None:
-            self._starts[index] = {} if localisation.valid else self._found_back(frame, index)
+        if self._ahead[index].first(frame, localisation):
             prior = prior or self._start(frame, index)
             if not localisation.valid and prior is not None:
                 localisation = localiser.localise(image, prior, hidden)

@@ -39,9 +39,9 @@ from experiments.comparisons.harness import (
 )
 from experiments.config import AppConfig
 from experiments.progress import Bars
-from pzcap.calibration.calibrate import Report
 from pzcap.extras.reconstruct import reconstruct
 from pzcap.io.capture import frame_sets
+from pzcap.progress import Report
 from pzcap.types import Capture, PzcapError, Reconstruction
 from sim.session import ShootConfig
 from sim.truth import Truth

@@ -40,7 +40,6 @@ from experiments.comparisons.harness import (
 from experiments.config import AppConfig
 from experiments.progress import Bars
 from experiments.run import CONF
-from pzcap.calibration.calibrate import Report
 from pzcap.extras.detectors import coco_results, detector
 from pzcap.extras.reconstruct import reconstruct
 from pzcap.geometry.camera import of_track, project
@@ -48,6 +47,7 @@ from pzcap.io.capture import frame_sets
 from pzcap.io.detections import KEYPOINTS
 from pzcap.io.files import written_whole
 from pzcap.io.video import VideoReader
+from pzcap.progress import Report
 from pzcap.types import JOINTS, Array, Capture, PzcapError, Reconstruction
 from sim.people.detector import DetectorConfig
 from sim.session import ShootConfig

@@ -27,11 +27,11 @@ from experiments.report.style import COLOURS, INK, MUTED, STYLE
 from experiments.score import score
 from experiments.terminal import print_whole, table
 from experiments.totals import metrics
-from pzcap.calibration.calibrate import Report
 from pzcap.io import results
 from pzcap.io.capture import read_capture
 from pzcap.io.files import written_whole
 from pzcap.pipeline import reconstruct
+from pzcap.progress import Report
 from pzcap.scoring.metric import Direction, Metric
 from pzcap.types import Capture, PzcapError, Reconstruction
 from sim.truth import Truth

@@ -16,7 +16,8 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMIT_HIGH, LIMIT_LOW, MOVES, Body
+from pzcap.body.joint_limits import LIMIT_HIGH, LIMIT_LOW
+from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, MOVES, Body
 from pzcap.types import PARENTS, SEGMENTS, Array, Indices, Pose
 
 Quaternion = tuple[float, float, float, float]

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pzcap.calibration.beliefs import BeliefConfig, Sigmas
 from pzcap.calibration.bundle_adjustment import Link, adjust, enough
 from pzcap.calibration.features import Features
-from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters, Sigmas
+from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Chain, Frames, chain, detect, link_further, link_views, place, spaced
 from pzcap.calibration.tuning import BELIEF, HALL, ZOOM

@@ -7,9 +7,10 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from pzcap.calibration.bundle_adjustment import SIDES, add_link, add_nodes, new_link_sums, new_transfer, transfer
 from pzcap.calibration.compared_pixels import ComparedPixels
+from pzcap.calibration.link_sums import add_link, add_nodes, new_link_sums
 from pzcap.calibration.parameters import ViewJacobians
+from pzcap.calibration.transfer import SIDES, new_transfer, transfer
 from pzcap.geometry.camera import VIEW
 from pzcap.geometry.cylinder import NODES, Hall
 from pzcap.imaging.bspline import Stored, cubic

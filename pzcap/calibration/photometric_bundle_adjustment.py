@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pzcap.calibration.beliefs import Sigmas, information, standing_apart
 from pzcap.calibration.bundle_adjustment import (
     Link,
     Matches,
@@ -22,15 +23,7 @@ from pzcap.calibration.bundle_adjustment import (
 )
 from pzcap.calibration.compared_pixels import ComparedPixels, compared_pixels, edge_pixels, overlap_of
 from pzcap.calibration.grey_value_equations import accumulate
-from pzcap.calibration.parameters import (
-    CalibrationParameters,
-    Sigmas,
-    information,
-    retract,
-    standing_apart,
-    to_vector,
-    view_jacobians,
-)
+from pzcap.calibration.parameters import CalibrationParameters, retract, to_vector, view_jacobians
 from pzcap.calibration.sweep import SweepConfig
 from pzcap.calibration.tuning import PHOTOMETRIC
 from pzcap.geometry.cylinder import kernel_hall

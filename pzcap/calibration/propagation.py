@@ -23,6 +23,7 @@ from pzcap.calibration.tuning import PROPAGATION
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
+from pzcap.geometry.parallax import parallax
 from pzcap.types import Array
 
 
@@ -81,6 +82,6 @@ def _transferred(model: CalibrationParameters, first: View, second: View, pixels
     """Pixels (N, 2) of the ``second`` view that show what ``pixels`` (N, 2) of the ``first`` do."""
     azimuth, slope = geometry.pixel_to_direction(first, pixels)
     near = cylinder.inverse_distance(model.surroundings, azimuth, slope)
-    back, on = (geometry.parallax(view, azimuth, slope, near) for view in (first, second))
+    back, on = (parallax(view, azimuth, slope, near) for view in (first, second))
     seen, front = geometry.direction_to_pixel(second, azimuth - back[0] + on[0], slope - back[1] + on[1])
     return np.asarray(np.where(front[:, None], seen, -1.0))

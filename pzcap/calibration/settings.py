@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pzcap.calibration.parameters import BeliefConfig
+from pzcap.calibration.beliefs import BeliefConfig
 from pzcap.calibration.reference_camera import ReferenceConfig
 from pzcap.calibration.sweep import SweepConfig
 from pzcap.types import PzcapError

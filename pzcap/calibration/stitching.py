@@ -23,6 +23,7 @@ from pzcap.calibration.tuning import STITCHING
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View
+from pzcap.geometry.parallax import parallax
 from pzcap.imaging import bspline
 from pzcap.solver.robust import geman_mcclure, normal_sigma
 from pzcap.types import Array, Float32, Image, InverseDepthMap, Mask, Panorama
@@ -158,7 +159,7 @@ class _Canvas:
             offset = (self.origin - points_px - np.array([start, 0.0])) / self.px_per_rad
             azimuth, slope = offset[..., 0], offset[..., 1]
             near = cylinder.inverse_distance(self.surroundings, azimuth, slope)
-            moved = geometry.parallax(turned, azimuth, slope, near)
+            moved = parallax(turned, azimuth, slope, near)
             return geometry.direction_to_pixel(turned, azimuth + moved[0], slope + moved[1])[0]
 
         column, row = cylinder.smooth_map(to_frame, stop - start, self.weight.shape[0])

@@ -9,13 +9,13 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.calibration.calibrate import Report, no_report
 from pzcap.command.check.reference_check import check_reference
 from pzcap.command.progress import ProgressLine
 from pzcap.io.capture import MANIFEST, read_capture, read_image
 from pzcap.io.clocks import SYNC_FORMAT, SYNC_VERSION
 from pzcap.io.files import write_json
 from pzcap.io.video import VideoReader
+from pzcap.progress import Report, no_report
 from pzcap.synchronisation.synchronise import WAYS, Recording, Synchronisation, synchronise
 from pzcap.types import CameraClock, CameraFiles, Capture, PzcapError
 

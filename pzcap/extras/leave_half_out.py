@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.calibration import stitching
-from pzcap.calibration.calibrate import Report
 from pzcap.calibration.stitching import SweptFrames
 from pzcap.extras.superresolution import Levels, super_resolve
 from pzcap.extras.superresolved_alignment import SUPERRESOLVED, SuperresolvedAligner
@@ -35,6 +34,7 @@ from pzcap.imaging.bspline import smoothed
 from pzcap.imaging.colour import grey
 from pzcap.localisation.panorama_sampler import ViewPlace, axis_directions
 from pzcap.localisation.tuning import ALIGNMENT
+from pzcap.progress import Report
 from pzcap.types import Array, Image, Panorama, PanZoomCamera
 
 ROWS = 4  # of a frame one row in so many is looked at for what its pixels tell

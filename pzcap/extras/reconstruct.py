@@ -15,7 +15,7 @@ import numpy as np
 
 from pzcap import pipeline
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, no_report
+from pzcap.calibration.calibrate import CalibratedCamera, Footage
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_rolling
 from pzcap.events import Event, Finished
@@ -27,6 +27,7 @@ from pzcap.io.capture import frame_sets
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.localise import Localiser, count_from_reference
 from pzcap.plausibility import blames_object
+from pzcap.progress import Report, no_report
 from pzcap.types import Capture, PanZoomCamera, PanZoomTrack, Reconstruction
 
 

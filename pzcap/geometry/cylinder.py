@@ -15,8 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from pzcap.geometry import camera as geometry
-from pzcap.geometry.camera import View, parallax_back
+from pzcap.geometry.camera import View
+from pzcap.geometry.parallax import parallax, parallax_back
 from pzcap.types import Array, Float32, InverseDepthMap, Panorama
 
 GRID = 16  # maps are smooth: they are computed at every sixteenth pixel and interpolated, to 0.0003 px
@@ -128,7 +128,7 @@ def _near_all(hall: Hall, azimuth: Array, slope: Array, near: Array) -> None:
 def from_centre(panorama: Panorama, view: View, azimuth_rad: Array, slope: Array) -> tuple[Array, Array]:
     """Directions (...) of the panorama, as they are seen from the projection centre."""
     near = inverse_distance(panorama.surroundings, azimuth_rad, slope)
-    d_azimuth, d_slope = geometry.parallax(view, azimuth_rad, slope, near)
+    d_azimuth, d_slope = parallax(view, azimuth_rad, slope, near)
     return azimuth_rad + d_azimuth, slope + d_slope
 
 

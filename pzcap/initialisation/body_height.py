@@ -20,11 +20,12 @@ from pzcap.initialisation.people import Sighting
 from pzcap.initialisation.triangulation import rays_of, triangulate
 from pzcap.initialisation.tuning import HEIGHT, JUDGEMENT, PEOPLE
 from pzcap.tracking.body_estimate import BodyEstimate
-from pzcap.tracking.interval_solver import fit_keyframe, misplaced
+from pzcap.tracking.interval_solver import fit_keyframe
 from pzcap.tracking.keypoint_residuals import LandmarkEstimate
 from pzcap.tracking.observation import ViewInput, crop_view
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_colour_model import SkinColourModel
+from pzcap.tracking.tracked_body import misplaced
 from pzcap.types import PARENTS, SEGMENTS, Array, Indices, Keyframe, MovedBody
 
 Observe = Callable[[Keyframe], Sequence[ViewInput | None]]

@@ -21,11 +21,12 @@ from pzcap.initialisation.people import Detections, Sighting, athlete
 from pzcap.initialisation.selection import chosen
 from pzcap.initialisation.triangulation import rays_of, triangulate
 from pzcap.initialisation.tuning import FIT, JUDGEMENT, PEOPLE
-from pzcap.tracking.interval_solver import fit_keyframe, misplaced
+from pzcap.tracking.interval_solver import fit_keyframe
 from pzcap.tracking.observation import ViewInput, crop_view
 from pzcap.tracking.pixel_time import sequence_rates
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_colour_model import SkinColourModel
+from pzcap.tracking.tracked_body import misplaced
 from pzcap.types import Array, Keyframe, Pose
 
 Observe = Callable[[Keyframe], Sequence[ViewInput | None]]

@@ -16,11 +16,12 @@ import numpy as np
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import wrapped
 from pzcap.imaging.colour import colours_aligned
+from pzcap.localisation.belief import Belief
 from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.feature_search import Candidate, FeatureSearch
 from pzcap.localisation.panorama_sampler import ViewPlace, place_of
-from pzcap.localisation.photometric_alignment import Aligner, Alignment, Belief
+from pzcap.localisation.photometric_alignment import Aligner, Alignment
 from pzcap.localisation.tuning import ALIGNMENT, READOUT
 from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
 

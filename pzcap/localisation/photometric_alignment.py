@@ -19,60 +19,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
 from pzcap.imaging import bspline, row_bands
 from pzcap.imaging.colour import grey
 from pzcap.imaging.row_bands import NO_BANDS
+from pzcap.localisation.alignment_equations import normal_equations, tile_scores
+from pzcap.localisation.belief import Belief
 from pzcap.localisation.frame_pixels import FramePixels, level_pixels
 from pzcap.localisation.panorama_sampler import BY_PAN, KNOWN, VALUE, PanoramaSampler, Rays, ViewPlace
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.solver import robust
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, Solution, SolveReport, minimise
-from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
 Look = Callable[[Rays, ViewPlace], Array]
 """Samples (N, SAMPLE) of the panorama along rays (N), extrapolated to a place."""
-
-
-class Belief(NamedTuple):
-    """Belief about a frame before it is seen: standard deviations of tilt, roll, pan shear and zoom shear about those
-    of a place. With 0 they are held there."""
-
-    mean: ViewPlace
-    tilt_rad: float = 0.0
-    roll_rad: float = 0.0
-    pan_shear_rad: float = 0.0
-    zoom_shear: float = 0.0
-
-    @property
-    def free(self) -> int:
-        """Number of unknowns of the place, the first of those that `ViewPlace.stepped` steps."""
-        sigmas = self[1:]
-        return 2 + max((k + 1 for k, sigma in enumerate(sigmas) if sigma > 0.0), default=0)
-
-    def information(self) -> Array:
-        """(free,) inverse variances; 0 of pan and log focal, which nobody knows."""
-        sigma = np.maximum(np.array(self[1 : self.free - 1]), _HELD)
-        return np.concatenate([np.zeros(2), sigma**-2.0])
-
-    def departure(self, at: ViewPlace) -> Array:
-        """(free,) unknowns of a place minus the mean; 0 of pan and log focal."""
-        mean = self.mean
-        off = np.array([
-            0.0, 0.0, at.tilt_rad - mean.tilt_rad, at.roll_rad - mean.roll_rad,
-            at.pan_shear_rad - mean.pan_shear_rad, at.zoom_shear - mean.zoom_shear,
-        ])  # fmt: skip
-        return off[: self.free]
-
-
-_HELD: Final = 1e-9
-"""Standard deviation, radians, of what is held though an unknown after it is free."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,54 +235,3 @@ def _first_gains(ratio: Array, squared: Array, count: int) -> Array:
         raise NothingToCompare
     line = robust.line(ratio / usual, squared, np.ones_like(ratio), ALIGNMENT.gain_scales, (1.0, 0.0))
     return np.pad(usual * np.array(line), (0, count - 2))
-
-
-@njit(cache=True, nogil=True)
-def tile_scores(
-    tile: NDArray[np.int64], tiles: int, sampled: Array, shading: Array, brightness: Array, weighted: Array, free: int
-) -> Array:
-    """Gradients (tiles, P + K) of the cost, as in `normal_equations`, of the pixels of each ``tile`` (N,); ``weighted``
-    (N,) are their residuals times weights."""
-    out = np.zeros((tiles, free + shading.shape[1]))
-    for n in range(len(tile)):
-        for i in range(free):
-            out[tile[n], i] += weighted[n] * brightness[n] * sampled[n, BY_PAN + i]
-        for i in range(shading.shape[1]):
-            out[tile[n], free + i] += weighted[n] * shading[n, i] * sampled[n, VALUE]
-    return out
-
-
-@njit(cache=True, nogil=True)
-def normal_equations(
-    sampled: Array, shading: Array, brightness: Array, residual: Array, scale: float, free: int
-) -> tuple[Array, Array, Array, float]:
-    """Geman-McClure weights (N,) of residuals (N,) and the normal equations: their matrix (P + K, P + K) and gradient
-    (P + K,), for the first ``free`` unknowns of the place and the K gains of the ``shading`` (N, K).
-
-    A pixel's residual is its grey value less ``brightness`` (N,) times the panorama's. At last the cost's mean second
-    derivative as a share of the weight that stands for it in the matrix: weights fall as residuals grow.
-    """
-    count = free + shading.shape[1]
-    weights, row = np.zeros(len(residual)), np.empty(count)
-    normal, gradient = np.zeros((count, count)), np.zeros(count)
-    curved, total = 0.0, 0.0
-    for n in range(len(residual)):
-        if sampled[n, KNOWN] == 0.0:
-            continue
-        weight = geman_mcclure(residual[n], scale)
-        weights[n] = weight
-        total += weight
-        curved += weight * (4.0 * np.sqrt(weight) - 3.0)
-        for i in range(free):
-            row[i] = brightness[n] * sampled[n, BY_PAN + i]
-        for i in range(free, count):
-            row[i] = shading[n, i - free] * sampled[n, VALUE]
-        for i in range(count):
-            weighted = weight * row[i]
-            gradient[i] -= weighted * residual[n]
-            for j in range(i + 1):
-                normal[i, j] += weighted * row[j]
-    for i in range(count):
-        for j in range(i):
-            normal[j, i] = normal[i, j]
-    return weights, normal, gradient, curved / total

@@ -23,8 +23,9 @@ from pzcap.calibration.stitching import SweptFrames, ZoomedFrames
 from pzcap.calibration.sweep import Frames
 from pzcap.geometry.camera import wrapped
 from pzcap.imaging.row_bands import without_bands
+from pzcap.localisation.belief import Belief
 from pzcap.localisation.panorama_sampler import ViewPlace
-from pzcap.localisation.photometric_alignment import Aligner, Belief
+from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.localisation.rectification import rectified
 from pzcap.localisation.tuning import ALIGNMENT, READOUT
 from pzcap.types import Array, Image, Localisation, PanZoomCamera

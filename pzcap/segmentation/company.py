@@ -23,7 +23,8 @@ from pzcap.geometry.camera import at
 from pzcap.geometry.pinhole import projected
 from pzcap.localisation.panorama_sampler import place_of, warp_background
 from pzcap.segmentation.background_model import ForegroundConfig, compare, shrink
-from pzcap.segmentation.foreground import Expected, match_gain
+from pzcap.segmentation.expected import Expected
+from pzcap.segmentation.foreground import match_gain
 from pzcap.segmentation.others import BEFORE, BESIDE
 from pzcap.segmentation.tuning import COMPANY, OTHERS
 from pzcap.types import Array, Camera, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette

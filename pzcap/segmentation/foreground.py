@@ -9,53 +9,22 @@ for its size; holes in which the hall is hardly seen are filled. Then the bounda
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from pzcap.geometry.camera import at
-from pzcap.localisation.panorama_sampler import Window, place_of, warp_background
+from pzcap.localisation.panorama_sampler import place_of, warp_background
 from pzcap.segmentation import boundary_refinement
 from pzcap.segmentation.background_model import Compared, ForegroundConfig, compare, double, shrink
+from pzcap.segmentation.expected import Expected
 from pzcap.segmentation.others import other_people
+from pzcap.segmentation.parts import main_parts, without_holes
 from pzcap.segmentation.tuning import BODY
 from pzcap.solver.robust import line
-from pzcap.types import Array, Camera, Float32, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
+from pzcap.types import Camera, Float32, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
-__all__ = ["Expected", "ForegroundConfig", "match_gain", "separate", "subtract"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Expected:
-    """The body as it is predicted in a view, over the part of the view in which it can be."""
-
-    left: int  # even, as are width and height: half pixels
-    top: int
-    distance_px: Float32  # (h, w) of half pixels, from the outline; positive inside
-    sigma_px: float  # of that, for the error of the predicted pose
-    pelvis_m: Array | None = None  # (3,) where the body is; None: it is lost
-
-    @property
-    def window(self) -> Window:
-        height, width = self.distance_px.shape
-        return self.left, self.top, self.left + 2 * width, self.top + 2 * height
-
-    def within(self, beside_px: float, shape: tuple[int, ...]) -> Mask:
-        """(h, w) half pixels of the view that the body may cover, or stand off by ``beside_px``, as predictions err."""
-        left, top, right, bottom = self.window
-        near = np.zeros(shape, np.bool_)
-        near[top // 2 : bottom // 2, left // 2 : right // 2] = self.distance_px >= -beside_px - self.sigma_px
-        return near
-
-    def covered(self, height: int, width: int) -> Mask:
-        """(height, width) the pixels of the view in which the body may be."""
-        left, top, right, bottom = self.window
-        near = (self.distance_px > -self.sigma_px - BODY.clothes_px).astype(np.uint8)
-        covered = np.zeros((height, width), np.bool_)
-        size = right - left, bottom - top
-        covered[top:bottom, left:right] = cv2.resize(near, size, interpolation=cv2.INTER_NEAREST)
-        return covered
+__all__ = ["ForegroundConfig", "match_gain", "separate", "subtract"]
 
 
 def separate(
@@ -144,45 +113,9 @@ def match_gain(image: Image, background: Image, known: Mask, by: int = 8) -> Ima
 def _evidence(compared: Compared, prior: Float32, expected: Float32 | None) -> Float32:
     """Log-odds of body (h, w) from the colours alone: what is body whatever its colour shows which colours it has."""
     smooth = np.asarray(cv2.blur(compared.log_odds() + prior, (3, 3)), np.float32)
-    body = _main_parts(smooth, expected)
+    body = main_parts(smooth, expected)
     certain = np.asarray(cv2.erode(body, np.ones((3, 3), np.uint8)), np.uint8)
     return compared.log_odds(certain if certain.sum() >= 30 else None)
-
-
-def _main_parts(smooth: Float32, expected: Float32 | None) -> Image:
-    """Mask (h, w) of the body, 1 or 0: the part with the most evidence, what is near it for its own size, and what is
-    where it was ``expected``, as a hand whose arm is hardly seen."""
-    solid = np.asarray(smooth > 0, np.uint8)
-    count, labels, boxes, _ = cv2.connectedComponentsWithStats(
-        cv2.morphologyEx(solid, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), connectivity=8
-    )
-    if count < 2:
-        return solid
-    mass = np.bincount(labels.ravel(), np.maximum(smooth, 0.0).ravel(), count)
-    mass[0] = 0.0  # the hall
-    main = int(np.argmax(mass))
-    low, high = boxes[:, :2], boxes[:, :2] + boxes[:, 2:4]
-    gap = np.maximum(np.max(np.maximum(low - high[main], low[main] - high), axis=1), 0) / boxes[main, 2:4].max()
-    keep = mass >= BODY.least_part * mass[main] * (1.0 + (gap / BODY.near) ** 2)
-    if expected is not None:
-        keep |= np.bincount(labels.ravel(), expected.ravel(), count) > 0.0
-    keep[0] = False
-    return np.asarray(cv2.bitwise_and(solid, keep.astype(np.uint8)[labels]), np.uint8)
-
-
-def _without_holes(solid: Image, log_odds: Float32, expected: Float32 | None) -> Image:
-    """``solid`` (h, w) without holes that are small, or in which the hall is hardly seen and none was ``expected``."""
-    count, labels, boxes, _ = cv2.connectedComponentsWithStats(1 - solid, connectivity=4)
-    area = boxes[:, 4]
-    mean = np.bincount(labels.ravel(), log_odds.ravel(), count) / np.maximum(area, 1)
-    within = (boxes[:, 0] > 0) & (boxes[:, 1] > 0)
-    within &= (boxes[:, :2] + boxes[:, 2:4] < np.array(solid.shape)[::-1]).all(axis=1)
-    hardly = mean > BODY.hole_log_odds
-    if expected is not None:  # as between an arm and the trunk
-        hardly &= np.bincount(labels.ravel(), expected.ravel(), count) > 0.0
-    fill = within & ((area < 8) | hardly)
-    fill[0] = False  # the body itself
-    return solid | fill[labels].astype(np.uint8)
 
 
 def _probability(image: Image, background: Image, log_odds: Float32, expected: Float32 | None) -> Image:
@@ -190,14 +123,14 @@ def _probability(image: Image, background: Image, log_odds: Float32, expected: F
     of it (h, w) are half as fine."""
     probability = np.zeros(image.shape[:2], np.uint8)
     smooth = np.asarray(cv2.blur(log_odds, (3, 3)), np.float32)
-    body = _main_parts(smooth, expected)
+    body = main_parts(smooth, expected)
     if not body.any():
         return probability
     x, y, width, height = cv2.boundingRect(body)
     left, top = max(x - 8, 0), max(y - 8, 0)  # room for the boundary
     right, bottom = min(x + width + 8, body.shape[1]), min(y + height + 8, body.shape[0])
     part, half = np.s_[2 * top : 2 * bottom, 2 * left : 2 * right], np.s_[top:bottom, left:right]
-    solid = _without_holes(body[half], smooth[half], None if expected is None else expected[half])
+    solid = without_holes(body[half], smooth[half], None if expected is None else expected[half])
     if expected is None:
         hint = BODY.alone * smooth
     else:

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.calibration.calibrate import Report
 from pzcap.io.video import VideoReader
+from pzcap.progress import Report
 from pzcap.synchronisation import flash, sound, subject_motion
 from pzcap.synchronisation.offsets import Delay, connected, solve
 from pzcap.types import Array, CameraClock, Image

@@ -23,12 +23,13 @@ from pzcap.tracking.frame_tracker import PoseEstimate
 from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import Placed
 from pzcap.tracking.pixel_time import ClockEquations, ClockEstimate, ClockSystem
-from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, ViewSequence
+from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective
 from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, posterior_spread, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
 from pzcap.tracking.tuning import CLOCK, REACQUISITION
+from pzcap.tracking.view_sequence import ViewSequence
 from pzcap.types import SEGMENTS, Array, Keyframe, Pose
 
 

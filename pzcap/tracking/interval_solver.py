@@ -9,90 +9,28 @@ that the next interval's forward pass goes on meanwhile.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from pzcap.body.kinematics import forward, joint_jacobians
-from pzcap.body.shape_estimation import Shape
 from pzcap.body.skeleton import Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.appearance import LimbAppearance
 from pzcap.tracking.batch_refinement import RefinedBatch, refine_batch
 from pzcap.tracking.bidirectional_fusion import discontinuous, fuse
 from pzcap.tracking.body_estimate import BodyEstimate
-from pzcap.tracking.camera_refinement import Correction, MarginalisedCamera
-from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameEstimate, FrameTracker, PoseEstimate, fit_pose, probably_lost
+from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate, fit_pose
+from pzcap.tracking.interval import IntervalProblem, IntervalResult
 from pzcap.tracking.keyframes import information
-from pzcap.tracking.limbs import mismatch
-from pzcap.tracking.observation import ViewCrop, Views
-from pzcap.tracking.pixel_time import ClockEstimate
-from pzcap.tracking.pose_objective import PoseObjective, ViewSequence, misfit_px2
+from pzcap.tracking.observation import Views
+from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.reacquisition import PassResults
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.tracking.skin_appearance import Appearances, shared
-from pzcap.tracking.tuning import INTERVAL, SHAPE
-from pzcap.types import PARENTS, SEGMENTS, Array, Keyframe, Mask, Pose
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Tracked:
-    """The body at one instant."""
-
-    frame: int
-    pose: Pose
-    joints_m: Array  # (16, 3)
-    sigma_m: Array  # (16,)
-    valid: bool
-    shape: Shape  # of the body that was tracked
-    corrections: tuple[Correction | None, ...]  # of the cameras, one a view; empty: not solved with other frames
-    lost: float = 0.0  # probability that the body as a whole is not where it was found, see `lost`
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Instant:
-    """An instant after a keyframe, as the forward pass has it."""
-
-    frame: int
-    views: Views
-    forward: FrameEstimate
-    second_field: bool = False  # half a frame period after the frame
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Anchor:
-    """A keyframe, fitted to its images."""
-
-    key: Keyframe
-    views: Views
-    fit: PoseEstimate
-    velocity: Array  # (43,) with which the forward pass arrives at it
-    rates: Array  # (16, 12) the same of the segments, as in `pixel_time.rates_between`
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class IntervalProblem:
-    """The instants between two keyframes, for `solved`."""
-
-    estimate: BodyEstimate
-    clocks: ClockEstimate
-    before: Sequence[Pose]  # of up to two frames before the first of them
-    instants: Sequence[Instant]
-    reference: Appearances  # of the skin beside the keyframe that the interval began with, a view each
-    anchor: Anchor | None  # the keyframe that ends them; None: none does
-    config: TrackingConfig
-    period: float  # frame periods from an instant to the next
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class IntervalResult:
-    """The solution of an `IntervalProblem`."""
-
-    tracked: list[Tracked]  # the frames, and the keyframe that ends them
-    estimate: BodyEstimate
-    clocks: ClockEstimate
-    before: Sequence[Pose]  # of the last two frames
-    report: SolveReport
+from pzcap.tracking.skin_appearance import shared
+from pzcap.tracking.tracked_body import lost, tracked, trusted
+from pzcap.tracking.tuning import SHAPE
+from pzcap.tracking.view_sequence import ViewSequence
+from pzcap.types import SEGMENTS, Array, Keyframe, Mask, Pose
 
 
 def solved(problem: IntervalProblem) -> IntervalResult:
@@ -141,50 +79,6 @@ def fit_keyframe(
         return PoseEstimate(key.pose, prior, NO_CONTOUR, False), SolveReport(True, 0, 0.0)
     fit = fit_pose(PoseObjective(body, views, rates), key.pose, prior, [None] * len(views), config, config.schedule)
     return PoseEstimate(fit.posed.pose, fit.normal.hessian + prior, fit.normal.contour, True), fit.report
-
-
-def tracked(
-    estimate: BodyEstimate, config: TrackingConfig, frame: int, found: PoseEstimate,
-    doubt_m: Array | float = 0.0,
-    cameras: Sequence[tuple[ViewCrop | None, MarginalisedCamera | None]] = (), lost: float = 0.0,
-) -> Tracked:  # fmt: skip
-    """The body at an instant. ``doubt_m`` (16,) is the deviation of a joint that may be in several places: those of two
-    estimates that do not agree, or of postures that score nearly as much.
-    ``cameras``, where they were corrected, is each view with the camera as it is now, and the marginalised one;
-    ``lost`` the probability that the whole body is elsewhere."""
-    frames = forward(estimate.body, found.pose)
-    information = found.hessian + np.diag(1.0 / config.prediction_sigma**2)
-    covariance = np.asarray(np.linalg.inv(information), np.float64)
-    jacobians = joint_jacobians(frames)
-    variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)
-    unsure = misplaced(found.contour) + lost
-    variance += estimate.known.joint_variance_m2 + np.asarray(doubt_m) ** 2 + unsure * INTERVAL.misplaced_m**2
-    corrections = tuple(
-        None if view is None or view.camera_prior is None or camera is None
-        else Correction(view.camera_prior.correction, camera.covariance_with(covariance))
-        for view, camera in cameras
-    )  # fmt: skip
-    sigma = np.sqrt(variance)
-    return Tracked(frame, found.pose, frames[:, :3, 3], sigma, found.seen, estimate.known, corrections, lost)
-
-
-def trusted(key: Keyframe, found: PoseEstimate) -> PoseEstimate:
-    """The pose ``found`` of a keyframe. A hand knows where the limbs are: what the images do not bear out is a
-    contradiction (`pzcap.extras.keyframe_diagnostics`), and adds nothing to the sigmas. A detector may be wrong."""
-    return replace(found, contour=NO_CONTOUR, seen=True) if not key.found else found
-
-
-def misplaced(contour: Array) -> Array:
-    """Probability (16,) that a joint is not where it was found, from how well the contours of the two segments that
-    meet there fit the silhouettes: ``contour`` (16, 3) as `pzcap.tracking.pose_objective.PoseEquations` has it. How
-    it was fitted stands in docs/method.md."""
-    misfit_px = np.sqrt(misfit_px2(contour + contour[np.maximum(PARENTS, 0)], 1.0))
-    return np.asarray(1.0 / (1.0 + np.exp(INTERVAL.misplaced_px - misfit_px) ** INTERVAL.misplaced_slope))
-
-
-def lost(objective: PoseObjective, pose: Pose) -> float:
-    """Probability that the body as a whole is not at ``pose``."""
-    return probably_lost(mismatch(objective.views, objective.place(pose)[1]))
 
 
 def _passes(problem: IntervalProblem) -> tuple[list[Pose], list[Views], Array, PassResults]:

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pzcap.body import kinematics
+from pzcap.body.joint_limits import LIMIT_HIGH, LIMIT_LOW
 from pzcap.body.kinematics import difference, forward, joint_angles, retract
-from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMBS, LIMIT_HIGH, LIMIT_LOW, Body
+from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMBS, Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.tracking.observation import Placed, Views
 from pzcap.tracking.pose_objective import PoseObjective

@@ -18,7 +18,7 @@ from pzcap.body.skeleton import Body
 from pzcap.geometry.pinhole import pinhole, projected
 from pzcap.io.detections import NOBODY
 from pzcap.localisation.panorama_sampler import Window
-from pzcap.segmentation.foreground import Expected
+from pzcap.segmentation.expected import Expected
 from pzcap.segmentation.others import other_people
 from pzcap.tracking import keypoint_residuals, visibility
 from pzcap.tracking.camera_refinement import CameraPrior, corrected

@@ -27,7 +27,6 @@ from pzcap.tracking.pixel_time import (
     clock_equations,
     exposed,
     exposed_frames,
-    sequence_rates,
 )
 from pzcap.tracking.residuals import BrightnessTerms, ContourTerms, Template
 from pzcap.tracking.settings import Terms
@@ -265,27 +264,6 @@ class PoseObjective:
 def camera_moves(view: ViewCrop, prior: CameraPrior, posed: PosedBody) -> Array:
     """Pan and zoom of a view's camera as motions of the segments of the ``posed`` body."""
     return segment_twists(view.camera.world_T_cam, prior.pan_axis, posed.frames, posed.centre)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ViewSequence:
-    """Views of successive instants, evenly apart."""
-
-    views: Sequence[Views]
-    period: float  # frame periods from an instant to the next
-
-    def objectives(self, body: Body, poses: Sequence[Pose]) -> list[PoseObjective]:
-        """Of each instant, the body moving as the ``poses`` say."""
-        rates = sequence_rates([forward(body, pose) for pose in poses], self.period)
-        return [PoseObjective(body, each, own) for each, own in zip(self.views, rates, strict=True)]
-
-    def corrected(self, objectives: Sequence[PoseObjective]) -> ViewSequence:
-        """The sequence with the cameras and clocks that the ``objectives`` have come to."""
-        return replace(self, views=[each.views for each in objectives])
-
-    def part(self, instants: Sequence[int]) -> ViewSequence:
-        """Consecutive ``instants`` of it."""
-        return replace(self, views=[self.views[t] for t in instants])
 
 
 def sum_of(sums: Sequence[SegmentSums]) -> SegmentSums:

@@ -27,9 +27,10 @@ from pzcap.tracking.bidirectional_fusion import choose, runs, with_segments
 from pzcap.tracking.limb_beam import follow_limb
 from pzcap.tracking.limbs import POSTURES, support, turn_to, turned
 from pzcap.tracking.observation import Placed
-from pzcap.tracking.pose_objective import PoseObjective, ViewSequence
+from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.skin_appearance import Appearance, Appearances, learn
 from pzcap.tracking.tuning import FRAME, REACQUISITION
+from pzcap.tracking.view_sequence import ViewSequence
 from pzcap.types import SEGMENTS, Array, Mask, Pose
 
 _OF_LIMB: Final[Mask] = np.array([np.isin(np.arange(len(SEGMENTS)), limb) for limb in LIMBS])  # (4, 16)

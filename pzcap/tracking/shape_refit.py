@@ -17,7 +17,7 @@ from pzcap.body.kinematics import forward, joints, place, retract, screws
 from pzcap.body.segment_equations import SegmentSums, accumulate, lift
 from pzcap.body.skeleton import Body
 from pzcap.tracking.body_estimate import BodyEstimate
-from pzcap.tracking.interval_solver import Tracked
+from pzcap.tracking.interval import Tracked
 from pzcap.tracking.tuning import SHAPE
 from pzcap.types import Pose
 

@@ -18,20 +18,12 @@ import numpy as np
 from pzcap import runtime
 from pzcap.body.kinematics import difference
 from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, moved
-from pzcap.segmentation.foreground import Expected
+from pzcap.segmentation.expected import Expected
 from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.body_size import body_size, resized, seen_sizes
 from pzcap.tracking.frame_tracker import NO_CONTOUR, FrameTracker, PoseEstimate
-from pzcap.tracking.interval_solver import (
-    Anchor,
-    Instant,
-    IntervalProblem,
-    IntervalResult,
-    Tracked,
-    fit_keyframe,
-    solved,
-    tracked,
-)
+from pzcap.tracking.interval import Anchor, Instant, IntervalProblem, IntervalResult, Tracked
+from pzcap.tracking.interval_solver import fit_keyframe, solved
 from pzcap.tracking.keyframes import joint_sigma_m
 from pzcap.tracking.observation import ViewCrop, ViewInput, anywhere, crop_view, expect
 from pzcap.tracking.pixel_time import AT_REST, ClockEstimate
@@ -39,6 +31,7 @@ from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_shape
 from pzcap.tracking.skin_colour_model import SkinColourModel
+from pzcap.tracking.tracked_body import tracked
 from pzcap.tracking.tuning import FRAME
 from pzcap.types import SEGMENTS, Array, Camera, Keyframe, Motion, Pose, PzcapError
 

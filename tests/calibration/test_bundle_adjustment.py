@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pzcap.calibration import bundle_adjustment
+from pzcap.calibration.beliefs import Sigmas
 from pzcap.calibration.bundle_adjustment import Link
-from pzcap.calibration.parameters import CalibrationParameters, Sigmas, hall_size, retract, to_vector, view_jacobians
+from pzcap.calibration.parameters import CalibrationParameters, hall_size, retract, to_vector, view_jacobians
+from pzcap.calibration.transfer import new_transfer, transfer
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import HIGHER, VIEW
 from pzcap.geometry.cylinder import kernel_hall
@@ -93,8 +95,8 @@ def residuals(state: CalibrationParameters, link: Link) -> tuple[Array, Array]:
     count, hall = len(to_vector(state)), kernel_hall(state.surroundings)
     residual, jacobian = np.empty((len(link.first_px), 2)), np.zeros((len(link.first_px), 2, count))
     for n, (first_px, second_px) in enumerate(zip(link.first_px, link.second_px, strict=True)):
-        seen = bundle_adjustment.new_transfer()
-        bundle_adjustment.transfer(views[link.first], views[link.second], first_px[0], first_px[1], hall, seen)
+        seen = new_transfer()
+        transfer(views[link.first], views[link.second], first_px[0], first_px[1], hall, seen)
         residual[n] = seen.pixel - second_px
         for side, frame in enumerate((link.first, link.second)):
             part = seen.by_views[:, side * VIEW : (side + 1) * VIEW] @ chains[frame]

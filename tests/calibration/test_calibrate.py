@@ -14,11 +14,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from experiments.footage import SMALL
-from pzcap.calibration import calibrate, reference_camera
-from pzcap.calibration.bundle_adjustment import Adjusted, Link
-from pzcap.calibration.calibrate import Footage, no_report
+from pzcap.calibration import in_metres, reference_camera
+from pzcap.calibration.agreement import require_whole
+from pzcap.calibration.beliefs import BeliefConfig
+from pzcap.calibration.bundle_adjustment import Adjusted, Link, adjust
+from pzcap.calibration.calibrate import Footage
 from pzcap.calibration.correspondences import Matched, match, sigmas_of
-from pzcap.calibration.parameters import BeliefConfig, CalibrationParameters
+from pzcap.calibration.fitting import CameraFit, fit_camera, with_lean
+from pzcap.calibration.minima import likeliest, starts
+from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.photometric_bundle_adjustment import Fitted
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.stitching import Brightness
@@ -30,6 +34,7 @@ from pzcap.io.video import VideoReader
 from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner
+from pzcap.progress import no_report
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.types import Camera, InverseDepthMap, Panorama, PzcapError
 from sim.cameras.film import FilmCamera
@@ -63,9 +68,9 @@ def test_a_sweep_that_is_torn_is_said_so() -> None:
         inliers = [5 if first <= torn < second and second - first < 6 else 48 for first, second in ends]
         return Adjusted(model_at(FOCAL, 0.003), 0.3, np.array([*inliers, 50]), SolveReport(True, 3, 1.0))
 
-    calibrate._require_whole(adjusted(-1), links, kept)
+    require_whole(adjusted(-1), links, kept)
     with pytest.raises(PzcapError, match="of 200 matches across frames 16 and 17 20 agree"):
-        calibrate._require_whole(adjusted(6), links, kept)
+        require_whole(adjusted(6), links, kept)
 
 
 def model_at(focal_px: float, offset: float) -> CalibrationParameters:
@@ -75,10 +80,10 @@ def model_at(focal_px: float, offset: float) -> CalibrationParameters:
     )  # fmt: skip
 
 
-def fit_of(focal_px: float, disagreement: float = 0.0, surprise: float = 0.0, sigma: float = 2.0) -> calibrate._Fit:
+def fit_of(focal_px: float, disagreement: float = 0.0, surprise: float = 0.0, sigma: float = 2.0) -> CameraFit:
     model = replace(model_at(focal_px, 0.003), log_focal=np.log([focal_px, focal_px]))
     fitted = Fitted(model, np.eye(1), sigma, disagreement, surprise, np.zeros((1, 0)), SolveReport(True, 4, 0.0))
-    return calibrate._Fit(cast(Adjusted, None), cast(Brightness, None), fitted)
+    return CameraFit(cast(Adjusted, None), cast(Brightness, None), fitted)
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -91,10 +96,10 @@ def test_of_two_minima_the_likelier_is_taken_and_the_other_is_doubt(turned: bool
         sigmas_of(taken(1.6), BeliefConfig(), True, True),
     )  # fmt: skip
 
-    def of(*fits: calibrate._Fit, object_px: float | None = None) -> tuple[calibrate._Fit, float]:
-        return calibrate._likeliest(fits[::-1] if turned else fits, replace(nothing, object_px=object_px))
+    def of(*fits: CameraFit, object_px: float | None = None) -> tuple[CameraFit, float]:
+        return likeliest(fits[::-1] if turned else fits, replace(nothing, object_px=object_px))
 
-    assert calibrate._likeliest([right], nothing) == (right, 0.0)
+    assert likeliest([right], nothing) == (right, 0.0)
     assert of(right, equal)[1] == pytest.approx(np.log(1.01) / np.sqrt(2.0))
     best, doubt = of(right, torn)
     assert best is right
@@ -112,7 +117,7 @@ def test_what_was_adjusted_is_what_the_camera_has() -> None:
         np.zeros(1), np.log([FOCAL]), np.zeros(1, int), np.zeros(1, int), -0.07, 0.01, np.array([[160.0, 121.0]]),
         np.array([-0.05, 0.07]), np.array([0.04, 0.001, 0.0]), np.array([0.003, -0.002]), 0.0017, HALL,
     )  # fmt: skip
-    camera, hall = calibrate._in_metres(model, 0.0, taken(1.6))
+    camera, hall = in_metres.in_metres(model, 0.0, taken(1.6))
     assert (camera.tilt_rad, camera.roll_rad) == (-0.07, 0.01)
     np.testing.assert_allclose(camera.offset_m, 1.6 * model.offset)
     assert camera.travel_m == pytest.approx(1.6 * 0.0017)
@@ -133,13 +138,13 @@ def test_the_floor_leans_as_the_axis_does(lean: tuple[float, float, float]) -> N
         np.array([[160.0, 121.0]]), np.zeros(1), np.zeros(3), np.zeros(2), 0.0, HALL,
     )  # fmt: skip
     matched = SimpleNamespace(up=lambda _: up, chained=SimpleNamespace(pan_rad=np.zeros(1)))
-    found = calibrate._with_lean(model, cast(Matched, matched))
+    found = with_lean(model, cast(Matched, matched))
     normal = world_R_head.T[:, 2]
     np.testing.assert_allclose(found.surroundings.lean, -normal[:2] / normal[2], atol=1e-12)
     matched.up = None
-    assert calibrate._with_lean(model, cast(Matched, matched)) is model
+    assert with_lean(model, cast(Matched, matched)) is model
     # counted from another pan, it leans the same way
-    turned = calibrate._rotated(found.surroundings, 0.4, 1.6)
+    turned = in_metres._rotated(found.surroundings, 0.4, 1.6)
     for azimuth in (0.0, 1.0, 2.5):
         before, after = (
             float(hall.lean @ (np.cos(at_rad), np.sin(at_rad)))
@@ -207,9 +212,9 @@ def test_what_is_believed_of_walls_does_not_push_the_projection_centre_out(tmp_p
     beside = replace(
         matched.start, offset=np.array([-0.03, 0.0]), surroundings=replace(matched.start.surroundings, walls=THREE_M)
     )
-    lost = calibrate.adjust(beside, matched.links, matched.sigmas, scale_px=4.0, iterations=12).parameters
+    lost = adjust(beside, matched.links, matched.sigmas, scale_px=4.0, iterations=12).parameters
     assert np.exp(lost.log_focal[0]) > 1.02 * rig.reference_focal_px
-    (start,) = calibrate._starts(replace(matched, start=beside), PanZoomConfig())
-    fitted = calibrate._fit(matched, start, PanZoomConfig(), no_report).fitted.parameters
+    (start,) = starts(replace(matched, start=beside), PanZoomConfig())
+    fitted = fit_camera(matched, start, PanZoomConfig(), no_report).fitted.parameters
     assert np.exp(fitted.log_focal[0]) == pytest.approx(rig.reference_focal_px, rel=3e-4)
     assert start.offset[0] > 0.0

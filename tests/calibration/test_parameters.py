@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pzcap.calibration.parameters import CalibrationParameters, hall_size, information, standing_apart
+from pzcap.calibration.beliefs import information, standing_apart
+from pzcap.calibration.parameters import CalibrationParameters, hall_size
 from tests.calibration.test_bundle_adjustment import HALL, SIGMAS, truth
 
 BOX = np.zeros((4, 36), np.bool_)

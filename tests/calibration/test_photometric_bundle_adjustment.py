@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pzcap.calibration import photometric_bundle_adjustment
+from pzcap.calibration.beliefs import Sigmas
 from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.compared_pixels import edge_pixels, overlap_of
-from pzcap.calibration.parameters import CalibrationParameters, Sigmas, retract, to_vector
+from pzcap.calibration.parameters import CalibrationParameters, retract, to_vector
 from pzcap.calibration.photometric_bundle_adjustment import Fitted
 from pzcap.calibration.sweep import SweepConfig
 from pzcap.geometry.camera import direction_to_pixel, pixel_to_direction

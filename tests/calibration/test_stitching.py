@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from pzcap.calibration import bundle_adjustment, stitching, sweep
+from pzcap.calibration.beliefs import Sigmas
 from pzcap.calibration.bundle_adjustment import Link
-from pzcap.calibration.parameters import CalibrationParameters, Sigmas
+from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.sweep import SweepConfig
 from pzcap.extras.paper import stitching as paper
 from pzcap.geometry.camera import View, pixel_to_direction, wrapped

@@ -20,6 +20,7 @@ from pzcap.extras.slide.adjustment import from_centre
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.geometry.lens import NONE, Distortion
+from pzcap.geometry.parallax import parallax
 from pzcap.types import Array, Camera, Image, PzcapError
 from sim.cameras.optics import OpticsConfig, build_rig
 from sim.cameras.plate import lens_maps, plate_for, through_lens
@@ -123,7 +124,7 @@ def test_the_direction_from_beside_the_axis_is_the_parallax_of_the_camera_model(
     offset, pan = np.array([0.004, -0.003]), np.array([0.1, 0.1])
     seen, _, _ = from_centre(azimuth, slope, nearness, pan, offset)
     turned = replace(TRUE_VIEW, pan_rad=pan, centre_m=np.append(offset, 0.0))
-    moved = geometry.parallax(turned, azimuth, slope, nearness)
+    moved = parallax(turned, azimuth, slope, nearness)
     np.testing.assert_allclose(seen, np.column_stack([azimuth + moved[0], slope + moved[1]]), atol=1e-5)
 
 

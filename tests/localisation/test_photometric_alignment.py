@@ -11,6 +11,7 @@ import pytest
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import direction_to_pixel, view_at
 from pzcap.geometry.cylinder import from_centre, from_panorama
+from pzcap.localisation.alignment_equations import normal_equations
 from pzcap.localisation.panorama_sampler import (
     BY_LOG_FOCAL,
     BY_PAN,
@@ -25,7 +26,7 @@ from pzcap.localisation.panorama_sampler import (
     PanoramaSampler,
     ViewPlace,
 )
-from pzcap.localisation.photometric_alignment import Aligner, normal_equations
+from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.types import Array, InverseDepthMap, Panorama
 from tests.scenes import synthetic

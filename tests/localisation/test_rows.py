@@ -16,8 +16,9 @@ from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import wrapped
 from pzcap.imaging import row_bands
 from pzcap.imaging.row_bands import row_time
+from pzcap.localisation.belief import Belief
 from pzcap.localisation.panorama_sampler import ViewPlace
-from pzcap.localisation.photometric_alignment import Aligner, Belief
+from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import is_sheared, rectified, rectified_points
 from pzcap.localisation.sweep_readout import Still, evenly_lit, put_right, readout_sigma, remaining_readout, still_of

@@ -15,7 +15,7 @@ from pzcap.localisation.panorama_sampler import ViewPlace, warp_background
 from pzcap.segmentation import company
 from pzcap.segmentation.background_model import ForegroundConfig, shrink
 from pzcap.segmentation.company import WholeView, others_on_floor, whole_view, with_others
-from pzcap.segmentation.foreground import Expected
+from pzcap.segmentation.expected import Expected
 from pzcap.segmentation.others import BEFORE, BESIDE
 from pzcap.segmentation.tuning import OTHERS
 from pzcap.types import Array, Camera, Image, Localisation, Mask, Silhouette

@@ -11,6 +11,7 @@ from experiments.silhouette_score import outline_distance
 from pzcap.segmentation import background_model, boundary_refinement, foreground
 from pzcap.segmentation.background_model import COLOUR_LEVELS, floor_plane
 from pzcap.segmentation.foreground import ForegroundConfig
+from pzcap.segmentation.parts import main_parts, without_holes
 from pzcap.segmentation.tuning import BACKGROUND, BODY
 from pzcap.types import Camera, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, Shot, shoot
@@ -172,11 +173,11 @@ def test_a_gap_in_which_the_hall_is_hardly_seen_stays_open_where_one_is_expected
     solid[gap], log_odds[gap] = 0, -1.0
     body, open_there = np.full(solid.shape, 1.5, np.float32), np.full(solid.shape, 1.5, np.float32)
     open_there[gap] = -1.0
-    assert foreground._without_holes(solid, log_odds, None)[gap].all()
-    assert foreground._without_holes(solid, log_odds, body)[gap].all()
-    assert not foreground._without_holes(solid, log_odds, open_there)[gap].any()
+    assert without_holes(solid, log_odds, None)[gap].all()
+    assert without_holes(solid, log_odds, body)[gap].all()
+    assert not without_holes(solid, log_odds, open_there)[gap].any()
     log_odds[gap] = -4.0  # the hall is seen
-    assert not foreground._without_holes(solid, log_odds, body)[gap].any()
+    assert not without_holes(solid, log_odds, body)[gap].any()
 
 
 def test_a_part_that_is_apart_and_small_is_kept_where_it_is_expected() -> None:
@@ -186,7 +187,7 @@ def test_a_part_that_is_apart_and_small_is_kept_where_it_is_expected() -> None:
     log_odds[trunk], log_odds[hand] = 5.0, 2.0
     there, elsewhere = np.full_like(log_odds, -1.5), np.full_like(log_odds, -1.5)
     there[trunk] = there[hand] = elsewhere[trunk] = 2.5
-    kept = [foreground._main_parts(log_odds, each) for each in (None, elsewhere, there)]
+    kept = [main_parts(log_odds, each) for each in (None, elsewhere, there)]
     assert [bool(each[hand].any()) for each in kept] == [False, False, True]
     assert all(each[trunk].all() for each in kept)
 

@@ -22,11 +22,12 @@ from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.limbs import POSTURES, bounded, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop, Views
 from pzcap.tracking.pixel_time import ClockEstimate, Exposure, rates_between
-from pzcap.tracking.pose_objective import PoseObjective, ViewSequence
+from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, posterior_spread, reacquire, smoothest
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, shared
 from pzcap.tracking.tuning import KEYPOINT, REACQUISITION
+from pzcap.tracking.view_sequence import ViewSequence
 from pzcap.types import Array, Keyframe, Mask, Pose
 from tests.scenes.tracked import clip, crops, known, observed, swung, true_body
 

@@ -12,8 +12,8 @@ from pzcap.body.skeleton import DOF
 from pzcap.tracking.batch_refinement import RefinedBatch, refine_batch
 from pzcap.tracking.camera_refinement import CAMERA_DOF, CameraPrior
 from pzcap.tracking.pixel_time import ClockEquations, ClockEstimate
-from pzcap.tracking.pose_objective import ViewSequence
 from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.view_sequence import ViewSequence
 from pzcap.types import Array, Pose
 from tests.scenes.tracked import CONFIG, clip, crops, true_body
 

@@ -9,9 +9,9 @@ import pytest
 
 from pzcap.body import kinematics
 from pzcap.body.skeleton import DOF_SEGMENT, LIMBS
-from pzcap.tracking.interval_solver import lost
 from pzcap.tracking.limbs import beyond_limits, mismatch, support, turned
 from pzcap.tracking.pose_objective import PoseObjective
+from pzcap.tracking.tracked_body import lost
 from pzcap.types import Pose
 from tests.scenes.tracked import clip, observed, true_body
 

@@ -9,7 +9,7 @@ import pytest
 
 from pzcap.body import kinematics
 from pzcap.segmentation import foreground
-from pzcap.segmentation.foreground import Expected
+from pzcap.segmentation.expected import Expected
 from pzcap.tracking.frame_tracker import FrameTracker, probably_lost
 from pzcap.tracking.limbs import mismatch
 from pzcap.tracking.observation import anywhere, crop_view, divided, expect

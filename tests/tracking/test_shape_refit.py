@@ -11,10 +11,11 @@ from pzcap.body.kinematics import difference, forward, joints, place, retract
 from pzcap.body.shape_basis import basis, corrected
 from pzcap.body.shape_estimation import Shape
 from pzcap.body.skeleton import DOF, Body
+from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
-from pzcap.tracking.interval_solver import BodyEstimate, tracked
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.shape_refit import refit_pose, refit_shape
+from pzcap.tracking.tracked_body import tracked
 from pzcap.tracking.tracker import Tracker, TrackInput
 from pzcap.tracking.tuning import SHAPE
 from pzcap.types import SEGMENTS, Keyframe, Pose

@@ -22,12 +22,12 @@ from pzcap.tracking import interval_solver
 from pzcap.tracking.bidirectional_fusion import fuse
 from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.frame_tracker import FrameTracker, fit_pose
-from pzcap.tracking.interval_solver import misplaced
 from pzcap.tracking.observation import ViewCrop, crop_view, prepare
 from pzcap.tracking.pose_objective import PoseEquations, PoseObjective, px_per_m
 from pzcap.tracking.settings import Round, Terms, TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
+from pzcap.tracking.tracked_body import misplaced
 from pzcap.tracking.tracker import Tracker, TrackInput, collect
 from pzcap.tracking.tuning import VIEW
 from pzcap.types import SEGMENTS, Array, Image, Keyframe, PzcapError, Subject

@@ -14,9 +14,9 @@ import numpy as np
 from experiments import memory
 from experiments.benchmark.make import CONFIG, BenchmarkConfig
 from experiments.config import AppConfig, structured
-from pzcap.calibration.calibrate import Report
 from pzcap.extras import reconstruct
 from pzcap.io.capture import FrameSets, frame_sets, read_capture
+from pzcap.progress import Report
 from pzcap.scoring.records import CameraPoses, CameraTrack, Results
 from pzcap.types import Camera, Capture, PzcapError, Reconstruction
 from sim import truth as truth_files

@@ -20,11 +20,11 @@ from experiments.config import CONVERTER
 from experiments.score import body_errors, frames_of
 from pzcap import pipeline
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import Report
 from pzcap.camera_set import calibrated_of
 from pzcap.events import BodyTracked, Event, FrameLocalised, FrameSegmented, Progress
 from pzcap.extras.cpu_clock import cpu_clock
 from pzcap.io.capture import FrameSets, frame_sets
+from pzcap.progress import Report
 from pzcap.scoring.totals import body_metrics
 from pzcap.tracking.tracker import Tracked, Tracker
 from pzcap.types import (

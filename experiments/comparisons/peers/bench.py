@@ -15,10 +15,10 @@ from experiments.comparisons.peers.adjustment import RayAdjustment
 from experiments.comparisons.peers.alignment import Ecc
 from experiments.comparisons.peers.matching import Features
 from experiments.comparisons.peers.material import Background, Estimate, Material, Shot
-from pzcap.calibration.calibrate import Report
 from pzcap.extras.paper.method import PaperLocaliser
 from pzcap.geometry.camera import wrapped
 from pzcap.localisation.localise import Localiser
+from pzcap.progress import Report
 from pzcap.types import Array, Localisation, PzcapError
 
 LOST_RAD: Final = np.deg2rad(1.0)

@@ -17,13 +17,13 @@ from experiments.comparisons.peers.material import SWEEP_STEP, Background, Estim
 from experiments.config import structured
 from pzcap.calibration import stitching
 from pzcap.calibration.bundle_adjustment import Link
-from pzcap.calibration.calibrate import Report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import chain, link_further
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View, wrapped
 from pzcap.io.capture import read_image
 from pzcap.io.files import checked
+from pzcap.progress import Report
 from pzcap.types import FAR_AWAY, Array, Image, Lens, Mask, Panorama, PanZoomCamera, PzcapError
 
 CAMERA: Final = "camera.json"

@@ -10,7 +10,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pzcap.calibration.calibrate import Report
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrate_camera, footage_of, taken_over
 from pzcap.extras.paper import method as paper
@@ -21,6 +20,7 @@ from pzcap.geometry.lens import distort, undistort
 from pzcap.io import results
 from pzcap.io.capture import frame_sets
 from pzcap.io.video import VideoReader
+from pzcap.progress import Report
 from pzcap.types import Array, CameraFiles, Capture, Image, Mask, Panorama, PanZoomCamera, PzcapError
 from sim.truth import Truth
 

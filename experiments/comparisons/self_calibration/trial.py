@@ -26,10 +26,11 @@ from experiments.comparisons.self_calibration.baselines import (
 )
 from experiments.comparisons.self_calibration.material import Footage, hall_footage, motion_footage, shots_of
 from experiments.config import AppConfig
-from pzcap.calibration.calibrate import CalibratedCamera, Report
+from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.camera_set import calibrate_camera, footage_of
 from pzcap.geometry.camera import of_frame
 from pzcap.localisation import localise
+from pzcap.progress import Report
 from pzcap.types import Array, Capture, Mask, PzcapError
 from sim.truth import Truth
 

@@ -13,7 +13,6 @@ from typing import Final
 import numpy as np
 
 from pzcap.body import skeleton
-from pzcap.calibration.calibrate import Report
 from pzcap.camera_set import what_is_lacking
 from pzcap.command.check import forecast
 from pzcap.command.check.body_check import check_body
@@ -36,6 +35,7 @@ from pzcap.command.check.zoom_check import ZoomRun, check_zoom
 from pzcap.command.progress import ProgressLine
 from pzcap.io.capture import frame_sets, read_capture, read_image
 from pzcap.io.video import VideoReader
+from pzcap.progress import Report
 from pzcap.runtime import one_thread_each
 from pzcap.types import CameraFiles, Capture, PzcapError
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from pzcap.calibration import features, reference_camera
-from pzcap.calibration.calibrate import CalibratedCamera, Footage, Report, no_report
+from pzcap.calibration.calibrate import CalibratedCamera, Footage
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.extras.paper.similarity import ransac_eq15, solve_eq15
 from pzcap.extras.paper.stitching import stitch
@@ -20,6 +20,7 @@ from pzcap.imaging.colour import grey
 from pzcap.localisation.feature_search import near_prior, panorama_features
 from pzcap.localisation.localise import lost
 from pzcap.pipeline import Method
+from pzcap.progress import Report, no_report
 from pzcap.types import Array, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera, PzcapError
 
 

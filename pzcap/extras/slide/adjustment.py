@@ -5,7 +5,7 @@ direction (azimuth ``a``, slope ``h``) from the axis and of inverse distance ``q
 
     (cos(a - pan) - q forward,  sin(a - pan) - q left,  h)
 
-which to first order is `pzcap.geometry.camera.parallax`.
+which to first order is `pzcap.geometry.parallax.parallax`.
 """
 
 from __future__ import annotations
