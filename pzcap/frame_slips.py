@@ -105,6 +105,16 @@ class FrameOffsets:
                 found[:, camera] = (between - part).round() + part
         return frames, found
 
+    def worth(self, camera: int, found: Array, instead: float) -> float:
+        """Log-odds, a point, summed over the frames, by which a camera's offsets as ``found`` (N,), those of `offsets`,
+        explain its pictures better than one offset ``instead`` of them does."""
+        frames = sorted(frame for frame, scores in self.scores.items() if np.isfinite(scores).any())
+        scores = [self.scores[frame][camera] for frame in frames]
+        pairs = [(each, offset) for each, offset in zip(scores, found, strict=True) if np.isfinite(each).all()]
+        return sum(
+            float(np.interp(offset, _OFFSETS, each) - np.interp(instead, _OFFSETS, each)) for each, offset in pairs
+        )
+
 
 def along_limbs(joints_m: Array) -> Array:
     """(N, 3) Points between the joints (16, 3) and those before them."""
@@ -225,9 +235,11 @@ def slip_notes(
             "frames after it their true time stamps, or cut the take there"
         )
     for camera in told if len(told) > 2 else ():  # of two, each is as far from the other
-        off = found[0, camera] - np.median([found[0, other] for other in told if other != camera])
+        others = [other for other in told if other != camera]
+        off = found[0, camera] - np.median(found[0, others])
         beyond, off = abs(off - own[camera]), round(off)
-        if off and beyond > SLIPS.beyond_clock:
+        right = float(clocks[camera] + np.median(found[0, others] - clocks[others]))  # if its timecode is
+        if off and beyond > SLIPS.beyond_clock and offsets.worth(camera, found[:, camera], right) > SLIPS.change:
             many = f"{abs(off)} frame" + "s" * (abs(off) > 1)
             later, low = ("later", "low") if off > 0 else ("earlier", "high")
             notes.append(
