@@ -256,7 +256,8 @@ def footage_of(capture: Capture, files: CameraFiles) -> Footage:
         assert files.reference is not None
         image = read_image(files.reference)
     period_s = float(1 / sweep.frame_rate)
-    return Footage(image, capture.calibration_object, sweep, zoom, capture.full_turn, period_s)
+    by_fields = sweep.interlaced or (zoom is not None and zoom.interlaced)
+    return Footage(image, capture.calibration_object, sweep, zoom, capture.full_turn, period_s, by_fields)
 
 
 # --------------------------------------------------------------------------------------------------------------

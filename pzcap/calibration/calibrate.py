@@ -14,11 +14,12 @@ import numpy as np
 
 from pzcap.calibration import reference_camera, stitching
 from pzcap.calibration.agreement import require_whole, sweep_inliers
-from pzcap.calibration.correspondences import Matched, match
+from pzcap.calibration.correspondences import Matched, height_of, match
 from pzcap.calibration.fitting import fit_camera, with_lean
 from pzcap.calibration.focal_from_sweep import camera_of_sweep, levelled
 from pzcap.calibration.in_metres import in_metres
 from pzcap.calibration.minima import likeliest, starts
+from pzcap.calibration.parameters import place_of_travel
 from pzcap.calibration.propagation import propagated
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import Frames
@@ -47,6 +48,7 @@ class Footage(NamedTuple):
     zoom: Frames | None
     full_turn: bool  # the sweep's circle closes
     sweep_period_s: float = 0.0  # from one frame of the sweep to the next; 0: not known
+    by_fields: bool = False  # every other row of a picture is made of those beside it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +82,8 @@ def calibrate(
     scale = len(model.pan_rad)  # index of the sweep's focal length among the parameters
     camera, surroundings = in_metres(model, taken.pan_rad, refined.camera)
     fitted = fitted.less_sure(scale, BELIEF.parallax_scale_sigma_m * float(np.linalg.norm(camera.offset_m)))
+    if footage.by_fields:
+        fitted = fitted.less_sure(place_of_travel(model), BELIEF.travel_by_fields_m / height_of(refined.camera))
     doubt = np.hypot(0.0 if chained.full_turn else BELIEF.partial_scale_sigma, undecided)
     if footage.calibration_object is not None:
         doubt = np.hypot(doubt, contradiction(first.camera.focal_px, taken.focal_px, size[0]))
@@ -103,7 +107,7 @@ def calibrate(
 
 def _matched(footage: Footage, config: PanZoomConfig, report: Report) -> tuple[ReferenceCamera, Matched]:
     """The camera of the reference image by itself, and all frames matched. Raises PzcapError as `calibrate` does."""
-    image, calibration_object, sweep, zoom, full_turn, _ = footage
+    image, calibration_object, sweep, zoom, full_turn = footage[:5]
     if calibration_object is None:
         first = _unplaced(camera_of_sweep(sweep, config))
     else:

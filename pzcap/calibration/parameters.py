@@ -66,6 +66,11 @@ def hall_size(state: CalibrationParameters) -> int:
     return state.surroundings.walls.size + state.surroundings.departures.size
 
 
+def place_of_travel(state: CalibrationParameters) -> int:
+    """Index of the travel in the vector."""
+    return len(to_vector(state)) - hall_size(state) - 1
+
+
 def retract(state: CalibrationParameters, step: Array) -> CalibrationParameters:
     """The parameters with ``step`` (U,) added to their vector."""
     there, hall, lens = to_vector(state) + step, state.surroundings, (2 * len(state.principal_px), len(state.k1), 3)

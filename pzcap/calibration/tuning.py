@@ -92,6 +92,9 @@ class BeliefTuning(NamedTuple):
     parallax_scale_sigma_m: float = 3e-3
     """Relative, a metre of the projection centre's offset: what stands before the walls shifts against them, and the
     surroundings have walls and floor alone. Fitted to captures by plain heads."""
+    travel_by_fields_m: float = 3e-3
+    """Metres a unit of log focal, of the projection centre's travel: of interlaced video every other row is made of
+    those beside it, and in its zoom run the travel comes out too short by so much. Fitted to captures."""
     usual_lens: float = 0.03
     """Share of the standard deviations of k2, p1 and p2 that is believed of a lens at first."""
     unusual: float = 2.0

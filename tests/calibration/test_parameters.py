@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pzcap.calibration.beliefs import information, standing_apart
-from pzcap.calibration.parameters import CalibrationParameters, hall_size
+from pzcap.calibration.parameters import CalibrationParameters, hall_size, place_of_travel, to_vector
 from tests.calibration.test_bundle_adjustment import HALL, SIGMAS, truth
 
 BOX = np.zeros((4, 36), np.bool_)
@@ -44,3 +44,8 @@ def test_the_further_the_centre_is_off_the_less_is_open() -> None:
         for offset in (0.004, 0.08)
     )
     assert np.all(far > 100.0 * near)
+
+
+def test_the_travel_has_its_place() -> None:
+    state = replace(hall_with(0.6, 0.004), travel=0.123)
+    assert to_vector(state)[place_of_travel(state)] == 0.123

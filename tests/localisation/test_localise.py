@@ -59,6 +59,19 @@ def exact(material: Material) -> CalibratedCamera:
     )
 
 
+def test_zooms_are_less_sure_where_rows_are_made_of_those_beside_them(
+    material: Material, exact: CalibratedCamera
+) -> None:
+    footage = Footage(material.reference, synthetic.calibration_object(), material.sweep, material.zoom, True)
+    fields = calibrate_camera(footage._replace(by_fields=True), PanZoomConfig()).camera
+    np.testing.assert_array_equal(fields.lens.k1, exact.camera.lens.k1)
+    wider = fields.shared_covariance[:, :, 1, 1] - exact.camera.shared_covariance[:, :, 1, 1]
+    assert wider.min() >= 0.0
+    sweep, long = (np.argmin(np.abs(fields.shared_zooms - zoom)) for zoom in (1.0, 2.5))
+    assert np.sqrt(wider[:, long].mean()) > 3.0 * np.sqrt(wider[:, sweep].mean())  # the travel grows with the zoom
+    assert 5e-5 < np.sqrt(wider[:, long].mean()) < 1e-3  # 3 mm of some metres
+
+
 def test_preparation_finds_the_camera(material: Material, exact: CalibratedCamera) -> None:
     camera, background = exact.camera, exact.panorama
     error = np.rad2deg(background.sweep_pan_rad - material.sweep_pan)
