@@ -82,6 +82,16 @@ def _experiment(command: str) -> str | None:
     return named[-1].partition("=")[2] if named else None
 
 
+def _by_camera(notes: Sequence[str], cameras: Sequence[str]) -> dict[str, list[str]]:
+    """Notes, those that begin with a camera under its name and without it; the others come first, under none."""
+    found: dict[str, list[str]] = {"": []}
+    for camera in cameras:
+        named = [note for note in notes if note.startswith(f"camera {camera}: ")]
+        found |= {f"Camera {camera}": [note.removeprefix(f"camera {camera}: ") for note in named]} if named else {}
+        notes = [note for note in notes if note not in named]
+    return found | {"": list(notes)}
+
+
 def _context(material: Material, command: str) -> dict[str, Any]:
     reconstruction = material.reconstruction
     truth, result = brought_in(material.truth, material.score, reconstruction.camera_names)
@@ -100,7 +110,7 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "frames": len(reconstruction.timecodes),
         "cameras": len(reconstruction.camera_names),
         "frame_rate": float(reconstruction.frame_rate),
-        "notes": reconstruction.notes,
+        "notes": _by_camera(reconstruction.notes, reconstruction.camera_names),
         "scored": result is not None,
         "headlines": [_headline(by_key[key], *HEADLINES[key], _remark(by_key, key)) for key in headlines],
         "own_world": own_world,

@@ -40,6 +40,15 @@ def test_a_report_is_headed_by_the_experiment_and_not_by_its_motion_alone() -> N
     assert page._experiment("python -m experiments.run seed=0") is None
 
 
+def test_notes_stand_under_their_camera_and_what_concerns_all_before_them() -> None:
+    notes = ["camera 10: turns", "a keyframe would help", "camera 1: zooms", "camera 10: rolls", "camera 3: odd"]
+    found = page._by_camera(notes, ["1", "2", "10"])
+    assert list(found.items()) == [
+        ("", ["a keyframe would help", "camera 3: odd"]), ("Camera 1", ["zooms"]), ("Camera 10", ["turns", "rolls"])
+    ]  # fmt: skip
+    assert page._by_camera([], ["1"]) == {"": []}
+
+
 def test_a_run_that_compiled_its_kernels_says_so_beside_its_speed() -> None:
     def remark(compiling_s: float, key: str = "speed.fps") -> str:
         return page._remark({"speed.compiling": Metric("speed.compiling", compiling_s, "s")}, key)
