@@ -23,6 +23,8 @@ HINGE_AXES: Final[dict[str, tuple[float, float, float]]] = {
 }  # fmt: skip
 """Segments that turn about one fixed axis (of their own and their parent's frame). All others are ball joints:
 3 root position + 12 ball joints (with the root's rotation) x 3 + 4 hinges = 43 degrees of freedom."""
+DOF: Final = 3 + sum(1 if name in HINGE_AXES else 3 for name in SEGMENTS)
+"""Degrees of freedom of a pose: numbers that it changes by."""
 
 JOINTS: Final[tuple[str, ...]] = (
     "pelvis", "lumbar", "thorax", "neck",

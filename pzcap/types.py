@@ -38,6 +38,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.anatomy import DOF as DOF
 from pzcap.anatomy import ENDS as ENDS
 from pzcap.anatomy import GARMENTS as GARMENTS
 from pzcap.anatomy import HINGE_AXES as HINGE_AXES

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.body.skeleton import DOF, DOF_SEGMENT
-from pzcap.types import SEGMENTS, Array
+from pzcap.body.skeleton import DOF_SEGMENT
+from pzcap.types import DOF, SEGMENTS, Array
 
 # Ranges of the rotation vector about x, y, z (degrees) that a trained gymnast can reach, generously; mirrored for the
 # right side. They only keep a hidden limb from folding up, so they are soft and wide. A shoulder reaches half a turn,

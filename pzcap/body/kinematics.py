@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 
 from pzcap.body.joint_limits import LIMIT_HIGH, LIMIT_LOW
-from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, MOVES, Body
-from pzcap.types import PARENTS, SEGMENTS, Array, Indices, Pose
+from pzcap.body.skeleton import DOF_AXES, DOF_SEGMENT, MOVES, Body
+from pzcap.types import DOF, PARENTS, SEGMENTS, Array, Indices, Pose
 
 Quaternion = tuple[float, float, float, float]
 Coordinates = tuple[Array, Array, Array]

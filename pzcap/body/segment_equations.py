@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, MOVES
-from pzcap.types import PARENTS, SEGMENTS, Array, Indices
+from pzcap.body.skeleton import DOF_SEGMENT, MOVES
+from pzcap.types import DOF, PARENTS, SEGMENTS, Array, Indices
 
 
 class SegmentSums(NamedTuple):

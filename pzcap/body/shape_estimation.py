@@ -23,9 +23,9 @@ import numpy as np
 from pzcap.body.kinematics import joint_jacobians, screws
 from pzcap.body.segment_equations import PointResiduals, SegmentSums
 from pzcap.body.shape_basis import LENGTHS, Basis, basis, corrected
-from pzcap.body.skeleton import DOF, MOVES, Body
+from pzcap.body.skeleton import MOVES, Body
 from pzcap.body.tuning import SHAPE
-from pzcap.types import SEGMENTS, Array
+from pzcap.types import DOF, SEGMENTS, Array
 
 _SLIDES: Final = 6 * len(SEGMENTS)
 _CHANGES: Final = DOF + _SLIDES

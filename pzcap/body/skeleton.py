@@ -36,7 +36,6 @@ DOF_SEGMENT: Final[Indices] = np.array(
     [0, 0, 0] + [i for i, name in enumerate(SEGMENTS) for _ in range(1 if name in HINGE_AXES else 3)]
 )
 """(43,) The segment that a degree of freedom moves first."""
-DOF: Final = len(DOF_SEGMENT)
 DOF_AXES: Final[Array] = np.concatenate(
     [np.eye(3)] + [np.array([HINGE_AXES[name]]) if name in HINGE_AXES else np.eye(3) for name in SEGMENTS]
 )

@@ -14,6 +14,7 @@ import av
 from av.error import FFmpegError
 
 from pzcap.io.capture import FOOTAGE, read_image
+from pzcap.io.clocks import RATE_TOLERANCE
 from pzcap.io.files import checked
 from pzcap.io.video import VideoReader
 from pzcap.types import PzcapError
@@ -31,7 +32,6 @@ WORDS: Final[dict[str, frozenset[str]]] = {
 """Words in the name of a file that say what it is for."""
 ORDER: Final[dict[int, tuple[str, ...]]] = {1: ("motion",), 2: ("sweep", "motion"), 3: ("sweep", "zoom", "motion")}
 """Of so many videos without such words, in the order of their names: as they are shot."""
-_RATE_TOLERANCE: Final = 1e-4  # containers round 30000/1001 to 29.97
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,4 +198,4 @@ def troubles(cameras: Mapping[str, Sequence[File]]) -> Iterator[str]:
 
 def multiples(rates: Sequence[Fraction]) -> bool:
     """True where all rates are whole multiples of the least."""
-    return all(abs(float(rate / min(rates)) / round(rate / min(rates)) - 1.0) < _RATE_TOLERANCE for rate in rates)
+    return all(abs(float(rate / min(rates)) / round(rate / min(rates)) - 1.0) < RATE_TOLERANCE for rate in rates)

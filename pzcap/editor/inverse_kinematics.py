@@ -28,7 +28,7 @@ from pzcap.body.kinematics import (
     retract,
     world_points,
 )
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS, Body, moved
+from pzcap.body.skeleton import DOF_SEGMENT, LIMBS, Body, moved
 from pzcap.editor.tuning import POSING
 from pzcap.geometry.camera import rays
 from pzcap.geometry.pinhole import Pinhole, pinhole, pixel_gradient, projected, ray, to_pixel
@@ -36,7 +36,7 @@ from pzcap.initialisation.pose_fit import REST
 from pzcap.initialisation.tuning import FIT
 from pzcap.tracking.body_constraints import collision_residuals, collision_shapes, spine
 from pzcap.tracking.limbs import turned
-from pzcap.types import ENDS, JOINTS, SEGMENTS, Array, Camera, Indices, Pose
+from pzcap.types import DOF, ENDS, JOINTS, SEGMENTS, Array, Camera, Indices, Pose
 
 HANDLES: Final[tuple[str, ...]] = (*JOINTS, *ENDS)
 """Points of the body that can be dragged: the joints, then its ends."""

@@ -25,7 +25,7 @@ import numpy as np
 from pzcap.body.kinematics import forward, joint_angles, joint_jacobians, point_jacobians, retract, screws
 from pzcap.body.landmarks import SEGMENT, Landmarks
 from pzcap.body.segment_equations import PointResiduals, SegmentSums, accumulate, lift
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
+from pzcap.body.skeleton import DOF_SEGMENT, Body
 from pzcap.initialisation.people import Sighting
 from pzcap.initialisation.tuning import FIT
 from pzcap.tracking import keypoint_residuals
@@ -33,7 +33,7 @@ from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.temporal_constraints import smooth_step
 from pzcap.tracking.tuning import KEYPOINT
-from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.types import DOF, SEGMENTS, Array, Pose
 
 _REST_DEG: Final = {"head": FIT.head_deg, "hand": FIT.hand_deg, "foot": FIT.foot_deg}
 

@@ -19,6 +19,7 @@ from pzcap.io.files import checked, leads_out
 from pzcap.io.text import is_plain
 from pzcap.io.timecode import frames_to_timecode, timecode_to_frames
 from pzcap.types import (
+    DOF,
     GARMENTS,
     MEASUREMENTS,
     SEGMENTS,
@@ -186,10 +187,6 @@ def load_json(path: Path, remedy: str = "write it (docs/capture.md)", most_bytes
         raise PzcapError(f"{path}: is not valid JSON ({error}); correct it there") from error
 
 
-_DOF: Final = 43
-"""Numbers that a pose changes by (`pzcap.body.skeleton`)."""
-
-
 def read_object(path: Path) -> CalibrationObject:
     """Read and check object.json."""
     root = load_json(path)
@@ -316,8 +313,8 @@ def covariance_entry(covariance: Array) -> list[float]:
 def _read_covariance(entry: Json) -> Array | None:
     if entry.value.get("covariance") is None:
         return None
-    rows, columns = np.tril_indices(_DOF)
-    covariance = np.zeros((_DOF, _DOF))
+    rows, columns = np.tril_indices(DOF)
+    covariance = np.zeros((DOF, DOF))
     covariance[rows, columns] = covariance[columns, rows] = entry["covariance"].array(len(rows))
     if np.linalg.eigvalsh(covariance)[0] <= 0.0:
         raise entry["covariance"].error("is not positive definite; leave it out, and the pose counts as a hand's")

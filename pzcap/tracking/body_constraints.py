@@ -17,9 +17,9 @@ from typing import Final
 import numpy as np
 
 from pzcap.body.kinematics import forward, joint_angles, limit_residuals, point_jacobians, world_points
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
+from pzcap.body.skeleton import DOF_SEGMENT, Body
 from pzcap.tracking.tuning import CONTACT, SPINE
-from pzcap.types import SEGMENTS, Array, Indices, Pose
+from pzcap.types import DOF, SEGMENTS, Array, Indices, Pose
 
 _TRUNK: Final = tuple(SEGMENTS.index(name) for name in ("pelvis", "lumbar", "thorax"))
 _BALLS: Final = (("forearm", 0.5), ("forearm", 1.0), ("hand", 0.5))

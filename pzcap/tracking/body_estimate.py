@@ -15,7 +15,7 @@ from pzcap.body.kinematics import difference, forward
 from pzcap.body.segment_equations import PointResiduals
 from pzcap.body.shape_basis import LENGTHS
 from pzcap.body.shape_estimation import FrameResiduals, Shape, ShapeEquations, ShapeEstimate
-from pzcap.body.skeleton import DOF, Body
+from pzcap.body.skeleton import Body
 from pzcap.tracking.keyframes import information
 from pzcap.tracking.keypoint_residuals import LandmarkEstimate
 from pzcap.tracking.observation import Views
@@ -23,7 +23,7 @@ from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import Terms, TrackingConfig
 from pzcap.tracking.skin_appearance import mean_appearances
 from pzcap.tracking.tuning import DRAPE, SHAPE
-from pzcap.types import SEGMENTS, Array, Keyframe, Pose
+from pzcap.types import DOF, SEGMENTS, Array, Keyframe, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,11 +23,11 @@ import numpy as np
 from numba import njit
 
 from pzcap.body.segment_equations import SegmentSums
-from pzcap.body.skeleton import DOF, DOF_SEGMENT
+from pzcap.body.skeleton import DOF_SEGMENT
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.localisation.covariance import systematic
 from pzcap.tracking.tuning import VIEW
-from pzcap.types import PARENTS, Array, Camera, Localisation, PanZoomCamera
+from pzcap.types import DOF, PARENTS, Array, Camera, Localisation, PanZoomCamera
 
 CAMERA_DOF: Final = 2
 """Pan, and log focal length."""

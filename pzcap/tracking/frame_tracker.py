@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import expit
 
 from pzcap.body.kinematics import difference, forward, retract
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body
+from pzcap.body.skeleton import DOF_SEGMENT, Body
 from pzcap.solver.gauss_newton import SolveReport
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.limbs import mismatch
@@ -27,7 +27,7 @@ from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjectiv
 from pzcap.tracking.settings import Round, TrackingConfig
 from pzcap.tracking.skin_appearance import SomeAppearances, learn, mean_appearances
 from pzcap.tracking.tuning import FRAME
-from pzcap.types import SEGMENTS, Array, Pose
+from pzcap.types import DOF, SEGMENTS, Array, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,13 +24,13 @@ from scipy.spatial.transform import Rotation
 from pzcap.body import kinematics
 from pzcap.body.joint_limits import LIMIT_HIGH, LIMIT_LOW
 from pzcap.body.kinematics import difference, forward, joint_angles, retract
-from pzcap.body.skeleton import DOF, DOF_AXES, DOF_SEGMENT, LIMBS, Body
+from pzcap.body.skeleton import DOF_AXES, DOF_SEGMENT, LIMBS, Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.tracking.observation import Placed, Views
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.tuning import APPEARANCE, VIEW
 from pzcap.tracking.visibility import ARMS, GROUP, HEAD
-from pzcap.types import PARENTS, Array, Float32, Pose
+from pzcap.types import DOF, PARENTS, Array, Float32, Pose
 
 _TURNED: Final = tuple(np.flatnonzero(np.isin(DOF_SEGMENT, limb[:2])) for limb in LIMBS)
 """Degrees of freedom (4,) that turn a limb: its ball joint about its own three axes, then its hinge."""

@@ -27,13 +27,13 @@ from numba import njit
 
 from pzcap.body.kinematics import Coordinates, coordinates, segment_end, turned
 from pzcap.body.segment_equations import SegmentSums
-from pzcap.body.skeleton import DOF, DOF_SEGMENT
+from pzcap.body.skeleton import DOF_SEGMENT
 from pzcap.geometry.pinhole import NEAREST_M, Pinhole, pinhole, projected, ray, to_pixel
 from pzcap.imaging.row_bands import row_time
 from pzcap.tracking.camera_refinement import CAMERA_DOF, MarginalisedCamera
 from pzcap.tracking.tuning import CLOCK
 from pzcap.tracking.visibility import SkinPoints
-from pzcap.types import PARENTS, SEGMENTS, Array, Camera, Indices
+from pzcap.types import DOF, PARENTS, SEGMENTS, Array, Camera, Indices
 
 
 class Exposure(NamedTuple):

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pzcap.body.skeleton import DOF
-from pzcap.types import Array, PzcapError
+from pzcap.types import DOF, Array, PzcapError
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,10 +23,10 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from pzcap.body.kinematics import difference, forward, point_jacobians, world_points
-from pzcap.body.skeleton import DOF, Body
+from pzcap.body.skeleton import Body
 from pzcap.solver.robust import geman_mcclure
 from pzcap.tracking.tuning import CONTACT
-from pzcap.types import SEGMENTS, Array, Indices, Pose
+from pzcap.types import DOF, SEGMENTS, Array, Indices, Pose
 
 _REACH = 3  # frames that are tied to each other, at most
 

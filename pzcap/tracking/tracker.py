@@ -17,7 +17,7 @@ import numpy as np
 
 from pzcap import runtime
 from pzcap.body.kinematics import difference
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, moved
+from pzcap.body.skeleton import DOF_SEGMENT, Body, moved
 from pzcap.segmentation.expected import Expected
 from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.body_size import body_size, resized, seen_sizes
@@ -33,7 +33,7 @@ from pzcap.tracking.shape_refit import refit_shape
 from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.tracking.tracked_body import tracked
 from pzcap.tracking.tuning import FRAME
-from pzcap.types import SEGMENTS, Array, Camera, Keyframe, Motion, Pose, PzcapError
+from pzcap.types import DOF, SEGMENTS, Array, Camera, Keyframe, Motion, Pose, PzcapError
 
 __all__ = ["TrackInput", "Tracked", "Tracker", "ViewInput", "collect"]
 

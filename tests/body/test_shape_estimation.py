@@ -13,11 +13,11 @@ from pzcap.body.kinematics import forward
 from pzcap.body.segment_equations import PointResiduals, SegmentSums
 from pzcap.body.shape_basis import LENGTHS, basis, corrected
 from pzcap.body.shape_estimation import FrameResiduals, Postures, ShapeEquations, ShapeEstimate
-from pzcap.body.skeleton import DOF, Body
+from pzcap.body.skeleton import Body
 from pzcap.body.tuning import SHAPE
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.types import SEGMENTS, Array, Subject
+from pzcap.types import DOF, SEGMENTS, Array, Subject
 from tests.scenes.tracked import TERMS, clip, crops, true_body
 
 pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once

@@ -13,7 +13,7 @@ from pzcap.body import kinematics
 from pzcap.body import skeleton as bodies
 from pzcap.body.mesh import ellipse_half_axes
 from pzcap.body.segment_equations import SegmentSums, lift
-from pzcap.types import SEGMENTS, Array, Pose, PzcapError, Subject
+from pzcap.types import DOF, SEGMENTS, Array, Pose, PzcapError, Subject
 from sim.people import athlete
 from tests.scenes.bodies import BODY, random_pose, subject
 
@@ -60,14 +60,14 @@ def test_skin_lies_along_the_axes_that_an_athlete_s_does(name: str) -> None:
 @given(st.integers(0, 99), st.floats(1e-9, 1.0))
 def test_difference_undoes_retract(seed: int, size: float) -> None:
     rng = np.random.default_rng(seed)
-    pose, delta = random_pose(seed), size * rng.uniform(-1, 1, bodies.DOF)
+    pose, delta = random_pose(seed), size * rng.uniform(-1, 1, DOF)
     np.testing.assert_allclose(kinematics.difference(kinematics.retract(pose, delta), pose), delta, atol=1e-9)
 
 
 def numeric(function: object, pose: Pose, step: float = 1e-6) -> Array:
     columns = []
-    for k in range(bodies.DOF):
-        delta = np.zeros(bodies.DOF)
+    for k in range(DOF):
+        delta = np.zeros(DOF)
         delta[k] = step
         ahead, behind = function(kinematics.retract(pose, delta)), function(kinematics.retract(pose, -delta))  # type: ignore[operator]
         columns.append((ahead - behind) / (2 * step))
@@ -107,7 +107,7 @@ def test_lifting_segments_equals_the_dense_normal_equations() -> None:
     frames = kinematics.forward(BODY, pose)
     centre = frames[0, :3, 3]
     hessians, gradients = np.zeros((16, 6, 6)), np.zeros((16, 6))
-    dense_h, dense_g = np.zeros((bodies.DOF, bodies.DOF)), np.zeros(bodies.DOF)
+    dense_h, dense_g = np.zeros((DOF, DOF)), np.zeros(DOF)
     for _ in range(200):
         s = int(rng.integers(16))
         point, a, residual = rng.normal(0, 1, 3) + centre, rng.normal(0, 1, 3), rng.normal()

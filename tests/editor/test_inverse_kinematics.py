@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from pzcap.body.kinematics import joint_angles, joints, limit_residuals, retract
-from pzcap.body.skeleton import DOF
 from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Held, Problem, epipolar, is_ready, loose, standing
-from pzcap.types import Array, Pose
+from pzcap.types import DOF, Array, Pose
 from tests.scenes import edited
 from tests.scenes.bodies import BODY, random_pose
 from tests.scenes.captures import project

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from pzcap.body.kinematics import joints, retract
-from pzcap.body.skeleton import DOF, build
+from pzcap.body.skeleton import build
 from pzcap.editor import resolve
 from pzcap.editor.inverse_kinematics import loose
-from pzcap.types import FrameSet, Pose, PzcapError, Subject
+from pzcap.types import DOF, FrameSet, Pose, PzcapError, Subject
 from tests.scenes import edited, tracked
 
 pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once

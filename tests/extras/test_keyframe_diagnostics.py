@@ -9,11 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pzcap.body import kinematics
-from pzcap.body import skeleton as bodies
 from pzcap.extras import keyframe_diagnostics
 from pzcap.tracking import tracker
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.types import SEGMENTS, Array, Keyframe, Motion, Pose
+from pzcap.types import DOF, SEGMENTS, Array, Keyframe, Motion, Pose
 from tests.scenes import tracked as rendered
 from tests.scenes.bodies import BODY
 from tests.scenes.body_scene import swing
@@ -28,7 +27,7 @@ TIMECODES = [f"10:00:00:{frame:02d}" for frame in range(FRAMES)]
 def motion(sigma_m: Array | float = 0.01, keyframes: Sequence[int] = KEYS) -> Motion:
     """Somebody walks and swings the arms, as the images have it: each joint a few millimetres off."""
     rng = np.random.default_rng(0)
-    poses = [kinematics.retract(swing(t / RATE), rng.normal(0.0, 0.005, bodies.DOF)) for t in range(FRAMES)]
+    poses = [kinematics.retract(swing(t / RATE), rng.normal(0.0, 0.005, DOF)) for t in range(FRAMES)]
     return Motion(
         np.stack([pose.root_position_m for pose in poses]),
         np.stack([pose.rotations for pose in poses]),

@@ -19,7 +19,7 @@ from pzcap.tracking.settings import Terms, TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.skin_colour_model import UNKNOWN
 from pzcap.tracking.tracker import Tracked, Tracker, TrackInput, ViewInput
-from pzcap.types import Array, Image, Keyframe, Pose, Subject
+from pzcap.types import DOF, Array, Image, Keyframe, Pose, Subject
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip, shoot
 
 FRAMES = 13
@@ -67,7 +67,7 @@ def as_fields(items: Iterable[TrackInput]) -> list[TrackInput]:
 def by_hand(frame: int, seed: int = 0) -> Keyframe:
     """The true pose with a hand's error: 10 mm along each axis, 3 degrees of each degree of freedom."""
     rng = np.random.default_rng(100 * seed + frame)
-    error = np.concatenate([rng.normal(0, 0.010, 3), rng.normal(0, np.deg2rad(3.0), bodies.DOF - 3)])
+    error = np.concatenate([rng.normal(0, 0.010, 3), rng.normal(0, np.deg2rad(3.0), DOF - 3)])
     return Keyframe(frame, kinematics.retract(clip().poses[frame], error))
 
 
@@ -119,13 +119,13 @@ def true_body() -> Body:
 
 def lost(pose: Pose, dof: int, by: float) -> Pose:
     """``pose`` with one degree of freedom changed."""
-    delta = np.zeros(bodies.DOF)
+    delta = np.zeros(DOF)
     delta[dof] = by
     return kinematics.retract(pose, delta)
 
 
 def step(pose: Pose) -> FrameEstimate:
-    nothing = np.zeros(bodies.DOF)
+    nothing = np.zeros(DOF)
     return FrameEstimate(pose, np.diag(nothing), NO_CONTOUR, True, nothing, [], 0.0, np.ones(16))
 
 

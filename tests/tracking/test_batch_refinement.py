@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from pzcap.body.kinematics import forward, retract
-from pzcap.body.skeleton import DOF
 from pzcap.tracking.batch_refinement import RefinedBatch, refine_batch
 from pzcap.tracking.camera_refinement import CAMERA_DOF, CameraPrior
 from pzcap.tracking.pixel_time import ClockEquations, ClockEstimate
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.view_sequence import ViewSequence
-from pzcap.types import Array, Pose
+from pzcap.types import DOF, Array, Pose
 from tests.scenes.tracked import CONFIG, clip, crops, true_body
 
 pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once

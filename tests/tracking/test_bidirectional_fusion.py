@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from pzcap.body import kinematics
 from pzcap.body.kinematics import joints
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, LIMBS
+from pzcap.body.skeleton import DOF_SEGMENT, LIMBS
 from pzcap.tracking.bidirectional_fusion import choose, fuse
-from pzcap.types import JOINTS, SEGMENTS, Array, Pose
+from pzcap.types import DOF, JOINTS, SEGMENTS, Array, Pose
 from tests.scenes.tracked import clip, lost, step, true_body, without_score
 
 pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once

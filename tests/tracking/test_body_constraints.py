@@ -8,10 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pzcap.body.kinematics import forward, joint_angles, joints, retract
-from pzcap.body.skeleton import DOF, DOF_SEGMENT, Body, build
+from pzcap.body.skeleton import DOF_SEGMENT, Body, build
 from pzcap.tracking import body_constraints
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.types import JOINTS, SEGMENTS, Pose, Subject
+from pzcap.types import DOF, JOINTS, SEGMENTS, Pose, Subject
 from sim.people.anthropometry import draw_measurements
 
 _WRISTS = [JOINTS.index("left_wrist"), JOINTS.index("right_wrist")]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from pzcap.body.kinematics import forward, screws
 from pzcap.body.segment_equations import SegmentSums, lift
-from pzcap.body.skeleton import DOF, MOVES
+from pzcap.body.skeleton import MOVES
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import at, project
 from pzcap.localisation.covariance import systematic
@@ -24,7 +24,7 @@ from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearance, learn
 from pzcap.tracking.tracker import Tracker, TrackInput
-from pzcap.types import SEGMENTS, Array, Lens, Localisation, PanZoomCamera
+from pzcap.types import DOF, SEGMENTS, Array, Lens, Localisation, PanZoomCamera
 from tests.scenes.tracked import FRAMES, by_hand, clip, crops, errors_m, inputs, taped, track, true_body
 
 pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once

@@ -18,7 +18,7 @@ from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
 from pzcap.tracking import keypoint_residuals
 from pzcap.tracking.tuning import KEYPOINT
-from pzcap.types import SEGMENTS, Array, Camera, Pose, Subject
+from pzcap.types import DOF, SEGMENTS, Array, Camera, Pose, Subject
 from sim.people.anthropometry import draw_measurements
 from tests.scenes.body_scene import POSITIONS, aim, swing
 
@@ -103,7 +103,7 @@ def test_gradient_is_the_derivative_of_the_robust_cost(time_s: float, seed: int)
         squared = np.sum((pixels - seen[:, :2]) ** 2, axis=1) / sigma**2
         return float(np.sum(0.5 * squared / (1.0 + squared / scale**2)))
 
-    step = 1e-6 * np.eye(bodies.DOF)
+    step = 1e-6 * np.eye(DOF)
     numeric = np.array([(cost(each) - cost(-each)) / 2e-6 for each in step])
     _, gradient = linearised(pose, seen, scale)
     np.testing.assert_allclose(-gradient, numeric, rtol=1e-4, atol=1e-3 * np.abs(numeric).max())
@@ -112,16 +112,16 @@ def test_gradient_is_the_derivative_of_the_robust_cost(time_s: float, seed: int)
 def test_steps_bring_the_body_to_what_the_view_shows() -> None:
     pose = swing(0.4)
     rng = np.random.default_rng(0)
-    found = kinematics.retract(pose, 0.1 * rng.normal(size=bodies.DOF))
+    found = kinematics.retract(pose, 0.1 * rng.normal(size=DOF))
     for _ in range(10):
         hessian, gradient = linearised(found, detected(pose), 30.0)
-        found = kinematics.retract(found, np.linalg.solve(hessian + 1e-2 * np.eye(bodies.DOF), gradient))
+        found = kinematics.retract(found, np.linalg.solve(hessian + 1e-2 * np.eye(DOF), gradient))
     np.testing.assert_allclose(detected(found)[:, :2], detected(pose)[:, :2], atol=0.5)
 
 
 def test_what_the_detector_has_not_found_pulls_at_nothing() -> None:
     pose = swing(0.2)
-    seen = detected(kinematics.retract(pose, 0.05 * np.ones(bodies.DOF)))
+    seen = detected(kinematics.retract(pose, 0.05 * np.ones(DOF)))
     seen[:, 2] = 0.0
     seen[AT["left_wrist"], 2] = 0.8
     hessian, _ = linearised(pose, seen, 3.0)
@@ -138,7 +138,7 @@ def test_a_swapped_limb_hardly_pulls(swapped: str) -> None:
     pose = swing(0.3)
     seen = detected(pose)
     here, there = AT[swapped], AT[swapped.replace("left_", "right_")]
-    near = np.abs(linearised(kinematics.retract(pose, 0.02 * np.eye(bodies.DOF)[1]), seen, 3.0)[1]).max()
+    near = np.abs(linearised(kinematics.retract(pose, 0.02 * np.eye(DOF)[1]), seen, 3.0)[1]).max()
     seen[[here, there]] = seen[[there, here]]
     assert np.linalg.norm(seen[here, :2] - seen[there, :2]) > 30.0
     assert np.abs(linearised(pose, seen, 3.0)[1]).max() < 0.25 * near

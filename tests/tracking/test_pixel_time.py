@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.body.kinematics import forward, place, retract, screws, world_points
 from pzcap.body.segment_equations import SegmentSums, lift
-from pzcap.body.skeleton import DOF, MOVES
+from pzcap.body.skeleton import MOVES
 from pzcap.geometry.pinhole import projected
 from pzcap.tracking.camera_refinement import CAMERA_DOF, eliminate, segment_twists
 from pzcap.tracking.pixel_time import (
@@ -29,7 +29,7 @@ from pzcap.tracking.pixel_time import (
 from pzcap.tracking.tracker import Tracker, TrackInput
 from pzcap.tracking.tuning import CLOCK
 from pzcap.tracking.visibility import SkinPoints
-from pzcap.types import SEGMENTS, Array
+from pzcap.types import DOF, SEGMENTS, Array
 from tests.scenes.body_scene import Clip, shoot
 from tests.scenes.tracked import CONFIG, FRAMES, as_fields, by_hand, clip, inputs_of, taped, true_body
 

@@ -10,7 +10,7 @@ import pytest
 from pzcap.body.kinematics import difference, forward, joints, place, retract
 from pzcap.body.shape_basis import basis, corrected
 from pzcap.body.shape_estimation import Shape
-from pzcap.body.skeleton import DOF, Body
+from pzcap.body.skeleton import Body
 from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.frame_tracker import NO_CONTOUR, PoseEstimate
 from pzcap.tracking.settings import TrackingConfig
@@ -18,7 +18,7 @@ from pzcap.tracking.shape_refit import refit_pose, refit_shape
 from pzcap.tracking.tracked_body import tracked
 from pzcap.tracking.tracker import Tracker, TrackInput
 from pzcap.tracking.tuning import SHAPE
-from pzcap.types import SEGMENTS, Keyframe, Pose
+from pzcap.types import DOF, SEGMENTS, Keyframe, Pose
 from tests.scenes.bodies import BODY
 
 RNG = np.random.default_rng(5)

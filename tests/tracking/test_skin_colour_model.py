@@ -20,7 +20,7 @@ from pzcap.tracking.observation import ViewCrop, place_view, prepare, project
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import Terms
 from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
-from pzcap.types import SEGMENTS, Camera, Image, Mask, Pose, Subject
+from pzcap.types import DOF, SEGMENTS, Camera, Image, Mask, Pose, Subject
 from tests.scenes import tracked
 from tests.scenes.body_scene import HEIGHT, WIDTH, Clip
 
@@ -127,7 +127,7 @@ def views(pose: Pose, *, told: bool) -> list[ViewCrop | None]:
 
 @pytest.mark.parametrize("off_rad", [-0.06, 0.06])
 def test_an_arm_before_the_trunk_is_drawn_to_the_edge_of_its_colours(off_rad: float) -> None:
-    pose, turned = before_the_trunk(), np.zeros(bodies.DOF)
+    pose, turned = before_the_trunk(), np.zeros(DOF)
     turned[ELBOW] = off_rad
     moved = kinematics.retract(pose, turned)
     slopes, information = [], []
@@ -143,7 +143,7 @@ def test_an_arm_before_the_trunk_is_drawn_to_the_edge_of_its_colours(off_rad: fl
 
 @pytest.mark.parametrize("off_rad", [-0.9, 0.9])
 def test_an_arm_that_was_lost_before_the_trunk_is_worth_more_where_it_is(off_rad: float) -> None:
-    pose, turned = before_the_trunk(), np.zeros(bodies.DOF)
+    pose, turned = before_the_trunk(), np.zeros(DOF)
     turned[ELBOW] = off_rad
     wrong = kinematics.retract(pose, turned)
     gain_m2 = []

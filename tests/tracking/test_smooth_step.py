@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pzcap.body import kinematics
-from pzcap.body.skeleton import DOF
 from pzcap.tracking.temporal_constraints import Tie, smooth_step
-from pzcap.types import Array, Pose
+from pzcap.types import DOF, Array, Pose
 from tests.scenes.body_scene import swing
 
 SIGMA = np.full(DOF, 0.05)

@@ -9,9 +9,9 @@ import numpy as np
 
 from pzcap.body import skeleton as bodies
 from pzcap.body.kinematics import forward, retract, world_points
-from pzcap.body.skeleton import DOF, Body
+from pzcap.body.skeleton import Body
 from pzcap.tracking.temporal_constraints import contacts, smooth_step, soles
-from pzcap.types import SEGMENTS, Array, Pose, Subject
+from pzcap.types import DOF, SEGMENTS, Array, Pose, Subject
 from sim.people.anthropometry import draw_measurements
 from tests.scenes.body_scene import swing
 

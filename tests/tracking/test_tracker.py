@@ -30,7 +30,7 @@ from pzcap.tracking.skin_colour_model import UNKNOWN, SkinColourModel
 from pzcap.tracking.tracked_body import misplaced
 from pzcap.tracking.tracker import Tracker, TrackInput, collect
 from pzcap.tracking.tuning import VIEW
-from pzcap.types import SEGMENTS, Array, Image, Keyframe, PzcapError, Subject
+from pzcap.types import DOF, SEGMENTS, Array, Image, Keyframe, PzcapError, Subject
 from tests.scenes.body_scene import HEIGHT, WIDTH
 from tests.scenes.tracked import (
     CONFIG,
@@ -219,7 +219,7 @@ def test_joints_that_nothing_shows_come_to_rest_while_the_body_moves_on() -> Non
     grey, nobody = np.full((HEIGHT, WIDTH, 3), 128, np.uint8), np.zeros((HEIGHT, WIDTH), np.uint8)
     belief = np.zeros((HEIGHT // 4, WIDTH // 4), np.float32)
     blank = [prepare(grey, nobody, unknown(nobody), belief, shot.camera, (0, 0)) for shot in clip().shots[0]]
-    elbow, velocity = SEGMENTS.index("left_forearm"), np.zeros(bodies.DOF)
+    elbow, velocity = SEGMENTS.index("left_forearm"), np.zeros(DOF)
     velocity[[0, np.flatnonzero(elbow == bodies.DOF_SEGMENT)[0]]] = 0.02, 0.1
     unbelieved = replace(CONFIG, spine_sigma_rad=np.inf)  # a spine that is believed to be straight goes there unseen
     tracker = FrameTracker(body, unbelieved, pose, velocity, blank)
@@ -241,7 +241,7 @@ def test_edges_are_sought_far_away_only_where_predictions_were_off(monkeypatch: 
     monkeypatch.setattr(PoseObjective, "normal", watched)
     widest = {}
     for error_m in (0.005, 0.05):
-        tracker = FrameTracker(true_body(), CONFIG, clip().poses[4], np.zeros(bodies.DOF), crops(4))
+        tracker = FrameTracker(true_body(), CONFIG, clip().poses[4], np.zeros(DOF), crops(4))
         tracker.prediction_error_m = error_m
         reaches.clear()
         tracker.step(crops(5))
@@ -256,7 +256,7 @@ def test_a_schedule_that_may_leave_a_step_without_a_round_is_refused(schedule: t
 
 
 def test_while_nobody_sees_the_body_a_prediction_grows_unsure() -> None:
-    tracker = FrameTracker(true_body(), CONFIG, clip().poses[4], np.zeros(bodies.DOF), crops(4))
+    tracker = FrameTracker(true_body(), CONFIG, clip().poses[4], np.zeros(DOF), crops(4))
     sigmas = [tracker.prediction_error_m]
     for _ in range(3):
         assert not tracker.step([None] * len(crops(4))).seen
@@ -269,13 +269,13 @@ def test_contour_gradient_pulls_a_displaced_body_back() -> None:
     body, pose = true_body(), clip().poses[5]
     objective = observed(5, body)
     terms = Terms(0, 6.0, 1.0, 12.0, 1.0, 0.0, 0.15)
-    shift = np.zeros(bodies.DOF)
+    shift = np.zeros(DOF)
     shift[:3] = [0.012, -0.010, 0.008]
     moved = kinematics.retract(pose, shift)
     normal = objective.normal(*objective.place(moved), [None] * 4, terms)
-    step = np.linalg.solve(normal.hessian + 30.0 * np.eye(bodies.DOF), normal.gradient)
+    step = np.linalg.solve(normal.hessian + 30.0 * np.eye(DOF), normal.gradient)
     start = objective.normal(*objective.place(pose), [None] * 4, terms)
-    rest = np.linalg.solve(start.hessian + 30.0 * np.eye(bodies.DOF), start.gradient)
+    rest = np.linalg.solve(start.hessian + 30.0 * np.eye(DOF), start.gradient)
     np.testing.assert_allclose((step - rest)[:3], -shift[:3], atol=0.006)
 
 
@@ -288,13 +288,13 @@ def test_brightness_gradient_is_the_derivative_of_its_cost() -> None:
     # free shading would hide part of the cost in the nuisances: forbid it here
     terms = Terms(1, 5.0, 1.0, 1e4, 0.0, 1.0, 1e-9)
     placed = objective.place(pose)[1]
-    at = kinematics.retract(pose, 2e-3 * np.random.default_rng(0).normal(size=bodies.DOF))
+    at = kinematics.retract(pose, 2e-3 * np.random.default_rng(0).normal(size=DOF))
 
     def cost(dof: int, step: float) -> float:
         moved = lost(at, dof, step)
         return float(objective.normal(objective.posed(moved), placed, appearances, terms).brightness[:, 0].sum()) / 2
 
-    numeric = np.array([(cost(k, 5e-4) - cost(k, -5e-4)) / 1e-3 for k in range(bodies.DOF)])
+    numeric = np.array([(cost(k, 5e-4) - cost(k, -5e-4)) / 1e-3 for k in range(DOF)])
     analytic = -objective.normal(objective.posed(at), placed, appearances, terms).gradient
     similarity = numeric @ analytic / np.linalg.norm(numeric) / np.linalg.norm(analytic)
     assert similarity > 0.97
@@ -320,9 +320,9 @@ def test_brightness_pulls_back_from_as_far_however_large_the_body_is_seen(times:
     objective = PoseObjective(body, views)
     appearances: list[Appearance | None] = [Appearance.unseen(body) for _ in views]
     learn(objective.views, objective.place(pose)[1], appearances, 1.0)
-    shift = np.zeros(bodies.DOF)
+    shift = np.zeros(DOF)
     shift[:3] = 0.04, -0.03, 0.02
-    stiff = np.diag(np.r_[np.full(6, 1e-3), np.full(bodies.DOF - 6, 1e6)])
+    stiff = np.diag(np.r_[np.full(6, 1e-3), np.full(DOF - 6, 1e6)])
     schedule = [Round(replace(TERMS, level=level, contour_weight=0.0), 4) for level in (2, 1)]
     fit = fit_pose(objective, kinematics.retract(pose, shift), stiff, appearances, CONFIG, schedule)
     np.testing.assert_allclose(kinematics.joints(body, fit.posed.pose), kinematics.joints(body, pose), atol=0.005)
@@ -344,7 +344,7 @@ def test_shading_alone_moves_nothing() -> None:
     for sigma in (0.3, 1e-6):
         terms = Terms(0, 5.0, 1.0, 60.0, 0.0, 1.0, sigma)
         normal = objective.normal(objective.posed(pose), placed, appearances, terms)
-        steps.append(np.sqrt(normal.gradient @ np.linalg.solve(normal.hessian + np.eye(bodies.DOF), normal.gradient)))
+        steps.append(np.sqrt(normal.gradient @ np.linalg.solve(normal.hessian + np.eye(DOF), normal.gradient)))
     free, forbidden = steps  # in sigmas
     assert free < 0.35 * forbidden
     assert free < 0.5

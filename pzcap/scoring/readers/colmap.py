@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from pzcap.io.files import checked
+from pzcap.scoring.readers.conventions import SQUARE
 from pzcap.scoring.readers.instants import Instant, tracks, view_of
 from pzcap.scoring.records import CameraTrack
 from pzcap.types import Array, PzcapError
@@ -21,7 +22,6 @@ MODELS: Final[dict[str, tuple[str, ...]]] = {
     "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
 }
 HALF_PX: Final = 0.5  # COLMAP counts pixels from the corner of the first one
-SQUARE: Final = 0.01  # fx and fy may differ by this share
 
 
 def read_colmap(folder: Path, names: Sequence[str], frames: int) -> tuple[CameraTrack | None, ...]:

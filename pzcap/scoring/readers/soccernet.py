@@ -15,13 +15,13 @@ from typing import Any, Final
 import numpy as np
 
 from pzcap.io.files import checked
+from pzcap.scoring.readers.conventions import SQUARE
 from pzcap.scoring.readers.instants import Instant, tracks
 from pzcap.scoring.records import CameraTrack
 from pzcap.types import Array, PzcapError
 
 NAME: Final = re.compile(r"camera_(\d+)\.json")
 WORLD: Final = np.diag([1.0, -1.0, -1.0])
-SQUARE: Final = 0.01
 
 
 def is_soccernet(folder: Path) -> bool:
