@@ -172,36 +172,48 @@ def _path_of(scores: Array, offsets: Array) -> tuple[float, Array]:
 
 
 def slips(frames: Sequence[int], offsets: Array, tracks: Sequence[PanZoomTrack | None]) -> list[Slip]:
-    """Changes of the ``offsets`` (N, C) of a camera; the frame is that at which pan and zoom leap, where they do."""
+    """Changes of the ``offsets`` (N, C) of a camera; the frame is that at which pan and zoom leap, where they do. A
+    change that they contradict is none: loose clothes and lost limbs move the body, not the camera."""
     found = []
     for camera in range(offsets.shape[1]):
         for k in (np.flatnonzero(np.abs(np.diff(offsets[:, camera])) > 0.5) + 1).tolist():
             lost = round(offsets[k, camera] - offsets[k - 1, camera])
             track = tracks[camera]
             leap = None if track is None else leap_near(track, frames[k], lost)
-            found.append(Slip(camera, frames[k] if leap is None else leap, lost))
+            if leap is not None or track is None or not _would_leap(track, frames[k], lost):
+                found.append(Slip(camera, frames[k] if leap is None else leap, lost))
     return found
 
 
-def leap_near(track: PanZoomTrack, frame: int, lost: int) -> int | None:
-    """The frame about ``frame`` before which pan and zoom go ``1 + lost`` times as far as a frame before and after;
-    None where the camera hardly moved, or moved otherwise."""
-    best: tuple[float, int] | None = None
+def leap_near(track: PanZoomTrack, frame: int, lost: int, within: int = SLIPS.near) -> int | None:
+    """The frame ``within`` so many of ``frame`` before which pan and zoom go ``1 + lost`` times as far as a frame
+    before and after; None where the camera hardly moved, or moved otherwise."""
+    steps, sigmas = _steps_beyond(track)
+    strength = steps * sigmas * np.sign(lost)
+    leaps = (strength > SLIPS.leap_sigmas) & (np.abs(np.abs(steps / lost) - 1.0) < 0.5)
+    near = [k for k in range(max(2, frame - 1 - within), min(len(steps) - 2, frame + within)) if leaps[k]]
+    return 1 + max(near, key=lambda k: float(strength[k])) if near else None
+
+
+def _would_leap(track: PanZoomTrack, frame: int, lost: int) -> bool:
+    """True where pan and zoom would leap clearly, wherever about ``frame`` frames were ``lost``, and leap nowhere
+    there."""
+    _, sigmas = _steps_beyond(track)
+    around = sigmas[max(2, frame - 1 - SLIPS.near) : frame + SLIPS.near]
+    clear = bool(around.size) and bool(np.all(abs(lost) * around > 2.0 * SLIPS.leap_sigmas))
+    return clear and leap_near(track, frame, lost, SLIPS.far) is None
+
+
+def _steps_beyond(track: PanZoomTrack) -> tuple[Array, Array]:
+    """From each frame to the next, (F - 1,): how many steps further pan and zoom go than frames before and after let
+    one expect, and how many standard deviations one step is; NaN where that is not known."""
     series = [track.pan_rad, np.log(track.focal_px)]
     steps = [np.diff(np.where(track.valid, each, np.nan)) for each in series]
     around = [_between(each) for each in steps]
     usual = [1.4826 * np.nanmedian(np.abs(a - b)) + 1e-7 for a, b in zip(steps, around, strict=True)]
-    for k in range(max(2, frame - 1 - SLIPS.near), min(len(steps[0]) - 2, frame + SLIPS.near)):
-        normal = sum((b[k] / s) ** 2 for b, s in zip(around, usual, strict=True))
-        excess = sum(b[k] * (a[k] - b[k]) / s**2 for a, b, s in zip(steps, around, usual, strict=True))
-        sigmas = excess / np.sqrt(normal) * np.sign(lost)
-        if (
-            np.isfinite(sigmas)
-            and sigmas > SLIPS.leap_sigmas
-            and 0.5 * abs(lost) < abs(excess / normal) < 1.5 * abs(lost)
-        ):
-            best = max(best or (0.0, 0), (float(sigmas), k + 1))
-    return None if best is None else best[1]
+    normal = np.sum([(b / s) ** 2 for b, s in zip(around, usual, strict=True)], axis=0) + 1e-12
+    excess = np.sum([b * (a - b) / s**2 for a, b, s in zip(steps, around, usual, strict=True)], axis=0)
+    return excess / normal, np.sqrt(normal)
 
 
 def _between(steps: Array) -> Array:

@@ -64,6 +64,7 @@ class SlipTuning(NamedTuple):
     most_lost: float = 0.1  # probability that the body is lost: beyond, it tells nothing of the cameras
     most_hidden: float = 0.02  # share of the body's places that somebody hides: beyond, a view tells nothing
     near: int = 5  # frames before and after the body's best guess in which pan and zoom may tell the frame
+    far: int = 20  # and in which they leap nowhere if they are to contradict the body
     leap_sigmas: float = 6.0  # leap of pan and zoom, beside what is usual, from which on it tells the frame
     repeated: int = 2  # pictures shown twice, from which on a word is said
 

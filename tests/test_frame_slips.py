@@ -160,6 +160,21 @@ def test_what_the_pictures_hardly_tell_is_no_wrong_timecode() -> None:
     assert slip_notes(found, np.zeros(4), tracks, NAMES, TIMECODES) == []
 
 
+def test_a_lost_frame_that_pan_and_zoom_contradict_is_none() -> None:
+    """A body that is wrong shifts against the pictures; the camera would have leapt."""
+    offsets = still()
+    offsets[0][30:] = 1
+    found, leaping = seen(offsets)
+    _, tracks = seen(still())
+    assert len(slip_notes(found, np.zeros(4), leaping, NAMES, TIMECODES)) == 1
+    assert slip_notes(found, np.zeros(4), tracks, NAMES, TIMECODES) == []
+    tracks[0].pan_rad, tracks[0].focal_px = (
+        np.zeros(FRAMES),
+        np.full(FRAMES, 480.0),
+    )  # it stands still: it tells nothing
+    assert len(slip_notes(found, np.zeros(4), tracks, NAMES, TIMECODES)) == 1
+
+
 def test_pictures_do_not_pile_up() -> None:
     found, _ = seen(still())
     assert len(found._views) <= 8
