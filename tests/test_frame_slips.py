@@ -168,10 +168,7 @@ def test_a_lost_frame_that_pan_and_zoom_contradict_is_none() -> None:
     _, tracks = seen(still())
     assert len(slip_notes(found, np.zeros(4), leaping, NAMES, TIMECODES)) == 1
     assert slip_notes(found, np.zeros(4), tracks, NAMES, TIMECODES) == []
-    tracks[0].pan_rad, tracks[0].focal_px = (
-        np.zeros(FRAMES),
-        np.full(FRAMES, 480.0),
-    )  # it stands still: it tells nothing
+    tracks[0].pan_rad, tracks[0].focal_px = np.zeros(FRAMES), np.full(FRAMES, 480.0)  # at rest, it tells nothing
     assert len(slip_notes(found, np.zeros(4), tracks, NAMES, TIMECODES)) == 1
 
 
