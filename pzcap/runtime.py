@@ -12,6 +12,7 @@ import os
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -128,6 +129,8 @@ def free_cores() -> int:
 
 
 def _executor():  # type: ignore[no-untyped-def]  # loky has no types
+    # a job that comes just as the process ends for idleness gets another; one that was killed is told by `taken`
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning, "loky")
     executor = get_reusable_executor(
         max_workers=1, timeout=_IDLE_S, initializer=_alone, initargs=(os.getpid(),), env=_ONE_THREAD
     )
