@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pzcap
 from experiments import settings_reference
 from experiments.config import AppConfig, default_tree, keys, leaves
 from sim.motion import MotionClip
@@ -27,6 +28,24 @@ def anchors(page: Path) -> set[str]:
     """Of its headings, as GitHub makes them."""
     titles = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.M)
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def spine() -> list[str]:
+    """Modules that the library lists as such."""
+    assert pzcap.__doc__ is not None
+    listed = pzcap.__doc__.split("skip:\n", 1)[1].split("Beside", 1)[0]
+    names: list[str] = []
+    for line in re.findall(r"^    (\S.*?)(?:  .*)?$", listed, re.M):
+        for name in re.split(r", *", line):
+            names.append(names[-1].rpartition(".")[0] + name if name.startswith(".") else name)
+    return names
+
+
+def test_the_spine_is_as_long_as_it_says() -> None:
+    modules = [ROOT / "pzcap" / f"{name.replace('.', '/')}.py" for name in spine()]
+    lines = sum(len(module.read_text(encoding="utf-8").splitlines()) for module in modules)
+    assert 3800 < lines <= 3900
+    assert f"{len(modules)} modules of 3,900" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}/{page.name}")
