@@ -93,7 +93,7 @@ class FrameOffsets:
     def offsets(self) -> tuple[list[int], Array]:
         """The frames (N,) that were told, and each camera's offset there, (N, C): how many frames late its pictures
         are, in parts of a frame that stay the same; NaN of one that tells nothing."""
-        frames = sorted(frame for frame, scores in self.scores.items() if np.isfinite(scores).any())
+        frames = self._told()
         scores = np.array([self.scores[frame] for frame in frames]).reshape(-1, self._cameras, len(_OFFSETS))
         found = np.full((len(frames), self._cameras), np.nan)
         for camera in range(self._cameras):
@@ -105,11 +105,14 @@ class FrameOffsets:
                 found[:, camera] = (between - part).round() + part
         return frames, found
 
+    def _told(self) -> list[int]:
+        """Frames in which any camera tells an offset."""
+        return sorted(frame for frame, scores in self.scores.items() if np.isfinite(scores).any())
+
     def worth(self, camera: int, found: Array, instead: float) -> float:
         """Log-odds, a point, summed over the frames, by which a camera's offsets as ``found`` (N,), those of `offsets`,
         explain its pictures better than one offset ``instead`` of them does."""
-        frames = sorted(frame for frame, scores in self.scores.items() if np.isfinite(scores).any())
-        scores = [self.scores[frame][camera] for frame in frames]
+        scores = [self.scores[frame][camera] for frame in self._told()]
         pairs = [(each, offset) for each, offset in zip(scores, found, strict=True) if np.isfinite(each).all()]
         return sum(
             float(np.interp(offset, _OFFSETS, each) - np.interp(instead, _OFFSETS, each)) for each, offset in pairs

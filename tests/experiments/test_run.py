@@ -148,6 +148,6 @@ def test_without_truth_subject_and_a_sweep_it_runs_and_says_what_it_left_out(
     assert {metric.key.partition(".")[0] for metric in found} == {"speed", "memory"}
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "Not scored" in page
-    assert "What was left out" in page
+    assert "What was found or left out" in page
     assert "camera new" in page
     assert not (tmp_path / "run" / "recording.rrd").exists()
