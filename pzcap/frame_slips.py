@@ -183,7 +183,7 @@ def slips(frames: Sequence[int], offsets: Array, tracks: Sequence[PanZoomTrack |
             lost = round(offsets[k, camera] - offsets[k - 1, camera])
             track = tracks[camera]
             leap = None if track is None else leap_near(track, frames[k], lost)
-            if leap is not None or track is None or not _would_leap(track, frames[k], lost):
+            if leap is not None or track is None or not _contradicted(track, frames[k], lost):
                 found.append(Slip(camera, frames[k] if leap is None else leap, lost))
     return found
 
@@ -198,9 +198,9 @@ def leap_near(track: PanZoomTrack, frame: int, lost: int, within: int = SLIPS.ne
     return 1 + max(near, key=lambda k: float(strength[k])) if near else None
 
 
-def _would_leap(track: PanZoomTrack, frame: int, lost: int) -> bool:
-    """True where pan and zoom would leap clearly, wherever about ``frame`` frames were ``lost``, and leap nowhere
-    there."""
+def _contradicted(track: PanZoomTrack, frame: int, lost: int) -> bool:
+    """True if pan and zoom contradict that frames were ``lost`` about ``frame``: they would leap clearly wherever it was,
+    and leap nowhere there."""
     _, sigmas = _steps_beyond(track)
     around = sigmas[max(2, frame - 1 - SLIPS.near) : frame + SLIPS.near]
     clear = bool(around.size) and bool(np.all(abs(lost) * around > 2.0 * SLIPS.leap_sigmas))

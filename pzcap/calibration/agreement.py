@@ -1,4 +1,4 @@
-"""How far the matches of a sweep agree with what was adjusted to them, frame by frame."""
+"""Agreement of a sweep's matches with what was adjusted to them, frame by frame."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What is believed of a camera's parameters before its footage is seen: standard deviations, and the information that
-they make."""
+"""Prior of a camera's parameters, before its footage is seen: standard deviations, and the information matrix that they
+make."""
 
 from __future__ import annotations
 

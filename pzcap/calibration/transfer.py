@@ -1,5 +1,5 @@
-"""Where the second frame of a match sees what the first one shows at a pixel, with derivatives: a kernel for features
-(`bundle_adjustment`) and grey values (`grey_value_equations`) alike."""
+"""Transfer of a pixel from the first frame of a match to the second, which sees there what the first shows, with
+derivatives: a kernel for features (`bundle_adjustment`) and grey values (`grey_value_equations`) alike."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What the worker process gets of the frames between two keyframes, and what it gives back."""
+"""Records of the frames between two keyframes: the problem that the worker process gets, the result that it gives
+back."""
 
 from __future__ import annotations
 
