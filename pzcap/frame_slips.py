@@ -199,8 +199,8 @@ def leap_near(track: PanZoomTrack, frame: int, lost: int, within: int = SLIPS.ne
 
 
 def _contradicted(track: PanZoomTrack, frame: int, lost: int) -> bool:
-    """True if pan and zoom contradict that frames were ``lost`` about ``frame``: they would leap clearly wherever it was,
-    and leap nowhere there."""
+    """True if pan and zoom contradict that frames were ``lost`` about ``frame``: they would clearly leap, and leap
+    nowhere there."""
     _, sigmas = _steps_beyond(track)
     around = sigmas[max(2, frame - 1 - SLIPS.near) : frame + SLIPS.near]
     clear = bool(around.size) and bool(np.all(abs(lost) * around > 2.0 * SLIPS.leap_sigmas))
