@@ -26,7 +26,7 @@ from pzcap.tracking.pixel_time import rates_between
 from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, misfit_px2
 from pzcap.tracking.settings import Round, TrackingConfig
 from pzcap.tracking.skin_appearance import SomeAppearances, learn, mean_appearances
-from pzcap.tracking.tuning import FRAME
+from pzcap.tracking.tuning import BRIGHTNESS, FRAME
 from pzcap.types import DOF, SEGMENTS, Array, Pose
 
 
@@ -119,7 +119,7 @@ class FrameTracker:
         )  # fmt: skip
         pose, placed = fit.posed.pose, fit.objective.visibility(fit.posed)
         self.lost = probably_lost(mismatch(views, placed))
-        learn(views, placed, self.appearances, config.appearance_rate)
+        learn(views, placed, self.appearances, config.appearance_rate, BRIGHTNESS.kept)
         if self.age <= FRAME.beside_keyframe:
             learn(views, placed, self.reference, 1.0 / (self.age + 1))
         gain = np.where(self._velocity_known, config.velocity_gain, 1.0)

@@ -44,20 +44,22 @@ SomeAppearances = Sequence[Appearance | None]
 """One a view; None: the brightness of the view does not count."""
 
 
-def learn(views: Views, placed: Placed, appearances: Appearances, rate: float) -> None:
+def learn(views: Views, placed: Placed, appearances: Appearances, rate: float, kept: float = 1.0) -> None:
     """Let the ``appearances`` of what is visible, a view each, adapt by ``rate`` to a frame in which the body is where
-    it was ``placed``; new points are taken as they are."""
+    it was ``placed``; new points are taken as they are. Of the trust in what is not visible the share ``kept`` stays.
+    """
     for view, where, appearance in zip(views, placed, appearances, strict=True):
         if view is not None and where is not None:
             corner = float(view.left), float(view.top)
-            _adapt(view.pyramid, corner, where.skin.pixels, where.facing, rate, appearance.value, appearance.trust)
+            looks = appearance.value, appearance.trust
+            _adapt(view.pyramid, corner, where.skin.pixels, where.facing, (rate, kept), *looks)
 
 
 def mean_appearances(body: Body, views: Sequence[Views], placed: Sequence[Placed]) -> list[Appearance]:
     """Mean appearance of each point of the skin over some frames, a view each."""
     means = [Appearance.unseen(body) for _ in placed[0]]
     for count, (here, where) in enumerate(zip(views, placed, strict=True), start=1):
-        learn(here, where, means, 1.0 / count)
+        learn(here, where, means, 1.0 / count, 0.98)
     return means
 
 
@@ -75,17 +77,19 @@ def shared(appearances: Appearances) -> list[Appearance]:
 
 @njit(cache=True, nogil=True)
 def _adapt(
-    pyramid: tuple[Image, ...], corner: tuple[float, float], pixels: Array, facing: Float32, rate: float,
+    pyramid: tuple[Image, ...], corner: tuple[float, float], pixels: Array, facing: Float32, rates: tuple[float, float],
     value: Float32, trust: Float32,
 ) -> None:  # fmt: skip
-    """Move the appearance of all points that face the camera by ``rate`` to what the pyramid has there."""
+    """Move the appearance of all points that face the camera by ``rate`` to what the pyramid has there; of the trust in
+    others the share ``kept`` stays."""
+    rate, kept = rates
     height, width = pyramid[-1].shape
     coarsest = 2.0 ** (len(pyramid) - 1)
     for n in range(len(pixels)):
         x, y = pixels[n, 0] - corner[0], pixels[n, 1] - corner[1]
         within = 1.0 <= x / coarsest < width - 2.0 and 1.0 <= y / coarsest < height - 2.0
         if facing[n] <= BRIGHTNESS.learned_facing or not within:
-            trust[n] *= np.float32(0.98)
+            trust[n] *= np.float32(kept)
             continue
         fresh = trust[n] <= 0.0
         scale = 1.0

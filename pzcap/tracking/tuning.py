@@ -37,6 +37,7 @@ class BrightnessTuning(NamedTuple):
 
     least_facing: float = 0.15  # cosine: skin seen more obliquely has no residual
     learned_facing: float = 0.25  # cosine: nothing is learned of skin seen more obliquely
+    kept: float = 0.98  # share of the trust in skin that is not seen that is left a frame later
     thinnest_px: float = 3.0  # a segment less wide than this at a pyramid level is not seen there
 
 
