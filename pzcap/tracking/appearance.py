@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,14 +21,17 @@ from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.imaging.interpolation import bilinear
 from pzcap.tracking import limbs
 from pzcap.tracking.keypoint_residuals import agreement
-from pzcap.tracking.limbs import Patch, grounds, support
+from pzcap.tracking.limbs import POSTURES, Patch, grounds, support
 from pzcap.tracking.observation import Placed, PlacedView
 from pzcap.tracking.pose_objective import PoseObjective, px_per_m, view_level
 from pzcap.tracking.residuals import CropImage, Template
 from pzcap.tracking.skin_appearance import Appearances
 from pzcap.tracking.tuning import APPEARANCE, BRIGHTNESS, KEYPOINT, VIEW
 from pzcap.tracking.visibility import GROUP, ZBuffer, rasterise
-from pzcap.types import PARENTS, Array, Float32, Indices, Pose
+from pzcap.types import PARENTS, Array, Float32, Indices, Mask, Pose
+
+_ELSEWHERE: Final[Array] = POSTURES[::7]
+"""(K, 4) Turns of a limb, few but all over its reach."""
 
 
 class _LimbSkin(NamedTuple):
@@ -75,9 +78,11 @@ class Postures:
 class LimbAppearance:
     """Scores the limbs of one body; without ``similarity`` by silhouettes and keypoints alone."""
 
-    def __init__(self, body: Body, similarity: bool = True) -> None:
+    def __init__(self, body: Body, similarity: bool = True, neutral: Array | None = None) -> None:
         self.body = body
         self.weight = APPEARANCE.weight if similarity else 0.0
+        # (4,) likeness of each limb (1: as it should be) that is neither like nor unlike
+        self.neutral = np.full(len(LIMBS), APPEARANCE.neutral) if neutral is None else neutral
         surface = body.surface
 
         def skins(stride: int) -> tuple[list[Indices], list[_LimbSkin]]:
@@ -95,6 +100,29 @@ class LimbAppearance:
         face_segment = surface.segment[surface.faces[:, 0]]
         self._other_faces = [surface.faces[~np.isin(face_segment, limb)] for limb in LIMBS]
 
+    def calibrated(
+        self, poses: Sequence[Pose], objectives: Sequence[PoseObjective], reference: Appearances, sure: Mask
+    ) -> LimbAppearance:
+        """The scores of the same limbs as these images show them, which blur, clothes and codecs make less like
+        themselves: neither like nor unlike is halfway between their likeness all over their reach and that where they
+        are ``sure`` (T, 4), in the first frames, to be found."""
+        if not self.weight:
+            return self
+        areas, stride = np.zeros((2, len(LIMBS), 2)), APPEARANCE.calibration_stride
+        for t in range(0, len(sure), stride):
+            for limb in range(len(LIMBS)):
+                context = self.context(limb, poses[t], objectives[t], reference)
+                turns = limbs.bounded(limb, context.pose, np.vstack([np.zeros(4), _ELSEWHERE]))
+                exposed = limbs.in_views(objectives[t], limb, limbs.posed(self.body, limb, context.pose, turns))
+                found, *elsewhere = _compared(self._skins[limb], exposed, context.fine)
+                areas[0, limb] += sure[t, limb] * found
+                areas[1, limb] += np.sum(elsewhere, axis=0)
+        alike, seen = np.moveaxis(areas, 2, 0)
+        elsewhere = alike[1] / np.maximum(seen[1], 1e-9)
+        known = seen[0] > APPEARANCE.least_seen_m2
+        more = np.where(known, alike[0] / np.maximum(seen[0], 1e-9) - elsewhere, APPEARANCE.usual_more)
+        return LimbAppearance(self.body, True, elsewhere + 0.5 * more)
+
     def similarity(
         self, pose: Pose, objective: PoseObjective, placed: Placed, reference: Appearances, alone: bool = False
     ) -> Array:
@@ -105,7 +133,7 @@ class LimbAppearance:
             where = self._behind(limb, placed) if alone else placed
             views = self._views(self._rows[limb], pose, objective, where, reference, APPEARANCE.fine_level)
             exposed = limbs.in_views(objective, limb, frames[None, list(segments)])
-            similarity[limb] = _compared(self._skins[limb], exposed, views)[0]
+            similarity[limb] = self._likeness(limb, self._skins[limb], exposed, views)[0]
         return similarity
 
     def score(self, pose: Pose, objective: PoseObjective, reference: Appearances) -> Array:
@@ -147,13 +175,19 @@ class LimbAppearance:
         exposed = limbs.in_views(context.objective, limb, posed)
         body, hall = limbs.judged(self.body, limb, exposed, context.patches).T
         skins, views = (self._coarse_skins, context.coarse) if coarse else (self._skins, context.fine)
-        similarity = _compared(skins[limb], exposed, views)
+        similarity = self._likeness(limb, skins[limb], exposed, views)
         score = body - hall + self.weight * similarity - APPEARANCE.reluctance_m2 * np.sum(turns**2, axis=1)
         score += KEYPOINT.limb_m2 * self._agreement(limb, context.objective, exposed)
         score -= APPEARANCE.limit_m2 * limbs.beyond_limits(limb, context.pose, turns)
         first, *others = LIMBS[limb]
         moved = posed[:, 1:, :3, 3] - context.frames[others, :3, 3]
         return Postures(turns, score, moved @ context.frames[PARENTS[first], :3, :3])
+
+    def _likeness(self, limb: int, skin: _LimbSkin, exposed: Sequence[Array], views: Sequence[_LimbView]) -> Array:
+        """(K,) square metres of a limb that look alike, less those that do not, in its postures, ``exposed`` as
+        `limbs.in_views` has them."""
+        alike, seen = _compared(skin, exposed, views).T
+        return np.asarray(alike - self.neutral[limb] * seen)
 
     def _views(
         self, rows: Indices, pose: Pose, objective: PoseObjective, placed: Placed, reference: Appearances,
@@ -182,18 +216,18 @@ class LimbAppearance:
 
 
 def _compared(skin: _LimbSkin, exposed: Sequence[Array], views: Sequence[_LimbView]) -> Array:
-    """(K,) square metres that look alike, less those that do not, of a limb in its postures, ``exposed`` as
-    `limbs.in_views` has them."""
-    similarity = np.zeros(len(exposed[0]))
+    """(K, 2) square metres of a limb that are seen in its postures, ``exposed`` as `limbs.in_views` has them, all views
+    together: first as far as they look alike."""
+    areas = np.zeros((len(exposed[0]), 2))
     for view in views:
-        _compare(np.ascontiguousarray(exposed[view.number]), skin, view, similarity)
-    return similarity
+        _compare(np.ascontiguousarray(exposed[view.number]), skin, view, areas)
+    return areas
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _compare(posed: Array, skin: _LimbSkin, view: _LimbView, similarity: Array) -> None:
-    """Add to ``similarity`` (K,) the area that looks like the template times a gain, its own for each segment, in one
-    view, less the area that does not, or is surely hall. Hidden points, and such as are seen too obliquely, do not
+def _compare(posed: Array, skin: _LimbSkin, view: _LimbView, areas: Array) -> None:
+    """Add to ``areas`` (K, 2) the area that is seen in one view, first as far as it looks like the template times a
+    gain, its own for each segment, and is not surely hall. Hidden points, and such as are seen too obliquely, do not
     count."""
     points, normals, link = skin.points, skin.normals, skin.link
     image, left, top, scale = view.crop
@@ -248,5 +282,6 @@ def _compare(posed: Array, skin: _LimbSkin, view: _LimbView, similarity: Array) 
                 for n in range(first, last):
                     if weight[n] > 0.0:
                         off = (value[n] - gain * template.value[n]) / APPEARANCE.half_alike
-                        similarity[k] += weight[n] * ((1.0 - doubt[n]) / (1.0 + off * off) - APPEARANCE.neutral)
+                        areas[k, 0] += weight[n] * (1.0 - doubt[n]) / (1.0 + off * off)
+                        areas[k, 1] += weight[n]
             first = last

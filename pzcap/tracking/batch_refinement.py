@@ -68,7 +68,9 @@ def refine_batch(
             break
     if passes is None or not config.reacquisition:
         return found
-    limbs = LimbAppearance(body, config.appearance_score)
+    limbs = LimbAppearance(body, config.appearance_score).calibrated(
+        [each.pose for each in found.frames], found.objectives, passes.reference, passes.sure
+    )
     sought, reference = np.zeros(found.spread_m.shape, bool), passes.reference
     for _ in range(REACQUISITION.rounds):
         found, again, taken = _reacquired(batch, limbs, found, sequence, passes)

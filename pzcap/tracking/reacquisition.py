@@ -49,6 +49,11 @@ class PassResults:
     doubtful: Mask  # (T, 16) those of them at or beside a leap
     reference: Appearances  # of the skin in each view, beside the keyframes
 
+    @property
+    def sure(self) -> Mask:
+        """(T, 4) limbs that the passes agree about, and that leap nowhere."""
+        return np.array([(self.agreed & ~self.doubtful)[:, list(limb)].all(axis=1) for limb in LIMBS]).T
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reacquired:

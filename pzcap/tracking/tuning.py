@@ -162,7 +162,10 @@ class AppearanceTuning(NamedTuple):
     limit_m2: float = 0.2  # that one radian beyond the joint's limits must bring
     weight: float = 6.0  # square metres of silhouette that one of similarity is worth
     half_alike: float = 15.0  # grey levels by which a point half looks otherwise
-    neutral: float = 0.58  # likeness (1: as it should be) that is neither like nor unlike
+    neutral: float = 0.46  # likeness (1: as it should be) that is neither like nor unlike, as long as nothing tells
+    calibration_stride: int = 5  # one of so many frames tells how like themselves limbs are
+    least_seen_m2: float = 0.2  # of a limb, in these frames together, to tell that by
+    usual_more: float = 0.2  # likeness where it is, more than elsewhere, of a limb that is never sure to be found
     least_gain: float = 0.8  # factor by which a limb that turns may darken
     largest_gain: float = 1.25  # factor by which it may brighten
     trust_elsewhere: float = 0.5  # trust in what another view has seen

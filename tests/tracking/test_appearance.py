@@ -157,6 +157,40 @@ def test_skin_that_is_not_known_says_nothing() -> None:
     assert not alike(pose, objective, known(range(0))).any()
 
 
+def test_a_limb_that_looks_little_like_itself_is_still_worth_more_where_it_is_than_hidden() -> None:
+    """Cloth, blur and codecs make a limb less like itself everywhere: hidden, which is worth nothing, it must not
+    gain."""
+    body, rng = true_body(), np.random.default_rng(5)
+    odd = [replace(look, value=look.value + rng.normal(0.0, 22.0, look.value.shape)) for look in shared(known())]
+    poses, objectives = [clip().poses[frame] for frame in FRAMES], [observed(frame, body) for frame in FRAMES]
+    strict = LimbAppearance(body, neutral=np.full(len(LIMBS), 0.58))
+    limbs = strict.calibrated(poses, objectives, odd, np.ones((len(FRAMES), len(LIMBS)), bool))
+
+    def worth(scores: LimbAppearance, off_rad: float) -> Array:
+        worths = []
+        for true, objective in zip(poses, objectives, strict=True):
+            pose = true
+            for limb in range(len(LIMBS)):
+                pose = swung(pose, limb, off_rad)
+            worths.append(scores.similarity(pose, objective, objective.place(pose)[1], odd))
+        return np.mean(worths, axis=0)
+
+    assert (worth(strict, 0.0) < 0.0).all()
+    assert (worth(limbs, 0.0) > 0.0).all()
+    assert (worth(limbs, 0.0) > worth(limbs, 0.9)).all()
+
+
+def test_a_limb_that_is_nowhere_sure_is_told_from_what_is_elsewhere() -> None:
+    body, pose = true_body(), clip().poses[5]
+    objective, looks = observed(5, body), shared(known())
+    unsure, sure = (
+        LimbAppearance(body).calibrated([pose] * 16, [objective] * 16, looks, np.full((16, len(LIMBS)), known)).neutral
+        for known in (False, True)
+    )
+    assert (unsure < sure).all()
+    assert (unsure > 0.2).all()
+
+
 def test_what_a_view_has_not_seen_it_has_from_the_others() -> None:
     def look(value: float, trust: list[float]) -> Appearance:
         return Appearance(np.full((PYRAMID_LEVELS, 3), value, np.float32), np.array(trust, np.float32))
@@ -292,6 +326,22 @@ def test_what_the_passes_dispute_is_not_learned_from() -> None:
         learned.append(max(float(look.trust[own].max()) for look in again.reference))
     assert learned[0] > 0.0
     assert learned[1] == 0.0
+
+
+def test_a_limb_that_is_lost_for_long_is_not_forgotten() -> None:
+    """What hides it, or is taken for it, says nothing of its looks."""
+    body, limb = true_body(), 0
+    frames = [frame for frame in FRAMES for _ in range(20)]
+    observations = {frame: observed(frame, body) for frame in FRAMES}
+    objectives, poses = [observations[frame] for frame in frames], [swung(clip().poses[f], limb, 0.9) for f in frames]
+    placed = [each.place(pose)[1] for each, pose in zip(objectives, poses, strict=True)]
+    leaping = np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), (len(frames), 16))
+    looks, own = shared(known()), np.isin(body.surface.segment, LIMBS[limb])
+    passes = PassResults([poses, poses], leaping, ~leaping, leaping, looks)
+    again = reacquire(LimbAppearance(body), poses, objectives, placed, passes, (None, None), 1.0)
+    assert again is not None
+    for look, before in zip(again.reference, looks, strict=True):
+        np.testing.assert_array_equal(look.trust[own], before.trust[own])
 
 
 def test_a_limb_that_lies_on_the_hall_is_looked_for_though_nothing_is_known_of_its_looks() -> None:
