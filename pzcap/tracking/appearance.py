@@ -114,9 +114,9 @@ class LimbAppearance:
                 context = self.context(limb, poses[t], objectives[t], reference)
                 turns = limbs.bounded(limb, context.pose, np.vstack([np.zeros(4), _ELSEWHERE]))
                 exposed = limbs.in_views(objectives[t], limb, limbs.posed(self.body, limb, context.pose, turns))
-                found, *elsewhere = _compared(self._skins[limb], exposed, context.fine)
+                found, *others = _compared(self._skins[limb], exposed, context.fine)
                 areas[0, limb] += sure[t, limb] * found
-                areas[1, limb] += np.sum(elsewhere, axis=0)
+                areas[1, limb] += np.sum(others, axis=0)
         alike, seen = np.moveaxis(areas, 2, 0)
         elsewhere = alike[1] / np.maximum(seen[1], 1e-9)
         known = seen[0] > APPEARANCE.least_seen_m2

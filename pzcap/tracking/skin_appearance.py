@@ -59,7 +59,7 @@ def mean_appearances(body: Body, views: Sequence[Views], placed: Sequence[Placed
     """Mean appearance of each point of the skin over some frames, a view each."""
     means = [Appearance.unseen(body) for _ in placed[0]]
     for count, (here, where) in enumerate(zip(views, placed, strict=True), start=1):
-        learn(here, where, means, 1.0 / count, 0.98)
+        learn(here, where, means, 1.0 / count, BRIGHTNESS.kept)
     return means
 
 
