@@ -329,7 +329,7 @@ def test_what_the_passes_dispute_is_not_learned_from() -> None:
 
 
 def test_a_limb_that_is_lost_for_long_is_not_forgotten() -> None:
-    """What hides it, or is taken for it, says nothing of its looks."""
+    """Frames that hide it, or take something else for it, say nothing of its looks."""
     body, limb = true_body(), 0
     frames = [frame for frame in FRAMES for _ in range(20)]
     observations = {frame: observed(frame, body) for frame in FRAMES}
