@@ -103,9 +103,9 @@ class LimbAppearance:
     def calibrated(
         self, poses: Sequence[Pose], objectives: Sequence[PoseObjective], reference: Appearances, sure: Mask
     ) -> LimbAppearance:
-        """The scores of the same limbs as these images show them, which blur, clothes and codecs make less like
-        themselves: neither like nor unlike is halfway between their likeness all over their reach and that where they
-        are ``sure`` (T, 4), in the first frames, to be found."""
+        """The same scores with ``neutral`` measured in some frames, whose blur, clothes and codecs make limbs less like
+        themselves: halfway between their likeness all over their reach and that where they are ``sure`` to be found,
+        (T, 4) of the first T frames."""
         if not self.weight:
             return self
         areas, stride = np.zeros((2, len(LIMBS), 2)), APPEARANCE.calibration_stride
@@ -133,7 +133,7 @@ class LimbAppearance:
             where = self._behind(limb, placed) if alone else placed
             views = self._views(self._rows[limb], pose, objective, where, reference, APPEARANCE.fine_level)
             exposed = limbs.in_views(objective, limb, frames[None, list(segments)])
-            similarity[limb] = self._likeness(limb, self._skins[limb], exposed, views)[0]
+            similarity[limb] = self._similarity(limb, self._skins[limb], exposed, views)[0]
         return similarity
 
     def score(self, pose: Pose, objective: PoseObjective, reference: Appearances) -> Array:
@@ -175,7 +175,7 @@ class LimbAppearance:
         exposed = limbs.in_views(context.objective, limb, posed)
         body, hall = limbs.judged(self.body, limb, exposed, context.patches).T
         skins, views = (self._coarse_skins, context.coarse) if coarse else (self._skins, context.fine)
-        similarity = self._likeness(limb, skins[limb], exposed, views)
+        similarity = self._similarity(limb, skins[limb], exposed, views)
         score = body - hall + self.weight * similarity - APPEARANCE.reluctance_m2 * np.sum(turns**2, axis=1)
         score += KEYPOINT.limb_m2 * self._agreement(limb, context.objective, exposed)
         score -= APPEARANCE.limit_m2 * limbs.beyond_limits(limb, context.pose, turns)
@@ -183,7 +183,7 @@ class LimbAppearance:
         moved = posed[:, 1:, :3, 3] - context.frames[others, :3, 3]
         return Postures(turns, score, moved @ context.frames[PARENTS[first], :3, :3])
 
-    def _likeness(self, limb: int, skin: _LimbSkin, exposed: Sequence[Array], views: Sequence[_LimbView]) -> Array:
+    def _similarity(self, limb: int, skin: _LimbSkin, exposed: Sequence[Array], views: Sequence[_LimbView]) -> Array:
         """(K,) square metres of a limb that look alike, less those that do not, in its postures, ``exposed`` as
         `limbs.in_views` has them."""
         alike, seen = _compared(skin, exposed, views).T

@@ -46,8 +46,7 @@ SomeAppearances = Sequence[Appearance | None]
 
 def learn(views: Views, placed: Placed, appearances: Appearances, rate: float, kept: float = 1.0) -> None:
     """Let the ``appearances`` of what is visible, a view each, adapt by ``rate`` to a frame in which the body is where
-    it was ``placed``; new points are taken as they are. Of the trust in what is not visible the share ``kept`` stays.
-    """
+    it was ``placed``; new points are taken as they are. Trust in what is not visible falls to the share ``kept``."""
     for view, where, appearance in zip(views, placed, appearances, strict=True):
         if view is not None and where is not None:
             corner = float(view.left), float(view.top)
@@ -80,8 +79,8 @@ def _adapt(
     pyramid: tuple[Image, ...], corner: tuple[float, float], pixels: Array, facing: Float32, rates: tuple[float, float],
     value: Float32, trust: Float32,
 ) -> None:  # fmt: skip
-    """Move the appearance of all points that face the camera by ``rate`` to what the pyramid has there; of the trust in
-    others the share ``kept`` stays."""
+    """Move the appearance of all points that face the camera to what the pyramid has there by the first of the
+    ``rates``; trust in others falls to the second, a share of itself."""
     rate, kept = rates
     height, width = pyramid[-1].shape
     coarsest = 2.0 ** (len(pyramid) - 1)
