@@ -54,6 +54,25 @@ def ray(x: float, y: float, z: float, camera: Pinhole) -> Vector:
     return (r[0] * dx + r[1] * dy + r[2] * dz) * per_depth, (r[3] * dx + r[4] * dy + r[5] * dz) * per_depth, depth
 
 
+@njit(cache=True, nogil=True)
+def relative_to(frame: Array, camera: Pinhole) -> Pinhole:
+    """The ``camera`` in the axes of a ``frame`` (4, 4), a rotation and a translation: it takes that one's points."""
+    r, c = camera.rotation, camera.centre
+    x, y, z = c[0] - frame[0, 3], c[1] - frame[1, 3], c[2] - frame[2, 3]
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (
+        (frame[0, 0], frame[1, 0], frame[2, 0]),
+        (frame[0, 1], frame[1, 1], frame[2, 1]),
+        (frame[0, 2], frame[1, 2], frame[2, 2]),
+    )
+    rotation = (
+        r[0] * ax + r[1] * ay + r[2] * az, r[0] * bx + r[1] * by + r[2] * bz, r[0] * cx + r[1] * cy + r[2] * cz,
+        r[3] * ax + r[4] * ay + r[5] * az, r[3] * bx + r[4] * by + r[5] * bz, r[3] * cx + r[4] * cy + r[5] * cz,
+        r[6] * ax + r[7] * ay + r[8] * az, r[6] * bx + r[7] * by + r[8] * bz, r[6] * cx + r[7] * cy + r[8] * cz,
+    )  # fmt: skip
+    centre = x * ax + y * ay + z * az, x * bx + y * by + z * bz, x * cx + y * cy + z * cz
+    return Pinhole(rotation, centre, camera.focal, camera.principal, camera.distortion)
+
+
 @njit(cache=True, nogil=True, inline="always")
 def to_pixel(across: float, down: float, camera: Pinhole) -> tuple[float, float]:
     """Pixel of normalised coordinates."""

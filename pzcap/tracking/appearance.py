@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-from pzcap.body.kinematics import forward
+from pzcap.body.kinematics import forward, segment_end
 from pzcap.body.skeleton import LIMBS, Body
-from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
+from pzcap.geometry.pinhole import NEAREST_M, Pinhole, pinhole, ray, relative_to, to_pixel
 from pzcap.imaging.interpolation import bilinear
 from pzcap.tracking import limbs
 from pzcap.tracking.keypoint_residuals import agreement
@@ -234,47 +234,41 @@ def _compare(posed: Array, skin: _LimbSkin, view: _LimbView, areas: Array) -> No
     template, belief, z_buffer = view.template, view.belief, view.z_buffer
     height, width = image.shape
     rows, columns = z_buffer.depth.shape
-    eye = view.camera.centre
     value, doubt, weight = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
-    per_px = scale / VIEW.belief_scale
+    per_px, per_scale, per_cell = scale / VIEW.belief_scale, 1.0 / scale, 1.0 / z_buffer.scale
+    least_squared = BRIGHTNESS.learned_facing * BRIGHTNESS.learned_facing
     for k in range(len(posed)):
         first = 0
         while first < len(points):
-            s, last = link[first], first
-            m = posed[k, s]
+            last = segment_end(link, first)
+            camera = relative_to(posed[k, link[first]], view.camera)
+            eye = camera.centre
             product, square = 0.0, 0.0
-            while last < len(points) and link[last] == s:
-                n = last
-                last += 1
+            for n in range(first, last):
                 weight[n] = 0.0
                 if template.trust[n] <= 0.0:
                     continue
-                x = m[0, 0] * points[n, 0] + m[0, 1] * points[n, 1] + m[0, 2] * points[n, 2] + m[0, 3]
-                y = m[1, 0] * points[n, 0] + m[1, 1] * points[n, 1] + m[1, 2] * points[n, 2] + m[1, 3]
-                z = m[2, 0] * points[n, 0] + m[2, 1] * points[n, 1] + m[2, 2] * points[n, 2] + m[2, 3]
-                nx = m[0, 0] * normals[n, 0] + m[0, 1] * normals[n, 1] + m[0, 2] * normals[n, 2]
-                ny = m[1, 0] * normals[n, 0] + m[1, 1] * normals[n, 1] + m[1, 2] * normals[n, 2]
-                nz = m[2, 0] * normals[n, 0] + m[2, 1] * normals[n, 1] + m[2, 2] * normals[n, 2]
-                dx, dy, dz = eye[0] - x, eye[1] - y, eye[2] - z
-                towards = nx * dx + ny * dy + nz * dz
-                if towards <= 0.0:
+                px, py, pz = points[n, 0], points[n, 1], points[n, 2]
+                dx, dy, dz = eye[0] - px, eye[1] - py, eye[2] - pz
+                towards = normals[n, 0] * dx + normals[n, 1] * dy + normals[n, 2] * dz
+                away = dx * dx + dy * dy + dz * dz
+                if towards <= 0.0 or towards * towards <= least_squared * away:
                     continue
-                facing = towards / np.sqrt(dx * dx + dy * dy + dz * dz)
-                across, down, depth = ray(x, y, z, view.camera)
-                if facing <= BRIGHTNESS.learned_facing or depth < 0.1:
+                across, down, depth = ray(px, py, pz, camera)
+                if depth < NEAREST_M:
                     continue
-                u, v = to_pixel(across, down, view.camera)
-                j = int(np.rint((u - z_buffer.left) / z_buffer.scale))
-                i = int(np.rint((v - z_buffer.top) / z_buffer.scale))
+                u, v = to_pixel(across, down, camera)
+                j = int(np.rint((u - z_buffer.left) * per_cell))
+                i = int(np.rint((v - z_buffer.top) * per_cell))
                 if 0 <= j < columns and 0 <= i < rows and depth > z_buffer.depth[i, j] + VIEW.depth_tolerance_m:
                     continue
-                u, v = (u - left) / scale, (v - top) / scale
+                u, v = (u - left) * per_scale, (v - top) * per_scale
                 if u < 1.0 or v < 1.0 or u >= width - 2.0 or v >= height - 2.0:
                     continue
                 value[n] = bilinear(image, u, v)
                 i, j = min(int(v * per_px), len(belief) - 1), min(int(u * per_px), belief.shape[1] - 1)
                 doubt[n] = max(-belief[i, j], 0.0)
-                weight[n] = template.trust[n] * skin.area[n] * facing
+                weight[n] = template.trust[n] * skin.area[n] * towards / np.sqrt(away)
                 product += weight[n] * value[n] * template.value[n]
                 square += weight[n] * template.value[n] * template.value[n]
             if square > 0.0:

@@ -66,7 +66,9 @@ def refine_batch(
     for _ in range(CLOCK.rounds):  # a skin that was sampled at wrong poses, or by wrong clocks, holds these back
         clock = found.clocks.clock
         posed, placed = _placed(found.objectives, [each.pose for each in found.frames])
-        found = batch.sweep(found.objectives, posed, placed, mean_appearances(body, sequence.views, placed), config.polishing_sweeps)
+        found = batch.sweep(
+            found.objectives, posed, placed, mean_appearances(body, sequence.views, placed), config.polishing_sweeps
+        )
         if np.abs(found.clocks.clock - clock).max() < CLOCK.settled:
             break
     if not config.reacquisition:
@@ -100,11 +102,18 @@ def _reacquired(
     )
     if again is None:
         return found, None, False
-    other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference, batch.config.polishing_sweeps)
+    other = batch.sweep(
+        found.objectives,
+        *_placed(found.objectives, [*again.poses, *poses[inner:]]),
+        again.reference,
+        batch.config.polishing_sweeps,
+    )
     pairs = [(here, there.pose) for here, there in zip(poses, other.frames, strict=True)]
     chosen = accepted(limbs, batch.before[-1], pairs, sequence.corrected(other.objectives), again, passes.agreed)
     # where limbs of the two meet, the motion leaps: a third sweep smooths it
-    smoothed = batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference, batch.config.polishing_sweeps)
+    smoothed = batch.sweep(
+        other.objectives, *_placed(other.objectives, chosen), again.reference, batch.config.polishing_sweeps
+    )
     return smoothed, again, any(one is not here for one, here in zip(chosen, poses, strict=True))
 
 
