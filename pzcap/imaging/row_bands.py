@@ -53,9 +53,9 @@ def fit(ratio: Array, time: Array, squared: Array) -> Array:
     if usual <= 0.0 or len(ratio) < BANDS.least_pixels:
         return NO_BANDS
     some = slice(None, None, BANDS.telling)
-    if _strength(_fitted(ratio[some] / usual, time[some], squared[some])) < BANDS.suspicious:
+    if _strength(_fitted(ratio[some] / usual, time[some], squared[some], BANDS.telling_rounds)) < BANDS.suspicious:
         return NO_BANDS
-    bands = _fitted(ratio / usual, time, squared)
+    bands = _fitted(ratio / usual, time, squared, BANDS.rounds)
     return bands if _strength(bands) > BANDS.least else NO_BANDS
 
 
@@ -68,7 +68,7 @@ def fit_frames(overlaps: Overlaps, count: int) -> Array:
     from frame to frame tells: all have alike what errs of the vignetting.
     """
     some = _some_of(overlaps, BANDS.telling)
-    telling = _fitted_to_overlaps(some, count, BANDS.telling_cosines, rounds=2)
+    telling = _fitted_to_overlaps(some, count, BANDS.telling_cosines, BANDS.telling_rounds)
     strength = _strength(telling - telling.mean(axis=0))
     if np.median(strength) < BANDS.least_of_sweep and strength.max() < BANDS.least_of_one:
         return np.zeros((count, 0))
@@ -143,12 +143,12 @@ def _strength(bands: Array) -> Array:
     return np.asarray(np.sqrt(np.sum(bands**2, axis=-1) / 2.0))
 
 
-def _fitted(ratio: Array, time: Array, squared: Array) -> Array:
-    """`fit`, of a ``ratio`` that is 1 in most pixels."""
+def _fitted(ratio: Array, time: Array, squared: Array, rounds: int) -> Array:
+    """`fit`, of a ``ratio`` that is 1 in most pixels, reweighted so many ``rounds``."""
     design = np.column_stack([np.ones_like(time), squared, _cosines(time, BANDS.cosines)])
     prior = np.diag([0.0, 0.0, *np.full(BANDS.cosines, BANDS.sigma**-2.0)])
     residual, found = ratio - 1.0, np.zeros(design.shape[1])
-    for _ in range(BANDS.rounds):
+    for _ in range(rounds):
         noise = max(normal_sigma(residual), 1e-3)
         weighted = design * geman_mcclure(residual, BANDS.scale_sigmas * noise)[:, None] / noise**2
         found = np.linalg.solve(weighted.T @ design + prior, weighted.T @ (ratio - 1.0))

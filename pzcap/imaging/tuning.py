@@ -32,7 +32,8 @@ class BandsTuning(NamedTuple):
     telling_cosines: int = 6  # by which overlaps tell it
     suspicious: float = 0.015  # root mean square, by those of one frame, from which on it is
     least_pixels: int = 200  # with fewer none are looked for
-    rounds: int = 5  # of the reweighted fit
+    telling_rounds: int = 2  # of the reweighted fit by these
+    rounds: int = 5  # of that by all
     scale_sigmas: float = 3.0  # scale of its Geman-McClure weight, standard deviations
 
 

@@ -42,11 +42,24 @@ def line(
 
     One reweighted least-squares step a scale (`geman_mcclure`), times the values' own ``weight`` (N,).
     """
-    rows, found = np.stack([np.ones_like(at), at]), np.array(start)
+    return _line(values, at, weight, scales, start)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _line(
+    values: Array, at: Array, weight: Array, scales: tuple[float, ...], start: tuple[float, float]
+) -> tuple[float, float]:
+    """`line`; its normal matrix is made a little rounder, so that it can be solved where all is ``at`` one place."""
+    a, b = start
     for scale in scales:
-        weighted = rows * (weight * geman_mcclure(values - found @ rows, scale))
-        found = np.linalg.solve(weighted @ rows.T + 1e-6 * np.eye(2), weighted @ values)
-    return float(found[0]), float(found[1])
+        n, x, xx, y, xy = 1e-6, 0.0, 1e-6, 0.0, 0.0
+        for k in range(len(values)):
+            w = weight[k] * geman_mcclure(values[k] - a - b * at[k], scale)
+            n, x, xx = n + w, x + w * at[k], xx + w * at[k] * at[k]
+            y, xy = y + w * values[k], xy + w * at[k] * values[k]
+        determinant = n * xx - x * x
+        a, b = (xx * y - x * xy) / determinant, (n * xy - x * y) / determinant
+    return a, b
 
 
 def median_absolute(values: Array) -> float:

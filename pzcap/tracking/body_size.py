@@ -81,7 +81,7 @@ def resized(body: Body, size: BodySize) -> Body:
 
 def scaled(body: Body, ratio: float) -> Body:
     """The body so many times as large."""
-    return replace(body, offsets_m=ratio * body.offsets_m, surface=body.surface.moved(ratio * body.surface.points_m))
+    return replace(body, offsets_m=ratio * body.offsets_m, surface=body.surface.scaled(ratio))
 
 
 def _size_variance(measured: Measured) -> float:
