@@ -28,7 +28,7 @@ from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, post
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
-from pzcap.tracking.tuning import CLOCK, REACQUISITION, SHAPE
+from pzcap.tracking.tuning import CLOCK, REACQUISITION
 from pzcap.tracking.view_sequence import ViewSequence
 from pzcap.types import SEGMENTS, Array, Keyframe, Pose
 
@@ -54,21 +54,19 @@ def refine_batch(
     there beside the images.
 
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
-    (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
+    (`pzcap.tracking.reacquisition`), and taken from there if that scores more. Without them the body is still to be
+    corrected: the skin is sampled once, and the clocks need not have settled.
     """
     batch = _Batch(body, sequence.period, before, key, clocks, config)
     objectives = sequence.objectives(body, poses)
     posed, placed = _placed(objectives, poses)
-    appearances = mean_appearances(body, sequence.views, placed)
+    found = batch.sweep(objectives, posed, placed, mean_appearances(body, sequence.views, placed))
     if passes is None:
-        return batch.sweep(objectives, posed, placed, appearances, SHAPE.sweeps)
-    found = batch.sweep(objectives, posed, placed, appearances, config.polishing_sweeps)
+        return found
     for _ in range(CLOCK.rounds):  # a skin that was sampled at wrong poses, or by wrong clocks, holds these back
         clock = found.clocks.clock
         posed, placed = _placed(found.objectives, [each.pose for each in found.frames])
-        found = batch.sweep(
-            found.objectives, posed, placed, mean_appearances(body, sequence.views, placed), config.polishing_sweeps
-        )
+        found = batch.sweep(found.objectives, posed, placed, mean_appearances(body, sequence.views, placed))
         if np.abs(found.clocks.clock - clock).max() < CLOCK.settled:
             break
     if not config.reacquisition:
@@ -102,18 +100,11 @@ def _reacquired(
     )
     if again is None:
         return found, None, False
-    other = batch.sweep(
-        found.objectives,
-        *_placed(found.objectives, [*again.poses, *poses[inner:]]),
-        again.reference,
-        batch.config.polishing_sweeps,
-    )
+    other = batch.sweep(found.objectives, *_placed(found.objectives, [*again.poses, *poses[inner:]]), again.reference)
     pairs = [(here, there.pose) for here, there in zip(poses, other.frames, strict=True)]
     chosen = accepted(limbs, batch.before[-1], pairs, sequence.corrected(other.objectives), again, passes.agreed)
     # where limbs of the two meet, the motion leaps: a third sweep smooths it
-    smoothed = batch.sweep(
-        other.objectives, *_placed(other.objectives, chosen), again.reference, batch.config.polishing_sweeps
-    )
+    smoothed = batch.sweep(other.objectives, *_placed(other.objectives, chosen), again.reference)
     return smoothed, again, any(one is not here for one, here in zip(chosen, poses, strict=True))
 
 
@@ -136,7 +127,7 @@ class _Batch:
 
     def sweep(
         self, objectives: Sequence[PoseObjective], posed: Sequence[PosedBody], placed: Sequence[Placed],
-        appearances: Appearances, most: int,
+        appearances: Appearances,
     ) -> RefinedBatch:  # fmt: skip
         """Gauss-Newton steps of the poses, the cameras and the clocks until they stay, visibility staying as
         ``placed``. A frame that has come to rest is not linearised again: its equations follow its last small steps."""
@@ -150,7 +141,7 @@ class _Batch:
         # forces that change at random: how far they throw a body off grows as the time to the power of 3/2
         sigma = config.acceleration_sigma * self.period**1.5
         moving, count = np.ones(len(poses), bool), 0
-        while moving.any() and count < most:
+        while moving.any() and count < config.polishing_sweeps:
             if count:
                 objectives = self._moved(objectives, poses)
                 equations = [
