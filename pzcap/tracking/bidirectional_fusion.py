@@ -10,9 +10,11 @@ least on its way from one keyframe to the other. In the same way it is decided w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.special import expit
 
 from pzcap.body.kinematics import difference, forward, joints, retract
 from pzcap.body.skeleton import LIMBS, Body
@@ -22,15 +24,23 @@ from pzcap.tracking.tuning import FUSION
 from pzcap.types import PARENTS, Array, Indices, Mask, Pose
 
 
+class Fused(NamedTuple):
+    """The frames between two keyframes after both passes."""
+
+    poses: list[Pose]
+    apart_m: Array  # (T, 16) distance of the two's joints in limbs that they disagree about, 0 where they agree
+    doubt_m: Array  # (T, 16) standard deviation of the joints for that: root mean square distance from where they are
+
+
 def fuse(
     body: Body, before: Pose, ahead: Sequence[FrameEstimate], back: Sequence[FrameEstimate], after: Pose,
     score: Callable[[int, int], Array],
-) -> tuple[list[Pose], Array]:  # fmt: skip
-    """The poses between two keyframes from the estimates of both passes, in the order of the frames; and the distance
-    (T, 16), metres, of the two's joints in limbs that they disagree about, 0 where they agree.
+) -> Fused:  # fmt: skip
+    """The poses between two keyframes from the estimates of both passes, in the order of the frames.
 
     ``score(k, t)``, of the estimates of the first pass (0) or the second, is as
-    `pzcap.tracking.appearance.LimbAppearance.score` has it.
+    `pzcap.tracking.appearance.LimbAppearance.score` has it. The odds that the pass was right which was not chosen are
+    those of the scores.
     """
     share = np.array([a.variance / (a.variance + b.variance) for a, b in zip(ahead, back, strict=True)])  # of ``back``
     positions = np.array([
@@ -39,7 +49,7 @@ def fuse(
     way = np.arange(1, len(ahead) + 1) / (len(ahead) + 1)
     nearer = FUSION.own_keyframe * np.stack([1.0 - way, way])
     apart = np.linalg.norm(positions[0, 1:-1] - positions[1, 1:-1], axis=-1)
-    disagreement = np.zeros(apart.shape)
+    disputed, doubt = np.zeros(apart.shape), np.zeros(apart.shape)
     differ = np.array([apart[:, list(members)].max(axis=1) > FUSION.agree_m for members in LIMBS])  # (4, T)
     scores = np.zeros((2, len(ahead), len(LIMBS)))
     for t in np.flatnonzero(differ.any(axis=0)).tolist():
@@ -47,11 +57,14 @@ def fuse(
     for limb, members in enumerate(LIMBS):
         rows = list(members)
         share[:, rows] = share[:, rows].mean(axis=1, keepdims=True)
-        disagreement[:, rows] = np.where(differ[limb, :, None], apart[:, rows], 0.0)
+        disputed[:, rows] = np.where(differ[limb, :, None], apart[:, rows], 0.0)
         if differ[limb].any():
             choice = _smoothest(positions[:, :, rows[1:]], scores[:, :, limb] / FUSION.leap_m2 + nearer)
             share[np.ix_(differ[limb], rows)] = choice[differ[limb], None]
-    return [_blend(body, a.pose, b.pose, s) for a, b, s in zip(ahead, back, share, strict=True)], disagreement
+            lead = np.where(choice == 1, 1.0, -1.0) * (scores[1, :, limb] - scores[0, :, limb])
+            doubt[:, rows] = np.sqrt(expit(-lead / FUSION.odds_m2))[:, None] * disputed[:, rows]
+    poses = [_blend(body, a.pose, b.pose, s) for a, b, s in zip(ahead, back, share, strict=True)]
+    return Fused(poses, disputed, doubt)
 
 
 def choose(
@@ -119,15 +132,15 @@ def _blend(body: Body, ahead: Pose, back: Pose, share: Array) -> Pose:
     return retract(ahead, difference(there, ahead))  # a hinge keeps to its axis
 
 
-def discontinuous(body: Body, before: Pose, poses: Sequence[Pose], after: Pose, disagreement_m: Array) -> Mask:
-    """Segments (T, 16) that the passes disagree about (``disagreement_m`` of `fuse`) at or beside a leap of their
+def discontinuous(body: Body, before: Pose, poses: Sequence[Pose], after: Pose, apart_m: Array) -> Mask:
+    """Segments (T, 16) that the passes disagree about (``apart_m`` of `Fused`) at or beside a leap of their
     limb."""
     positions = np.array([joints(body, pose) for pose in (before, *poses, after)])
     bend = np.linalg.norm(positions[2:] - 2.0 * positions[1:-1] + positions[:-2], axis=-1)
-    found = np.zeros(disagreement_m.shape, bool)
+    found = np.zeros(apart_m.shape, bool)
     for members in LIMBS:
         rows = list(members)
-        disputed = disagreement_m[:, rows].max(axis=1) > 0.0
+        disputed = apart_m[:, rows].max(axis=1) > 0.0
         for frame in np.flatnonzero(disputed & (bend[:, rows].max(axis=1) > 2.0 * FUSION.leap_m)):
             beside = slice(max(frame - FUSION.beside_leap, 0), frame + FUSION.beside_leap + 1)
             found[beside, rows[0] : rows[-1] + 1] |= disputed[beside, None]

@@ -44,16 +44,16 @@ def solved(problem: IntervalProblem) -> IntervalResult:
         fit, report = fit_keyframe(problem.estimate.body, anchor.key, anchor.views, anchor.rates, config)
         keyframe = tracked(problem.estimate, config, anchor.key.frame, trusted(anchor.key, fit))
         return IntervalResult([keyframe], problem.estimate, problem.clocks, [fit.pose], report)
-    poses, views, disagreement, passes = _passes(problem)
+    poses, views, doubt_m, passes = _passes(problem)
     frames_of = [None if each.second_field else each.frame for each in problem.instants]
     if anchor is not None:  # a frame like the others, with the hand's pose as prior
         frames_of, views = [*frames_of, anchor.key.frame], [*views, anchor.views]
-        poses, disagreement = [*poses, anchor.fit.pose], np.vstack([disagreement, np.zeros(len(SEGMENTS))])
+        poses, doubt_m = [*poses, anchor.fit.pose], np.vstack([doubt_m, np.zeros(len(SEGMENTS))])
     batch, estimate = _refined(problem, poses, ViewSequence(views, problem.period), passes)
     frames = list(batch.frames)
     if anchor is not None:
         frames[-1] = trusted(anchor.key, frames[-1])
-    doubt_m = np.fmax(0.5 * disagreement, batch.spread_m)
+    doubt_m = np.fmax(doubt_m, batch.spread_m)
     done = [
         tracked(
             estimate, config, number, found, doubt, list(zip(objective.views, cameras, strict=True)),
@@ -82,8 +82,8 @@ def fit_keyframe(
 
 
 def _passes(problem: IntervalProblem) -> tuple[list[Pose], list[Views], Array, PassResults]:
-    """The poses of the frames after both passes, the views as the surer pass took them, how far the two are apart
-    (T, 16), and what they leave behind."""
+    """The poses of the frames after both passes, the views as the surer pass took them, by how much joints (T, 16) are
+    in doubt where the two disagree, and what they leave behind."""
     anchor, body, before = problem.anchor, problem.estimate.body, problem.before[-1]
     ahead = [instant.forward for instant in problem.instants]
     if anchor is None:
@@ -103,9 +103,9 @@ def _passes(problem: IntervalProblem) -> tuple[list[Pose], list[Views], Array, P
     def score(k: int, t: int) -> Array:
         return limbs.score(both[k][t], moving[k][t], reference)
 
-    poses, disagreement = fuse(body, before, ahead, back, anchor.fit.pose, score)
-    doubtful = discontinuous(body, before, poses, anchor.fit.pose, disagreement)
-    return poses, views, disagreement, PassResults(both, disagreement > 0.0, disagreement == 0.0, doubtful, reference)
+    poses, apart_m, doubt_m = fuse(body, before, ahead, back, anchor.fit.pose, score)
+    doubtful = discontinuous(body, before, poses, anchor.fit.pose, apart_m)
+    return poses, views, doubt_m, PassResults(both, apart_m > 0.0, apart_m == 0.0, doubtful, reference)
 
 
 def _refined(

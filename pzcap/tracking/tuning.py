@@ -120,6 +120,7 @@ class FusionTuning(NamedTuple):
     beside_leap: int = 3  # frames around a leap that may be wrong with it
     own_keyframe: float = 2.0  # score of a pass beside its own keyframe: where nothing tells, the leap is in the middle
     leap_m2: float = 0.01  # score of a limb, square metres, that weighs as much as a leap
+    odds_m2: float = 0.02  # of it, by which the pass that was chosen is e times as likely right as the other; fitted
 
 
 class IntervalTuning(NamedTuple):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pzcap.body import kinematics
 from pzcap.body.kinematics import joints
 from pzcap.body.skeleton import DOF_SEGMENT, LIMBS
-from pzcap.tracking.bidirectional_fusion import choose, fuse
+from pzcap.tracking.bidirectional_fusion import Fused, choose, fuse
 from pzcap.types import DOF, JOINTS, SEGMENTS, Array, Pose
 from tests.scenes.tracked import clip, lost, step, true_body, without_score
 
@@ -42,8 +42,26 @@ def test_a_trunk_that_is_bent_otherwise_throws_no_arm_away(angle: float, trust: 
     np.testing.assert_allclose(joints(body, upright)[above], joints(body, other)[above], atol=1e-9)
     ahead, back = step(upright), step(other)
     back.variance[:] = trust
-    (merged,), _ = fuse(body, upright, [ahead], [back], other, without_score)
+    (merged,) = fuse(body, upright, [ahead], [back], other, without_score).poses
     np.testing.assert_allclose(joints(body, merged)[above], joints(body, upright)[above], atol=1e-6)
+
+
+@settings(deadline=None, max_examples=20)
+@given(lead_m2=st.floats(0.0, 0.2), more_m2=st.floats(0.0, 0.1))
+def test_the_less_the_pass_that_was_chosen_leads_the_more_a_limb_is_in_doubt(lead_m2: float, more_m2: float) -> None:
+    """Where nothing tells the two apart, each is as likely right; and one that leads by far leaves no doubt."""
+    body, away = true_body(), paths(0.6 * np.sin(np.pi * np.arange(1, 12) / 12))
+    first, *true, last = clip().poses
+    passes = [step(pose) for pose in true], [step(pose) for pose in away]
+
+    def fused(lead_m2: float) -> Fused:
+        return fuse(body, first, *passes, last, lambda one, _: np.full(len(LIMBS), lead_m2 * (one == 0)))
+
+    less, more = fused(lead_m2), fused(lead_m2 + more_m2)
+    assert (more.doubt_m <= less.doubt_m + 1e-12).all()
+    assert (less.doubt_m <= np.sqrt(0.5) * less.apart_m + 1e-12).all()
+    np.testing.assert_allclose(fused(0.0).doubt_m, np.sqrt(0.5) * less.apart_m)
+    assert fused(0.3).doubt_m.max() < 1e-3 * less.apart_m.max()
 
 
 def paths(far_rad: Array) -> list[Pose]:

@@ -356,11 +356,12 @@ def test_each_limb_is_taken_from_the_pass_that_kept_it() -> None:
     leg = int(np.flatnonzero(bodies.DOF_SEGMENT == 13)[1])
     ahead = [step(lost(pose, arm, 0.9) if k == 3 else pose) for k, pose in enumerate(poses[1:-1])]
     back = [step(lost(pose, leg, 0.8) if k == 3 else pose) for k, pose in enumerate(poses[1:-1])]
-    merged, doubt = fuse(body, poses[0], ahead, back, poses[-1], without_score)
+    merged, apart, doubt = fuse(body, poses[0], ahead, back, poses[-1], without_score)
     for found, true in zip(merged, poses[1:-1], strict=True):
         np.testing.assert_allclose(kinematics.joints(body, found), kinematics.joints(body, true), atol=0.001)
-    assert doubt[3, [5, 6, 14, 15]].min() > 0.05
-    assert doubt[2].max() == 0.0
+    assert apart[3, [5, 6, 14, 15]].min() > 0.05
+    np.testing.assert_allclose(doubt[3], np.sqrt(0.5) * apart[3])
+    assert doubt[2].max() == apart[2].max() == 0.0
 
 
 @pytest.mark.parametrize("right", [0, 1])
@@ -375,7 +376,7 @@ def test_where_neither_pass_leaps_the_one_that_the_images_bear_out_is_taken(righ
         return np.full(4, 0.1 if one == right else 0.0)
 
     passes = (true, away) if right == 0 else (away, true)
-    merged, _ = fuse(body, poses[0], *passes, poses[-1], score)
+    merged = fuse(body, poses[0], *passes, poses[-1], score).poses
     for found, expected in zip(merged, poses[1:-1], strict=True):
         np.testing.assert_allclose(kinematics.joints(body, found), kinematics.joints(body, expected), atol=0.03)
 
@@ -412,7 +413,8 @@ def test_where_passes_agree_confidence_weighs_them() -> None:
     body, pose = true_body(), clip().poses[6]
     ahead, back = step(pose), step(lost(pose, 3, 0.04))
     back.variance[:] = 3.0
-    (merged,), doubt = fuse(body, pose, [ahead], [back], pose, without_score)
+    (merged,), apart, doubt = fuse(body, pose, [ahead], [back], pose, without_score)
+    assert not apart.any()
     assert not doubt.any()
     np.testing.assert_allclose(kinematics.difference(merged, pose)[3], 0.01, atol=1e-9)
 
