@@ -56,14 +56,12 @@ def ray(x: float, y: float, z: float, camera: Pinhole) -> Vector:
 
 @njit(cache=True, nogil=True)
 def relative_to(frame: Array, camera: Pinhole) -> Pinhole:
-    """The ``camera`` in the axes of a ``frame`` (4, 4), a rotation and a translation: it takes that one's points."""
+    """The ``camera`` as it stands in a ``frame`` (4, 4), ``world_T_frame``: it takes points of that frame."""
     r, c = camera.rotation, camera.centre
     x, y, z = c[0] - frame[0, 3], c[1] - frame[1, 3], c[2] - frame[2, 3]
-    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (
-        (frame[0, 0], frame[1, 0], frame[2, 0]),
-        (frame[0, 1], frame[1, 1], frame[2, 1]),
-        (frame[0, 2], frame[1, 2], frame[2, 2]),
-    )
+    ax, ay, az = frame[0, 0], frame[1, 0], frame[2, 0]  # the frame's axes in the world
+    bx, by, bz = frame[0, 1], frame[1, 1], frame[2, 1]
+    cx, cy, cz = frame[0, 2], frame[1, 2], frame[2, 2]
     rotation = (
         r[0] * ax + r[1] * ay + r[2] * az, r[0] * bx + r[1] * by + r[2] * bz, r[0] * cx + r[1] * cy + r[2] * cz,
         r[3] * ax + r[4] * ay + r[5] * az, r[3] * bx + r[4] * by + r[5] * bz, r[3] * cx + r[4] * cy + r[5] * cz,

@@ -1,4 +1,8 @@
-"""Values and slopes of an image between its pixels, for compiled kernels."""
+"""Values and slopes of an image between its pixels, for compiled kernels.
+
+Places have to lie well inside: one pixel from the right and bottom edges, for slopes two, and one from the others.
+Indices are unsigned, since Numba counts signed ones that are negative from the end, which takes time at every pixel.
+"""
 
 from __future__ import annotations
 
