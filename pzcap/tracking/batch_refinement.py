@@ -54,22 +54,19 @@ def refine_batch(
     there beside the images.
 
     Given the results of the ``passes`` in the others, limbs that do not look like themselves are also reacquired
-    (`pzcap.tracking.reacquisition`), and taken from there if that scores more. Without them the body is still to be
-    corrected: the skin is sampled once, and the clocks need not have settled.
+    (`pzcap.tracking.reacquisition`), and taken from there if that scores more.
     """
     batch = _Batch(body, sequence.period, before, key, clocks, config)
     objectives = sequence.objectives(body, poses)
     posed, placed = _placed(objectives, poses)
     found = batch.sweep(objectives, posed, placed, mean_appearances(body, sequence.views, placed))
-    if passes is None:
-        return found
     for _ in range(CLOCK.rounds):  # a skin that was sampled at wrong poses, or by wrong clocks, holds these back
         clock = found.clocks.clock
         posed, placed = _placed(found.objectives, [each.pose for each in found.frames])
         found = batch.sweep(found.objectives, posed, placed, mean_appearances(body, sequence.views, placed))
         if np.abs(found.clocks.clock - clock).max() < CLOCK.settled:
             break
-    if not config.reacquisition:
+    if passes is None or not config.reacquisition:
         return found
     limbs = LimbAppearance(body, config.appearance_score).calibrated(
         [each.pose for each in found.frames], found.objectives, passes.reference, passes.sure
