@@ -104,7 +104,7 @@ class TrackingConfig:
     the tape has it."""
     shape_texture_weight: float = 3.0
     """Weight of a frame's brightness in that estimate."""
-    shape_rounds: int = 8
+    shape_rounds: int = 16
     """Alternations of correcting the body and the poses of an interval, at most; they end once the joints stay."""
     acceleration_position_sigma_m: float = 0.01
     """Standard deviation of the root's acceleration, a frame squared."""

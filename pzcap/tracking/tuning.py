@@ -135,7 +135,7 @@ class ShapeTuning(NamedTuple):
     """Correction of the body's shape, and refit of early frames to it."""
 
     stride: int = 4  # one of so many frames of an interval corrects the body: its neighbours say the same
-    settled_m: float = 5e-4  # a smaller change of the joints ends the rounds of an interval
+    settled_m: float = 1e-4  # a smaller change of the joints ends the rounds of an interval: they close in slowly
     # Factor of a joint's variance for what is not known of the body, where no keyframe was set by hand: what a detector
     # means by a joint is elsewhere in the skin, by the same in all frames. Fitted to what is covered on captures.
     found_keyframes: float = 1.5
