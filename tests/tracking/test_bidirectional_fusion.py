@@ -49,7 +49,7 @@ def test_a_trunk_that_is_bent_otherwise_throws_no_arm_away(angle: float, trust: 
 @settings(deadline=None, max_examples=20)
 @given(lead_m2=st.floats(0.0, 0.2), more_m2=st.floats(0.0, 0.1))
 def test_the_less_the_pass_that_was_chosen_leads_the_more_a_limb_is_in_doubt(lead_m2: float, more_m2: float) -> None:
-    """Where nothing tells the two apart, each is as likely right; and one that leads by far leaves no doubt."""
+    """Each is as likely right where nothing tells the two apart; and one that leads by far leaves no doubt."""
     body, away = true_body(), paths(0.6 * np.sin(np.pi * np.arange(1, 12) / 12))
     first, *true, last = clip().poses
     passes = [step(pose) for pose in true], [step(pose) for pose in away]
