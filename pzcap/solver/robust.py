@@ -35,21 +35,15 @@ def half_sample_mode(values: Array) -> float:
     return float(some[first + third // 2])
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def line(
     values: Array, at: Array, weight: Array, scales: tuple[float, ...], start: tuple[float, float]
 ) -> tuple[float, float]:
     """The a and b of the line a + b x on which most of the ``values`` (N,) lie ``at`` x (N,), from a ``start``.
 
-    One reweighted least-squares step a scale (`geman_mcclure`), times the values' own ``weight`` (N,).
+    One reweighted least-squares step a scale (`geman_mcclure`), times the values' own ``weight`` (N,). The normal
+    matrix is made a little rounder, so that it can be solved where all are at one place.
     """
-    return _line(values, at, weight, scales, start)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _line(
-    values: Array, at: Array, weight: Array, scales: tuple[float, ...], start: tuple[float, float]
-) -> tuple[float, float]:
-    """`line`; its normal matrix is made a little rounder, so that it can be solved where all is ``at`` one place."""
     a, b = start
     for scale in scales:
         n, x, xx, y, xy = 1e-6, 0.0, 1e-6, 0.0, 0.0
