@@ -22,6 +22,7 @@ from pzcap.calibration.calibrate import CalibratedCamera, Footage
 from pzcap.calibration.stitching import SweptFrames, ZoomedFrames
 from pzcap.calibration.sweep import Frames
 from pzcap.geometry.camera import wrapped
+from pzcap.imaging import bspline
 from pzcap.imaging.row_bands import without_bands
 from pzcap.localisation.belief import Belief
 from pzcap.localisation.panorama_sampler import ViewPlace
@@ -43,7 +44,7 @@ class RectifiedFrames:
     def __iter__(self) -> Iterator[tuple[int, Image]]:
         for number, image in self.frames:
             shear = np.array([np.interp(number, self.numbers, one) for one in self.shear.T])
-            yield number, rectified(image, self.camera, _sheared(self.camera, shear))
+            yield number, rectified(image, self.camera, _sheared(self.camera, shear), bspline.resampled)
 
 
 def put_right(

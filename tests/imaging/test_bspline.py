@@ -6,7 +6,18 @@ import cv2
 import numpy as np
 import pytest
 
-from pzcap.imaging.bspline import SMOOTHING, STEPS, at_pixels, cubic, softened, softened_further, stored, warped
+from pzcap.imaging.bspline import (
+    SMOOTHING,
+    STEPS,
+    at_pixels,
+    cubic,
+    resampled,
+    softened,
+    softened_further,
+    stored,
+    warped,
+)
+from pzcap.types import Array
 
 
 def test_the_slope_of_the_spline_is_its_derivative() -> None:
@@ -56,6 +67,24 @@ def test_an_image_is_warped_by_the_spline_that_runs_through_it() -> None:
     x, y = np.random.default_rng(1).uniform((14, 14), (35, 25), (60, 2)).astype(np.float32).T[:, None]
     expected = np.stack([x, y, 0.01 * (x - 25) ** 2 - 0.001 * (y - 20) ** 3], axis=-1)
     np.testing.assert_allclose(warped(surface, x, y), expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("stretch", [0.003, -0.003])
+def test_a_resampled_image_is_stretched_by_so_much_and_no_more(stretch: float) -> None:
+    """To a hundred-thousandth; OpenCV's bicubic interpolation stretches it by a tenth more."""
+    middle = 160.0
+
+    def waves(x: Array, y: Array) -> Array:
+        return np.asarray(128.0 + 60.0 * np.sin(x / 3.1) + 50.0 * np.sin(y / 2.7 + x / 9.0))
+
+    v, u = np.mgrid[:320, :320].astype(float)
+    x, y = middle + (1.0 + stretch) * (u - middle), middle + (1.0 + stretch) * (v - middle)
+    image = np.repeat(np.rint(waves(u, v)).astype(np.uint8)[..., None], 3, axis=2)
+    inner = np.s_[8:-8, 8:-8]
+    across, down = (waves(x + dx, y + dy) - waves(x - dx, y - dy) for dx, dy in ((0.01, 0.0), (0.0, 0.01)))
+    along = ((u - middle) * across + (v - middle) * down)[inner] / 0.02
+    off = (resampled(image, x.astype(np.float32), y.astype(np.float32))[..., 1] - waves(x, y))[inner]
+    assert np.vdot(along, off) / np.vdot(along, along) == pytest.approx(0.0, abs=1e-5)
 
 
 def test_at_pixels_is_the_spline_there() -> None:
