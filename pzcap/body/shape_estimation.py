@@ -150,11 +150,13 @@ class ShapeEstimate:
 
         A correction that is wrong by ``c`` moves the joints by ``(B - J (A' W A)^-1 A' W C) c``: ``B`` moves them in
         the body, ``C`` moves the contours, and the pose (contours ``A``, joints ``J``) then follows the contours to
-        where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept.
+        where they were seen. The errors ``c`` have the covariance that is left of the tape's by all that was kept. What
+        no correction describes comes to `SHAPE.undescribed_m` beside that.
         """
         covariance = np.linalg.inv(self._information(self.equations)) * np.outer(self.basis.doubt, self.basis.doubt)
         joints = self.equations.joints
-        return np.asarray(np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints))
+        described = np.einsum("sjap,pq,sjaq->j", joints, covariance, joints, optimize=True) / len(joints)
+        return np.asarray(described + SHAPE.undescribed_m**2)
 
     def _slide_sigma(self) -> Array:
         """(96,) metres and radians of the slides: texture lies as far off as the body that it was learned with was."""

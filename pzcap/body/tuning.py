@@ -23,6 +23,9 @@ class ShapeTuning(NamedTuple):
     # What cloth adds to the skin's is left as it is. These, and the next one, are fitted to what captures have covered.
     doubt_of_lengths: float = 1.35
     doubt_of_skin: float = 0.28
+    # Deviation of a joint's distance from where it is, metres, for what no correction describes: rings about hinges are
+    # no body. Fitted likewise.
+    undescribed_m: float = 0.0018
     # Frames that tell something of their own, beyond the first, if no two postures are alike: those that are err alike.
     postures: float = 50.0
 
