@@ -144,7 +144,9 @@ class ViewLocaliser:
         period_s = float(1 / self._frame_rate)
         return tuple(
             None if head is None or each is None
-            else replace(head, readout_s=each.readout.share * period_s, readout_sigma_s=each.readout.sigma * period_s)
+            else replace(
+                head, readout_s=each.readout.share * period_s, readout_sigma_s=each.readout.deviation * period_s
+            )
             for head, each in zip(self._heads, self.histories, strict=True)
         )  # fmt: skip
 

@@ -30,7 +30,8 @@ class Readout(NamedTuple):
     """Estimate of the read-out."""
 
     share: float  # of the frame period
-    sigma: float
+    sigma: float  # if frames err independently
+    believed: float  # sigma before any frame
     panorama: Array = np.zeros(2)  # (2,) shear of pan and log focal that all frames show, whatever their rates
     joint: Array | None = None  # (3, 3) covariance of share and panorama; None: nothing has been seen
 
@@ -41,9 +42,16 @@ class Readout(NamedTuple):
         A head that stood still for each frame of the sweep would have shown none: none is not taken for certain.
         """
         if camera.readout_sigma_s == 0.0:
-            return Readout(0.0, belief)
+            return Readout(0.0, belief, belief)
         sigma = min(max(camera.readout_sigma_s * frame_rate, READOUT.from_sweep), belief)
-        return Readout(camera.readout_s * frame_rate, sigma)
+        return Readout(camera.readout_s * frame_rate, sigma, sigma)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation that is claimed. Frames that follow each other see the same of the panorama, and err
+        alike: what they have told beyond what was believed counts for a share of itself."""
+        before = self.believed**-2.0
+        return float((before + READOUT.own * (self.sigma**-2.0 - before)) ** -0.5)
 
     @property
     def is_global(self) -> bool:
@@ -73,7 +81,7 @@ class Readout(NamedTuple):
         state = state + gain @ (seen - design @ state)
         joint = joint - gain @ design @ joint
         joint = 0.5 * (joint + joint.T)
-        return Readout(float(state[0]), float(np.sqrt(joint[0, 0])), state[1:], joint)
+        return Readout(float(state[0]), float(np.sqrt(joint[0, 0])), self.believed, state[1:], joint)
 
     def _joint(self) -> Array:
         """(3, 3) `joint`, or what it is before anything is seen."""

@@ -86,11 +86,11 @@ def test_across_half_a_turn() -> None:
 
 def test_the_second_field_is_expected_half_a_step_further() -> None:
     before, found = frame(0, 0.0), frame(1, 0.0)
-    history = History(Readout(0.0, 0.1), Sway(0.0, np.array([1e-6, 4e-6])), (before,), (None,))
+    history = History(Readout(0.0, 0.1, 0.1), Sway(0.0, np.array([1e-6, 4e-6])), (before,), (None,))
     expected = expected_second(history, found)
     assert expected.pan_rad == pytest.approx(found.pan_rad + 0.5 * (found.pan_rad - before.pan_rad))
     assert expected.focal_px == pytest.approx(found.focal_px * (found.focal_px / before.focal_px) ** 0.5)
     np.testing.assert_allclose(expected.sway_sigma, [1e-3, 2e-3])
-    assert expected_second(History(Readout(0.0, 0.1), Sway(0.0, np.ones(2))), found).pan_rad == pytest.approx(
+    assert expected_second(History(Readout(0.0, 0.1, 0.1), Sway(0.0, np.ones(2))), found).pan_rad == pytest.approx(
         found.pan_rad
     )
