@@ -22,10 +22,10 @@ from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
 from pzcap.localisation.covariance import systematic
-from pzcap.localisation.fields import by_both_fields
+from pzcap.localisation.fields import BothFields, by_both_fields
 from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.repetition import carried_on, covariance_of
-from pzcap.localisation.sweep_readout import evenly_lit, put_right, readout_sigma, remaining_readout, still_of
+from pzcap.localisation.sweep_readout import Remaining, evenly_lit, in_sweep, in_zoom_run, put_right, still_of
 from pzcap.localisation.tuning import READOUT
 from pzcap.progress import Report, no_report
 from pzcap.runtime import give_back
@@ -101,18 +101,21 @@ def calibrate_rolling(
     if colours.any():
         footage = lateral_colour.aligned(footage, colours)
     found, swept, zoomed, bands = calibrate(footage, config, report)
-    even, readout = evenly_lit(footage, bands, swept.kept, zoomed.numbers), 0.0
+    even, readout, more = evenly_lit(footage, bands, swept.kept, zoomed.numbers), 0.0, Remaining(0.0, 0.0)
+    upright = even
     for _ in range(READOUT.sweep_rounds):
-        still = still_of(footage, found, zoomed)
-        more = 0.0 if still is None else remaining_readout(still, found, swept)
-        if more == 0.0 and not bands.size:
+        if (still := still_of(footage, found, zoomed)) is not None:
+            more = in_sweep(still, found, swept)
+            if upright.zoom is not None and (other := in_zoom_run(upright.zoom, found, zoomed)) is not None:
+                more = more.with_other(other)
+        if more.matters:
+            readout += more.share
+        elif not bands.size:
             break
-        readout += more
         upright = put_right(even, readout, found, swept, zoomed) if readout else even
         found, swept, zoomed, bands = calibrate(upright, config, report)
         even = evenly_lit(even, bands, swept.kept, zoomed.numbers)  # what frames out of place had hidden
-    sigma = 0.0 if still is None else readout_sigma(still, found, swept)  # 0: not known
-    readout_s, sigma_s = readout * footage.sweep_period_s, sigma * footage.sweep_period_s
+    readout_s, sigma_s = readout * footage.sweep_period_s, more.sigma * footage.sweep_period_s  # sigma 0: not known
     lens = replace(found.camera.lens, lateral_colour=colours)
     return replace(found, camera=replace(found.camera, lens=lens, readout_s=readout_s, readout_sigma_s=sigma_s)), swept
 
@@ -257,7 +260,8 @@ def footage_of(capture: Capture, files: CameraFiles) -> Footage:
         image = read_image(files.reference)
     period_s = float(1 / sweep.frame_rate)
     by_fields = sweep.interlaced or (zoom is not None and zoom.interlaced)
-    return Footage(image, capture.calibration_object, sweep, zoom, capture.full_turn, period_s, by_fields)
+    zoomed = None if zoom is None else BothFields(zoom)
+    return Footage(image, capture.calibration_object, sweep, zoomed, capture.full_turn, period_s, by_fields)
 
 
 # --------------------------------------------------------------------------------------------------------------

@@ -6,19 +6,34 @@ stays what it was. The cubic p whose values at the fields of four frames have th
 
     (p(j) + p(j + 1/2)) / 2 = m_j,        j = -2 ... 1,
 
-has the place at the frame's own time, p(0).
+has the place at the frame's own time, p(0). Where the lens zooms, the middle of a picture moves by such fractions and
+its sides do not: the first field by itself shows the middle too late, and so too large. In a zoom run, whose times do
+not matter, the mean of both fields takes the place of a frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from pzcap.geometry.camera import wrapped
+from pzcap.io.video import VideoReader
 from pzcap.localisation.readout import History, rate_between
-from pzcap.types import Array, Localisation
+from pzcap.types import Array, Image, Localisation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BothFields:
+    """The frames of a ``video``, of interlaced ones the mean of both fields: what stands between them."""
+
+    video: VideoReader
+
+    def __iter__(self) -> Iterator[tuple[int, Image]]:
+        for number, first, second in self.video.read_fields():
+            yield number, first if second is None else np.asarray(cv2.addWeighted(first, 0.5, second, 0.5, 0.0))
 
 
 def expected_second(history: History, found: Localisation) -> Localisation:

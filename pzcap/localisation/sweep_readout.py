@@ -118,23 +118,67 @@ def still_of(footage: Footage, found: CalibratedCamera, zoomed: ZoomedFrames) ->
     return Still(image, ViewPlace(zoomed.pan_rad, tilt_rad, float(np.exp(zoomed.log_focal[nearest]))))
 
 
-def remaining_readout(still: Still, found: CalibratedCamera, swept: SweptFrames) -> float:
-    """Read-out, frame periods of the sweep, that its frames show beyond what they were put right by: 0 where a picture
-    by the camera at rest shows none, or cannot be aligned."""
+class Remaining(NamedTuple):
+    """Read-out, frame periods, that is seen beyond what frames were put right by."""
+
+    share: float
+    sigma: float  # 0: nothing shows it
+
+    @property
+    def matters(self) -> bool:
+        """True if frames have to be put right by it."""
+        return abs(self.share) >= self.sigma > 0.0
+
+    def with_other(self, other: Remaining) -> Remaining:
+        """Both together by their variances; this one alone where they contradict each other."""
+        if abs(self.share - other.share) > READOUT.contradiction * float(np.hypot(self.sigma, other.sigma)):
+            return self
+        first, second = self.sigma**-2.0, other.sigma**-2.0
+        return Remaining((first * self.share + second * other.share) / (first + second), (first + second) ** -0.5)
+
+
+def in_sweep(still: Still, found: CalibratedCamera, swept: SweptFrames) -> Remaining:
+    """Read-out that frames of the sweep still show, against a picture by the camera at rest: 0 where that cannot be
+    aligned."""
+    rate = _rate_at(still.at.pan_rad, found, swept)
     belief = Belief(still.at, *([READOUT.panorama_rad] * 3))
     aligner = Aligner(found.panorama, found.camera, pixels=still.image.size)
     aligned = aligner.align(still.image, still.at, 4.0, None, belief)
     if aligned.agreement < ALIGNMENT.sure_agreement or not aligned.report.converged:
-        return 0.0
-    shear_rad, sigma_rad = aligned.at.pan_shear_rad, np.sqrt(ALIGNMENT.doubt * aligned.covariance[4, 4])
-    if abs(shear_rad) < max(READOUT.least_shear_rad, 3.0 * sigma_rad):
-        return 0.0
-    return -float(shear_rad) / _rate_at(still.at.pan_rad, found, swept)
+        return Remaining(0.0, READOUT.least_shear_rad / abs(rate))
+    sigma_rad = 3.0 * float(np.sqrt(ALIGNMENT.doubt * aligned.covariance[4, 4]))
+    return Remaining(-aligned.at.pan_shear_rad / rate, max(READOUT.least_shear_rad, sigma_rad) / abs(rate))
 
 
-def readout_sigma(still: Still, found: CalibratedCamera, swept: SweptFrames) -> float:
-    """Standard deviation of the read-out, frame periods of the sweep, that `remaining_readout` leaves."""
-    return READOUT.least_shear_rad / abs(_rate_at(still.at.pan_rad, found, swept))
+def in_zoom_run(frames: Frames, found: CalibratedCamera, zoomed: ZoomedFrames) -> Remaining | None:
+    """Read-out that ``frames`` of the zoom run show: the shear of log focal over its change a frame, where the lens is
+    as in the sweep. A lens is zoomed faster than a head is turned, and tells more. None where too few can be aligned.
+
+    What the travel of the projection centre is wrong by looks like a shear, too, but grows with log focal from nothing
+    at the sweep's; so do the errors of a panorama that is sheared itself. Both are a line's slope, and what is looked
+    for its value there.
+    """
+    if len(zoomed.numbers) < READOUT.least_zoomed:
+        return None
+    rates = np.gradient(zoomed.log_focal, zoomed.numbers)
+    fastest = float(np.abs(rates).max())
+    moving = {int(number): index for index, number in enumerate(zoomed.numbers) if abs(rates[index]) > 0.5 * fastest}
+    aligner, seen = None, []
+    for number, image in frames:
+        if number not in moving:
+            continue
+        log_focal, rate = zoomed.log_focal[moving[number]], rates[moving[number]]
+        at = ViewPlace(zoomed.pan_rad, found.camera.tilt_rad, float(np.exp(log_focal)))
+        aligner = aligner or Aligner(found.panorama, found.camera, pixels=image[..., 0].size // 3)
+        aligned = aligner.align(image, at, 4.0, None, Belief(at, *([READOUT.panorama_rad] * 4)))
+        if aligned.agreement >= ALIGNMENT.sure_agreement and aligned.report.converged:
+            zoom = log_focal - np.log(found.camera.lens.reference_focal_px)
+            seen.append((zoom, aligned.at.zoom_shear / rate, abs(rate) / np.sqrt(aligned.covariance[5, 5])))
+    if len(seen) < READOUT.least_zoomed:
+        return None
+    zoom, share, certainty = np.array(seen).T
+    line = np.polynomial.Polynomial.fit(zoom, share, 1, w=certainty)
+    return Remaining(float(line(0.0)), READOUT.zoom_shear / fastest)
 
 
 def _rate_at(looked_rad: float, found: CalibratedCamera, swept: SweptFrames) -> float:

@@ -89,10 +89,17 @@ class ReadoutTuning(NamedTuple):
     least_sway_rad: float = 2e-5
     """Standard deviation of the sway, at least: a thousandth of a degree. It grows as soon as a head moves."""
     panorama_rad: float = 0.01
-    """Standard deviation of tilt, roll and shear of a panorama before it is compared with the reference image."""
+    """Standard deviation of tilt, roll and shears of a panorama before it is compared with a picture."""
     least_shear_rad: float = 1e-4
     """Shear of a panorama from which on its frames are put right: 0.006 degrees, a few hundredths of a pixel in most
     rows."""
+    zoom_shear: float = 5e-5
+    """Shear of log focal that frames of a zoom run are known to, together, and from which on they are put right: it
+    makes the travel of the projection centre a millimetre too long."""
+    least_zoomed: int = 6
+    """Frames of a zoom run that tell of the read-out, at least."""
+    contradiction: float = 4.0
+    """Standard deviations by which sweep and zoom run have to differ to be taken for filmed otherwise."""
     sweep_rounds: int = 3
     """Times that a sweep is put right, at most."""
     from_sweep: float = 0.015

@@ -21,7 +21,15 @@ from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.localisation.readout import History, Readout, Sway
 from pzcap.localisation.rectification import is_sheared, rectified, rectified_points
-from pzcap.localisation.sweep_readout import Still, evenly_lit, put_right, readout_sigma, remaining_readout, still_of
+from pzcap.localisation.sweep_readout import (
+    Remaining,
+    Still,
+    evenly_lit,
+    in_sweep,
+    in_zoom_run,
+    put_right,
+    still_of,
+)
 from pzcap.localisation.tuning import READOUT
 from pzcap.types import Array, Image, Localisation, Panorama, ReferenceCamera
 from tests.scenes import synthetic
@@ -246,10 +254,36 @@ def test_a_picture_at_rest_shows_the_read_out_of_the_sweep(panorama: Panorama, s
     """A frame that is sheared before a panorama that is not is as one that is not before one that is, the other way."""
     found, swept = swept_at(panorama, step_rad)
     still = Still(sheared, ViewPlace(0.3, OPTICS.tilt_rad, 1.3 * FOCAL))
-    assert remaining_readout(still, found, swept) == pytest.approx(-0.006 / step_rad, rel=0.03)
-    assert readout_sigma(still, found, swept) == pytest.approx(READOUT.least_shear_rad / abs(step_rad))
+    remaining = in_sweep(still, found, swept)
+    assert remaining.share == pytest.approx(-0.006 / step_rad, rel=0.03)
+    assert remaining.sigma == pytest.approx(READOUT.least_shear_rad / abs(step_rad), rel=0.2)
+    assert remaining.matters
     upright = Still(synthetic.render(OPTICS, 0.3, FOCAL), ViewPlace(0.3, OPTICS.tilt_rad, FOCAL))
-    assert remaining_readout(upright, found, swept) == 0.0
+    assert not in_sweep(upright, found, swept).matters
+
+
+def test_a_zoom_run_shows_the_read_out_that_is_left(panorama: Panorama) -> None:
+    found, _ = swept_at(panorama, 0.1)
+    log_focal = np.log(FOCAL) + 0.05 * np.arange(13)
+    zoomed = ZoomedFrames(np.arange(10, 23), log_focal, 0.3)
+    frames = [
+        (int(number), rolled(0.3, float(np.exp(x)), np.array([0.0, 0.05 * 0.04])))
+        for number, x in zip(zoomed.numbers, log_focal, strict=True)
+    ]
+    remaining = in_zoom_run([(0, frames[0][1]), *frames], found, zoomed)
+    assert remaining is not None
+    assert remaining.share == pytest.approx(0.04, abs=3.0 * remaining.sigma)
+    assert remaining.matters
+    assert in_zoom_run(frames[:5], found, zoomed) is None
+    assert in_zoom_run([], found, ZoomedFrames(np.zeros(0, np.int64), np.zeros(0), 0.0)) is None
+
+
+def test_sweep_and_zoom_run_count_by_their_variances_unless_they_contradict_each_other() -> None:
+    sweep = Remaining(0.002, 0.002)
+    both = sweep.with_other(Remaining(0.004, 0.001))
+    assert (both.share, both.sigma) == (pytest.approx(0.0036), pytest.approx(0.002 / 5**0.5))
+    assert sweep.with_other(Remaining(0.08, 0.001)) is sweep
+    assert not Remaining(0.0, 0.0).matters
 
 
 def test_without_an_object_a_frame_of_the_zoom_run_is_the_one_at_rest(panorama: Panorama) -> None:
