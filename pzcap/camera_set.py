@@ -17,7 +17,7 @@ from pzcap.calibration.blame import lens_moved, sweep_is_foreign
 from pzcap.calibration.calibrate import CalibratedCamera, Footage, calibrate
 from pzcap.calibration.other_dictionaries import find_other
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.calibration.stitching import SweptFrames
+from pzcap.calibration.stitching import SweptFrames, ZoomedFrames
 from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
@@ -25,7 +25,15 @@ from pzcap.localisation.covariance import systematic
 from pzcap.localisation.fields import BothFields, by_both_fields
 from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.repetition import carried_on, covariance_of
-from pzcap.localisation.sweep_readout import Remaining, evenly_lit, in_sweep, in_zoom_run, put_right, still_of
+from pzcap.localisation.sweep_readout import (
+    Remaining,
+    Still,
+    evenly_lit,
+    in_sweep,
+    in_zoom_run,
+    put_right,
+    still_of,
+)
 from pzcap.localisation.tuning import READOUT
 from pzcap.progress import Report, no_report
 from pzcap.runtime import give_back
@@ -101,13 +109,10 @@ def calibrate_rolling(
     if colours.any():
         footage = lateral_colour.aligned(footage, colours)
     found, swept, zoomed, bands = calibrate(footage, config, report)
-    even, readout, more = evenly_lit(footage, bands, swept.kept, zoomed.numbers), 0.0, Remaining(0.0, 0.0)
+    even, readout = evenly_lit(footage, bands, swept.kept, zoomed.numbers), 0.0
     upright = even
     for _ in range(READOUT.sweep_rounds):
-        if (still := still_of(footage, found, zoomed)) is not None:
-            more = in_sweep(still, found, swept)
-            if upright.zoom is not None and (other := in_zoom_run(upright.zoom, found, zoomed)) is not None:
-                more = more.with_other(other)
+        more = _remaining(still_of(footage, found, zoomed), upright, found, swept, zoomed)
         if more.matters:
             readout += more.share
         elif not bands.size:
@@ -118,6 +123,18 @@ def calibrate_rolling(
     readout_s, sigma_s = readout * footage.sweep_period_s, more.sigma * footage.sweep_period_s  # sigma 0: not known
     lens = replace(found.camera.lens, lateral_colour=colours)
     return replace(found, camera=replace(found.camera, lens=lens, readout_s=readout_s, readout_sigma_s=sigma_s)), swept
+
+
+def _remaining(
+    still: Still | None, upright: Footage, found: CalibratedCamera, swept: SweptFrames, zoomed: ZoomedFrames
+) -> Remaining:
+    """Read-out that is left in ``upright``, footage put right by what is known of it: by a ``still`` picture and by the
+    zoom run. Pictures of interlaced zoom runs are sheared by themselves, by what a millisecond and a half would."""
+    if still is None:
+        return Remaining(0.0, 0.0)
+    seen = in_sweep(still, found, swept)
+    other = None if upright.by_fields or upright.zoom is None else in_zoom_run(upright.zoom, found, zoomed)
+    return seen if other is None else seen.with_other(other)
 
 
 class _GivenUpError(Exception):

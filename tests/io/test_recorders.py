@@ -15,6 +15,7 @@ from av.video.reformatter import ColorRange, Colorspace
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.io.timecode import frames_per_day, frames_to_timecode, timecode_to_frames
 from pzcap.io.video import VideoReader
+from pzcap.localisation.fields import BothFields
 from pzcap.types import SEGMENTS, Image, PzcapError
 from sim.capture_writer import write_video
 from tests.scenes.recorders import MIRROR, TURNS, encode, flag, number, pictures, trim
@@ -155,6 +156,9 @@ def test_of_interlaced_pictures_the_first_field_is_read(first: int, tmp_path: Pa
     (again,) = reader.read(4, 5)
     assert again[0] == 4
     assert np.abs(again[1].astype(float) - fields[8]).mean() < 0.3 * np.abs(again[1].astype(float) - fields[9]).mean()
+    for (_, image, second), (_, between) in zip(reader.read_fields(), BothFields(reader), strict=True):
+        assert second is not None
+        np.testing.assert_allclose(between, (image.astype(float) + second) / 2, atol=0.5)
 
 
 def coloured(path: Path, image: Image, codec: str, pix_fmt: str, hd: bool, full: bool) -> Path:
