@@ -112,7 +112,8 @@ def calibrate_rolling(
     even, readout = evenly_lit(footage, bands, swept.kept, zoomed.numbers), 0.0
     upright = even
     for _ in range(READOUT.sweep_rounds):
-        more = _remaining(still_of(footage, found, zoomed), upright, found, swept, zoomed)
+        still, rolls = still_of(footage, found, zoomed), readout != 0.0
+        more = _remaining(still, upright, found, swept, zoomed, rolls)
         if more.matters:
             readout += more.share
         elif not bands.size:
@@ -126,14 +127,18 @@ def calibrate_rolling(
 
 
 def _remaining(
-    still: Still | None, upright: Footage, found: CalibratedCamera, swept: SweptFrames, zoomed: ZoomedFrames
-) -> Remaining:
-    """Read-out that is left in ``upright``, footage put right by what is known of it: by a ``still`` picture and by the
-    zoom run. Pictures of interlaced zoom runs are sheared by themselves, by what a millisecond and a half would."""
+    still: Still | None, upright: Footage, found: CalibratedCamera, swept: SweptFrames, zoomed: ZoomedFrames,
+    rolls: bool,
+) -> Remaining:  # fmt: skip
+    """Read-out that is left in ``upright``, footage put right by what is known of it: by a ``still`` picture and, if
+    the shutter ``rolls`` or that shows it to, by the zoom run. Pictures of interlaced zoom runs are sheared by
+    themselves, by what a millisecond and a half would."""
     if still is None:
         return Remaining(0.0, 0.0)
     seen = in_sweep(still, found, swept)
-    other = None if upright.by_fields or upright.zoom is None else in_zoom_run(upright.zoom, found, zoomed)
+    if upright.by_fields or upright.zoom is None or not (rolls or seen.matters):
+        return seen
+    other = in_zoom_run(upright.zoom, found, zoomed)
     return seen if other is None else seen.with_other(other)
 
 
