@@ -72,19 +72,16 @@ def refine_batch(
         [each.pose for each in found.frames], found.objectives, passes.reference, passes.sure
     )
     sought, reference = np.zeros(found.spread_m.shape, bool), passes.reference
-    tried = [list[Pose]() for _ in found.frames]
     for _ in range(REACQUISITION.rounds):
         found, again, taken = _reacquired(batch, limbs, found, sequence, passes)
         if again is not None:
             sought[: len(again.lost)] |= again.lost
             reference = again.reference
-            for all_tried, each in zip(tried, again.tried, strict=False):  # the last may be a keyframe
-                all_tried += each
         if not taken:
             break
         passes = replace(passes, doubtful=np.zeros_like(passes.doubtful))  # what leapt does no longer
     poses = [each.pose for each in found.frames]
-    return replace(found, spread_m=posterior_spread(limbs, poses, found.objectives, reference, sought, tried))
+    return replace(found, spread_m=posterior_spread(limbs, poses, found.objectives, reference, sought))
 
 
 def _reacquired(

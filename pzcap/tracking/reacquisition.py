@@ -61,7 +61,6 @@ class Reacquired:
 
     poses: list[Pose]
     lost: Mask  # (T, 16) segments that were reacquired
-    tried: list[list[Pose]]  # of each frame, where limbs that were sought were followed to
     reference: list[Appearance]  # of the skin in each view, where nothing was lost
     least_m2: Array  # (4,) score that a limb has where it is, at least
 
@@ -98,8 +97,8 @@ def reacquire(
     candidates = list(zip(poses, *passes.poses, strict=True))
     sequence = ViewSequence([each.views for each in objectives], period)
     least_m2 = np.minimum(REACQUISITION.least_share * usual_m2, REACQUISITION.least_score_m2)
-    found, sought, tried = _found(limbs, candidates, sequence, reference, (lost, leaping), around)
-    return Reacquired(found, sought @ _OF_LIMB, tried, reference, least_m2) if sought.any() else None
+    found, sought = _found(limbs, candidates, sequence, reference, (lost, leaping), around)
+    return Reacquired(found, sought @ _OF_LIMB, reference, least_m2) if sought.any() else None
 
 
 def accepted(
@@ -122,11 +121,10 @@ def accepted(
 
 def posterior_spread(
     limbs: LimbAppearance, poses: Sequence[Pose], objectives: Sequence[PoseObjective], reference: Appearances,
-    sought: Mask, tried: Sequence[Sequence[Pose]],
+    sought: Mask,
 ) -> Array:  # fmt: skip
     """Root mean square distance (T, 16), metres, of the joints of limbs that were ``sought`` (T, 16) from where they
-    are in postures all over their reach, and in those of the poses that were ``tried`` in each frame, since the score
-    falls to nothing within a decimetre; NaN of others, and of the joint that a limb turns in.
+    are in postures all over their reach; NaN of others, and of the joint that a limb turns in.
 
     The odds of two postures are those of their scores, so that the distance is small where the limb scores much more
     than elsewhere.
@@ -134,10 +132,9 @@ def posterior_spread(
     found, turns = np.full(sought.shape, np.nan), np.vstack([POSTURES, 2.0 * POSTURES])
     for t, limb in np.argwhere(sought[:, [members[0] for members in LIMBS]]).tolist():
         context = limbs.context(limb, poses[t], objectives[t], reference)
-        all_turns = np.vstack([turns, *(turn_to(limb, poses[t], each) for each in tried[t])])
-        postures = limbs.postures(limb, context, all_turns, coarse=True)
-        odds = np.exp((postures.score_m2 - postures.score_m2.max()) / REACQUISITION.odds_m2)
-        squared = np.sum(postures.moved_m**2, axis=2)
+        tried = limbs.postures(limb, context, turns, coarse=True)
+        odds = np.exp((tried.score_m2 - tried.score_m2.max()) / REACQUISITION.odds_m2)
+        squared = np.sum(tried.moved_m**2, axis=2)
         found[t, list(LIMBS[limb][1:])] = np.sqrt(odds @ squared / odds.sum())
     return found
 
@@ -178,15 +175,15 @@ def _learned(
 def _found(
     limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], sequence: ViewSequence, reference: Appearances,
     verdicts: tuple[Mask, Mask], around: Neighbours,
-) -> tuple[list[Pose], Mask, list[list[Pose]]]:  # fmt: skip
+) -> tuple[list[Pose], Mask]:  # fmt: skip
     """The poses, of each frame's ``candidates`` the first, with limbs reacquired one after the other: one that has been
-    found leaves its place to no other. Also where they were sought, (T, 4), and where they were followed to.
+    found leaves its place to no other. Also where they were sought, (T, 4).
 
     By the ``verdicts`` (T, 4) some are lost, and some of them leap. One that leaps nowhere, and scores no more anywhere
     else, stays as it is.
     """
     lost, leaping = verdicts
-    sought, followed = np.zeros_like(lost), [list[Pose]() for _ in candidates]
+    sought = np.zeros_like(lost)
     poses = [pose for pose, *_ in candidates]
     found, chain = list(poses), [around[0], *poses, around[1]]
     for limb, segments in enumerate(LIMBS):
@@ -203,11 +200,9 @@ def _found(
             if not leaps and _most_gained(limbs, limb, contexts, tried) < REACQUISITION.promising_m2:
                 continue
             sought[run.start : run.stop, limb] = True
-            for t, each in zip(run, tried, strict=True):
-                followed[t] += each
             for t, pose in zip(run, _path(limbs, limb, part, contexts, tried), strict=True):
                 found[t] = with_segments(found[t], segments, pose)
-    return found, sought, followed
+    return found, sought
 
 
 def _most_gained(
