@@ -114,9 +114,8 @@ def cubic(image: Stored, x: float, y: float) -> tuple[bool, float, float, float]
 def warped(image: Image | Float32, columns: Float32, rows: Float32) -> Float32:
     """Sample the spline through a colour image (H, W, 3) at columns and rows (h, w): (h, w, 3). It ends a pixel inside.
 
-    OpenCV's own interpolation rounds places to 1/32 pixel, and its bicubic one (a = -0.75) keeps no slope: it moves by
-    a tenth more than it is asked to where that is little, and leaves frames of a zoom run that it puts right a
-    ten-thousandth too large.
+    OpenCV's own interpolation rounds places to 1/32 pixel, and its bicubic one (a = -0.75) keeps no slope: a small
+    shift comes out -2 a = 1.5 times as large, and frames of a zoom run that it puts right a ten-thousandth.
     """
     coefficients = cv2.sepFilter2D(image, cv2.CV_32F, DIRECT, DIRECT, borderType=cv2.BORDER_REFLECT_101)
     out = np.empty((*columns.shape, 3), np.float32)
