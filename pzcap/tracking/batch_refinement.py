@@ -24,7 +24,7 @@ from pzcap.tracking.keyframes import information
 from pzcap.tracking.observation import Placed
 from pzcap.tracking.pixel_time import ClockEquations, ClockEstimate, ClockSystem
 from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective
-from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, posterior_spread, reacquire
+from pzcap.tracking.reacquisition import PassResults, Places, Reacquired, accepted, posterior_spread, reacquire
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
@@ -71,17 +71,18 @@ def refine_batch(
     limbs = LimbAppearance(body, config.appearance_score).calibrated(
         [each.pose for each in found.frames], found.objectives, passes.reference, passes.sure
     )
-    sought, reference = np.zeros(found.spread_m.shape, bool), passes.reference
+    places, reference = Places(), passes.reference
     for _ in range(REACQUISITION.rounds):
         found, again, taken = _reacquired(batch, limbs, found, sequence, passes)
         if again is not None:
-            sought[: len(again.lost)] |= again.lost
+            for limb, there in again.places.items():
+                places[limb] = [*places.get(limb, []), *there]
             reference = again.reference
         if not taken:
             break
         passes = replace(passes, doubtful=np.zeros_like(passes.doubtful))  # what leapt does no longer
     poses = [each.pose for each in found.frames]
-    return replace(found, spread_m=posterior_spread(limbs, poses, found.objectives, reference, sought))
+    return replace(found, spread_m=posterior_spread(limbs, poses, found.objectives, reference, places))
 
 
 def _reacquired(

@@ -8,8 +8,9 @@ it did before: of the postures about that of each hypothesis, those that have sc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -62,7 +63,7 @@ def _next(
     places = np.concatenate([one.moved_m for one in tried])
     return [
         Hypothesis(turned(limb, context.pose, turns[n]), beam[n // len(_AROUND)].pose, float(totals[n]))
-        for n in _apart(totals, places)
+        for n in islice(apart(totals, places, BEAM.apart_m), BEAM.width)
     ]
 
 
@@ -84,12 +85,11 @@ def _leap(tried: Postures) -> Array:
     return np.asarray(np.sum(off**2, axis=(1, 2)) / REACQUISITION.leap_m**2)
 
 
-def _apart(totals: Array, places: Array) -> list[int]:
-    """The best of some postures whose joints, at ``places`` (K, 2, 3), lie apart from each other; the best first."""
-    chosen: list[int] = []
-    left = np.ones(len(totals), bool)
-    while len(chosen) < BEAM.width and left.any():
-        best = int(np.argmax(np.where(left, totals, -np.inf)))
-        chosen.append(best)
-        left &= np.abs(places - places[best]).max(axis=(1, 2)) > BEAM.apart_m
-    return chosen
+def apart(score: Array, places: Array, least_m: float) -> Iterator[int]:
+    """Those of some postures whose joints, at ``places`` (K, 2, 3), lie ``least_m`` apart from each other: of those
+    that do not, the one of the greatest ``score`` (K,); the best first."""
+    left = np.ones(len(score), bool)
+    while left.any():
+        best = int(np.argmax(np.where(left, score, -np.inf)))
+        yield best
+        left &= np.abs(places - places[best]).max(axis=(1, 2)) > least_m

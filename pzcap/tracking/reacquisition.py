@@ -24,7 +24,7 @@ from pzcap.body.skeleton import LIMBS
 from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
 from pzcap.tracking.bidirectional_fusion import choose, runs, with_segments
-from pzcap.tracking.limb_beam import follow_limb
+from pzcap.tracking.limb_beam import apart, follow_limb
 from pzcap.tracking.limbs import POSTURES, support, turn_to, turned
 from pzcap.tracking.observation import Placed
 from pzcap.tracking.pose_objective import PoseObjective
@@ -37,6 +37,8 @@ _OF_LIMB: Final[Mask] = np.array([np.isin(np.arange(len(SEGMENTS)), limb) for li
 
 Neighbours = tuple[Pose | None, Pose | None]
 """The poses before and after some frames, where they are known."""
+Places = dict[tuple[int, int], list[Pose]]
+"""Poses of a frame by its number and a limb's: where the limb may be."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +63,7 @@ class Reacquired:
 
     poses: list[Pose]
     lost: Mask  # (T, 16) segments that were reacquired
+    places: Places  # where they were looked for
     reference: list[Appearance]  # of the skin in each view, where nothing was lost
     least_m2: Array  # (4,) score that a limb has where it is, at least
 
@@ -97,8 +100,9 @@ def reacquire(
     candidates = list(zip(poses, *passes.poses, strict=True))
     sequence = ViewSequence([each.views for each in objectives], period)
     least_m2 = np.minimum(REACQUISITION.least_share * usual_m2, REACQUISITION.least_score_m2)
-    found, sought = _found(limbs, candidates, sequence, reference, (lost, leaping), around)
-    return Reacquired(found, sought @ _OF_LIMB, reference, least_m2) if sought.any() else None
+    found, places = _found(limbs, candidates, sequence, reference, (lost, leaping), around)
+    sought = np.array([[(t, limb) in places for limb in range(len(LIMBS))] for t in range(len(poses))])
+    return Reacquired(found, sought @ _OF_LIMB, places, reference, least_m2) if places else None
 
 
 def accepted(
@@ -121,18 +125,23 @@ def accepted(
 
 def posterior_spread(
     limbs: LimbAppearance, poses: Sequence[Pose], objectives: Sequence[PoseObjective], reference: Appearances,
-    sought: Mask,
+    places: Places,
 ) -> Array:  # fmt: skip
-    """Root mean square distance (T, 16), metres, of the joints of limbs that were ``sought`` (T, 16) from where they
-    are in postures all over their reach; NaN of others, and of the joint that a limb turns in.
+    """Root mean square distance (T, 16), metres, of the joints of limbs from where they are in postures all over their
+    reach, and in the ``places`` where they were looked for, as far as these lie apart; NaN of limbs that were looked
+    for nowhere, and of the joint that a limb turns in.
 
     The odds of two postures are those of their scores, so that the distance is small where the limb scores much more
-    than elsewhere.
+    than elsewhere. A score falls to nothing within a decimetre: postures all over the reach miss another place.
     """
-    found, turns = np.full(sought.shape, np.nan), np.vstack([POSTURES, 2.0 * POSTURES])
-    for t, limb in np.argwhere(sought[:, [members[0] for members in LIMBS]]).tolist():
+    found, reach = np.full((len(poses), len(SEGMENTS)), np.nan), np.vstack([POSTURES, 2.0 * POSTURES])
+    for (t, limb), others in places.items():
         context = limbs.context(limb, poses[t], objectives[t], reference)
-        tried = limbs.postures(limb, context, turns, coarse=True)
+        turns = np.vstack([np.zeros(4), *(turn_to(limb, poses[t], each) for each in others)])
+        looked = limbs.postures(limb, context, turns, coarse=True)
+        score = np.concatenate([[np.inf], looked.score_m2[1:]])  # what lies about its place is none other
+        _, *elsewhere = apart(score, looked.moved_m, REACQUISITION.apart_agreed_m)
+        tried = limbs.postures(limb, context, np.vstack([reach, turns[elsewhere]]), coarse=True)
         odds = np.exp((tried.score_m2 - tried.score_m2.max()) / REACQUISITION.odds_m2)
         squared = np.sum(tried.moved_m**2, axis=2)
         found[t, list(LIMBS[limb][1:])] = np.sqrt(odds @ squared / odds.sum())
@@ -175,15 +184,15 @@ def _learned(
 def _found(
     limbs: LimbAppearance, candidates: Sequence[Sequence[Pose]], sequence: ViewSequence, reference: Appearances,
     verdicts: tuple[Mask, Mask], around: Neighbours,
-) -> tuple[list[Pose], Mask]:  # fmt: skip
+) -> tuple[list[Pose], Places]:  # fmt: skip
     """The poses, of each frame's ``candidates`` the first, with limbs reacquired one after the other: one that has been
-    found leaves its place to no other. Also where they were sought, (T, 4).
+    found leaves its place to no other. Also where they were looked for.
 
     By the ``verdicts`` (T, 4) some are lost, and some of them leap. One that leaps nowhere, and scores no more anywhere
     else, stays as it is.
     """
     lost, leaping = verdicts
-    sought = np.zeros_like(lost)
+    places: Places = {}
     poses = [pose for pose, *_ in candidates]
     found, chain = list(poses), [around[0], *poses, around[1]]
     for limb, segments in enumerate(LIMBS):
@@ -199,10 +208,10 @@ def _found(
             leaps = leaping[run.start : run.stop, limb].any()
             if not leaps and _most_gained(limbs, limb, contexts, tried) < REACQUISITION.promising_m2:
                 continue
-            sought[run.start : run.stop, limb] = True
-            for t, pose in zip(run, _path(limbs, limb, part, contexts, tried), strict=True):
+            for t, pose, others in zip(run, _path(limbs, limb, part, contexts, tried), tried, strict=True):
                 found[t] = with_segments(found[t], segments, pose)
-    return found, sought
+                places[t, limb] = [*others, pose]
+    return found, places
 
 
 def _most_gained(

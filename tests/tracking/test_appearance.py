@@ -285,9 +285,8 @@ def test_a_stretch_is_polished_with_the_limb_where_the_second_look_has_found_it(
 def test_a_limb_is_known_as_far_as_it_scores_more_than_elsewhere(limb: int) -> None:
     """One that is seen lies where it is; one that neither silhouettes nor looks tell of, anywhere in its reach."""
     body, pose, rows = true_body(), clip().poses[5], list(LIMBS[limb][1:])
-    sought = np.isin(np.arange(16), LIMBS[limb])[None]
     seen, unseen = (
-        posterior_spread(LimbAppearance(body), [pose], [objective], looks, sought)[0]
+        posterior_spread(LimbAppearance(body), [pose], [objective], looks, {(0, limb): []})[0]
         for objective, looks in (
             (observed(5, body), shared(known())),
             (without_silhouettes(5, body), known(range(0))),
@@ -296,6 +295,37 @@ def test_a_limb_is_known_as_far_as_it_scores_more_than_elsewhere(limb: int) -> N
     assert np.isnan(np.delete(seen, rows)).all()
     assert seen[rows].max() < 0.02
     assert unseen[rows].min() > 0.1
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_a_limb_that_was_looked_for_where_it_scores_more_is_not_known(limb: int) -> None:
+    """It is as far off as that. Postures all over its reach miss the place."""
+    body, pose, rows = true_body(), clip().poses[5], list(LIMBS[limb][1:])
+    away = swung(pose, limb, 0.33)
+    alone, looked_for = (
+        posterior_spread(LimbAppearance(body), [away], [observed(5, body)], shared(known()), {(0, limb): there})
+        for there in ([], [pose])
+    )
+    apart = np.linalg.norm(kinematics.joints(body, away) - kinematics.joints(body, pose), axis=1)[rows]
+    assert looked_for[0][rows] == pytest.approx(apart, rel=0.02)
+    assert not np.allclose(alone[0][rows], apart, rtol=0.1)
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_a_place_counts_once(limb: int) -> None:
+    """However often a limb was looked for there; and none about where it is, nor of another limb."""
+    body, pose, rows = true_body(), clip().poses[5], list(LIMBS[limb][1:])
+    there, near, other = swung(pose, limb, 1.5), swung(pose, limb, 0.05), (limb + 2) % len(LIMBS)
+    none, once, often = (
+        posterior_spread(LimbAppearance(body), [pose], [without_silhouettes(5, body)], known(range(0)), places)[0][rows]
+        for places in (
+            {(0, limb): []},
+            {(0, limb): [there]},
+            {(0, limb): [there, near, pose, there, near], (0, other): [swung(pose, other, 1.5)]},
+        )
+    )
+    assert often == pytest.approx(once)
+    assert not np.allclose(once, none, rtol=1e-5)
 
 
 def test_only_a_limb_that_was_sought_is_compared_with_what_else_it_may_be() -> None:
@@ -381,7 +411,7 @@ def test_a_limb_is_taken_where_it_scores_well_and_lies_elsewhere(
 
     views: list[Views] = [[None] * len(crops(5))] * len(FRAMES)
     lost = np.broadcast_to(np.isin(np.arange(16), LIMBS[limb]), SURE.shape)
-    again = Reacquired(there, lost, known(range(0)), np.full(len(LIMBS), 0.05))
+    again = Reacquired(there, lost, {}, known(range(0)), np.full(len(LIMBS), 0.05))
     pairs = list(zip(here, there, strict=True))
     found = accepted(Told(body), here[0], pairs, ViewSequence(views, 1.0), again, np.full(SURE.shape, agreed))
     off = [kinematics.joints(body, p) - kinematics.joints(body, q) for p, q in zip(found, here, strict=True)]
