@@ -167,12 +167,14 @@ class LimbAppearance:
         patches = limbs.patches(self.body, limb, posed.frames, grounds(objective.views, placed))
         return LimbContext(pose, objective, posed.frames, patches, coarse, fine)
 
-    def postures(self, limb: int, context: LimbContext, turns: Array, *, coarse: bool = False) -> Postures:
+    def postures(
+        self, limb: int, context: LimbContext, turns: Array, rates: Array | None = None, *, coarse: bool = False
+    ) -> Postures:
         """Score a limb turned by ``turns`` (K, 4), in ``coarse`` or in fine images; the rest of the body is where the
-        ``context`` has it."""
+        ``context`` has it. It moves at ``rates`` (K, 16, 12); None: as in the context."""
         turns = limbs.bounded(limb, context.pose, turns)
         posed = limbs.posed(self.body, limb, context.pose, turns)
-        exposed = limbs.in_views(context.objective, limb, posed)
+        exposed = limbs.in_views(context.objective, limb, posed, rates)
         body, hall = limbs.judged(self.body, limb, exposed, context.patches).T
         skins, views = (self._coarse_skins, context.coarse) if coarse else (self._skins, context.fine)
         similarity = self._similarity(limb, skins[limb], exposed, views)

@@ -27,6 +27,7 @@ from pzcap.body.kinematics import difference, forward, joint_angles, retract
 from pzcap.body.skeleton import DOF_AXES, DOF_SEGMENT, LIMBS, Body
 from pzcap.geometry.pinhole import Pinhole, pinhole, ray, to_pixel
 from pzcap.tracking.observation import Placed, Views
+from pzcap.tracking.pixel_time import exposed_frames
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.tuning import APPEARANCE, VIEW
 from pzcap.tracking.visibility import ARMS, GROUP, HEAD
@@ -138,9 +139,21 @@ def support(objective: PoseObjective, pose: Pose, placed: Placed) -> Array:
     ])  # fmt: skip
 
 
-def in_views(objective: PoseObjective, limb: int, posed: Array) -> list[Array]:
-    """A limb ``posed`` (K, 3, 4, 4) where it was when each view was exposed."""
-    return [posed if view is None else objective.exposed_frames(view, posed, LIMBS[limb]) for view in objective.views]
+class LimbMotion(NamedTuple):
+    """A limb in one frame, and how fast it moves there."""
+
+    pose: Pose  # of the whole body, of which the limb alone counts
+    rates: Array  # (16, 12) of the segments, as in `pixel_time.rates_between`
+
+
+def in_views(objective: PoseObjective, limb: int, posed: Array, rates: Array | None = None) -> list[Array]:
+    """A limb ``posed`` (K, 3, 4, 4) where it was when each view was exposed, moving at ``rates`` (K, 16, 12); None: as
+    the ``objective`` has them."""
+    known = objective.rates if rates is None else rates
+    own = None if known is None else known[..., list(LIMBS[limb]), :]
+    return [
+        posed if view is None else exposed_frames(posed, own, view.camera, view.exposure) for view in objective.views
+    ]
 
 
 def grounds(views: Views, placed: Placed) -> list[Ground]:

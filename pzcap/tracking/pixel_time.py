@@ -130,9 +130,9 @@ def _move_on(here: Coordinates, joint: Array, rates: Array, time: Array, out: Co
 
 
 def moved_frames(world_T_segment: Array, rates: Array, time: Array) -> Array:
-    """Segments (..., S, 4, 4) of the ``rates`` (S, 12) after ``time`` (..., S)."""
+    """Segments (..., S, 4, 4) of the ``rates`` (S, 12) or (..., S, 12) after ``time`` (..., S)."""
     after = time[..., None]
-    out, moved = world_T_segment.copy(), after * (rates[:, :6] + 0.5 * after * rates[:, 6:])
+    out, moved = world_T_segment.copy(), after * (rates[..., :6] + 0.5 * after * rates[..., 6:])
     _move(moved.reshape(-1, 6), out.reshape(-1, 4, 4))
     return out
 
@@ -158,8 +158,11 @@ def _move(moved: Array, frames: Array) -> None:
             frames[n, i, 3] += moved[n, i]
 
 
-def exposed_frames(world_T_segment: Array, rates: Array, camera: Camera, exposure: Exposure) -> Array:
-    """Segments (..., S, 4, 4) of the ``rates`` (S, 12) where they are when the camera exposes their joints."""
+def exposed_frames(world_T_segment: Array, rates: Array | None, camera: Camera, exposure: Exposure) -> Array:
+    """Segments (..., S, 4, 4) of the ``rates``, as `moved_frames` has them, where they are when the camera exposes
+    their joints; None: they are not known."""
+    if rates is None or exposure == AT_ONCE:
+        return world_T_segment
     rows = projected(world_T_segment[..., :3, 3].reshape(-1, 3), camera)[0][:, 1]
     time = exposure.times(rows, camera.height).reshape(world_T_segment.shape[:-2])
     return moved_frames(world_T_segment, rates, time)

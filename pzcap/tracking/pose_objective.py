@@ -33,7 +33,7 @@ from pzcap.tracking.settings import Terms
 from pzcap.tracking.skin_appearance import SomeAppearances
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR, DRAPE, VIEW
 from pzcap.tracking.visibility import ProjectedSkin, SkinPoints, hide_behind
-from pzcap.types import SEGMENTS, Array, Camera, Pose
+from pzcap.types import Array, Camera, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,12 +142,6 @@ class PoseObjective:
             return skin
         return skin._replace(points=exposed(skin, frames, self.rates, view.camera, view.exposure))
 
-    def exposed_frames(self, view: ViewCrop, frames: Array, segments: Sequence[int] = range(len(SEGMENTS))) -> Array:
-        """The ``segments``, at ``frames`` (..., S, 4, 4), where they were when the ``view`` was exposed."""
-        if self.rates is None or view.exposure == AT_ONCE:
-            return frames
-        return exposed_frames(frames, self.rates[list(segments)], view.camera, view.exposure)
-
     def visibility(self, posed: PosedBody) -> list[PlacedView | None]:
         """The depth test in every view. It changes slowly with the pose, so it is worth keeping for a few steps."""
         placed = [
@@ -233,7 +227,7 @@ class PoseObjective:
             if view.person is not None and terms.keypoint_weight > 0:
                 rows, keypoint = keypoint_residuals.residuals(
                     self.body.landmarks,
-                    self.exposed_frames(view, posed.frames),
+                    exposed_frames(posed.frames, self.rates, view.camera, view.exposure),
                     view.camera,
                     view.person,
                     terms.keypoint_scale,

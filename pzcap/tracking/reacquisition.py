@@ -19,14 +19,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.body.kinematics import difference, retract
+from pzcap.body.kinematics import difference, forward, retract
 from pzcap.body.skeleton import LIMBS
 from pzcap.solver.viterbi import best_path
 from pzcap.tracking.appearance import LimbAppearance, LimbContext, Postures
 from pzcap.tracking.bidirectional_fusion import choose, runs, with_segments
 from pzcap.tracking.limb_beam import apart, follow_limb
-from pzcap.tracking.limbs import POSTURES, support, turn_to, turned
+from pzcap.tracking.limbs import POSTURES, LimbMotion, support, turn_to, turned
 from pzcap.tracking.observation import Placed
+from pzcap.tracking.pixel_time import AT_REST, sequence_rates
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.skin_appearance import Appearance, Appearances, learn
 from pzcap.tracking.tuning import FRAME, REACQUISITION
@@ -37,8 +38,8 @@ _OF_LIMB: Final[Mask] = np.array([np.isin(np.arange(len(SEGMENTS)), limb) for li
 
 Neighbours = tuple[Pose | None, Pose | None]
 """The poses before and after some frames, where they are known."""
-Places = dict[tuple[int, int], list[Pose]]
-"""Poses of a frame by its number and a limb's: where the limb may be."""
+Places = dict[tuple[int, int], list[LimbMotion]]
+"""By the number of a frame and a limb's: where the limb may be."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,13 +138,15 @@ def posterior_spread(
     found, reach = np.full((len(poses), len(SEGMENTS)), np.nan), np.vstack([POSTURES, 2.0 * POSTURES])
     for (t, limb), others in places.items():
         context = limbs.context(limb, poses[t], objectives[t], reference)
-        turns = np.vstack([np.zeros(4), *(turn_to(limb, poses[t], each) for each in others)])
-        looked = limbs.postures(limb, context, turns, coarse=True)
-        score = np.concatenate([[np.inf], looked.score_m2[1:]])  # what lies about its place is none other
-        _, *elsewhere = apart(score, looked.moved_m, REACQUISITION.apart_agreed_m)
-        tried = limbs.postures(limb, context, np.vstack([reach, turns[elsewhere]]), coarse=True)
-        odds = np.exp((tried.score_m2 - tried.score_m2.max()) / REACQUISITION.odds_m2)
-        squared = np.sum(tried.moved_m**2, axis=2)
+        about = limbs.postures(limb, context, reach, coarse=True)
+        rates = objectives[t].rates
+        here = LimbMotion(poses[t], AT_REST if rates is None else rates)
+        there = _scored(limbs, limb, context, [here, *others])
+        order = np.concatenate([[np.inf], there.score_m2[1:]])  # what lies about its place is none other
+        _, *elsewhere = apart(order, there.moved_m, REACQUISITION.apart_agreed_m)
+        score = np.concatenate([about.score_m2, there.score_m2[elsewhere]])
+        odds = np.exp((score - score.max()) / REACQUISITION.odds_m2)
+        squared = np.sum(np.vstack([about.moved_m, there.moved_m[elsewhere]]) ** 2, axis=2)
         found[t, list(LIMBS[limb][1:])] = np.sqrt(odds @ squared / odds.sum())
     return found
 
@@ -204,25 +207,43 @@ def _found(
             contexts = _between(limbs, limb, part, found[run.start : run.stop], (first, last), reference)
             ahead = follow_limb(limbs, limb, contexts, came, first, sequence.period)
             back = follow_limb(limbs, limb, contexts[::-1], goes, last, -sequence.period)[::-1]
-            tried = [[*candidates[t], *a, *b] for t, a, b in zip(run, ahead, back, strict=True)]
+            passes = [
+                _moving(limbs, limb, part, contexts, each)
+                for each in zip(*candidates[run.start : run.stop], strict=True)
+            ]
+            tried = [[*own, *a, *b] for own, a, b in zip(zip(*passes, strict=True), ahead, back, strict=True)]
             leaps = leaping[run.start : run.stop, limb].any()
             if not leaps and _most_gained(limbs, limb, contexts, tried) < REACQUISITION.promising_m2:
                 continue
-            for t, pose, others in zip(run, _path(limbs, limb, part, contexts, tried), tried, strict=True):
-                found[t] = with_segments(found[t], segments, pose)
-                places[t, limb] = [*others, pose]
+            for t, best, others in zip(run, _path(limbs, limb, part, contexts, tried), tried, strict=True):
+                found[t] = with_segments(found[t], segments, best.pose)
+                places[t, limb] = [*others, best]
     return found, places
 
 
+def _moving(
+    limbs: LimbAppearance, limb: int, sequence: ViewSequence, contexts: Sequence[LimbContext], poses: Sequence[Pose]
+) -> list[LimbMotion]:
+    """A limb as ``poses`` have it, in the frames of a ``sequence``."""
+    own = [with_segments(context.pose, LIMBS[limb], pose) for context, pose in zip(contexts, poses, strict=True)]
+    rates = sequence_rates([forward(limbs.body, pose) for pose in own], sequence.period)
+    return [LimbMotion(*each) for each in zip(own, rates, strict=True)]
+
+
+def _scored(limbs: LimbAppearance, limb: int, context: LimbContext, motions: Sequence[LimbMotion]) -> Postures:
+    """A limb where it may be, scored in coarse images as it moves there."""
+    turns = np.array([turn_to(limb, context.pose, each.pose) for each in motions])
+    return limbs.postures(limb, context, turns, np.array([each.rates for each in motions]), coarse=True)
+
+
 def _most_gained(
-    limbs: LimbAppearance, limb: int, contexts: Sequence[LimbContext], candidates: Sequence[Sequence[Pose]]
+    limbs: LimbAppearance, limb: int, contexts: Sequence[LimbContext], candidates: Sequence[Sequence[LimbMotion]]
 ) -> float:
     """By how much more a limb scores at the best of the other ``candidates`` than at the first, where most in the
     median of some frames."""
     gained = []
     for context, tried in zip(contexts, candidates, strict=True):
-        turns = np.array([turn_to(limb, context.pose, each) for each in tried])
-        score = limbs.postures(limb, context, turns, coarse=True).score_m2
+        score = _scored(limbs, limb, context, tried).score_m2
         gained.append(score[1:].max() - score[:1])
     return float(_filtered(np.array(gained)).max())
 
@@ -244,24 +265,24 @@ def _between(
 
 def _path(
     limbs: LimbAppearance, limb: int, sequence: ViewSequence, contexts: Sequence[LimbContext],
-    candidates: Sequence[Sequence[Pose]],
-) -> list[Pose]:  # fmt: skip
-    """The postures of a limb in a ``sequence`` that score most together, it moving as the path so far has it.
+    candidates: Sequence[Sequence[LimbMotion]],
+) -> list[LimbMotion]:  # fmt: skip
+    """The postures of a limb in a ``sequence`` that score most together.
 
-    To those about the path so far come the limb as the ``candidates`` have it and, as it may have been lost in the
-    middle of a run alone, as the frames beside it have it (Barnes et al., 2009).
+    To those about the path so far, the limb moving as that has it, come the ``candidates`` and, as it may have been
+    lost in the middle of a run alone, the limb as the frames beside have it (Barnes et al., 2009).
     """
-    path, others = [context.pose for context in contexts], list(candidates)
+    path, others = _moving(limbs, limb, sequence, contexts, [each.pose for each in contexts]), list(candidates)
     for size in REACQUISITION.sizes_rad:
         postures = []
-        for context, pose, beside in zip(contexts, path, others, strict=True):
-            around = turn_to(limb, context.pose, pose) + size * POSTURES
-            turns = np.vstack([around, *(turn_to(limb, context.pose, other) for other in beside)])
-            postures.append(limbs.postures(limb, context, turns))
+        for context, here, beside in zip(contexts, path, others, strict=True):
+            around = turn_to(limb, context.pose, here.pose) + size * POSTURES
+            turns = np.vstack([around, *(turn_to(limb, context.pose, each.pose) for each in beside)])
+            rates = np.array([*[here.rates] * len(around), *(each.rates for each in beside)])
+            postures.append(limbs.postures(limb, context, turns, rates))
         chosen = zip(contexts, postures, smoothest(postures), strict=True)
-        path = [turned(limb, context.pose, each.turns[k]) for context, each, k in chosen]
-        moving = sequence.objectives(limbs.body, path)
-        contexts = [replace(context, objective=each) for context, each in zip(contexts, moving, strict=True)]
+        poses = [turned(limb, context.pose, each.turns[k]) for context, each, k in chosen]
+        path = _moving(limbs, limb, sequence, contexts, poses)
         others = [[path[n] for n in (t - 2, t - 1, t + 1, t + 2) if 0 <= n < len(path)] for t in range(len(path))]
     return path
 

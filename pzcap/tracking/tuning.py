@@ -202,11 +202,19 @@ class ReacquisitionTuning(NamedTuple):
     apart_agreed_m: float = 0.1  # nor one nearer than this that both passes had there: clothes look like a limb beside
 
 
+class BeamLook(NamedTuple):
+    """A look at the postures about some hypotheses."""
+
+    spread_rad: float  # of the postures about each
+    coarse: bool  # in coarse images
+    width: int  # hypotheses that are left after it
+
+
 class BeamTuning(NamedTuple):
     """Beam search of a lost limb."""
 
-    width: int = 4  # hypotheses
-    spread_rad: float = 0.3  # of the postures about each: what a limb's motion changes by from frame to frame
+    # a limb's motion changes by 0.3 from frame to frame; where coarse images show two places alike, fine ones may not
+    looks: tuple[BeamLook, ...] = (BeamLook(0.3, True, 8), BeamLook(0.1, False, 4))
     apart_m: float = 0.03  # distance of the joints of two hypotheses, at least
 
 

@@ -19,9 +19,9 @@ from pzcap.tracking import keypoint_residuals
 from pzcap.tracking.appearance import LimbAppearance, Postures
 from pzcap.tracking.batch_refinement import refine_batch
 from pzcap.tracking.bidirectional_fusion import runs
-from pzcap.tracking.limbs import POSTURES, bounded, support, turn_to, turned
+from pzcap.tracking.limbs import POSTURES, LimbMotion, bounded, support, turn_to, turned
 from pzcap.tracking.observation import PYRAMID_LEVELS, ViewCrop, Views
-from pzcap.tracking.pixel_time import ClockEstimate, Exposure, rates_between
+from pzcap.tracking.pixel_time import AT_REST, ClockEstimate, Exposure, rates_between
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.reacquisition import PassResults, Reacquired, accepted, posterior_spread, reacquire, smoothest
 from pzcap.tracking.settings import TrackingConfig
@@ -150,6 +150,24 @@ def test_a_limb_that_swings_is_judged_where_each_view_exposed_it() -> None:
     at_once = limbs.score(there, observed(frame, body), looks)
     np.testing.assert_allclose(exposed, at_once, atol=0.002)
     assert np.abs(frozen - at_once).max() > 0.01
+
+
+@pytest.mark.parametrize("limb", range(4))
+def test_each_posture_is_scored_at_its_own_speed(limb: int) -> None:
+    """Several at once as one after the other, the frame moving so."""
+    body, frame, rng = true_body(), 5, np.random.default_rng(limb)
+    views = [view and replace(view, exposure=Exposure(0.4, 0.5)) for view in crops(frame)]
+    at_rest = PoseObjective(body, views, AT_REST)
+    rates, turns = rng.normal(0.0, 0.1, (3, 16, 12)), rng.normal(0.0, 0.3, (3, 4))
+    limbs, looks, pose = LimbAppearance(body), shared(known()), clip().poses[frame]
+    context = limbs.context(limb, pose, at_rest, looks)
+    together = limbs.postures(limb, context, turns, rates).score_m2
+    alone = [
+        limbs.postures(limb, replace(context, objective=replace(at_rest, rates=own)), turn[None]).score_m2[0]
+        for own, turn in zip(rates, turns, strict=True)
+    ]
+    np.testing.assert_allclose(together, alone, atol=1e-9)
+    assert np.abs(together - limbs.postures(limb, context, turns).score_m2).max() > 0.005
 
 
 def test_skin_that_is_not_known_says_nothing() -> None:
@@ -304,7 +322,7 @@ def test_a_limb_that_was_looked_for_where_it_scores_more_is_not_known(limb: int)
     away = swung(pose, limb, 0.33)
     alone, looked_for = (
         posterior_spread(LimbAppearance(body), [away], [observed(5, body)], shared(known()), {(0, limb): there})
-        for there in ([], [pose])
+        for there in ([], [LimbMotion(pose, AT_REST)])
     )
     apart = np.linalg.norm(kinematics.joints(body, away) - kinematics.joints(body, pose), axis=1)[rows]
     assert looked_for[0][rows] == pytest.approx(apart, rel=0.02)
@@ -315,13 +333,14 @@ def test_a_limb_that_was_looked_for_where_it_scores_more_is_not_known(limb: int)
 def test_a_place_counts_once(limb: int) -> None:
     """However often a limb was looked for there; and none about where it is, nor of another limb."""
     body, pose, rows = true_body(), clip().poses[5], list(LIMBS[limb][1:])
-    there, near, other = swung(pose, limb, 1.5), swung(pose, limb, 0.05), (limb + 2) % len(LIMBS)
+    there, near, here, elsewhere = (LimbMotion(swung(pose, limb, turn), AT_REST) for turn in (1.5, 0.05, 0.0, -1.5))
+    other = (limb + 2) % len(LIMBS)
     none, once, often = (
         posterior_spread(LimbAppearance(body), [pose], [without_silhouettes(5, body)], known(range(0)), places)[0][rows]
         for places in (
             {(0, limb): []},
             {(0, limb): [there]},
-            {(0, limb): [there, near, pose, there, near], (0, other): [swung(pose, other, 1.5)]},
+            {(0, limb): [there, near, here, there, near], (0, other): [elsewhere]},
         )
     )
     assert often == pytest.approx(once)

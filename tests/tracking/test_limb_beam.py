@@ -11,6 +11,7 @@ from pzcap.body import kinematics
 from pzcap.body.skeleton import LIMBS
 from pzcap.tracking.appearance import LimbAppearance
 from pzcap.tracking.limb_beam import follow_limb
+from pzcap.tracking.pixel_time import rates_between
 from pzcap.tracking.skin_appearance import shared
 from pzcap.tracking.tuning import BEAM
 from pzcap.types import Array, Pose
@@ -38,11 +39,15 @@ def test_a_limb_is_followed_where_the_tracker_has_lost_it(limb: int, backward: b
     assert len(beams) == len(frames)
     for beam, here, gone in zip(beams, true, lost, strict=True):
         assert off_m(gone, here).max() > 0.2
-        assert min(off_m(pose, here).max() for pose in beam) < 0.06
-        assert len(beam) <= BEAM.width
+        assert min(off_m(each.pose, here).max() for each in beam) < 0.06
+        assert len(beam) <= BEAM.looks[-1].width
         for one, other in combinations(beam, 2):
-            assert off_m(one, other).max() > BEAM.apart_m
-    assert off_m(beams[-1][0], true[-1]).max() < 0.1
+            assert off_m(one.pose, other.pose).max() > BEAM.apart_m
+    best = beams[-1][0]
+    assert off_m(best.pose, true[-1]).max() < 0.1
+    placed = [kinematics.forward(body, clip().poses[frame]) for frame in order[-2:]]
+    went = rates_between(*placed, -1.0 if backward else 1.0)[rows, :3]
+    assert np.linalg.norm(best.rates[rows, :3] - went, axis=1).max() < 0.1
 
 
 def astray(frame: int, limb: int) -> Pose:
