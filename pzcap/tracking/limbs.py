@@ -53,6 +53,13 @@ _EDGE: Final = np.ones((3, 3), np.uint8)
 """Pixels of a ground about the body's edge that say nothing: they show both."""
 
 
+class LimbMotion(NamedTuple):
+    """A limb in one frame, and how fast it moves there."""
+
+    pose: Pose  # of the whole body, of which the limb alone counts
+    rates: Array  # (16, 12) of the segments, as in `pixel_time.rates_between`
+
+
 def turned(limb: int, pose: Pose, turn: Array) -> Pose:
     """The pose with one limb turned by (4,): its ball joint about its own three axes, then its hinge."""
     delta = np.zeros(DOF)
@@ -137,13 +144,6 @@ def support(objective: PoseObjective, pose: Pose, placed: Placed) -> Array:
         )[0]
         for limb, segments in enumerate(LIMBS)
     ])  # fmt: skip
-
-
-class LimbMotion(NamedTuple):
-    """A limb in one frame, and how fast it moves there."""
-
-    pose: Pose  # of the whole body, of which the limb alone counts
-    rates: Array  # (16, 12) of the segments, as in `pixel_time.rates_between`
 
 
 def in_views(objective: PoseObjective, limb: int, posed: Array, rates: Array | None = None) -> list[Array]:
