@@ -29,6 +29,7 @@ from pzcap.segmentation.company import WholeView, others_on_floor, whole_view, w
 from pzcap.segmentation.expected import Expected
 from pzcap.segmentation.foreground import ForegroundConfig, separate
 from pzcap.tracking.camera_refinement import CameraPrior, camera_prior
+from pzcap.tuning import LOOK_AHEAD
 from pzcap.types import Camera, FrameSet, Image, Localisation, Mask, PanZoomCamera, Silhouette
 
 
@@ -75,6 +76,10 @@ class ViewLocaliser:
         give_back()
         self._pool, self._config, self._frame_rate = pool, config, frame_rate
         self._ahead = [LookAhead(ahead, partial(self._beside, index)) for index in range(len(cameras))]
+        self._readouts = [
+            None if head is None else Readout.of(head, float(frame_rate), config.beliefs.readout)
+            for head in self._heads
+        ]  # fmt: skip
         self.restart()
 
     def _beside(self, index: int, frames: FrameSet, beside: Localisation | None) -> Localisation | None:
@@ -108,14 +113,25 @@ class ViewLocaliser:
 
     def restart(self) -> None:
         """Forget the frames so far: the next one is the first."""
-        beliefs = self._config.beliefs
-        sway = np.full(2, np.deg2rad(beliefs.sway_deg) ** 2)
+        sway = np.full(2, np.deg2rad(self._config.beliefs.sway_deg) ** 2)
         self._pictures = [Pictures() for _ in self._heads]
         self.histories = [
-            None if head is None
-            else History(Readout.of(head, float(self._frame_rate), beliefs.readout), Sway(head.tilt_rad, sway))
-            for head in self._heads
-        ]  # fmt: skip
+            None if head is None or readout is None else History(readout, Sway(head.tilt_rad, sway))
+            for head, readout in zip(self._heads, self._readouts, strict=True)
+        ]
+
+    def learn_readouts(self, take: FrameSets) -> None:
+        """Localise the first frames of the ``take`` for the read-outs that they show, where a shutter rolls, or may,
+        and its read-out is not known well; and restart with these.
+
+        The body moves while a frame is read, and nobody tracks it well by read-outs that are learned on the way.
+        """
+        if not any(each is not None and each.is_open for each in self._readouts):
+            return
+        for frames in take.between(0, min(LOOK_AHEAD.frames, len(take))):
+            self(frames, None)
+        self._readouts = [None if each is None else each.readout.as_before() for each in self.histories]
+        self.restart()
 
     def __call__(self, frames: FrameSet, tracker: Expecting | None) -> FrameLocalised:
         """Localise ``frames``, and put their rows right, those of the second fields by themselves; ``tracker``, where

@@ -15,7 +15,7 @@ from pzcap.calibration.settings import PanZoomConfig
 from pzcap.camera_set import calibrated_of
 from pzcap.io.capture import FrameSets
 from pzcap.localisation.localise import lost
-from pzcap.localisation.tuning import REPETITION
+from pzcap.localisation.tuning import READOUT, REPETITION
 from pzcap.tuning import LOOK_AHEAD
 from pzcap.types import FrameSet, Image, Localisation, Panorama, PanZoomCamera, Reconstruction
 from pzcap.views import ViewLocaliser
@@ -57,10 +57,22 @@ class Late:
         return Localisation(*place, np.eye(2) * 1e-8, True, nothing, nothing)
 
 
-def localising(ahead: Footage | None, made: Reconstruction | None = None) -> ViewLocaliser:
+class Rolling(Late):
+    """Finds every frame, of a camera that is panned to and fro and reads a frame out in half of its period."""
+
+    def localise(self, image: Image, _: Localisation | None, __: object = None) -> Localisation:
+        number, nothing = int(image[0, 0]), np.empty((0, 2))
+        place = 0.2 * np.sin(0.1 * number), self.camera.tilt_rad, self.camera.lens.reference_focal_px
+        shear = np.array([0.5 * 0.02 * np.cos(0.1 * number), 0.0])
+        return Localisation(*place, np.eye(2) * 1e-8, True, nothing, nothing, shear=shear, shear_sigma=np.full(2, 5e-5))
+
+
+def localising(
+    ahead: Footage | None, made: Reconstruction | None = None, by: type[Late] = Late
+) -> ViewLocaliser:  # fmt: skip
     cameras = calibrated_of(made or fabricated.reconstruction())
     take = cast(FrameSets | None, ahead)
-    return ViewLocaliser(cameras, PanZoomConfig(), ThreadPoolExecutor(2), Fraction(30), Late, take)
+    return ViewLocaliser(cameras, PanZoomConfig(), ThreadPoolExecutor(2), Fraction(30), by, take)
 
 
 def valid(localise: ViewLocaliser, footage: Footage) -> list[bool]:
@@ -100,6 +112,27 @@ def test_the_search_ends_with_the_take_or_before_it_takes_long(monkeypatch: pyte
     assert not any(valid(localising(ahead), Footage(10)))
     assert 0 < max(ahead.read) < min(frames, LOOK_AHEAD.frames)
     assert len(ahead.read) <= 4 * LOOK_AHEAD.frames / LOOK_AHEAD.stride  # once for each of four cameras
+
+
+@pytest.mark.parametrize(
+    ("share", "sigma", "open_"),
+    [(0.4, 0.1, True), (0.0, 0.2, True), (0.5, 0.01, False), (0.0, 0.014, False)],
+    ids=["rolls", "nothing is known", "is known", "is global"],
+)
+def test_read_outs_that_are_not_known_are_learned_beforehand(share: float, sigma: float, open_: bool) -> None:
+    made, take = fabricated.reconstruction(), Footage(2 * LOOK_AHEAD.frames)
+    heads = [
+        None if head is None else replace(head, readout_s=share / 30, readout_sigma_s=sigma / 30)
+        for head in made.cameras
+    ]  # fmt: skip
+    localise = localising(None, replace(made, cameras=tuple(heads)), Rolling)
+    localise.learn_readouts(cast(FrameSets, take))
+    assert take.read == (list(range(LOOK_AHEAD.frames)) if open_ else [])
+    for history in localise.histories:
+        assert history is not None
+        assert not history.seen
+        assert history.readout.share == pytest.approx(0.5 if open_ else share, abs=0.01)
+        assert history.readout.sigma == history.readout.believed == READOUT.from_sweep
 
 
 def test_a_camera_that_is_not_calibrated_is_left_out() -> None:

@@ -46,6 +46,16 @@ class Readout(NamedTuple):
         sigma = min(max(camera.readout_sigma_s * frame_rate, READOUT.from_sweep), belief)
         return Readout(camera.readout_s * frame_rate, sigma, sigma)
 
+    def as_before(self) -> Readout:
+        """The estimate before any of the frames that have told it is seen once more."""
+        sigma = max(self.deviation, READOUT.from_sweep)
+        return Readout(self.share, sigma, sigma)
+
+    @property
+    def is_open(self) -> bool:
+        """True of a shutter that rolls, or may for all that is known, by a read-out that is not known well."""
+        return self.sigma > READOUT.from_sweep and abs(self.share) + self.sigma > READOUT.least_share
+
     @property
     def deviation(self) -> float:
         """Standard deviation that is claimed. Frames that follow each other see the same of the panorama, and err
