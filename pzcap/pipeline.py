@@ -141,7 +141,7 @@ def stages(
                 sets.keyframes = ()
                 notes.append("keyframes.json is not used: without a calibration object nobody knows its world")
             localise = localise_by(calibrated)
-        localise.learn_readouts(sets)
+        yield from localise.learn_readouts(sets)
         segment = segment_by(calibrated)
         yield CamerasReady(time.perf_counter() - started)
 

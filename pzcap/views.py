@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from fractions import Fraction
@@ -14,7 +14,7 @@ import numpy as np
 
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.events import FrameLocalised, FrameSegmented
+from pzcap.events import FrameLocalised, FrameSegmented, Progress
 from pzcap.geometry.camera import of_frame
 from pzcap.imaging.colour import colours_aligned, grey
 from pzcap.io.capture import FrameSets
@@ -120,7 +120,7 @@ class ViewLocaliser:
             for head, readout in zip(self._heads, self._readouts, strict=True)
         ]
 
-    def learn_readouts(self, take: FrameSets) -> None:
+    def learn_readouts(self, take: FrameSets) -> Iterator[Progress]:
         """Localise the first frames of the ``take`` for the read-outs that they show, where a shutter rolls, or may,
         and its read-out is not known well; and restart with these.
 
@@ -128,8 +128,10 @@ class ViewLocaliser:
         """
         if not any(each is not None and each.is_open for each in self._readouts):
             return
-        for frames in take.between(0, min(LOOK_AHEAD.frames, len(take))):
+        count = min(LOOK_AHEAD.frames, len(take))
+        for frames in take.between(0, count):
             self(frames, None)
+            yield Progress("learn read-outs", frames.index + 1, count)
         self._readouts = [None if each is None else each.readout.as_before() for each in self.histories]
         self.restart()
 

@@ -126,7 +126,8 @@ def test_read_outs_that_are_not_known_are_learned_beforehand(share: float, sigma
         for head in made.cameras
     ]  # fmt: skip
     localise = localising(None, replace(made, cameras=tuple(heads)), Rolling)
-    localise.learn_readouts(cast(FrameSets, take))
+    told = list(localise.learn_readouts(cast(FrameSets, take)))
+    assert [(each.done, each.total) for each in told] == [(n + 1, LOOK_AHEAD.frames) for n in take.read]
     assert take.read == (list(range(LOOK_AHEAD.frames)) if open_ else [])
     for history in localise.histories:
         assert history is not None
