@@ -141,7 +141,8 @@ def stages(
                 sets.keyframes = ()
                 notes.append("keyframes.json is not used: without a calibration object nobody knows its world")
             localise = localise_by(calibrated)
-        yield from localise.learn_readouts(sets)
+        if method is EXACT:  # no other tells read-outs
+            yield from localise.learn_readouts(sets)
         segment = segment_by(calibrated)
         yield CamerasReady(time.perf_counter() - started)
 

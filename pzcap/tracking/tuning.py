@@ -199,7 +199,8 @@ class ReacquisitionTuning(NamedTuple):
     least_gain_m2: float = 0.002  # by which the score must be more: a search finds what looks a little better
     odds_m2: float = 0.007  # of score by which one posture is e times as likely as another; fitted
     apart_m: float = 0.02  # a limb that was reacquired nearer than this was not lost
-    apart_agreed_m: float = 0.1  # nor one nearer than this that both passes had there: clothes look like a limb beside
+    # nor one nearer than this that both passes had there: clothes look like a limb beside; so far apart two places are
+    apart_agreed_m: float = 0.1
 
 
 class BeamLook(NamedTuple):
