@@ -74,8 +74,37 @@ def render(
     with_object: bool = False,
 ) -> Image:
     """The frame that the camera sees, (H, W, 3); the calibration object stands 8 m off at pan 0."""
+    texture, px_per_rad = _wrapped_hall(seed)
+    head_R_cam = rotation_z(pan_rad) @ rotation_y(-optics.tilt_rad) @ _FORWARD @ rotation_z(optics.roll_rad)
+    rays, darker = _rays(optics, focal_px)
+    directions = rays @ head_R_cam.T
+    azimuth = np.arctan2(directions[..., 1], directions[..., 0])
+    slope = directions[..., 2] / np.hypot(directions[..., 0], directions[..., 1])
+    columns = ((np.pi - azimuth) * px_per_rad - 0.5 + _MARGIN).astype(np.float32)
+    rows = ((SLOPES - slope) * px_per_rad - 0.5).astype(np.float32)
+    fine = cv2.remap(texture, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    if with_object:
+        draw_object(fine, directions)
+    frame = cv2.resize(fine.astype(np.float32), (optics.width, optics.height), interpolation=cv2.INTER_AREA)
+    frame *= (gain * darker)[..., None].astype(np.float32)
+    frame += np.random.default_rng(noise_seed).normal(0, optics.noise, frame.shape).astype(np.float32)
+    return np.clip(np.round(frame), 0, 255).astype(np.uint8)
+
+
+_FORWARD = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0.0]])  # head_R_cam of a level camera at pan 0
+_MARGIN = 8  # pixels on either side of the texture that repeat the other one
+
+
+@lru_cache(maxsize=2)
+def _wrapped_hall(seed: int) -> tuple[Image, float]:
+    """The texture with a margin, so that the full turn closes, and its pixels to the radian."""
     texture = hall(seed)
-    px_per_rad = texture.shape[1] / (2 * np.pi)
+    return cv2.copyMakeBorder(texture, 0, 0, _MARGIN, _MARGIN, cv2.BORDER_WRAP), texture.shape[1] / (2 * np.pi)
+
+
+@lru_cache(maxsize=4)  # a sweep has one focal length
+def _rays(optics: Optics, focal_px: float) -> tuple[Array, Array]:
+    """Directions (3 H, 3 W, 3) of nine rays a pixel in the camera frame, and what vignetting leaves (H, W) of light."""
     log_zoom = np.log(focal_px / optics.reference_focal_px)
     principal = np.array(optics.principal_px) + log_zoom * np.array(optics.principal_slope_px)
     k1 = optics.k1 + log_zoom * optics.k1_slope
@@ -88,24 +117,10 @@ def render(
     straight = bent.copy()
     for _ in range(30):
         straight = bent / (1 + k1 * straight**2)
-    x, y = x / (1 + k1 * straight**2), y / (1 + k1 * straight**2)
-    rotation = rotation_z(pan_rad) @ rotation_y(-optics.tilt_rad) @ np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0.0]])
-    directions = np.stack([x, y, np.ones_like(x)], axis=-1) @ (rotation @ rotation_z(optics.roll_rad)).T
-    azimuth = np.arctan2(directions[..., 1], directions[..., 0])
-    slope = directions[..., 2] / np.hypot(directions[..., 0], directions[..., 1])
-    columns = ((np.pi - azimuth) * px_per_rad - 0.5).astype(np.float32)
-    rows = ((SLOPES - slope) * px_per_rad - 0.5).astype(np.float32)
-    margin = 8
-    wrapped = cv2.copyMakeBorder(texture, 0, 0, margin, margin, cv2.BORDER_WRAP)
-    fine = cv2.remap(wrapped, columns + margin, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    if with_object:
-        draw_object(fine, directions)
-    frame = cv2.resize(fine.astype(np.float32), (optics.width, optics.height), interpolation=cv2.INTER_AREA)
+    shrunk = 1 + k1 * straight**2
     radius = np.hypot(*np.meshgrid(np.arange(optics.width) - principal[0], np.arange(optics.height) - principal[1]))
     radius /= np.hypot(optics.width, optics.height) / 2
-    frame *= (gain * (1 - optics.vignetting * radius**2))[..., None].astype(np.float32)
-    frame += np.random.default_rng(noise_seed).normal(0, optics.noise, frame.shape).astype(np.float32)
-    return np.clip(np.round(frame), 0, 255).astype(np.uint8)
+    return np.stack([x / shrunk, y / shrunk, np.ones_like(x)], axis=-1), 1 - optics.vignetting * radius**2
 
 
 def frames(optics: Optics, pans_rad: Array) -> list[tuple[int, Image]]:
