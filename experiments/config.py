@@ -16,9 +16,9 @@ from cattrs.errors import ForbiddenExtraKeysError
 from omegaconf import DictConfig, OmegaConf
 
 from pzcap.extras import reconstruct as extras
-from pzcap.ranges import Range, out_of_range
 from pzcap.types import PzcapError
 from sim.capture_cache import LIGHT_GB
+from sim.ranges import Range, out_of_range
 from sim.session import ShootConfig
 
 T = TypeVar("T")

@@ -17,7 +17,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any, Final, get_type_hints
 
 from experiments.config import CONVERTER, AppConfig
-from pzcap.ranges import Range
+from sim.ranges import Range
 
 HEAD = """# Configuration
 

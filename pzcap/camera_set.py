@@ -25,15 +25,7 @@ from pzcap.localisation.covariance import systematic
 from pzcap.localisation.fields import BothFields, by_both_fields
 from pzcap.localisation.localise import count_from_reference
 from pzcap.localisation.repetition import carried_on, covariance_of
-from pzcap.localisation.sweep_readout import (
-    Remaining,
-    Still,
-    evenly_lit,
-    in_sweep,
-    in_zoom_run,
-    put_right,
-    still_of,
-)
+from pzcap.localisation.sweep_readout import Remaining, Still, evenly_lit, in_sweep, in_zoom_run, put_right, still_of
 from pzcap.localisation.tuning import READOUT
 from pzcap.progress import Report, no_report
 from pzcap.runtime import give_back

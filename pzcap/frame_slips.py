@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from pzcap.geometry.camera import project
 from pzcap.segmentation.others import BEFORE
+from pzcap.solver.viterbi import best_path
 from pzcap.tracking.tracker import Tracked
 from pzcap.tuning import SLIPS
 from pzcap.types import PARENTS, Array, Camera, Localisation, Mask, PanZoomTrack, Silhouette
@@ -160,18 +161,12 @@ def _path_of(scores: Array, offsets: Array) -> tuple[float, Array]:
     """The most that the ``scores`` (N, K) of some ``offsets`` (K,) add up to, each change costing ``SLIPS.change``, and
     the offsets (N,) that do. Of one that is a frame or more from the start, half of that is taken off: a timecode is
     wrong more often than that a frame is lost so soon (Viterbi)."""
-    total, came = scores[0] - 0.5 * SLIPS.change * (np.abs(offsets) >= 1.0), []
-    for each in scores[1:]:
-        best = int(np.argmax(total))
-        change = total[best] - SLIPS.change > total
-        came.append(np.where(change, best, np.arange(len(total))))
-        total = np.where(change, total[best] - SLIPS.change, total) + each
-    state = int(np.argmax(total))
-    states = [state]
-    for back in reversed(came):
-        state = int(back[state])
-        states.append(state)
-    return float(total.max()), offsets[states[::-1]]
+    begin = -0.5 * SLIPS.change * (np.abs(offsets) >= 1.0)
+    stay = SLIPS.change * (np.eye(len(offsets)) - 1.0)
+    states = np.array(best_path([scores[0] + begin, *scores[1:]], [stay] * (len(scores) - 1)))
+    changes = np.count_nonzero(np.diff(states))
+    worth = begin[states[0]] + scores[np.arange(len(scores)), states].sum() - SLIPS.change * changes
+    return float(worth), offsets[states]
 
 
 def slips(frames: Sequence[int], offsets: Array, tracks: Sequence[PanZoomTrack | None]) -> list[Slip]:

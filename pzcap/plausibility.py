@@ -15,15 +15,7 @@ from pzcap.geometry.camera import project, wrapped
 from pzcap.tracking.bidirectional_fusion import runs
 from pzcap.tracking.body_size import BodySize, seen_sizes
 from pzcap.tuning import PLAUSIBILITY
-from pzcap.types import (
-    MEASUREMENTS,
-    Camera,
-    Keyframe,
-    Mask,
-    PzcapError,
-    Silhouette,
-    Subject,
-)
+from pzcap.types import MEASUREMENTS, Camera, Keyframe, Mask, PzcapError, Silhouette, Subject
 
 _OBJECT: Final = "object.json: "  # begins a note
 _SCALES: Final = tuple(percent / 100 for percent in range(70, 141))

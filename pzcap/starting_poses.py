@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -12,7 +12,7 @@ from pzcap.body import skeleton
 from pzcap.body.anthropometry import UNMEASURED
 from pzcap.body.skeleton import Body
 from pzcap.events import FrameSegmented, Progress
-from pzcap.initialisation.keyframes import find_keyframes
+from pzcap.initialisation.keyframes import Observe, find_keyframes
 from pzcap.initialisation.people import Detections
 from pzcap.initialisation.selection import worthwhile
 from pzcap.io.capture import FrameSets
@@ -92,12 +92,22 @@ def keyframes_from_keypoints(
         yield Progress("keypoints", frames.index + 1, len(sets))
     localise.restart()
 
+    observe = observer(body, sets, dict(enumerate(located)), localise, segment, config)
+    return find_keyframes(detections, body, sets.keyframes, rate, observe, config)
+
+
+def observer(
+    body: Body, sets: FrameSets, located: Mapping[int, tuple[Localisation | None, ...]], localise: ViewLocaliser,
+    segment: Segment, config: TrackingConfig,
+) -> Observe:  # fmt: skip
+    """The views of a keyframe's instant, which was ``located``, the athlete cut out where the keyframe has the body."""
+
     def observe(key: Keyframe) -> Sequence[ViewInput | None]:
         [frames] = sets.between(key.frame, key.frame + 1)
         expected = Tracker(body, [key], config)
         return track_input(segment(localise.as_found(frames, located[key.frame]), expected)).views
 
-    return find_keyframes(detections, body, sets.keyframes, rate, observe, config)
+    return observe
 
 
 def _sigma_rad(found: Localisation | None) -> float:

@@ -369,6 +369,10 @@ class Motion:
     valid: Mask  # (F,)
     body: MovedBody | None = None  # None where joints alone were found
 
+    def pose(self, frame: int) -> Pose:
+        """The pose of one frame."""
+        return Pose(self.root_position_m[frame], self.rotations[frame])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reconstruction:

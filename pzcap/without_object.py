@@ -17,34 +17,31 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pzcap.body import skeleton
 from pzcap.body.anthropometry import Measured
 from pzcap.body.skeleton import Body, of
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.correspondences import height_of as camera_height
 from pzcap.events import Progress
 from pzcap.geometry import camera as geometry
-from pzcap.initialisation.body_height import height_of, height_of_moved, seen_height
+from pzcap.initialisation.body_height import seen_height, standing_height
 from pzcap.initialisation.camera_poses import HeadRays, Heads, adjust, floor_height, place_heads
 from pzcap.initialisation.floor_matching import place_by_floor
 from pzcap.initialisation.limb_lengths import scale_by_limbs
 from pzcap.initialisation.people import Detections, Sighting, athlete, most_central
 from pzcap.initialisation.tuning import HEADS, HEIGHT, PEOPLE
 from pzcap.io.capture import FrameSets
-from pzcap.io.detections import KEYPOINTS
+from pzcap.io.detections import KEYPOINTS, ROW
 from pzcap.scaling import scaled, scaled_camera, scaled_pose
-from pzcap.starting_poses import track_input
-from pzcap.tracking.observation import ViewInput
+from pzcap.starting_poses import observer
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.tracking.tracker import Tracker
-from pzcap.types import Array, Camera, Keyframe, Localisation, PanZoomCamera, PzcapError, Reconstruction
+from pzcap.types import Array, Camera, Localisation, PanZoomCamera, PzcapError, Reconstruction
 from pzcap.views import Segment, ViewLocaliser
 
 Number = TypeVar("Number", bound=np.generic)
 
-_AT: Final = {name: row for row, name in enumerate(KEYPOINTS)}
 
-
-_FEET: Final = [_AT[f"{side}_{name}"] for side in ("left", "right") for name in ("heel", "big_toe", "small_toe")]
+_FEET: Final = [ROW[f"{side}_{name}"] for side in ("left", "right") for name in ("heel", "big_toe", "small_toe")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,12 +233,7 @@ def _scaled_by_contours(
     cameras as they are ``placed``, and ``localise`` how their rows are exposed."""
     open_body = of_open_size(body, HEIGHT.open * placed.scale_sigma)
     located = {seen.frame: seen.located for seen in placed.instants}
-
-    def observe(key: Keyframe) -> Sequence[ViewInput | None]:
-        [frames] = sets.between(key.frame, key.frame + 1)
-        expected = Tracker(open_body, [key], config)
-        return track_input(segment(localise.as_found(frames, located[key.frame]), expected)).views
-
+    observe = observer(open_body, sets, located, localise, segment, config)
     found = seen_height(open_body, [(seen.frame, seen.athlete) for seen in placed.instants], observe, config)
     if found is None:
         return placed
@@ -266,7 +258,7 @@ def in_metres(found: Reconstruction, body: Body, placed: Placed) -> Reconstructi
     sigma = float(np.hypot(body.measured.sigma("stature") / stature_m, HEIGHT.sigma))
     if found.motion is None or found.motion.body is None:
         return replace(found, notes=(*found.notes, _note(found, placed, 1.0, placed.scale_sigma)))
-    factor = height_of(body) / height_of_moved(found.motion.body)
+    factor = standing_height(skeleton.moved(body)) / standing_height(found.motion.body)
     return replace(scaled(found, factor), notes=(*found.notes, _note(found, placed, factor, sigma)))
 
 

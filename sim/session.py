@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.io.timecode import frames_per_day, frames_to_timecode
-from pzcap.ranges import Range
 from pzcap.types import Array, PzcapError
 from sim import motion
 from sim.cameras.film import Person, finest_plate
@@ -34,6 +33,7 @@ from sim.people.company import Companion, coach, walkers
 from sim.people.crew import CrewConfig, to_and_fro
 from sim.people.detector import DetectorConfig
 from sim.people.loose_clothing import Clothes
+from sim.ranges import Range
 from sim.scene import describe_scene, stream
 
 _SIGNAL_S: Final = 0.15  # after the first frame that all cameras have: a clap, or a lamp that is lit

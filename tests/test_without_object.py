@@ -10,7 +10,7 @@ import pytest
 
 from pzcap.body import skeleton
 from pzcap.camera_set import what_is_lacking
-from pzcap.initialisation.body_height import height_of, height_of_moved
+from pzcap.initialisation.body_height import standing_height
 from pzcap.io.capture import read_capture
 from pzcap.types import PanZoomCamera, Subject
 from pzcap.without_object import Placed, in_metres, of_open_size
@@ -21,8 +21,7 @@ _STATURE = Subject({"stature": 1.70}, 0.005)
 
 def test_a_body_is_as_tall_as_its_stature() -> None:
     body = skeleton.build(_STATURE)
-    assert height_of(body) == pytest.approx(1.70, abs=0.02)
-    assert height_of_moved(skeleton.moved(body)) == height_of(body)
+    assert standing_height(skeleton.moved(body)) == pytest.approx(1.70, abs=0.02)
     open_size = of_open_size(body, 0.03)
     assert open_size.measured.value("stature") == body.measured.value("stature")
     assert open_size.measured.sigma("stature") == pytest.approx(np.hypot(0.005, 0.03 * 1.70), rel=0.05)

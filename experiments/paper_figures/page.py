@@ -13,9 +13,10 @@ import rerun.blueprint as rrb
 from experiments import pages
 from experiments.paper_figures.canvas import Drawn
 from experiments.paper_figures.material import Run
-from pzcap.io.files import with_utf8_name, written_whole
+from pzcap.io.files import written_whole
 from pzcap.viewer import columns
 from pzcap.viewer.columns import plain, view_path
+from pzcap.viewer.utf8_name import with_utf8_name
 
 APPLICATION: Final = "pzcap-figures-v1"
 PAGE: Final = "index.html"

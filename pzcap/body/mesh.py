@@ -44,13 +44,7 @@ class Surface:
     @staticmethod
     def of(points_m: Array, segment: Indices, faces: Indices, edges: Indices) -> Surface:
         """The surface of a mesh."""
-        a, b, c = (points_m[faces[:, k]] for k in range(3))
-        across = np.cross(b - a, c - a)  # of length twice the triangle's area
-        normals, area = np.zeros_like(points_m), np.zeros(len(points_m))
-        for k in range(3):
-            np.add.at(normals, faces[:, k], across)
-            np.add.at(area, faces[:, k], np.linalg.norm(across, axis=1) / 6.0)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals, area = vertex_normals(points_m, faces)
         return Surface(np.asfortranarray(points_m), np.asfortranarray(normals), segment, area, faces, edges)
 
     def scaled(self, ratio: float) -> Surface:
@@ -60,6 +54,17 @@ class Surface:
     def moved(self, points_m: Array) -> Surface:
         """The same mesh with its vertices elsewhere."""
         return Surface.of(points_m, self.segment, self.faces, self.edges)
+
+
+def vertex_normals(points_m: Array, faces: Indices) -> tuple[Array, Array]:
+    """Unit normals (V, 3) of the vertices of a mesh, and the area (V,) that each stands for."""
+    a, b, c = (points_m[faces[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)  # of length twice the triangle's area
+    normals, area = np.zeros_like(points_m), np.zeros(len(points_m))
+    for k in range(3):
+        np.add.at(normals, faces[:, k], across)
+        np.add.at(area, faces[:, k], np.linalg.norm(across, axis=1) / 6.0)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(1e-12), area
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,13 +23,7 @@ from numpy.typing import NDArray
 
 from pzcap.calibration.beliefs import Sigmas, information
 from pzcap.calibration.link_sums import add_link, add_nodes, new_link_sums
-from pzcap.calibration.parameters import (
-    CalibrationParameters,
-    ViewJacobians,
-    retract,
-    to_vector,
-    view_jacobians,
-)
+from pzcap.calibration.parameters import CalibrationParameters, ViewJacobians, retract, to_vector, view_jacobians
 from pzcap.calibration.transfer import SIDES, new_transfer, transfer
 from pzcap.calibration.tuning import BUNDLE
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall

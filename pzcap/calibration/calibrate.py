@@ -27,16 +27,7 @@ from pzcap.calibration.tuning import BELIEF, PROPAGATION
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.progress import Report, no_report
-from pzcap.types import (
-    Array,
-    CalibrationObject,
-    Camera,
-    Image,
-    Panorama,
-    PanZoomCamera,
-    PzcapError,
-    ReferenceCamera,
-)
+from pzcap.types import Array, CalibrationObject, Camera, Image, Panorama, PanZoomCamera, PzcapError, ReferenceCamera
 
 
 class Footage(NamedTuple):

@@ -10,8 +10,6 @@ always below the middle, and would not. Video has chroma at half the resolution,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -19,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.calibration.calibrate import Footage
-from pzcap.calibration.sweep import Frames
+from pzcap.calibration.sweep import Frames, MappedFrames
 from pzcap.calibration.tuning import LATERAL
 from pzcap.imaging.colour import LUMA, colours_aligned
 from pzcap.types import Array, Float32, Image
@@ -30,23 +28,14 @@ _FROM_CHROMA = np.array([1.772, 1.402])
 
 def aligned(footage: Footage, stretches: Array) -> Footage:
     """The ``footage`` of a camera with the colours of all its frames aligned by ``stretches`` (3,)."""
-    sweep, zoom = ColoursAligned(footage.sweep, stretches), footage.zoom
+
+    def align(_: int, image: Image) -> Image:
+        return colours_aligned(image, stretches)
+
+    zoom = None if footage.zoom is None else MappedFrames(footage.zoom, align)
     return footage._replace(
-        reference_image=colours_aligned(footage.reference_image, stretches), sweep=sweep,
-        zoom=None if zoom is None else ColoursAligned(zoom, stretches),
-    )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ColoursAligned:
-    """The ``frames`` of a sweep or a zoom run, their colours aligned by ``stretches`` (3,)."""
-
-    frames: Frames
-    stretches: Array
-
-    def __iter__(self) -> Iterator[tuple[int, Image]]:
-        for number, image in self.frames:
-            yield number, colours_aligned(image, self.stretches)
+        reference_image=align(0, footage.reference_image), sweep=MappedFrames(footage.sweep, align), zoom=zoom
+    )
 
 
 def measure(frames: Frames) -> Array:

@@ -14,13 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pzcap.calibration.beliefs import Sigmas, information, standing_apart
-from pzcap.calibration.bundle_adjustment import (
-    Link,
-    Matches,
-    enough,
-    matches_of,
-    normal_equations,
-)
+from pzcap.calibration.bundle_adjustment import Link, Matches, enough, matches_of, normal_equations
 from pzcap.calibration.compared_pixels import ComparedPixels, compared_pixels, edge_pixels, overlap_of
 from pzcap.calibration.grey_value_equations import accumulate
 from pzcap.calibration.parameters import CalibrationParameters, retract, to_vector, view_jacobians

@@ -6,7 +6,7 @@ of a full turn its end is matched with its beginning, so that the circle closes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,17 @@ from pzcap.types import Array, Image, Mask, PzcapError
 
 Frames = Iterable[tuple[int, Image]]
 """Index and image (H, W, 3), as `pzcap.io.video.VideoReader` yields them; iterated more than once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedFrames:
+    """The ``frames`` of a sweep or a zoom run, each changed by ``change`` (index, image)."""
+
+    frames: Frames
+    change: Callable[[int, Image], Image]
+
+    def __iter__(self) -> Iterator[tuple[int, Image]]:
+        return ((number, self.change(number, image)) for number, image in self.frames)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from pzcap.command.footage_files import keypoints_beside
 from pzcap.extras.detectors import coco_results, detector
 from pzcap.io.capture import MANIFEST, read_capture
-from pzcap.io.files import write_json, written_whole
+from pzcap.io.files import write_json
 from pzcap.io.manifest import load_json
 from pzcap.io.video import VideoReader
 from pzcap.types import PzcapError
@@ -33,8 +32,7 @@ def detect_keypoints(folder: Path, by: str, models: Sequence[Path], *, replace: 
         pictures = (image for _, image in reader.read(int(reader.indices[0]), int(reader.indices[-1]) + 1))
         found = list(coco_results(pictures, detect))
         path = keypoints_beside(camera.motion)
-        with written_whole(path) as partial:
-            partial.write_text(json.dumps(found, separators=(",", ":")) + "\n", encoding="utf-8")
+        write_json(path, found, indent=None)
         entries[camera.name] |= {"keypoints": path.relative_to(folder).as_posix(), "keypoints_from": 0}
         pictured = len({entry["image_id"] for entry in found})
         print(f"camera {camera.name}: somebody in {pictured} of {len(reader.indices)} pictures; {path}")

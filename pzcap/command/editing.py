@@ -7,10 +7,10 @@ from pathlib import Path
 
 from pzcap.command.places import has_results, load_results, made_of
 from pzcap.command.progress import ProgressLine
-from pzcap.events import Finished, Progress
 from pzcap.extras.reconstruct import Config, stages
 from pzcap.io import results
 from pzcap.io.capture import MANIFEST, frame_sets, read_capture
+from pzcap.pipeline import finished
 from pzcap.types import Capture, PzcapError, Reconstruction
 
 RECONSTRUCTION = "reconstruction"
@@ -54,11 +54,6 @@ def _cameras(capture: Capture, kept: Path) -> Reconstruction:
         f"{capture.name}: cameras are calibrated and located first, once; later they are taken from {kept}", flush=True
     )
     with ProgressLine() as line:
-        for event in stages(capture, Config()):
-            match event:
-                case Progress(stage, done, total):
-                    line.update(stage, done, total)
-                case Finished(reconstruction):
-                    results.save(reconstruction, kept)
-                    return reconstruction
-    raise AssertionError("stages end with Finished")
+        found = finished(stages(capture, Config()), line.update)
+    results.save(found, kept)
+    return found

@@ -6,7 +6,6 @@ rectangles and a line of text are all that a sheet is.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_bytes, write_json
 from pzcap.types import Array, Marker, PzcapError
 
 DICTIONARY: Final = "DICT_4X4_50"
@@ -85,15 +84,13 @@ def write_cube(cube: Cube, folder: Path) -> int:
     """Write marker_cube.pdf and object.json into ``folder``; the exit status."""
     folder.mkdir(parents=True, exist_ok=True)
     markers = cube.markers()
-    with written_whole(folder / "marker_cube.pdf") as partial:
-        partial.write_bytes(pdf([_sheet(cube, marker) for marker in markers], cube.sheet_m))
+    write_bytes(folder / "marker_cube.pdf", pdf([_sheet(cube, marker) for marker in markers], cube.sheet_m))
     content = {
         "dictionary": DICTIONARY,
         "markers": [{"id": marker.id, "corners_m": np.round(marker.corners_m, 6).tolist()} for marker in markers],
         "wireframe_m": np.round(cube.edges_m(), 6).tolist(),
     }
-    with written_whole(folder / "object.json") as partial:
-        partial.write_text(json.dumps(content) + "\n", encoding="utf-8")
+    write_json(folder / "object.json", content, indent=None)
     print(f"{folder / 'marker_cube.pdf'}: {len(markers)} sheets of {100 * cube.sheet_m:.1f} cm, to print at 100 %")
     print(f"{folder / 'object.json'}: where their corners are on a cube of {cube.edge_m:g} m, on the floor")
     print("print flat and matt; measure what you have built, and correct object.json where it is off by a millimetre")

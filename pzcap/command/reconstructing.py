@@ -14,10 +14,11 @@ import numpy as np
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.command.places import NO_RERUN, RECONSTRUCTION, RECORDING, link_capture, load_results
 from pzcap.command.progress import ProgressLine
-from pzcap.events import Event, Finished, Progress
+from pzcap.events import Event
 from pzcap.extras.reconstruct import Config, stages
 from pzcap.io import results
 from pzcap.io.capture import read_capture
+from pzcap.pipeline import finished
 from pzcap.types import Capture, Reconstruction
 
 
@@ -47,17 +48,10 @@ def _finished(capture: Capture, events: Iterator[Event], out: Path) -> Reconstru
 
             recorder = stack.enter_context(Recorder(out / RECORDING, capture, name=capture.name))
         with ProgressLine() as line:
-            for event in events:
-                if recorder is not None:
-                    recorder.event(event)
-                match event:
-                    case Progress(stage, done, total):
-                        line.update(stage, done, total)
-                    case Finished(reconstruction):
-                        if recorder is not None:
-                            _complete(recorder, reconstruction, capture)
-                        return reconstruction
-    raise AssertionError("stages end with Finished")
+            found = finished(events if recorder is None else recorder.recorded(events), line.update)
+        if recorder is not None:
+            _complete(recorder, found, capture)
+        return found
 
 
 def _complete(recorder: object, reconstruction: Reconstruction, capture: Capture) -> None:

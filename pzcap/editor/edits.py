@@ -87,7 +87,7 @@ class Edits:
         """The pose of a frame that comes from an ``origin``; None where that has none."""
         match origin:
             case "tracker":
-                return self._tracked(frame) if self.motion.valid[frame] else None
+                return self.motion.pose(frame) if self.motion.valid[frame] else None
             case "between":
                 before, after = self._around(frame)
                 if before is None or after is None:
@@ -113,9 +113,6 @@ class Edits:
         assert pose is not None
         return pose
 
-    def _tracked(self, frame: int) -> Pose:
-        return Pose(self.motion.root_position_m[frame].copy(), self.motion.rotations[frame].copy())
-
     def problem(self, frame: int) -> Problem:
         """The cameras of a frame, and the body."""
         return Problem(self.body, self.footage.cameras(frame))
@@ -129,7 +126,7 @@ class Edits:
     def _covariance(self, frame: int, problem: Problem, edit: FrameEdit, pose: Pose) -> Array:
         before = loose(edit.origin)
         if edit.origin == "tracker" and self.motion.valid[frame]:
-            before = problem.information(self._tracked(frame), np.maximum(self.motion.sigma_m[frame], EDITS.least_m))
+            before = problem.information(self.motion.pose(frame), np.maximum(self.motion.sigma_m[frame], EDITS.least_m))
         return problem.covariance(pose, edit.clicks, before)
 
     def known(self, frame: int) -> Array | None:

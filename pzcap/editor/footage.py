@@ -25,6 +25,7 @@ from pzcap.localisation.rectification import upright_views
 from pzcap.segmentation.foreground import ForegroundConfig, separate
 from pzcap.tracking.observation import ViewInput, expect
 from pzcap.types import Array, Camera, FrameSet, Image, Localisation, PanZoomTrack, Pose, Reconstruction
+from pzcap.views import as_found
 
 _KEPT_BYTES: Final = 300 << 20  # of compressed frames
 
@@ -63,16 +64,13 @@ class Footage:
     def located(self, frames: FrameSet) -> FrameLocalised:
         """The views of a frame, rows put right, and where each was found; of interlaced ones the second fields as well,
         each where the camera is halfway to the next frame."""
-        first = replace(frames, second_fields=())
-        here = FrameLocalised(self.upright(first), self.localisations(frames.index))
-        if not frames.second_fields or frames.index + 1 == len(self.sets):
-            return here
-        between = tuple(
-            None if image is None or track is None else _halfway(track, frames.index)
-            for image, track in zip(frames.second_fields, self.found.tracks, strict=True)
-        )
-        second = replace(first, images=frames.second_fields, keypoints=())
-        return replace(here, second_fields=FrameLocalised(upright_views(second, self.found.cameras, between), between))
+        later = None
+        if frames.second_fields and frames.index + 1 < len(self.sets):
+            later = tuple(
+                None if image is None or track is None else _halfway(track, frames.index)
+                for image, track in zip(frames.second_fields, self.found.tracks, strict=True)
+            )
+        return as_found(self.found.cameras, frames, self.localisations(frames.index), later)
 
     def jpeg(self, frame: int, camera: int) -> bytes | None:
         """A view of a frame as JPEG; None where it was not recorded."""

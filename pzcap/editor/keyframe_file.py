@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from pzcap.io.capture import MANIFEST
-from pzcap.io.files import checked, write_json, written_whole
+from pzcap.io.files import checked, write_bytes, write_json
 from pzcap.io.manifest import covariance_entry, load_json
 from pzcap.types import SEGMENTS, Array, Pose
 
@@ -71,8 +71,7 @@ class KeyframeFile:
             for timecode, pose in poses.items()
         ]
         data = (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode()
-        with written_whole(path) as partial:
-            partial.write_bytes(data)
+        write_bytes(path, data)
         self._name(path.name)
         return hashlib.sha256(data).hexdigest()
 
@@ -80,10 +79,8 @@ class KeyframeFile:
         """Keep what this run of the editor finds."""
         if self._backed_up or not path.is_file():
             return
-        self.backups.mkdir(parents=True, exist_ok=True)
         now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
-        with written_whole(self.backups / f"keyframes-{now}.json") as partial:
-            partial.write_bytes(path.read_bytes())
+        write_bytes(self.backups / f"keyframes-{now}.json", path.read_bytes())
         self._backed_up = True
 
     def _name(self, name: str | None) -> None:

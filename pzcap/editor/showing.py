@@ -60,8 +60,7 @@ def frame(space: Workspace, number: int) -> Json:
     }  # fmt: skip
     change = space.difference
     if change is not None and number in change.frames and change.before.valid[number]:
-        old = Pose(change.before.root_position_m[number], change.before.rotations[number])
-        out["before"] = _body(problem, old)["handles"]
+        out["before"] = _body(problem, change.before.pose(number))["handles"]
     return out
 
 

@@ -262,7 +262,7 @@ class Workspace(Edits):
             return self.difference
 
     def _as_tracked(self, frame: int) -> Keyframe:
-        pose, problem = self._tracked(frame), self.problem(frame)
+        pose, problem = self.motion.pose(frame), self.problem(frame)
         known = problem.information(pose, np.maximum(self.motion.sigma_m[frame], EDITS.least_m))
         return Keyframe(frame, pose, np.asarray(np.linalg.inv(known)), found=True)
 

@@ -10,7 +10,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from pzcap.export.take import Take, library, points, write_bytes
+from pzcap.export.take import Take, library, points
+from pzcap.io.files import write_bytes
 from pzcap.types import JOINTS
 
 

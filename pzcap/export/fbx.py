@@ -13,7 +13,8 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from pzcap.export import usd
-from pzcap.export.take import Take, write_bytes
+from pzcap.export.take import Take
+from pzcap.io.files import write_bytes
 from pzcap.types import PzcapError
 
 BLENDER: Final = "blender"

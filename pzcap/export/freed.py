@@ -16,8 +16,9 @@ from typing import Final
 import numpy as np
 
 from pzcap.export.axes import pan_tilt_roll
-from pzcap.export.take import SENSOR_WIDTH_MM, LocatedCamera, Take, held, write_bytes, write_text
+from pzcap.export.take import SENSOR_WIDTH_MM, LocatedCamera, Take, held, write_text
 from pzcap.geometry import lens
+from pzcap.io.files import write_bytes
 from pzcap.types import Array, Camera, PzcapError
 
 ZOOM_MAX: Final = 65535

@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.export.axes import LOOKING_BACK, Y_UP_FACING_Z
 from pzcap.export.rest_pose import BONE_PARENTS, BONES, rest_pose
-from pzcap.export.take import LocatedCamera, Take, library, write_bytes
+from pzcap.export.take import LocatedCamera, Take, library
+from pzcap.io.files import write_bytes
 from pzcap.types import Array, Camera, Mask
 
 _POINTER: Final = "KHR_animation_pointer"

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from pzcap.body.mesh import vertex_normals
 from pzcap.types import ENDS, PARENTS, SEGMENTS, Array, Indices, MovedBody
 
 BONES: Final[tuple[str, ...]] = (*SEGMENTS, *ENDS)
@@ -33,12 +34,4 @@ def rest_pose(body: MovedBody) -> RestPose:
     for bone, parent in enumerate(BONE_PARENTS):
         places[bone] = offsets[bone] + (places[parent] if parent >= 0 else 0.0)
     skin = body.skin_m + places[body.skin_segment]
-    return RestPose(offsets, places, skin, _normals(skin, body.skin_faces), body.skin_segment, body.skin_faces)
-
-
-def _normals(skin: Array, faces: Indices) -> Array:
-    a, b, c = (skin[faces[:, k]] for k in range(3))
-    across, normals = np.cross(b - a, c - a), np.zeros_like(skin)
-    for k in range(3):
-        np.add.at(normals, faces[:, k], across)
-    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(1e-12))
+    return RestPose(offsets, places, skin, vertex_normals(skin, body.skin_faces)[0], body.skin_segment, body.skin_faces)

@@ -13,7 +13,7 @@ import numpy as np
 
 from pzcap.body.kinematics import chain
 from pzcap.geometry.camera import of_track
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_bytes
 from pzcap.types import (
     ENDS,
     JOINTS,
@@ -167,14 +167,6 @@ def library(name: str, form: str) -> Any:
 def write_text(path: Path, text: str) -> Path:
     """Write a text file, whole or not at all; the path."""
     return write_bytes(path, text.encode(errors="replace"))  # names may hold what no text does
-
-
-def write_bytes(path: Path, content: bytes) -> Path:
-    """Write a file, whole or not at all; the path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(path) as partial:
-        partial.write_bytes(content)
-    return path
 
 
 def plain(name: str) -> str:

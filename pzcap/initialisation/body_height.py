@@ -7,29 +7,23 @@ tell it to half a percent: soles and vertex are seen, whatever a detector means 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pzcap.body.shape_estimation import Shape, ShapeEstimate
-from pzcap.body.skeleton import Body
+from pzcap.body.skeleton import Body, moved
 from pzcap.initialisation import pose_fit
-from pzcap.initialisation.limb_poses import pose_of_points
+from pzcap.initialisation.keyframes import Observe, closed_form, crops_of
 from pzcap.initialisation.people import Sighting
-from pzcap.initialisation.triangulation import rays_of, triangulate
-from pzcap.initialisation.tuning import HEIGHT, JUDGEMENT, PEOPLE
+from pzcap.initialisation.tuning import HEIGHT, JUDGEMENT
 from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.interval_solver import fit_keyframe
 from pzcap.tracking.keypoint_residuals import LandmarkEstimate
-from pzcap.tracking.observation import ViewInput, crop_view
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.tracking.tracked_body import misplaced
-from pzcap.types import PARENTS, SEGMENTS, Array, Indices, Keyframe, MovedBody
-
-Observe = Callable[[Keyframe], Sequence[ViewInput | None]]
-"""The views of a keyframe's instant, the athlete cut out where the keyframe has the body."""
+from pzcap.types import PARENTS, SEGMENTS, Keyframe, MovedBody
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,24 +35,13 @@ class SeenHeight:
     frames: tuple[int, ...]  # that it was seen in
 
 
-def standing_height(offsets_m: Array, skin_m: Array, skin_segment: Indices) -> float:
-    """From the soles to the top of the head of a body that stands upright, its joints (16, 3) in their parents' frames
-    and its skin (V, 3) in those of its segments."""
+def standing_height(body: MovedBody) -> float:
+    """From the soles to the top of the head of a body that stands upright, metres."""
     height_m = np.zeros(len(SEGMENTS))
     for s, parent in enumerate(PARENTS):
         if parent >= 0:
-            height_m[s] = height_m[parent] + offsets_m[s, 2]
-    return float(np.ptp(height_m[skin_segment] + skin_m[:, 2]))
-
-
-def height_of(body: Body) -> float:
-    """Standing height of a body, metres."""
-    return standing_height(body.offsets_m, body.surface.points_m, body.surface.segment)
-
-
-def height_of_moved(body: MovedBody) -> float:
-    """Standing height of the body of a motion, metres."""
-    return standing_height(body.offsets_m, body.skin_m, body.skin_segment)
+            height_m[s] = height_m[parent] + body.offsets_m[s, 2]
+    return float(np.ptp(height_m[body.skin_segment] + body.skin_m[:, 2]))
 
 
 def seen_height(
@@ -79,11 +62,8 @@ def seen_height(
         estimate = BodyEstimate(now, shape, known, LandmarkEstimate.of(body.landmarks))
         used, following = [], []
         for key, inputs in seen:
-            crops = [
-                None if view is None else crop_view(now, view, key.pose, config.cut_out_margin, SkinColourModel())
-                for view in inputs
-            ]
-            if sum(crop is not None for crop in crops) < JUDGEMENT.least_views:
+            crops = crops_of(now, key, inputs, config)
+            if crops is None:
                 continue
             fit, _ = fit_keyframe(now, key, crops, still, config)
             following.append((replace(key, pose=fit.pose), inputs))
@@ -95,14 +75,11 @@ def seen_height(
             return None
         equations = estimate.shape.equations
         amounts = np.asarray(np.linalg.solve(equations.information, equations.vector))
-    usual = height_of(body)
+    usual, found = standing_height(moved(body)), standing_height(moved(base.body(amounts)))
     steps = np.eye(len(amounts)) * HEIGHT.step_m
-    slope = np.array([height_of(base.body(amounts + step)) for step in steps]) - height_of(base.body(amounts))
-    slope /= HEIGHT.step_m
+    slope = (np.array([standing_height(moved(base.body(amounts + step))) for step in steps]) - found) / HEIGHT.step_m
     variance = float(slope @ np.linalg.solve(equations.information, slope))
-    return SeenHeight(
-        height_of(base.body(amounts)) / usual, float(np.hypot(np.sqrt(variance) / usual, HEIGHT.sigma)), tuple(used)
-    )
+    return SeenHeight(found / usual, float(np.hypot(np.sqrt(variance) / usual, HEIGHT.sigma)), tuple(used))
 
 
 def _keys(body: Body, sightings: Sequence[tuple[int, Sighting]], config: TrackingConfig) -> list[Keyframe]:
@@ -110,11 +87,7 @@ def _keys(body: Body, sightings: Sequence[tuple[int, Sighting]], config: Trackin
     best: dict[int, tuple[float, Keyframe]] = {}
     for number in np.unique(np.linspace(0, len(sightings) - 1, HEIGHT.tried).round().astype(int)).tolist():
         frame, seen = sightings[number]
-        views = [view for view in seen if view is not None]
-        if len(views) < JUDGEMENT.least_views:
-            continue
-        met = triangulate(rays_of(views, PEOPLE.least_confidence), PEOPLE.agree_m)
-        start = pose_of_points(met.points_m, met.found)
+        start = closed_form(seen)
         if start is None:
             continue
         [pose] = pose_fit.fit(body, [seen], [start], config)

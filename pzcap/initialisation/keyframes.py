@@ -22,7 +22,7 @@ from pzcap.initialisation.selection import chosen
 from pzcap.initialisation.triangulation import rays_of, triangulate
 from pzcap.initialisation.tuning import FIT, JUDGEMENT, PEOPLE
 from pzcap.tracking.interval_solver import fit_keyframe
-from pzcap.tracking.observation import ViewInput, crop_view
+from pzcap.tracking.observation import ViewCrop, ViewInput, crop_view
 from pzcap.tracking.pixel_time import sequence_rates
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_colour_model import SkinColourModel
@@ -39,7 +39,7 @@ def find_keyframes(
 ) -> list[Keyframe]:  # fmt: skip
     """Keyframes from the ``detections`` of all frames, ``rate`` a second, beside the ``given`` ones."""
     sightings = athlete(detections)
-    first = [_closed_form(seen) for seen in sightings]
+    first = [closed_form(seen) for seen in sightings]
     if not any(first):
         return []
     usual, poses = body.landmarks, pose_fit.fit(body, sightings, list(_filled(first)), config)
@@ -73,11 +73,8 @@ def is_borne_out(
     """True where the images agree with a keyframe: fitted to them, it moves no further than it is uncertain by, and its
     contours are those of the silhouettes."""
     assert key.covariance is not None, "a hand's keyframes are not judged here"
-    crops = [
-        None if view is None else crop_view(body, view, key.pose, config.cut_out_margin, SkinColourModel())
-        for view in views
-    ]
-    if sum(crop is not None for crop in crops) < JUDGEMENT.least_views:
+    crops = crops_of(body, key, views, config)
+    if crops is None:
         return False
     fit, _ = fit_keyframe(body, key, crops, rates, config)
     moved = difference(fit.pose, key.pose)
@@ -85,7 +82,18 @@ def is_borne_out(
     return off < JUDGEMENT.largest_move and float(misplaced(fit.contour).max()) < JUDGEMENT.misplaced
 
 
-def _closed_form(seen: Sighting) -> Pose | None:
+def crops_of(
+    body: Body, key: Keyframe, views: Sequence[ViewInput | None], config: TrackingConfig
+) -> list[ViewCrop | None] | None:
+    """The ``views`` cut out around a keyframe's pose; None where too few show the body."""
+    crops = [
+        None if view is None else crop_view(body, view, key.pose, config.cut_out_margin, SkinColourModel())
+        for view in views
+    ]
+    return None if sum(crop is not None for crop in crops) < JUDGEMENT.least_views else crops
+
+
+def closed_form(seen: Sighting) -> Pose | None:
     """The pose of one frame by itself; None where too little is seen of it."""
     views = [view for view in seen if view is not None]
     if len(views) < 2:

@@ -10,10 +10,8 @@ import numpy as np
 from pzcap.body.landmarks import SIGMA_M
 from pzcap.body.skeleton import Body
 from pzcap.initialisation.tuning import HEADS
-from pzcap.io.detections import KEYPOINTS
+from pzcap.io.detections import KEYPOINTS, ROW
 from pzcap.types import MEASUREMENTS, Array, Mask, PzcapError
-
-_AT: Final = {name: row for row, name in enumerate(KEYPOINTS)}
 
 
 class _Link(NamedTuple):
@@ -51,7 +49,7 @@ def scale_by_limbs(points: Array, seen: Mask, body: Body) -> tuple[float, float]
     rows: list[_Link] = []
     observed, noise = [], []
     for link in _LINKS:
-        ends = [[_AT[name] for name in names] for names in link.ends]
+        ends = [[ROW[name] for name in names] for names in link.ends]
         both = seen[:, ends[0] + ends[1]].all(axis=1)
         lengths = np.linalg.norm(points[both][:, ends[0]].mean(axis=1) - points[both][:, ends[1]].mean(axis=1), axis=1)
         if len(lengths) < HEADS.fewest_lengths:
@@ -67,7 +65,7 @@ def scale_by_limbs(points: Array, seen: Mask, body: Body) -> tuple[float, float]
     by_landmark = np.zeros((len(rows), len(KEYPOINTS)))
     for k, link in enumerate(rows):
         for sign, names in zip((-1.0, 1.0), link.ends, strict=True):
-            by_landmark[k, [_AT[name] for name in names]] = sign / len(names)
+            by_landmark[k, [ROW[name] for name in names]] = sign / len(names)
     lengths_m = by_measurement @ body.measured.values_m
     covariance = by_measurement @ body.measured.covariance_m2 @ by_measurement.T
     covariance += (by_landmark * SIGMA_M**2) @ by_landmark.T + np.diag([link.sigma_m**2 for link in rows])

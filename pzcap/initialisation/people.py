@@ -18,22 +18,21 @@ import numpy as np
 
 from pzcap.initialisation.triangulation import Rays, Triangulated, rays_of, triangulate
 from pzcap.initialisation.tuning import PEOPLE
-from pzcap.io.detections import KEYPOINTS
+from pzcap.io.detections import ROW
 from pzcap.solver.viterbi import best_path
 from pzcap.tracking.keypoint_residuals import with_error
 from pzcap.types import Array, Camera, Indices
 
-_AT: Final = {name: row for row, name in enumerate(KEYPOINTS)}
 _GROUPS: Final = (
     ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "big_toe", "small_toe", "heel"), ("eye", "ear"),
 )  # fmt: skip
 """Keypoints whose sides a detector exchanges together."""
 _SIDES: Final[tuple[Indices, ...]] = tuple(
-    np.array([[_AT[f"{side}_{name}"] for name in names] for side in ("left", "right")]) for names in _GROUPS
+    np.array([[ROW[f"{side}_{name}"] for name in names] for side in ("left", "right")]) for names in _GROUPS
 )
 _MIDDLES: Final[Indices] = np.array(
-    [[_AT[f"left_{name}"], _AT[f"right_{name}"]] for group in _GROUPS for name in group]
-    + [[_AT[name]] * 2 for name in ("nose", "neck", "mid_hip", "head_top")]
+    [[ROW[f"left_{name}"], ROW[f"right_{name}"]] for group in _GROUPS for name in group]
+    + [[ROW[name]] * 2 for name in ("nose", "neck", "mid_hip", "head_top")]
 )
 """Pairs of keypoints whose middle is the same whatever side is which."""
 

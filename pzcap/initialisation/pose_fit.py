@@ -104,11 +104,17 @@ def _normal(body: Body, pose: Pose, seen: Sighting, scale: float, config: Tracki
     for rows, keypoint in _residuals(body, frames, seen, scale):
         accumulate(rows, SEGMENT[keypoint], sums)
     hessian, gradient = lift(sums, screws(frames, centre))
+    stiffness, pull = _prior(body, pose, FIT.damping, config)
+    return hessian + stiffness, gradient + pull
+
+
+def _prior(body: Body, pose: Pose, open_to: float, config: TrackingConfig) -> tuple[Array, Array]:
+    """Normal equations (43, 43) and (43,) of the body's constraints and of joints at rest, with the information
+    ``open_to`` on every degree of freedom."""
     stiffness, pull = constraints(
         body, pose, config.limit_sigma_rad, self_collision=False, spine_sigma_rad=FIT.spine_rad
     )
-    hessian = hessian + stiffness + np.diag(REST + FIT.damping)
-    return hessian, gradient + pull - REST * joint_angles(pose)
+    return stiffness + np.diag(REST + open_to), pull - REST * joint_angles(pose)
 
 
 class _Arrow(NamedTuple):
@@ -125,10 +131,7 @@ class _Arrow(NamedTuple):
 def _arrow(body: Body, pose: Pose, seen: Sighting, config: TrackingConfig) -> _Arrow:
     """Linearise the keypoints of an instant about a fitted ``pose``, as if it was known what the detector means."""
     frames, count = forward(body, pose), len(SEGMENT)
-    stiffness, pull = constraints(
-        body, pose, config.limit_sigma_rad, self_collision=False, spine_sigma_rad=FIT.spine_rad
-    )
-    hessian, gradient = np.diag(REST + FIT.open) + stiffness, pull - REST * joint_angles(pose)
+    hessian, gradient = _prior(body, pose, FIT.open, config)
     cross, corner, beside = np.zeros((count, 3, DOF)), np.zeros((count, 3, 3)), np.zeros((count, 3))
     squares, rows_in_all = 0.0, 0
     views = [view for view in seen if view is not None]

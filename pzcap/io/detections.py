@@ -30,6 +30,9 @@ KEYPOINTS: Final[tuple[str, ...]] = (
 )  # fmt: skip
 """All that is known of any detector, in the order of Halpe's 26, which begin with COCO's 17."""
 
+ROW: Final = {name: row for row, name in enumerate(KEYPOINTS)}
+"""Row of each keypoint."""
+
 _OPENPOSE_TRUNK: Final = (
     "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
 )  # fmt: skip

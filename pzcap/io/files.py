@@ -7,7 +7,6 @@ import os
 import resource
 import stat
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -70,30 +69,17 @@ def written_whole(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def write_json(path: Path, content: object) -> None:
-    """Write a JSON file as people read it, whole or not at all. Text that no UTF-8 holds, such as bytes of a foreign
-    file name, is escaped, and read again as the same."""
+def write_bytes(path: Path, content: bytes) -> Path:
+    """Write a file, whole or not at all; the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     with written_whole(path) as partial:
-        text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
-        partial.write_text(text, encoding="utf-8", errors="backslashreplace")
+        partial.write_bytes(content)
+    return path
 
 
-@contextmanager
-def with_utf8_name(path: Path) -> Iterator[Path]:
-    """``path``, for a library that takes no other names than those of UTF-8: where the folder has another one, by a
-    link to it that is gone in the end."""
-    if _is_utf8(path):
-        yield path
-        return
-    with tempfile.TemporaryDirectory() as place:
-        link = Path(place) / "folder"
-        link.symlink_to(path.parent.absolute(), target_is_directory=True)
-        yield link / path.name
-
-
-def _is_utf8(path: Path) -> bool:
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        return False
-    return True
+def write_json(path: Path, content: object, indent: int | None = 1) -> Path:
+    """Write a JSON file as people read it, or without ``indent`` as small as it is, whole or not at all. Text that no
+    UTF-8 holds, such as bytes of a foreign file name, is escaped, and read again as the same."""
+    between = (",", ":") if indent is None else None
+    text = json.dumps(content, indent=indent, ensure_ascii=False, separators=between) + "\n"
+    return write_bytes(path, text.encode(errors="backslashreplace"))

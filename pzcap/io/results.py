@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pzcap.io import limits
 from pzcap.io.arrays import read_arrays
-from pzcap.io.files import checked, leads_out, write_json, written_whole
+from pzcap.io.files import checked, leads_out, write_bytes, write_json, written_whole
 from pzcap.io.picture_header import is_whole, picture_size
 from pzcap.io.record_checks import check_array, check_record
 from pzcap.io.text import is_plain, one_line
@@ -87,9 +87,9 @@ def save(reconstruction: Reconstruction, folder: Path) -> None:
         panorama = reconstruction.panoramas[number - 1]
         pictures.append(None if panorama is None else f"panorama{number}.png")
         if panorama is not None:
-            with written_whole(folder / f"panorama{number}.png") as partial:
-                alpha = np.where(panorama.valid, np.uint8(255), np.uint8(0))  # where something was pasted
-                partial.write_bytes(bytes(cv2.imencode(".png", np.dstack([panorama.image, alpha]))[1]))
+            alpha = np.where(panorama.valid, np.uint8(255), np.uint8(0))  # where something was pasted
+            png = cv2.imencode(".png", np.dstack([panorama.image, alpha]))[1]
+            write_bytes(folder / f"panorama{number}.png", bytes(png))
     if reconstruction.motion is not None:
         arrays |= _flatten(reconstruction.motion, "motion")
 

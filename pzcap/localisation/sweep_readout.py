@@ -11,8 +11,6 @@ too; what overlaps of all frames together tell of them (`pzcap.imaging.row_bands
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 
 from pzcap.calibration.calibrate import CalibratedCamera, Footage
 from pzcap.calibration.stitching import SweptFrames, ZoomedFrames
-from pzcap.calibration.sweep import Frames
+from pzcap.calibration.sweep import Frames, MappedFrames
 from pzcap.geometry.camera import wrapped
 from pzcap.imaging import bspline
 from pzcap.imaging.row_bands import without_bands
@@ -32,21 +30,6 @@ from pzcap.localisation.tuning import ALIGNMENT, READOUT
 from pzcap.types import Array, Image, Localisation, PanZoomCamera
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RectifiedFrames:
-    """The ``frames`` of a sweep or a zoom run as if all rows of each had been exposed at once."""
-
-    frames: Frames
-    camera: PanZoomCamera
-    numbers: NDArray[np.int64]  # (M,) of those frames whose shear is known
-    shear: Array  # (M, 2) of pan and log focal
-
-    def __iter__(self) -> Iterator[tuple[int, Image]]:
-        for number, image in self.frames:
-            shear = np.array([np.interp(number, self.numbers, one) for one in self.shear.T])
-            yield number, rectified(image, self.camera, _sheared(self.camera, shear), bspline.resampled)
-
-
 def put_right(
     footage: Footage, readout: float, found: CalibratedCamera, swept: SweptFrames, zoomed: ZoomedFrames
 ) -> Footage:
@@ -54,27 +37,32 @@ def put_right(
     frame periods; how fast the camera turned and zoomed is as it was ``found`` by the frames as they are."""
     pan_rate = np.gradient(np.unwrap(found.panorama.sweep_pan_rad), swept.kept)
     shear = readout * np.column_stack([pan_rate, np.zeros_like(pan_rate)])
-    sweep, zoom = RectifiedFrames(footage.sweep, found.camera, swept.kept, shear), footage.zoom
+    sweep, zoom = _rectified(footage.sweep, found.camera, swept.kept, shear), footage.zoom
     if zoom is not None and len(zoomed.numbers) > 1:
         zoom_rate = np.gradient(zoomed.log_focal, zoomed.numbers)
         shear = readout * np.column_stack([np.zeros_like(zoom_rate), zoom_rate])
-        zoom = RectifiedFrames(zoom, found.camera, zoomed.numbers, shear)
+        zoom = _rectified(zoom, found.camera, zoomed.numbers, shear)
     image = footage.reference_image
     if footage.calibration_object is None:  # it is the sweep's first frame
         _, image = next(iter(sweep))
     return footage._replace(reference_image=image, sweep=sweep, zoom=zoom)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EvenlyLit:
-    """The ``frames`` of a sweep or a zoom run without their ``bands``, one (K,) a frame."""
+def _rectified(frames: Frames, camera: PanZoomCamera, numbers: NDArray[np.int64], shear: Array) -> MappedFrames:
+    """The ``frames`` as if all rows of each had been exposed at once, of some ``numbers`` (M,) of which the ``shear``
+    (M, 2) of pan and log focal is known."""
 
-    frames: Frames
-    bands: dict[int, Array]
+    def rectify(number: int, image: Image) -> Image:
+        own = np.array([np.interp(number, numbers, one) for one in shear.T])
+        return rectified(image, camera, _sheared(camera, own), bspline.resampled)
 
-    def __iter__(self) -> Iterator[tuple[int, Image]]:
-        for number, image in self.frames:
-            yield number, without_bands(image, self.bands[number]) if number in self.bands else image
+    return MappedFrames(frames, rectify)
+
+
+def _without_bands(frames: Frames, numbers: NDArray[np.int64], bands: Array) -> MappedFrames:
+    """The ``frames`` without the ``bands`` (M, K) of those of some ``numbers`` (M,)."""
+    known = dict(zip(numbers.tolist(), bands, strict=True))
+    return MappedFrames(frames, lambda k, image: without_bands(image, known[k]) if k in known else image)
 
 
 def evenly_lit(footage: Footage, bands: Array, kept: NDArray[np.int64], zoomed: NDArray[np.int64]) -> Footage:
@@ -83,11 +71,9 @@ def evenly_lit(footage: Footage, bands: Array, kept: NDArray[np.int64], zoomed: 
     if not bands.size:
         return footage
     swept, reference, in_zoom = bands[: len(kept)], bands[len(kept)], bands[len(kept) + 1 :]
-    zoom = None if footage.zoom is None else EvenlyLit(footage.zoom, dict(zip(zoomed.tolist(), in_zoom, strict=True)))
-    return footage._replace(
-        reference_image=without_bands(footage.reference_image, reference),
-        sweep=EvenlyLit(footage.sweep, dict(zip(kept.tolist(), swept, strict=True))), zoom=zoom,
-    )  # fmt: skip
+    zoom = None if footage.zoom is None else _without_bands(footage.zoom, zoomed, in_zoom)
+    image, sweep = without_bands(footage.reference_image, reference), _without_bands(footage.sweep, kept, swept)
+    return footage._replace(reference_image=image, sweep=sweep, zoom=zoom)
 
 
 def _sheared(camera: PanZoomCamera, shear: Array) -> Localisation:

@@ -4,14 +4,13 @@ rest."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_json
 from pzcap.scoring import files
 from pzcap.scoring.records import Series, TrueCamera, TrueCapture
 from pzcap.scoring.tables import counts, field, read_header, read_table, texts, write_table
@@ -51,8 +50,7 @@ def write_truth(truth: TrueCapture, folder: Path) -> None:
         "pan_axes": {n: c.pan_axis.tolist() for n, c in zip(truth.camera_names, truth.cameras, strict=True)},
         "keyframes": [int(frame) for frame in np.flatnonzero(truth.keyframe)],
     }  # fmt: skip
-    with written_whole(folder / HEADER) as partial:
-        partial.write_text(json.dumps(header, indent=1) + "\n", encoding="utf-8")
+    write_json(folder / HEADER, header)
 
 
 def _beside(camera: TrueCamera, frame: int) -> list[object]:

@@ -11,7 +11,7 @@ import threading
 import time
 import uuid
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from pzcap.events import CameraCalibrated, Event, FrameLocalised, FrameSegmented
 from pzcap.io.capture import read_image
-from pzcap.io.files import with_utf8_name
 from pzcap.types import Array, Capture, Image, Localisation, Panorama, PzcapError, ReferenceCamera, Silhouette
 from pzcap.viewer.columns import PIXEL_CENTRE, TIMELINE, path_part, plain, view_path
 from pzcap.viewer.drawing import KEYPOINT_COLOUR, OUTLINE_COLOUR, centred, centred_shift, project_edges
+from pzcap.viewer.utf8_name import with_utf8_name
 
 APPLICATION: Final = "pzcap-v1"
 """The viewer binds its layout to this name: a new layout needs a new one."""
@@ -81,6 +81,12 @@ class Recorder:
         start = time.perf_counter()
         yield self.rec
         self.busy_s += time.perf_counter() - start
+
+    def recorded(self, events: Iterable[Event]) -> Iterator[Event]:
+        """The ``events``, each recorded as it goes by."""
+        for event in events:
+            self.event(event)
+            yield event
 
     def drain(self) -> None:
         """Wait until everything that was handed over is written."""

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
-from pzcap.ranges import Degrees, Range, Seconds
 from pzcap.types import Array, PzcapError
 from sim.cameras.optics import Rig
 from sim.cameras.tripod import Unrest
+from sim.ranges import Degrees, Range, Seconds
 
 _RATE_HZ = 240  # at which trajectories are simulated
 _SETTLE_S = 3.0  # an operator finds the athlete this long before the recording begins

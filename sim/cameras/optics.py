@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pzcap.ranges import Range
 from pzcap.types import Array, PzcapError
+from sim.ranges import Range
 
 _PLACES_M = (
     (-10.5, -8.0), (10.5, -8.0), (10.5, 8.0), (-10.5, 8.0),

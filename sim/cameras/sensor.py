@@ -8,8 +8,8 @@ from typing import Annotated, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pzcap.ranges import Range
 from pzcap.types import Array, Image, Mask, PzcapError
+from sim.ranges import Range
 
 _RAMP_FRAMES: Final = 5  # in which an automatic exposure is where it wants to be
 _STEPS: Final = 1000  # of an automatic exposure: more than any video has

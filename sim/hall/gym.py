@@ -15,12 +15,12 @@ import cv2
 import mujoco
 import numpy as np
 
-from pzcap.ranges import Range
 from pzcap.types import Array, CalibrationObject, Marker
 from sim.hall.furniture import furnish
 from sim.hall.scenery import HALL_M, UP, WALLS, Scenery
 from sim.hall.surfaces import CARPET_M, LOWER_M, carpet, ceiling, floor, lower_wall, plaster, upper_wall
 from sim.hall.wallpaper import cover, wall_pictures
+from sim.ranges import Range
 
 HALL_GROUP: Final = 0
 OBJECT_GROUP: Final = 3

@@ -9,10 +9,10 @@ from typing import Annotated, Final, Literal
 import mujoco
 import numpy as np
 
-from pzcap.ranges import Range
 from pzcap.types import HINGE_AXES, LUMBAR_FRACTION, PARENTS, SEGMENTS, THORAX_FRACTION, Garment, Pose
 from sim.people import anthropometry
 from sim.people.clothing import Wardrobe, paint
+from sim.ranges import Range
 
 GEOM_GROUP: Final = 1
 """The athlete's geoms, so that segmentation and hiding can tell them from the hall."""

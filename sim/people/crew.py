@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pzcap.ranges import Degrees, Metres, Range, Share
 from pzcap.types import HINGE_AXES, MEASUREMENTS, SEGMENTS, Garment, Pose, Subject
 from sim.motion import MotionClip
 from sim.people.company import Company
+from sim.ranges import Degrees, Metres, Range, Share
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,12 +17,12 @@ from typing import Annotated, Final
 import mujoco
 import numpy as np
 
-from pzcap.ranges import Pixels, Range, Share
 from pzcap.types import PARENTS, SEGMENTS, Array, Mask, Pose
 from sim.cameras.operator import Trajectory
 from sim.cameras.optics import Rig
 from sim.cameras.sensor import SensorConfig, row_delay_s
 from sim.people.athlete import GEOM_GROUP, set_pose
+from sim.ranges import Pixels, Range, Share
 
 BODY_25: Final = (
     "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",

@@ -16,7 +16,7 @@ from pzcap.command.check.findings import Finding, Level, worst
 from pzcap.command.check.motion_check import Places
 from pzcap.command.check.reference_check import Reference
 from pzcap.command.check.sweep_check import Sweep
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_bytes
 from pzcap.types import Image
 
 _COLOURS: Final = {Level.OK: "#2e7d32", Level.WARN: "#b26a00", Level.FAIL: "#c62828"}
@@ -60,8 +60,7 @@ def write_page(path: Path, title: str, findings: Sequence[Finding], pictures: di
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
         f"<style>{_STYLE}</style><body>{body}</body></html>\n"
     )
-    with written_whole(path) as partial:
-        partial.write_text(text, encoding="utf-8", errors="replace")  # names may hold what no text does
+    write_bytes(path, text.encode(errors="replace"))  # names may hold what no text does
 
 
 def _table(findings: Iterable[Finding]) -> str:

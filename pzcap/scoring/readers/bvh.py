@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pzcap.io.files import checked
-from pzcap.scoring.readers.conventions import Y_UP, Conventions, body, metres
+from pzcap.scoring.readers.conventions import Y_UP, Conventions, about, body, metres
 from pzcap.scoring.records import BodyTrack
 from pzcap.types import Array, PzcapError
 
@@ -95,7 +95,7 @@ def _places(joints: list[Joint], values: Array) -> Array:
             if channel.endswith("position"):
                 local[:, axis] = value
             else:
-                turn = turn @ _about(axis, np.deg2rad(value))
+                turn = turn @ about(axis, np.deg2rad(value))
             column += 1
         if joint.parent < 0:
             places[:, number], turns[:, number] = local, turn
@@ -104,12 +104,3 @@ def _places(joints: list[Joint], values: Array) -> Array:
             places[:, number] = places[:, joint.parent] + np.einsum("tij,tj->ti", above, local)
             turns[:, number] = above @ turn
     return places
-
-
-def _about(axis: int, angle_rad: Array) -> Array:
-    """(T, 3, 3) rotations about a coordinate axis."""
-    one, two = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.tile(np.eye(3), (len(angle_rad), 1, 1))
-    turn[:, one, one] = turn[:, two, two] = np.cos(angle_rad)
-    turn[:, two, one], turn[:, one, two] = np.sin(angle_rad), -np.sin(angle_rad)
-    return turn

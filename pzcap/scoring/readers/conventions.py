@@ -87,3 +87,12 @@ def body(
             known = np.all(np.isfinite(place), axis=1)
             joints[at, joint], valid[at, joint] = np.where(known[:, None], place, 0.0), known
     return BodyTrack(joints, valid, None, np.zeros(frames, bool))
+
+
+def about(axis: int, angle_rad: Array | float) -> Array:
+    """(..., 3, 3) rotations by angles (...) about a coordinate axis."""
+    one, two = (axis + 1) % 3, (axis + 2) % 3
+    turn = np.tile(np.eye(3), (*np.shape(angle_rad), 1, 1))
+    turn[..., one, one] = turn[..., two, two] = np.cos(angle_rad)
+    turn[..., two, one], turn[..., one, two] = np.sin(angle_rad), -np.sin(angle_rad)
+    return turn

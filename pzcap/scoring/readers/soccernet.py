@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from pzcap.io.files import checked
-from pzcap.scoring.readers.conventions import SQUARE
+from pzcap.scoring.readers.conventions import SQUARE, about
 from pzcap.scoring.readers.instants import Instant, tracks
 from pzcap.scoring.records import CameraTrack
 from pzcap.types import Array, PzcapError
@@ -56,7 +56,7 @@ def _instant(path: Path) -> Instant:
         raise PzcapError(f"{path}: has distortion beyond k1, k2 and tangential; write those alone")
     if focal[0] <= 0.0 or abs(focal[0] / focal[1] - 1.0) > SQUARE:
         raise PzcapError(f"{path}: focal lengths {focal[0]:.6g} and {focal[1]:.6g}; they are equal and above 0 here")
-    rotation = WORLD @ _about_z(pan) @ _about_x(tilt) @ _about_z(roll)
+    rotation = WORLD @ about(2, pan) @ about(0, tilt) @ about(2, roll)
     distortion = np.array([*radial[:2], *tangential])
     return Instant(rotation, WORLD @ place, 0.5 * (focal[0] + focal[1]), principal, distortion)
 
@@ -66,13 +66,3 @@ def _vector(values: dict[str, Any], name: str, count: int) -> Array:
     if vector.shape != (count,) or not np.isfinite(vector).all():
         raise ValueError(f"{name} are not {count} finite numbers")
     return vector
-
-
-def _about_z(angle_rad: float) -> Array:
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _about_x(angle_rad: float) -> Array:
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments.config import AppConfig
-from pzcap.ranges import Range, out_of_range
 from pzcap.types import PzcapError
+from sim.ranges import Range, out_of_range
 from sim.session import ShootConfig, assemble
 from tests.scenes.captures import TINY
 
