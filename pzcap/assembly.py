@@ -19,7 +19,7 @@ from pzcap.events import BodyTracked, FrameLocalised, FrameSegmented, Progress
 from pzcap.frame_slips import FrameOffsets, repeated_pictures, slip_notes
 from pzcap.imaging.comb import comb_px
 from pzcap.io.capture import FrameSets
-from pzcap.localisation.repetition import confirmed
+from pzcap.localisation.duplicate_frames import confirmed
 from pzcap.plausibility import (
     SeenKeyframe,
     SeenViews,

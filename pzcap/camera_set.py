@@ -22,9 +22,9 @@ from pzcap.events import CameraCalibrated, Progress
 from pzcap.io.capture import read_image
 from pzcap.io.video import VideoReader
 from pzcap.localisation.covariance import systematic
+from pzcap.localisation.duplicate_frames import covariance_of, extrapolated
 from pzcap.localisation.fields import BothFields, by_both_fields
 from pzcap.localisation.localise import count_from_reference
-from pzcap.localisation.repetition import carried_on, covariance_of
 from pzcap.localisation.sweep_readout import Remaining, Still, evenly_lit, in_sweep, in_zoom_run, put_right, still_of
 from pzcap.localisation.tuning import READOUT
 from pzcap.progress import Report, no_report
@@ -308,7 +308,7 @@ def panzoom_tracks(
     shown twice; None where it was not calibrated."""
     histories = zip(*located, strict=True) if located else ((),) * len(calibrated)
     return tuple(
-        _panzoom_track([found and carried_on(found) for found in by_both_fields(history)]) if one else None
+        _panzoom_track([found and extrapolated(found) for found in by_both_fields(history)]) if one else None
         for one, history in zip(calibrated, histories, strict=True)
     )
 

@@ -40,7 +40,7 @@ class Slip(NamedTuple):
 
 class _Kept(NamedTuple):
     camera: Camera  # scaled to the picture
-    log_odds: NDArray[np.int8]  # (h, w) an eighth of a unit of _MOST_LOG_ODDS / 16
+    log_odds: NDArray[np.int8]  # (h, w) of the athlete, in 127ths of `SLIPS.most_log_odds`
     hidden: Mask  # (h, w) by somebody who stands before the athlete
 
 

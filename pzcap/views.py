@@ -18,11 +18,18 @@ from pzcap.events import FrameLocalised, FrameSegmented, Progress
 from pzcap.geometry.camera import of_frame
 from pzcap.imaging.colour import colours_aligned, grey
 from pzcap.io.capture import FrameSets
+from pzcap.localisation.duplicate_frames import (
+    Pictures,
+    extrapolated,
+    known_less_surely,
+    moved_px,
+    stood_still,
+    without_extrapolation,
+)
 from pzcap.localisation.fields import expected_second
 from pzcap.localisation.localise import Localiser
 from pzcap.localisation.readout import History, Readout, Sway, rate_between
 from pzcap.localisation.rectification import upright_views
-from pzcap.localisation.repetition import Pictures, as_shown, carried_on, known_less_surely, moved_px, stood_still
 from pzcap.look_ahead import LookAhead
 from pzcap.runtime import give_back
 from pzcap.segmentation.company import WholeView, others_on_floor, whole_view, with_others
@@ -195,7 +202,7 @@ class ViewLocaliser:
             if later.valid:
                 there = np.array([later.pan_rad, np.log(later.focal_px)])
                 localisation = replace(localisation, second_field=there)
-        self.histories[index] = _corrected(history, localisation).followed_by(carried_on(localisation), prior)
+        self.histories[index] = _corrected(history, localisation).followed_by(extrapolated(localisation), prior)
         share = history.readout.share
         return replace(localisation, readout=share), None if later is None else replace(later, readout=share)
 
@@ -209,9 +216,14 @@ def _corrected(history: History, found: Localisation) -> History:
     """A ``history``, its last frame where its picture shows it if the camera had stopped there, as the next frame that
     was ``found`` tells."""
     last = history.last
-    if last is None or not last.missed.any() or not found.valid or not stood_still(as_shown(last), last.missed, found):
+    if (
+        last is None
+        or not last.missed.any()
+        or not found.valid
+        or not stood_still(without_extrapolation(last), last.missed, found)
+    ):
         return history
-    return history._replace(seen=(*history.seen[:-1], as_shown(last)))
+    return history._replace(seen=(*history.seen[:-1], without_extrapolation(last)))
 
 
 def segment_views(

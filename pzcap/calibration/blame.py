@@ -1,5 +1,5 @@
-"""The wrong file where two do not show the same: reference image, sweep and zoom run, compared in pairs; and a lens
-that was moved between them."""
+"""Footage of another camera or of another focus: reference image, sweep and zoom run, compared in pairs; which of them
+does not belong to the others."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def accumulate(
         sums.cross[:count] -= by_nodes.T @ to_views
         sums.nodes[:count, :count] -= by_nodes.T @ to_nodes
         sums.by_nodes[:count] -= to_nodes.T @ shade_along
-        pixels.beside[link] = _beside(sums.views, sums.by_views)
+        pixels.overlap_cost[link] = _beside(sums.views, sums.by_views)
         add_link(sums, count, jacobians, pixels.ends[link], normal, gradient)
     return cost
 

@@ -1,4 +1,4 @@
-"""Two minima of the cost of calibration: that on the other side of the axis is tried, too, and the likelier is taken.
+"""Calibration from two starts, the projection centre before and behind the pan axis: the likelier minimum is taken.
 
 A projection centre behind the axis, walls all alike and a longer focal length explain the features nearly as well as
 one before it and walls as they are. From one start it is chance which is found.
@@ -67,7 +67,7 @@ def _deviances(fits: Sequence[CameraFit], matched: Matched) -> list[float]:
     width, deviances = matched.chained.images[0].shape[1], []
     for each in fits:
         fit = each.fitted
-        deviance = fit.disagreement / (PHOTOMETRIC.doubt * variance) + fit.surprise
+        deviance = fit.overlap_misfit / (PHOTOMETRIC.doubt * variance) + fit.prior_misfit
         if matched.object_px is not None:
             off = float(fit.parameters.log_focal[1]) - math.log(matched.object_px)  # the reference image's
             deviance += (off * width / BELIEF.object_px) ** 2

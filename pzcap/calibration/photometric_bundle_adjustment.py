@@ -35,8 +35,8 @@ class Fitted:
     parameters: CalibrationParameters
     covariance: Array  # (U, U) of their vector, from the residuals alone
     sigma: float  # robust standard deviation of the residuals, grey levels
-    disagreement: float  # of overlaps with the parameters: sum of `ComparedPixels.beside`, grey levels^2
-    surprise: float  # squared distance of the parameters from what was believed before, in standard deviations
+    overlap_misfit: float  # of overlaps with the parameters: sum of `ComparedPixels.overlap_cost`, grey levels^2
+    prior_misfit: float  # squared distance of the parameters from what was believed before, in standard deviations
     bands: Array  # (F, K) of mains light in the frames, as in `pzcap.imaging.row_bands`
     report: SolveReport
 
@@ -76,11 +76,12 @@ def adjust(
     )
     # of pixels that err independently, the squared distances have the mean 4 sigma^2
     doubt = PHOTOMETRIC.doubt_apart if told_apart else PHOTOMETRIC.doubt
-    covariance = np.linalg.inv(normal) * (doubt * float(compared.beside.mean()) / 4.0)
+    covariance = np.linalg.inv(normal) * (doubt * float(compared.overlap_cost.mean()) / 4.0)
     covariance[fit.held, fit.held] = 0.0
     off, bands = to_vector(state) - fit.mean, _bands(few.pixels, frames)
     return Fitted(
-        state, np.asarray(covariance, np.float64), sigma, float(compared.beside.sum()), float(off @ believed @ off),
+        state, np.asarray(covariance, np.float64), sigma, float(compared.overlap_cost.sum()),
+        float(off @ believed @ off),
         bands, ended,
     )  # fmt: skip
 

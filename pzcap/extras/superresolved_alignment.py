@@ -97,7 +97,7 @@ class SuperresolvedAligner(Aligner):
             return samples
 
         pixels = FramePixels(points, soft.ravel().astype(np.float64), shading(points, self.camera.lens, focal_px))
-        return self.fit(look, pixels, fit.solution.state, fit.cost.belief, limits)
+        return self.fit(look, pixels, fit.solution.state, fit.cost.prior, limits)
 
     def _sampled(self, fine: Stored, half: Array, rays: Rays, at: ViewPlace) -> Array:
         """Samples (N, SAMPLE), as `PanoramaSampler.sample` has them, of the means over boxes of cells, ``half``

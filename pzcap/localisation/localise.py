@@ -16,10 +16,10 @@ import numpy as np
 from pzcap.calibration.settings import PanZoomConfig
 from pzcap.geometry.camera import wrapped
 from pzcap.imaging.colour import colours_aligned
-from pzcap.localisation.belief import Belief
 from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.feature_search import Candidate, FeatureSearch
+from pzcap.localisation.frame_prior import FramePrior
 from pzcap.localisation.panorama_sampler import ViewPlace, place_of
 from pzcap.localisation.photometric_alignment import Aligner, Alignment
 from pzcap.localisation.tuning import ALIGNMENT, READOUT
@@ -105,8 +105,8 @@ class Localiser:
 
         def align(start: ViewPlace, off_px: float, sway: Array) -> Alignment:
             tilt_sigma = float(sway[0]) if locked else ALIGNMENT.free_tilt_rad
-            belief = Belief(mean, tilt_sigma, float(sway[1]), *shear.tolist())
-            return self._aligner.align(image, start, off_px, body, belief)
+            prior = FramePrior(mean, tilt_sigma, float(sway[1]), *shear.tolist())
+            return self._aligner.align(image, start, off_px, body, prior)
 
         aligned = align(start, off_px, sway)
         off = np.abs([aligned.at.tilt_rad - mean.tilt_rad, aligned.at.roll_rad])

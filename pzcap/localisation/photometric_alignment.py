@@ -11,7 +11,7 @@ their weight. From coarse to fine, so that the frame before is a good enough sta
 
 The place (`ViewPlace`) is pan and focal length, and beside these what a tripod on a sprung floor and a rolling shutter
 add: a little tilt and roll, and a shear of pan and focal length from row to row. What is believed of them before
-(`Belief`) counts as a prior; what is believed to be 0 exactly costs nothing.
+(`FramePrior`) counts as a prior; what is believed to be 0 exactly costs nothing.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from pzcap.imaging import bspline, row_bands
 from pzcap.imaging.colour import grey
 from pzcap.imaging.row_bands import NO_BANDS
 from pzcap.localisation.alignment_equations import normal_equations, tile_scores
-from pzcap.localisation.belief import Belief
 from pzcap.localisation.frame_pixels import FramePixels, level_pixels
+from pzcap.localisation.frame_prior import FramePrior
 from pzcap.localisation.panorama_sampler import BY_PAN, KNOWN, VALUE, PanoramaSampler, Rays, ViewPlace
 from pzcap.localisation.tuning import ALIGNMENT, LEVELS
 from pzcap.solver import robust
@@ -42,7 +42,7 @@ Look = Callable[[Rays, ViewPlace], Array]
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
     at: ViewPlace
-    covariance: Array  # (free, free) of what `ViewPlace.stepped` steps, if pixels err independently, and the belief
+    covariance: Array  # (free, free) of what `ViewPlace.stepped` steps, if pixels err independently, and the prior
     clustered: Array  # (2, 2) of pan and log focal, from how pixels that are near each other err alike
     agreement: float  # 1 - median residual / median contrast: near 1 in the right place, else about 0
     report: SolveReport  # a fit that did not converge may agree as well, where a fast pan smears all edges
@@ -74,14 +74,14 @@ class _Cost:
     linearisation."""
 
     def __init__(
-        self, aligner: Aligner, look: Look, pixels: FramePixels, start: ViewPlace, belief: Belief, limits: Limits
+        self, aligner: Aligner, look: Look, pixels: FramePixels, start: ViewPlace, prior: FramePrior, limits: Limits
     ) -> None:
-        self._aligner, self._look, self._limits, self.pixels, self.belief = aligner, look, limits, pixels, belief
+        self._aligner, self._look, self._limits, self.pixels, self.prior = aligner, look, limits, pixels, prior
         self._rays = aligner.sampler.rays(pixels.points, start)
 
     def linearise(self, state: State, _: float) -> NormalEquations:
         """Normal equations at ``state``; the scale of the weights follows from the residuals there."""
-        pixels, free = self.pixels, self.belief.free
+        pixels, free = self.pixels, self.prior.free
         if self._rays.far_from(state.at):
             self._rays = self._aligner.sampler.rays(pixels.points, state.at)
         self.sampled = self._look(self._rays, state.at)
@@ -105,14 +105,14 @@ class _Cost:
             self.sampled, shading, brightness, self.residual, self._scale, free
         )
         normal += 1e-9 * np.diag(np.diag(normal))  # can be solved, whatever is left open
-        information = ALIGNMENT.doubt * noise**2 * self.belief.information()
+        information = ALIGNMENT.doubt * noise**2 * self.prior.information()
         normal[range(free), range(free)] += information
-        gradient[:free] += information * self.belief.departure(state.at)
+        gradient[:free] += information * self.prior.departure(state.at)
         return NormalEquations(normal, gradient, noise, float(self.weight @ self.residual**2))
 
     def retract(self, state: State, step: Array) -> State:
         """``state`` after a step, which is lengthened near the end by what Gauss-Newton steps are too short by."""
-        free = self.belief.free
+        free = self.prior.free
         moved_px = max(abs(step[0]) * state.at.focal_px, abs(step[1]) * self._aligner.camera.lens.width / 2)
         if moved_px < ALIGNMENT.near_px:
             step = step / max(self._curvature, ALIGNMENT.least_curvature)
@@ -127,9 +127,9 @@ class _Cost:
             (N c)^-1 (sum_s g_s g_s^T + B) (N c)^-1,        g_s = sum_n w_n J_n^T r_n over the pixels n of a tile s.
 
         Pixels of a tile err alike, since they are of one edge, of one frame of the sweep, in one light; c is the
-        cost's curvature, and B what the belief adds. One tile is lost for each unknown.
+        cost's curvature, and B what the prior adds. One tile is lost for each unknown.
         """
-        free, lens = self.belief.free, self._aligner.camera.lens
+        free, lens = self.prior.free, self._aligner.camera.lens
         across, down = ALIGNMENT.tiles
         column, row = (self.pixels.points * np.array([across / lens.width, down / lens.height])).astype(np.int64).T
         tile = row * across + column
@@ -138,7 +138,7 @@ class _Cost:
         )
         tiles = int(np.any(scores != 0.0, axis=1).sum())
         middle = scores.T @ scores * (tiles / max(tiles - scores.shape[1], 1))
-        middle[range(free), range(free)] += (ALIGNMENT.doubt * self._noise**2) ** 2 * self.belief.information()
+        middle[range(free), range(free)] += (ALIGNMENT.doubt * self._noise**2) ** 2 * self.prior.information()
         by_scores = np.linalg.inv(normal)[:2] / max(self._curvature, ALIGNMENT.least_curvature)
         return np.asarray(by_scores @ middle @ by_scores.T, np.float64)
 
@@ -160,23 +160,23 @@ class Aligner:
         self.sampler = PanoramaSampler(panorama, camera, pixels)
 
     def align(
-        self, image: Image, start: ViewPlace, off_px: float, hidden: Mask | None = None, belief: Belief | None = None
+        self, image: Image, start: ViewPlace, off_px: float, hidden: Mask | None = None, prior: FramePrior | None = None
     ) -> Alignment:
         """Refine the place of a frame from a ``start`` off by up to ``off_px`` pixels of the panorama, 15 at most; the
-        less, the faster. Without a ``belief`` all but pan and focal length are held where the start has them. Pixels
+        less, the faster. Without a ``prior`` all but pan and focal length are held where the start has them. Pixels
         that are ``hidden`` (H, W) are not compared. The agreement is 0 where the panorama is unknown, or the frame
         dark."""
-        frame, state, belief = grey(image), State(start, None), belief or Belief(start)
+        frame, state, prior = grey(image), State(start, None), prior or FramePrior(start)
         try:
             for index in range(max(sum(level.reach_px >= off_px for level in LEVELS), 1) - 1, len(LEVELS)):
-                fit = self._fit_level(index, frame, hidden, state.at, belief)
+                fit = self._fit_level(index, frame, hidden, state.at, prior)
                 state = fit.solution.state
             return self._alignment(self.refined(fit, frame, hidden))
         except NothingToCompare:
             nothing = np.empty((0, 2))
             return Alignment(state.at, np.eye(2), np.eye(2), 0.0, SolveReport(False, 0, 0.0), nothing, nothing)
 
-    def _fit_level(self, index: int, frame: Image, hidden: Mask | None, at: ViewPlace, belief: Belief) -> Fit:
+    def _fit_level(self, index: int, frame: Image, hidden: Mask | None, at: ViewPlace, prior: FramePrior) -> Fit:
         """Fit to one of `LEVELS`."""
         level, steps = self.sampler.levels[index], LEVELS[index].steps
         if not at.focal_px * level.scale > bspline.LEAST_SHRINK * self.sampler.px_per_rad:  # diverged, on wrong footage
@@ -185,26 +185,26 @@ class Aligner:
         look, start = partial(self.sampler.sample, level), State(at, None)
         if level.scale > 1:  # too coarse to tell rows apart
             return self.fit(
-                look, pixels, start, Belief(belief.mean, belief.tilt_rad, belief.roll_rad), Limits(steps, 0.0)
+                look, pixels, start, FramePrior(prior.mean, prior.tilt_rad, prior.roll_rad), Limits(steps, 0.0)
             )
-        near = self.fit(look, pixels.thinned(ALIGNMENT.sparse), start, belief, Limits(steps, ALIGNMENT.near_px))
+        near = self.fit(look, pixels.thinned(ALIGNMENT.sparse), start, prior, Limits(steps, ALIGNMENT.near_px))
         start = near.solution.state
         if start.bands.size:  # all pixels tell them better
             start = State(start.at, None)
-        return self.fit(look, pixels, start, belief, Limits(steps, ALIGNMENT.settled_px))
+        return self.fit(look, pixels, start, prior, Limits(steps, ALIGNMENT.settled_px))
 
     def refined(self, fit: Fit, frame: Image, hidden: Mask | None) -> Fit:  # noqa: ARG002
         """Result of the last level as it is; `pzcap.extras.superresolved_alignment` goes on from there."""
         return fit
 
-    def fit(self, look: Look, pixels: FramePixels, start: State, belief: Belief, limits: Limits) -> Fit:
-        cost = _Cost(self, look, pixels, start.at, belief, limits)
+    def fit(self, look: Look, pixels: FramePixels, start: State, prior: FramePrior, limits: Limits) -> Fit:
+        cost = _Cost(self, look, pixels, start.at, prior, limits)
         return Fit(cost, minimise(start, cost.linearise, cost.retract, cost.settled, Schedule(limits.steps, 1.0)))
 
     def _alignment(self, fit: Fit) -> Alignment:
         cost, solution = fit
         variance = solution.report.cost / float(cost.weight.sum())
-        free = cost.belief.free
+        free = cost.prior.free
         covariance = np.asarray(variance * np.linalg.inv(solution.normal)[:free, :free], np.float64)
         usable = cost.sampled[:, KNOWN] > 0
         value = cost.sampled[usable, VALUE]

@@ -22,7 +22,7 @@ from pzcap.calibration.sweep import Frames, MappedFrames
 from pzcap.geometry.camera import wrapped
 from pzcap.imaging import bspline
 from pzcap.imaging.row_bands import without_bands
-from pzcap.localisation.belief import Belief
+from pzcap.localisation.frame_prior import FramePrior
 from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.localisation.rectification import rectified
@@ -127,9 +127,9 @@ def in_sweep(still: Still, found: CalibratedCamera, swept: SweptFrames) -> Remai
     """Read-out that frames of the sweep still show, against a picture by the camera at rest: 0 where that cannot be
     aligned."""
     rate = _rate_at(still.at.pan_rad, found, swept)
-    belief = Belief(still.at, *([READOUT.panorama_rad] * 3))
+    prior = FramePrior(still.at, *([READOUT.panorama_rad] * 3))
     aligner = Aligner(found.panorama, found.camera, pixels=still.image.size)
-    aligned = aligner.align(still.image, still.at, 4.0, None, belief)
+    aligned = aligner.align(still.image, still.at, 4.0, None, prior)
     if aligned.agreement < ALIGNMENT.sure_agreement or not aligned.report.converged:
         return Remaining(0.0, READOUT.least_shear_rad / abs(rate))
     sigma_rad = 3.0 * float(np.sqrt(ALIGNMENT.doubt * aligned.covariance[4, 4]))
@@ -156,7 +156,7 @@ def in_zoom_run(frames: Frames, found: CalibratedCamera, zoomed: ZoomedFrames) -
         log_focal, rate = zoomed.log_focal[moving[number]], rates[moving[number]]
         at = ViewPlace(zoomed.pan_rad, found.camera.tilt_rad, float(np.exp(log_focal)))
         aligner = aligner or Aligner(found.panorama, found.camera, pixels=image[..., 0].size // 3)
-        aligned = aligner.align(image, at, 4.0, None, Belief(at, *([READOUT.panorama_rad] * 4)))
+        aligned = aligner.align(image, at, 4.0, None, FramePrior(at, *([READOUT.panorama_rad] * 4)))
         if aligned.agreement >= ALIGNMENT.sure_agreement and aligned.report.converged:
             zoom = log_focal - np.log(found.camera.lens.reference_focal_px)
             seen.append((zoom, aligned.at.zoom_shear / rate, abs(rate) / np.sqrt(aligned.covariance[5, 5])))

@@ -118,7 +118,7 @@ class ReadoutTuning(NamedTuple):
 
 
 class RepetitionTuning(NamedTuple):
-    """`repetition`: pictures that are the picture before."""
+    """`duplicate_frames`: pictures that are the picture before."""
 
     block_px: int = 8
     levels: int = 1

@@ -1,4 +1,4 @@
-"""Other people beside the athlete in a view: what is not hall, and too far from where the body is expected to be hers.
+"""Other people in one view: regions that are neither hall nor near the expected outline of the athlete.
 
 A region of the foreground counts as somebody else where it is larger than any limb, or leaves the part of the view that
 is looked at, and stands off the expected outline by more than the prediction errs. With it goes all foreground that

@@ -80,9 +80,9 @@ def model_at(focal_px: float, offset: float) -> CalibrationParameters:
     )  # fmt: skip
 
 
-def fit_of(focal_px: float, disagreement: float = 0.0, surprise: float = 0.0, sigma: float = 2.0) -> CameraFit:
+def fit_of(focal_px: float, overlap_misfit: float = 0.0, prior_misfit: float = 0.0, sigma: float = 2.0) -> CameraFit:
     model = replace(model_at(focal_px, 0.003), log_focal=np.log([focal_px, focal_px]))
-    fitted = Fitted(model, np.eye(1), sigma, disagreement, surprise, np.zeros((1, 0)), SolveReport(True, 4, 0.0))
+    fitted = Fitted(model, np.eye(1), sigma, overlap_misfit, prior_misfit, np.zeros((1, 0)), SolveReport(True, 4, 0.0))
     return CameraFit(cast(Adjusted, None), cast(Brightness, None), fitted)
 
 

@@ -16,7 +16,7 @@ from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import wrapped
 from pzcap.imaging import row_bands
 from pzcap.imaging.row_bands import row_time
-from pzcap.localisation.belief import Belief
+from pzcap.localisation.frame_prior import FramePrior
 from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.localisation.readout import History, Readout, Sway
@@ -75,7 +75,7 @@ def sheared() -> Image:
 def test_a_frame_shows_its_shear(panorama: Panorama, sheared: Image) -> None:
     """Pan and focal length are those of the middle row; taken for a frame without shear they are off."""
     aligner, start = Aligner(panorama, CAMERA), ViewPlace(0.3, OPTICS.tilt_rad, 1.3 * FOCAL)
-    free = aligner.align(sheared, start, 1.5, None, Belief(start, 1e-3, 1e-3, 0.02, 0.02)).at
+    free = aligner.align(sheared, start, 1.5, None, FramePrior(start, 1e-3, 1e-3, 0.02, 0.02)).at
     held = aligner.align(sheared, start, 1.5).at
     assert free.pan_shear_rad == pytest.approx(0.006, abs=1.5e-4)
     assert free.zoom_shear == pytest.approx(0.004, abs=4e-4)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pzcap.localisation import repetition
+from pzcap.localisation import duplicate_frames
 from pzcap.localisation.tuning import REPETITION
 from pzcap.types import Array, Image, Localisation
 
@@ -44,7 +44,7 @@ def decoded(pictures: list[Image], crf: int) -> list[Image]:
 
 
 def shares(pictures: list[Image]) -> Array:
-    seen = repetition.Pictures()
+    seen = duplicate_frames.Pictures()
     return np.array([seen.repeated_share(picture, 0.0) for picture in pictures])[1:]
 
 
@@ -66,7 +66,7 @@ def test_blocks_are_compared_as_whole_arrays_are(seed: int) -> None:
     before = rng.integers(0, 256, (5 * size + 3, 4 * size + 1), np.uint8)
     change = rng.integers(-1, 2, before.shape) * rng.integers(0, 4, before.shape) * (rng.random(before.shape) < 0.01)
     grey = np.clip(before + change, 0, 255).astype(np.uint8)
-    same, _ = repetition._blocks(grey, before)
+    same, _ = duplicate_frames._blocks(grey, before)
     apart = np.abs(grey.astype(int) - before)[: 5 * size, : 4 * size].reshape(5, size, 4, size)
     np.testing.assert_array_equal(same, apart.max(axis=(1, 3)) <= REPETITION.levels)
 
@@ -97,7 +97,7 @@ def test_a_block_counts_by_how_steep_it_is(row: int, column: int) -> None:
 
 
 def test_what_a_camera_writes_over_its_pictures_is_no_repetition() -> None:
-    pictures, seen = taken(4.0 * np.arange(8.0)), repetition.Pictures()
+    pictures, seen = taken(4.0 * np.arange(8.0)), duplicate_frames.Pictures()
     date = np.where(np.random.default_rng(7).random((24, 160)) < 0.5, 0, 255)
     for picture in pictures:
         picture[8:32, 80:240] = date
@@ -114,7 +114,7 @@ def test_a_lamp_that_outshines_all_is_not_taken_for_repeated() -> None:
 
 def known(share: float, change: Array) -> Localisation:
     exact = Localisation(0.1, 0.0, FOCAL_PX, np.zeros((2, 2)), True, np.empty((0, 2)), np.empty((0, 2)))
-    return repetition.known_less_surely(exact, change, share, WIDTH)
+    return duplicate_frames.known_less_surely(exact, change, share, WIDTH)
 
 
 def test_a_new_picture_is_as_sure_as_it_was() -> None:
@@ -145,16 +145,16 @@ def test_the_next_frame_tells_a_camera_that_stopped_from_a_picture_shown_twice(a
     change = np.array([5.0 / FOCAL_PX, 0.002])
     shown, move = known(0.9, change), after * change
     later = replace(known(0.0, change), pan_rad=shown.pan_rad + move[0], focal_px=FOCAL_PX * float(np.exp(move[1])))
-    (one, _) = repetition.confirmed([shown, later])
+    (one, _) = duplicate_frames.confirmed([shown, later])
     assert one is not None
     assert one.missed.any() != stopped
-    assert repetition.confirmed([shown, None])[0] is shown
+    assert duplicate_frames.confirmed([shown, None])[0] is shown
 
 
 def test_a_frame_that_was_carried_on_can_be_brought_back() -> None:
     shown = known(0.9, np.array([5.0 / FOCAL_PX, -0.002]))
-    carried = repetition.carried_on(shown)
-    back = repetition.as_shown(carried)
+    carried = duplicate_frames.extrapolated(shown)
+    back = duplicate_frames.without_extrapolation(carried)
     assert carried.pan_rad == pytest.approx(shown.pan_rad + 5.0 / FOCAL_PX)
     assert (back.pan_rad, back.focal_px) == pytest.approx((shown.pan_rad, shown.focal_px))
     np.testing.assert_allclose(back.covariance, shown.covariance, atol=1e-15)

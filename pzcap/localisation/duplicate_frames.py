@@ -1,10 +1,10 @@
-"""Pictures that are the picture before, in part or as a whole.
+"""Duplicate frames: pictures that repeat the picture before, in part or as a whole.
 
 Where a camera moves by less than a pixel a frame, as in the hand of somebody who waits, a codec repeats blocks of the
 picture before: it saves bits, and no eye sees it. Whoever converts a variable rate, or loses pictures, repeats whole
 ones. What is repeated shows where the camera was, and not where it is. All parts of a picture are then off alike, so
 that its residuals do not tell; but two exposures are never the same to a grey level, and blocks that are tell how much
-of a picture is no news.
+of a picture is repeated.
 """
 
 from __future__ import annotations
@@ -86,15 +86,15 @@ def moved_px(change: Array, focal_px: float, width: int) -> float:
     return float(np.hypot(change[0] * focal_px, change[1] * width / 2))
 
 
-def carried_on(found: Localisation) -> Localisation:
+def extrapolated(found: Localisation) -> Localisation:
     """Place of a frame at its own instant, where its picture `missed` a change: as expected from the frames before."""
     pan_rad, focal_px = found.pan_rad + found.missed[0], found.focal_px * np.exp(found.missed[1])
     covariance = found.covariance + covariance_of(found.missed)
     return replace(found, pan_rad=float(wrapped(pan_rad)), focal_px=float(focal_px), covariance=covariance)
 
 
-def as_shown(carried: Localisation) -> Localisation:
-    """A frame that was `carried_on`, as its picture shows it."""
+def without_extrapolation(carried: Localisation) -> Localisation:
+    """A frame that was `extrapolated`, as its picture shows it."""
     pan_rad, focal_px = carried.pan_rad - carried.missed[0], carried.focal_px * np.exp(-carried.missed[1])
     covariance = carried.covariance - covariance_of(carried.missed)
     return replace(

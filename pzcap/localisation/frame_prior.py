@@ -1,4 +1,4 @@
-"""Belief about a frame before it is seen: how far it may be off in what is not pan or focal length."""
+"""Prior of a frame's alignment: how far it may be off in what is not pan or focal length."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.types import Array
 
 
-class Belief(NamedTuple):
-    """Belief about a frame before it is seen: standard deviations of tilt, roll, pan shear and zoom shear about those
+class FramePrior(NamedTuple):
+    """Prior of a frame's alignment: standard deviations of tilt, roll, pan shear and zoom shear about those
     of a place. With 0 they are held there."""
 
     mean: ViewPlace
