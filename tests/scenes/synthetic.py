@@ -115,7 +115,7 @@ def _rays(optics: Optics, focal_px: float) -> tuple[Array, Array]:
     x, y = np.meshgrid((u - principal[0]) / focal_px, (v - principal[1]) / focal_px)
     bent = np.hypot(x, y)
     straight = bent.copy()
-    for _ in range(30):
+    for _ in range(10):  # each leaves less than a twentieth of the error
         straight = bent / (1 + k1 * straight**2)
     shrunk = 1 + k1 * straight**2
     radius = np.hypot(*np.meshgrid(np.arange(optics.width) - principal[0], np.arange(optics.height) - principal[1]))
