@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
+from pzcap.body.anthropometry import contradictions
 from pzcap.body.kinematics import joints
 from pzcap.body.skeleton import Body
 from pzcap.calibration.calibrate import CalibratedCamera
@@ -202,6 +203,16 @@ def guessed_measurements(subject: Subject, body: Body) -> list[str]:
     return [
         f"subject.json: {len(missing)} of {len(MEASUREMENTS)} measurements are missing and were guessed from the rest "
         f"by the statistics of a population; the least certain of them is {worst}, to {worst_mm:.0f} mm"
+    ]
+
+
+def contradictory_readings(subject: Subject) -> list[str]:
+    """A note for each reading that contradicts the others: two digits exchanged, another unit, another person's."""
+    return [
+        f"subject.json: {one.name} is {one.reading:.4g}, where people with all its other measurements have "
+        f"{one.expected:.3g}, give or take {one.sigma:.2g}: likeliest a slip of the pen, and hardly believed; "
+        "measure it again"
+        for one in contradictions(subject)
     ]
 
 

@@ -17,7 +17,7 @@ from pzcap.initialisation.people import Detections
 from pzcap.initialisation.selection import worthwhile
 from pzcap.io.capture import FrameSets
 from pzcap.io.detections import NOBODY
-from pzcap.plausibility import guessed_measurements
+from pzcap.plausibility import contradictory_readings, guessed_measurements
 from pzcap.tracking import keyframes
 from pzcap.tracking.pixel_time import Exposure
 from pzcap.tracking.settings import TrackingConfig
@@ -47,7 +47,7 @@ def body_to_track(capture: Capture, sets: FrameSets, config: TrackingConfig, not
         return None
     subject = capture.subject or UNMEASURED
     body = skeleton.build(subject)
-    notes += guessed_measurements(subject, body)
+    notes += [*contradictory_readings(subject), *guessed_measurements(subject, body)]
     if sets.keyframes:
         notes += keyframes.check(sets.keyframes, body, len(sets), float(capture.frame_rate))
     return body

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pzcap.body import skeleton
-from pzcap.body.anthropometry import _correlation, measured
+from pzcap.body.anthropometry import _correlation, contradictions, measured
 from pzcap.body.shape_basis import basis
 from pzcap.types import MEASUREMENTS, Array, Subject
 from sim.people.anthropometry import draw_measurements
@@ -47,6 +47,45 @@ def test_sigma_says_how_well_a_person_is_known(config: CrewConfig, most_m: float
     assert np.sqrt(np.mean(errors**2)) < most_m
     assert 0.4 < np.mean((errors / sigmas) ** 2) < 1.25
     assert np.mean(np.abs(errors) > 3 * sigmas) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("slips", "kg"),
+    [
+        ({"forearm": 0.10}, None),
+        ({"shank": -0.18, "girth_chest": -0.5}, None),
+        ({"stature": 0.30}, None),
+        ({"girth_waist": -0.6}, 20.0),
+    ],
+)
+def test_a_slip_of_the_pen_is_named_and_does_little_harm(slips: dict[str, float], kg: float | None) -> None:
+    rng = np.random.default_rng(0)
+    true = draw_measurements(rng)
+    right = measure(true, CrewConfig(), rng, {})
+    wrong = replace(right, measurements_m={k: v + slips.get(k, 0.0) for k, v in right.measurements_m.items()})
+    named = contradictions(replace(wrong, mass_kg=kg))
+    assert {one.name for one in named} == {*slips} | ({"mass_kg"} if kg else set())
+    found = measured(wrong)
+    for name in slips:
+        (one,) = (one for one in named if one.name == name)
+        assert one.expected == pytest.approx(true[name], abs=3.0 * one.sigma)
+        assert found.value(name) == pytest.approx(true[name], abs=3.0 * found.sigma(name))
+        assert found.sigma(name) > 2.0 * right.sigma_m if name.startswith("girth") else found.sigma(name) > 0.006
+    rest = [name for name in MEASUREMENTS if name not in slips]
+    assert max(abs(found.value(name) - true[name]) for name in rest) < 0.02
+
+
+@pytest.mark.parametrize("guess", [0.0, 0.04])
+def test_who_is_measured_right_contradicts_nothing(guess: float) -> None:
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        assert contradictions(measure(draw_measurements(rng), CrewConfig(tape_guess=guess), rng, {})) == []
+    for child in (
+        Subject({"stature": 1.15}, 0.005, mass_kg=20.0),
+        Subject({"stature": 2.1}, 0.005),
+        Subject({}, 0.005),
+    ):
+        assert contradictions(child) == []
 
 
 def test_what_was_measured_stays_and_helps_what_was_not() -> None:

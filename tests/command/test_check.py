@@ -102,6 +102,7 @@ def test_right_footage_passes(
         (wrong.manifest(full_turn=True), 1, ["camera 1 sweep: covers 8. degrees and does not come round to its start"]),
         (wrong.manifest(object=None), 1, ["object: no calibration object"]),
         (wrong.manifest(subject=None), 0, ["subject: no tape measurements"]),
+        (wrong.misread("forearm", 0.1), 0, [r"subject: subject\.json: forearm is 0\.\d+, where .* measure it again"]),
         (wrong.manifest(keyframes=None), 0, ["keyframes: there are none yet"]),
         (wrong.without("sweep"), 1, ["camera 1 sweep: there is none; no frame can be located"]),
         (wrong.without("zoom"), 0, ["camera 1 zoom: there is none; distortion"]),

@@ -153,12 +153,20 @@ def other_size(factor: float) -> Change:
 
 def other_person(factor: float) -> Change:
     """subject.json of somebody who is taller by a factor."""
+    return _remeasured(lambda _, each: factor * each)
 
+
+def misread(measurement: str, by_m: float) -> Change:
+    """subject.json with one measurement off."""
+    return _remeasured(lambda name, each: each + by_m if name == measurement else each)
+
+
+def _remeasured(change_of: Callable[[str, float], float]) -> Change:
     def change(folder: Path) -> None:
         path = folder / "subject.json"
         content = json.loads(path.read_text())
         path.unlink()
-        content["measurements_m"] = {name: factor * each for name, each in content["measurements_m"].items()}
+        content["measurements_m"] = {name: change_of(name, each) for name, each in content["measurements_m"].items()}
         path.write_text(json.dumps(content))
 
     return change

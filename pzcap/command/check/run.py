@@ -35,6 +35,7 @@ from pzcap.command.check.zoom_check import ZoomRun, check_zoom
 from pzcap.command.progress import ProgressLine
 from pzcap.io.capture import frame_sets, read_capture, read_image
 from pzcap.io.video import VideoReader
+from pzcap.plausibility import contradictory_readings
 from pzcap.progress import Report
 from pzcap.runtime import one_thread_each
 from pzcap.types import CameraFiles, Capture, PzcapError
@@ -240,6 +241,9 @@ def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
         yield Finding(
             Level.WARN, "", "subject", "no tape measurements (subject.json) yet: measure before the athlete goes"
         )
+    else:
+        for note in contradictory_readings(capture.subject):
+            yield Finding(Level.WARN, "", "subject", note)
     for files in capture.cameras:
         if files.motion is not None:
             reader = VideoReader(files.motion)
