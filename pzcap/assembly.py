@@ -30,6 +30,7 @@ from pzcap.plausibility import (
     object_of_another_size,
     seen_keyframe,
     share_on_athlete,
+    unlocated,
     unseen_keyframes,
 )
 from pzcap.tracking.body_size import body_size
@@ -136,6 +137,8 @@ class Gathered:
         """The result: the cameras as ``calibrated``, their ``heads`` as the frames have shown them, and the body."""
         heads = _with_clocks(heads, self._tracker, self._capture.frame_rate)
         found = list(notes)
+        for name, track in zip(self.names, tracks, strict=True):
+            found += unlocated(name, track.valid, self._sets.timecodes) if track is not None else []
         if not config.free_tilt:
             usual_clock_s = float(np.median([head.clock_s for head in heads if head is not None] or [0.0]))
             for name, head, track in zip(self.names, heads, tracks, strict=True):

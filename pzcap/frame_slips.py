@@ -254,7 +254,8 @@ def slip_notes(
             later, low = ("later", "low") if off > 0 else ("earlier", "high")
             notes.append(
                 f"camera {names[camera]}: its pictures show the athlete {many} {later} than those of the other cameras "
-                f"with the same timecode: its timecode is {many} too {low}; correct it"
+                f"at the same time: its timecode is {many} too {low}, or what sync.json has in its place; correct it, "
+                "or find it anew (pzcap sync FOLDER)"
             )
     return notes
 

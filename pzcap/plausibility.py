@@ -65,6 +65,18 @@ def check_upright(cameras: Sequence[CalibratedCamera | None]) -> None:
         )
 
 
+def unlocated(name: str, valid: Mask, timecodes: Sequence[str]) -> list[str]:
+    """A note where many frames of camera ``name`` are not ``valid`` (F,): the others alone carry the body there."""
+    lost = np.flatnonzero(~valid)
+    if len(lost) <= PLAUSIBILITY.unlocated * len(valid):
+        return []
+    first, last = (f"{frame} ({timecodes[frame]})" for frame in (lost[0], lost[-1]))
+    return [
+        f"camera {name}: not located in {len(lost)} of {len(valid)} frames from {first} to {last}: its pictures are "
+        "missing there, or fit its panorama nowhere; pzcap check says which"
+    ]
+
+
 def lost_body(lost: Mapping[int, float], timecodes: Sequence[str]) -> list[str]:
     """A note on the stretches of frames in which the body is not where silhouettes show somebody; ``lost``: the
     probability of that, a frame."""

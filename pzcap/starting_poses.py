@@ -42,7 +42,7 @@ def body_to_track(capture: Capture, sets: FrameSets, config: TrackingConfig, not
     if not sets.keyframes and not detected:
         notes.append(
             "the body is not tracked: the capture holds neither keyframes (keyframes.json) nor a detector's keypoints; "
-            "run a detector (pzcap keypoints FOLDER --by mediapipe), or pose one frame by hand (docs/capture.md)"
+            "run a detector (pzcap keypoints FOLDER --by mediapipe), or pose one frame by hand (pzcap edit FOLDER)"
         )
         return None
     subject = capture.subject or UNMEASURED
@@ -69,7 +69,7 @@ def body_tracker(
         elif not sets.keyframes:
             notes.append(
                 "the body is not tracked: in no frame do the keypoints of two views or more agree with each other and "
-                "with the silhouettes; pose one frame by hand (keyframes.json), or run another detector"
+                "with the silhouettes; pose one frame by hand (pzcap edit FOLDER), or run another detector"
             )
             return None
     keys = sorted([*sets.keyframes, *found], key=lambda key: key.frame)

@@ -10,6 +10,7 @@ import numpy as np
 class PlausibilityTuning(NamedTuple):
     """Contradictions of the footage to the papers."""
 
+    unlocated: float = 0.1  # share of a camera's frames that are not located
     focal: float = 4e-4
     """Difference of the focal lengths of reference image and sweep, which a locked lens keeps to 2e-5, or to 2.0e-4
     with a rolling shutter under mains light; a lens that focused anew in the middle of a sweep leaves 1e-3."""

@@ -34,6 +34,7 @@ from pzcap.plausibility import (
     object_of_other_shape,
     open_circle,
     seen_keyframe,
+    unlocated,
     unseen_keyframes,
 )
 from pzcap.types import Camera, Capture, Keyframe, Pose, PzcapError, Silhouette
@@ -365,3 +366,12 @@ def test_stretches_with_somebody_at_the_athletes_side_are_named() -> None:
     assert company([3, 4, 9], TIMECODES) == []
     (one,) = company([3, 4, 7, 8, 9, 10], TIMECODES)
     assert "in 4 frames: 7 to 10 (10:00:00:07 to 10:00:00:10): a hand or a foot" in one
+
+
+def test_a_camera_that_is_blind_for_long_is_named() -> None:
+    valid, timecodes = np.ones(60, bool), [f"10:00:00:{frame:02}" for frame in range(60)]
+    valid[40:46] = False
+    assert unlocated("b", valid, timecodes) == []
+    valid[50] = False
+    (note,) = unlocated("b", valid, timecodes)
+    assert "camera b: not located in 7 of 60 frames from 40 (10:00:00:40) to 50 (10:00:00:50)" in note

@@ -22,11 +22,12 @@ def edit(place: Path, capture: Path | None, port: int, browse: bool) -> int:
     if importlib.util.find_spec("aiohttp") is None:
         raise PzcapError("the editor's server is not installed; pip install 'pzcap[editor]'")
     from pzcap.editor.server import serve
-    from pzcap.editor.workspace import FOLDER, Workspace
+    from pzcap.editor.workspace import FOLDER, Workspace, alone
 
     if (place / MANIFEST).is_file():
         taken, results_at = read_capture(place), place / FOLDER / RECONSTRUCTION
-        found = _cameras(taken, results_at)
+        with alone(place / FOLDER):  # who may not edit does not wait for the cameras first
+            found = _cameras(taken, results_at)
     elif not has_results(place) and capture is None:
         raise PzcapError(f"{place}: neither a {MANIFEST} in it nor a reconstruction; give a capture or RESULTS")
     else:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from pzcap.command.places import load_results
+from pzcap.command.places import load_results, made_of
 from pzcap.export import formats, freed
 from pzcap.export.take import Take
 from pzcap.io.capture import read_capture
-from pzcap.types import PzcapError
+from pzcap.types import Capture, PzcapError
 
 
 def export_results(results: Path, names: Sequence[str], out: Path, capture: Path | None, udp: str | None) -> int:
@@ -19,7 +20,8 @@ def export_results(results: Path, names: Sequence[str], out: Path, capture: Path
     if unknown:
         raise PzcapError(f"no format '{unknown[0]}'; there are {', '.join(formats.FORMATS)}")
     address = None if udp is None else _address(udp, names)
-    take = Take(load_results(results), None if capture is None else read_capture(capture))
+    wanted = any(formats.FORMATS[name].keypoints or formats.FORMATS[name].video for name in names)
+    take = Take(load_results(results), _captured(results, capture) if wanted or capture is not None else None)
     for name in dict.fromkeys(names):
         files = formats.write(take, name, out / name if len(set(names)) > 1 else out)
         listed = [str(path) for path in files[:8]] + ([f"... {len(files)} files in all"] if len(files) > 8 else [])
@@ -30,6 +32,14 @@ def export_results(results: Path, names: Sequence[str], out: Path, capture: Path
     if address is not None:
         print(f"{freed.send(take, *address)} frames sent to {udp}")
     return 0
+
+
+def _captured(results: Path, capture: Path | None) -> Capture | None:
+    """The ``capture`` that is given, or else that which the ``results`` were made of where it is still there."""
+    if capture is None:
+        with contextlib.suppress(PzcapError):
+            capture = made_of(results)
+    return None if capture is None else read_capture(capture)
 
 
 def _has_keypoints(take: Take) -> bool:

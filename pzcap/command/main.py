@@ -52,6 +52,7 @@ def parser() -> argparse.ArgumentParser:
     one = part("marker-cube", help="write the calibration object: a PDF to print, and its object.json")
     one.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for both files")
     one.add_argument("--edge", type=float, default=2.0, metavar="METRES", help="edge of the cube (2)")
+    one.add_argument("--replace", action="store_true", help="write object.json anew where there is one")
     one.set_defaults(run=_marker_cube)
 
     one = part("keypoints", help="run a detector over the motion, to do without keyframes")
@@ -91,7 +92,10 @@ def parser() -> argparse.ArgumentParser:
         help="for the files; of several formats a folder each in it",
     )
     one.add_argument(
-        "--capture", type=Path, metavar="FOLDER", help="the capture, for formats that take its keypoints along"
+        "--capture",
+        type=Path,
+        metavar="FOLDER",
+        help="of the results, for formats with its keypoints or video, where they do not tell it",
     )
     one.add_argument("--udp", metavar="HOST:PORT", help="freed: send the messages as well, at the rate of the take")
     one.set_defaults(run=_export)
@@ -165,7 +169,7 @@ def _check(given: argparse.Namespace) -> int:
 def _marker_cube(given: argparse.Namespace) -> int:
     from pzcap.command.marker_cube import Cube, write_cube
 
-    return write_cube(Cube(given.edge), given.out)
+    return write_cube(Cube(given.edge), given.out, replace=given.replace)
 
 
 def _keypoints(given: argparse.Namespace) -> int:

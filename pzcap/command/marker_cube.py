@@ -80,19 +80,21 @@ class Cube:
         return np.array(corners)[np.array(pairs)]
 
 
-def write_cube(cube: Cube, folder: Path) -> int:
-    """Write marker_cube.pdf and object.json into ``folder``; the exit status."""
-    folder.mkdir(parents=True, exist_ok=True)
-    markers = cube.markers()
+def write_cube(cube: Cube, folder: Path, *, replace: bool) -> int:
+    """Write marker_cube.pdf and object.json into ``folder``; the exit status. PzcapError where there is an object.json,
+    which somebody may have corrected, and it is not to be ``replace``d."""
+    markers, measured = cube.markers(), folder / "object.json"
+    if measured.exists() and not replace:
+        raise PzcapError(f"{measured}: is there already, and may have been corrected by hand; give --replace, or --out")
     write_bytes(folder / "marker_cube.pdf", pdf([_sheet(cube, marker) for marker in markers], cube.sheet_m))
     content = {
         "dictionary": DICTIONARY,
         "markers": [{"id": marker.id, "corners_m": np.round(marker.corners_m, 6).tolist()} for marker in markers],
         "wireframe_m": np.round(cube.edges_m(), 6).tolist(),
     }
-    write_json(folder / "object.json", content, indent=None)
+    write_json(measured, content, indent=None)
     print(f"{folder / 'marker_cube.pdf'}: {len(markers)} sheets of {100 * cube.sheet_m:.1f} cm, to print at 100 %")
-    print(f"{folder / 'object.json'}: where their corners are on a cube of {cube.edge_m:g} m, on the floor")
+    print(f"{measured}: where their corners are on a cube of {cube.edge_m:g} m, on the floor")
     print("print flat and matt; measure what you have built, and correct object.json where it is off by a millimetre")
     return 0
 

@@ -23,16 +23,15 @@ from pzcap.types import Capture, Reconstruction
 
 
 def reconstruct_folder(folder: Path, out: Path, cameras: Path | None, threads: int, free_tilt: bool) -> int:
-    """Reconstruct the capture in ``folder`` into ``out``, and print what was found; the exit status."""
+    """Reconstruct the capture in ``folder`` into ``out``, and print what was found; the exit status. What ``out`` holds
+    of before stays until the new results are whole."""
     config = Config(threads=threads, panzoom=PanZoomConfig(free_tilt=free_tilt))
     known = None if cameras is None else load_results(cameras)
     capture = read_capture(folder)
-    (out / RECONSTRUCTION / results.MANIFEST).unlink(missing_ok=True)  # one that fails is not mistaken for the last
-    (out / RECORDING).unlink(missing_ok=True)
     out.mkdir(parents=True, exist_ok=True)
-    link_capture(out, folder)
     found = _finished(capture, stages(capture, config, known), out)
     results.save(found, out / RECONSTRUCTION)
+    link_capture(out, folder)
     print("\n".join(summary(found)))
     return 0
 

@@ -60,8 +60,7 @@ class Workspace(Edits):
         self.motion = kept or found.motion or resolve.untracked(len(self.sets))
         self.difference: resolve.Difference | None = None
         self._touched: dict[int, int] = {}  # version in which a frame was changed last
-        self.folder.mkdir(exist_ok=True)
-        self._only = _alone(self.folder / _LOCK)
+        self._only = alone(self.folder)
         self.history = History.open(self.folder / _HISTORY)
         self._file = KeyframeFile(capture.folder, self.folder / "backups")
         with self.lock:
@@ -270,14 +269,14 @@ class Workspace(Edits):
         return f"camera {self.footage.found.camera_names[camera]}"
 
 
-def _alone(path: Path) -> BinaryIO:
-    """The file at ``path``, locked while it is open: nobody else edits this capture. PzcapError where somebody does."""
-    file = path.open("wb")
+def alone(folder: Path) -> BinaryIO:
+    """A file in the editor's ``folder`` of a capture, locked while it is open: nobody else edits this capture.
+    PzcapError where somebody does."""
+    folder.mkdir(exist_ok=True)
+    file = (folder / _LOCK).open("wb")
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         file.close()
-        raise PzcapError(
-            f"{path.parent.parent}: another pzcap edit is at work on it; use its page, or end it"
-        ) from error
+        raise PzcapError(f"{folder.parent}: another pzcap edit is at work on it; use its page, or end it") from error
     return file

@@ -39,6 +39,7 @@ class Format:
     cameras: bool
     library: str | None = None  # the package that it is written by, where that is none that pzcap needs
     keypoints: bool = False  # of the capture, if it has any
+    video: bool = False  # of the capture, which has to be at hand
 
 
 FORMATS: Final[dict[str, Format]] = {
@@ -60,7 +61,9 @@ FORMATS: Final[dict[str, Format]] = {
     "pose2sim": Format(
         "Pose2Sim project of virtual fixed cameras, keypoints", pose2sim.write, False, True, keypoints=True
     ),
-    "stabilised": Format("Stabilised video of virtual fixed cameras: detectors", stabilised.write, False, True),
+    "stabilised": Format(
+        "Stabilised video of virtual fixed cameras: detectors", stabilised.write, False, True, video=True
+    ),
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -170,10 +171,18 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def plain(name: str) -> str:
-    """``name`` with letters, digits, - and _ alone."""
-    return re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_")
+    """``name`` with ASCII letters, digits, - and _ alone, which every tool reads; of other letters what is left without
+    their accents."""
+    bare = "".join(each for each in unicodedata.normalize("NFKD", name) if not unicodedata.combining(each))
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", bare.replace("ß", "ss")).strip("_")
 
 
 def _unlike(names: Sequence[str]) -> list[str]:
-    """``names``, those that occur twice with their number."""
-    return [f"{name}_{k + 1}" if names.count(name) > 1 else name for k, name in enumerate(names)]
+    """``names``, those that occur twice with their number, so that all differ."""
+    found: list[str] = []
+    for k, name in enumerate(names):
+        own = name if names.count(name) == 1 else f"{name}_{k + 1}"
+        while own in found or (own != name and own in names):
+            own += "_"
+        found.append(own)
+    return found

@@ -15,10 +15,15 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from pzcap.io.detections import KEYPOINTS
+from pzcap.io.detections import COUNTS, KEYPOINTS, NOBODY
 from pzcap.types import Array, Image, PzcapError
 
 Detector = Callable[[Image], Array]
+
+_SHAPE: Final = (
+    "a detector returns the people of a picture, (P, K, 3): column, row and confidence of K keypoints, K one of "
+    f"{', '.join(map(str, COUNTS))}"
+)
 
 _BLAZEPOSE: Final[dict[str, int]] = {
     "nose": 0, "left_eye": 2, "right_eye": 5, "left_ear": 7, "right_ear": 8,
@@ -94,10 +99,24 @@ def _blazepose(people: Sequence[Any], image: Image) -> Array:
 def of_module(name: str) -> Detector:
     """The detector that ``module:function`` names."""
     module, _, function = name.partition(":")
-    found = getattr(_installed(module, module), function, None)
+    try:
+        found = getattr(importlib.import_module(module), function, None)
+    except ImportError as error:
+        raise PzcapError(f"{name}: {error}; is the folder of {module} in PYTHONPATH?") from error
     if not callable(found):
         raise PzcapError(f"{name}: there is no such function; give MODULE:FUNCTION")
-    return lambda image: np.asarray(found(image), np.float64)
+    return lambda image: _people(found(image), name)
+
+
+def _people(found: object, name: str) -> Array:
+    """What the function ``name`` has returned, (P, K, 3). Raises PzcapError where it is anything else."""
+    try:
+        people = np.asarray(found, np.float64)
+    except (TypeError, ValueError) as error:
+        raise PzcapError(f"{name}: returned no array of numbers ({error}); {_SHAPE}") from error
+    if people.size and (people.ndim != 3 or people.shape[2] != 3 or people.shape[1] not in COUNTS):
+        raise PzcapError(f"{name}: returned an array of shape {people.shape}; {_SHAPE}")
+    return people if people.size else NOBODY
 
 
 def detector(name: str, models: Sequence[Path]) -> Detector:

@@ -58,6 +58,8 @@ _ROWS: Final[dict[int, list[int]]] = {
 """Keypoints by how many a person has, in order: COCO's with feet, and with face and hands behind that,
 and Halpe's with these. Faces and hands are left out."""
 
+COUNTS: Final = tuple(_ROWS)
+"""Numbers of keypoints that a person may have."""
 NOBODY: Final[Array] = np.zeros((0, len(KEYPOINTS), 3))
 """The people of a picture that shows none."""
 _NOWHERE: Final[Array] = np.zeros((0, 2))

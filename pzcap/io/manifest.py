@@ -63,6 +63,8 @@ class Json:
         """Complain about a key that is not one of these: a misspelt optional one would silently be missing."""
         for key in self.value if isinstance(self.value, dict) else ():
             if key not in keys:
+                if key in MEASUREMENTS and "measurements_m" in keys:
+                    raise self.error(f'"{key}" is a measurement: it belongs inside "measurements_m"')
                 near = difflib.get_close_matches(key, keys, n=1, cutoff=0.4) or keys
                 raise self.error(f'unknown entry "{key}"; the nearest are {", ".join(near)}')
 

@@ -11,8 +11,10 @@ from pzcap.types import Array, Lens, PanZoomCamera
 
 def systematic(config: PanZoomConfig, camera: PanZoomCamera, pan_rad: Array, focal_px: Array) -> Array:
     """The covariance (..., 2, 2) at pans and focal lengths (...) of what no single frame shows and all share: a floor;
-    calibration's own errors; and in the focal length what the distortion may do unseen."""
+    calibration's own errors; and in the focal length what the distortion may do unseen. A frame that was not
+    found has the focal length 0: there it is that of the reference's, and says nothing."""
     lens = camera.lens
+    focal_px = np.where(focal_px > 0.0, focal_px, lens.reference_focal_px)
     floor = np.array([config.floor_px / lens.reference_focal_px, config.floor_edge_px / (0.5 * lens.width)])
     covariance = np.asarray(np.diag(floor**2) + _of_calibration(camera, wrapped(pan_rad), focal_px))
     covariance[..., 1, 1] += _distortion_sigma(lens, focal_px, config.beliefs.k1) ** 2

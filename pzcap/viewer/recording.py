@@ -52,8 +52,11 @@ class Recorder:
         self.rec = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
         self.rec.set_log_time_enabled(False)
         self.rec.set_log_tick_enabled(False)
-        with with_utf8_name(self._partial) as named:
-            self.rec.save(named)
+        try:
+            with with_utf8_name(self._partial) as named:
+                self.rec.save(named)
+        except RuntimeError as error:  # all that Rerun says of a file that it cannot write
+            raise PzcapError(f"{path}: cannot be written ({error}); choose another folder") from error
         self.rec.send_recording_name(plain(name))
         self._queue: queue.Queue[Callable[[], None] | None] = queue.Queue(MAX_PENDING)
         self._worker = threading.Thread(target=self._work, name="recorder", daemon=True)

@@ -19,7 +19,6 @@ from pzcap.types import PzcapError
 from pzcap.viewer.columns import TIMELINE
 
 START_S: Final = 30.0
-NO_VIEWER: Final = "the viewer does not start here, for want of a screen or a graphics driver; open the file elsewhere"
 
 
 def show(
@@ -44,9 +43,12 @@ def show(
             client.open(str(path.resolve()))
             if frame is not None:
                 client.set_time(TIMELINE, sequence=frame, play_state="paused")
-    except ConnectionError:  # it had answered, and ended for want of a screen or a driver
+    except ConnectionError:  # it never answered, or had, and ended
         close(process)
-        raise PzcapError(NO_VIEWER) from None
+        files = " ".join(str(path) for path, _ in recordings)
+        raise PzcapError(
+            f"the viewer does not start here, for want of a screen or a graphics driver; elsewhere: rerun {files}"
+        ) from None
     except BaseException:
         close(process)
         raise
@@ -61,6 +63,7 @@ def close(viewer: subprocess.Popen[bytes]) -> None:
 
 
 def _connected(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
+    """The viewer that the ``process`` has started. ConnectionError where there is none in time."""
     start = time.monotonic()
     while True:
         try:
@@ -68,7 +71,7 @@ def _connected(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
             client.get_state()  # its server answers before it does
         except (ConnectionError, RuntimeError):
             if process.poll() is not None or time.monotonic() - start > START_S:
-                raise PzcapError(NO_VIEWER) from None
+                raise ConnectionError from None
             time.sleep(0.2)
         else:
             return client

@@ -114,7 +114,7 @@ def assert_bones(found: dict[str, Any], turn: Array) -> None:
 
 def assert_cameras(found: dict[str, Any], *, principal_point: bool) -> None:
     """By Blender's own projection. Without ``principal_point`` the format has none: what it makes is taken away."""
-    for number, file in enumerate(("S_d_1", "b_c_2", "b_c_3", "4")):
+    for number, file in enumerate(("Sud_1", "b_c_2", "b_c_3", "4")):
         for frame in range(FRAMES):
             if (number, frame) == (0, LOST):
                 continue

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import pytest
 from pzcap.command import doctor, reconstructing, reviewing
 from pzcap.command.main import main, parser
 from pzcap.command.progress import ProgressLine
+from pzcap.events import Event, Progress
 from pzcap.export.formats import FORMATS
 from pzcap.io import results
 from pzcap.types import PzcapError, Reconstruction
@@ -45,6 +47,20 @@ def test_from_a_capture_to_a_skeleton(
     written = [Path(line) for line in capsys.readouterr().out.splitlines()]
     assert [path.suffix for path in written] == [".bvh", ".csv"]
     assert written[0].read_text().count("\n") > 8
+
+
+def test_results_of_before_stay_until_new_ones_are_whole(
+    saved: Path, small_capture: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> Iterator[Event]:
+        yield Progress("camera 1", 1, 8)
+        raise KeyboardInterrupt
+
+    before = {path.name: path.read_bytes() for path in (saved / "reconstruction").iterdir()}
+    monkeypatch.setattr(reconstructing, "stages", interrupted)
+    assert main(["reconstruct", str(small_capture / "capture"), "--out", str(saved)]) == 130
+    assert {path.name: path.read_bytes() for path in (saved / "reconstruction").iterdir()} == before
+    assert [path.name for path in saved.iterdir()] == ["reconstruction"]
 
 
 def test_several_formats_have_a_folder_each(saved: Path, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from pzcap.command.main import main
 from pzcap.extras import detectors
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.io.detections import KEYPOINTS
+from pzcap.io.video import VideoReader
 from pzcap.types import Array, Image, PzcapError
 
 
@@ -55,6 +56,47 @@ def test_what_is_there_is_not_found_anew_without_being_asked(capture: Path, caps
     assert (capture / "capture.json").read_bytes() == before
 
 
+def test_cameras_that_are_done_stay_done_when_it_is_interrupted(
+    capture: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures = 0
+
+    def tired(_: Image) -> Array:
+        nonlocal pictures
+        pictures += 1
+        if pictures == 20:
+            raise KeyboardInterrupt
+        return np.zeros((0, 17, 3))
+
+    spotter = sys.modules["spotter"]
+    monkeypatch.setattr(spotter, "tired", tired, raising=False)
+    line = ["keypoints", str(capture), "--by", "spotter:tired"]
+    assert main(line) == 130
+    done = [camera.name for camera in read_capture(capture).cameras if camera.keypoints is not None]
+    assert main(line) == 0
+    said = capsys.readouterr().out
+    assert all(said.count(f"camera {camera.name}: ") == 1 for camera in read_capture(capture).cameras)
+    assert done
+    assert pictures < 20 + sum(len(VideoReader(camera.motion).indices) for camera in read_capture(capture).cameras)
+
+
+@pytest.mark.parametrize(
+    "returned",
+    [None, [0.0], np.zeros((1, 19, 3)), np.zeros((17, 3)), [["a"]]],
+    ids=["none", "flat", "19", "one", "text"],
+)
+def test_a_detector_that_returns_anything_else_is_one_line(
+    capture: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, returned: object
+) -> None:
+    monkeypatch.setattr(sys.modules["spotter"], "wrong", lambda _: returned, raising=False)
+    assert main(["keypoints", str(capture), "--by", "spotter:wrong"]) == 1
+    said = capsys.readouterr().err
+    assert "spotter:wrong: returned" in said
+    assert "(P, K, 3)" in said
+    assert main(["keypoints", str(capture), "--by", "no_such_module:f"]) == 1
+    assert "PYTHONPATH" in capsys.readouterr().err
+
+
 def test_a_capture_json_written_anew_names_the_keypoints_again(
     capture: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -71,7 +113,7 @@ def test_a_capture_json_written_anew_names_the_keypoints_again(
     [
         (["nobody"], "rtmlib, mediapipe"),
         (["spotter:nothing"], "no such function"),
-        (["no_such_module:find"], "pip install"),
+        (["no_such_module:find"], "PYTHONPATH"),
         (["rtmlib"], "PERSON.onnx POSE.onnx"),
         (["mediapipe", "--models", "no.task"], "no such file"),
     ],

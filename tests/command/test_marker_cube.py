@@ -58,3 +58,14 @@ def test_a_cube_that_cannot_be(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert main(["marker-cube", "--out", str(tmp_path), "--edge", "20"]) == 1
     assert "a cube of 0.2 to 8 m" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_an_object_that_was_corrected_by_hand_is_not_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "object.json").write_text("corrected")
+    assert main(["marker-cube", "--out", str(tmp_path)]) == 1
+    assert "give --replace, or --out" in capsys.readouterr().err
+    assert (tmp_path / "object.json").read_text() == "corrected"
+    assert main(["marker-cube", "--out", str(tmp_path), "--replace"]) == 0
+    assert (tmp_path / "object.json").read_text() != "corrected"

@@ -50,7 +50,7 @@ def test_colmap(tmp_path: Path) -> None:
     formats.write(exported.take(), "colmap", tmp_path)
     model = pycolmap.Reconstruction(str(tmp_path))
     assert model.num_images() == len(SEEN)
-    files = {"S_d_1": 0, "b_c_2": 1, "b_c_3": 2, "4": 3}
+    files = {"Sud_1": 0, "b_c_2": 1, "b_c_3": 2, "4": 3}
     met = set()
     for image in model.images.values():
         folder, name = image.name.split("/")
@@ -174,7 +174,7 @@ def freed_pixels(found: dict[str, float], table: pd.DataFrame, points: Array) ->
 
 def test_freed(tmp_path: Path) -> None:
     files = formats.write(exported.take(), "freed", tmp_path)
-    for number, stem in enumerate(("S_d_1", "b_c_2", "b_c_3", "4")):
+    for number, stem in enumerate(("Sud_1", "b_c_2", "b_c_3", "4")):
         content = next(path for path in files if path.name.endswith(f"{stem}.d1")).read_bytes()
         table = pd.read_csv(next(path for path in files if path.name.endswith(f"{stem}_zoom.csv")))
         messages = [parsed(content[29 * frame : 29 * frame + 29]) for frame in range(FRAMES)]
@@ -213,7 +213,7 @@ def test_freed_reaches_so_far(tmp_path: Path) -> None:
 def test_soccernet(tmp_path: Path) -> None:
     """By the definition of its development kit: the world's z down, tilt 90 level, pan to the right."""
     formats.write(exported.take(), "soccernet", tmp_path)
-    for number, stem in enumerate(("S_d_1", "b_c_2", "b_c_3", "4")):
+    for number, stem in enumerate(("Sud_1", "b_c_2", "b_c_3", "4")):
         paths = sorted((tmp_path / stem).glob("camera_*.json"))
         assert len(paths) == FRAMES - (number == 0)
         for path in paths:
@@ -239,7 +239,7 @@ def test_chan(tmp_path: Path) -> None:
     """By Nuke's definition: y up, looking along -z, turned about z, then x, then y. No lens but a field of view: the
     principal point is taken from the table beside, and the take has a lens that does not bend."""
     files = formats.write(exported.take(0.0), "chan", tmp_path)
-    for number, stem in enumerate(("S_d_1", "b_c_2", "b_c_3", "4")):
+    for number, stem in enumerate(("Sud_1", "b_c_2", "b_c_3", "4")):
         rows = np.loadtxt(next(p for p in files if p.name.endswith(f"{stem}.chan")))
         table = pd.read_csv(next(p for p in files if p.name.endswith(f"camera_{stem}.csv")))
         assert rows.shape == (FRAMES - (number == 0), 8)
@@ -256,7 +256,7 @@ def test_chan(tmp_path: Path) -> None:
 
 def test_the_table_beside_holds_what_a_format_loses(tmp_path: Path) -> None:
     table = pd.read_csv(
-        next(p for p in formats.write(exported.take(), "chan", tmp_path) if p.name.endswith("S_d_1.csv"))
+        next(p for p in formats.write(exported.take(), "chan", tmp_path) if p.name.endswith("Sud_1.csv"))
     )
     camera, whole = exported.true_camera(0, 3), exported.reconstruction()
     row = table.loc[3]
@@ -282,7 +282,7 @@ def test_the_table_beside_tells_when_rows_were_exposed(tmp_path: Path) -> None:
         whole, cameras=(replace(head, clock_s=0.004), *whole.cameras[1:]), refined=(rolled, *whole.refined[1:])
     )
     paths = formats.write(Take(late), "chan", tmp_path)
-    row = pd.read_csv(next(path for path in paths if path.name.endswith("S_d_1.csv"))).loc[3]
+    row = pd.read_csv(next(path for path in paths if path.name.endswith("Sud_1.csv"))).loc[3]
     assert row["exposed_s"] - row["time_s"] == pytest.approx(0.004)
     assert row["pan_shear_deg"] == pytest.approx(np.rad2deg(0.002))
     assert row["focal_shear_px"] == pytest.approx(-0.01 * row["focal_px"])

@@ -23,7 +23,7 @@ from tests.scenes.bodies import BODY, random_pose
 from tests.scenes.exported import FRAMES, GAP, LOST, RATE
 
 WIDTH, HEIGHT = fabricated.WIDTH, fabricated.HEIGHT
-FILES = ("S_d_1", "b_c_2", "b_c_3", "4")
+FILES = ("Sud_1", "b_c_2", "b_c_3", "4")
 VALID = [frame for frame in range(FRAMES) if frame != GAP]
 PIXELS = 0.02
 

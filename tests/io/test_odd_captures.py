@@ -89,6 +89,7 @@ def test_one_file_in_two_places(folder: Path) -> None:
     ("paper", "how", "said"),
     [
         ("object.json", lambda it: it.update(units="mm"), 'unknown entry "units"'),
+        ("subject.json", lambda it: it.update(stature=1.71), '"stature" is a measurement: it belongs'),
         ("object.json", lambda it: it["markers"][1].update(corners_m=it["markers"][0]["corners_m"]), "0 and 1 are"),
         ("keyframes.json", lambda it: it[0].update(covarience=[1.0]), 'write it "covariance"'),
         ("subject.json", lambda it: it.update(sigma_m=0.5), "no tape errs by 0.5 m"),
