@@ -112,7 +112,9 @@ def _context(material: Material, command: str) -> dict[str, Any]:
         "frame_rate": float(reconstruction.frame_rate),
         "notes": _by_camera(reconstruction.notes, reconstruction.camera_names),
         "scored": result is not None,
-        "headlines": [_headline(by_key[key], *HEADLINES[key], _remark(by_key, key)) for key in headlines],
+        "headlines": _claims(reconstruction)
+        if result is None
+        else [_headline(by_key[key], *HEADLINES[key], _remark(by_key, key)) for key in headlines],
         "own_world": own_world,
         "references": _references(material),
         "camera_rows": _camera_rows(reconstruction, result),
@@ -189,6 +191,32 @@ def _headline(metric: Metric, name: str, text: str, remark: str) -> dict[str, An
     }
 
 
+def _claims(reconstruction: Reconstruction) -> list[dict[str, Any]]:
+    """The cards of a run that nothing scores: what was found, and how sure the run itself is of it."""
+
+    def card(name: str, value: str, unit: str, text: str) -> dict[str, Any]:
+        return {"name": name, "value": value, "unit": unit, "text": text, "target": None, "reached": None}
+
+    tracks, motion = [track for track in reconstruction.tracks if track is not None], reconstruction.motion
+    frames, found = len(reconstruction.timecodes), sum(int(track.valid.sum()) for track in tracks)
+    share = 100.0 * found / max(frames * len(reconstruction.tracks), 1)
+    cards = [card("Views located", f"{share:.0f}", "%", "Of all cameras and frames.")]
+    if found:
+        variances = np.concatenate([np.einsum("fii->fi", track.covariance[track.valid]) for track in tracks])
+        pan, focal = np.sqrt(np.median(variances, axis=0))
+        cards += [
+            card("Pan", f"{np.degrees(pan):.2g}", "°", "Standard deviation that the run claims, the median."),
+            card("Focal length", f"{100.0 * focal:.2g}", "%", "Standard deviation that the run claims, the median."),
+        ]
+    if motion is not None and motion.valid.any():
+        tracked, sigma_m = 100.0 * float(motion.valid.mean()), float(np.median(motion.sigma_m[motion.valid]))
+        cards += [
+            card("Body tracked", f"{tracked:.0f}", "%", "Of the frames."),
+            card("Joints", f"{1e3 * sigma_m:.2g}", "mm", "Standard deviation that the run claims, the median."),
+        ]
+    return cards
+
+
 def _references(material: Material) -> list[Picture]:
     found = []
     target = material.capture.calibration_object
@@ -219,6 +247,9 @@ def _camera_rows(reconstruction: Reconstruction, result: Score | None) -> list[d
         if track is not None:
             row["found"] = f"{int(track.valid.sum())} of {len(track.valid)}"
         pan, focal = (None, None) if errors is None else (errors.pan_rad, errors.focal)
+        if result is None and track is not None and track.valid.any():
+            sigma = np.sqrt(np.median(np.einsum("fii->fi", track.covariance[track.valid]), axis=0))
+            row |= {"pan": f"{np.degrees(sigma[0]):.4f}°", "focal": f"{100.0 * sigma[1]:.3f} %"}
         if pan is not None and focal is not None and pan.valid.any():
             if result is not None and not result.own_world:
                 row["pan"] = f"{np.degrees(np.sqrt(np.mean(pan.values[pan.valid] ** 2))):.4f}°"

@@ -98,6 +98,11 @@ class History:
         return bool(self._done)
 
     @property
+    def depth(self) -> int:
+        """Number of changes that can be undone."""
+        return len(self._done)
+
+    @property
     def can_redo(self) -> bool:
         return bool(self._undone)
 

@@ -49,8 +49,9 @@ class EditsTuning(NamedTuple):
 
 
 class ResolveTuning(NamedTuple):
-    """An interval that is tracked anew. Frames."""
+    """An interval that is tracked anew. Frames, where nothing else is said."""
 
+    kept: int = 20  # solutions, the latest, that undoing the pose that they were made with undoes
     reach: int = 100  # beyond the last keyframe
     end_from: int = 15  # from where a hand has posed the body to one that it was tracked in
     end_to: int = 45

@@ -58,7 +58,7 @@ class Workspace(Edits):
         )
         """True if the body was tracked without any keyframe of a hand."""
         self.motion = kept or found.motion or resolve.untracked(len(self.sets))
-        self.difference: resolve.Difference | None = None
+        self._solved: list[tuple[int, resolve.Difference]] = []  # what was tracked anew, and after how many changes
         self._touched: dict[int, int] = {}  # version in which a frame was changed last
         self._only = alone(self.folder)
         self.history = History.open(self.folder / _HISTORY)
@@ -66,6 +66,11 @@ class Workspace(Edits):
         with self.lock:
             self._adopt()
             self._write()
+
+    @property
+    def difference(self) -> resolve.Difference | None:
+        """What was tracked anew last, against before."""
+        return self._solved[-1][1] if self._solved else None
 
     def close(self) -> None:
         """Let others edit the capture."""
@@ -196,6 +201,9 @@ class Workspace(Edits):
                 raise PzcapError("another page has changed something meanwhile; look, and say it again")
             self._adopt()
             change = step()
+            while self._solved and self._solved[-1][0] > self.history.depth:  # with what is undone now
+                self.motion = self._solved.pop()[1].before
+                self._motion_file.save(self.motion)
             frame = self.frame_of.get(change.timecode, 0)
             self._touched[frame] = self.version
             self._write()
@@ -245,7 +253,7 @@ class Workspace(Edits):
     ) -> resolve.Difference:
         """Track the interval around a frame anew from its keyframes; what has changed by it."""
         with self.lock:
-            keys = self.keys()
+            keys, depth = self.keys(), self.history.depth
             ends = resolve.ends(self.motion, keys, frame) if self.by_keypoints and keys else []
             frames = resolve.interval(sorted({*keys, *ends}), frame, len(self.sets), RESOLVE.reach)
             posed = [Keyframe(key, self._posed(key), self.known(key)) for key in keys if key in frames]
@@ -256,9 +264,10 @@ class Workspace(Edits):
         posed.sort(key=lambda key: key.frame)
         new = resolve.tracked_anew(self.footage, self.body, posed, frames, settings, report, cancelled)
         with self.lock:
-            self.motion, self.difference = resolve.merged(self.motion, new, frames, keys)
+            self.motion, difference = resolve.merged(self.motion, new, frames, keys)
+            self._solved = [*self._solved[1 - RESOLVE.kept :], (depth, difference)]
             self._motion_file.save(self.motion)
-            return self.difference
+            return difference
 
     def _as_tracked(self, frame: int) -> Keyframe:
         pose, problem = self.motion.pose(frame), self.problem(frame)

@@ -302,6 +302,30 @@ def test_what_was_solved_again_is_kept_until_other_results_come(folder: Path, mo
     assert edited.workspace(folder).prediction(5)[1] != "tracker"
 
 
+def test_undoing_a_pose_undoes_what_was_solved_with_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    space = edited.workspace(folder, tracked=True)
+    old = space.motion
+
+    def tracked_anew(_: object, __: object, ___: object, which: range, *____: object) -> Motion:
+        arrays = {name: getattr(space.motion, name)[which] for name in ("rotations", "joints_m", "sigma_m", "valid")}
+        return Motion(space.motion.root_position_m[which] + 0.1, keyframes=np.array([0]), **arrays)
+
+    monkeypatch.setattr("pzcap.editor.resolve.tracked_anew", tracked_anew)
+    for key in (0, 5):
+        space.set_key(key, is_key=True)
+        space.solve_again(key, lambda *_: None, lambda: False)
+    space.set_key(7, is_key=True)
+    solved = space.motion
+    space.undo(space.version)  # nothing was solved with that
+    assert space.motion is solved
+    space.undo(space.version)
+    assert np.allclose(space.motion.root_position_m, old.root_position_m + 0.1)
+    space.undo(space.version)
+    assert np.array_equal(space.motion.root_position_m, old.root_position_m)
+    assert space.difference is None
+    assert np.array_equal(edited.workspace(folder, tracked=True).motion.root_position_m, old.root_position_m)
+
+
 def test_one_editor_at_a_time(folder: Path) -> None:
     space = edited.workspace(folder)
     with pytest.raises(PzcapError, match="another pzcap edit is at work on it"):

@@ -148,6 +148,9 @@ def test_without_truth_subject_and_a_sweep_it_runs_and_says_what_it_left_out(
     assert {metric.key.partition(".")[0] for metric in found} == {"speed", "memory"}
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "Not scored" in page
+    assert "Views located" in page
+    assert "Standard deviation that the run claims" in page
+    assert "missed" not in page.partition('id="numbers"')[0]
     assert "What was found or left out" in page
     assert "camera new" in page
     assert not (tmp_path / "run" / "recording.rrd").exists()
