@@ -13,6 +13,7 @@ from typing import Final
 import av
 from av.error import FFmpegError
 
+from pzcap.io import results
 from pzcap.io.capture import FOOTAGE, read_image
 from pzcap.io.clocks import RATE_TOLERANCE
 from pzcap.io.files import checked
@@ -59,6 +60,8 @@ def cameras_in(folder: Path, patterns: Mapping[str, str]) -> dict[str, list[File
     """
     groups: dict[str, list[Path]] = {}
     for inner in sorted((path for path in folder.iterdir() if path.is_dir()), key=_natural):
+        if any(inner.rglob(results.MANIFEST)):  # with pictures and stabilised video in it
+            continue
         found = sorted((path for path in inner.rglob("*") if _is_footage(path)), key=_natural)
         if any(path.suffix.lower() in VIDEOS for path in found) and not inner.name.startswith("."):
             groups[inner.name] = found

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Final
 
@@ -25,6 +26,7 @@ def parser() -> argparse.ArgumentParser:
         description="Motion capture with cameras that stand still, pan and zoom: footage in, cameras and bodies out.",
         epilog="exit status: 0 all is well, 1 something is wrong and a line says what, 2 the line cannot be read",
     )
+    whole.add_argument("--version", action="version", version=f"%(prog)s {metadata.version('pzcap')}")
     parts = whole.add_subparsers(dest="part", required=True, metavar="PART")
 
     def part(name: str, help: str) -> argparse.ArgumentParser:
@@ -113,6 +115,9 @@ _CURES: Final = {
     errno.ENOSPC: "; free some space",
     errno.EFBIG: "; raise the limit of file sizes (ulimit -f)",
     errno.EMFILE: "; raise the limit of open files (ulimit -n)",
+    errno.EACCES: "; choose a place that you may read and write",
+    errno.EPERM: "; choose a place that you may read and write",
+    errno.EROFS: "; choose a place that can be written",
 }
 
 

@@ -65,6 +65,10 @@ def written_whole(path: Path) -> Iterator[Path]:
         with partial.open("rb") as file:
             os.fsync(file.fileno())
         partial.replace(path)
+    except OSError as error:
+        if error.filename == str(partial):  # nobody knows that name
+            error.filename = str(path)
+        raise
     finally:
         partial.unlink(missing_ok=True)
 

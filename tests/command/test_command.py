@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -238,3 +239,9 @@ def test_streams_that_are_closed_end_no_command(tmp_path: Path) -> None:
     line = ["sh", "-c", '"$1" -c "$2" "$3" <&- >&- 2>&-', "sh", sys.executable, look, str(tmp_path / "file")]
     assert subprocess.run(line, check=False).returncode == 0
     assert (tmp_path / "file").read_text() == "whole"
+
+
+def test_it_says_its_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"pzcap {metadata.version('pzcap')}\n"

@@ -191,3 +191,11 @@ def test_a_folder_without_footage(kind: str, tmp_path: Path, capsys: pytest.Capt
         folder.mkdir()
     assert main(["new", str(folder)]) == 1
     assert ("no videos in it" if kind == "empty" else "no such folder") in capsys.readouterr().err
+
+
+def test_results_among_the_footage_are_no_camera(tmp_path: Path) -> None:
+    crew(tmp_path)
+    video(tmp_path / "results" / "stabilised" / "GoPro_1.mp4")
+    still(tmp_path / "results" / "reconstruction" / "panorama1.png")
+    (tmp_path / "results" / "reconstruction" / "reconstruction.json").write_text("{}")
+    assert set(cameras_in(tmp_path, {})) == {"GoPro 1", "GoPro 2"}

@@ -122,3 +122,10 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
         raise ZeroDivisionError
     assert path.read_text(encoding="utf-8") == "old"
     assert [one.name for one in tmp_path.iterdir()] == ["file.txt"]
+
+
+def test_a_file_that_cannot_be_written_is_named_as_it_is_known(tmp_path: Path) -> None:
+    path = tmp_path / "nowhere" / "page.html"
+    with pytest.raises(OSError, match="No such file") as caught, written_whole(path) as partial:
+        partial.write_text("")
+    assert caught.value.filename == str(path)
