@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from experiments.benchmark.methods.given import Answered, Given, reconstructed, track_of
+from experiments.benchmark.methods.given import Answered, Given, reconstructed
 from experiments.benchmark.tracks import PEERS_EVERY, SELF_CALIBRATION_EVERY
 from experiments.comparisons.peers import bench
 from experiments.comparisons.peers.material import Material, from_capture
@@ -26,8 +26,9 @@ from experiments.comparisons.self_calibration.baselines import (
 from experiments.comparisons.self_calibration.material import hall_footage, motion_footage, shots_of
 from pzcap.extras.plain_results import results_of
 from pzcap.geometry import camera as geometry
+from pzcap.scoring.readers.instants import Instant, track
 from pzcap.scoring.records import CameraTrack
-from pzcap.types import Camera, PzcapError
+from pzcap.types import PzcapError
 
 PEERS: Final = tuple(name for name in bench.METHODS if name not in ("paper", "ecc_known"))
 """Of the peer bench; the one has a panorama of its own, the other is given true masks."""
@@ -63,8 +64,11 @@ def _of_peer(given: Given, material: Material, result: bench.Result) -> Answered
         pan, instants = np.zeros(len(timecodes)), {}
         for frame, estimate in estimates.items():
             pan[frame] = estimate.pan_rad
-            instants[frame] = geometry.at(camera, estimate.pan_rad, camera.tilt_rad, estimate.focal_px)
-        tracks[name] = replace(track_of(instants, len(timecodes)), pan_rad=pan)
+            at = geometry.at(camera, estimate.pan_rad, camera.tilt_rad, estimate.focal_px)
+            distortion = np.array([at.k1, at.k2, at.p1, at.p2])
+            pose = at.world_T_cam
+            instants[frame] = Instant(pose[:3, :3], pose[:3, 3], at.focal_px, at.principal_px, distortion)
+        tracks[name] = replace(track(instants, len(timecodes)), pan_rad=pan)
     results = given.results(result.name, tuple(tracks.get(name) for name in names))
     return Answered(results, sum(answer.seconds for answer in result.answers), None)
 
@@ -118,9 +122,7 @@ def _own_track(found: Frames, numbers: tuple[int, ...], given: Given) -> CameraT
     for row, number in enumerate(numbers):
         if found.valid[row]:
             log_focal, cx, cy, k1 = found.lens[row]
-            pose = np.eye(4)
-            pose[:3, :3] = found.rotation[row]
             at = timecodes.index(given.truth.timecodes[number])
-            size = given.truth.width, given.truth.height
-            instants[at] = Camera(*size, pose, float(np.exp(log_focal)), np.array([cx, cy]), float(k1))
-    return track_of(instants, len(timecodes))
+            lens = float(np.exp(log_focal)), np.array([cx, cy]), np.array([k1, 0.0, 0.0, 0.0])
+            instants[at] = Instant(found.rotation[row], np.zeros(3), *lens)
+    return track(instants, len(timecodes))

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-
-import numpy as np
 
 from experiments import memory
 from experiments.benchmark.make import CONFIG, BenchmarkConfig
@@ -17,8 +15,8 @@ from experiments.config import AppConfig, structured
 from pzcap.extras import reconstruct
 from pzcap.io.capture import FrameSets, frame_sets, read_capture
 from pzcap.progress import Report
-from pzcap.scoring.records import CameraPoses, CameraTrack, Results
-from pzcap.types import Camera, Capture, PzcapError, Reconstruction
+from pzcap.scoring.records import CameraTrack, Results
+from pzcap.types import Capture, PzcapError, Reconstruction
 from sim import truth as truth_files
 from sim.truth import Truth
 
@@ -90,17 +88,3 @@ def reconstructed(capture: Capture, config: AppConfig, report: Report) -> tuple[
     with memory.watched() as peak:
         found = reconstruct.reconstruct(capture, config.reconstruct, report)
     return found, time.perf_counter() - start, peak.mib
-
-
-def track_of(instants: Mapping[int, Camera], count: int) -> CameraTrack:
-    """A track of cameras of some frames."""
-    valid, focal = np.zeros(count, bool), np.ones(count)
-    poses = CameraPoses(
-        np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), np.zeros((count, 2)), np.zeros((count, 4))
-    )
-    for frame, camera in instants.items():
-        valid[frame], focal[frame] = True, camera.focal_px
-        poses.rotation[frame], poses.position_m[frame] = camera.world_T_cam[:3, :3], camera.world_T_cam[:3, 3]
-        poses.principal_px[frame] = camera.principal_px
-        poses.distortion[frame] = camera.k1, camera.k2, camera.p1, camera.p2
-    return CameraTrack(valid, focal, None, None, poses)

@@ -42,12 +42,15 @@ def tracks(
     if last >= frames:
         hint = "count them from 0, not from 1" if last == frames else "number them as the capture does, from 0"
         raise PzcapError(f"{path}: frame {last} of {frames}; {hint}")
-    return tuple(_track({f: one for (n, f), one in found.items() if n == name}, frames) for name in names)
+    known = {name for name, _ in found}
+    return tuple(
+        track({f: one for (n, f), one in found.items() if n == name}, frames) if name in known else None
+        for name in names
+    )
 
 
-def _track(instants: Mapping[int, Instant], frames: int) -> CameraTrack | None:
-    if not instants:
-        return None
+def track(instants: Mapping[int, Instant], frames: int) -> CameraTrack:
+    """The track, so many ``frames`` long, of a camera that is known at some of them."""
     valid, focal = np.zeros(frames, bool), np.ones(frames)
     poses = CameraPoses(
         np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3)), np.zeros((frames, 2)), np.zeros((frames, 4))
