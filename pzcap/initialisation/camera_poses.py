@@ -233,7 +233,7 @@ def _adjusted(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> _A
         )
         rows = sideways.transpose(0, 1, 3, 2) / length[..., None, None]  # (C, N, 2, 3)
         by_point = rows @ rotation.transpose(0, 2, 1)[:, None]
-        by_turn = np.einsum("cnki,cnij->cnkj", rows, _cross(local))
+        by_turn = np.cross(rows, local[:, :, None])
         by_head = np.concatenate([by_turn, -by_point], axis=3)  # (C, N, 2, 6)
         heads = np.zeros((6 * count, 6 * count))
         gradient = np.zeros(6 * count)
@@ -242,7 +242,7 @@ def _adjusted(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> _A
         for c in range(count):
             part = slice(6 * c, 6 * c + 6)
             up = rotation[c].T @ [0.0, 0.0, 1.0]
-            lean = _cross(up[None])[0][:2]  # d up / d turn
+            lean = np.cross(np.eye(3)[:2], up)  # d up / d turn
             own[c, :3, :3] += lean.T @ lean / HEADS.lean_rad**2
             pull[c, :3] += lean.T @ up[:2] / HEADS.lean_rad**2
             heads[part, part], gradient[part] = own[c], pull[c]
@@ -294,15 +294,6 @@ def _solved(normal: Array, right: Array, common: tuple[Array, float], placed: Ma
     covariance[np.ix_(free, free)] = rest @ np.linalg.inv(held) @ rest
     covariance *= np.outer(unit, unit)
     return covariance @ right, covariance
-
-
-def _cross(vectors: Array) -> Array:
-    """(..., 3, 3) ``[v]``: ``[v] w = v x w``."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([
-        np.stack([zero, -z, y], axis=-1), np.stack([z, zero, -x], axis=-1), np.stack([-y, x, zero], axis=-1)
-    ], axis=-2)  # fmt: skip
 
 
 def _sideways(directions: Array) -> Array:

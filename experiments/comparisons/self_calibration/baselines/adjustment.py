@@ -58,24 +58,17 @@ def transfer(first: Array, second: Array, turn: Array, points_px: Array) -> tupl
     project[:, :, 2] = -flat
     by_seen = focal * jacobian(flat, Distortion(second[3])) @ project / seen[:, 2, None, None]
     by_ray = by_seen @ turn
-    result[:, :, :3] = -by_ray @ _cross(rays)
+    result[:, :, :3] = -np.cross(by_ray, rays[:, None])
     straighten = by_ray[:, :, :2] @ np.linalg.inv(jacobian(xy, Distortion(first[3])))
     result[:, :, 3] = -(straighten @ bent[:, :, None])[:, :, 0]
     result[:, :, 4:6] = -straighten / np.exp(first[0])
     squared = np.sum(xy * xy, axis=1, keepdims=True)
     result[:, :, 6] = -(straighten @ (squared * xy)[:, :, None])[:, :, 0]
-    result[:, :, 7:10] = by_seen @ _cross(seen)
+    result[:, :, 7:10] = np.cross(by_seen, seen[:, None])
     result[:, :, 10] = focal * bent_second
     result[:, :, 11:13] = np.eye(2)
     result[:, :, 13] = focal * np.sum(flat * flat, axis=1, keepdims=True) * flat
     return second[1:3] + focal * bent_second, result
-
-
-def _cross(vectors: Array) -> Array:
-    """(N, 3, 3) matrices that take the cross product of ``vectors`` with what follows."""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
 
 
 def adjust(
