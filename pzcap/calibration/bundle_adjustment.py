@@ -28,7 +28,7 @@ from pzcap.calibration.transfer import SIDES, new_transfer, transfer
 from pzcap.calibration.tuning import BUNDLE
 from pzcap.geometry.cylinder import NODES, Hall, kernel_hall
 from pzcap.solver.gauss_newton import NormalEquations, Prior, Schedule, SolveReport, minimise
-from pzcap.solver.robust import geman_mcclure
+from pzcap.solver.robust import geman_mcclure, planar_sigma
 from pzcap.types import Array, Mask
 
 
@@ -105,8 +105,7 @@ def normal_equations(state: CalibrationParameters, matches: Matches, scale: floa
     normal, gradient = np.zeros((count, count)), np.zeros(count)
     hall = kernel_hall(state.surroundings)
     cost = _accumulate(matches, view_jacobians(state), hall, scale, length, normal, gradient)
-    # the median length of a pair of normal coordinates is 1.1774 standard deviations of one
-    return NormalEquations(normal, gradient, max(float(np.median(length)) / 1.1774, BUNDLE.least_sigma_px), cost)
+    return NormalEquations(normal, gradient, max(planar_sigma(length), BUNDLE.least_sigma_px), cost)
 
 
 @njit(cache=True, nogil=True)

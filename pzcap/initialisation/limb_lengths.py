@@ -11,6 +11,7 @@ from pzcap.body.landmarks import SIGMA_M
 from pzcap.body.skeleton import Body
 from pzcap.initialisation.tuning import HEADS
 from pzcap.io.detections import KEYPOINTS, ROW
+from pzcap.solver.robust import normal_sigma
 from pzcap.types import MEASUREMENTS, Array, Mask, PzcapError
 
 
@@ -55,7 +56,7 @@ def scale_by_limbs(points: Array, seen: Mask, body: Body) -> tuple[float, float]
         if len(lengths) < HEADS.fewest_lengths:
             continue
         middle = float(np.median(lengths))
-        spread = 1.4826 * float(np.median(np.abs(lengths - middle)))
+        spread = normal_sigma(lengths - middle)
         rows.append(link)
         observed.append(float(np.quantile(lengths, link.quantile)))
         noise.append(spread / middle * np.sqrt(HEADS.doubt / len(lengths)))

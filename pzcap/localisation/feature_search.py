@@ -24,7 +24,7 @@ from pzcap.geometry.camera import View, wrapped
 from pzcap.imaging.colour import grey
 from pzcap.localisation.panorama_sampler import ViewPlace
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
-from pzcap.solver.robust import geman_mcclure
+from pzcap.solver.robust import geman_mcclure, planar_sigma
 from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
 
 
@@ -182,9 +182,9 @@ def solve_eq11(
         jacobian = geometry.pan_zoom_derivatives(camera, view, *directions)[:, :, :free]
         weighted = (jacobian * weight[:, None, None]).reshape(-1, free)
         normal = weighted.T @ jacobian.reshape(-1, free) + 1e-9 * np.eye(free)
-        # the median length of a normally distributed pair is 1.1774 of one coordinate's sigma
-        sigma = float(np.median(length)) / 1.1774
-        return NormalEquations(normal, weighted.T @ residual.ravel(), sigma, float(np.sum(weight * length**2)))
+        return NormalEquations(
+            normal, weighted.T @ residual.ravel(), planar_sigma(length), float(np.sum(weight * length**2))
+        )
 
     solution = minimise(
         at, linearise, lambda at, step: at.stepped(step, 0.3), lambda step: np.abs(step).max() < 1e-8,

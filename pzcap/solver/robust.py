@@ -26,6 +26,11 @@ def normal_sigma(residuals: Array | Float32) -> float:
     return 1.4826 * float(np.median(np.abs(residuals)))
 
 
+def planar_sigma(lengths: Array) -> float:
+    """Standard deviation of a coordinate of normally distributed pairs, from the median of their ``lengths`` (N,)."""
+    return float(np.median(lengths)) / 1.1774
+
+
 def half_sample_mode(values: Array) -> float:
     """Mode of the values (N,), estimated from one in four of them: the middle of the narrowest interval that holds a
     third. Unlike the median it stands where most others are larger (Bickel, 2002)."""

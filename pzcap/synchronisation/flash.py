@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from pzcap.io.video import VideoReader
+from pzcap.solver.robust import normal_sigma
 from pzcap.synchronisation.offsets import Delay
 from pzcap.synchronisation.tuning import FLASH
 from pzcap.types import Array, Image
@@ -39,7 +40,7 @@ def steps(reader: VideoReader, levels: Array) -> Steps:
     """The steps of a recording of which every picture's `brightness` (N, 96) is known."""
     change = np.median(np.diff(levels, axis=0), axis=1)
     # a camera that pans changes blocks one by one, and a lamp nearly all of them alike
-    usual = 1.4826 * np.median(np.abs(change - np.median(change))) if len(change) else 0.0
+    usual = normal_sigma(change - np.median(change)) if len(change) else 0.0
     found = np.flatnonzero(np.abs(change) > max(FLASH.step, FLASH.clear * usual))
     return Steps(reader.times_s[found + 1], change[found], 1.0 / float(reader.frame_rate))
 

@@ -17,6 +17,7 @@ import numpy as np
 from pzcap.body import skeleton
 from pzcap.body.anthropometry import Measured
 from pzcap.body.skeleton import Body
+from pzcap.solver.robust import normal_sigma
 from pzcap.tracking.observation import expect
 from pzcap.tracking.tuning import BODY_SIZE
 from pzcap.types import Camera, Float32, Pose, Silhouette
@@ -61,7 +62,7 @@ def body_size(body: Body, logs: Sequence[float]) -> BodySize | None:
     if len(logs) < BODY_SIZE.fewest_views:
         return None
     median = float(np.median(logs))
-    scatter = 1.4826 * float(np.median(np.abs(np.array(logs) - median)))
+    scatter = normal_sigma(np.array(logs) - median)
     sigma = float(np.hypot(1.25 * scatter / np.sqrt(len(logs)), BODY_SIZE.sigma))
     return BodySize(float(np.exp(median)), sigma, float(np.hypot(sigma, np.sqrt(_size_variance(body.measured)))))
 

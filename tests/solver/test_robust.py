@@ -7,7 +7,15 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pzcap.solver.robust import geman_mcclure, half_sample_mode, line, median, median_absolute, normal_sigma
+from pzcap.solver.robust import (
+    geman_mcclure,
+    half_sample_mode,
+    line,
+    median,
+    median_absolute,
+    normal_sigma,
+    planar_sigma,
+)
 
 
 @settings(max_examples=30)
@@ -56,3 +64,4 @@ def test_the_sigma_of_normal_residuals_ignores_a_few_outliers() -> None:
     values = np.random.default_rng(0).normal(0.0, 2.0, 4001)
     values[:40] = 1e6
     assert normal_sigma(values) == pytest.approx(2.0, rel=0.06)
+    assert planar_sigma(np.hypot(values[:-1:2], values[1::2])) == pytest.approx(2.0, rel=0.06)

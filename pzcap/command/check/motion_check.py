@@ -18,6 +18,7 @@ from pzcap.command.check.views import ENOUGH, NOTHING, Relation, best, mirrored,
 from pzcap.command.check.zoom_check import ZoomRun
 from pzcap.imaging.comb import comb_of, comb_px
 from pzcap.io.video import VideoReader
+from pzcap.solver.robust import normal_sigma
 from pzcap.types import Array, Image, Mask
 
 
@@ -175,7 +176,7 @@ def row_flicker(images: Sequence[Image]) -> float:
         changes.append(np.log(after / before))
     if not changes:
         return 0.0
-    return 1.4826 * float(np.median(np.abs(changes - np.mean(changes, axis=1, keepdims=True))))
+    return normal_sigma(changes - np.mean(changes, axis=1, keepdims=True))
 
 
 def _rows(picture: Array) -> Array:

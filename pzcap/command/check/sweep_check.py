@@ -15,6 +15,7 @@ from pzcap.command.check.findings import Finding, Level, graded
 from pzcap.command.check.tuning import SWEEP, VIEWS
 from pzcap.command.check.views import Relation, View, best, overlap, relate, small, step, view
 from pzcap.io.video import VideoReader
+from pzcap.solver.robust import normal_sigma
 from pzcap.types import Array, Image
 
 MAINS: Final = "a shutter of 1/50 or 1/100 s (1/60 or 1/120 s) fits the mains"
@@ -142,7 +143,7 @@ def _light(gains: Array, keys: list[View]) -> Iterator[tuple[Level, str]]:
     if len(gains) < 8:
         return
     trend = np.convolve(gains, np.ones(5) / 5, mode="same")
-    flicker = float(1.4826 * np.median(np.abs(gains - trend)))
+    flicker = normal_sigma(gains - trend)
     yield (
         graded(flicker, 0.02, 0.08),
         f"flickers by {100 * flicker:.1f} % from frame to frame" + (f"; {MAINS}" if flicker > 0.02 else ""),

@@ -19,7 +19,7 @@ from pzcap.extras.slide.tracks import Tracks
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import View
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
-from pzcap.solver.robust import geman_mcclure
+from pzcap.solver.robust import geman_mcclure, planar_sigma
 from pzcap.types import Array, Mask
 
 START_SCALE_PX = 8.0  # of the robust weights
@@ -166,7 +166,7 @@ def _system(tracks: Tracks, state: State, priors: Priors, scale_px: float) -> _S
     residual, by_pan, by_shared, by_point = linearised(tracks, state)
     length = np.hypot(*residual.T)
     weight = geman_mcclure(length, scale_px) * used
-    spread = max(float(np.median(length[used])) / 1.1774, 0.01)
+    spread = max(planar_sigma(length[used]), 0.01)
     by_unknown = np.zeros((len(residual), 2, frames + SHARED))
     by_unknown[np.arange(len(residual)), :, tracks.frame] = by_pan
     by_unknown[:, :, frames:] = by_shared

@@ -17,11 +17,10 @@ from scipy.spatial.transform import Rotation
 from experiments.comparisons.self_calibration.baselines.rotations import Frames, Pair
 from pzcap.geometry.lens import Distortion, distort, jacobian, undistort
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
-from pzcap.solver.robust import geman_mcclure
+from pzcap.solver.robust import geman_mcclure, planar_sigma
 from pzcap.types import Array, PzcapError
 
 LENS = 4  # log focal, principal point (x, y), k1
-MEDIAN_LENGTH = 1.1774  # of a plane's standard normal distribution
 DAMPING = 1e-6  # of the normal matrix' diagonal
 
 
@@ -115,7 +114,7 @@ def adjust(
             gradient[columns] += weighted.T @ residual.ravel()
             lengths.append(length)
             cost += float(weight @ length**2)
-        sigma = max(float(np.median(np.concatenate(lengths))) / MEDIAN_LENGTH, 0.01)
+        sigma = max(planar_sigma(np.concatenate(lengths)), 0.01)
         believed = model.rows / model.sigmas[:, None] * sigma
         normal[turns:, turns:] += believed.T @ believed
         gradient[turns:] += believed.T @ ((model.rows @ unknowns - model.values) / model.sigmas * sigma)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from experiments.comparisons.self_calibration.baselines.adjustment import LENS, MEDIAN_LENGTH, transfer
+from experiments.comparisons.self_calibration.baselines.adjustment import LENS, transfer
 from experiments.comparisons.self_calibration.baselines.methods import ZoomModel
 from experiments.comparisons.self_calibration.baselines.rotations import Frames, Pair, initial, match_pairs, turn_of
 from experiments.comparisons.self_calibration.baselines.shots import Shots
@@ -15,7 +15,7 @@ from pzcap.calibration import features
 from pzcap.calibration.features import Features
 from pzcap.geometry.lens import Distortion, distort, undistort
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
-from pzcap.solver.robust import geman_mcclure
+from pzcap.solver.robust import geman_mcclure, planar_sigma
 from pzcap.types import Array, Mask
 
 LIBRARY = 20000  # features, at most
@@ -149,7 +149,7 @@ def resect(
         jacobian = np.concatenate([by[:, :, 7:10], by[:, :, 10:11] + bend * by[:, :, 13:14]], axis=2).reshape(-1, 4)
         weighted = jacobian * np.repeat(weight, 2)[:, None]
         normal, gradient = weighted.T @ jacobian + 1e-9 * np.eye(4), weighted.T @ residual.ravel()
-        return NormalEquations(normal, gradient, float(np.median(length)) / MEDIAN_LENGTH, float(weight @ length**2))
+        return NormalEquations(normal, gradient, planar_sigma(length), float(weight @ length**2))
 
     def retract(state: tuple[Array, float], step: Array) -> tuple[Array, float]:
         turn = Rotation.from_rotvec(np.clip(step[:3], -0.2, 0.2)).as_matrix()
