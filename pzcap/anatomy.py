@@ -71,3 +71,8 @@ GARMENTS: Final[dict[Garment, tuple[str, ...]]] = {
 LUMBAR_FRACTION: Final = 0.25
 THORAX_FRACTION: Final = 0.55
 """Places of the lumbar and thorax joints between mid-hip (0) and the neck joint (1)."""
+
+
+def without_side(name: str) -> str:
+    """Name of a part of the body without its side: of ``left_hand`` and ``right_hand``, ``hand``."""
+    return name.removeprefix("left_").removeprefix("right_")

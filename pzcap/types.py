@@ -50,6 +50,7 @@ from pzcap.anatomy import SEGMENTS as SEGMENTS
 from pzcap.anatomy import THORAX_FRACTION as THORAX_FRACTION
 from pzcap.anatomy import Garment as Garment
 from pzcap.anatomy import Sex as Sex
+from pzcap.anatomy import without_side as without_side
 
 Array = NDArray[np.float64]
 """float64 array; the shape stands in the comment or docstring beside it."""

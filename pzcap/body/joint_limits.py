@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from pzcap.body.skeleton import DOF_SEGMENT
-from pzcap.types import DOF, SEGMENTS, Array
+from pzcap.types import DOF, SEGMENTS, Array, without_side
 
 # Ranges of the rotation vector about x, y, z (degrees) that a trained gymnast can reach, generously; mirrored for the
 # right side. They only keep a hidden limb from folding up, so they are soft and wide. A shoulder reaches half a turn,
@@ -28,7 +28,7 @@ _LIMITS_DEG: Final[dict[str, tuple[tuple[float, float], ...]]] = {
 def _limits() -> tuple[Array, Array]:
     low, high = np.full(DOF, -np.inf), np.full(DOF, np.inf)
     for index, name in enumerate(SEGMENTS):
-        ranges = _LIMITS_DEG.get(name.removeprefix("left_").removeprefix("right_"))
+        ranges = _LIMITS_DEG.get(without_side(name))
         if ranges is None:
             continue
         for row, axis, (a, b) in zip(np.flatnonzero(index == DOF_SEGMENT), range(3), ranges, strict=False):

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from pzcap.body.mesh import girths_along
 from pzcap.body.skeleton import Body
 from pzcap.body.tuning import SHAPE
-from pzcap.types import LUMBAR_FRACTION, MEASUREMENTS, PARENTS, SEGMENTS, THORAX_FRACTION, Array, Indices
+from pzcap.types import LUMBAR_FRACTION, MEASUREMENTS, PARENTS, SEGMENTS, THORAX_FRACTION, Array, Indices, without_side
 
 LENGTHS: Final = 8
 """Corrections that move joints: the first ones."""
@@ -85,7 +85,7 @@ def _homogeneous(points: Array) -> Array:
 
 
 def _segments(name: str) -> list[int]:
-    return [i for i, segment in enumerate(SEGMENTS) if segment.removeprefix("left_").removeprefix("right_") == name]
+    return [i for i, segment in enumerate(SEGMENTS) if without_side(segment) == name]
 
 
 def _stretch(axis: int, per_m: float, about_m: float = 0.0) -> Array:

@@ -30,6 +30,7 @@ from pzcap.types import (
     MovedBody,
     PzcapError,
     Subject,
+    without_side,
 )
 
 DOF_SEGMENT: Final[Indices] = np.array(
@@ -108,7 +109,7 @@ def _ends(surface: Surface) -> Array:
     ways = {"head_top": (2, 1.0), "fingertip": (2, -1.0), "toe": (0, 1.0), "heel": (0, -1.0)}
     found = []
     for name, segment in ENDS.items():
-        axis, sign = ways[name.removeprefix("left_").removeprefix("right_")]
+        axis, sign = ways[without_side(name)]
         own = surface.points_m[surface.segment == SEGMENTS.index(segment)]
         found.append(own[np.argmax(sign * own[:, axis])])
     return np.array(found)

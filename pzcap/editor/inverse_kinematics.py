@@ -36,7 +36,7 @@ from pzcap.initialisation.pose_fit import REST
 from pzcap.initialisation.tuning import FIT
 from pzcap.tracking.body_constraints import collision_residuals, collision_shapes, spine
 from pzcap.tracking.limbs import turned
-from pzcap.types import DOF, ENDS, JOINTS, SEGMENTS, Array, Camera, Indices, Pose
+from pzcap.types import DOF, ENDS, JOINTS, SEGMENTS, Array, Camera, Indices, Pose, without_side
 
 HANDLES: Final[tuple[str, ...]] = (*JOINTS, *ENDS)
 """Points of the body that can be dragged: the joints, then its ends."""
@@ -56,7 +56,7 @@ def _easy() -> Array:
     ease = {"pelvis": 0.10, "lumbar": 0.12, "thorax": 0.12, "head": 0.3, "hand": 0.3, "foot": 0.3}
     out = np.full(DOF, 0.5)
     for index, name in enumerate(SEGMENTS):
-        out[index == DOF_SEGMENT] = ease.get(name.removeprefix("left_").removeprefix("right_"), 0.5)
+        out[index == DOF_SEGMENT] = ease.get(without_side(name), 0.5)
     out[:3] = 0.03
     return out
 

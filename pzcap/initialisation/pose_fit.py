@@ -33,14 +33,14 @@ from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.temporal_constraints import smooth_step
 from pzcap.tracking.tuning import KEYPOINT
-from pzcap.types import DOF, SEGMENTS, Array, Pose
+from pzcap.types import DOF, SEGMENTS, Array, Pose, without_side
 
 _REST_DEG: Final = {"head": FIT.head_deg, "hand": FIT.hand_deg, "foot": FIT.foot_deg}
 
 
 def _rest() -> Array:
     """(43,) Information with which head, hands and feet are expected at rest."""
-    kinds = [name.removeprefix("left_").removeprefix("right_") for name in SEGMENTS]
+    kinds = [without_side(name) for name in SEGMENTS]
     found = np.array([np.deg2rad(_REST_DEG[kind]) ** -2.0 if kind in _REST_DEG else 0.0 for kind in kinds])[DOF_SEGMENT]
     return np.asarray(found)
 

@@ -15,7 +15,7 @@ from pzcap.solver.robust import geman_mcclure
 from pzcap.tracking.skin_colour_model import LOWER_ARM
 from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR
 from pzcap.tracking.visibility import ARMS, GROUP, ProjectedSkin, SkinPoints, ZBuffer
-from pzcap.types import SEGMENTS, Array, Float32, Image, Indices
+from pzcap.types import SEGMENTS, Array, Float32, Image, Indices, without_side
 
 NUISANCES: Final = 4
 """Per segment and view: a gain and a shading gradient along the three axes of the world."""
@@ -26,7 +26,7 @@ WHOLE_BODY: Final = 255
 """Bits of all parts of a body."""
 _WIDTH_M: Final = {"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07,
                    "hand": 0.05, "thigh": 0.15, "shank": 0.1, "foot": 0.08}  # fmt: skip
-SEGMENT_WIDTH_M: Final = np.array([_WIDTH_M[n.removeprefix("left_").removeprefix("right_")] for n in SEGMENTS])
+SEGMENT_WIDTH_M: Final = np.array([_WIDTH_M[without_side(n)] for n in SEGMENTS])
 BEFORE_BODY_M: Final = np.where(LOWER_ARM, SEGMENT_WIDTH_M, 0.0)
 """(16,) Distance within which an edge is sought of what may lie before the body: further off it is the other side's."""
 

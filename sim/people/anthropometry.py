@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.types import LUMBAR_FRACTION, MEASUREMENTS, PARENTS, SEGMENTS, THORAX_FRACTION, Array
+from pzcap.types import LUMBAR_FRACTION, MEASUREMENTS, PARENTS, SEGMENTS, THORAX_FRACTION, Array, without_side
 
 _LENGTHS: Final[dict[str, float]] = {
     "trunk": 0.335, "head": 0.135, "shoulder_drop": 0.047, "shoulder_width": 0.215, "hip_width": 0.100,
@@ -77,10 +77,6 @@ class Tree:
     gyration_m: Array  # (16,) radius of gyration about the centre of mass, across the segment's long axis
 
 
-def _kind(segment: str) -> str:
-    return segment.removeprefix("left_").removeprefix("right_")
-
-
 def body_tree(measurements: dict[str, float]) -> Tree:
     """Return the tree of a person with these measurements (metres)."""
     m = measurements
@@ -100,7 +96,7 @@ def body_tree(measurements: dict[str, float]) -> Tree:
     }  # fmt: skip
     spans = {kind: abs(length) for kind, length in lengths.items()} | {"pelvis": 0.3 * m["trunk"], "foot": 0.0}
     for s, segment in enumerate(SEGMENTS):
-        kind, y = _kind(segment), side.get(segment.split("_")[0], 0.0)
+        kind, y = without_side(segment), side.get(segment.split("_")[0], 0.0)
         if kind == "upper_arm":
             above = (1.0 - THORAX_FRACTION) * m["trunk"] - m["shoulder_drop"]
             offsets[s] = (0.0, y * m["shoulder_width"] / 2, above)
@@ -109,14 +105,14 @@ def body_tree(measurements: dict[str, float]) -> Tree:
         elif segment in fixed:
             offsets[s] = fixed[segment]
         else:
-            offsets[s] = (0.0, 0.0, lengths[_kind(SEGMENTS[PARENTS[s]])])
+            offsets[s] = (0.0, 0.0, lengths[without_side(SEGMENTS[PARENTS[s]])])
         masses[s], fraction = _MASSES[kind]
         centres[s] = (
             (0.25 * m["foot"], 0.0, -0.5 * m["ankle_height"])
             if kind == "foot"
             else (0.0, 0.0, fraction * lengths[kind])
         )
-    gyration = np.array([_GYRATION * spans[_kind(segment)] for segment in SEGMENTS])
+    gyration = np.array([_GYRATION * spans[without_side(segment)] for segment in SEGMENTS])
     return Tree(offsets, masses / masses.sum(), centres, gyration)
 
 
@@ -131,5 +127,5 @@ from the zero pose (MuJoCo's meaning), at the reach of a trained gymnast."""
 
 def joint_limit_rad(segment: str) -> tuple[float, float]:
     """Return the least and greatest angle of a segment's joint; the pelvis is free and has none."""
-    low, high = JOINT_LIMITS[_kind(segment)]
+    low, high = JOINT_LIMITS[without_side(segment)]
     return float(np.radians(low)), float(np.radians(high))

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from pzcap.types import Image
+from pzcap.types import Image, without_side
 from sim.hall.textures import Canvas, Colour, arc, grain, weather
 
 _PX_PER_M: Final = 480.0
@@ -56,7 +56,7 @@ def paint(part: str, girth_m: float, length_m: float, wardrobe: Wardrobe, rng: n
 
     Parts: chest, yoke, waist, hips, seat, sleeve, {left,right}_thigh, {left,right}_shank, skin, hair, shoe, sock.
     """
-    kind = part.removeprefix("left_").removeprefix("right_")
+    kind = without_side(part)
     cloth = dict.fromkeys(("chest", "yoke", "waist", "sleeve"), wardrobe.shirt)
     cloth |= {"hair": wardrobe.hair, "skin": wardrobe.skin, "shoe": (226, 226, 222), "sock": (236, 236, 236)}
     canvas = Canvas.blank(girth_m, length_m, _PX_PER_M, cloth.get(kind, wardrobe.trousers))

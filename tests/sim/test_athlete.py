@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from pzcap.types import HINGE_AXES, MEASUREMENTS, PARENTS, SEGMENTS, Array, Image, Mask, Pose
+from pzcap.types import HINGE_AXES, MEASUREMENTS, PARENTS, SEGMENTS, Array, Image, Mask, Pose, without_side
 from sim import motion
 from sim.cameras.render import Stage
 from sim.people.anthropometry import body_tree, draw_measurements, joint_limit_rad
@@ -139,7 +139,7 @@ def test_zero_pose_stands_on_its_soles_and_is_as_tall_as_measured(seed: int) -> 
 def test_girths_are_those_of_the_tape(name: str, segment: str, along: float, seed: int) -> None:
     model, data, m = build(seed)
     stand(model, data, m)
-    kind = segment.removeprefix("left_").removeprefix("right_")
+    kind = without_side(segment)
     length = m["trunk"] if kind in ("thorax", "lumbar") else m[kind]
     origin = data.body(segment).xpos
     assert girth(model, data, segment, origin[2] + along * length, origin[:2]) == pytest.approx(m[name], rel=0.06)

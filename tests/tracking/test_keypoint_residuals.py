@@ -18,7 +18,7 @@ from pzcap.geometry.camera import project
 from pzcap.io.detections import KEYPOINTS
 from pzcap.tracking import keypoint_residuals
 from pzcap.tracking.tuning import KEYPOINT
-from pzcap.types import DOF, SEGMENTS, Array, Camera, Pose, Subject
+from pzcap.types import DOF, SEGMENTS, Array, Camera, Pose, Subject, without_side
 from sim.people.anthropometry import draw_measurements
 from tests.scenes.body_scene import POSITIONS, aim, swing
 
@@ -71,7 +71,7 @@ def test_the_page_says_by_how_much_they_may_be_meant_elsewhere() -> None:
         names, sigmas = (part.split(", ") for part in row)
         told |= dict(zip(names, sigmas * (len(names) if len(sigmas) == 1 else 1), strict=True))
     for name, sigma_m in zip(KEYPOINTS, landmarks.SIGMA_M, strict=True):
-        plain = name.removeprefix("left_").removeprefix("right_").replace("_", " ")
+        plain = without_side(name).replace("_", " ")
         assert float(told.get(plain) or told[plain + "s"]) == pytest.approx(1000 * sigma_m)
 
 
