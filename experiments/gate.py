@@ -30,7 +30,7 @@ from experiments.errors import AlreadyReported, guard
 from experiments.metrics import format_value, run_info
 from experiments.run import CONF, run
 from experiments.terminal import command_line, print_whole, table, terminal
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_json
 from pzcap.scoring.metric import Direction, Metric
 from pzcap.types import PzcapError
 
@@ -162,8 +162,7 @@ def write_baseline(path: Path, cases: Mapping[str, Case], info: Mapping[str, Any
         "made_with": {"versions": info["versions"], "machine": info["machine"]},
         "cases": {name: asdict(case) for name, case in cases.items()},
     }
-    with written_whole(path) as partial:
-        partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(path, content)
 
 
 def measure(config: GateConfig, case: str, extra: Sequence[str], console: Console) -> tuple[list[Metric], bool]:

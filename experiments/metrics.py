@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from pzcap.io.files import checked, written_whole
+from pzcap.io.files import checked, write_bytes
 from pzcap.scoring.metric import Metric
 from pzcap.types import PzcapError
 
@@ -77,8 +77,7 @@ def machine() -> dict[str, Any]:
 
 def write_metrics(path: Path, metrics: Iterable[Metric], run: Mapping[str, Any]) -> None:
     """Write metrics.json. Whole or not at all."""
-    with written_whole(path) as partial:
-        partial.write_text(metrics_text(metrics, run), encoding="utf-8", errors="backslashreplace")  # as JSON has it
+    write_bytes(path, metrics_text(metrics, run).encode(errors="backslashreplace"))  # as JSON has it
 
 
 def metrics_text(metrics: Iterable[Metric], run: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_bytes
 
 
 def write(path: Path, template: str, context: Mapping[str, Any]) -> None:
@@ -24,6 +24,5 @@ def write(path: Path, template: str, context: Mapping[str, Any]) -> None:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    with written_whole(path) as partial:
-        page = environment.get_template(template).render(context)
-        partial.write_text(page, encoding="utf-8", errors="replace")  # names may hold what no text does
+    page = environment.get_template(template).render(context)
+    write_bytes(path, page.encode(errors="replace"))  # names may hold what no text does

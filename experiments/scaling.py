@@ -35,7 +35,7 @@ from experiments.report.style import COLOURS, svg
 from experiments.terminal import command_line, table, terminal
 from pzcap.events import FrameLocalised
 from pzcap.io.capture import read_capture
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_json
 from pzcap.pipeline import Config, stages
 from pzcap.types import PzcapError
 from sim.session import ShootConfig
@@ -143,13 +143,11 @@ def measure(names: Sequence[str], values: Sequence[int], folder: Path, out: Cons
         heads = (name, *([f">{axis.label}"] if apart else []), *(f">{label}" for label in QUANTITIES.values()))
         out.print(table(axis.label, heads, rows))
         drawn[name] = (axis.label, amounts, list(found.values()), [head.removeprefix(">") for head in heads], rows)
-    folder.mkdir(parents=True, exist_ok=True)
     figures = {
         name: [{"amount": amount, **asdict(spent)} for amount, spent in zip(amounts, spents, strict=True)]
         for name, (_, amounts, spents, _, _) in drawn.items()
     }
-    with written_whole(folder / "scaling.json") as partial:
-        partial.write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    write_json(folder / "scaling.json", figures)
     sections = [
         {"title": label, "figure": _figure(label, amounts, spents), "heads": heads, "rows": rows}
         for label, amounts, spents, heads, rows in drawn.values()

@@ -17,7 +17,7 @@ import numpy as np
 
 from experiments.benchmark.tracks import TRACKS
 from experiments.config import nearest, structured
-from pzcap.io.files import checked, written_whole
+from pzcap.io.files import checked, write_bytes
 from pzcap.scoring.command import captures, over
 from pzcap.scoring.metric import Metric
 from pzcap.scoring.readers.conventions import Conventions
@@ -200,9 +200,7 @@ def _chosen(found: Sequence[WorstFrame]) -> list[WorstFrame]:
 
 def write_entry(path: Path, entry: Mapping[str, Any]) -> None:
     """Write an entry, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(path) as partial:
-        partial.write_text(json.dumps(entry, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    write_bytes(path, (json.dumps(entry, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
 def read_entries(folder: Path) -> list[dict[str, Any]]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from experiments.metrics import machine, versions
 from pzcap.io.capture import read_capture, read_image
-from pzcap.io.files import checked, written_whole
+from pzcap.io.files import checked, write_bytes
 from pzcap.io.video import VideoReader
 from pzcap.types import Image, PzcapError
 
@@ -106,8 +106,7 @@ def write_manifest(path: Path, release: str, split: str, found: Mapping[str, Fin
     """Write what the captures of a split are, and where they were shot."""
     captures = {name: asdict(one) for name, one in found.items()}
     content = {"release": release, "split": split, "kind": kind(), "captures": captures}
-    with written_whole(path) as partial:
-        partial.write_text(json.dumps(content, separators=(",", ":"), sort_keys=True) + "\n", encoding="utf-8")
+    write_bytes(path, (json.dumps(content, separators=(",", ":"), sort_keys=True) + "\n").encode())
 
 
 def read_manifest(path: Path) -> tuple[dict[str, Any], dict[str, Fingerprint]]:

@@ -31,7 +31,7 @@ from experiments.metrics import machine
 from experiments.progress import Bars
 from experiments.run import CONF
 from experiments.terminal import terminal
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_json
 from pzcap.scoring.files import read_results, write_results
 from pzcap.scoring.readers.conventions import Conventions
 from pzcap.scoring.readers.read import read
@@ -103,7 +103,6 @@ def _took(folder: Path, key: str, capture: str) -> dict[str, Any]:
 def _keep(folder: Path, key: str, capture: str, answered: Answered) -> None:
     place, took = folder / "results" / key / capture, folder / "runs" / key / f"{capture}.json"
     shutil.rmtree(place, ignore_errors=True)
-    took.parent.mkdir(parents=True, exist_ok=True)
     if answered.results is not None:
         write_results(answered.results, place)
         true = read_truth(folder / "truth" / capture)
@@ -112,8 +111,7 @@ def _keep(folder: Path, key: str, capture: str, answered: Answered) -> None:
     what = {
         "code": _code(), "seconds": answered.seconds, "memory_mib": answered.memory_mib, "missing": answered.missing
     }  # fmt: skip
-    with written_whole(took) as partial:
-        partial.write_text(json.dumps(what) + "\n", encoding="utf-8")
+    write_json(took, what, indent=None)
 
 
 def _enter(folder: Path, split: Mapping[str, Any], method: Method) -> Path | None:

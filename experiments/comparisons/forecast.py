@@ -29,7 +29,7 @@ from pzcap.command.check.findings import Level
 from pzcap.command.check.forecast import Forecast
 from pzcap.command.check.run import check_capture
 from pzcap.io.capture import read_capture
-from pzcap.io.files import written_whole
+from pzcap.io.files import write_bytes
 from pzcap.types import PzcapError
 
 EXPERIMENTS: Final = (
@@ -74,8 +74,7 @@ def judge(name: str, config: AppConfig, folder: Path, console: Console) -> Row[A
     with Bars(console) as bars:
         capture = read_capture(footage.capture_of(config, bars.update))
         checked = check_capture(capture, bars.update)
-    with written_whole(folder / "check.txt") as partial:
-        partial.write_text("".join(f"{each.line()}\n" for each in checked.findings), encoding="utf-8")
+    write_bytes(folder / "check.txt", "".join(f"{each.line()}\n" for each in checked.findings).encode())
     reached = {each.key: each.value for each in run(config, CONVERTER.unstructure(config), folder, console)}
     figures = compared(checked.forecast, reached)
     for level, key in ((Level.FAIL, "again"), (Level.WARN, "look")):

@@ -27,7 +27,7 @@ from omegaconf._utils import get_omega_conf_dumper
 from experiments import estimators, footage, workers
 from experiments.config import plain, structured
 from experiments.errors import explain
-from pzcap.io.files import checked, written_whole
+from pzcap.io.files import checked, write_bytes
 from pzcap.io.text import one_line
 from pzcap.types import PzcapError
 from sim.capture_cache import file_hashes
@@ -178,7 +178,7 @@ def carry_out(
             bug = one_line(f"{type(error).__name__}: {error}")
             line = f"{bug} (a bug: traceback in {folder / FAILED})\n\n{traceback.format_exc()}"
         if not finished(folder, wanted):
-            _write(folder / FAILED, line.rstrip() + "\n")
+            write_bytes(folder / FAILED, (line.rstrip() + "\n").encode(errors="replace"))
         return None
 
 
@@ -266,9 +266,3 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
-
-
-def _write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(path) as partial:
-        partial.write_text(text, encoding="utf-8", errors="replace")
