@@ -34,9 +34,7 @@ class ComparedPixels(NamedTuple):
     gains: Array  # (L, 2) of each overlap: gain and shading, brought up to date
     residual: Float32  # (N,) written; inf where the second frame does not show the pixel
     row: Float32  # (N,) written; in the second frame
-    overlap_cost: (
-        Array  # (L,) written; by this overlap alone, the second frame's squared distance (`grey_value_equations`)
-    )
+    overlap_cost: Array  # (L,) written; squared distance, grey levels, of the second frame by this overlap alone
 
 
 def overlap_of(

@@ -84,13 +84,13 @@ def accumulate(
         sums.cross[:count] -= by_nodes.T @ to_views
         sums.nodes[:count, :count] -= by_nodes.T @ to_nodes
         sums.by_nodes[:count] -= to_nodes.T @ shade_along
-        pixels.overlap_cost[link] = _beside(sums.views, sums.by_views)
+        pixels.overlap_cost[link] = _overlap_cost(sums.views, sums.by_views)
         add_link(sums, count, jacobians, pixels.ends[link], normal, gradient)
     return cost
 
 
 @njit(cache=True, nogil=True)
-def _beside(summed: Array, along: Array) -> float:
+def _overlap_cost(summed: Array, along: Array) -> float:
     """Squared distance, in units of the normal matrix, from where an overlap's second frame is to where the overlap
     alone would have it, by its pan, tilt, focal length and roll."""
     own, pull = summed[VIEW : VIEW + 4, VIEW : VIEW + 4].copy(), along[VIEW : VIEW + 4].copy()

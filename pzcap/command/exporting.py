@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,11 +34,19 @@ def export_results(results: Path, names: Sequence[str], out: Path, capture: Path
 
 
 def _captured(results: Path, capture: Path | None) -> Capture | None:
-    """The ``capture`` that is given, or else that which the ``results`` were made of where it is still there."""
-    if capture is None:
-        with contextlib.suppress(PzcapError):
-            capture = made_of(results)
-    return None if capture is None else read_capture(capture)
+    """The ``capture`` that is given, or else that which the ``results`` were made of where it is still there, and
+    whole."""
+    if capture is not None:
+        return read_capture(capture)
+    try:
+        capture = made_of(results)
+    except PzcapError:
+        return None
+    try:
+        return read_capture(capture)
+    except PzcapError as error:
+        print(f"pzcap: without the capture, which cannot be read: {error}", file=sys.stderr)
+        return None
 
 
 def _has_keypoints(take: Take) -> bool:

@@ -50,6 +50,8 @@ def _finished(capture: Capture, events: Iterator[Event], out: Path) -> Reconstru
             found = finished(events if recorder is None else recorder.recorded(events), line.update)
         if recorder is not None:
             _complete(recorder, found, capture)
+        else:
+            (out / RECORDING).unlink(missing_ok=True)  # of other results
         return found
 
 

@@ -77,6 +77,22 @@ def test_export_says_that_it_has_no_keypoints(saved: Path, tmp_path: Path, capsy
     assert said == "pzcap: aniposelib: the calibration alone; --capture FOLDER takes the keypoints along\n"
 
 
+def test_export_finds_the_capture_that_the_results_were_made_of(
+    small_capture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results.save(exported.reconstruction(), tmp_path / "r" / "reconstruction")
+    (tmp_path / "r" / "capture").symlink_to(small_capture / "capture")
+    line = ["export", str(tmp_path / "r"), "--to", "aniposelib", "--out", str(tmp_path / "e")]
+    assert main(line) == 0
+    assert capsys.readouterr().err == "pzcap: aniposelib: the calibration alone; the capture has no keypoints\n"
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "capture.json").write_text("{")
+    (tmp_path / "r" / "capture").unlink()
+    (tmp_path / "r" / "capture").symlink_to(tmp_path / "broken")
+    assert main(line) == 0
+    assert "without the capture, which cannot be read: " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("given", [[], ["--free-tilt"]])
 def test_heads_that_were_tilted_are_calibrated_as_such(
     given: list[str], small_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
