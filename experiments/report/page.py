@@ -193,28 +193,21 @@ def _headline(metric: Metric, name: str, text: str, remark: str) -> dict[str, An
 
 def _claims(reconstruction: Reconstruction) -> list[dict[str, Any]]:
     """The cards of a run that nothing scores: what was found, and how sure the run itself is of it."""
-
-    def card(name: str, value: str, unit: str, text: str) -> dict[str, Any]:
-        return {"name": name, "value": value, "unit": unit, "text": text, "target": None, "reached": None}
-
     tracks, motion = [track for track in reconstruction.tracks if track is not None], reconstruction.motion
     frames, found = len(reconstruction.timecodes), sum(int(track.valid.sum()) for track in tracks)
-    share = 100.0 * found / max(frames * len(reconstruction.tracks), 1)
-    cards = [card("Views located", f"{share:.0f}", "%", "Of all cameras and frames.")]
+    share, claimed = 100.0 * found / max(frames * len(reconstruction.tracks), 1), "Standard deviation claimed, median."
+    cards = [("Views located", f"{share:.0f}", "%", "Of all cameras and frames.")]
     if found:
         variances = np.concatenate([np.einsum("fii->fi", track.covariance[track.valid]) for track in tracks])
         pan, focal = np.sqrt(np.median(variances, axis=0))
-        cards += [
-            card("Pan", f"{np.degrees(pan):.2g}", "°", "Standard deviation that the run claims, the median."),
-            card("Focal length", f"{100.0 * focal:.2g}", "%", "Standard deviation that the run claims, the median."),
-        ]
+        cards.append(("Pan", f"{np.degrees(pan):.2g}", "°", claimed))
+        cards.append(("Focal length", f"{100.0 * focal:.2g}", "%", claimed))
     if motion is not None and motion.valid.any():
-        tracked, sigma_m = 100.0 * float(motion.valid.mean()), float(np.median(motion.sigma_m[motion.valid]))
-        cards += [
-            card("Body tracked", f"{tracked:.0f}", "%", "Of the frames."),
-            card("Joints", f"{1e3 * sigma_m:.2g}", "mm", "Standard deviation that the run claims, the median."),
-        ]
-    return cards
+        sigma_m = float(np.median(motion.sigma_m[motion.valid]))
+        cards.append(("Body tracked", f"{100.0 * motion.valid.mean():.0f}", "%", "Of the frames."))
+        cards.append(("Joints", f"{1e3 * sigma_m:.2g}", "mm", claimed))
+    names = ("name", "value", "unit", "text")
+    return [dict(zip(names, card, strict=True)) | {"target": None, "reached": None} for card in cards]
 
 
 def _references(material: Material) -> list[Picture]:

@@ -69,7 +69,7 @@ class Workspace(Edits):
 
     @property
     def difference(self) -> resolve.Difference | None:
-        """What was tracked anew last, against before."""
+        """The interval that was tracked anew last, against before."""
         return self._solved[-1][1] if self._solved else None
 
     def close(self) -> None:

@@ -109,7 +109,7 @@ def of_module(name: str) -> Detector:
 
 
 def _people(found: object, name: str) -> Array:
-    """What the function ``name`` has returned, (P, K, 3). Raises PzcapError where it is anything else."""
+    """The people that the function ``name`` has returned, (P, K, 3). Raises PzcapError where it is anything else."""
     try:
         people = np.asarray(found, np.float64)
     except (TypeError, ValueError) as error:

@@ -149,7 +149,7 @@ def test_without_truth_subject_and_a_sweep_it_runs_and_says_what_it_left_out(
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "Not scored" in page
     assert "Views located" in page
-    assert "Standard deviation that the run claims" in page
+    assert "Standard deviation claimed, median." in page
     assert "missed" not in page.partition('id="numbers"')[0]
     assert "What was found or left out" in page
     assert "camera new" in page
