@@ -182,7 +182,7 @@ _SCALE_KG: Final = 1.0
 """Sigma of a person's mass: scales, a meal, the clothes."""
 _CONTRADICTS_SIGMAS: Final = 6.0
 """Of a reading against all others: the largest of 300 people, drawn from other tables than these, is 4.8."""
-_ANYBODY: Final = 5.0
+_BUILD_SPREAD: Final = 5.0
 """Factor of the spread of stature and mass: children contradict no reading by being small."""
 
 
@@ -190,14 +190,13 @@ def contradictions(subject: Subject) -> list[Contradiction]:
     """The readings that contradict all others by more than people differ, the clearest first: slips of the pen."""
     readings, off = _weighed(subject)
     found = []
-    for k in np.argsort(-np.abs(off)[off != 0.0] / readings.sigma[off != 0.0]):
-        place = np.flatnonzero(off)[k]
+    for place in np.flatnonzero(off).tolist():
         others = np.hypot(readings.sigma, np.where(np.arange(len(off)) == place, 0.0, off))
-        away, sigma = _apart(readings, others, _sexes(subject))
+        away, sigma = _leave_one_out(readings, others, _sexes(subject))
         name = (*MEASUREMENTS, "mass_kg")[readings.rows[place]]
         value = float(readings.values[place])
         found.append(Contradiction(name, value, value - float(away[place]), float(sigma[place])))
-    return found
+    return sorted(found, key=lambda one: -abs(one.reading - one.expected) / one.sigma)
 
 
 class _Readings(NamedTuple):
@@ -219,7 +218,7 @@ def _weighed(subject: Subject) -> tuple[_Readings, Array]:
     readings = _Readings(np.array(rows, np.int64), np.array(values), np.array(sigma))
     off = np.zeros(len(rows))
     for _ in rows:
-        away, spread = _apart(readings, np.hypot(readings.sigma, off), _sexes(subject))
+        away, spread = _leave_one_out(readings, np.hypot(readings.sigma, off), _sexes(subject))
         apart = np.abs(away) / spread
         worst = int(np.argmax(apart))
         if apart[worst] < _CONTRADICTS_SIGMAS:
@@ -228,12 +227,12 @@ def _weighed(subject: Subject) -> tuple[_Readings, Array]:
     return readings, off
 
 
-def _apart(readings: _Readings, sigma: Array, sexes: Sequence[Sex]) -> tuple[Array, Array]:
-    """By how much (N,) each reading, known to ``sigma`` (N,), is off from what all others say of it, and the standard
-    deviation (N,) of that, for the likeliest of the ``sexes``."""
+def _leave_one_out(readings: _Readings, sigma: Array, sexes: Sequence[Sex]) -> tuple[Array, Array]:
+    """Leave-one-out residuals (N,): by how much each reading, known to ``sigma`` (N,), is off from what all others say
+    of it; and their standard deviations (N,), for the likeliest of the ``sexes``."""
     found = []
     for sex in sexes:
-        mean, covariance = _population(sex, _ANYBODY)
+        mean, covariance = _population(sex, _BUILD_SPREAD)
         expected = covariance[np.ix_(readings.rows, readings.rows)] + np.diag(sigma**2)
         precision, off = np.linalg.inv(expected), readings.values - mean[readings.rows]
         likelihood = -0.5 * (off @ precision @ off + np.linalg.slogdet(expected)[1])
