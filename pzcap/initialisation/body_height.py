@@ -21,6 +21,7 @@ from pzcap.initialisation.tuning import HEIGHT, JUDGEMENT
 from pzcap.tracking.body_estimate import BodyEstimate
 from pzcap.tracking.interval_solver import fit_keyframe
 from pzcap.tracking.keypoint_residuals import LandmarkEstimate
+from pzcap.tracking.pixel_time import AT_REST
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.tracked_body import misplaced
 from pzcap.types import PARENTS, SEGMENTS, Keyframe, MovedBody
@@ -53,7 +54,6 @@ def seen_height(
     seen = [(key, observe(key)) for key in keys]
     base = ShapeEstimate.of(body)
     amounts = base.amounts_m
-    still = np.zeros((len(SEGMENTS), 6))
     used: list[int] = []
     for number in range(HEIGHT.rounds):
         shape = replace(base, amounts_m=amounts)
@@ -65,10 +65,10 @@ def seen_height(
             crops = crops_of(now, key, inputs, config)
             if crops is None:
                 continue
-            fit, _ = fit_keyframe(now, key, crops, still, config)
+            fit, _ = fit_keyframe(now, key, crops, AT_REST, config)
             following.append((replace(key, pose=fit.pose), inputs))
             if number < HEIGHT.rounds - 1 or float(misplaced(fit.contour).max()) < JUDGEMENT.misplaced:
-                estimate = estimate.with_keyframe(key, fit.pose, crops, still, config)
+                estimate = estimate.with_keyframe(key, fit.pose, crops, AT_REST, config)
                 used.append(key.frame)
         seen = following
         if len(used) < HEIGHT.fewest:
