@@ -240,8 +240,8 @@ def what_is_lacking(capture: Capture) -> str | None:
             "a detector's keypoints of two cameras or more have to tell how these stand "
             "(pzcap keypoints FOLDER --by mediapipe)"
         )
-    if capture.subject is None or "stature" not in capture.subject.measurements_m:
-        return "the athlete's stature has to tell how long a metre is (subject.json)"
+    if not capture.lengths and (capture.subject is None or "stature" not in capture.subject.measurements_m):
+        return "the athlete's stature (subject.json) or lengths.json has to tell how long a metre is"
     return None
 
 

@@ -16,7 +16,6 @@ from typing import Any, Final
 
 from pzcap import runtime
 from pzcap.assembly import Gathered
-from pzcap.body import skeleton
 from pzcap.calibration.blame import focal_in_doubt, lens_moved
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.settings import PanZoomConfig
@@ -132,11 +131,10 @@ def stages(
         segment_by = partial(_segmenter, config, pool)
         localise, placed = localise_by(calibrated), None
         if capture.calibration_object is None and not any(known) and any(calibrated):
-            assert capture.subject is not None, "no camera is calibrated then"
-            measured = skeleton.build(capture.subject)
-            placed = yield from place_cameras(calibrated, sets, measured, localise, segment_by, config.tracking)
+            placed = yield from place_cameras(calibrated, capture, sets, localise, segment_by, config.tracking)
             calibrated = placed.cameras
-            body = None if body is None else of_open_size(measured, placed.scale_sigma)
+            notes += placed.notes
+            body = None if body is None else of_open_size(placed.body, placed.scale_sigma)
             if sets.keyframes:
                 sets.keyframes = ()
                 notes.append("keyframes.json is not used: without a calibration object nobody knows its world")
@@ -158,7 +156,7 @@ def stages(
         notes += gathered.recorded(tracks)
     notes += gathered.contradictions(tracks)
     found = gathered.reconstruction(calibrated, tracks, localise.with_readout(), config.panzoom, notes)
-    yield Finished(found if placed is None else in_metres(found, measured, placed))
+    yield Finished(found if placed is None else in_metres(found, placed))
 
 
 def _calibrated(

@@ -51,6 +51,8 @@ from pzcap.anatomy import THORAX_FRACTION as THORAX_FRACTION
 from pzcap.anatomy import Garment as Garment
 from pzcap.anatomy import Sex as Sex
 from pzcap.anatomy import without_side as without_side
+from pzcap.marks import KnownLength as KnownLength
+from pzcap.marks import Mark as Mark
 
 Array = NDArray[np.float64]
 """float64 array; the shape stands in the comment or docstring beside it."""
@@ -165,6 +167,7 @@ class Capture:
     full_turn: bool  # the sweeps go all the way round, so that the circle closes
     keyframe_covariances: Mapping[str, Array] = field(default_factory=dict)  # (43, 43) of some of these, by timecode
     sync: dict[str, CameraClock] | None = None  # of each camera by its name; None: the videos have timecode
+    lengths: tuple[KnownLength, ...] = ()  # what tells how long a metre is, where there is no calibration object
 
 
 @dataclass(frozen=True, slots=True, eq=False)

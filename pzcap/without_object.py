@@ -1,11 +1,12 @@
-"""Cameras placed without a calibration object: by the athlete, whose stature is known.
+"""Cameras placed without a calibration object: by the athlete, whose stature or another length is known.
 
 Each camera has been calibrated in a world of its own, in which its head is level. All frames are localised; the rays to
 the athlete's keypoints tell how the cameras stand to each other (`pzcap.initialisation.camera_poses`), to centimetres;
 the feet where the floor is; and the lengths of the limbs, of which the stature tells something, how long a metre is.
 Then the floor, which all have swept, places them to millimetres (`pzcap.initialisation.floor_matching`). Lengths are
-good to a percent or two, so the body is tracked with its size open; once its contours have told that size in the
-cameras' units, `in_metres` scales everything to the stature that was measured.
+good to a percent or two. Where lengths in the hall were measured, these bring the cameras to metres; else the body is
+tracked with its size open, and once its contours have told that size in the cameras' units, `in_metres` scales
+everything to the stature that was measured.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pzcap.body import skeleton
-from pzcap.body.anthropometry import Measured
+from pzcap.body.anthropometry import UNMEASURED, Measured
 from pzcap.body.skeleton import Body, of
 from pzcap.calibration.calibrate import CalibratedCamera
 from pzcap.calibration.correspondences import height_of as camera_height
@@ -32,10 +33,11 @@ from pzcap.initialisation.people import Detections, Sighting, athlete, most_cent
 from pzcap.initialisation.tuning import HEADS, HEIGHT, PEOPLE
 from pzcap.io.capture import FrameSets
 from pzcap.io.detections import KEYPOINTS, ROW
+from pzcap.scale_by_lengths import scale_by_lengths
 from pzcap.scaling import scaled, scaled_camera, scaled_pose
 from pzcap.starting_poses import observer
 from pzcap.tracking.settings import TrackingConfig
-from pzcap.types import Array, Camera, Localisation, PanZoomCamera, PzcapError, Reconstruction
+from pzcap.types import Array, Camera, Capture, Localisation, PanZoomCamera, PzcapError, Reconstruction
 from pzcap.views import Segment, ViewLocaliser
 
 Number = TypeVar("Number", bound=np.generic)
@@ -57,25 +59,43 @@ class Seen:
 class Placed:
     """Cameras placed by the athlete."""
 
+    body: Body  # of the athlete, as measured
     cameras: tuple[CalibratedCamera | None, ...]
     instants: tuple[Seen, ...]
     sigma_m: Array  # (C,) of their places, in the cameras' own units of length
     scale_sigma: float  # relative, of these units
     by_floor: bool  # the floor has told more than keypoints do
+    by_lengths: bool = False  # their units are metres, by lengths that were measured in the hall
+    notes: tuple[str, ...] = ()  # on such lengths
 
 
 def place_cameras(
-    calibrated: Sequence[CalibratedCamera | None], sets: FrameSets, body: Body, localise: ViewLocaliser,
+    calibrated: Sequence[CalibratedCamera | None], capture: Capture, sets: FrameSets, localise: ViewLocaliser,
     segment_by: Callable[[Sequence[CalibratedCamera | None]], Segment], config: TrackingConfig,
 ) -> Generator[Progress, None, Placed]:  # fmt: skip
-    """Place the ``calibrated`` cameras, each level in a world of its own, in one world: z up from the floor, the middle
-    of what the athlete does above the origin, x as the first of them looks at pan 0. ``segment_by`` makes stage 5 of
-    cameras.
+    """Place the ``calibrated`` cameras of a ``capture``, each level in a world of its own, in one world: z up from the
+    floor, the middle of what the athlete does above the origin, x as the first of them looks at pan 0. ``segment_by``
+    makes stage 5 of cameras.
 
     Raises PzcapError where the keypoints do not tell how they stand.
     """
+    body = skeleton.build(capture.subject or UNMEASURED)
     placed = yield from _placed_by_body_and_floor(calibrated, sets, body, localise)
-    return _scaled_by_contours(placed, sets, body, localise, segment_by(placed.cameras), config)
+    if capture.lengths:
+        measured = scale_by_lengths(capture, placed.cameras, placed.sigma_m, localise)
+        placed = replace(placed, notes=measured.notes)
+        if measured.scale is not None:
+            return replace(_scaled(placed, measured.scale.factor, measured.scale.sigma), by_lengths=True)
+    return _scaled_by_contours(placed, sets, localise, segment_by(placed.cameras), config)
+
+
+def _scaled(placed: Placed, factor: float, sigma: float) -> Placed:
+    """The cameras in another unit of length, ``factor`` of which make one of theirs, to a relative ``sigma``."""
+    cameras = tuple(
+        None if one is None else scaled_camera(one, factor, scaled_pose(one.camera.world_T_head, factor))
+        for one in placed.cameras
+    )
+    return replace(placed, cameras=cameras, sigma_m=factor * placed.sigma_m, scale_sigma=sigma)
 
 
 def _placed_by_body_and_floor(
@@ -115,6 +135,7 @@ def _placed_by_body_and_floor(
     sightings = athlete([_in_world(found, heads, instant) for instant in instants])
     sigma_m = np.sqrt(np.array([np.trace(found.covariance[k + 3 : k + 6, k + 3 : k + 6]) for k in _blocks(found)]))
     return Placed(
+        body,
         tuple(
             None if one is None or not found.placed[c] else _placed(one, found.rotation[c], found.place[c])
             for c, one in enumerate(calibrated)
@@ -227,22 +248,15 @@ def _placed(one: CalibratedCamera, rotation: Array, place_m: Array) -> Calibrate
 
 
 def _scaled_by_contours(
-    placed: Placed, sets: FrameSets, body: Body, localise: ViewLocaliser, segment: Segment, config: TrackingConfig
+    placed: Placed, sets: FrameSets, localise: ViewLocaliser, segment: Segment, config: TrackingConfig
 ) -> Placed:
     """The cameras with their scale by the athlete's height as contours show it, where these do; ``segment`` knows the
     cameras as they are ``placed``, and ``localise`` how their rows are exposed."""
-    open_body = of_open_size(body, HEIGHT.open * placed.scale_sigma)
+    open_body = of_open_size(placed.body, HEIGHT.open * placed.scale_sigma)
     located = {seen.frame: seen.located for seen in placed.instants}
     observe = observer(open_body, sets, located, localise, segment, config)
     found = seen_height(open_body, [(seen.frame, seen.athlete) for seen in placed.instants], observe, config)
-    if found is None:
-        return placed
-    factor = 1.0 / found.ratio
-    cameras = tuple(
-        None if one is None else scaled_camera(one, factor, scaled_pose(one.camera.world_T_head, factor))
-        for one in placed.cameras
-    )
-    return replace(placed, cameras=cameras, sigma_m=factor * placed.sigma_m, scale_sigma=found.sigma)
+    return placed if found is None else _scaled(placed, 1.0 / found.ratio, found.sigma)
 
 
 def of_open_size(body: Body, sigma: float) -> Body:
@@ -251,14 +265,16 @@ def of_open_size(body: Body, sigma: float) -> Body:
     return of(Measured(values, covariance + sigma**2 * np.outer(values, values)), body.worn)
 
 
-def in_metres(found: Reconstruction, body: Body, placed: Placed) -> Reconstruction:
-    """``found`` scaled so that the athlete is as tall as the ``body`` that was measured, with a note on how well all is
-    known."""
-    stature_m = body.measured.value("stature")
-    sigma = float(np.hypot(body.measured.sigma("stature") / stature_m, HEIGHT.sigma))
+def in_metres(found: Reconstruction, placed: Placed) -> Reconstruction:
+    """``found`` scaled so that the athlete is as tall as was measured, unless its lengths are metres already, with a
+    note on how well all is known."""
+    if placed.by_lengths:
+        return replace(found, notes=(*found.notes, _note(found, placed, 1.0, placed.scale_sigma)))
+    stature_m = placed.body.measured.value("stature")
+    sigma = float(np.hypot(placed.body.measured.sigma("stature") / stature_m, HEIGHT.sigma))
     if found.motion is None or found.motion.body is None:
         return replace(found, notes=(*found.notes, _note(found, placed, 1.0, placed.scale_sigma)))
-    factor = standing_height(skeleton.moved(body)) / standing_height(found.motion.body)
+    factor = standing_height(skeleton.moved(placed.body)) / standing_height(found.motion.body)
     return replace(scaled(found, factor), notes=(*found.notes, _note(found, placed, factor, sigma)))
 
 
@@ -269,9 +285,10 @@ def _note(found: Reconstruction, placed: Placed, factor: float, sigma: float) ->
         if before is not None and one is None
     ]
     means = "and by the floor that they have in common" if placed.by_floor else "alone, the floor not telling"
+    yardstick = "those of lengths.json" if placed.by_lengths else "the stature"
     text = (
         f"no calibration object: the cameras were placed by the athlete's keypoints {means}, to "
-        f"{100 * factor * float(placed.sigma_m[placed.sigma_m > 0.0].mean()):.1f} cm, and lengths by the stature, to "
+        f"{100 * factor * float(placed.sigma_m[placed.sigma_m > 0.0].mean()):.1f} cm, and lengths by {yardstick}, to "
         f"{100 * sigma:.1f} %; the world is its own, z up from the floor, x as the first camera looks at pan 0"
     )
     return text + (f"; not placed, since too little is seen from there: camera {', '.join(lost)}" if lost else "")

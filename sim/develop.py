@@ -19,6 +19,7 @@ from sim.cameras.sensor import Automatics, Exposure, Sensor, draw_dropped, field
 from sim.capture_writer import write_capture, write_video
 from sim.hall import gym
 from sim.light import operate, read_light, reels
+from sim.measuring import sides_of_carpet
 from sim.people.crew import keyframe_indices, measure, pose_by_hand
 from sim.people.detector import Detector, write_openpose
 from sim.scene import skeleton, stream
@@ -166,6 +167,7 @@ def _write_papers(session: Session, folder: Path, timecodes: Sequence[str]) -> N
             subject=measure(session.measurements, config.crew, stream(config.seed, "tape"), config.athlete.garments()),
             keyframe_poses=keyframes,
             full_turn=config.sweep_deg >= 360.0,
+            lengths=sides_of_carpet(session) if config.crew.lengths == "carpet" else (),
         )
     )
 

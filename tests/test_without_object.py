@@ -12,7 +12,7 @@ from pzcap.body import skeleton
 from pzcap.camera_set import what_is_lacking
 from pzcap.initialisation.body_height import standing_height
 from pzcap.io.capture import read_capture
-from pzcap.types import PanZoomCamera, Subject
+from pzcap.types import KnownLength, Mark, PanZoomCamera, Subject
 from pzcap.without_object import Placed, in_metres, of_open_size
 from tests.scenes.fabricated import reconstruction
 
@@ -36,8 +36,8 @@ def test_everything_is_scaled_until_the_athlete_is_as_tall_as_measured() -> None
     found = reconstruction()
     assert found.motion is not None
     found = replace(found, motion=replace(found.motion, body=small))
-    placed = Placed((None,) * len(found.cameras), (), np.full(len(found.cameras), 0.02), 0.03, False)
-    scaled = in_metres(found, body, placed)
+    placed = Placed(body, (None,) * len(found.cameras), (), np.full(len(found.cameras), 0.02), 0.03, False)
+    scaled = in_metres(found, placed)
     assert scaled.motion is not None
     np.testing.assert_allclose(scaled.motion.joints_m, found.motion.joints_m / 0.9)  # type: ignore[union-attr]
     for before, after in zip(found.cameras, scaled.cameras, strict=True):
@@ -59,3 +59,24 @@ def test_everything_is_scaled_until_the_athlete_is_as_tall_as_measured() -> None
 def test_what_cannot_be_done_without_is_named(small_capture: Path, changed: dict[str, bool], told: str) -> None:
     capture = replace(read_capture(small_capture / "capture"), calibration_object=None, full_turn=True)
     assert told in (what_is_lacking(replace(capture, full_turn=changed.get("full_turn", True))) or "")
+
+
+def test_cameras_in_metres_stay_as_they_are() -> None:
+    found = reconstruction()
+    placed = Placed(
+        skeleton.build(Subject({}, 0.005)), (None,) * len(found.cameras), (), np.full(len(found.cameras), 0.004),
+        0.001, True, by_lengths=True,
+    )  # fmt: skip
+    kept = in_metres(found, placed)
+    assert kept.motion is found.motion
+    assert kept.cameras is found.cameras
+    assert "lengths by those of lengths.json, to 0.1 %" in kept.notes[-1]
+
+
+def test_a_stature_or_a_length_has_to_tell_how_long_a_metre_is(small_capture: Path) -> None:
+    capture = read_capture(small_capture / "capture")
+    detected = tuple(replace(files, keypoints=small_capture) for files in capture.cameras)
+    bare = replace(capture, calibration_object=None, full_turn=True, subject=None, cameras=detected)
+    assert "lengths.json" in (what_is_lacking(bare) or "")
+    mark = Mark("1", "sweep", 0, np.zeros(2))
+    assert what_is_lacking(replace(bare, lengths=(KnownLength("side", 12.0, 0.01, ((mark,), (mark,))),))) is None

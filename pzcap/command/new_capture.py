@@ -19,7 +19,7 @@ _CURES: Final = {
     "subject": "missing; the athlete's stature is the least, tape measurements are better (docs/capture.md)",
     "keyframes": "missing; pzcap edit poses them by hand, pzcap keypoints finds what does instead",
 }
-"""Remedy for each paper that is not there."""
+"""Remedy for each paper that every take wants."""
 TABLE = ("camera", "is its", "file", "known by", "size", "frames", "frames/s", "timecode", "scan")
 
 
@@ -36,7 +36,7 @@ def write_capture(
     print("\n".join(table(cameras)))
     texts = {key: f"{key}.json" if (folder / f"{key}.json").is_file() else None for key in PAPERS}
     for key, file in texts.items():
-        if key != "sync" or file:
+        if file or key in _CURES:
             print(f"{key}.json: {'found' if file else _CURES[key]}")
     content = {
         "format": FORMAT,

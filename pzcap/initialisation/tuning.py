@@ -126,10 +126,23 @@ class HeightTuning(NamedTuple):
     open: float = 10.0  # times the sigma of the scale by limbs, by which the size is open: contours alone tell it
 
 
+class LengthsTuning(NamedTuple):
+    """Scale of the world by lengths that were measured."""
+
+    click_px: float = 1.0  # of a mark, each way
+    floor_m: float = 0.003  # of the floor's height
+    most_condition: float = 1e8  # of the equations of a point: beyond it its lines of sight are parallel
+    most_misfit: float = 4.0  # sigmas by which lines of sight pass each other: more shows different points
+    least_m: float = 0.05  # between the ends of a length
+    most_sigmas: float = 4.0  # of a length from the others: more contradicts them
+    before: int = 2  # frames before a mark's that show how the camera turns there
+
+
 PEOPLE = PeopleTuning()
 HEADS = HeadsTuning()
 FLOOR = FloorTuning()
 HEIGHT = HeightTuning()
+LENGTHS = LengthsTuning()
 SELECTION = SelectionTuning()
 JUDGEMENT = JudgementTuning()
 FIT = FitTuning()

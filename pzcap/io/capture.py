@@ -18,16 +18,16 @@ from pzcap.io import limits
 from pzcap.io.clocks import Timeline, check_clock, drop_frame, read_sync, timelines
 from pzcap.io.detections import NOBODY, read_keypoints
 from pzcap.io.files import checked
-from pzcap.io.manifest import Json, load_json, read_keyframes, read_object, read_subject
+from pzcap.io.manifest import Json, load_json, read_keyframes, read_known_lengths, read_object, read_subject
 from pzcap.io.picture_header import is_whole, picture_size
 from pzcap.io.timecode import frames_per_day, frames_to_timecode, rate_of, timecode_to_frames
 from pzcap.io.video import VideoReader
-from pzcap.types import Array, CameraFiles, Capture, FrameSet, Image, Keyframe, PzcapError
+from pzcap.types import Array, CameraFiles, Capture, FrameSet, Image, Keyframe, Mark, PzcapError
 
 FORMAT = "pzcap-capture"
 VERSION = 1
 MANIFEST = "capture.json"
-PAPERS = ("object", "subject", "keyframes", "sync")
+PAPERS = ("object", "subject", "keyframes", "lengths", "sync")
 _ENTRIES = ("format", "version", "name", "frame_rate", "full_turn", "cameras", *PAPERS)
 FOOTAGE = ("reference", "sweep", "zoom", "motion")
 
@@ -53,13 +53,16 @@ def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
     if not cameras or len(set(names)) < len(names):
         raise manifest["cameras"].error("list at least one camera, each with a name of its own")
     _check_own(manifest, cameras)
-    object_path, subject_path, keyframes_path, sync_path = (manifest.file(key, folder) for key in PAPERS)
+    object_path, subject_path, keyframes_path, lengths_path, sync_path = (manifest.file(key, folder) for key in PAPERS)
     sync = None if sync_path is None or without_clocks else read_sync(sync_path)
     for camera in cameras:
         _check_videos(camera)
         if camera.motion is not None and not without_clocks:
             check_clock(camera.name, VideoReader(camera.motion), rate, sync)
     posed = read_keyframes(keyframes_path, rate) if keyframes_path else {}
+    lengths = read_known_lengths(lengths_path) if lengths_path else ()
+    for mark in (mark for one in lengths for end in one.ends for mark in end):
+        _check_mark(mark, cameras, f"{lengths_path}: ")
     return Capture(
         folder=folder,
         name=manifest["name"].name(),
@@ -71,6 +74,7 @@ def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
         keyframe_covariances={timecode: known for timecode, (_, known) in posed.items() if known is not None},
         full_turn=manifest["full_turn"].boolean(),
         sync=sync,
+        lengths=lengths,
     )
 
 
@@ -154,6 +158,25 @@ def _check_videos(camera: CameraFiles) -> None:
     if len(set(sizes.values())) > 1:
         listing = ", ".join(f"{path.name} {width}x{height}" for path, (width, height) in sizes.items())
         raise PzcapError(f"{next(iter(sizes)).parent}: one size is needed for all files of a camera, not {listing}")
+
+
+def _check_mark(mark: Mark, cameras: Sequence[CameraFiles], where: str) -> None:
+    """Raise PzcapError where a mark is in no picture of the capture."""
+    files = next((camera for camera in cameras if camera.name == mark.camera), None)
+    if files is None:
+        known = ", ".join(camera.name for camera in cameras)
+        raise PzcapError(f'{where}there is no camera "{mark.camera}"; the cameras are {known}')
+    path: Path | None = getattr(files, mark.video)
+    if path is None:  # it was not brought, and the mark is of no use
+        return
+    reader = VideoReader(path)
+    if not mark.frame < reader.frame_count:
+        raise PzcapError(f"{where}{path} has no picture {mark.frame}: it holds {reader.frame_count}, counted from 0")
+    if not (-0.5 <= mark.px[0] < reader.width - 0.5 and -0.5 <= mark.px[1] < reader.height - 0.5):
+        raise PzcapError(
+            f"{where}({mark.px[0]:g}, {mark.px[1]:g}) lies outside the pictures of {path}, "
+            f"{reader.width} x {reader.height}"
+        )
 
 
 # --------------------------------------------------------------------------------------------------------------

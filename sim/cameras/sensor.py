@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Final
 
@@ -90,6 +91,19 @@ class SensorConfig:
 def row_delay_s(rows: Array, height: int, readout_s: float) -> Array:
     """Time (N,) from the exposure of a frame, which is that of its middle, to that of its ``rows`` (N,)."""
     return ((rows + 0.5) / height - 0.5) * readout_s
+
+
+def by_rows(seen: Callable[[float], Array], time_s: float, height: int, readout_s: float) -> Array:
+    """Pixels (N, 2) in a frame of which each row sees at its own time; ``seen`` gives those of a time."""
+    if not readout_s:
+        return seen(time_s)
+    half_s = abs(readout_s) / 2
+    before, now, after = (seen(time_s + by_s) for by_s in (-half_s, 0.0, half_s))
+    pixels = now
+    for _ in range(4):  # a fixed point: a row is read in less time than it takes to cross
+        share = np.clip(row_delay_s(pixels[:, 1:], height, readout_s) / half_s, -1.0, 1.0)
+        pixels = now + share * (after - before) / 2 + share**2 * ((after + before) / 2 - now)
+    return pixels
 
 
 def field_delay_s(rows: Array, config: SensorConfig) -> Array:

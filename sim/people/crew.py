@@ -31,6 +31,13 @@ class CrewConfig:
     tape_scale: Annotated[float, Range(0.5, 2.0)] = 1.0
     """What the tape reads of a metre, unknown to the crew: 0.91 where another's measurements were taken, of somebody a
     tenth smaller."""
+    lengths: Literal["none", "carpet"] = "none"
+    """Distances in the hall that the crew measures and marks in the pictures. carpet: the four sides of the carpet, its
+    corners marked in the sweep of each camera that shows them."""
+    length_sigma_m: Metres = 0.005
+    """Standard deviation of such a distance, m."""
+    click_px: Annotated[float, Range(0.0, 20.0)] = 0.7
+    """Standard deviation of a mark in a picture, pixels each way."""
     keyframes: Literal["hand", "none"] = "hand"
     """Who poses keyframes. hand: a person, to the images; none: nobody, and the capture holds none."""
     keyframes_per_s: Annotated[float, Range(0.0, 240.0)] = 1.0

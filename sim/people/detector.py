@@ -20,7 +20,7 @@ import numpy as np
 from pzcap.types import PARENTS, SEGMENTS, Array, Mask, Pose
 from sim.cameras.operator import Trajectory
 from sim.cameras.optics import Rig
-from sim.cameras.sensor import SensorConfig, row_delay_s
+from sim.cameras.sensor import SensorConfig, by_rows
 from sim.people.athlete import GEOM_GROUP, set_pose
 from sim.ranges import Pixels, Range, Share
 
@@ -157,7 +157,7 @@ class Detector:
 
         half_s = sensor.shutter_s / 2
         start, end, pixels = (
-            _by_rows(lambda t: seen(t)[0], at_s, rig.height, sensor.readout_s)
+            by_rows(lambda t: seen(t)[0], at_s, rig.height, sensor.readout_s)
             for at_s in (time_s - half_s, time_s + half_s, time_s)
         )
         aim = trajectory.at(time_s)
@@ -212,19 +212,6 @@ def _end_on(pixels: Array, size_px: Array) -> Mask:
     """(T,) pictures that look along the trunk: it is less than half as long there as it could be."""
     neck, hips = BODY_25.index("neck"), BODY_25.index("mid_hip")
     return np.asarray(np.linalg.norm(pixels[:, neck] - pixels[:, hips], axis=1) < 0.14 * size_px[:, hips])
-
-
-def _by_rows(seen: Callable[[float], Array], time_s: float, height: int, readout_s: float) -> Array:
-    """Pixels (N, 2) in a frame of which each row sees at its own time; ``seen`` gives those of a time."""
-    if not readout_s:
-        return seen(time_s)
-    half_s = abs(readout_s) / 2
-    before, now, after = (seen(time_s + by_s) for by_s in (-half_s, 0.0, half_s))
-    pixels = now
-    for _ in range(4):  # a fixed point: a row is read in less time than it takes to cross
-        share = np.clip(row_delay_s(pixels[:, 1:], height, readout_s) / half_s, -1.0, 1.0)
-        pixels = now + share * (after - before) / 2 + share**2 * ((after + before) / 2 - now)
-    return pixels
 
 
 def write_openpose(folder: Path, name: str, people: Sequence[Array]) -> None:

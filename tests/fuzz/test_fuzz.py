@@ -128,6 +128,9 @@ def make_capture(folder: Path) -> None:
         for k in (3, 6)
     ]  # fmt: skip
     (folder / "keyframes.json").write_text(json.dumps(poses))
+    mark = {"camera": "2", "video": "motion", "frame": 3, "px": [12.5, 20.0]}
+    side = {"name": "side", "length_m": 12.0, "sigma_m": 0.01, "from": [mark], "to": [{**mark, "video": "sweep"}]}
+    (folder / "lengths.json").write_text(json.dumps([side]))
     cameras = [
         {
             "name": "1", "reference": "camera1/reference.png", "sweep": "camera1/sweep.mp4", "zoom": "camera1/zoom.mp4",
@@ -141,6 +144,7 @@ def make_capture(folder: Path) -> None:
     manifest = {
         "format": "pzcap-capture", "version": 1, "name": "a take", "frame_rate": "30/1", "full_turn": True,
         "cameras": cameras, "object": "object.json", "subject": "subject.json", "keyframes": "keyframes.json",
+        "lengths": "lengths.json",
     }  # fmt: skip
     (folder / "capture.json").write_text(json.dumps(manifest))
 
@@ -168,7 +172,8 @@ def read_a_shot(folder: Path) -> None:
 
 
 CAPTURE_FILES = (
-    "capture.json", "object.json", "subject.json", "keyframes.json", "mmpose.json", "keypoints/motion_1_keypoints.json",
+    "capture.json", "object.json", "subject.json", "keyframes.json", "lengths.json", "mmpose.json",
+    "keypoints/motion_1_keypoints.json",
     "camera1/reference.png", "camera2/reference.jpg", "camera1/sweep.mp4", "camera1/zoom.mp4", "camera1/motion.mp4",
     "camera2/motion.mkv",
 )  # fmt: skip

@@ -23,6 +23,8 @@ from pzcap.types import (
     CameraFiles,
     Capture,
     Image,
+    KnownLength,
+    Mark,
     Marker,
     Pose,
     PzcapError,
@@ -51,6 +53,14 @@ def pose(seed: int) -> Pose:
     rng = np.random.default_rng(seed)
     rotations = rng.normal(size=(16, 4))
     return Pose(rng.normal(size=3), rotations / np.linalg.norm(rotations, axis=1, keepdims=True))
+
+
+LENGTH = KnownLength(
+    "side",
+    12.0,
+    0.01,
+    ((Mark("1", "sweep", 2, np.array([3.5, 4.0])),), (Mark("2", "motion", 0, np.array([5.0, 6.25])),)),
+)
 
 
 @pytest.fixture
@@ -82,6 +92,7 @@ def folder(tmp_path: Path) -> Path:
             subject=Subject({name: 0.1 + 0.01 * k for k, name in enumerate(MEASUREMENTS)}, 0.005),
             keyframe_poses={frames_to_timecode(START + k, RATE): pose(k) for k in (9, 0)},
             full_turn=True,
+            lengths=(LENGTH,),
         )
     )
     return folder
@@ -107,6 +118,12 @@ def test_what_is_written_is_read_back(folder: Path) -> None:
     read, written = capture.keyframe_poses[frames_to_timecode(START + 9, RATE)], pose(9)
     np.testing.assert_allclose(read.rotations, written.rotations, atol=1e-12)
     np.testing.assert_allclose(read.root_position_m, written.root_position_m, atol=1e-12)
+    (length,) = capture.lengths
+    assert (length.name, length.length_m, length.sigma_m) == ("side", 12.0, 0.01)
+    for marks, there in zip(length.ends, LENGTH.ends, strict=True):
+        assert [(m.camera, m.video, m.frame, *m.px) for m in marks] == [
+            (m.camera, m.video, m.frame, *m.px) for m in there
+        ]
 
 
 @pytest.mark.parametrize(
@@ -248,6 +265,14 @@ JSON_FAULTS: dict[str, tuple[str, Callable[[Any], Any], str]] = {
     "an unknown segment": ("keyframes.json", lambda k: _first_rotation(k).update(tail=[1, 0, 0, 0]), "tail"),
     "a bad timecode": ("keyframes.json", lambda k: k[0].update(timecode="noon"), "noon"),
     "a keyframe twice": ("keyframes.json", lambda k: k[0].update(timecode=k[1]["timecode"]), "second keyframe"),
+    "a length of nothing": ("lengths.json", lambda one: one[0].update(length_m=0.0), "above 0"),
+    "a length that is a guess": ("lengths.json", lambda one: one[0].update(sigma_m=3.0), "a tenth of the length"),
+    "an end without a mark": ("lengths.json", lambda one: one[0].update(to=[]), "each end needs a mark"),
+    "a mark in no video": ("lengths.json", lambda one: one[0]["to"][0].update(video="still"), '"sweep", "zoom" or'),
+    "a mark between two pictures": ("lengths.json", lambda one: one[0]["to"][0].update(frame=1.5), "counted from 0"),
+    "a mark by no camera": ("lengths.json", lambda one: one[0]["to"][0].update(camera="9"), "the cameras are 1, 2, 3"),
+    "a mark after the end": ("lengths.json", lambda one: one[0]["from"][0].update(frame=4), "no picture 4: it holds 4"),
+    "a mark beside the picture": ("lengths.json", lambda one: one[0]["to"][0].update(px=[-3.0, 2.0]), "outside the"),
     "a keyframe outside": ("keyframes.json", lambda k: k[0].update(timecode="10:20:40:00"), "outside"),
 }  # fmt: skip
 

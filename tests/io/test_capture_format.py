@@ -17,10 +17,13 @@ from av.video.stream import VideoStream
 
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.io.clocks import read_sync
+from pzcap.io.manifest import read_known_lengths
 from pzcap.types import HINGE_AXES, MEASUREMENTS, PARENTS, SEGMENTS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "capture.md").read_text(encoding="utf-8")
-MANIFEST, SYNC, OBJECT, KEYFRAMES = (json.loads(block) for block in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL))
+MANIFEST, SYNC, OBJECT, KEYFRAMES, LENGTHS = (
+    json.loads(block) for block in re.findall(r"```json\n(.*?)```", PAGE, re.DOTALL)
+)
 
 
 def table(heading: str) -> list[list[str]]:
@@ -86,6 +89,16 @@ def test_the_example_of_sync_json_is_read(tmp_path: Path) -> None:
     assert [(name, clock.offset_s, clock.rate, clock.sigma_s) for name, clock in clocks.items()] == [
         ("1", 0.0, 1.0, 0.01),
         ("2", 1.2667, 1.0, 0.01),
+    ]
+
+
+def test_the_example_of_lengths_json_is_read(tmp_path: Path) -> None:
+    (tmp_path / "lengths.json").write_text(json.dumps(LENGTHS), encoding="utf-8")
+    (found,) = read_known_lengths(tmp_path / "lengths.json")
+    assert (found.name, found.length_m, found.sigma_m) == ("east side of the carpet", 12.0, 0.005)
+    assert [[(mark.camera, mark.frame) for mark in end] for end in found.ends] == [
+        [("1", 73), ("2", 95)],
+        [("1", 90), ("3", 85)],
     ]
 
 

@@ -235,7 +235,8 @@ def _together(capture: Capture, halls: Mapping[str, Hall]) -> Iterator[Finding]:
             yield Finding(Level.WARN, "", "keyframes", text)
     if capture.calibration_object is None:
         lacking = what_is_lacking(capture)
-        text = "none: the athlete's keypoints and stature have to place the cameras, whose heads must be level"
+        yardstick = "the lengths of lengths.json" if capture.lengths else "stature"
+        text = f"none: the athlete's keypoints and {yardstick} have to place the cameras, whose heads must be level"
         yield Finding(Level.FAIL if lacking else Level.WARN, "", "object", f"{_OBJECT}: {lacking}" if lacking else text)
     if capture.subject is None:
         yield Finding(
