@@ -74,8 +74,8 @@ class _Marks:
         found = meet([self._sight(mark) for mark in marks])
         if found.misfit > LENGTHS.most_misfit:
             raise PzcapError(
-                f"the marks of one of its ends show different points, {found.misfit:.0f} standard deviations apart; "
-                "mark it anew"
+                "the marks of one of its ends show different points: a line of sight passes the others by "
+                f"{found.missed_m:.2f} m; mark it anew"
             )
         return found
 

@@ -53,22 +53,19 @@ def _marks(
 
 
 def best_seen(session: Session, c: int, point_m: Array) -> tuple[int, Array, Array]:
-    """The frame of a sweep that has a point nearest to the middle of its columns, the pixel (2,) there, and the
-    projection centre (3,)."""
+    """The frame of a sweep that has a point nearest to straight ahead, the pixel (2,) there, and the projection centre
+    (3,)."""
     rig, run = session.rigs[c], session.sweep(c)
 
-    def seen(at_s: float) -> tuple[Array, Array]:
+    def seen(at_s: float) -> Array:
         aim = run.at(at_s)
-        return rig.project(rig.world_T_cam(*aim), aim.focal_px, point_m[None])
+        return rig.project(rig.world_T_cam(*aim), aim.focal_px, point_m[None])[0]
 
-    columns = []
-    for at_s in run.times_s.tolist():
-        pixel, depth = seen(at_s)
-        columns.append(abs(pixel[0, 0] - rig.width / 2) if depth[0] > 0.0 else np.inf)
-    frame = int(np.argmin(columns))
-    time_s = float(run.times_s[frame])
-    px = by_rows(lambda at_s: seen(at_s)[0], time_s, rig.height, session.config.sensor.readout_s)[0]
-    return frame, px, rig.world_T_cam(*run.at(time_s))[:3, 3]
+    poses = [rig.world_T_cam(*run.at(at_s)) for at_s in run.times_s.tolist()]
+    across = [np.arctan2(*((point_m - pose[:3, 3]) @ pose[:3, [0, 2]])) for pose in poses]
+    frame = int(np.argmin(np.abs(across)))
+    px = by_rows(seen, float(run.times_s[frame]), rig.height, session.config.sensor.readout_s)[0]
+    return frame, px, poses[frame][:3, 3]
 
 
 def _hidden(model: mujoco.MjModel, data: mujoco.MjData, eye_m: Array, point_m: Array) -> bool:

@@ -33,6 +33,7 @@ class Point(NamedTuple):
     place_m: Array  # (3,)
     covariance_m2: Array  # (3, 3)
     misfit: float  # of the lines: root mean square distance in standard deviations; 0 for a single one
+    missed_m: float  # by the line that passes furthest off
 
 
 class Ratio(NamedTuple):
@@ -71,10 +72,10 @@ def meet(sights: Sequence[Sight]) -> Point:
             raise PzcapError("its lines of sight meet behind a camera")
         pixel_rad = LENGTHS.click_px / np.array([sight.camera.focal_px for sight in sights])
         sigma_m = np.hypot(away * pixel_rad, [sight.place_sigma_m for sight in sights])
-    missed = np.linalg.norm(np.einsum("nij,nj->ni", beside, place - origins), axis=1) / sigma_m
+    missed_m = np.linalg.norm(np.einsum("nij,nj->ni", beside, place - origins), axis=1)
     freedom = 2 * len(sights) - 3
-    misfit = float(np.sqrt(np.sum(missed**2) / freedom)) if freedom > 0 else 0.0
-    return Point(place, np.asarray(np.linalg.inv(information)), misfit)
+    misfit = float(np.sqrt(np.sum((missed_m / sigma_m) ** 2) / freedom)) if freedom > 0 else 0.0
+    return Point(place, np.asarray(np.linalg.inv(information)), misfit, float(missed_m.max()))
 
 
 def ratio_of(name: str, length_m: float, sigma_m: float, ends: tuple[Point, Point]) -> Ratio:
