@@ -3,8 +3,8 @@
 A detector looks at one picture at a time: it finds whoever is there, and takes a left arm for a right one where a body
 turns its back or stands on its hands. Views that show one instant cannot all be wrong alike. Of the people that are
 seen in several views, the athlete is the one whom the cameras follow; of the ways to exchange left and right in some of
-the views, that one is right whose rays meet, as few views exchanged as possible, and nobody changes sides from frame to
-frame (both by dynamic programming over the frames, `pzcap.solver.viterbi`).
+the views, that one is right whose rays meet, as few views exchanged as possible and each for some frames, and nobody
+changes sides from frame to frame (both by dynamic programming over the frames, `pzcap.solver.viterbi`).
 """
 
 from __future__ import annotations
@@ -206,13 +206,19 @@ def _exchanged(
     different keypoints."""
     states = [_patterns([v for v, view in enumerate(sighting) if view is not None]) for sighting in sightings]
     met = [_met(sighting, patterns, sides, agree_m) for sighting, patterns in zip(sightings, states, strict=True)]
-    scores = []
-    for number, (each, patterns) in enumerate(zip(met, states, strict=True)):
-        usual = set() if expected is None else expected[number]
-        unusual = np.array([len(usual.symmetric_difference(pattern)) for pattern in patterns])
-        scores.append(_agreement(each, len(patterns), agree_m) - PEOPLE.exchange * sides.size * unusual)
-    ways = [_points(each, len(patterns)) for each, patterns in zip(met, states, strict=True)]
-    transitions = [_steps(here, there) for here, there in pairwise(ways)]
+    usual = [set[int]()] * len(states) if expected is None else expected
+    unusual = [
+        [one.symmetric_difference(pattern) for pattern in patterns] for one, patterns in zip(usual, states, strict=True)
+    ]
+    scores = [
+        _agreement(each, len(sets), agree_m) - PEOPLE.exchange * sides.size * np.array([len(one) for one in sets])
+        for each, sets in zip(met, unusual, strict=True)
+    ]
+    ways = [_points(each, len(sets)) for each, sets in zip(met, unusual, strict=True)]
+    transitions = [
+        _steps(*points) - PEOPLE.change * sides.size * _changes(*sets)
+        for points, sets in zip(pairwise(ways), pairwise(unusual), strict=True)
+    ]
     return [patterns[k] for patterns, k in zip(states, best_path(scores, transitions), strict=True)]
 
 
@@ -259,6 +265,11 @@ def _points(met: Triangulated | None, patterns: int) -> Array:
     if met is None:
         return np.zeros((patterns, 1, 4))
     return np.column_stack([met.points_m, met.found]).reshape(patterns, -1, 4)
+
+
+def _changes(before: Sequence[set[int]], after: Sequence[set[int]]) -> Array:
+    """(P', P) number of views that are in one of two sets alone, from an instant's to the next one's."""
+    return np.array([[len(old ^ new) for old in before] for new in after], np.float64)
 
 
 def _steps(here: Array, there: Array) -> Array:

@@ -17,8 +17,9 @@ class PeopleTuning(NamedTuple):
     central: float = 4.0  # worth of standing in the middle of a view: cameras follow the athlete; in agreeing views
     jump: float = 20.0  # agreeing views that a leap to somebody else costs
     jump_m: float = 1.0  # that nobody moves by in a frame
-    exchange: float = 0.1  # agreeing rays a keypoint that an exchange of a view's sides costs
-    step: float = 1.0  # agreeing rays that a leap of a keypoint costs
+    exchange: float = 0.05  # agreeing rays a keypoint that an exchange of a view's sides costs
+    change: float = 0.2  # the same that it costs to begin, or end, such an exchange: detectors err for some frames
+    step: float = 2.0  # agreeing rays that a leap of a keypoint costs
     step_m: float = 0.3  # that no keypoint moves by in a frame
 
 

@@ -37,6 +37,13 @@ def test_sides_that_are_exchanged_in_some_views_are_put_right(plain: Array, faul
     np.testing.assert_array_equal(right, plain)
 
 
+@pytest.mark.parametrize("count", [2, 6])
+def test_three_views_of_four_may_err_alike_for_some_frames(plain: Array, count: int) -> None:
+    """A detector that errs in a frame errs in the next one, too, and nobody changes sides meanwhile."""
+    faults = tuple((frame, view) for frame in range(3, 3 + count) for view in (0, 1, 3))
+    np.testing.assert_array_equal(people(athlete(detections(FRAMES, Faults(backward=faults)))), plain)
+
+
 def test_of_two_people_the_one_whom_the_cameras_follow(plain: Array) -> None:
     found = athlete(detections(FRAMES, Faults(other=True)))
     off = np.linalg.norm((people(found) - plain)[..., :2], axis=-1)
