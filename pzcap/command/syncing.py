@@ -13,7 +13,7 @@ from pzcap.command.check.reference_check import check_reference
 from pzcap.command.progress import ProgressLine
 from pzcap.io.capture import MANIFEST, read_capture, read_image
 from pzcap.io.clocks import SYNC_FORMAT, SYNC_VERSION
-from pzcap.io.files import write_json
+from pzcap.io.files import write_bytes, write_json
 from pzcap.io.video import VideoReader
 from pzcap.progress import Report, no_report
 from pzcap.synchronisation.synchronise import WAYS, Recording, Synchronisation, synchronise
@@ -51,10 +51,13 @@ def report(found: Synchronisation, capture: Capture) -> list[str]:
     """What was found, in lines."""
     lines = [f"sync by {tried}" for tried in found.tried]
     if found.clocks is None:
+        before = capture.folder / SYNC
+        kept = [f"{before}: of before, stays in force; remove it if it is wrong"] if before.is_file() else []
         return [
             *lines,
             "sync: NOT KNOWN how the cameras lie to each other; clap or light a lamp where all of them record it and "
             f"shoot again, or write {SYNC} by hand (docs/capture.md)",
+            *kept,
         ]
     way = next(iter(found.clocks.values())).by
     lines.append(f"sync by {way}: known; pairs of cameras agree to {1000.0 * found.left_s:.1f} ms")
@@ -69,7 +72,8 @@ def report(found: Synchronisation, capture: Capture) -> list[str]:
 
 
 def write_sync(folder: Path, clocks: dict[str, CameraClock]) -> None:
-    """Write sync.json, and its name into capture.json."""
+    """Write sync.json, and its name into capture.json; one that was there, which a hand may have written, is kept as
+    sync.json.before."""
     entries = [
         {
             "name": name,
@@ -80,6 +84,8 @@ def write_sync(folder: Path, clocks: dict[str, CameraClock]) -> None:
         }
         for name, clock in clocks.items()
     ]
+    if (folder / SYNC).is_file():
+        write_bytes(folder / f"{SYNC}.before", (folder / SYNC).read_bytes())
     write_json(folder / SYNC, {"format": SYNC_FORMAT, "version": SYNC_VERSION, "cameras": entries})
     manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8-sig"))
     if manifest.get("sync") != SYNC:

@@ -66,3 +66,14 @@ def test_what_is_not_known_is_said_and_nothing_is_written(folder: Path, capsys: 
     assert not (folder / "sync.json").exists()
     assert main(["check", str(folder)]) == 1
     assert "pzcap sync FOLDER find how the cameras lie" in capsys.readouterr().err
+
+
+def test_a_sync_json_of_before_is_kept(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["new", str(folder)])
+    by_hand = (folder / "sync.json").read_text().replace('"sigma_s"', ' "sigma_s"')
+    (folder / "sync.json").write_text(by_hand)
+    assert main(["sync", str(folder)]) == 0
+    assert (folder / "sync.json.before").read_text() == by_hand
+    capsys.readouterr()
+    assert main(["sync", str(folder), "--by", "motion"]) == 1
+    assert "of before, stays in force" in capsys.readouterr().out
