@@ -26,14 +26,15 @@ class Measured(NamedTuple):
 
 
 def scale_by_lengths(
-    capture: Capture, cameras: Sequence[CalibratedCamera | None], sigma_m: Array, localise: ViewLocaliser
-) -> Measured:
-    """The unit of length of ``cameras`` that stand to each other to ``sigma_m`` (C,), the floor at z = 0. ``localise``
-    has localised the take by them, and forgets it.
+    capture: Capture, cameras: Sequence[CalibratedCamera | None], sigma_m: Array, floor_sigma_m: float,
+    localise: ViewLocaliser,
+) -> Measured:  # fmt: skip
+    """The unit of length of ``cameras`` that stand to each other to ``sigma_m`` (C,), the floor at z = 0 to
+    ``floor_sigma_m``. ``localise`` has localised the take by them, and forgets it.
 
     A length whose marks do not tell it is left out, and a note says why.
     """
-    marks = _Marks(capture, cameras, sigma_m, localise)
+    marks = _Marks(capture, cameras, sigma_m, floor_sigma_m, localise)
     ratios, notes = list[Ratio](), list[str]()
     for length in capture.lengths:
         try:
@@ -67,11 +68,12 @@ class _Marks:
     capture: Capture
     cameras: Sequence[CalibratedCamera | None]
     sigma_m: Array
+    floor_sigma_m: float
     localise: ViewLocaliser
 
     def point(self, marks: Sequence[Mark]) -> Point:
         """The point that ``marks`` show. Raises PzcapError where they show none, or more than one."""
-        found = meet([self._sight(mark) for mark in marks])
+        found = meet([self._sight(mark) for mark in marks], self.floor_sigma_m)
         if found.misfit > LENGTHS.most_misfit:
             raise PzcapError(
                 "the marks of one of its ends show different points: a line of sight passes the others by "

@@ -30,7 +30,7 @@ from pzcap.initialisation.camera_poses import HeadRays, Heads, adjust, floor_hei
 from pzcap.initialisation.floor_matching import place_by_floor
 from pzcap.initialisation.limb_lengths import scale_by_limbs
 from pzcap.initialisation.people import Detections, Sighting, athlete, most_central
-from pzcap.initialisation.tuning import HEADS, HEIGHT, PEOPLE
+from pzcap.initialisation.tuning import HEADS, HEIGHT, LENGTHS, PEOPLE
 from pzcap.io.capture import FrameSets
 from pzcap.io.detections import KEYPOINTS, ROW
 from pzcap.scale_by_lengths import scale_by_lengths
@@ -82,7 +82,8 @@ def place_cameras(
     body = skeleton.build(capture.subject or UNMEASURED)
     placed = yield from _placed_by_body_and_floor(calibrated, sets, body, localise)
     if capture.lengths:
-        measured = scale_by_lengths(capture, placed.cameras, placed.sigma_m, localise)
+        floor_sigma_m = LENGTHS.floor_m if placed.by_floor else LENGTHS.floor_by_feet_m
+        measured = scale_by_lengths(capture, placed.cameras, placed.sigma_m, floor_sigma_m, localise)
         placed = replace(placed, notes=measured.notes)
         if measured.scale is not None:
             return replace(_scaled(placed, measured.scale.factor, measured.scale.sigma), by_lengths=True)

@@ -49,7 +49,7 @@ def between(name: str, one: int, other: int, factor: float = 1.0, cameras: Seque
 
 def measured(take: tuple[Capture, ViewLocaliser], run: Reconstruction, *lengths: KnownLength) -> Measured:
     capture, localise = take
-    return scale_by_lengths(replace(capture, lengths=lengths), calibrated_of(run), np.full(4, 0.003), localise)
+    return scale_by_lengths(replace(capture, lengths=lengths), calibrated_of(run), np.full(4, 0.003), 0.003, localise)
 
 
 def test_metres_are_metres(take: tuple[Capture, ViewLocaliser], small_run: Reconstruction) -> None:
@@ -92,6 +92,6 @@ def test_a_mark_in_a_video_that_was_not_brought_is_named(
     first = replace(capture.cameras[0], sweep=None)
     lengths = (between("a", 0, 1), between("b", 2, 3, cameras=[1, 2, 3]))
     brought = replace(capture, cameras=(first, *capture.cameras[1:]), lengths=lengths)
-    found = scale_by_lengths(brought, calibrated_of(small_run), np.full(4, 0.003), localise)
+    found = scale_by_lengths(brought, calibrated_of(small_run), np.full(4, 0.003), 0.003, localise)
     assert found.scale is not None
     assert found.notes == (f'lengths.json: "a" is left out: camera {first.name} has no sweep; mark another picture',)

@@ -52,8 +52,8 @@ class Scale(NamedTuple):
     apart: tuple[str, ...]  # names of lengths that contradict the others, and do not count
 
 
-def meet(sights: Sequence[Sight]) -> Point:
-    """The point that all ``sights`` show; of a single one, where it meets the floor, z = 0.
+def meet(sights: Sequence[Sight], floor_sigma_m: float) -> Point:
+    """The point that all ``sights`` show; of a single one, where it meets the floor, z = 0 to ``floor_sigma_m``.
 
     Raises PzcapError where lines of sight are parallel to each other, or to the floor.
     """
@@ -63,7 +63,7 @@ def meet(sights: Sequence[Sight]) -> Point:
     floor = np.outer(_UP, _UP) if len(sights) == 1 else np.zeros((3, 3))
     sigma_m = np.full(len(sights), 1.0)
     for _ in range(2):  # how far a line may be off follows from how far away the point is
-        information = np.einsum("n,nij->ij", sigma_m**-2.0, beside) + floor / LENGTHS.floor_m**2
+        information = np.einsum("n,nij->ij", sigma_m**-2.0, beside) + floor / floor_sigma_m**2
         if np.linalg.cond(information) > LENGTHS.most_condition:
             raise PzcapError("its lines of sight do not meet")
         place = np.linalg.solve(information, np.einsum("n,nij,nj->i", sigma_m**-2.0, beside, origins))

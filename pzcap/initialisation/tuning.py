@@ -131,7 +131,8 @@ class LengthsTuning(NamedTuple):
     """Scale of the world by lengths that were measured."""
 
     click_px: float = 1.0  # of a mark, each way
-    floor_m: float = 0.003  # of the floor's height
+    floor_m: float = 0.003  # of the floor's height, where the floor has placed the cameras
+    floor_by_feet_m: float = 0.02  # the same where the feet alone tell where it is
     most_condition: float = 1e8  # of the equations of a point: beyond it its lines of sight are parallel
     most_misfit: float = 4.0  # sigmas by which lines of sight pass each other: more shows different points
     least_m: float = 0.05  # between the ends of a length

@@ -7,12 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pzcap.initialisation.known_lengths import Ratio, Sight, meet, ratio_of, scale_of
+from pzcap.initialisation import known_lengths
+from pzcap.initialisation.known_lengths import Point, Ratio, Sight, ratio_of, scale_of
 from pzcap.initialisation.tuning import LENGTHS
 from pzcap.types import Array, Camera, PzcapError
 from tests.scenes.captures import facing, project
 
 _PLACES_M = np.array([[9.0, 8.0, 1.8], [-9.0, 8.5, 1.6], [-8.5, -9.0, 2.0], [9.5, -8.0, 1.7]])
+
+
+def meet(sights: list[Sight]) -> Point:
+    return known_lengths.meet(sights, LENGTHS.floor_m)
 
 
 def cameras(target_m: Array) -> list[Camera]:

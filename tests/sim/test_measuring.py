@@ -33,7 +33,8 @@ def test_marks_are_the_corners_of_the_carpet() -> None:
     assert len(sides) >= 2
     for side in sides:
         ends = [
-            meet([Sight(camera_of(session, m.camera, m.frame), m.px, 0.0) for m in end]).place_m for end in side.ends
+            meet([Sight(camera_of(session, m.camera, m.frame), m.px, 0.0) for m in end], 0.003).place_m
+            for end in side.ends
         ]
         assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(CARPET_M, abs=0.01)
         assert side.length_m == CARPET_M
