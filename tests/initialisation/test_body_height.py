@@ -13,7 +13,7 @@ from pzcap.body.skeleton import Body
 from pzcap.initialisation.body_height import seen_height
 from pzcap.initialisation.people import athlete
 from pzcap.tracking.observation import ViewInput
-from pzcap.tracking.pixel_time import AT_ONCE, Exposure
+from pzcap.tracking.pixel_time import Exposure
 from pzcap.types import Keyframe, Subject
 from pzcap.without_object import of_open_size
 from sim.people.anthropometry import draw_measurements
@@ -28,14 +28,15 @@ def of_size(factor: float) -> Body:
     return of_open_size(skeleton.build(Subject({name: factor * length for name, length in true.items()}, 0.004)), 0.04)
 
 
-@pytest.mark.parametrize("exposure", [AT_ONCE, Exposure(clock=0.01, readout=0.05)])
-def test_contours_tell_the_size(exposure: Exposure) -> None:
+def test_contours_tell_the_size_of_a_body_that_is_seen_row_by_row() -> None:
     found_people = detections(FRAMES, Faults())
 
     def seen(key: Keyframe) -> Sequence[ViewInput | None]:
         views = zip(observe(key), found_people[key.frame].views, strict=True)
         return [
-            None if view is None or found is None else replace(view, people=found[1], exposure=exposure)
+            None
+            if view is None or found is None
+            else replace(view, people=found[1], exposure=Exposure(clock=0.01, readout=0.05))
             for view, found in views
         ]
 

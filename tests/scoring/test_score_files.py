@@ -228,7 +228,7 @@ sys.meta_path.insert(0, Block())
 from pzcap.scoring.command import main
 assert main([{str(results)!r}, {str(truth)!r}, "--json", {str(tmp_path / "m.json")!r}]) == 0
 ours = sorted(name for name in sys.modules if name.startswith(("pzcap", "sim", "experiments")))
-light = ("pzcap", "pzcap.types", "pzcap.anatomy", "pzcap.io", "pzcap.io.files")
+light = ("pzcap", "pzcap.types", "pzcap.anatomy", "pzcap.marks", "pzcap.io", "pzcap.io.files")
 assert all(name in light or name.startswith("pzcap.scoring") for name in ours), ours
 """
     done = subprocess.run(

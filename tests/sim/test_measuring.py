@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from experiments.footage import SMALL
 from pzcap.initialisation.known_lengths import Sight, meet
 from pzcap.types import Camera
 from sim.hall.surfaces import CARPET_M
 from sim.measuring import sides_of_carpet
 from sim.people.crew import CrewConfig
-from sim.session import Session, ShootConfig, assemble
+from sim.session import Session, assemble
 
-EXACT = ShootConfig(
-    motion="pedestrian", motion_frames=2, crew=replace(CrewConfig(), lengths="carpet", click_px=0.0, length_sigma_m=0.0)
-)
+EXACT = replace(SMALL, sweep_deg=360.0, crew=replace(CrewConfig(), lengths="carpet", click_px=0.0, length_sigma_m=0.0))
 
 
 def camera_of(session: Session, name: str, frame: int) -> Camera:
