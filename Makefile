@@ -9,13 +9,11 @@ DEV := $(VENV)/.dev
 CLIENTS := .clients/.done
 # tests that start processes of their own, and need no kernels
 LAUNCHERS := tests/experiments/test_sweep.py tests/experiments/test_study.py
-# whole motions, nothing of which others use: for the core that has compiled the kernels by then
-MOTIONS := tests/sim/test_motion.py tests/sim/test_bvh.py
 # Python compiles what it imports; pip would all of it, half a minute
 INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --progress-bar off --no-compile \
           --constraint constraints.txt
 
-.PHONY: demo benchmark test test-all test-clients fuzz kills gate baseline docs check kernels launchers motions setup clean
+.PHONY: demo benchmark test test-all test-clients fuzz kills gate baseline docs check kernels launchers setup clean
 .DEFAULT_GOAL := demo
 
 demo: $(LAB)  ## shoot the floor exercise, reconstruct it, score it: outputs/demo/report.html
@@ -27,8 +25,8 @@ benchmark: $(LAB)  ## shoot the mini split, let all methods of this tree answer,
 	$(RUN)/python -m experiments.benchmark board split=mini
 
 test: $(DEV)  ## everything that has to hold
-	$(MAKE) --no-print-directory --jobs 2 check kernels launchers motions
-	$(RUN)/python -m pytest -n 2 --dist loadgroup $(LAUNCHERS:%=--ignore=%) $(MOTIONS:%=--ignore=%)
+	$(MAKE) --no-print-directory --jobs 2 check kernels launchers
+	$(RUN)/python -m pytest -n 2 --dist loadgroup $(LAUNCHERS:%=--ignore=%)
 
 fuzz: $(DEV)  ## 10,000 damaged files: each a result or one line; 20 minutes on a free machine
 	PZCAP_FUZZ=10000 $(RUN)/python -m pytest tests/fuzz
@@ -62,9 +60,6 @@ kernels: $(DEV)  # compiled once, while the other core checks: two processes of 
 
 launchers: $(DEV)  # meanwhile, once all is checked
 	$(RUN)/python -m pytest $(LAUNCHERS)
-
-motions: $(DEV)  # and then these
-	$(RUN)/python -m pytest $(MOTIONS)
 
 setup: $(DEV)  ## all that the README's commands need
 
