@@ -19,7 +19,7 @@ _FILE: Final = "lengths.json"
 
 
 class Measured(NamedTuple):
-    """What the lengths of a capture tell."""
+    """Result of `scale_by_lengths`."""
 
     scale: Scale | None  # None: they tell nothing
     notes: tuple[str, ...]

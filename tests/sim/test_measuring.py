@@ -1,4 +1,4 @@
-"""What the crew measures and marks in the hall."""
+"""The crew's measurements and marks in the hall."""
 
 from __future__ import annotations
 
