@@ -1,4 +1,4 @@
-"""How long a metre is, by distances in the hall that somebody has measured and pointed out in pictures.
+"""The scale of the world, by distances in the hall that somebody has measured and pointed out in pictures.
 
 An end of a length lies where its lines of sight pass each other; an end that one picture alone shows lies on the floor,
 whose height the cameras know. What a click is off by, and the cameras' places, make the uncertainty of a point; of a

@@ -18,7 +18,8 @@ from pzcap.io import limits
 from pzcap.io.clocks import Timeline, check_clock, drop_frame, read_sync, timelines
 from pzcap.io.detections import NOBODY, read_keypoints
 from pzcap.io.files import checked
-from pzcap.io.manifest import Json, load_json, read_keyframes, read_known_lengths, read_object, read_subject
+from pzcap.io.known_lengths import read_known_lengths
+from pzcap.io.manifest import Json, load_json, read_keyframes, read_object, read_subject
 from pzcap.io.picture_header import is_whole, picture_size
 from pzcap.io.timecode import frames_per_day, frames_to_timecode, rate_of, timecode_to_frames
 from pzcap.io.video import VideoReader

@@ -1,5 +1,4 @@
-"""The text files of a capture: the calibration object, the subject, the keyframes, known lengths. docs/capture.md
-specifies them."""
+"""The text files of a capture: the calibration object, the subject, the keyframes. docs/capture.md specifies them."""
 
 from __future__ import annotations
 
@@ -27,8 +26,6 @@ from pzcap.types import (
     Array,
     CalibrationObject,
     Garment,
-    KnownLength,
-    Mark,
     Marker,
     Pose,
     PzcapError,
@@ -324,31 +321,3 @@ def _read_covariance(entry: Json) -> Array | None:
     if np.linalg.eigvalsh(covariance)[0] <= 0.0:
         raise entry["covariance"].error("is not positive definite; leave it out, and the pose counts as a hand's")
     return covariance
-
-
-def read_known_lengths(path: Path) -> tuple[KnownLength, ...]:
-    """Read and check lengths.json."""
-    return tuple(_read_known_length(entry) for entry in load_json(path).list())
-
-
-def _read_known_length(entry: Json) -> KnownLength:
-    entry.only("name", "length_m", "sigma_m", "from", "to")
-    length_m, sigma_m = (float(entry[key].array()) for key in ("length_m", "sigma_m"))
-    if not 0.0 < length_m <= limits.HALL_M:
-        raise entry["length_m"].error(f"must be a length in metres, above 0 and at most {limits.HALL_M:g}")
-    if not 0.0 < sigma_m <= 0.1 * length_m:
-        raise entry["sigma_m"].error("must be above 0 and at most a tenth of the length, in metres")
-    one, other = (tuple(_read_mark(mark) for mark in entry[key].list()) for key in ("from", "to"))
-    if not one or not other:
-        raise entry.error("each end needs a mark: one on the floor, or two in the pictures of two cameras")
-    return KnownLength(entry["name"].name(), length_m, sigma_m, (one, other))
-
-
-def _read_mark(entry: Json) -> Mark:
-    entry.only("camera", "video", "frame", "px")
-    video, frame = entry["video"].value, entry["frame"].value
-    if not (video == "sweep" or video == "zoom" or video == "motion"):
-        raise entry["video"].error('must be "sweep", "zoom" or "motion"')
-    if isinstance(frame, bool) or not isinstance(frame, int) or not 0 <= frame < limits.FRAMES:
-        raise entry["frame"].error("must be the number of a picture of the video, counted from 0")
-    return Mark(entry["camera"].name(), video, frame, entry["px"].array(2))

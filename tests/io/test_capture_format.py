@@ -17,7 +17,7 @@ from av.video.stream import VideoStream
 
 from pzcap.io.capture import frame_sets, read_capture
 from pzcap.io.clocks import read_sync
-from pzcap.io.manifest import read_known_lengths
+from pzcap.io.known_lengths import read_known_lengths
 from pzcap.types import HINGE_AXES, MEASUREMENTS, PARENTS, SEGMENTS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "capture.md").read_text(encoding="utf-8")
