@@ -55,7 +55,7 @@ class Scale(NamedTuple):
 def meet(sights: Sequence[Sight], floor_sigma_m: float) -> Point:
     """The point that all ``sights`` show; of a single one, where it meets the floor, z = 0 to ``floor_sigma_m``.
 
-    Raises PzcapError where lines of sight are parallel to each other, or to the floor.
+    Raises PzcapError where lines of sight are parallel to each other, or to the floor, or meet behind a camera.
     """
     origins = np.array([sight.camera.world_T_cam[:3, 3] for sight in sights])
     rays = np.concatenate([geometry.rays(sight.camera, sight.px[None]) for sight in sights])
