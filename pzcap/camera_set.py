@@ -241,7 +241,7 @@ def what_is_lacking(capture: Capture) -> str | None:
             "(pzcap keypoints FOLDER --by mediapipe)"
         )
     if not capture.lengths and (capture.subject is None or "stature" not in capture.subject.measurements_m):
-        return "the athlete's stature (subject.json) or lengths.json has to tell how long a metre is"
+        return "the athlete's stature (subject.json) or lengths.json (pzcap lengths) has to tell how long a metre is"
     return None
 
 

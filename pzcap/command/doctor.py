@@ -38,7 +38,7 @@ PARTS: Final[tuple[Part, ...]] = (
     Part("ezc3d", "ezc3d", "pzcap export --to c3d", "pip install 'pzcap[export]'"),
     Part("pxr", "usd-core", "pzcap export --to usd, fbx", "pip install 'pzcap[export]'"),
     Part("pygltflib", "pygltflib", "pzcap export --to gltf", "pip install 'pzcap[export]'"),
-    Part("aiohttp", "aiohttp", "pzcap edit", "pip install 'pzcap[editor]'"),
+    Part("aiohttp", "aiohttp", "pzcap edit, pzcap lengths", "pip install 'pzcap[editor]'"),
     Part("mediapipe", "mediapipe", "pzcap keypoints --by mediapipe", "pip install mediapipe"),
     Part("rtmlib", "rtmlib", "pzcap keypoints --by rtmlib", "pip install rtmlib"),
     Part("rerun", "rerun-sdk", "recordings, pzcap review", "pip install 'pzcap[rerun]'"),

@@ -1,4 +1,5 @@
-"""`pzcap edit`: the editor of keyframes on a capture, with the cameras found first where they are not known yet."""
+"""`pzcap edit`: the editor of keyframes on a capture, with the cameras found first where they are not known yet, and
+`pzcap lengths`: the page on which lengths of the hall are marked."""
 
 from __future__ import annotations
 
@@ -19,10 +20,10 @@ RECONSTRUCTION = "reconstruction"
 
 def edit(place: Path, capture: Path | None, port: int, browse: bool) -> int:
     """Serve the page for the capture in ``place``, or that from which the results in ``place`` were made."""
-    if importlib.util.find_spec("aiohttp") is None:
-        raise PzcapError("the editor's server is not installed; pip install 'pzcap[editor]'")
+    _check_server()
+    from pzcap.editor.alone import FOLDER, alone
     from pzcap.editor.server import serve
-    from pzcap.editor.workspace import FOLDER, Workspace, alone
+    from pzcap.editor.workspace import Workspace
 
     if (place / MANIFEST).is_file():
         taken, results_at = read_capture(place), place / FOLDER / RECONSTRUCTION
@@ -43,6 +44,20 @@ def edit(place: Path, capture: Path | None, port: int, browse: bool) -> int:
         )
     serve(Workspace(taken, found), port, browse=browse)
     return 0
+
+
+def mark_lengths(folder: Path, port: int, browse: bool) -> int:
+    """Serve the page on which the lengths of the capture in ``folder`` are marked."""
+    _check_server()
+    from pzcap.editor.marking import serve
+
+    serve(read_capture(folder, without_clocks=True), port, browse=browse)
+    return 0
+
+
+def _check_server() -> None:
+    if importlib.util.find_spec("aiohttp") is None:
+        raise PzcapError("the editor's server is not installed; pip install 'pzcap[editor]'")
 
 
 def _cameras(capture: Capture, kept: Path) -> Reconstruction:

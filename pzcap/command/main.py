@@ -83,6 +83,12 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
     one.set_defaults(run=_edit)
 
+    one = part("lengths", help="mark known lengths of the hall, where there is no calibration object, in the browser")
+    one.add_argument("capture", type=Path, metavar="FOLDER", help="holds capture.json")
+    one.add_argument("--port", type=int, default=0, help="at 127.0.0.1 (any that is free)")
+    one.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
+    one.set_defaults(run=_lengths)
+
     one = part("export", help="write results in the formats of other tools")
     one.add_argument("results", type=Path, metavar="RESULTS", help="what pzcap reconstruct left")
     one.add_argument("--to", required=True, nargs="+", metavar="FORMAT", help=FORMATS_HELP)
@@ -193,6 +199,12 @@ def _edit(given: argparse.Namespace) -> int:
     from pzcap.command.editing import edit
 
     return edit(given.place, given.capture, given.port, not given.no_browser)
+
+
+def _lengths(given: argparse.Namespace) -> int:
+    from pzcap.command.editing import mark_lengths
+
+    return mark_lengths(given.capture, given.port, not given.no_browser)
 
 
 def _export(given: argparse.Namespace) -> int:

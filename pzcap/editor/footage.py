@@ -1,22 +1,16 @@
-"""Frames of the motion for the page: decoded on demand, rows put right, few of them kept.
-
-Long groups of pictures make a step back dear, since a decoder has to begin at the picture that stands for itself. So
-the frames just before a wanted one are kept when they have to be decoded anyhow, and a step forward goes on where the
-decoder stands.
-"""
+"""Frames of the motion for the page: decoded on demand, rows put right."""
 
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Final
 
 import cv2
 import numpy as np
 
 from pzcap.body.skeleton import Body
+from pzcap.editor.on_demand import OnDemand
 from pzcap.editor.tuning import FOOTAGE
 from pzcap.events import FrameLocalised
 from pzcap.geometry.camera import of_track, wrapped
@@ -27,7 +21,8 @@ from pzcap.tracking.observation import ViewInput, expect
 from pzcap.types import Array, Camera, FrameSet, Image, Localisation, PanZoomTrack, Pose, Reconstruction
 from pzcap.views import as_found
 
-_KEPT_BYTES: Final = 300 << 20  # of compressed frames
+Views = tuple[bytes | None, ...]
+"""The pictures of a frame as JPEG; None where a camera recorded none."""
 
 
 class Footage:
@@ -37,10 +32,8 @@ class Footage:
         self.sets, self.found = sets, found
         self._cameras: dict[int, tuple[Camera | None, ...]] = {}
         self._lock = threading.Lock()
-        self._kept: OrderedDict[int, tuple[bytes | None, ...]] = OrderedDict()
+        self._kept = OnDemand[Views](self._decode, lambda views: sum(len(jpeg or b"") for jpeg in views))
         self._latest: FrameSet | None = None
-        self._coming: Iterator[FrameSet] = iter(())
-        self._next = len(sets)  # none comes
 
     def cameras(self, frame: int) -> tuple[Camera | None, ...]:
         """The camera of each view of a frame; None where it was not found."""
@@ -75,38 +68,20 @@ class Footage:
     def jpeg(self, frame: int, camera: int) -> bytes | None:
         """A view of a frame as JPEG; None where it was not recorded."""
         with self._lock:
-            if frame not in self._kept:
-                self._decode(frame)
-            self._kept.move_to_end(frame)
             return self._kept[frame][camera]
 
     def images(self, frame: int) -> tuple[Image | None, ...]:
         """The views of a frame, rows put right; of one that was decoded a while ago, as its JPEG has them."""
         with self._lock:
+            views = self._kept[frame]
             if self._latest is not None and self._latest.index == frame:
                 return self._latest.images
-            if frame in self._kept:
-                return tuple(None if jpeg is None else _decompressed(jpeg) for jpeg in self._kept[frame])
-            return self._decode(frame).images
+            return tuple(None if jpeg is None else _decompressed(jpeg) for jpeg in views)
 
-    def _decode(self, frame: int) -> FrameSet:
-        """Decode up to ``frame``, and keep it with those before it that have to be decoded for it."""
-        if not self._next <= frame < self._next + FOOTAGE.on:
-            start = max(frame - FOOTAGE.before, 0)
-            self._coming, self._next = self.sets.between(start, len(self.sets)), start
-        while True:
-            frames = self.upright(next(self._coming))
-            self._next = frames.index + 1
-            self._kept[frames.index] = tuple(_compressed(image) for image in frames.images)
-            if frames.index == frame:
-                break
-        self._latest = frames
-        while sum(len(jpeg or b"") for views in self._kept.values() for jpeg in views) > _KEPT_BYTES:
-            oldest = next(iter(self._kept))
-            if oldest == frame:
-                break
-            del self._kept[oldest]
-        return frames
+    def _decode(self, start: int) -> Iterator[Views]:
+        for frames in self.sets.between(start, len(self.sets)):
+            self._latest = self.upright(frames)
+            yield tuple(None if image is None else compressed(image) for image in self._latest.images)
 
     def views(self, frame: int, body: Body, pose: Pose | None) -> list[ViewInput | None]:
         """The views of a frame, the athlete cut out of them as the hall behind tells it. With a ``pose`` only its
@@ -135,9 +110,8 @@ def outlines(mask: Array | np.ndarray) -> list[Array]:
     return [line for line in simple if len(line) > 2]
 
 
-def _compressed(image: Image | None) -> bytes | None:
-    if image is None:
-        return None
+def compressed(image: Image) -> bytes:
+    """An image as JPEG."""
     return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, FOOTAGE.quality])[1])
 
 

@@ -7,15 +7,14 @@ state since. After each the history is on the disk, and keyframes.json is what t
 
 from __future__ import annotations
 
-import fcntl
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 import numpy as np
 
 from pzcap.editor import resolve
+from pzcap.editor.alone import BACKUPS, FOLDER, alone
 from pzcap.editor.edits import ORIGINS, Edits, posed_in
 from pzcap.editor.history import FrameEdit, History
 from pzcap.editor.inverse_kinematics import HANDLES, MIRRORED, Click, Held, Problem, handle_name, is_ready
@@ -27,10 +26,7 @@ from pzcap.pipeline import Config
 from pzcap.starting_poses import with_clock_sigma
 from pzcap.types import Capture, Keyframe, Pose, PzcapError, Reconstruction
 
-FOLDER: Final = "editing"
-"""Beside capture.json: the history, backups, and what was tracked anew."""
 _HISTORY: Final = "history.jsonl"
-_LOCK: Final = "lock"
 _MOTION: Final = "motion.npz"
 _LIMBS: Final = {"arms": ("elbow", "wrist", "fingertip"), "legs": ("knee", "ankle", "toe", "heel")}
 
@@ -62,7 +58,7 @@ class Workspace(Edits):
         self._touched: dict[int, int] = {}  # version in which a frame was changed last
         self._only = alone(self.folder)
         self.history = History.open(self.folder / _HISTORY)
-        self._file = KeyframeFile(capture.folder, self.folder / "backups")
+        self._file = KeyframeFile(capture.folder, self.folder / BACKUPS)
         with self.lock:
             self._adopt()
             self._write()
@@ -224,7 +220,7 @@ class Workspace(Edits):
 
     def _adopt(self) -> None:
         """Take in what somebody else has written into keyframes.json since it was last read."""
-        digest = self._file.digest()
+        digest = self._file.paper.digest()
         if digest == self.history.saved_digest:
             return
         poses = read_capture(self.capture.folder).keyframe_poses
@@ -276,16 +272,3 @@ class Workspace(Edits):
 
     def _view_name(self, camera: int) -> str:
         return f"camera {self.footage.found.camera_names[camera]}"
-
-
-def alone(folder: Path) -> BinaryIO:
-    """A file in the editor's ``folder`` of a capture, locked while it is open: nobody else edits this capture.
-    PzcapError where somebody does."""
-    folder.mkdir(exist_ok=True)
-    file = (folder / _LOCK).open("wb")
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        file.close()
-        raise PzcapError(f"{folder.parent}: another pzcap edit is at work on it; use its page, or end it") from error
-    return file

@@ -63,7 +63,7 @@ def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
     posed = read_keyframes(keyframes_path, rate) if keyframes_path else {}
     lengths = read_known_lengths(lengths_path) if lengths_path else ()
     for mark in (mark for one in lengths for end in one.ends for mark in end):
-        _check_mark(mark, cameras, f"{lengths_path}: ")
+        check_mark(mark, cameras, f"{lengths_path}: ")
     return Capture(
         folder=folder,
         name=manifest["name"].name(),
@@ -161,8 +161,8 @@ def _check_videos(camera: CameraFiles) -> None:
         raise PzcapError(f"{next(iter(sizes)).parent}: one size is needed for all files of a camera, not {listing}")
 
 
-def _check_mark(mark: Mark, cameras: Sequence[CameraFiles], where: str) -> None:
-    """Raise PzcapError where a mark is in no picture of the capture."""
+def check_mark(mark: Mark, cameras: Sequence[CameraFiles], where: str = "") -> None:
+    """Raise PzcapError, beginning with ``where``, if a mark is in no picture of the capture."""
     files = next((camera for camera in cameras if camera.name == mark.camera), None)
     if files is None:
         known = ", ".join(camera.name for camera in cameras)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from pzcap.io import limits
 from pzcap.io.manifest import Json, load_json
@@ -11,23 +12,25 @@ from pzcap.types import KnownLength, Mark
 
 def read_known_lengths(path: Path) -> tuple[KnownLength, ...]:
     """Read and check lengths.json."""
-    return tuple(_read_known_length(entry) for entry in load_json(path).list())
+    return tuple(read_known_length(entry) for entry in load_json(path).list())
 
 
-def _read_known_length(entry: Json) -> KnownLength:
+def read_known_length(entry: Json) -> KnownLength:
+    """One of them. Raises PzcapError saying what is wrong with it."""
     entry.only("name", "length_m", "sigma_m", "from", "to")
     length_m, sigma_m = (float(entry[key].array()) for key in ("length_m", "sigma_m"))
     if not 0.0 < length_m <= limits.HALL_M:
         raise entry["length_m"].error(f"must be a length in metres, above 0 and at most {limits.HALL_M:g}")
     if not 0.0 < sigma_m <= 0.1 * length_m:
         raise entry["sigma_m"].error("must be above 0 and at most a tenth of the length, in metres")
-    one, other = (tuple(_read_mark(mark) for mark in entry[key].list()) for key in ("from", "to"))
+    one, other = (tuple(read_mark(mark) for mark in entry[key].list()) for key in ("from", "to"))
     if not one or not other:
         raise entry.error("each end needs a mark: one on the floor, or two in the pictures of two cameras")
     return KnownLength(entry["name"].name(), length_m, sigma_m, (one, other))
 
 
-def _read_mark(entry: Json) -> Mark:
+def read_mark(entry: Json) -> Mark:
+    """A mark of an end. Raises PzcapError saying what is wrong with it."""
     entry.only("camera", "video", "frame", "px")
     video, frame = entry["video"].value, entry["frame"].value
     if not (video == "sweep" or video == "zoom" or video == "motion"):
@@ -35,3 +38,14 @@ def _read_mark(entry: Json) -> Mark:
     if isinstance(frame, bool) or not isinstance(frame, int) or not 0 <= frame < limits.FRAMES:
         raise entry["frame"].error("must be the number of a picture of the video, counted from 0")
     return Mark(entry["camera"].name(), video, frame, entry["px"].array(2))
+
+
+def entry_of(length: KnownLength) -> dict[str, Any]:
+    """A length as `read_known_length` reads it."""
+    one, other = ([mark_entry(mark) for mark in end] for end in length.ends)
+    return {"name": length.name, "length_m": length.length_m, "sigma_m": length.sigma_m, "from": one, "to": other}
+
+
+def mark_entry(mark: Mark) -> dict[str, Any]:
+    """A mark as `read_mark` reads it."""
+    return {"camera": mark.camera, "video": mark.video, "frame": mark.frame, "px": mark.px.tolist()}

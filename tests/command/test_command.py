@@ -122,6 +122,7 @@ def test_heads_that_were_tilted_are_calibrated_as_such(
         (["edit", "nowhere"], "nowhere: neither a capture.json in it nor a reconstruction"),
         (["edit", "SAVED"], "does not tell which capture it was made of; give --capture FOLDER"),
         (["edit", "SAVED", "--capture", "nowhere"], "nowhere/capture.json"),
+        (["lengths", "nowhere"], "nowhere/capture.json"),
         (["export", "SAVED", "--to", "bvh", "--out", "FILE"], "File exists"),
     ],
 )

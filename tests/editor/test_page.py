@@ -19,7 +19,7 @@ from pzcap.io.capture import frame_sets, read_capture
 from pzcap.types import Array, Pose
 from sim import truth as truths
 from tests.scenes import edited
-from tests.scenes.browsing import Editing, Hand, chromium
+from tests.scenes.browsing import Hand, Serving, chromium
 from tests.scenes.captures import project
 
 WRIST = HANDLES.index("left_wrist")
@@ -37,7 +37,7 @@ def place(tmp_path: Path) -> Path:
 def test_dragged_seen_in_two_tabs_undone_killed_and_nothing_lost(place: Path, tmp_path: Path) -> None:
     keyframes = tmp_path / "take" / "keyframes.json"
     with chromium() as browser:
-        editing = Editing(place)
+        editing = Serving("edit", place)
         hand = Hand(browser, editing.address)
         other = hand.second_tab()
         x, y = edited.true_pixels(0, 1)[WRIST]
@@ -62,7 +62,7 @@ def test_dragged_seen_in_two_tabs_undone_killed_and_nothing_lost(place: Path, tm
         hand.page.keyboard.press("k")
         assert hand.page.evaluate("() => editor.state().message.startsWith('Nothing was changed now.')")
 
-        editing = Editing(place)
+        editing = Serving("edit", place)
         assert keyframes.read_bytes() == saved
         again = Hand(browser, editing.address)
         again.until("editor.state().overview.keys.length === 2")
@@ -111,7 +111,7 @@ def test_from_no_keyframes_to_five_by_dragging_alone(small_capture: Path, tmp_pa
     (folder / "capture.json").write_text(json.dumps(content | {"keyframes": None}))
     body = skeleton.build(read_capture(folder).subject)  # type: ignore[arg-type]
     rng, frames = np.random.default_rng(0), (0, 7, 3, 5, 1)
-    with chromium() as browser, Editing(folder, start_s=600.0) as editing:
+    with chromium() as browser, Serving("edit", folder, start_s=600.0) as editing:
         hand = Hand(browser, editing.address)
         for frame in frames:
             hand.go(frame)

@@ -13,8 +13,9 @@ import aiohttp
 import pytest
 from aiohttp import web
 
+from pzcap.editor.door import Door, listening
 from pzcap.editor.inverse_kinematics import HANDLES
-from pzcap.editor.server import Editor, listening
+from pzcap.editor.server import Editor
 from pzcap.types import PzcapError
 from tests.scenes import edited
 
@@ -31,7 +32,7 @@ def served(folder: Path, talk: Callable[[int, aiohttp.ClientSession], Awaitable[
 
     async def run() -> None:
         listener = listening(0)
-        runner = web.AppRunner(Editor(edited.workspace(folder, tracked=True), TOKEN).application())
+        runner = web.AppRunner(Editor(edited.workspace(folder, tracked=True), Door(TOKEN)).application())
         await runner.setup()
         await web.SockSite(runner, listener).start()
         jar = aiohttp.DummyCookieJar()

@@ -328,7 +328,7 @@ def test_undoing_a_pose_undoes_what_was_solved_with_it(folder: Path, monkeypatch
 
 def test_one_editor_at_a_time(folder: Path) -> None:
     space = edited.workspace(folder)
-    with pytest.raises(PzcapError, match="another pzcap edit is at work on it"):
+    with pytest.raises(PzcapError, match="another editor is at work on it"):
         Workspace(read_capture(folder), edited.found())
     space.close()
     Workspace(read_capture(folder), edited.found()).close()

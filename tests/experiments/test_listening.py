@@ -18,7 +18,7 @@ from pzcap.io import results
 from pzcap.types import PzcapError
 from pzcap.viewer import window
 from tests.scenes import edited, listening
-from tests.scenes.browsing import Editing
+from tests.scenes.browsing import Serving
 from tests.scenes.captures import TINY
 from tests.scenes.studies import record
 from tests.scenes.sweeps import ENVIRONMENT, ROOT
@@ -52,7 +52,7 @@ def test_the_viewer_is_reached_by_nobody_else(monkeypatch: pytest.MonkeyPatch) -
 def test_an_editor_is_reached_by_nobody_else(tmp_path: Path) -> None:
     results.save(edited.found(tracked=True), tmp_path / "reconstruction")
     link_capture(tmp_path, edited.capture(tmp_path / "take"))
-    with Editing(tmp_path) as editing:
+    with Serving("edit", tmp_path) as editing:
         assert listening.addresses(psutil.Process(editing.process.pid)) == {"127.0.0.1"}
 
 

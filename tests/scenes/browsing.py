@@ -1,4 +1,4 @@
-"""The command `pzcap edit` as a process of its own, and its page in headless Chromium."""
+"""The commands that serve a page as processes of their own, and the editor's page in headless Chromium."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ import pytest
 PATIENCE_S: Final = 60.0
 
 
-class Editing:
-    """A running editor."""
+class Serving:
+    """A running `pzcap` ``part`` that serves a page."""
 
-    def __init__(self, place: Path, start_s: float = PATIENCE_S) -> None:
-        line = [sys.executable, "-m", "pzcap.command", "edit", str(place), "--no-browser"]
+    def __init__(self, part: str, place: Path, start_s: float = PATIENCE_S) -> None:
+        line = [sys.executable, "-m", "pzcap.command", part, str(place), "--no-browser"]
         self.process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         assert self.process.stdout is not None
         said, end = "", time.monotonic() + start_s
@@ -33,7 +33,7 @@ class Editing:
             said += line_said
         self.address = address[0]
 
-    def __enter__(self) -> Editing:
+    def __enter__(self) -> Serving:
         return self
 
     def __exit__(self, *_: object) -> None:

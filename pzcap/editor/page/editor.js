@@ -1,9 +1,6 @@
 "use strict";
 /* The page of `pzcap edit`. It draws and listens; poses are solved, kept and saved by the server. */
 
-const $ = id => document.getElementById(id);
-const PALETTE = getComputedStyle(document.documentElement);
-const colour = name => PALETTE.getPropertyValue(`--${name}`).trim();
 const GRAB_PX = 13, MOVED_PX = 3, POINTER_PX = 2.5, LOUPE_PX = 74, KEPT_PICTURES = 60;
 
 const KEYS = [
@@ -182,45 +179,17 @@ function pathOf(lines) {
   return path;
 }
 
-class View {
+class View extends Pane {
   constructor(number) {
-    this.number = number; this.scale = 1; this.left = 0; this.top = 0; this.placed = false; this.mouse = [0, 0];
+    super($("views"));
+    this.number = number;
     this.follows = "body";  // what stays in sight from frame to frame: the body whole, or where it was zoomed to
-    this.box = document.createElement("div"); this.box.className = "view";
-    this.under = document.createElement("canvas"); this.above = document.createElement("canvas");
-    this.label = document.createElement("span"); this.label.className = "label";
-    this.box.append(this.under, this.above, this.label);
-    $("views").append(this.box);
-    this.above.addEventListener("pointerdown", e => this.down(e));
-    this.above.addEventListener("pointermove", e => this.move(e));
-    this.above.addEventListener("pointerup", e => this.up(e));
     this.above.addEventListener("pointercancel", () => escape());
     this.above.addEventListener("pointerleave", () => { if (over === this && !drag) { over = null; hovered = null; this.box.classList.remove("over"); redraw(); } });
     this.above.addEventListener("dblclick", e => { if (this.nearest(this.at(e)) === null) this.fit(true); });
-    this.above.addEventListener("contextmenu", e => e.preventDefault());
-    this.above.addEventListener("wheel", e => { e.preventDefault(); this.zoom(Math.exp(-e.deltaY * (e.deltaMode ? 0.05 : 0.0015)), this.at(e)); }, { passive: false });
-    new ResizeObserver(() => this.resize()).observe(this.box);
   }
 
   get size() { const image = picture(frame, this.number); return image.ready ? [image.naturalWidth, image.naturalHeight] : about.sizes[this.number] || [640, 480]; }
-
-  resize() {
-    const { width, height } = this.box.getBoundingClientRect();
-    if (!width || !height) return;
-    const old = [this.width, this.height];
-    this.width = width; this.height = height; this.ratio = window.devicePixelRatio || 1;
-    for (const canvas of [this.under, this.above]) { canvas.width = Math.round(width * this.ratio); canvas.height = Math.round(height * this.ratio); }
-    if (!this.placed || !old[0]) return this.fit(true);
-    const by = Math.min(width / old[0], height / old[1]);  // what was in sight stays in sight
-    this.left = width / 2 + (this.left - old[0] / 2) * by; this.top = height / 2 + (this.top - old[1] / 2) * by;
-    this.scale *= by;
-    this.paint();
-  }
-
-  /* Picture coordinates have (0, 0) in the middle of the first pixel. */
-  screen([x, y]) { return [(x + 0.5) * this.scale + this.left, (y + 0.5) * this.scale + this.top]; }
-  pixel([u, v]) { return [(u - this.left) / this.scale - 0.5, (v - this.top) / this.scale - 0.5]; }
-  at(event) { const box = this.above.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; }
 
   /* Of the body in the picture, and beside it as far as it is large; null where it is not there. */
   extent(of) {
@@ -268,30 +237,17 @@ class View {
       const margin = 0.18 * Math.max(x1 - x0, y1 - y0) + 4;
       x0 -= margin; x1 += margin; y0 -= margin; y1 += margin;
     }
-    this.scale = Math.min(this.width / (x1 - x0), this.height / (y1 - y0), 40);
-    this.left = (this.width - (x0 + x1) * this.scale) / 2; this.top = (this.height - (y0 + y1) * this.scale) / 2;
+    this.show([x0, y0, x1, y1]);
     this.placed = !!(shown && !shown.stale);
     this.paint();
   }
 
-  zoom(factor, [u, v]) {
-    const scale = Math.min(Math.max(this.scale * factor, 0.05), 60), by = scale / this.scale;
-    this.left = u - (u - this.left) * by; this.top = v - (v - this.top) * by; this.scale = scale;
-    this.follows = "place";
-    this.paint();
-  }
+  zoom(factor, mouse) { this.follows = "place"; super.zoom(factor, mouse); }
 
   paint() {
     if (!this.width || !about) return;
-    const pen = this.under.getContext("2d"), image = picture(frame, this.number), k = this.ratio;
-    pen.setTransform(1, 0, 0, 1, 0, 0);
-    if (image.ready || image.missing) pen.clearRect(0, 0, this.under.width, this.under.height);
-    else { pen.fillStyle = "#0006"; pen.fillRect(0, 0, this.under.width, this.under.height); }
-    if (image.ready) {
-      pen.setTransform(this.scale * k, 0, 0, this.scale * k, this.left * k, this.top * k);
-      pen.imageSmoothingEnabled = this.scale * k < 3; pen.imageSmoothingQuality = "medium";
-      pen.drawImage(image, 0, 0);
-    }
+    const image = picture(frame, this.number);
+    this.paintPicture(image);
     const found = shown && !shown.stale ? shown.found[this.number] : true;
     this.label.textContent = `camera ${about.cameras[this.number]}` + (image.missing ? ": no picture" : found ? "" : ": not located in this frame") + `  ${Math.round(100 * this.scale)} %`;
     this.label.classList.toggle("bad", !found || !!image.missing);
@@ -371,13 +327,6 @@ class View {
       pen.strokeStyle = big ? "#fff" : tint(n); pen.lineWidth = 1.7; pen.stroke();
       if (big) this.text(pen, about.handles[n], u + 10, v - 8, "#fff");
     });
-  }
-
-  text(pen, words, u, v, style) {
-    pen.font = "13px system-ui, 'DejaVu Sans', sans-serif"; pen.lineJoin = "round";
-    const wide = pen.measureText(words).width;
-    u = Math.min(u, this.width - wide - 4); v = Math.min(Math.max(v, 14), this.height - 4);
-    pen.strokeStyle = "#000c"; pen.lineWidth = 4; pen.strokeText(words, u, v); pen.fillStyle = style; pen.fillText(words, u, v);
   }
 
   loupe(pen, now) {
@@ -574,14 +523,6 @@ function panel() {
 function long(mm) { return mm < 1000 ? `${mm} mm` : `${(mm / 1000).toFixed(1)} m`; }
 function worst(sigma) { return sigma.indexOf(Math.max(...sigma.slice(0, about.joints))); }
 
-function fill(parent, rows) { parent.replaceChildren(...rows.map(element)); }
-function element(row) {
-  if (typeof row === "string" || row instanceof Node) return row;
-  const [name, ...inside] = row, [tag, kind] = name.split("."), made = document.createElement(tag);
-  if (kind) made.className = kind;
-  made.append(...inside.map(element));
-  return made;
-}
 function link(text, to) {
   const made = document.createElement("a");
   made.textContent = text; made.tabIndex = 0; if (to === frame) made.className = "here";
