@@ -98,6 +98,15 @@ class Lengths:
 
         self._change(seen, put)
 
+    def share(self, seen: int, number: int, end: str, other: int, its: str) -> None:
+        """Say that an end is the same place as that of another length, a corner of two sides: its marks are taken."""
+
+        def take(entries: list[Entry]) -> None:
+            marks = entries[self._known(other)][_known_end(its)]
+            entries[self._known(number)][_known_end(end)] = copy.deepcopy(marks)
+
+        self._change(seen, take)
+
     def unmark(self, seen: int, number: int, end: str, camera: str) -> None:
         """Forget what a camera has marked of an end."""
 

@@ -18,9 +18,9 @@ from pzcap.types import Capture, PzcapError
 _FILES: Final = {"": "lengths.html"} | {name: name for name in ("lengths.js", "pane.js", "editor.css", "lengths.css")}
 _COMMANDS: Final = {
     "begin": (), "remove": ("number",), "tell": ("number", "what", "value"), "mark": ("number", "end", "mark"),
-    "unmark": ("number", "end", "camera"), "undo": (), "redo": (),
+    "share": ("number", "end", "other", "its"), "unmark": ("number", "end", "camera"), "undo": (), "redo": (),
 }  # fmt: skip
-_NUMBERS: Final = ("seen", "number")
+_NUMBERS: Final = ("seen", "number", "other")
 
 
 class Marking:

@@ -86,6 +86,18 @@ def test_undone_to_the_beginning_and_done_again(folder: Path) -> None:
     assert stands(folder) == after == [("length 1", 12.0, [2, 1]), ("length 2", 3.0, [2, 1])]
 
 
+def test_a_corner_of_two_sides_is_marked_once(folder: Path) -> None:
+    lengths = Lengths(read_capture(folder))
+    whole(lengths)
+    lengths.begin(lengths.version)
+    lengths.tell(lengths.version, 1, "length_m", 4.0)
+    lengths.share(lengths.version, 1, "to", 0, "from")
+    lengths.mark(lengths.version, 1, "from", mark(3))
+    assert stands(folder) == [("length 1", 12.0, [2, 1]), ("length 2", 4.0, [1, 2])]
+    lengths.unmark(lengths.version, 1, "to", edited.found().camera_names[0])  # and is its own from then on
+    assert stands(folder) == [("length 1", 12.0, [2, 1]), ("length 2", 4.0, [1, 1])]
+
+
 def test_begun_again_it_is_as_it_was_left(folder: Path) -> None:
     lengths = Lengths(read_capture(folder))
     whole(lengths)

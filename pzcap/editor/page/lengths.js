@@ -15,6 +15,7 @@ const KEYS = [
   [["m"], "m", "its motion", () => look(camera, "motion")],
   [["n"], "n", "new length", () => change("begin")],
   [["Tab"], "Tab", "the other end; with Shift the end before", e => nextEnd(e.shiftKey ? -1 : 1)],
+  [["c"], "c", "the end is the same place as the mark under the mouse, a corner of two sides: takes its marks by all cameras", share],
   [["x", "Delete"], "x", "forget the end's mark by this camera", () => chosen && change("unmark", { number: chosen.number, end: chosen.end, camera: name() })],
   [["u"], "u, Ctrl-Z", "undo", () => change("undo")],
   [["U", "y", "Z"], "U, Ctrl-Y", "do again what was undone", () => change("redo")],
@@ -168,10 +169,13 @@ class View extends Pane {
     pen.setTransform(1, 0, 0, 1, 0, 0);
     pen.clearRect(0, 0, this.above.width, this.above.height);
     pen.setTransform(k, 0, 0, k, 0, 0);
-    for (const mark of marks()) {
-      const here = isChosen(mark), [u, v] = this.screen(here && drag && drag.at ? drag.at : mark.px);
-      this.cross(pen, u, v, here ? colour("clicked") : colour("left"));
-      this.text(pen, mark.name, u + 10, v - 8, here ? colour("clicked") : colour("left"));
+    const named = new Map();  // names by place: a corner is an end of two sides
+    for (const mark of [...marks()].sort((one, other) => isChosen(one) - isChosen(other))) {
+      const here = isChosen(mark), [u, v] = this.screen(here && drag && drag.at ? drag.at : mark.px), place = `${u} ${v}`;
+      const style = here ? colour("clicked") : colour("left"), row = named.get(place) || 0;
+      named.set(place, row + 1);
+      this.cross(pen, u, v, style);
+      this.text(pen, mark.name, u + 10, v - 8 - 17 * row, style);
     }
   }
 
@@ -235,6 +239,12 @@ function put([x, y]) {
   shown.lengths[chosen.number][chosen.end] = [...shown.lengths[chosen.number][chosen.end].filter(one => one.camera !== mark.camera), mark];
   view.draw();
   change("mark", { number: chosen.number, end: chosen.end, mark });
+}
+
+function share() {
+  const mark = view.nearest(view.mouse);
+  if (!chosen || !mark || isChosen(mark)) return tell("put the mouse over a mark of another length first", true);
+  change("share", { ...chosen, other: mark.number, its: mark.end });
 }
 
 /* The pixels under the mouse, or around the chosen end's mark in this picture. */
