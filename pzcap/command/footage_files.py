@@ -53,8 +53,9 @@ class File:
 
 
 def cameras_in(folder: Path, patterns: Mapping[str, str]) -> dict[str, list[File]]:
-    """The files of each camera in ``folder``, by the camera's name: that of the folder they lie in, or what is left of
-    their names without the word for what they are. ``patterns``: role to a pattern that names the file outright.
+    """The files of each camera in ``folder``, by the camera's name: that of the folder they lie in, without the word
+    "camera", or what is left of their own names without the word for what they are. ``patterns``: role to a pattern
+    that names the file outright.
 
     Raises PzcapError where there is no footage, or where nothing tells what a file is for.
     """
@@ -71,8 +72,16 @@ def cameras_in(folder: Path, patterns: Mapping[str, str]) -> dict[str, list[File
     if not any(path.suffix.lower() in VIDEOS for paths in groups.values() for path in paths):
         raise PzcapError(f"{folder}: no videos in it; put those of each camera into a folder of the camera's name")
     return {
-        name: [_described(*each) for each in _roles(name, paths, patterns).values()] for name, paths in groups.items()
+        name: [_described(*each) for each in _roles(name, paths, patterns).values()]
+        for name, paths in zip(_names(list(groups)), groups.values(), strict=True)
     }
+
+
+def _names(groups: Sequence[str]) -> Sequence[str]:
+    """Names of cameras: of camera_1 and camera_2, 1 and 2, since messages say "camera" before a name."""
+    short = [re.sub(r"(?i)^cam(era)?[ _.-]*", "", name) for name in groups]
+    told = all(one and one != name for one, name in zip(short, groups, strict=True)) and len({*short}) == len(short)
+    return short if told else groups
 
 
 def _is_footage(path: Path) -> bool:

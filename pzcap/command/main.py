@@ -131,7 +131,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit status."""
     print_anything()
     given = parser().parse_args(arguments)
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # what is half done is cleared away
+    asked = [signal.SIGTERM]
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        asked.append(signal.SIGINT)
+    before = {each: signal.signal(each, _end) for each in asked}
     try:
         status: int = given.run(given)
         sys.stdout.flush()
@@ -147,8 +150,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = f"{error.filename}: " if error.filename else ""
         return _said(f"{where}{error.strerror or error}{_CURES.get(error.errno or 0, '')}")
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for each, handler in before.items():
+            signal.signal(each, handler)
     return status
+
+
+def _end(*_: object) -> None:
+    """What is half done is cleared away, which takes a while: said at once, by a call that may interrupt any other."""
+    os.write(2, b"\npzcap: asked to end\n")
+    raise KeyboardInterrupt
 
 
 def _said(problem: str) -> int:

@@ -38,6 +38,8 @@ def write_capture(
     for key, file in texts.items():
         if file or key in _CURES:
             print(f"{key}.json: {'found' if file else _CURES[key]}")
+    if texts["sync"] and any(_newer(file.path, folder / SYNC) for file in _motions(cameras)):
+        print(f"{SYNC}: is older than some motion videos; if these are of another take, run pzcap sync {folder}")
     content = {
         "format": FORMAT,
         "version": VERSION,
@@ -65,6 +67,10 @@ def write_capture(
 
 def _motions(cameras: Mapping[str, Sequence[File]]) -> list[File]:
     return [file for files in cameras.values() for file in files if file.role == "motion" and not file.trouble]
+
+
+def _newer(path: Path, other: Path) -> bool:
+    return path.stat().st_mtime > other.stat().st_mtime
 
 
 def _synchronise(folder: Path) -> None:

@@ -20,6 +20,8 @@ NO_RERUN: Final = "the viewer is not installed; pip install 'pzcap[rerun]'"
 
 def load_results(folder: Path) -> Reconstruction:
     """The reconstruction in ``folder``, where a run left one, or that ``folder`` is itself. PzcapError if neither."""
+    if not has_results(folder) and (folder / MANIFEST).is_file():
+        raise PzcapError(f"{folder}: a capture, not results; run pzcap reconstruct {folder} --out RESULTS first")
     return results.load(_reconstruction(folder))
 
 

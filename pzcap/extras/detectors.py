@@ -8,6 +8,7 @@ None comes with pzcap, and none is fetched: weights are files of the user's. A d
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -38,7 +39,8 @@ def rtmpose(models: Sequence[Path]) -> Detector:
     """RTMPose by `rtmlib`: Halpe's 26 keypoints of each person. ``models``: the person detector (YOLOX) and the pose
     model, as ONNX files; the sizes of their pictures are read from them."""
     if len(models) != 2:
-        raise PzcapError("rtmlib: give --models PERSON.onnx POSE.onnx (its page lists them); none is fetched")
+        first = "" if importlib.util.find_spec("rtmlib") else "pip install rtmlib onnxruntime, and "
+        raise PzcapError(f"rtmlib: {first}give --models PERSON.onnx POSE.onnx (its page lists them); none is fetched")
     library, runtime = _installed("rtmlib", "rtmlib"), _installed("onnxruntime", "onnxruntime")
     sizes = [runtime.InferenceSession(str(model)).get_inputs()[0].shape[:1:-1] for model in models]
     solution = library.BodyWithFeet(

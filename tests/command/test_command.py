@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -122,6 +123,7 @@ def test_heads_that_were_tilted_are_calibrated_as_such(
         (["edit", "nowhere"], "nowhere: neither a capture.json in it nor a reconstruction"),
         (["edit", "SAVED"], "does not tell which capture it was made of; give --capture FOLDER"),
         (["edit", "SAVED", "--capture", "nowhere"], "nowhere/capture.json"),
+        (["export", "CAPTURE", "--to", "bvh", "--out", "x"], "run pzcap reconstruct CAPTURE --out RESULTS first"),
         (["lengths", "nowhere"], "nowhere/capture.json"),
         (["export", "SAVED", "--to", "bvh", "--out", "FILE"], "File exists"),
     ],
@@ -132,6 +134,8 @@ def test_what_is_wrong_is_one_line(
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     Path("FILE").touch()
+    Path("CAPTURE").mkdir()
+    Path("CAPTURE", "capture.json").touch()
     assert main([str(saved) if word == "SAVED" else word for word in line]) == 1
     said = capsys.readouterr()
     assert said.err.startswith("pzcap: ")
@@ -262,3 +266,24 @@ def test_it_says_its_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="0"):
         main(["--version"])
     assert capsys.readouterr().out == f"pzcap {metadata.version('pzcap')}\n"
+
+
+def test_asked_to_end_it_says_so_at_once() -> None:
+    """While threads of its own are still at work, which it waits for."""
+    code = (
+        "import sys, time\nfrom concurrent.futures import ThreadPoolExecutor\nfrom pzcap.command import main as m\n"
+        "def long(_):\n    with ThreadPoolExecutor(1) as pool:\n        print('began', flush=True)\n"
+        "        pool.submit(time.sleep, 3.0).result()\n"
+        "m._doctor = long\nsys.exit(m.main(['doctor']))\n"
+    )
+    line = [sys.executable, "-c", code]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.readline() == "\n"
+        assert process.stderr.readline() == "pzcap: asked to end\n"
+        assert process.poll() is None
+        assert process.stderr.readline() == "pzcap: interrupted\n"
+    assert process.returncode == 130

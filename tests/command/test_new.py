@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from pzcap.command.footage_files import cameras_in
 from pzcap.command.main import main
 from pzcap.io.capture import read_capture
+from pzcap.io.clocks import SYNC_FORMAT, SYNC_VERSION
 from pzcap.types import PzcapError
 
 
@@ -173,6 +175,34 @@ def test_a_video_without_timecode(tmp_path: Path, capsys: pytest.CaptureFixture[
     said = capsys.readouterr().out
     assert "to mend: sync by sound: camera GoPro 1 has none" in said
     assert "sync: NOT KNOWN how the cameras lie to each other" in said
+
+
+def test_a_sync_json_older_than_the_videos_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    crew(tmp_path)
+    clocks = [{"name": name, "offset_s": 0.0, "rate": 1.0, "sigma_s": 0.001} for name in ("GoPro 1", "GoPro 2")]
+    content = {"format": SYNC_FORMAT, "version": SYNC_VERSION, "cameras": clocks}
+    (tmp_path / "sync.json").write_text(json.dumps(content))
+    main(["new", str(tmp_path)])
+    assert "of another take" not in capsys.readouterr().out
+    os.utime(tmp_path / "sync.json", (0, 0))
+    main(["new", str(tmp_path), "--replace"])
+    assert f"of another take, run pzcap sync {tmp_path}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("folders", "names"),
+    [
+        (("camera1", "camera2"), ["1", "2"]),
+        (("Camera A", "cam_B"), ["A", "B"]),
+        (("camera", "camera 2"), ["camera", "camera 2"]),  # nothing would be left of one
+        (("cam1", "camera 1"), ["cam1", "camera 1"]),  # nor could they be told apart
+        (("cam1", "left"), ["cam1", "left"]),
+    ],
+)
+def test_a_camera_is_called_what_its_folder_is(folders: Sequence[str], names: list[str], tmp_path: Path) -> None:
+    crew(tmp_path, folders)
+    assert main(["new", str(tmp_path)]) == 0
+    assert sorted(entry["name"] for entry in entries(tmp_path)) == sorted(names)
 
 
 def test_a_capture_json_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

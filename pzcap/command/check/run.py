@@ -97,12 +97,12 @@ def check_capture(capture: Capture, report: Report) -> Checked:
             capture.cameras, pool.map(lambda files: _empty_hall(capture, files), capture.cameras), strict=True
         ):
             halls[files.name] = hall
-            report("hall", len(halls), total)
+            report(f"still, sweep and zoom run of camera {files.name}", len(halls), total)
         for files, motion in zip(
             capture.cameras, pool.map(lambda files: _motion(capture, files, halls), capture.cameras), strict=True
         ):
             motions[files.name] = motion
-            report("motion", len(halls) + len(motions), total)
+            report(f"motion of camera {files.name}", len(halls) + len(motions), total)
     findings, pictures = list(_together(capture, halls)), {}
     fit = {name: motion for name, (motion, own) in motions.items() if motion is not None and _fits(own)}
     expected = _forecast(capture, halls, fit)
