@@ -38,7 +38,15 @@ def test_the_studies_of_the_issue_are_there() -> None:
         "exposure",
         "sweep_by_hand",
     }
-    assert method | cameras | {"cloth", "nearness"} == set(STUDIES)
+    assert method | cameras | {"cloth", "nearness", "trials"} == set(STUDIES)
+
+
+def test_every_trial_is_in_the_table_of_trials() -> None:
+    """But for those of one comparison, and a perfect camera, which takes hours."""
+    named = {path.stem for path in (run.CONF / "experiment").glob("*.yaml")}
+    of_comparisons = {"ablation", "burden", "keypoints", "operators", "self_calibration", "clean"}
+    developed_on = {"crouching_turn", "full_turn_jump"}
+    assert set(axes("trials")["experiment"]) == named - of_comparisons - developed_on
 
 
 @pytest.mark.parametrize("name", STUDIES)
