@@ -116,10 +116,7 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     write_metrics(folder / "metrics.json", found, info)
     if config.output.report:
         with console.status("writing the report"):
-            material = Material(
-                capture, reconstruction, truth, result, found, info, done.outlines, done.stage_s,
-                config.reconstruct.tracking,
-            )  # fmt: skip
+            material = Material(capture, reconstruction, truth, result, found, info, done.outlines, done.stage_s)
             write_report(folder / "report.html", material, _command())
     return found
 

@@ -17,6 +17,7 @@ from pzcap.io.capture import FrameSets, frame_sets, read_capture
 from pzcap.pipeline import Config, reconstruct
 from pzcap.starting_poses import body_to_track, body_tracker
 from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.tuning import PREDICTION_SIGMA
 from pzcap.types import Camera, Capture, FrameSet, Keyframe, Localisation
 from sim.people.crew import CrewConfig
 from sim.people.detector import DetectorConfig
@@ -106,7 +107,7 @@ def test_what_is_found_joins_what_a_hand_has_set(
     assert body is not None
     by_hand = frame_sets(capture).keyframes[0]
     sets.keyframes = (by_hand,)
-    other = Keyframe(by_hand.frame + 1, by_hand.pose, CONFIG.prediction_sigma[:, None] * CONFIG.prediction_sigma)
+    other = Keyframe(by_hand.frame + 1, by_hand.pose, PREDICTION_SIGMA[:, None] * PREDICTION_SIGMA)
     monkeypatch.setattr(starting_poses, "worthwhile", lambda *_: True)
     monkeypatch.setattr(starting_poses, "find_keyframes", lambda *_: [other])
     notes: list[str] = []

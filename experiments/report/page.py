@@ -20,7 +20,6 @@ from pzcap.body.skeleton import build
 from pzcap.extras import keyframe_diagnostics
 from pzcap.io.capture import frame_sets, read_image
 from pzcap.scoring.metric import Metric
-from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import Array, Camera, Capture, FrameSet, Image, Reconstruction
 from pzcap.viewer.drawing import OUTLINE_COLOUR, TRUTH_COLOUR, Colour, figures, instants
 from sim.truth import Truth
@@ -38,7 +37,6 @@ class Material:
     run: Mapping[str, Any]
     outlines: Mapping[tuple[int, int], Sequence[Array]]  # (frame set, camera) -> closed lines (N, 2) px
     stage_s: Mapping[str, float]
-    tracking: TrackingConfig  # that the body was tracked with
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +164,7 @@ def _advice(material: Material) -> tuple[list[int], int | None]:
     capture, motion = material.capture, material.reconstruction.motion
     if motion is None or capture.subject is None:
         return [], None
-    keyframes, hand_sigma = frame_sets(capture).keyframes, material.tracking.hand_sigma
-    found = keyframe_diagnostics.contradictions(motion, keyframes, build(capture.subject), hand_sigma)
+    found = keyframe_diagnostics.contradictions(motion, frame_sets(capture).keyframes, build(capture.subject))
     next_one = keyframe_diagnostics.suggestion(motion)
     return [each.frame for each in found], None if next_one is None else next_one.frame
 

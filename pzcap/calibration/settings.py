@@ -22,26 +22,14 @@ class PanZoomConfig:
     """Estimate a tilt in every frame, for heads that were tilted while the motion was recorded; else it is constant."""
     threshold: float = 1e-4
     """Response of AKAZE from which on a feature counts, in frame and panorama; lower than in the sweep's own frames."""
-    frame_features: int = 400
-    """Features of a frame, at most: enough for a place, and matched quickly."""
-    panorama_features: int = 12000
-    """Features of the panorama, at most: it shows many times what a frame does."""
     ratio: float = 0.85
     """Distance of the best match over that of the second best, at most (Lowe's test); wrong ones do not agree."""
     zoom_range: tuple[float, float] = (0.5, 5.0)
     """Focal lengths searched where nothing is known, relative to the reference: a zoom lens has no others."""
-    search_deg: float = 8.0
-    """Degrees beyond the frame's edges within which features are matched where the frame before is known."""
-    min_inliers: int = 12
-    """Matches that determine a place; with fewer they only say where to look."""
     sure_agreement: float = 0.85
     """Agreement (`Alignment`) of grey values that is enough alone; with less the frame is searched for."""
     same_agreement: float = 0.7
     """Agreement that is enough where fits from near and far come to one place: noise and a bare wall lower it."""
-    min_agreement: float = 0.5
-    """Agreement that is enough where features determine the place."""
-    max_pan_sigma_deg: float = 0.05
-    """Degrees, standard deviation of pan: matches that leave more do not determine a place."""
     pixels: int = 4000
     """Pixels of a frame that are compared with the panorama, about; more take longer."""
     floor_px: float = 0.008

@@ -46,10 +46,6 @@ class SweepConfig:
     """Features a frame, at most, the strongest first."""
     ratio: float = 0.85
     """Lowe's ratio test: distance of the nearest descriptor to that of the second nearest, at most."""
-    min_step: float = 0.04
-    """Image widths. Frames less far apart are left out: they add time, and no information."""
-    max_skip: int = 8
-    """Frames in a row that are left out, at most."""
     overlaps: tuple[float, ...] = (0.25, 0.55)
     """Fields of view. Each frame is also matched with those so far on: the longer the lever, the better the scale."""
     min_matches: int = 12
@@ -94,8 +90,8 @@ def chain(frames: Frames, view: View, full_turn: bool, config: SweepConfig, repo
         expected = None
         if len(kept) > 1:
             expected = (pans[-1] - pans[-2]) / (kept[-1] - kept[-2]) * (index - kept[-1])
-            # hardly any motion since the last frame kept
-            if abs(expected) * view.focal_px < config.min_step * image.shape[1] and index - kept[-1] < config.max_skip:
+            moved = abs(expected) * view.focal_px >= FEATURES.least_step * image.shape[1]
+            if not moved and index - kept[-1] < FEATURES.most_skipped:
                 continue
         kept.append(index)
         images.append(grey(image))

@@ -8,6 +8,10 @@ from typing import NamedTuple
 class FeatureTuning(NamedTuple):
     """`features`."""
 
+    least_step: float = 0.04
+    """Image widths. Frames less far apart are left out: they add time, and no information."""
+    most_skipped: int = 8
+    """Frames in a row that are left out, at most."""
     max_distance: int = 130
     """Bits of 486. Descriptors further apart are not of the same thing, however much further all others are."""
     sure_links: float = 4.0

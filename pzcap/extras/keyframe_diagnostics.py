@@ -2,7 +2,7 @@
 most.
 
 The frames beside a keyframe say what the images have the body do in its own: there they have had their way, where in
-the keyframe itself the hand has. A hand errs by so much at each joint (`TrackingConfig.hand_sigma`); a pose that stands
+the keyframe itself the hand has. A hand errs by so much at each joint (`HAND_SIGMA`); a pose that stands
 further off than that was set wrongly, or to another instant.
 
 Away from the keyframes the uncertainty of a joint grows, as the motion itself shows. A keyframe more starts it anew, on
@@ -20,6 +20,7 @@ from scipy.special import chdtri
 
 from pzcap.body.kinematics import difference, forward, joint_jacobians, joints, retract
 from pzcap.body.skeleton import LIMBS, Body
+from pzcap.tracking.tuning import HAND_SIGMA
 from pzcap.types import SEGMENTS, Array, Keyframe, Motion, Pose
 
 PARTS: Final[dict[str, tuple[int, ...]]] = {
@@ -77,11 +78,10 @@ def is_advice(note: str) -> bool:
 
 
 def notes(
-    motion: Motion, keyframes: Sequence[Keyframe], body: Body, hand_sigma: Array, timecodes: Sequence[str],
-    detected: bool,
-) -> tuple[str, ...]:  # fmt: skip
+    motion: Motion, keyframes: Sequence[Keyframe], body: Body, timecodes: Sequence[str], detected: bool
+) -> tuple[str, ...]:
     """All advice, a line each. ``detected``: the motion was tracked by a detector's keypoints, too."""
-    found: list[Contradiction | Suggestion | None] = [*contradictions(motion, keyframes, body, hand_sigma)]
+    found: list[Contradiction | Suggestion | None] = [*contradictions(motion, keyframes, body)]
     told = [each.told(timecodes) for each in [*found, suggestion(motion)] if each is not None]
     return tuple(told if detected else [*told, *_for_a_detector(motion)])
 
@@ -101,20 +101,18 @@ def _for_a_detector(motion: Motion) -> list[str]:
 # Keyframes that cannot be
 
 
-def contradictions(
-    motion: Motion, keyframes: Sequence[Keyframe], body: Body, hand_sigma: Array
-) -> tuple[Contradiction, ...]:
-    """The keyframes that the motion found from them contradicts. ``hand_sigma`` (43,) is of a pose's tangent."""
-    found = (_contradiction(motion, key, body, hand_sigma) for key in keyframes if 0 <= key.frame < len(motion.valid))
+def contradictions(motion: Motion, keyframes: Sequence[Keyframe], body: Body) -> tuple[Contradiction, ...]:
+    """The keyframes that the motion found from them contradicts."""
+    found = (_contradiction(motion, key, body) for key in keyframes if 0 <= key.frame < len(motion.valid))
     return tuple(each for each in found if each is not None)
 
 
-def _contradiction(motion: Motion, key: Keyframe, body: Body, hand_sigma: Array) -> Contradiction | None:
+def _contradiction(motion: Motion, key: Keyframe, body: Body) -> Contradiction | None:
     near = _near(motion, key.frame, _BESIDE)
     if len(near) < 2:
         return None
     said, spread = _in_line(motion, near, key.frame)
-    hand = _Hand.of(body, key.pose, hand_sigma)
+    hand = _Hand.of(body, key.pose)
     sigma_m = np.hypot(spread * motion.sigma_m[[key.frame, *near]].max(axis=0), _speeding_m(motion, near, key.frame))
     seen_m = joints(body, said)
     excess = hand.excess(seen_m, sigma_m)
@@ -141,10 +139,10 @@ class _Hand:
     covariance: Array  # (16, 3, 16, 3)
 
     @classmethod
-    def of(cls, body: Body, pose: Pose, sigma: Array) -> _Hand:
+    def of(cls, body: Body, pose: Pose) -> _Hand:
         frames = forward(body, pose)
         jacobians = joint_jacobians(frames)
-        return cls(frames[:, :3, 3], np.einsum("iad,d,jbd->iajb", jacobians, sigma**2, jacobians))
+        return cls(frames[:, :3, 3], np.einsum("iad,d,jbd->iajb", jacobians, HAND_SIGMA**2, jacobians))
 
     def sigma_m(self, joint: int) -> float:
         """Of a joint's distance from where it is."""

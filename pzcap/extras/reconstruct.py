@@ -81,9 +81,7 @@ def completed(found: Reconstruction, capture: Capture, config: Config) -> Recons
     if found.motion is not None and capture.subject is not None and not blames_object(notes):
         keyframes, body = frame_sets(capture).keyframes, skeleton.build(capture.subject)
         detected = any(camera.keypoints is not None for camera in capture.cameras)
-        notes += keyframe_diagnostics.notes(
-            found.motion, keyframes, body, config.tracking.hand_sigma, found.timecodes, detected
-        )
+        notes += keyframe_diagnostics.notes(found.motion, keyframes, body, found.timecodes, detected)
     tracks = smoothed(found.tracks, found.cameras, found.frame_rate, config)
     return replace(found, tracks=tracks, notes=notes)
 

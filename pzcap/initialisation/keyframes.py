@@ -27,6 +27,7 @@ from pzcap.tracking.pixel_time import sequence_rates
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_colour_model import SkinColourModel
 from pzcap.tracking.tracked_body import misplaced
+from pzcap.tracking.tuning import HAND_SIGMA
 from pzcap.types import Array, Keyframe, Pose
 
 Observe = Callable[[Keyframe], Sequence[ViewInput | None]]
@@ -53,7 +54,7 @@ def find_keyframes(
         if known.views >= JUDGEMENT.least_views and known.misfit < JUDGEMENT.largest_misfit:
             candidates[frame] = Keyframe(frame, pose, known.covariance, found=True)
             variances[frame] = float(np.mean(known.sigma_m**2)) * max(known.misfit / JUDGEMENT.usual_misfit, 1.0) ** 2
-    by_hand = {key.frame: float(config.keyframe_position_sigma_m**2) for key in given}
+    by_hand = {key.frame: float(HAND_SIGMA[0] ** 2) for key in given}
     sure: set[int] = set()
     while True:
         found = chosen(variances, by_hand, len(detections), rate)

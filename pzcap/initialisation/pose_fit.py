@@ -32,7 +32,7 @@ from pzcap.tracking import keypoint_residuals
 from pzcap.tracking.body_constraints import constraints
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.temporal_constraints import smooth_step
-from pzcap.tracking.tuning import KEYPOINT
+from pzcap.tracking.tuning import ACCELERATION_SIGMA, KEYPOINT
 from pzcap.types import DOF, SEGMENTS, Array, Pose, without_side
 
 _REST_DEG: Final = {"head": FIT.head_deg, "hand": FIT.hand_deg, "foot": FIT.foot_deg}
@@ -83,7 +83,7 @@ def _fit_stretch(
             pairs = zip(poses, sightings, strict=True)
             normal = [_normal(body, pose, seen, scale, config) for pose, seen in pairs]
             hessians, gradients = zip(*normal, strict=True)
-            steps = smooth_step(poses, hessians, gradients, FIT.acceleration * config.acceleration_sigma, before, ())
+            steps = smooth_step(poses, hessians, gradients, FIT.acceleration * ACCELERATION_SIGMA, before, ())
             steps = steps.clip(-FIT.longest_step, FIT.longest_step)
             poses = [retract(pose, step) for pose, step in zip(poses, steps, strict=True)]
             if np.abs(steps).max(initial=0.0) < FIT.tolerance:

@@ -23,6 +23,7 @@ from pzcap.geometry import cylinder
 from pzcap.geometry.camera import View, wrapped
 from pzcap.imaging.colour import grey
 from pzcap.localisation.panorama_sampler import ViewPlace
+from pzcap.localisation.tuning import FEATURES
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, minimise
 from pzcap.solver.robust import geman_mcclure, planar_sigma
 from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
@@ -59,7 +60,7 @@ class FeatureSearch:
     @cached_property
     def _known(self) -> _Known:
         """The panorama's features, found when they are first asked for: most takes do without."""
-        found = panorama_features(self._panorama, self._config.threshold, self._config.panorama_features)
+        found = panorama_features(self._panorama, self._config.threshold)
         return _Known(found, *cylinder.from_panorama(self._panorama, found.points_px))
 
     def candidates(self, image: Image, prior: Localisation | None) -> Iterator[Candidate]:
@@ -88,7 +89,7 @@ class FeatureSearch:
         low, high = config.zoom_range
         size = (round(image.shape[1] / zoom), round(image.shape[0] / zoom))
         small = np.asarray(cv2.resize(grey(image), size, interpolation=cv2.INTER_AREA), np.uint8)
-        found = features.detect(small, config.threshold, config.frame_features)
+        found = features.detect(small, config.threshold, FEATURES.of_frame)
         scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
         points = (found.points_px + 0.5) * scale - 0.5
         if prior is None:
@@ -96,7 +97,7 @@ class FeatureSearch:
         else:
             focals = prior.focal_px * np.exp(np.arange(-0.2, 0.2001, 0.02))
         known = self._known
-        window = near_prior(known.azimuth_rad, prior, self._camera, config.search_deg)
+        window = near_prior(known.azimuth_rad, prior, self._camera)
         pairs = features.match(found, known.features.subset(window), config.ratio)
         if len(pairs) < 2:
             return None
@@ -114,8 +115,8 @@ class FeatureSearch:
         solution = solve_eq11(self._panorama, self._camera, pan, focal, *matches, free_tilt=config.free_tilt)
         points, which = points[solution.inliers], which[solution.inliers]
         determined = (
-            len(points) >= config.min_inliers
-            and np.sqrt(solution.covariance[0, 0]) < np.deg2rad(config.max_pan_sigma_deg)
+            len(points) >= FEATURES.least_inliers
+            and np.sqrt(solution.covariance[0, 0]) < FEATURES.most_pan_sigma_rad
             and bool(np.all(np.ptp(points, axis=0) > 0.2 * lens.height))
             and low < solution.focal_px / lens.reference_focal_px < high
         )
@@ -125,24 +126,22 @@ class FeatureSearch:
         )  # fmt: skip
 
 
-def near_prior(
-    azimuth_rad: Array, prior: Localisation | None, camera: PanZoomCamera, search_deg: float
-) -> NDArray[np.int64]:
-    """Indices of those of the panorama's features (azimuths (N,)) that lie within ``search_deg`` of what ``prior``
-    shows; without it all."""
+def near_prior(azimuth_rad: Array, prior: Localisation | None, camera: PanZoomCamera) -> NDArray[np.int64]:
+    """Indices of those of the panorama's features (azimuths (N,)) that lie near what ``prior`` shows; without it
+    all."""
     if prior is None or not prior.valid:
         return np.arange(len(azimuth_rad))
-    reach = np.arctan(camera.lens.width / 2 / prior.focal_px) + np.deg2rad(search_deg)
+    reach = np.arctan(camera.lens.width / 2 / prior.focal_px) + FEATURES.search_rad
     return np.flatnonzero(np.abs(wrapped(azimuth_rad - prior.pan_rad)) < reach)
 
 
-def panorama_features(panorama: Panorama, threshold: float, limit: int) -> Features:
+def panorama_features(panorama: Panorama, threshold: float) -> Features:
     """AKAZE features of a panorama, away from its ragged edge."""
     border = 64 if panorama.full_turn else 0  # columns repeated at the ends, for features on the seam
     image = cv2.copyMakeBorder(grey(panorama.image), 0, 0, border, border, cv2.BORDER_WRAP)
     known = cv2.copyMakeBorder(panorama.valid.astype(np.uint8), 0, 0, border, border, cv2.BORDER_WRAP)
     inside = np.asarray(cv2.erode(known, np.ones((9, 9), np.uint8)), np.uint8)
-    found = features.detect(np.asarray(image, np.uint8), threshold, limit, inside)
+    found = features.detect(np.asarray(image, np.uint8), threshold, FEATURES.of_panorama, inside)
     points = found.points_px - np.array([border, 0.0])
     own = (points[:, 0] >= -0.5) & (points[:, 0] < panorama.image.shape[1] - 0.5)
     return Features(points[own], found.descriptors[own], found.brightness[own])

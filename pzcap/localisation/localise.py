@@ -22,7 +22,7 @@ from pzcap.localisation.feature_search import Candidate, FeatureSearch
 from pzcap.localisation.frame_prior import FramePrior
 from pzcap.localisation.panorama_sampler import ViewPlace, place_of
 from pzcap.localisation.photometric_alignment import Aligner, Alignment
-from pzcap.localisation.tuning import ALIGNMENT, READOUT
+from pzcap.localisation.tuning import ALIGNMENT, FEATURES, READOUT
 from pzcap.types import Array, Image, Localisation, Mask, Panorama, PanZoomCamera
 
 _KICKED: Final = np.full(2, ALIGNMENT.kicked_rad)
@@ -131,7 +131,7 @@ class Localiser:
             sure = self._is_reliable(aligned) or any(self._coincide(aligned, one) for one in correlated)
             return self._localisation(aligned) if sure else None
         moved_px = abs(aligned.at.pan_rad - found.pan_rad) * self._panorama.px_per_rad
-        if aligned.agreement <= self._config.min_agreement or moved_px >= ALIGNMENT.features_moved_px:
+        if aligned.agreement <= FEATURES.least_agreement or moved_px >= ALIGNMENT.features_moved_px:
             return None
         frame_px, panorama_px = found.frame_points_px, found.panorama_points_px
         return replace(self._localisation(aligned), frame_points_px=frame_px, panorama_points_px=panorama_px)

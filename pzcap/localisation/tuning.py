@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+import numpy as np
+
 
 class LevelTuning(NamedTuple):
     """A resolution of the panorama at which a frame is aligned with it."""
@@ -74,6 +76,23 @@ class SearchTuning(NamedTuple):
     """Grey levels, standard deviation: a frame of less correlates with anything."""
 
 
+class FeatureTuning(NamedTuple):
+    """Search by features."""
+
+    of_frame: int = 400
+    """At most: enough for a place, and matched quickly."""
+    of_panorama: int = 12000
+    """At most: it shows many times what a frame does."""
+    search_rad: float = np.deg2rad(8.0)
+    """Beyond the frame's edges, within which they are matched where the frame before is known."""
+    least_inliers: int = 12
+    """Matches that determine a place; with fewer they only say where to look."""
+    most_pan_sigma_rad: float = np.deg2rad(0.05)
+    """Matches that leave more do not determine a place."""
+    least_agreement: float = 0.5
+    """Of the grey values, that is enough where features determine the place."""
+
+
 class ReadoutTuning(NamedTuple):
     """Read-out time from successive frames."""
 
@@ -140,5 +159,6 @@ class RepetitionTuning(NamedTuple):
 LEVELS: Final = (LevelTuning(3, 4, 15.0, 1500), LevelTuning(1, 2, 4.0, 2000), LevelTuning(0, 12, 1.5))
 ALIGNMENT: Final = AlignmentTuning()
 SEARCH: Final = SearchTuning()
+FEATURES: Final = FeatureTuning()
 READOUT: Final = ReadoutTuning()
 REPETITION: Final = RepetitionTuning()

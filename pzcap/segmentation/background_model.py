@@ -8,7 +8,7 @@ steep, and heavy tails); the hall in shadow (on the floor alone: darker by one f
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple, TypeVar, cast
+from typing import Final, TypeVar, cast
 
 import cv2
 import numpy as np
@@ -23,6 +23,7 @@ Pixels = TypeVar("Pixels", Image, Float32)
 COLOUR_LEVELS: Final = 32
 """Of each colour in a palette (COLOUR_LEVELS, COLOUR_LEVELS, COLOUR_LEVELS)."""
 _LOG_COLOURS: Final = np.float32(3.0 * np.log(256))
+_SHADOW_LIGHT: Final = float(np.log(BACKGROUND.shadow_light))
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,24 +32,10 @@ class ForegroundConfig:
 
     noise: float = 1.8
     """Grey levels, standard deviation of a colour between frame and hall where the picture is even."""
-    camera_error_px: float = 0.22
-    """Pixels by which the hall's edges are off: the camera's error, and parallax that the panorama does not have."""
     prior_log_odds: float = -1.0
     """Log-odds of body anywhere while nothing is predicted: it covers less than the hall does."""
-    floor_range_m: float = 25.0
-    """Metres from the camera within which shadows on the floor are expected: those of a hall."""
-    shadow_log_odds: float = -2.5
-    """Log-odds of shadow against none on the floor: most of it is lit."""
-    shadow_light: float = 0.65
-    """Share of the light that a shadow usually leaves: a hall has many lamps."""
-    shadow_spread: float = 0.3
-    """Standard deviation of that share's logarithm: shadows differ much."""
     prediction_sigma_px: float = 1.0
     """Pixels, error of a predicted outline where the pose is right: that of the body's shape."""
-    prediction_for: float = 3.5
-    """Log-odds that a prediction counts with at most, for the body."""
-    prediction_against: float = 1.5
-    """The same against it: less, so that a limb that is elsewhere is found."""
     others: bool = True
     """Take foreground that is far from the expected body and larger than a limb for somebody else: unknown."""
 
@@ -87,15 +74,6 @@ class Compared:
         return log_odds
 
 
-class _Shadow(NamedTuple):
-    """Belief about shadows, for the kernel."""
-
-    floor: Array  # (3,) as `floor_plane` has it, of half pixels
-    log_odds: float
-    log_light: float
-    spread: float
-
-
 def compare(
     image: Image, background: Image, known: Mask, camera: Camera, corner: tuple[int, int], blur_px: float,
     config: ForegroundConfig,
@@ -109,18 +87,17 @@ def compare(
         frame = np.asarray(cv2.GaussianBlur(frame, (0, 0), blur_px / 2), np.uint8)
     steep_x, steep_y = (np.asarray(g, np.int16) for g in cv2.spatialGradient(cv2.cvtColor(hall, cv2.COLOR_BGR2GRAY)))
     variance, squares = np.empty(sure.shape, np.float32), np.empty((*sure.shape, 3), np.float32)
-    _colour_differences(frame, hall, steep_x, steep_y, config.noise, config.camera_error_px / 2, variance, squares)
+    _colour_differences(frame, hall, steep_x, steep_y, config.noise, BACKGROUND.camera_error_px / 2, variance, squares)
     # heavy compression or a camera that is further off makes everything noisier alike
     sampled = (squares[::2, ::2, 2] / variance[::2, ::2])[sure[::2, ::2] > 0]
     if sampled.size:
         variance *= np.float32(max(float(np.median(sampled)) / BACKGROUND.median, 1.0))
     windowed = np.asarray(cv2.blur(squares, (3, 3)), np.float32)  # a shadow is even over so much
-    floor = floor_plane(camera, config.floor_range_m) @ np.array(
+    floor = floor_plane(camera, BACKGROUND.floor_range_m) @ np.array(
         [[2.0, 0.0, corner[0] + 0.5], [0.0, 2.0, corner[1] + 0.5], [0.0, 0.0, 1.0]]
     )
-    shadow = _Shadow(floor, config.shadow_log_odds, float(np.log(config.shadow_light)), config.shadow_spread)
     likelihood = np.empty(sure.shape, np.float32)
-    _hall_likelihood(frame, hall, variance, squares, windowed, shadow, likelihood)
+    _hall_likelihood(frame, hall, variance, squares, windowed, floor, likelihood)
     return Compared(frame, likelihood, sure)
 
 
@@ -154,11 +131,12 @@ def _colour_differences(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _hall_likelihood(
-    frame: Image, hall: Image, variance: Float32, squares: Float32, windowed: Float32, shadow: _Shadow,
+    frame: Image, hall: Image, variance: Float32, squares: Float32, windowed: Float32, floor: Array,
     likelihood: Float32,
 ) -> None:  # fmt: skip
-    """Fill in the log-density of the frame under the better of the two: the hall as it is, or in shadow."""
-    floor, freedom = shadow.floor, BACKGROUND.freedom
+    """Fill in the log-density of the frame under the better of the two: the hall as it is, or in shadow on its
+    ``floor`` (3,), which is that of `floor_plane`, of half pixels."""
+    freedom, shadow = BACKGROUND.freedom, BACKGROUND.shadow_log_odds
     height, width = likelihood.shape
     exponent = -0.5 * (freedom + 3.0)
     for i in range(height):
@@ -166,13 +144,13 @@ def _hall_likelihood(
             spread = variance[i, j]
             best = exponent * np.log(1.0 + squares[i, j, 2] / (freedom * spread))
             cross, own = windowed[i, j, 0], windowed[i, j, 1]
-            if best < shadow.log_odds and 0.2 * own < cross < own and floor[0] * j + floor[1] * i + floor[2] < 0.0:
+            if best < shadow and 0.2 * own < cross < own and floor[0] * j + floor[1] * i + floor[2] < 0.0:
                 light = cross / own
                 apart = 0.0
                 for c in range(3):
                     apart += (float(frame[i, j, c]) - light * float(hall[i, j, c])) ** 2
-                usual = (np.log(light) - shadow.log_light) / shadow.spread
-                dark = exponent * np.log(1.0 + apart / (freedom * spread)) + shadow.log_odds - 0.5 * usual * usual
+                usual = (np.log(light) - _SHADOW_LIGHT) / BACKGROUND.shadow_spread
+                dark = exponent * np.log(1.0 + apart / (freedom * spread)) + shadow - 0.5 * usual * usual
                 best = max(best, dark)
             likelihood[i, j] = best + BACKGROUND.peak - 1.5 * np.log(spread)
 

@@ -20,7 +20,7 @@ from pzcap.segmentation.background_model import Compared, ForegroundConfig, comp
 from pzcap.segmentation.expected import Expected
 from pzcap.segmentation.others import other_people
 from pzcap.segmentation.parts import main_parts, without_holes
-from pzcap.segmentation.tuning import BODY
+from pzcap.segmentation.tuning import BACKGROUND, BODY
 from pzcap.solver.robust import line
 from pzcap.types import Camera, Float32, Image, Localisation, Mask, Panorama, PanZoomCamera, Silhouette
 
@@ -83,7 +83,7 @@ def subtract(
 def _prior(expected: Expected, config: ForegroundConfig) -> Float32:
     """Log-odds (h, w) of a prediction: less against the body than for it, so that a limb that is elsewhere is found."""
     log_odds = expected.distance_px * np.float32(2.0 / math.hypot(config.prediction_sigma_px, expected.sigma_px))
-    return np.asarray(np.clip(log_odds, -config.prediction_against, config.prediction_for), np.float32)
+    return np.asarray(np.clip(log_odds, -BACKGROUND.prediction_against, BACKGROUND.prediction_for), np.float32)
 
 
 def match_gain(image: Image, background: Image, known: Mask, by: int = 8) -> Image:

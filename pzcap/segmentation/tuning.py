@@ -18,6 +18,20 @@ class BackgroundTuning(NamedTuple):
     """Median of the squared difference over the variance of a colour, if that is right."""
     any_colour: float = 0.2
     """Share of colours that the body may have besides those seen."""
+    camera_error_px: float = 0.22
+    """By which the hall's edges are off: the camera's error, and parallax that the panorama does not have."""
+    floor_range_m: float = 25.0
+    """From the camera, within which shadows on the floor are expected: those of a hall."""
+    shadow_log_odds: float = -2.5
+    """Of shadow against none on the floor: most of it is lit."""
+    shadow_light: float = 0.65
+    """Share of the light that a shadow usually leaves: a hall has many lamps."""
+    shadow_spread: float = 0.3
+    """Standard deviation of that share's logarithm: shadows differ much."""
+    prediction_for: float = 3.5
+    """Log-odds that a prediction counts with at most, for the body."""
+    prediction_against: float = 1.5
+    """The same against it: less, so that a limb that is elsewhere is found."""
 
 
 class BodyTuning(NamedTuple):

@@ -28,7 +28,7 @@ from pzcap.tracking.reacquisition import PassResults, Places, Reacquired, accept
 from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.skin_appearance import Appearances, mean_appearances
 from pzcap.tracking.temporal_constraints import contacts, smooth_step
-from pzcap.tracking.tuning import CLOCK, REACQUISITION
+from pzcap.tracking.tuning import ACCELERATION_SIGMA, CLOCK, PREDICTION_SIGMA, REACQUISITION
 from pzcap.tracking.view_sequence import ViewSequence
 from pzcap.types import SEGMENTS, Array, Keyframe, Pose
 
@@ -135,9 +135,9 @@ class _Batch:
         scene = zip(keys, objectives, posed, placed, strict=True)
         equations = [self._linearised(*each, appearances) for each in scene]
         objectives, clock, known = list(objectives), clocks_of(objectives), self.clocks
-        weak = np.diag(1.0 / config.prediction_sigma**2)  # what no view shows still moves as other frames do
+        weak = np.diag(1.0 / PREDICTION_SIGMA**2)  # what no view shows still moves as other frames do
         # forces that change at random: how far they throw a body off grows as the time to the power of 3/2
-        sigma = config.acceleration_sigma * self.period**1.5
+        sigma = ACCELERATION_SIGMA * self.period**1.5
         moving, count = np.ones(len(poses), bool), 0
         while moving.any() and count < config.polishing_sweeps:
             if count:
@@ -186,7 +186,7 @@ class _Batch:
         )
         hessian, gradient = normal.hessian + stiffness, normal.gradient + pull
         if key is not None:
-            prior = information(key, config)
+            prior = information(key)
             hessian, gradient = hessian + prior, gradient + prior @ difference(key.pose, posed.pose)
         return _Linearised(normal, hessian, gradient, objective.clocks(posed, normal))
 

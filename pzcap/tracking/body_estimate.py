@@ -22,7 +22,7 @@ from pzcap.tracking.observation import Views
 from pzcap.tracking.pose_objective import PoseObjective
 from pzcap.tracking.settings import Terms, TrackingConfig
 from pzcap.tracking.skin_appearance import mean_appearances
-from pzcap.tracking.tuning import DRAPE, SHAPE
+from pzcap.tracking.tuning import DRAPE, FRAME, SHAPE
 from pzcap.types import DOF, SEGMENTS, Array, Keyframe, Pose
 
 
@@ -55,7 +55,7 @@ class BodyEstimate:
             objective = PoseObjective(self.body, views, rates)
             contour = _less_of_cloth(objective.contour(*objective.place(fitted), _terms(config)), self.body, config)
             # what a detector means by a joint is one error of all its keyframes: these say what any frame does
-            prior = information(key, config) if by_hand else _weak(config)
+            prior = information(key) if by_hand else _weak(config)
             pull = prior @ difference(key.pose, fitted) if by_hand else np.zeros(DOF)
             shape = shape.commit(shape.accumulate([FrameResiduals(frames, contour, None, prior, pull)]))
         for view in views:
@@ -76,7 +76,7 @@ class BodyEstimate:
         for objective, (posed, where) in zip(objectives, frames, strict=True):
             terms = replace(_terms(config), brightness_sigma=SHAPE.brightness_sigma)
             found = objective.texture(posed, where, appearances, terms)
-            share = config.shape_texture_weight
+            share = SHAPE.texture_weight
             texture = found._replace(hessians=share * found.hessians, gradients=share * found.gradients)
             texture.hessians[self.body.loose_m > 0.0] = 0.0  # cloth slides
             texture.gradients[self.body.loose_m > 0.0] = 0.0
@@ -111,7 +111,7 @@ def _less_of_cloth(contour: PointResiduals, body: Body, config: TrackingConfig) 
 
 def _weak(config: TrackingConfig) -> Array:
     """Information (43, 43) on the pose of a frame whose images alone are to correct the body."""
-    return config.shape_weight / config.start_widening**2 * np.eye(DOF)
+    return config.shape_weight / FRAME.start_widening**2 * np.eye(DOF)
 
 
 def _terms(config: TrackingConfig) -> Terms:

@@ -26,7 +26,7 @@ from pzcap.tracking.pixel_time import rates_between
 from pzcap.tracking.pose_objective import PosedBody, PoseEquations, PoseObjective, misfit_px2
 from pzcap.tracking.settings import Round, TrackingConfig
 from pzcap.tracking.skin_appearance import SomeAppearances, learn, mean_appearances
-from pzcap.tracking.tuning import BRIGHTNESS, FRAME
+from pzcap.tracking.tuning import BRIGHTNESS, FRAME, PREDICTION_SIGMA
 from pzcap.types import DOF, SEGMENTS, Array, Pose
 
 
@@ -76,7 +76,7 @@ class FrameTracker:
         self.prediction_error_m = FRAME.error_m  # of the joints, lately
         self.lost = 0.0  # probability that the whole body is elsewhere
         self._velocity_known = velocity != 0.0  # of each degree of freedom
-        self._persistence = np.where(DOF_SEGMENT > 0, config.joint_persistence, 1.0)  # the body as a whole moves on
+        self._persistence = np.where(DOF_SEGMENT > 0, FRAME.joint_persistence, 1.0)  # the body as a whole moves on
         placed = PoseObjective(body, views, self.rates(pose)).place(pose)[1]
         self.appearances = mean_appearances(body, [views], [placed])
         # the adaptive appearance drifts with a limb that is lost; the reference is of frames beside the keyframe alone
@@ -110,7 +110,7 @@ class FrameTracker:
         views = [
             None if view is None else divided(self.body, view, predicted, self.prediction_error_m) for view in views
         ]
-        sigma = config.prediction_sigma * np.where(self._velocity_known, 1.0, config.start_widening)
+        sigma = PREDICTION_SIGMA * np.where(self._velocity_known, 1.0, FRAME.start_widening)
         expected = retract(self.pose, self._persistence * self.velocity)
         schedule = [each for each in config.schedule if self.prediction_error_m >= each.surprise_m]
         fit = fit_pose(
@@ -119,7 +119,7 @@ class FrameTracker:
         )  # fmt: skip
         pose, placed = fit.posed.pose, fit.objective.visibility(fit.posed)
         self.lost = probably_lost(mismatch(views, placed))
-        learn(views, placed, self.appearances, config.appearance_rate, BRIGHTNESS.kept)
+        learn(views, placed, self.appearances, FRAME.appearance_rate, BRIGHTNESS.kept)
         if self.age <= FRAME.beside_keyframe:
             learn(views, placed, self.reference, 1.0 / (self.age + 1))
         gain = np.where(self._velocity_known, config.velocity_gain, 1.0)

@@ -42,7 +42,7 @@ def solved(problem: IntervalProblem) -> IntervalResult:
     if not problem.instants:
         assert anchor is not None, "an interval has a frame or a keyframe"
         fit, report = fit_keyframe(problem.estimate.body, anchor.key, anchor.views, anchor.rates, config)
-        keyframe = tracked(problem.estimate, config, anchor.key.frame, trusted(anchor.key, fit))
+        keyframe = tracked(problem.estimate, anchor.key.frame, trusted(anchor.key, fit))
         return IntervalResult([keyframe], problem.estimate, problem.clocks, [fit.pose], report)
     poses, views, doubt_m, passes = _passes(problem)
     frames_of = [None if each.second_field else each.frame for each in problem.instants]
@@ -56,7 +56,7 @@ def solved(problem: IntervalProblem) -> IntervalResult:
     doubt_m = np.fmax(doubt_m, batch.spread_m)
     done = [
         tracked(
-            estimate, config, number, found, doubt, list(zip(objective.views, cameras, strict=True)),
+            estimate, number, found, doubt, list(zip(objective.views, cameras, strict=True)),
             lost(objective, found.pose),
         )
         for number, found, doubt, objective, cameras in zip(
@@ -74,7 +74,7 @@ def fit_keyframe(
 ) -> tuple[PoseEstimate, SolveReport]:
     """A keyframe's pose, fitted to the images with its own error as prior; ``rates`` (16, 12) are those of the segments
     there."""
-    prior = information(key, config)
+    prior = information(key)
     if all(view is None for view in views):
         return PoseEstimate(key.pose, prior, NO_CONTOUR, False), SolveReport(True, 0, 0.0)
     fit = fit_pose(PoseObjective(body, views, rates), key.pose, prior, [None] * len(views), config, config.schedule)

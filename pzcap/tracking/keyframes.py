@@ -10,22 +10,21 @@ from scipy.spatial.transform import Rotation
 
 from pzcap.body.kinematics import forward, joint_jacobians, joints, limit_residuals
 from pzcap.body.skeleton import DOF_SEGMENT, Body
-from pzcap.tracking.settings import TrackingConfig
-from pzcap.tracking.tuning import KEYFRAME
+from pzcap.tracking.tuning import HAND_SIGMA, KEYFRAME
 from pzcap.types import HINGE_AXES, JOINTS, SEGMENTS, Array, Keyframe, Pose, PzcapError
 
 
-def information(key: Keyframe, config: TrackingConfig) -> Array:
+def information(key: Keyframe) -> Array:
     """Information (43, 43) on the pose of a keyframe, beside the images."""
     if key.covariance is None:
-        return np.diag(1.0 / config.hand_sigma**2)
+        return np.diag(1.0 / HAND_SIGMA**2)
     return np.asarray(np.linalg.inv(key.covariance))
 
 
-def joint_sigma_m(key: Keyframe, body: Body, config: TrackingConfig) -> float:
+def joint_sigma_m(key: Keyframe, body: Body) -> float:
     """Standard deviation of a keyframe's joints along each axis, the mean of all."""
     if key.covariance is None:
-        return config.keyframe_position_sigma_m
+        return float(HAND_SIGMA[0])
     jacobians = joint_jacobians(forward(body, key.pose))
     variance = np.einsum("jad,de,jae->j", jacobians, key.covariance, jacobians) / 3.0
     return float(np.sqrt(variance.mean()))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from pzcap.types import DOF, Array, PzcapError
+from pzcap.types import PzcapError
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,20 +66,8 @@ def _schedule() -> tuple[Round, ...]:
 class TrackingConfig:
     """Defaults suit a body of 150-400 pixels at 25-60 frames a second."""
 
-    keyframe_position_sigma_m: float = 0.010
-    """Standard deviation of the root as a hand places it in a keyframe."""
-    keyframe_rotation_sigma_rad: float = 0.052
-    """Standard deviation of each joint as a hand turns it: 3 degrees."""
-    appearance_rate: float = 0.15
-    """Share of the image that the appearance takes on with each frame."""
-    prediction_position_sigma_m: float = 0.1
-    """Standard deviation of the predicted root, a frame: a landing stops it at once."""
-    prediction_rotation_sigma_rad: float = 0.20
-    """Standard deviation of each predicted joint, a frame."""
     velocity_gain: float = 0.8
     """Share of a frame's motion that the velocity takes on."""
-    joint_persistence: float = 0.2
-    """Share of a joint's velocity that is expected to go on: unseen limbs come to rest."""
     limit_sigma_rad: float = 0.05
     """Standard deviation beyond the limits of the joints, which are wide and soft."""
     spine_sigma_rad: float = 0.07
@@ -93,8 +79,6 @@ class TrackingConfig:
     """Metres, radians: a smaller step ends a round, and a frame that makes one is at rest."""
     schedule: tuple[Round, ...] = field(default_factory=_schedule)
     """Rounds of a fit, coarse to fine."""
-    start_widening: float = 4.0
-    """Factor of a prediction's sigma while the velocity is not known."""
     body_size: bool = True
     """Correct the size of the whole body where the first keyframe's silhouettes show another than the tape."""
     drape: bool = True
@@ -102,14 +86,8 @@ class TrackingConfig:
     shape_weight: float = 0.05
     """Weight of a frame's contour in the estimate of the body's shape: the next frame errs alike. 0: the body stays as
     the tape has it."""
-    shape_texture_weight: float = 3.0
-    """Weight of a frame's brightness in that estimate."""
     shape_rounds: int = 16
     """Alternations of correcting the body and the poses of an interval, at most; they end once the joints stay."""
-    acceleration_position_sigma_m: float = 0.01
-    """Standard deviation of the root's acceleration, a frame squared."""
-    acceleration_rotation_sigma_rad: float = 0.05
-    """Standard deviation of each joint's acceleration, a frame squared."""
     polishing_sweeps: int = 16
     """Gauss-Newton steps of all frames of an interval together, at most; they end once no frame moves."""
     longest_stretch: int = 200
@@ -141,22 +119,3 @@ class TrackingConfig:
     def __post_init__(self) -> None:
         if not self.schedule or self.schedule[-1].surprise_m > 0.0:
             raise PzcapError("tracking.schedule has no last round that is always made; give it surprise_m: 0")
-
-    @property
-    def hand_sigma(self) -> Array:
-        """(43,) Standard deviation of a keyframe's pose in its tangent."""
-        return _tangent(self.keyframe_position_sigma_m, self.keyframe_rotation_sigma_rad)
-
-    @property
-    def prediction_sigma(self) -> Array:
-        """(43,) Standard deviation of a predicted pose in its tangent."""
-        return _tangent(self.prediction_position_sigma_m, self.prediction_rotation_sigma_rad)
-
-    @property
-    def acceleration_sigma(self) -> Array:
-        """(43,) Standard deviation of the acceleration of a pose in its tangent, a frame squared."""
-        return _tangent(self.acceleration_position_sigma_m, self.acceleration_rotation_sigma_rad)
-
-
-def _tangent(position_m: float, rotation_rad: float) -> Array:
-    return np.r_[np.full(3, position_m), np.full(DOF - 3, rotation_rad)]

@@ -15,14 +15,12 @@ from pzcap.tracking.interval import Tracked
 from pzcap.tracking.limbs import mismatch
 from pzcap.tracking.observation import ViewCrop
 from pzcap.tracking.pose_objective import PoseObjective, misfit_px2
-from pzcap.tracking.settings import TrackingConfig
-from pzcap.tracking.tuning import INTERVAL
+from pzcap.tracking.tuning import INTERVAL, PREDICTION_SIGMA
 from pzcap.types import PARENTS, Array, Keyframe, Pose
 
 
 def tracked(
-    estimate: BodyEstimate, config: TrackingConfig, frame: int, found: PoseEstimate,
-    doubt_m: Array | float = 0.0,
+    estimate: BodyEstimate, frame: int, found: PoseEstimate, doubt_m: Array | float = 0.0,
     cameras: Sequence[tuple[ViewCrop | None, MarginalisedCamera | None]] = (), lost: float = 0.0,
 ) -> Tracked:  # fmt: skip
     """The body at an instant. ``doubt_m`` (16,) is the deviation of a joint that may be in several places: those of two
@@ -30,7 +28,7 @@ def tracked(
     ``cameras``, where they were corrected, is each view with the camera as it is now, and the marginalised one;
     ``lost`` the probability that the whole body is elsewhere."""
     frames = forward(estimate.body, found.pose)
-    information = found.hessian + np.diag(1.0 / config.prediction_sigma**2)
+    information = found.hessian + np.diag(1.0 / PREDICTION_SIGMA**2)
     covariance = np.asarray(np.linalg.inv(information), np.float64)
     jacobians = joint_jacobians(frames)
     variance = np.einsum("jad,de,jae->j", jacobians, covariance, jacobians)

@@ -84,7 +84,7 @@ class Tracker:
         does not see the body."""
         key = self._keys.get(frame)
         if key is not None and key is not self._reached:
-            pose, sigma_m = key.pose, 2.0 * joint_sigma_m(key, self.body, self.config)
+            pose, sigma_m = key.pose, 2.0 * joint_sigma_m(key, self.body)
         elif self._ahead is not None and self._ahead.astray:
             return anywhere(self.body, self._ahead.predict(), camera, FRAME.lost_margin)
         elif self._ahead is not None:
@@ -129,7 +129,7 @@ class Tracker:
 
     def _tracked(self, at: TrackInput | Instant, found: PoseEstimate) -> list[Tracked]:
         """The frame as it was ``found``; nothing of a second field, which only serves the tracking."""
-        return [] if at.second_field else [tracked(self._estimate, self.config, at.frame, found)]
+        return [] if at.second_field else [tracked(self._estimate, at.frame, found)]
 
     def _reach_keyframe(self, item: TrackInput, key: Keyframe) -> list[Tracked]:
         self._reached, done = key, self._solved()

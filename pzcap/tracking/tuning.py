@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pzcap.types import DOF, Array
+
 
 class ViewTuning(NamedTuple):
     """Crop of a view, and placement of the body in it."""
@@ -99,6 +101,9 @@ class SpineTuning(NamedTuple):
 class FrameTuning(NamedTuple):
     """Frame-to-frame tracking."""
 
+    appearance_rate: float = 0.15  # share of the image that the appearance takes on with each frame
+    joint_persistence: float = 0.2  # share of a joint's velocity that is expected to go on: unseen limbs come to rest
+    start_widening: float = 4.0  # factor of a prediction's sigma while the velocity is not known
     leap_sigmas: float = 3.0  # sigmas of the prediction that nobody moves by
     beside_keyframe: int = 2  # frames beside a keyframe in which limbs are still where they are thought to be
     error_m: float = 0.03  # of the joints, by which a prediction errs beside a keyframe, and more in a frame unseen
@@ -139,6 +144,7 @@ class ShapeTuning(NamedTuple):
     # Factor of a joint's variance for what is not known of the body, where no keyframe was set by hand: what a detector
     # means by a joint is elsewhere in the skin, by the same in all frames. Fitted to what is covered on captures.
     found_keyframes: float = 1.5
+    texture_weight: float = 3.0  # of a frame's brightness
     brightness_sigma: float = 25.0  # grey levels, while the shape is not known: more than in tracking
     # weight of a point's displacement along the skin; the rest is that across it: contours show the latter, and the
     # texture, which shows the former, was learned with the body of its time
@@ -239,6 +245,14 @@ class KeyframeTuning(NamedTuple):
     fastest_m_s: float = 12.0  # of the pelvis: the fastest sprinters'
 
 
+def _sigma(position_m: float, rotation_rad: float) -> Array:
+    """Standard deviation (43,) in a pose's tangent: of the root, and of each joint."""
+    return np.r_[np.full(3, position_m), np.full(DOF - 3, rotation_rad)]
+
+
+HAND_SIGMA = _sigma(0.010, 0.052)  # of a keyframe as a hand sets it
+PREDICTION_SIGMA = _sigma(0.1, 0.20)  # of a prediction, a frame: a landing stops the root at once
+ACCELERATION_SIGMA = _sigma(0.01, 0.05)  # of the acceleration, a frame squared
 VIEW = ViewTuning()
 CLOCK = ClockTuning()
 CONTOUR = ContourTuning()

@@ -16,7 +16,7 @@ from pzcap.body.shape_estimation import FrameResiduals, Postures, ShapeEquations
 from pzcap.body.skeleton import Body
 from pzcap.body.tuning import SHAPE
 from pzcap.tracking.pose_objective import PoseObjective
-from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.tuning import HAND_SIGMA
 from pzcap.types import DOF, SEGMENTS, Array, Subject
 from tests.scenes.tracked import TERMS, clip, crops, true_body
 
@@ -220,7 +220,7 @@ def test_shoulders_that_end_too_high_are_brought_down() -> None:
     above = arms & (points[:, 2] > 0.0)
     points[above, 2] *= 1.0 + 0.02 / points[above, 2].max()
     wrong = replace(body, surface=body.surface.moved(points))
-    shape, hand, residuals = ShapeEstimate.of(wrong), np.diag(1.0 / TrackingConfig().hand_sigma ** 2), []
+    shape, hand, residuals = ShapeEstimate.of(wrong), np.diag(1.0 / HAND_SIGMA**2), []
     for frame in range(0, 13, 3):
         evidence, pose = PoseObjective(wrong, crops(frame)), clip().poses[frame]
         rows = evidence.contour(*evidence.place(pose), TERMS)

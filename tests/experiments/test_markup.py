@@ -31,7 +31,6 @@ from experiments.studies import jobs
 from experiments.studies import page as study_page
 from pzcap.io import results
 from pzcap.scoring.metric import Metric
-from pzcap.tracking.settings import TrackingConfig
 from pzcap.types import CameraFiles, Capture
 from tests.scenes import fabricated
 from tests.scenes.studies import NOISE, grid
@@ -84,8 +83,7 @@ def test_the_report(tmp_path: Path) -> None:
     capture = Capture(tmp_path, NAMES[0], Fraction(30), cameras, None, None, {}, full_turn=True)
     tree = default_tree() | {"capture": NAMES[0], "estimator": NAMES[1]}
     material = report.Material(
-        capture, whole, None, None, [Metric("speed.fps", 1.0, NAMES[1])], run_info(tree, 0), {}, {"prepare": 1.0},
-        TrackingConfig(),
+        capture, whole, None, None, [Metric("speed.fps", 1.0, NAMES[1])], run_info(tree, 0), {}, {"prepare": 1.0}
     )  # fmt: skip
     report.write_report(tmp_path / "report.html", material, NAMES[0])
     harmless(tmp_path / "report.html", *NAMES)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pzcap.body import kinematics
 from pzcap.extras import keyframe_diagnostics
 from pzcap.tracking import tracker
-from pzcap.tracking.settings import TrackingConfig
+from pzcap.tracking.tuning import HAND_SIGMA
 from pzcap.types import DOF, SEGMENTS, Array, Keyframe, Motion, Pose
 from tests.scenes import tracked as rendered
 from tests.scenes.bodies import BODY
@@ -20,7 +20,6 @@ from tests.scenes.body_scene import swing
 pytestmark = pytest.mark.xdist_group("tracked")  # the clip is rendered once
 FRAMES, RATE = 31, 30.0
 KEYS = (0, 10, 20, 30)
-HAND = TrackingConfig().hand_sigma
 TIMECODES = [f"10:00:00:{frame:02d}" for frame in range(FRAMES)]
 
 
@@ -40,7 +39,7 @@ def motion(sigma_m: Array | float = 0.01, keyframes: Sequence[int] = KEYS) -> Mo
 
 def by_hand(frame: int, seed: int = 0, of: int | None = None) -> Keyframe:
     """The pose of frame ``of``, set by a hand that errs as stated."""
-    error = np.random.default_rng(1000 * seed + frame).normal(0.0, HAND)
+    error = np.random.default_rng(1000 * seed + frame).normal(0.0, HAND_SIGMA)
     return Keyframe(frame, kinematics.retract(swing((frame if of is None else of) / RATE), error))
 
 
@@ -53,7 +52,7 @@ def turned(key: Keyframe, segment: str, degrees: float) -> Keyframe:
 
 
 def contradicted(keys: Sequence[Keyframe], of: Motion | None = None) -> tuple[keyframe_diagnostics.Contradiction, ...]:
-    return keyframe_diagnostics.contradictions(motion() if of is None else of, keys, BODY, HAND)
+    return keyframe_diagnostics.contradictions(motion() if of is None else of, keys, BODY)
 
 
 def test_a_hand_that_errs_as_stated_is_hardly_ever_contradicted() -> None:
@@ -109,11 +108,11 @@ def test_the_tracker_is_not_led_astray_by_a_wrong_arm() -> None:
     """On rendered views: what is found beside a keyframe with a wrong arm contradicts it, and it alone."""
     keys = [rendered.by_hand(0), turned(rendered.by_hand(6), "left_upper_arm", 40.0), rendered.by_hand(12)]
     found = tracker.collect(rendered.run(keys, rendered.inputs()), keys, rendered.taped())
-    (only,) = keyframe_diagnostics.contradictions(found, keys, rendered.taped(), HAND)
+    (only,) = keyframe_diagnostics.contradictions(found, keys, rendered.taped())
     assert (only.frame, only.parts) == (6, ("left arm",))
     sound = [rendered.by_hand(frame) for frame in (0, 6, 12)]
     found = tracker.collect(rendered.run(sound, rendered.inputs()), sound, rendered.taped())
-    assert keyframe_diagnostics.contradictions(found, sound, rendered.taped(), HAND) == ()
+    assert keyframe_diagnostics.contradictions(found, sound, rendered.taped()) == ()
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -152,7 +151,7 @@ def test_without_any_keyframe_or_any_other_frame_there_is_no_advice(keyframes: S
 
 def test_advice_is_a_line_each() -> None:
     keys = [turned(by_hand(k), "right_thigh", 40.0) if k == 20 else by_hand(k) for k in KEYS]
-    first, second = keyframe_diagnostics.notes(motion(), keys, BODY, HAND, TIMECODES, detected=False)
+    first, second = keyframe_diagnostics.notes(motion(), keys, BODY, TIMECODES, detected=False)
     assert first.startswith("keyframe 20: the images have its right leg ")
     assert second.startswith("the next keyframe would help most at frame ")
 
@@ -164,7 +163,7 @@ def test_where_limbs_are_often_in_doubt_a_detector_is_advised(frames: int) -> No
     sigma[11 : 11 + frames, 9] = 0.2
 
     def notes(detected: bool) -> tuple[str, ...]:
-        return keyframe_diagnostics.notes(motion(sigma), [by_hand(k) for k in KEYS], BODY, HAND, TIMECODES, detected)
+        return keyframe_diagnostics.notes(motion(sigma), [by_hand(k) for k in KEYS], BODY, TIMECODES, detected)
 
     assert len(notes(True)) == 1
     own = notes(False)[1:]

@@ -371,7 +371,7 @@ def test_without_a_sweep_of_the_reference_pose_one_line_says_so() -> None:
 
 def test_the_panorama_of_a_full_turn_has_features_on_its_seam() -> None:
     whole = whole_turn(0)
-    found = panorama_features(replace(whole, image=whole.image), 1e-4, 20000)
+    found = panorama_features(whole, 1e-4)
     width = whole.image.shape[1]
     assert ((found.points_px[:, 0] >= -0.5) & (found.points_px[:, 0] < width - 0.5)).all()
     near = (found.points_px[:, 0] < 6) | (found.points_px[:, 0] > width - 6)

@@ -198,7 +198,7 @@ def test_where_colours_tell_nothing_the_outline_is_where_it_is_expected() -> Non
     rng = np.random.default_rng(4)
     columns = np.broadcast_to(np.arange(40), (40, 40))
     wall = np.full((80, 80, 3), 90.0)
-    expected = np.clip(2.0 * (21.0 - columns) - 1.0, -CONFIG.prediction_against, CONFIG.prediction_for)
+    expected = np.clip(2.0 * (21.0 - columns) - 1.0, -BACKGROUND.prediction_against, BACKGROUND.prediction_for)
     evidence = np.select([columns < 17, columns < 20], [3.0, 0.0], -0.8)
     for colour, edge in ((170.0, 40), (90.0, 42)):
         image = np.where(np.arange(80)[:, None] < 40, colour, wall) + rng.normal(0.0, 2.0, wall.shape)

@@ -56,14 +56,14 @@ def test_the_skin_is_nowhere_nearer_to_where_it_was_seen() -> None:
 
 
 def test_early_results_get_the_body_and_the_certainty_of_the_last() -> None:
-    found, config = PoseEstimate(POSE, 1e4 * np.eye(DOF), NO_CONTOUR, True), TrackingConfig()
+    found = PoseEstimate(POSE, 1e4 * np.eye(DOF), NO_CONTOUR, True)
     before = BodyEstimate.of(BODY)
-    early = tracked(before, config, 0, found)
+    early = tracked(before, 0, found)
     change = basis(BODY)
     amounts = 0.5 * np.random.default_rng(2).normal(0.0, change.sigma_m)
     known = Shape(amounts, np.full(len(SEGMENTS), 1e-6))
     after = replace(before, body=corrected(BODY, change, amounts), known=known)
-    late = tracked(after, config, 1, found)
+    late = tracked(after, 1, found)
     first, second = refit_shape(after, [early, late])
     assert second is late
     np.testing.assert_array_equal(first.joints_m, joints(after.body, first.pose))

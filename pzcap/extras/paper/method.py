@@ -19,6 +19,7 @@ from pzcap.geometry import cylinder
 from pzcap.imaging.colour import grey
 from pzcap.localisation.feature_search import near_prior, panorama_features
 from pzcap.localisation.localise import lost
+from pzcap.localisation.tuning import FEATURES
 from pzcap.pipeline import Method
 from pzcap.progress import Report, no_report
 from pzcap.types import Array, Image, Lens, Localisation, Mask, Panorama, PanZoomCamera, PzcapError
@@ -41,12 +42,12 @@ def calibrate(footage: Footage, config: PanZoomConfig, report: Report = no_repor
     pasted = stitch(sweep, focal, config.sweep, lambda done: report("stitch sweep", done, 0))
     unfolded, covered, origin = to_cylinder(reference_image, focal)
     inside = np.asarray(covered, np.uint8)
-    found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside)
-    landmarks = panorama_features(pasted, config.threshold, config.panorama_features)
+    found = features.detect(grey(unfolded), config.threshold, FEATURES.of_frame, inside)
+    landmarks = panorama_features(pasted, config.threshold)
     pairs = features.match(found, landmarks, config.ratio)
     relative, places = found.points_px[pairs[:, 0]] - origin, landmarks.points_px[pairs[:, 1]]
     agree = ransac_eq15(relative, places)
-    if agree.sum() < config.min_inliers:
+    if agree.sum() < FEATURES.least_inliers:
         raise PzcapError("reference image: it shows nothing of what the sweep showed; sweep past the reference pose")
     (_, column, row), _ = solve_eq15(relative[agree], places[agree])
     shift = (column - pasted.origin_px[0]) / pasted.px_per_rad
@@ -63,7 +64,7 @@ class PaperLocaliser:
         self._panorama = panorama
         self._camera = camera
         self._config = config
-        self._features = panorama_features(panorama, config.threshold, config.panorama_features)
+        self._features = panorama_features(panorama, config.threshold)
         self._azimuth: Array = cylinder.from_panorama(panorama, self._features.points_px)[0]
 
     def localise(
@@ -75,16 +76,16 @@ class PaperLocaliser:
         config, lens = self._config, self._camera.lens
         unfolded, covered, origin = to_cylinder(image, lens.reference_focal_px)
         inside = np.asarray(cv2.erode(covered.astype(np.uint8), np.ones((9, 9), np.uint8)), np.uint8)
-        found = features.detect(grey(unfolded), config.threshold, config.frame_features, inside)
+        found = features.detect(grey(unfolded), config.threshold, FEATURES.of_frame, inside)
         relative, places = np.empty((0, 2)), np.empty((0, 2))
         agree = np.zeros(0, bool)
-        near = near_prior(self._azimuth, prior, self._camera, config.search_deg)
+        near = near_prior(self._azimuth, prior, self._camera)
         for window in (near, np.arange(len(self._azimuth))):
             pairs = features.match(found, self._features.subset(window), config.ratio)
             relative = found.points_px[pairs[:, 0]] - origin
             places = self._features.points_px[window[pairs[:, 1]]]
             agree = ransac_eq15(relative, places)
-            if agree.sum() >= config.min_inliers:
+            if agree.sum() >= FEATURES.least_inliers:
                 break
         else:
             return lost(self._camera, None)
