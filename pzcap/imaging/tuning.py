@@ -9,8 +9,7 @@ class CombTuning(NamedTuple):
     """`comb`: two fields in one picture."""
 
     every: int = 12  # rows, of which one comparison of each kind is made
-    soft_px: float = 3.0
-    """Standard deviation by which rows are smoothed: combs of up to twice as much are measured."""
+    soft_px: float = 3.0  # standard deviation by which rows are smoothed: combs of up to twice as much are measured
     panned_px: float = 0.3  # comb that has to be expected: codecs blend a smaller one away
     least: int = 6  # pictures with such a comb
     share: float = 0.3

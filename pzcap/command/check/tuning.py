@@ -32,8 +32,7 @@ class SweepTuning(NamedTuple):
     usual_field: float = 1.2  # focal length over width, where no reference image tells it
     least_round_deg: float = 300.0  # from the start, of pictures in which it is looked for again
     least_guessed_deg: float = 150.0  # the same, where the focal length is that guess
-    back_deg: float = 30.0
-    """Turning back that no sweep is found from; of 10 degrees, and a stop, one is as good as any."""
+    back_deg: float = 30.0  # turning back that no sweep is found from; of 10 degrees, and a stop, one is as good as any
     ring: float = 0.04  # of log focal length between reference image and sweep, that is told
     ring_far: float = 0.15  # the same, from which on calibration has not been tried
     unsure: float = 0.03  # response of the phase correlation, below which a step is not known
