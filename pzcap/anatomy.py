@@ -69,8 +69,7 @@ GARMENTS: Final[dict[Garment, tuple[str, ...]]] = {
 """Segments that loose clothes hang on. A skirt hangs down over the thighs from there."""
 
 LUMBAR_FRACTION: Final = 0.25
-THORAX_FRACTION: Final = 0.55
-"""Places of the lumbar and thorax joints between mid-hip (0) and the neck joint (1)."""
+THORAX_FRACTION: Final = 0.55  # places of the lumbar and thorax joints between mid-hip (0) and the neck joint (1)
 
 
 def without_side(name: str) -> str:

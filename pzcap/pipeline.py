@@ -44,8 +44,7 @@ from pzcap.types import Capture, PzcapError, Reconstruction
 from pzcap.views import Localise, Segment, ViewLocaliser, segment_views
 from pzcap.without_object import in_metres, of_open_size, place_cameras
 
-TIDY_EVERY: Final = 8
-"""Frame sets after which free memory is given back to the system."""
+TIDY_EVERY: Final = 8  # frame sets after which free memory is given back to the system
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,14 +54,11 @@ from pzcap.anatomy import without_side as without_side
 from pzcap.marks import KnownLength as KnownLength
 from pzcap.marks import Mark as Mark
 
-Array = NDArray[np.float64]
-"""float64 array; the shape stands in the comment or docstring beside it."""
-Image = NDArray[np.uint8]
-"""uint8 image, (H, W) grey or (H, W, 3) in OpenCV's blue-green-red order."""
+Array = NDArray[np.float64]  # float64 array; the shape stands in the comment or docstring beside it
+Image = NDArray[np.uint8]  # uint8 image, (H, W) grey or (H, W, 3) in OpenCV's blue-green-red order
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
-Float32 = NDArray[np.float32]
-"""float32 array, where precision matters less than memory."""
+Float32 = NDArray[np.float32]  # float32 array, where precision matters less than memory
 
 
 class PzcapError(Exception):

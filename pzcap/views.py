@@ -49,8 +49,7 @@ class Expecting(Protocol):
 
 Localise: TypeAlias = Callable[[FrameSet, Expecting | None], FrameLocalised]
 """Stage 4, as `ViewLocaliser` is one; what expects the body says where it hides the hall."""
-Segment: TypeAlias = Callable[[FrameLocalised, Expecting | None], FrameSegmented]
-"""Stage 5, as `segment_views` is one."""
+Segment: TypeAlias = Callable[[FrameLocalised, Expecting | None], FrameSegmented]  # stage 5, as `segment_views` is one
 
 
 def as_found(

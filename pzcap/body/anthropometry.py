@@ -178,12 +178,10 @@ def measured(subject: Subject) -> Measured:
     return Measured(mean[:_MASS], covariance[:_MASS, :_MASS])
 
 
-_SCALE_KG: Final = 1.0
-"""Sigma of a person's mass: scales, a meal, the clothes."""
+_SCALE_KG: Final = 1.0  # sigma of a person's mass: scales, a meal, the clothes
 _CONTRADICTS_SIGMAS: Final = 6.0
 """Of a reading against all others: the largest of 300 people, drawn from other tables than these, is 4.8."""
-_BUILD_SPREAD: Final = 5.0
-"""Factor of the spread of stature and mass: children contradict no reading by being small."""
+_BUILD_SPREAD: Final = 5.0  # factor of the spread of stature and mass: children contradict no reading by being small
 
 
 def contradictions(subject: Subject) -> list[Contradiction]:

@@ -38,5 +38,4 @@ def _limits() -> tuple[Array, Array]:
     return low, high
 
 
-LIMIT_LOW, LIMIT_HIGH = _limits()
-"""(43,) Range of each rotation vector component, radians; infinite for the root."""
+LIMIT_LOW, LIMIT_HIGH = _limits()  # (43,) Range of each rotation vector component, radians; infinite for the root

@@ -20,8 +20,7 @@ from pzcap.body.skeleton import Body
 from pzcap.body.tuning import SHAPE
 from pzcap.types import LUMBAR_FRACTION, MEASUREMENTS, PARENTS, SEGMENTS, THORAX_FRACTION, Array, Indices, without_side
 
-LENGTHS: Final = 8
-"""Corrections that move joints: the first ones."""
+LENGTHS: Final = 8  # corrections that move joints: the first ones
 
 _NEAR, _FAR = SHAPE.stations - 1, 0
 _MIDDLES: Final = {

@@ -17,8 +17,7 @@ from pzcap.imaging.bspline import Stored, cubic
 from pzcap.solver.robust import geman_mcclure
 from pzcap.types import Array
 
-WIDTH: Final = SIDES + 3
-"""Of a pixel's row: derivatives by both views, residual, derivatives by gain and shading."""
+WIDTH: Final = SIDES + 3  # of a pixel's row: derivatives by both views, residual, derivatives by gain and shading
 
 
 @njit(cache=True, nogil=True)

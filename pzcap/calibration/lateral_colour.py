@@ -22,8 +22,7 @@ from pzcap.calibration.tuning import LATERAL
 from pzcap.imaging.colour import LUMA, colours_aligned
 from pzcap.types import Array, Float32, Image
 
-_FROM_CHROMA = np.array([1.772, 1.402])
-"""Blue and red less the grey values, in units of the chroma Cb and Cr (BT.601)."""
+_FROM_CHROMA = np.array([1.772, 1.402])  # blue and red less the grey values, in units of the chroma Cb and Cr (BT.601)
 
 
 def aligned(footage: Footage, stretches: Array) -> Footage:

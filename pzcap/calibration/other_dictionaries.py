@@ -16,8 +16,7 @@ _SINGLE: Final = (
     "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11",
     "DICT_ARUCO_MIP_36h12",
 )  # fmt: skip
-_FEWEST: Final = 4
-"""Markers of one dictionary that no pattern of a hall passes for."""
+_FEWEST: Final = 4  # markers of one dictionary that no pattern of a hall passes for
 
 
 def find_other(image: Image, dictionary: str) -> tuple[str, int] | None:

@@ -14,8 +14,7 @@ from pzcap.io.capture import MANIFEST, frame_sets, read_capture
 from pzcap.pipeline import finished
 from pzcap.types import Capture, PzcapError, Reconstruction
 
-RECONSTRUCTION = "reconstruction"
-"""In the editor's folder of a capture: cameras that it has found itself."""
+RECONSTRUCTION = "reconstruction"  # in the editor's folder of a capture: cameras that it has found itself
 
 
 def edit(place: Path, capture: Path | None, port: int, browse: bool) -> int:

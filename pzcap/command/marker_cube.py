@@ -18,12 +18,10 @@ from pzcap.io.files import write_bytes, write_json
 from pzcap.types import Array, Marker, PzcapError
 
 DICTIONARY: Final = "DICT_4X4_50"
-CELLS: Final = 6
-"""Cells of a marker along an edge: four of the pattern, and the black frame."""
+CELLS: Final = 6  # cells of a marker along an edge: four of the pattern, and the black frame
 EDGE_RANGE_M: Final = (0.2, 8.0)
 _POINTS_PER_M: Final = 72.0 / 0.0254
-_LARGEST_M: Final = 14400 / _POINTS_PER_M
-"""The largest sheet that PDF knows."""
+_LARGEST_M: Final = 14400 / _POINTS_PER_M  # the largest sheet that PDF knows
 
 
 class Layout(NamedTuple):

@@ -13,8 +13,7 @@ from pzcap.types import PzcapError, Reconstruction
 
 RECONSTRUCTION: Final = "reconstruction"
 RECORDING: Final = "recording.rrd"
-CAPTURE: Final = "capture"
-"""In results: a link to the capture folder that they were made of."""
+CAPTURE: Final = "capture"  # in results: a link to the capture folder that they were made of
 NO_RERUN: Final = "the viewer is not installed; pip install 'pzcap[rerun]'"
 
 

@@ -15,8 +15,7 @@ Y_UP_FACING_X: Final[Array] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 
 the y axis, as Nuke's world has it."""
 LOOKING_BACK: Final[Array] = np.diag([1.0, -1.0, -1.0])
 """Axes of a camera that looks along -z, with y up, in the axes of ours: USD, glTF, Nuke."""
-Z_DOWN: Final[Array] = np.diag([1.0, -1.0, -1.0])
-"""World to SoccerNet's, whose z axis points down."""
+Z_DOWN: Final[Array] = np.diag([1.0, -1.0, -1.0])  # world to SoccerNet's, whose z axis points down
 
 
 class PanTiltRoll(NamedTuple):

@@ -10,8 +10,7 @@ import numpy as np
 from pzcap.body.mesh import vertex_normals
 from pzcap.types import ENDS, PARENTS, SEGMENTS, Array, Indices, MovedBody
 
-BONES: Final[tuple[str, ...]] = (*SEGMENTS, *ENDS)
-"""Segments, then ends as leaves that never turn."""
+BONES: Final[tuple[str, ...]] = (*SEGMENTS, *ENDS)  # segments, then ends as leaves that never turn
 BONE_PARENTS: Final[tuple[int, ...]] = (*PARENTS, *(SEGMENTS.index(segment) for segment in ENDS.values()))
 
 

@@ -26,8 +26,7 @@ from pzcap.io.capture import frame_sets
 from pzcap.io.files import written_whole
 from pzcap.types import Array, Camera, Float32, Image, PzcapError
 
-LONGEST_PX: Final = 3840
-"""Width, and height, up to which a virtual camera's picture is written at its full size."""
+LONGEST_PX: Final = 3840  # width, and height, up to which a virtual camera's picture is written at its full size
 _CRF: Final = "16"
 _STEP: Final = 16  # px between places where the way from one picture to the other is worked out
 

@@ -41,8 +41,7 @@ def from_panorama(panorama: Panorama, points_px: Array) -> tuple[Array, Array]:
     return offset[..., 0], offset[..., 1]
 
 
-Hall = tuple[float, Array, Array, Array, Array]
-"""The fields of `types.InverseDepthMap`, for kernels."""
+Hall = tuple[float, Array, Array, Array, Array]  # the fields of `types.InverseDepthMap`, for kernels
 
 
 def kernel_hall(surroundings: InverseDepthMap) -> Hall:

@@ -18,8 +18,7 @@ from pzcap.types import Array, Camera
 Vector = tuple[float, float, float]
 
 
-NEAREST_M: Final = 0.1
-"""Depth from which on a point is before the camera."""
+NEAREST_M: Final = 0.1  # depth from which on a point is before the camera
 
 
 class Pinhole(NamedTuple):
@@ -27,8 +26,7 @@ class Pinhole(NamedTuple):
 
     rotation: tuple[float, float, float, float, float, float, float, float, float]
     """``cam_R_world``, row by row: the camera's axes x, y, z in the world."""
-    centre: Vector
-    """World, metres."""
+    centre: Vector  # world, metres
     focal: float
     principal: tuple[float, float]
     distortion: Distortion

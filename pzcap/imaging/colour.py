@@ -15,8 +15,7 @@ import numpy as np
 
 from pzcap.types import Array, Image
 
-LUMA: Final = np.array([0.114, 0.587, 0.299])
-"""Weights of blue, green and red in grey values (BT.601)."""
+LUMA: Final = np.array([0.114, 0.587, 0.299])  # weights of blue, green and red in grey values (BT.601)
 
 
 def grey(image: Image) -> Image:

@@ -21,8 +21,7 @@ _LIMBS: Final = (
     ("left_thigh", "left_hip", "left_knee", "left_ankle"),
     ("right_thigh", "right_hip", "right_knee", "right_ankle"),
 )
-_STRAIGHT: Final = 0.15
-"""Sine of a hinge's angle from which on the plane of a limb is seen."""
+_STRAIGHT: Final = 0.15  # sine of a hinge's angle from which on the plane of a limb is seen
 
 
 def pose_of_points(points_m: Array, found: Mask) -> Pose | None:

@@ -27,8 +27,7 @@ _DRIFT: Final = 0.02
 """Departure of a clock's rate from a whole multiple of the frame sets', from which on it is no drift."""
 
 
-_FULL: Final = 0.7
-"""Pictures that a camera whose rate varies takes on average, as a share of the frame sets."""
+_FULL: Final = 0.7  # pictures that a camera whose rate varies takes on average, as a share of the frame sets
 
 
 class Timeline(NamedTuple):

@@ -30,8 +30,7 @@ KEYPOINTS: Final[tuple[str, ...]] = (
 )  # fmt: skip
 """All that is known of any detector, in the order of Halpe's 26, which begin with COCO's 17."""
 
-ROW: Final = {name: row for row, name in enumerate(KEYPOINTS)}
-"""Row of each keypoint."""
+ROW: Final = {name: row for row, name in enumerate(KEYPOINTS)}  # row of each keypoint
 
 _OPENPOSE_TRUNK: Final = (
     "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
@@ -58,10 +57,8 @@ _ROWS: Final[dict[int, list[int]]] = {
 """Keypoints by how many a person has, in order: COCO's with feet, and with face and hands behind that,
 and Halpe's with these. Faces and hands are left out."""
 
-COUNTS: Final = tuple(_ROWS)
-"""Numbers of keypoints that a person may have."""
-NOBODY: Final[Array] = np.zeros((0, len(KEYPOINTS), 3))
-"""The people of a picture that shows none."""
+COUNTS: Final = tuple(_ROWS)  # numbers of keypoints that a person may have
+NOBODY: Final[Array] = np.zeros((0, len(KEYPOINTS), 3))  # the people of a picture that shows none
 _NOWHERE: Final[Array] = np.zeros((0, 2))
 
 

@@ -9,44 +9,27 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Final
 
-PICTURE_SIDE_PX: Final = 16_384
-"""Columns, or rows, of a still or a frame: twice those of 8K."""
-PICTURE_PX: Final = 2**26
-"""Pixels of a still or a frame: twice those of 8K."""
-PANORAMA_PX: Final = 2**28
-"""Pixels of a saved panorama: a full turn of 4K cameras has half as many."""
-FRAMES: Final = 1_000_000
-"""Frames of a video: nine hours at 30 a second."""
-SPARSEST: Final = 50
-"""One frame in so many is recorded at least, the others dropped."""
-FEW: Final = 20
-"""Frames by which a video may be sparser than that: a short one may have lost nearly all."""
-LATEST_FRAME: Final = 10**8
-"""Index of a frame, before and after 0: twice a day at 500 a second."""
-FRAME_RATE: Final = (Fraction(1), Fraction(1000))
-"""Frames a second of the motion."""
-CAMERAS: Final = 64
-"""Cameras of a capture."""
-SYNC_S: Final = 86_400.0
-"""Time between the starts of two cameras' recordings: a day."""
+PICTURE_SIDE_PX: Final = 16_384  # columns, or rows, of a still or a frame: twice those of 8K
+PICTURE_PX: Final = 2**26  # pixels of a still or a frame: twice those of 8K
+PANORAMA_PX: Final = 2**28  # pixels of a saved panorama: a full turn of 4K cameras has half as many
+FRAMES: Final = 1_000_000  # frames of a video: nine hours at 30 a second
+SPARSEST: Final = 50  # one frame in so many is recorded at least, the others dropped
+FEW: Final = 20  # frames by which a video may be sparser than that: a short one may have lost nearly all
+LATEST_FRAME: Final = 10**8  # index of a frame, before and after 0: twice a day at 500 a second
+FRAME_RATE: Final = (Fraction(1), Fraction(1000))  # frames a second of the motion
+CAMERAS: Final = 64  # cameras of a capture
+SYNC_S: Final = 86_400.0  # time between the starts of two cameras' recordings: a day
 SYNC_RATE: Final = (0.01, 100.0)
 """Seconds that pass while a file shows one: slow motion of a hundred times, and time lapse."""
-PAPER_BYTES: Final = 2**24
-"""Bytes of a JSON file that a person or a program writes for a capture: 16 MiB."""
-KEYPOINTS_BYTES: Final = 2**28
-"""Bytes of a JSON file that a detector writes: 256 MiB."""
-ARRAYS_BYTES: Final = 8 * 2**30
-"""Bytes of the arrays of an npz file: 8 GiB."""
-MEASUREMENT_M: Final = 3.0
-"""A length of the body, metres."""
+PAPER_BYTES: Final = 2**24  # bytes of a JSON file that a person or a program writes for a capture: 16 MiB
+KEYPOINTS_BYTES: Final = 2**28  # bytes of a JSON file that a detector writes: 256 MiB
+ARRAYS_BYTES: Final = 8 * 2**30  # bytes of the arrays of an npz file: 8 GiB
+MEASUREMENT_M: Final = 3.0  # a length of the body, metres
 READING_M: Final = 0.3
 """Standard deviation of a length that was read, or guessed by what is known of a population, metres."""
-MASS_KG: Final = (20.0, 250.0)
-"""Mass of the athlete, kilograms."""
-MARKER_M: Final = (0.01, 5.0)
-"""A side of a marker, metres."""
-HALL_M: Final = 500.0
-"""Any place's distance from the origin of the world, along each axis, metres."""
+MASS_KG: Final = (20.0, 250.0)  # mass of the athlete, kilograms
+MARKER_M: Final = (0.01, 5.0)  # a side of a marker, metres
+HALL_M: Final = 500.0  # any place's distance from the origin of the world, along each axis, metres
 
 
 def picture_problem(width: int, height: int) -> str | None:

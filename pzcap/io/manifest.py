@@ -33,11 +33,9 @@ from pzcap.types import (
 )
 
 _SQUARE = 1.25  # longest side of a marker by its shortest: a diagonal taken for a side is 1.41
-_STRAIGHT: Final = 0.8
-"""Median w of the quaternions of all segments against their parents, at least, whatever the pose."""
+_STRAIGHT: Final = 0.8  # median w of the quaternions of all segments against their parents, at least, whatever the pose
 _BENT: Final = 0.5
-_MOST_LOOKED_AT: Final = 10_000
-"""Files of a folder among which one that is missing is looked for."""
+_MOST_LOOKED_AT: Final = 10_000  # files of a folder among which one that is missing is looked for
 _UNIT_TOLERANCE = 1e-3  # quaternions are written with a few decimals; they are normalised after this check
 
 

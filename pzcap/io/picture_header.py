@@ -9,8 +9,7 @@ _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _JPEG: Final = b"\xff\xd8"
 _FRAMES: Final = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 """Second bytes of the JPEG markers that begin a frame's header."""
-_CHUNK: Final = 12
-"""Bytes of a PNG's part beside its content: length, kind, check sum."""
+_CHUNK: Final = 12  # bytes of a PNG's part beside its content: length, kind, check sum
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:

@@ -42,8 +42,7 @@ from pzcap.types import (
 
 FORMAT: Final = "pzcap-reconstruction"
 VERSION: Final = 2
-READABLE: Final = (1, 2)
-"""Versions that are read. The first has no ``motion.body``."""
+READABLE: Final = (1, 2)  # versions that are read. The first has no ``motion.body``.
 MANIFEST: Final = "reconstruction.json"
 ARRAYS: Final = "reconstruction.npz"
 
@@ -59,8 +58,7 @@ PER_CAMERA: Final[dict[str, tuple[str, type]]] = {
 ABSENT_IF_ZERO: Final = ("k2", "p1", "p2", "lateral_colour", "lean")
 """Fields that are stored where they are not zero: coefficients of distortion, and the floor's lean."""
 
-_LEAST_BYTES: Final = 2**28
-"""Bytes of a reconstruction's arrays that are read, however small the file: 256 MiB."""
+_LEAST_BYTES: Final = 2**28  # bytes of a reconstruction's arrays that are read, however small the file: 256 MiB
 _PACKED: Final = 100
 """More than these times a file's size are not in it: zeros pack a thousandfold, what was measured does not."""
 

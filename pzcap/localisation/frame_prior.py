@@ -41,5 +41,4 @@ class FramePrior(NamedTuple):
         return off[: self.free]
 
 
-_HELD: Final = 1e-9
-"""Standard deviation, radians, of what is held though an unknown after it is free."""
+_HELD: Final = 1e-9  # standard deviation, radians, of what is held though an unknown after it is free

@@ -31,8 +31,7 @@ SAMPLE: Final = 10
 """Columns of samples (N, SAMPLE): the panorama's grey value, its derivatives by what `ViewPlace.stepped` steps at a
 fixed pixel of the frame, 1 where the panorama is known, and the panorama's column and (9) row there."""
 
-Window = tuple[int, int, int, int]
-"""Part of a view: left, top, right, bottom; the last two lie outside."""
+Window = tuple[int, int, int, int]  # part of a view: left, top, right, bottom; the last two lie outside
 
 
 class ViewPlace(NamedTuple):

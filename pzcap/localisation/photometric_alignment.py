@@ -35,8 +35,7 @@ from pzcap.solver import robust
 from pzcap.solver.gauss_newton import NormalEquations, Schedule, Solution, SolveReport, minimise
 from pzcap.types import Array, Image, Mask, Panorama, PanZoomCamera
 
-Look = Callable[[Rays, ViewPlace], Array]
-"""Samples (N, SAMPLE) of the panorama along rays (N), extrapolated to a place."""
+Look = Callable[[Rays, ViewPlace], Array]  # samples (N, SAMPLE) of the panorama along rays (N), extrapolated to a place
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,8 +21,7 @@ from pzcap.geometry.camera import wrapped
 from pzcap.localisation.tuning import READOUT
 from pzcap.types import Array, Localisation, PanZoomCamera
 
-_AROUND: Final = 5
-"""Frames that show the rate in the middle one."""
+_AROUND: Final = 5  # frames that show the rate in the middle one
 _AMID: Final = _AROUND // 2
 
 

@@ -10,8 +10,7 @@ import numpy as np
 from pzcap.scoring.records import CameraPoses
 from pzcap.types import Array, Mask
 
-NEAREST_M = 0.1
-"""Points nearer to the projection centre along the optical axis than this are not seen."""
+NEAREST_M = 0.1  # points nearer to the projection centre along the optical axis than this are not seen
 
 
 def wrapped(angle_rad: Array) -> Array:

@@ -16,8 +16,7 @@ from pzcap.scoring.suspicions_of_body import suspicious_body
 from pzcap.scoring.suspicions_of_cameras import Seen, suspicious_cameras
 from pzcap.types import PzcapError
 
-FARTHEST_M: Final = 100.0
-"""Nothing that these captures show is further from the object than this."""
+FARTHEST_M: Final = 100.0  # nothing that these captures show is further from the object than this
 
 
 def suspicions(results: Results, truth: TrueCapture | None) -> list[str]:

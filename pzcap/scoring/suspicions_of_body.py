@@ -12,8 +12,7 @@ from pzcap.scoring.records import BodyTrack, TrueCapture
 from pzcap.scoring.suspicions_of_cameras import SHIFTS, UNITS, UP_AXES, better
 from pzcap.types import JOINTS, Array, Mask
 
-NEAR_M: Final = 0.03
-"""Joints nearer to the truth than this, in the median, are meant as they are written."""
+NEAR_M: Final = 0.03  # joints nearer to the truth than this, in the median, are meant as they are written
 SHIFT_M: Final = 0.01
 """The same for frames that are counted otherwise: somebody who walks is 3 cm further a frame later."""
 SIDES: Final = tuple(

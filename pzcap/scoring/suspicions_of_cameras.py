@@ -13,11 +13,9 @@ from pzcap.scoring.projection import angle_between, wrapped
 from pzcap.scoring.records import CameraPoses, CameraTrack, TrueCapture
 from pzcap.types import Array
 
-FAR_BETTER: Final = 0.2
-"""A mistake is named where undoing it leaves this share of the error, or less."""
+FAR_BETTER: Final = 0.2  # a mistake is named where undoing it leaves this share of the error, or less
 SHIFTS: Final = (-3, -2, -1, 1, 2, 3)
-TURN_RAD: Final = np.deg2rad(1.0)
-"""Rotations and pans nearer to the truth than this are meant as they are written."""
+TURN_RAD: Final = np.deg2rad(1.0)  # rotations and pans nearer to the truth than this are meant as they are written
 SHIFT_RAD: Final = np.deg2rad(0.02)
 """The same for frames that are counted otherwise: a frame's worth of panning is little."""
 GL_AXES: Final = np.diag([1.0, -1.0, -1.0])

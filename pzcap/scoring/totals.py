@@ -14,8 +14,7 @@ from pzcap.scoring.records import Series
 from pzcap.scoring.score import Errors
 from pzcap.types import Array
 
-LOST_M: Final = 0.1
-"""Error of a joint from which on a frame counts as lost, m."""
+LOST_M: Final = 0.1  # error of a joint from which on a frame counts as lost, m
 
 
 def metrics(errors: Errors) -> list[Metric]:

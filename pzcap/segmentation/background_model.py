@@ -20,8 +20,7 @@ from pzcap.types import Array, Camera, Float32, Image, Mask
 
 Pixels = TypeVar("Pixels", Image, Float32)
 
-COLOUR_LEVELS: Final = 32
-"""Of each colour in a palette (COLOUR_LEVELS, COLOUR_LEVELS, COLOUR_LEVELS)."""
+COLOUR_LEVELS: Final = 32  # of each colour in a palette (COLOUR_LEVELS, COLOUR_LEVELS, COLOUR_LEVELS)
 _LOG_COLOURS: Final = np.float32(3.0 * np.log(256))
 _SHADOW_LIGHT: Final = float(np.log(BACKGROUND.shadow_light))
 

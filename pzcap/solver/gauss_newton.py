@@ -15,67 +15,47 @@ State = TypeVar("State")
 class SolveReport(NamedTuple):
     """Report of an iterative solver."""
 
-    converged: bool
-    """The last step was as small as the stop rule asks for."""
-    steps: int
-    """Steps taken."""
-    cost: float
-    """Sum of weighted squared residuals at the last linearisation, in the residual's unit squared."""
+    converged: bool  # the last step was as small as the stop rule asks for
+    steps: int  # steps taken
+    cost: float  # sum of weighted squared residuals at the last linearisation, in the residual's unit squared
 
 
 class NormalEquations(NamedTuple):
     """A robust cost linearised at a state."""
 
-    normal: Array
-    """(U, U) ``sum w J^T J``, ``J`` the derivatives of the residuals by the step."""
-    gradient: Array
-    """(U,) ``sum w J^T r``."""
-    sigma: float
-    """Robust standard deviation of the residuals ``r``, in their unit."""
-    cost: float
-    """``sum w r^2``."""
+    normal: Array  # (U, U) ``sum w J^T J``, ``J`` the derivatives of the residuals by the step
+    gradient: Array  # (U,) ``sum w J^T r``
+    sigma: float  # robust standard deviation of the residuals ``r``, in their unit
+    cost: float  # ``sum w r^2``
 
 
 class Schedule(NamedTuple):
     """Steps of a fit, and the scale of the robust weights from step to step: it follows the residuals down."""
 
-    steps: int
-    """At most."""
-    scale: float
-    """Of the first step, in the residual's unit."""
-    least_steps: int = 1
-    """A fit that settles sooner goes on, since its scale has not come down yet."""
-    least_scale: float = 0.0
-    """In the residual's unit."""
-    sigmas: float = 3.0
-    """Scale aimed at, in standard deviations of the residuals."""
-    fall: float = 3.0
-    """Largest factor by which the scale falls in a step."""
-    steady: float = np.inf
-    """Relative change of the scale below which the fit may end."""
+    steps: int  # at most
+    scale: float  # of the first step, in the residual's unit
+    least_steps: int = 1  # a fit that settles sooner goes on, since its scale has not come down yet
+    least_scale: float = 0.0  # in the residual's unit
+    sigmas: float = 3.0  # scale aimed at, in standard deviations of the residuals
+    fall: float = 3.0  # largest factor by which the scale falls in a step
+    steady: float = np.inf  # relative change of the scale below which the fit may end
 
 
 class Prior(NamedTuple, Generic[State]):
     """A normal belief about the unknowns, weighed against the residuals by their own variance."""
 
-    information: Array
-    """(U, U) inverse covariance."""
-    departure: Callable[[State], Array]
-    """(U,) unknowns of a state minus the mean."""
-    worth: float = 1.0
-    """So many residuals tell as much as one independent one would."""
+    information: Array  # (U, U) inverse covariance
+    departure: Callable[[State], Array]  # (U,) unknowns of a state minus the mean
+    worth: float = 1.0  # so many residuals tell as much as one independent one would
 
 
 class Solution(NamedTuple, Generic[State]):
     """Result of `minimise`."""
 
     state: State
-    normal: Array
-    """(U, U) of the last step, the prior included; a held unknown has a row and column of the identity."""
-    sigma: float
-    """Robust standard deviation of the residuals at the last linearisation."""
-    scale: float
-    """Of the robust weights, for what comes after the last step."""
+    normal: Array  # (U, U) of the last step, the prior included; a held unknown has a row and column of the identity
+    sigma: float  # robust standard deviation of the residuals at the last linearisation
+    scale: float  # of the robust weights, for what comes after the last step
     report: SolveReport
 
 

@@ -30,8 +30,7 @@ from pzcap.tracking.tuning import APPEARANCE, BRIGHTNESS, KEYPOINT, VIEW
 from pzcap.tracking.visibility import GROUP, ZBuffer, rasterise
 from pzcap.types import PARENTS, Array, Float32, Indices, Mask, Pose
 
-_ELSEWHERE: Final[Array] = POSTURES[::7]
-"""(K, 4) Turns of a limb, few but all over its reach."""
+_ELSEWHERE: Final[Array] = POSTURES[::7]  # (K, 4) Turns of a limb, few but all over its reach
 
 
 class _LimbSkin(NamedTuple):

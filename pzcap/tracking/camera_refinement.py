@@ -29,8 +29,7 @@ from pzcap.localisation.covariance import systematic
 from pzcap.tracking.tuning import VIEW
 from pzcap.types import DOF, PARENTS, Array, Camera, Localisation, PanZoomCamera
 
-CAMERA_DOF: Final = 2
-"""Pan, and log focal length."""
+CAMERA_DOF: Final = 2  # pan, and log focal length
 
 
 @dataclass(frozen=True, slots=True, eq=False)

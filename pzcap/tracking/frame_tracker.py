@@ -50,8 +50,7 @@ class FrameEstimate(PoseEstimate):
     variance: Array  # (16,) relative, of each segment
 
 
-NO_CONTOUR: Final = np.zeros((len(SEGMENTS), 3))
-"""The contour of a body that no view shows."""
+NO_CONTOUR: Final = np.zeros((len(SEGMENTS), 3))  # the contour of a body that no view shows
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -49,8 +49,7 @@ POSTURES: Final[Array] = _postures()
 """(K, 4) Turns of a limb to try when it may be anywhere in its reach, radians: as `turned` takes them."""
 
 
-_EDGE: Final = np.ones((3, 3), np.uint8)
-"""Pixels of a ground about the body's edge that say nothing: they show both."""
+_EDGE: Final = np.ones((3, 3), np.uint8)  # pixels of a ground about the body's edge that say nothing: they show both
 
 
 class LimbMotion(NamedTuple):

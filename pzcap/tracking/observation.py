@@ -29,8 +29,7 @@ from pzcap.tracking.tuning import VIEW
 from pzcap.tracking.visibility import GROUP, ProjectedSkin, ZBuffer, empty_z_buffer
 from pzcap.types import Array, Camera, Float32, Image, Mask, Pose, Silhouette
 
-PYRAMID_LEVELS: Final = 4
-"""Each halves the one below it."""
+PYRAMID_LEVELS: Final = 4  # each halves the one below it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,10 +213,8 @@ class PlacedView:
         return np.isfinite(self.z_buffer.depth)
 
 
-Views = Sequence[ViewCrop | None]
-"""One instant, a crop a camera; None where it has none."""
-Placed = Sequence[PlacedView | None]
-"""The body in each view, as its visibility was tested."""
+Views = Sequence[ViewCrop | None]  # one instant, a crop a camera; None where it has none
+Placed = Sequence[PlacedView | None]  # the body in each view, as its visibility was tested
 
 
 def project(points: Array, normals: Array, camera: Camera) -> ProjectedSkin:

@@ -49,8 +49,7 @@ class Exposure(NamedTuple):
 
 
 AT_ONCE: Final = Exposure()
-AT_REST: Final = np.zeros((len(SEGMENTS), 12))
-"""Rates of segments that do not move."""
+AT_REST: Final = np.zeros((len(SEGMENTS), 12))  # rates of segments that do not move
 
 
 def rates_between(before: Array, after: Array, periods: float) -> Array:

@@ -36,10 +36,8 @@ from pzcap.types import SEGMENTS, Array, Mask, Pose
 
 _OF_LIMB: Final[Mask] = np.array([np.isin(np.arange(len(SEGMENTS)), limb) for limb in LIMBS])  # (4, 16)
 
-Neighbours = tuple[Pose | None, Pose | None]
-"""The poses before and after some frames, where they are known."""
-Places = dict[tuple[int, int], list[LimbMotion]]
-"""By the number of a frame and a limb's: where the limb may be."""
+Neighbours = tuple[Pose | None, Pose | None]  # the poses before and after some frames, where they are known
+Places = dict[tuple[int, int], list[LimbMotion]]  # by the number of a frame and a limb's: where the limb may be
 
 
 @dataclass(frozen=True, slots=True, eq=False)

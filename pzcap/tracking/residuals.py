@@ -17,13 +17,11 @@ from pzcap.tracking.tuning import BRIGHTNESS, CONTOUR
 from pzcap.tracking.visibility import ARMS, GROUP, ProjectedSkin, SkinPoints, ZBuffer
 from pzcap.types import SEGMENTS, Array, Float32, Image, Indices, without_side
 
-NUISANCES: Final = 4
-"""Per segment and view: a gain and a shading gradient along the three axes of the world."""
+NUISANCES: Final = 4  # per segment and view: a gain and a shading gradient along the three axes of the world
 RESIDUAL: Final = 6
 """Place of the residual in a row, after its Jacobian by the segment's twist and before that by the nuisances."""
 WIDTH: Final = 7 + NUISANCES
-WHOLE_BODY: Final = 255
-"""Bits of all parts of a body."""
+WHOLE_BODY: Final = 255  # bits of all parts of a body
 _WIDTH_M: Final = {"pelvis": 0.3, "lumbar": 0.27, "thorax": 0.3, "head": 0.16, "upper_arm": 0.09, "forearm": 0.07,
                    "hand": 0.05, "thigh": 0.15, "shank": 0.1, "foot": 0.08}  # fmt: skip
 SEGMENT_WIDTH_M: Final = np.array([_WIDTH_M[without_side(n)] for n in SEGMENTS])

@@ -38,10 +38,8 @@ class Appearance:
         return Appearance(np.zeros((PYRAMID_LEVELS, points), np.float32), np.zeros(points, np.float32))
 
 
-Appearances = Sequence[Appearance]
-"""One a view."""
-SomeAppearances = Sequence[Appearance | None]
-"""One a view; None: the brightness of the view does not count."""
+Appearances = Sequence[Appearance]  # one a view
+SomeAppearances = Sequence[Appearance | None]  # one a view; None: the brightness of the view does not count
 
 
 def learn(views: Views, placed: Placed, appearances: Appearances, rate: float, kept: float = 1.0) -> None:

@@ -19,8 +19,7 @@ from pzcap.tracking.tuning import SKIN_COLOUR
 from pzcap.types import SEGMENTS, Array, Image, Indices
 
 UNKNOWN: Final = np.uint8(127)  # of 255
-LOWER_ARM: Final = np.array([name.endswith(("forearm", "hand")) for name in SEGMENTS])
-"""(16,) Segments of one are True."""
+LOWER_ARM: Final = np.array([name.endswith(("forearm", "hand")) for name in SEGMENTS])  # (16,) Segments of one are True
 
 
 class SkinColourModel:

@@ -18,8 +18,7 @@ from pzcap.command.check.tuning import VIEWS
 from pzcap.types import Array, Image
 
 WIDTH: Final = 640
-ENOUGH: Final = 14
-"""Features that agree, from which on two pictures show the same; chance gives up to ten."""
+ENOUGH: Final = 14  # features that agree, from which on two pictures show the same; chance gives up to ten
 
 
 @dataclass(frozen=True, slots=True, eq=False)

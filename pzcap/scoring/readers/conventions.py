@@ -14,11 +14,9 @@ from pzcap.scoring.tables import nearest, read_table
 from pzcap.types import JOINTS, Array, PzcapError
 
 METRES: Final = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
-Y_UP: Final = "y,z,x"
-"""The file's x is our y, its y our z, its z our x: y up, as Pose2Sim writes TRC and pzcap BVH."""
+Y_UP: Final = "y,z,x"  # the file's x is our y, its y our z, its z our x: y up, as Pose2Sim writes TRC and pzcap BVH
 Z_UP: Final = "x,y,z"
-SQUARE: Final = 0.01
-"""Share by which the focal lengths across and down a picture may differ: pixels are square here."""
+SQUARE: Final = 0.01  # share by which the focal lengths across and down a picture may differ: pixels are square here
 
 
 @dataclass(frozen=True, slots=True)
