@@ -149,12 +149,9 @@ def seen_keyframe(key: Keyframe, body: Body, views: SeenViews, unbiased: SeenVie
     """Judge a keyframe by its ``views``. Those that are ``unbiased`` were cut out by the colours alone, where a body
     that is expected elsewhere leaves no trace."""
     return SeenKeyframe(
-        key,
-        not _is_seen(key, body, views),
-        _on_athlete(key, body, views, (1.0,))[0],
-        _on_athlete(key, body, unbiased, _SCALES),
-        seen_sizes(body, key.pose, *views, margin),
-    )
+        key, not _is_seen(key, body, views), _on_athlete(key, body, views, (1.0,))[0],
+        _on_athlete(key, body, unbiased, _SCALES), seen_sizes(body, key.pose, *views, margin),
+    )  # fmt: skip
 
 
 def unseen_keyframes(keyframes: Sequence[SeenKeyframe], timecodes: Sequence[str]) -> list[str]:

@@ -93,12 +93,9 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("results", type=Path, metavar="RESULTS", help="what pzcap reconstruct left")
     one.add_argument("--to", required=True, nargs="+", metavar="FORMAT", help=FORMATS_HELP)
     one.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="FOLDER",
+        "--out", type=Path, required=True, metavar="FOLDER",
         help="for the files; of several formats a folder each in it",
-    )
+    )  # fmt: skip
     one.add_argument(
         "--capture",
         type=Path,

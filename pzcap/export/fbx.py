@@ -49,12 +49,9 @@ def write(take: Take, folder: Path) -> list[Path]:
         numbers = [str(fps), repr(float(fps / whole.frame_rate)), str(len(whole.timecodes))]
         try:
             done = subprocess.run(
-                [*line, str(stage), str(target), *numbers],
-                capture_output=True,
-                text=True,
-                timeout=TIMEOUT_S,
+                [*line, str(stage), str(target), *numbers], capture_output=True, text=True, timeout=TIMEOUT_S,
                 check=False,
-            )
+            )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired) as error:
             raise PzcapError(f"{program}: does not run ({error}); start Blender once by hand") from error
         if done.returncode or not target.is_file():

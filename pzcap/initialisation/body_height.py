@@ -50,7 +50,7 @@ def seen_height(
 ) -> SeenHeight | None:
     """Height by the contours of the best frames among the ``sightings``, each with its number, of a ``body`` whose size
     is open; None where too few bear the keypoints out."""
-    keys = _keys(body, sightings, config)
+    keys = _keys(body, sightings)
     seen = [(key, observe(key)) for key in keys]
     base = ShapeEstimate.of(body)
     amounts = base.amounts_m
@@ -82,7 +82,7 @@ def seen_height(
     return SeenHeight(found / usual, float(np.hypot(np.sqrt(variance) / usual, HEIGHT.sigma)), tuple(used))
 
 
-def _keys(body: Body, sightings: Sequence[tuple[int, Sighting]], config: TrackingConfig) -> list[Keyframe]:
+def _keys(body: Body, sightings: Sequence[tuple[int, Sighting]]) -> list[Keyframe]:
     """The best-fitting frame of each of some equal parts of the take."""
     best: dict[int, tuple[float, Keyframe]] = {}
     for number in np.unique(np.linspace(0, len(sightings) - 1, HEIGHT.tried).round().astype(int)).tolist():
@@ -90,8 +90,8 @@ def _keys(body: Body, sightings: Sequence[tuple[int, Sighting]], config: Trackin
         start = closed_form(seen)
         if start is None:
             continue
-        [pose] = pose_fit.fit(body, [seen], [start], config)
-        known = pose_fit.known(body, pose, seen, config)
+        [pose] = pose_fit.fit(body, [seen], [start])
+        known = pose_fit.known(body, pose, seen)
         part = number * HEIGHT.frames // len(sightings)
         if known.misfit < JUDGEMENT.largest_misfit and known.misfit < best.get(part, (np.inf, None))[0]:
             best[part] = known.misfit, Keyframe(frame, pose, known.covariance, found=True)

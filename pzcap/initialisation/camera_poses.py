@@ -82,7 +82,7 @@ def place_heads(rays: HeadRays) -> Heads:
     rotation[other], place[other] = _about_z(np.array([yaw]))[0], baseline
     placed = np.isin(np.arange(count), (one, other))
     while True:
-        points, seen, _ = _intersected(some, rotation, place, placed)
+        points, seen = _intersected(some, rotation, place, placed)
         common = (seen & (some.confidence > 0.0)).sum(axis=1)
         left = np.flatnonzero(~placed & (common >= HEADS.fewest_points)).tolist()
         if not left:
@@ -177,9 +177,8 @@ def _resected(rays: HeadRays, camera: int, points: Array, seen: Mask) -> tuple[f
         yaws, scale = yaws[best] + np.linspace(-scale, scale, 9), scale / 4.0
 
 
-def _intersected(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> tuple[Array, Mask, Array]:
-    """Points (N, 3) where the rays of the cameras placed so far meet, which of them do (N,), and by how much each ray
-    misses its point (C, N)."""
+def _intersected(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> tuple[Array, Mask]:
+    """Points (N, 3) where the rays of the cameras placed so far meet, and which of them do (N,)."""
     origins = place[:, None] + np.einsum("cij,cnj->cni", rotation, rays.origins)
     directions = np.einsum("cij,cnj->cni", rotation, rays.directions)
     usable = (rays.confidence > 0.0) & placed[:, None]
@@ -194,8 +193,7 @@ def _intersected(rays: HeadRays, rotation: Array, place: Array, placed: Mask) ->
         cosine = np.sum(way * directions, axis=2) / length
         off = np.where(cosine > 0.0, np.sqrt(np.maximum(1.0 - cosine**2, 0.0)), 1.0)
         weight = np.where(usable, geman_mcclure(off, HEADS.agree_rad) / length**2, 0.0)
-    agree = usable & (off < HEADS.agree_rad)
-    return points, np.asarray(agree.sum(axis=0) >= 2), off
+    return points, np.asarray((usable & (off < HEADS.agree_rad)).sum(axis=0) >= 2)
 
 
 # --------------------------------------------------------------------------------------------------------------
@@ -214,7 +212,7 @@ def _adjusted(rays: HeadRays, rotation: Array, place: Array, placed: Mask) -> _A
     """Gauss-Newton on all heads and points, robust."""
     count = len(rotation)
     rotation, place = rotation.copy(), place.copy()
-    points, seen, _ = _intersected(rays, rotation, place, placed)
+    points, seen = _intersected(rays, rotation, place, placed)
     usable = (rays.confidence > 0.0) & placed[:, None] & seen
     sideways = _sideways(rays.directions)  # (C, N, 3, 2)
     for number in range(HEADS.iterations):

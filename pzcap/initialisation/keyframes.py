@@ -43,14 +43,14 @@ def find_keyframes(
     first = [closed_form(seen) for seen in sightings]
     if not any(first):
         return []
-    usual, poses = body.landmarks, pose_fit.fit(body, sightings, list(_filled(first)), config)
+    usual, poses = body.landmarks, pose_fit.fit(body, sightings, list(_filled(first)))
     for _ in range(FIT.rounds):
-        body = replace(body, landmarks=pose_fit.learned_landmarks(usual, body, poses, sightings, config))
-        poses = pose_fit.fit(body, sightings, poses, config)
+        body = replace(body, landmarks=pose_fit.learned_landmarks(usual, body, poses, sightings))
+        poses = pose_fit.fit(body, sightings, poses)
     rates = sequence_rates([forward(body, pose) for pose in poses], 1.0)
     candidates, variances = {}, {}
     for frame, (pose, seen) in enumerate(zip(poses, sightings, strict=True)):
-        known = pose_fit.known(body, pose, seen, config)
+        known = pose_fit.known(body, pose, seen)
         if known.views >= JUDGEMENT.least_views and known.misfit < JUDGEMENT.largest_misfit:
             candidates[frame] = Keyframe(frame, pose, known.covariance, found=True)
             variances[frame] = float(np.mean(known.sigma_m**2)) * max(known.misfit / JUDGEMENT.usual_misfit, 1.0) ** 2

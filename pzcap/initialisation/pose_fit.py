@@ -30,7 +30,6 @@ from pzcap.initialisation.people import Sighting
 from pzcap.initialisation.tuning import FIT
 from pzcap.tracking import keypoint_residuals
 from pzcap.tracking.body_constraints import constraints
-from pzcap.tracking.settings import TrackingConfig
 from pzcap.tracking.temporal_constraints import smooth_step
 from pzcap.tracking.tuning import ACCELERATION_SIGMA, KEYPOINT
 from pzcap.types import DOF, SEGMENTS, Array, Pose, without_side
@@ -59,7 +58,7 @@ class FittedPose:
     views: int  # that have the athlete
 
 
-def fit(body: Body, sightings: Sequence[Sighting], start: Sequence[Pose], config: TrackingConfig) -> list[Pose]:
+def fit(body: Body, sightings: Sequence[Sighting], start: Sequence[Pose]) -> list[Pose]:
     """Fit the poses of successive frames, from a ``start`` for each, from loose to tight robust weights.
 
     A long take is fitted a stretch after the other, each held to the poses before it, and on into the next one for some
@@ -68,20 +67,19 @@ def fit(body: Body, sightings: Sequence[Sighting], start: Sequence[Pose], config
     poses: list[Pose] = []
     for first in range(0, len(start), FIT.stretch):
         part = slice(first, first + FIT.stretch + FIT.beyond)
-        found = _fit_stretch(body, sightings[part], start[part], poses[-2:], config)
+        found = _fit_stretch(body, sightings[part], start[part], poses[-2:])
         poses += found[: FIT.stretch]
     return poses
 
 
 def _fit_stretch(
-    body: Body, sightings: Sequence[Sighting], start: Sequence[Pose], before: Sequence[Pose], config: TrackingConfig
+    body: Body, sightings: Sequence[Sighting], start: Sequence[Pose], before: Sequence[Pose]
 ) -> list[Pose]:
     """Fit the poses of a stretch, the body being held fast in the frames ``before`` it."""
     poses = list(start)
     for scale in FIT.scales:
         for _ in range(FIT.iterations):
-            pairs = zip(poses, sightings, strict=True)
-            normal = [_normal(body, pose, seen, scale, config) for pose, seen in pairs]
+            normal = [_normal(body, pose, seen, scale) for pose, seen in zip(poses, sightings, strict=True)]
             hessians, gradients = zip(*normal, strict=True)
             steps = smooth_step(poses, hessians, gradients, FIT.acceleration * ACCELERATION_SIGMA, before, ())
             steps = steps.clip(-FIT.longest_step, FIT.longest_step)
@@ -96,7 +94,7 @@ def _residuals(body: Body, frames: Array, seen: Sighting, scale: float) -> list[
     return [keypoint_residuals.residuals(body.landmarks, frames, *view, scale) for view in seen if view is not None]
 
 
-def _normal(body: Body, pose: Pose, seen: Sighting, scale: float, config: TrackingConfig) -> tuple[Array, Array]:
+def _normal(body: Body, pose: Pose, seen: Sighting, scale: float) -> tuple[Array, Array]:
     """Normal equations (43, 43) and (43,) of one pose by itself."""
     frames = forward(body, pose)
     centre = np.ascontiguousarray(frames[0, :3, 3])
@@ -104,16 +102,14 @@ def _normal(body: Body, pose: Pose, seen: Sighting, scale: float, config: Tracki
     for rows, keypoint in _residuals(body, frames, seen, scale):
         accumulate(rows, SEGMENT[keypoint], sums)
     hessian, gradient = lift(sums, screws(frames, centre))
-    stiffness, pull = _prior(body, pose, FIT.damping, config)
+    stiffness, pull = _prior(body, pose, FIT.damping)
     return hessian + stiffness, gradient + pull
 
 
-def _prior(body: Body, pose: Pose, open_to: float, config: TrackingConfig) -> tuple[Array, Array]:
+def _prior(body: Body, pose: Pose, open_to: float) -> tuple[Array, Array]:
     """Normal equations (43, 43) and (43,) of the body's constraints and of joints at rest, with the information
     ``open_to`` on every degree of freedom."""
-    stiffness, pull = constraints(
-        body, pose, config.limit_sigma_rad, self_collision=False, spine_sigma_rad=FIT.spine_rad
-    )
+    stiffness, pull = constraints(body, pose, FIT.limit_rad, self_collision=False, spine_sigma_rad=FIT.spine_rad)
     return stiffness + np.diag(REST + open_to), pull - REST * joint_angles(pose)
 
 
@@ -128,10 +124,10 @@ class _Arrow(NamedTuple):
     misfit: float  # RMS of the robust residuals, in sigmas
 
 
-def _arrow(body: Body, pose: Pose, seen: Sighting, config: TrackingConfig) -> _Arrow:
+def _arrow(body: Body, pose: Pose, seen: Sighting) -> _Arrow:
     """Linearise the keypoints of an instant about a fitted ``pose``, as if it was known what the detector means."""
     frames, count = forward(body, pose), len(SEGMENT)
-    hessian, gradient = _prior(body, pose, FIT.open, config)
+    hessian, gradient = _prior(body, pose, FIT.open)
     cross, corner, beside = np.zeros((count, 3, DOF)), np.zeros((count, 3, 3)), np.zeros((count, 3))
     squares, rows_in_all = 0.0, 0
     views = [view for view in seen if view is not None]
@@ -150,9 +146,7 @@ def _arrow(body: Body, pose: Pose, seen: Sighting, config: TrackingConfig) -> _A
     return _Arrow(hessian, cross.transpose(2, 0, 1), corner, gradient, beside, misfit)
 
 
-def learned_landmarks(
-    usual: Landmarks, body: Body, poses: Sequence[Pose], sightings: Sequence[Sighting], config: TrackingConfig
-) -> Landmarks:
+def learned_landmarks(usual: Landmarks, body: Body, poses: Sequence[Pose], sightings: Sequence[Sighting]) -> Landmarks:
     """Landmarks as this detector means them on this body, from poses fitted with those of the ``body``; ``usual`` are
     those of any detector. The poses are eliminated:
 
@@ -164,7 +158,7 @@ def learned_landmarks(
     prior = np.repeat(usual.sigma_m**-2.0, 3)
     information, vector = np.diag(prior), -prior * (body.landmarks.points_m - usual.points_m).ravel()
     for pose, seen in list(zip(poses, sightings, strict=True))[:: FIT.stride]:
-        arrow = _arrow(body, pose, seen, config)
+        arrow = _arrow(body, pose, seen)
         cross = arrow.cross.reshape(DOF, -1)
         eliminated = np.linalg.solve(arrow.pose, np.column_stack([cross, arrow.pose_gradient]))
         own = -cross.T @ eliminated[:, :-1]
@@ -178,9 +172,9 @@ def learned_landmarks(
     return Landmarks(body.landmarks.points_m + step, sigma)
 
 
-def known(body: Body, pose: Pose, seen: Sighting, config: TrackingConfig) -> FittedPose:
+def known(body: Body, pose: Pose, seen: Sighting) -> FittedPose:
     """A fitted pose with its covariance, what the detector means by each keypoint being known as `Landmarks` has it."""
-    arrow = _arrow(body, pose, seen, config)
+    arrow = _arrow(body, pose, seen)
     alone = np.linalg.inv(arrow.pose)
     shared = alone @ arrow.cross.reshape(DOF, -1)
     covariance = alone + (shared * np.repeat(body.landmarks.sigma_m**2, 3)) @ shared.T

@@ -38,6 +38,7 @@ class FitTuning(NamedTuple):
     head_deg: float = 40.0
     hand_deg: float = 29.0
     foot_deg: float = 40.0
+    limit_rad: float = 0.05  # standard deviation beyond the limits of the joints, which are wide and soft
     spine_rad: float = 0.15  # wider than the tracker's: shoulders and hips of a detector are off together
     rounds: int = 2  # of learning what the detector means, and of fitting anew
     stride: int = 3  # one of so many frames is learned from: its neighbours say the same

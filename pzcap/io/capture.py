@@ -65,18 +65,13 @@ def read_capture(folder: Path, *, without_clocks: bool = False) -> Capture:
     for mark in (mark for one in lengths for end in one.ends for mark in end):
         check_mark(mark, cameras, f"{lengths_path}: ")
     return Capture(
-        folder=folder,
-        name=manifest["name"].name(),
-        frame_rate=rate,
-        cameras=cameras,
+        folder=folder, name=manifest["name"].name(), frame_rate=rate, cameras=cameras,
         calibration_object=read_object(object_path) if object_path else None,
         subject=read_subject(subject_path) if subject_path else None,
         keyframe_poses={timecode: pose for timecode, (pose, _) in posed.items()},
         keyframe_covariances={timecode: known for timecode, (_, known) in posed.items() if known is not None},
-        full_turn=manifest["full_turn"].boolean(),
-        sync=sync,
-        lengths=lengths,
-    )
+        full_turn=manifest["full_turn"].boolean(), sync=sync, lengths=lengths,
+    )  # fmt: skip
 
 
 def read_image(path: Path) -> Image:

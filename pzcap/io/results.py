@@ -128,15 +128,10 @@ def load(folder: Path) -> Reconstruction:
             parts.append(arrays.record(kind, f"camera{number}.{name}", images))
         per_camera[field] = tuple(parts)
     return Reconstruction(
-        capture_name=manifest["capture"],
-        method=manifest["method"],
-        frame_rate=manifest["frame_rate"],
-        timecodes=tuple(manifest["timecodes"]),
-        camera_names=tuple(camera["name"] for camera in manifest["cameras"]),
-        motion=arrays.record(Motion, "motion", {}),
-        notes=tuple(manifest["notes"]),
-        **per_camera,
-    )
+        capture_name=manifest["capture"], method=manifest["method"], frame_rate=manifest["frame_rate"],
+        timecodes=tuple(manifest["timecodes"]), camera_names=tuple(camera["name"] for camera in manifest["cameras"]),
+        motion=arrays.record(Motion, "motion", {}), notes=tuple(manifest["notes"]), **per_camera,
+    )  # fmt: skip
 
 
 # --------------------------------------------------------------------------------------------------------------

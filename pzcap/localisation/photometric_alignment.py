@@ -215,15 +215,9 @@ class Aligner:
         places = self.sampler.panorama_px(cost.sampled[shown])
         points = cost.pixels.points[shown]
         return Alignment(
-            solution.state.at,
-            covariance,
-            cost.clustered(solution.normal),
-            agreement,
-            solution.report,
-            points,
-            places,
+            solution.state.at, covariance, cost.clustered(solution.normal), agreement, solution.report, points, places,
             solution.state.bands,
-        )
+        )  # fmt: skip
 
 
 def _first_gains(ratio: Array, squared: Array, count: int) -> Array:

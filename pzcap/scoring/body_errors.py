@@ -47,17 +47,12 @@ def body_errors(body: BodyTrack, truth: TrueCapture, frames: NDArray[np.int64], 
     scored = given & ~keyframe[:, None]
     similarity = similarity_of(body.joints_m[scored], true[scored])
     return BodyErrors(
-        joints_m=np.linalg.norm(body.joints_m - true, axis=2),
-        sigma_m=body.sigma_m,
-        limbs=lengths[0] / lengths[1] - 1.0,
-        valid=np.any(given, axis=1),
-        keyframe=keyframe,
-        inverted=truth.inverted[frames],
-        airborne=truth.airborne[frames],
-        given=given,
+        joints_m=np.linalg.norm(body.joints_m - true, axis=2), sigma_m=body.sigma_m,
+        limbs=lengths[0] / lengths[1] - 1.0, valid=np.any(given, axis=1), keyframe=keyframe,
+        inverted=truth.inverted[frames], airborne=truth.airborne[frames], given=given,
         aligned_m=None if similarity is None else np.linalg.norm(similarity.apply(body.joints_m) - true, axis=2),
         similarity=similarity,
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)

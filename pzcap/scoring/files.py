@@ -61,16 +61,11 @@ def read_results(folder: Path) -> Results:
         raise PzcapError(f'{path}: no "cameras" beside {CAMERAS}; list the names of those that you were given')
     tracks = read_cameras(folder / CAMERAS, names, frames) if given[0] else (None,) * len(names)
     return Results(
-        method=header["method"],
-        capture=header.get("capture", ""),
-        frames=frames,
+        method=header["method"], capture=header.get("capture", ""), frames=frames,
         timecodes=None if timecodes is None else tuple(timecodes),
-        image_size=None if size is None else (size[0], size[1]),
-        camera_names=tuple(names),
-        cameras=tracks,
-        body=_read_body(folder / BODY, frames, keyframes) if given[1] else None,
-        own_world=world == "own",
-    )
+        image_size=None if size is None else (size[0], size[1]), camera_names=tuple(names), cameras=tracks,
+        body=_read_body(folder / BODY, frames, keyframes) if given[1] else None, own_world=world == "own",
+    )  # fmt: skip
 
 
 def read_cameras(path: Path, names: Sequence[str], frames: int, also: Sequence[str] = ()) -> tuple[CameraTrack, ...]:
@@ -120,12 +115,9 @@ def _track(rows: Mapping[int, Row], frames: int, name: str) -> CameraTrack:
     if rows and not pose and not pan:
         raise next(iter(rows.values())).wrong("neither a pose nor pan_rad; give one of them, or leave the row out")
     return CameraTrack(
-        valid,
-        focal,
-        _filled(rows, frames, ("pan_rad",), np.zeros(1))[:, 0] if pan else None,
-        _covariances(rows, frames) if covariance else None,
-        _poses(rows, frames) if pose or not rows else None,
-    )
+        valid, focal, _filled(rows, frames, ("pan_rad",), np.zeros(1))[:, 0] if pan else None,
+        _covariances(rows, frames) if covariance else None, _poses(rows, frames) if pose or not rows else None,
+    )  # fmt: skip
 
 
 def _given(rows: Mapping[int, Row], columns: Sequence[str], name: str) -> bool:

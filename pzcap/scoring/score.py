@@ -56,12 +56,9 @@ def score(results: Results, truth: TrueCapture) -> Errors:
     posed = [] if body is None else frames[body.keyframe & known].tolist()
     hidden = len({*posed, *np.flatnonzero(truth.keyframe).tolist()})
     return Errors(
-        truth_frames=frames,
-        cameras=tuple(cameras),
-        body=body,
+        truth_frames=frames, cameras=tuple(cameras), body=body,
         lost=lost if body is None or any(track is not None for track in results.cameras) else None,
-        views=int(sum(true.recorded.sum() for true in truth.cameras)),
-        answered=answered,
+        views=int(sum(true.recorded.sum() for true in truth.cameras)), answered=answered,
         joints=(len(truth.timecodes) - hidden) * truth.joints_m.shape[1],
         answered_joints=0 if body is None else int(body.scored_joints.sum()),
-    )
+    )  # fmt: skip

@@ -178,12 +178,9 @@ class _Batch:
         """The equations of a frame, whose pose a hand gave if it is a ``key``."""
         config, normal = self.config, objective.normal(posed, placed, appearances, self.config.schedule[-1].terms)
         stiffness, pull = constraints(
-            self.body,
-            posed.pose,
-            config.limit_sigma_rad,
-            self_collision=config.self_collision,
+            self.body, posed.pose, config.limit_sigma_rad, self_collision=config.self_collision,
             spine_sigma_rad=config.spine_sigma_rad,
-        )
+        )  # fmt: skip
         hessian, gradient = normal.hessian + stiffness, normal.gradient + pull
         if key is not None:
             prior = information(key)

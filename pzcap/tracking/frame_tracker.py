@@ -160,12 +160,9 @@ def fit_pose(
         for _ in range(each.iterations):
             normal = objective.normal(posed, placed, appearances, each.terms)
             stiffness, pull = constraints(
-                objective.body,
-                posed.pose,
-                config.limit_sigma_rad,
-                self_collision=each.solid and config.self_collision,
+                objective.body, posed.pose, config.limit_sigma_rad, self_collision=each.solid and config.self_collision,
                 spine_sigma_rad=config.spine_sigma_rad,
-            )
+            )  # fmt: skip
             hessian = normal.hessian + information + stiffness
             gradient = normal.gradient + information @ difference(expected, posed.pose) + pull
             step = np.clip(np.linalg.solve(hessian, gradient), -0.35, 0.35)

@@ -226,12 +226,9 @@ class PoseObjective:
                 accumulate(rows, segment, sums)
             if view.person is not None and terms.keypoint_weight > 0:
                 rows, keypoint = keypoint_residuals.residuals(
-                    self.body.landmarks,
-                    exposed_frames(posed.frames, self.rates, view.camera, view.exposure),
-                    view.camera,
-                    view.person,
-                    terms.keypoint_scale,
-                )
+                    self.body.landmarks, exposed_frames(posed.frames, self.rates, view.camera, view.exposure),
+                    view.camera, view.person, terms.keypoint_scale,
+                )  # fmt: skip
                 rows[:, 0] *= terms.keypoint_weight
                 accumulate(rows, landmarks.SEGMENT[keypoint], sums)
         return every, contour, brightness

@@ -145,15 +145,11 @@ def _forecast(capture: Capture, halls: Mapping[str, Hall], motions: Mapping[str,
         kept = np.flatnonzero(places.found)
         scales = 1.0 / np.array([places.relations[k].scale for k in kept])
         found[name] = forecast.forecast_camera(
-            images=[places.images[k] for k in kept],
-            focal_px=focal_px * scales,
-            pan_rad=places.angles_rad[kept] - hall.reference_rad,
-            distance_m=distance_m,
-            reference_px=focal_px,
-            span_rad=None if capture.full_turn else hall.sweep.span_rad,
-            zoomed=hall.zoom.widest is not None,
+            images=[places.images[k] for k in kept], focal_px=focal_px * scales,
+            pan_rad=places.angles_rad[kept] - hall.reference_rad, distance_m=distance_m, reference_px=focal_px,
+            span_rad=None if capture.full_turn else hall.sweep.span_rad, zoomed=hall.zoom.widest is not None,
             shutter=motion.shutter,
-        )
+        )  # fmt: skip
     keyframe_s, loose_m = None, 0.0
     if roots and capture.subject is not None:
         with suppress(PzcapError):  # it has been said
