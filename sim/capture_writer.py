@@ -23,13 +23,14 @@ from av.video.frame import PictureType, VideoFrame
 from numpy.typing import NDArray
 
 from pzcap.io.capture import FOOTAGE, FORMAT, MANIFEST, VERSION
-from pzcap.io.known_lengths import entry_of
 from pzcap.types import (
     SEGMENTS,
     CalibrationObject,
     CameraFiles,
     Capture,
     Image,
+    KnownLength,
+    Mark,
     Pose,
     PzcapError,
     Subject,
@@ -67,7 +68,7 @@ def write_capture(capture: Capture) -> None:
         write_keyframes(capture.folder / "keyframes.json", capture.keyframe_poses)
     if capture.lengths:
         manifest["lengths"] = "lengths.json"
-        dump_json(capture.folder / "lengths.json", [entry_of(length) for length in capture.lengths])
+        write_lengths(capture.folder / "lengths.json", capture.lengths)
     dump_json(capture.folder / MANIFEST, manifest)
 
 
@@ -107,6 +108,20 @@ def write_keyframes(path: Path, poses: dict[str, Pose]) -> None:
         for timecode, pose in poses.items()
     ]
     dump_json(path, keyframes)
+
+
+def write_lengths(path: Path, lengths: Sequence[KnownLength]) -> None:
+    """Write lengths.json."""
+
+    def marks(end: Sequence[Mark]) -> list[dict[str, Any]]:
+        return [{"camera": m.camera, "video": m.video, "frame": m.frame, "px": m.px.tolist()} for m in end]
+
+    entries = [
+        {"name": one.name, "length_m": one.length_m, "sigma_m": one.sigma_m, "from": marks(one.ends[0]),
+         "to": marks(one.ends[1])}
+        for one in lengths
+    ]  # fmt: skip
+    dump_json(path, entries)
 
 
 def dump_json(path: Path, value: Any) -> None:

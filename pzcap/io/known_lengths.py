@@ -40,12 +40,6 @@ def read_mark(entry: Json) -> Mark:
     return Mark(entry["camera"].name(), video, frame, entry["px"].array(2))
 
 
-def entry_of(length: KnownLength) -> dict[str, Any]:
-    """A length as `read_known_length` reads it."""
-    one, other = ([mark_entry(mark) for mark in end] for end in length.ends)
-    return {"name": length.name, "length_m": length.length_m, "sigma_m": length.sigma_m, "from": one, "to": other}
-
-
 def mark_entry(mark: Mark) -> dict[str, Any]:
     """A mark as `read_mark` reads it."""
     return {"camera": mark.camera, "video": mark.video, "frame": mark.frame, "px": mark.px.tolist()}
