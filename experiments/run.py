@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import hydra
 from hydra.core.config_store import ConfigStore
@@ -35,8 +35,6 @@ from experiments.config import AppConfig, build, default_tree, plain
 from experiments.errors import flags_first, guard, reported
 from experiments.metrics import format_value, meets_target, run_info, write_metrics
 from experiments.progress import Bars
-from experiments.report import recording
-from experiments.report.page import Material, write_report
 from experiments.score import Score, score
 from experiments.silhouette_score import ForegroundScorer
 from experiments.studies import jobs
@@ -48,7 +46,10 @@ from pzcap.io import results
 from pzcap.io.capture import read_capture
 from pzcap.scoring.metric import Metric
 from pzcap.types import Array, Capture, PzcapError, Reconstruction
-from pzcap.viewer.recording import Recorder, outlines
+from pzcap.viewer.drawing import outlines
+
+if TYPE_CHECKING:
+    from pzcap.viewer.recording import Recorder
 
 CONF: Final = Path(__file__).parents[1] / "conf"
 RESULTS: Final = ("metrics.json", "report.html", "recording.rrd")
@@ -85,6 +86,9 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
     with ExitStack() as stack:
         recorder = None
         if config.output.recording:
+            from experiments.report import recording  # brings Rerun: half a second, of every start otherwise
+            from pzcap.viewer.recording import Recorder
+
             recorder = stack.enter_context(
                 Recorder(folder / "recording.rrd", capture, name=name, jpeg_quality=config.output.jpeg_quality)
             )
@@ -115,6 +119,8 @@ def run(config: AppConfig, tree: dict[str, Any], folder: Path, console: Console)
             found += _speed(done, frames, None)
     write_metrics(folder / "metrics.json", found, info)
     if config.output.report:
+        from experiments.report.page import Material, write_report  # brings Matplotlib: half a second, likewise
+
         with console.status("writing the report"):
             material = Material(capture, reconstruction, truth, result, found, info, done.outlines, done.stage_s)
             write_report(folder / "report.html", material, _command())

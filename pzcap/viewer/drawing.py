@@ -6,11 +6,12 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pzcap.geometry import camera as geometry
-from pzcap.types import PARENTS, SEGMENTS, Array, Camera, Panorama, PanZoomCamera, PanZoomTrack
+from pzcap.types import PARENTS, SEGMENTS, Array, Camera, Image, Panorama, PanZoomCamera, PanZoomTrack
 
 Colour = tuple[int, int, int]
 CAMERA_COLOURS: Final[tuple[Colour, ...]] = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167))
@@ -94,3 +95,10 @@ def footprint(panorama: Panorama, camera: PanZoomCamera, at: Camera) -> list[Arr
     cuts = np.flatnonzero(np.diff(turn)) + 1
     return [np.column_stack([c - t[0] * width, r]) for c, t, r in
             zip(np.split(column, cuts), np.split(turn, cuts), np.split(row, cuts), strict=True)]  # fmt: skip
+
+
+def outlines(probability: Image) -> list[Array]:
+    """Closed outlines (N, 2) of where a silhouette's probability (H, W) is more than one half."""
+    solid = (probability > 128).astype(np.uint8)
+    contours, _ = cv2.findContours(solid, cv2.RETR_LIST, cv2.CHAIN_APPROX_TC89_L1)
+    return [np.concatenate([c[:, 0], c[:1, 0]]).astype(np.float64) for c in contours if cv2.contourArea(c) >= 9.0]

@@ -26,7 +26,7 @@ from pzcap.events import CameraCalibrated, Event, FrameLocalised, FrameSegmented
 from pzcap.io.capture import read_image
 from pzcap.types import Array, Capture, Image, Localisation, Panorama, PzcapError, ReferenceCamera, Silhouette
 from pzcap.viewer.columns import PIXEL_CENTRE, TIMELINE, path_part, plain, view_path
-from pzcap.viewer.drawing import KEYPOINT_COLOUR, OUTLINE_COLOUR, centred, centred_shift, project_edges
+from pzcap.viewer.drawing import KEYPOINT_COLOUR, OUTLINE_COLOUR, centred, centred_shift, outlines, project_edges
 from pzcap.viewer.utf8_name import with_utf8_name
 
 APPLICATION: Final = "pzcap-v1"
@@ -271,13 +271,6 @@ def log_silhouette(rec: rr.RecordingStream, name: str, silhouette: Silhouette | 
     for kind, image in (("background", silhouette.background), ("probability", silhouette.probability)):
         small = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         rec.log(f"{pictures}/{kind}", encoded(np.asarray(small, np.uint8), jpeg_quality))
-
-
-def outlines(probability: Image) -> list[Array]:
-    """Closed outlines (N, 2) of where a silhouette's probability (H, W) is more than one half."""
-    solid = (probability > 128).astype(np.uint8)
-    contours, _ = cv2.findContours(solid, cv2.RETR_LIST, cv2.CHAIN_APPROX_TC89_L1)
-    return [np.concatenate([c[:, 0], c[:1, 0]]).astype(np.float64) for c in contours if cv2.contourArea(c) >= 9.0]
 
 
 def encoded(image: Image, jpeg_quality: int) -> rr.EncodedImage:

@@ -27,7 +27,7 @@ from pzcap.types import (
     Silhouette,
 )
 from pzcap.viewer import columns, drawing
-from pzcap.viewer.recording import Recorder, has_footer, outlines
+from pzcap.viewer.recording import Recorder, has_footer
 from tests.scenes import fabricated
 
 NAMES = ("1", "2", "north east", "カメラ")
@@ -218,7 +218,7 @@ def test_footprints_surround_what_the_camera_sees() -> None:
 def test_outlines_are_closed() -> None:
     probability = np.zeros((50, 60), np.uint8)
     probability[10:40, 20:30] = 200
-    (outline,) = outlines(probability)
+    (outline,) = drawing.outlines(probability)
     np.testing.assert_array_equal(outline[0], outline[-1])
     assert outline.min(axis=0).tolist() == [20, 10]
     assert outline.max(axis=0).tolist() == [29, 39]
