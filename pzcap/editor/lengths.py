@@ -17,7 +17,7 @@ from pzcap.editor.alone import BACKUPS, FOLDER, alone
 from pzcap.editor.paper import Paper, digest_of
 from pzcap.io.capture import check_mark
 from pzcap.io.files import write_json
-from pzcap.io.known_lengths import mark_entry, read_known_length, read_known_lengths, read_mark
+from pzcap.io.known_lengths import mark_entry, metres, read_known_length, read_known_lengths, read_mark
 from pzcap.io.manifest import Json, load_json
 from pzcap.types import Capture, PzcapError
 
@@ -53,10 +53,14 @@ class Lengths:
         """Let others edit the capture."""
         self._only.close()
 
+    def refresh(self) -> None:
+        """Take in what somebody else has written into lengths.json. Raises PzcapError where it cannot be read."""
+        with self._lock:
+            self._adopt()
+
     def shown(self) -> dict[str, Any]:
         """All that a page shows of them."""
         with self._lock:
-            self._adopt()
             lengths = [entry | {"lacks": lacking(entry)} for entry in self.entries]
             steps = {"can_undo": bool(self._past), "can_redo": bool(self._future)}
             return {"version": self.version, "lengths": lengths, **steps}
@@ -78,18 +82,20 @@ class Lengths:
     def tell(self, seen: int, number: int, what: str, value: Any) -> None:
         """Say the "name" of a length, its "length_m" or its "sigma_m"; None is not known."""
         if what == "name":
-            value = Json(value.strip() if isinstance(value, str) else value, self._paper.path, what).name()
+            if not (isinstance(value, str) and value.strip()):
+                raise PzcapError("give the length a name, by which a run's notes call it")
+            value = Json(value.strip(), _NOWHERE, what).name()
             if any(entry["name"] == value for n, entry in enumerate(self.entries) if n != number):
                 raise PzcapError(f'another length is called "{value}"; give each a name of its own')
         elif what in NUMBERS:
-            value = None if value is None else float(Json(value, self._paper.path, what).array())
+            value = None if value is None else metres(Json(value, _NOWHERE, what))
         else:
             raise PzcapError(f"a length has no {what}")
         self._change(seen, lambda entries: entries[self._known(number)].update({what: value}))
 
     def mark(self, seen: int, number: int, end: str, mark: Any) -> None:
         """Mark an end where a picture shows it, in place of what the same camera had marked of it."""
-        placed = read_mark(Json(mark, self._paper.path, "mark"))
+        placed = read_mark(Json(mark, _NOWHERE, "mark"))
         check_mark(placed, self.capture.cameras)
 
         def put(entries: list[Entry]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
@@ -48,7 +49,7 @@ class Marking:
         return _json(about | {"has_object": capture.calibration_object is not None})
 
     async def _shown(self, _: web.Request) -> web.Response:
-        return _json(await asyncio.to_thread(self.lengths.shown))
+        return await self._done(self.lengths.refresh)
 
     async def _picture(self, request: web.Request) -> web.Response:
         camera, kind, number = (request.match_info[name] for name in ("camera", "kind", "number"))
@@ -61,19 +62,24 @@ class Marking:
         return web.Response(body=jpeg, content_type="image/jpeg", headers={"Cache-Control": "private, max-age=3600"})
 
     async def _change(self, request: web.Request) -> web.Response:
-        """Do what a page asks for; what is wrong with it goes back beside the lengths as they are."""
+        """Do what a page asks for."""
         try:
-            await asyncio.to_thread(self._asked(json.loads(await request.text())))
-        except PzcapError as error:
-            return _json({"error": str(error), **await asyncio.to_thread(self.lengths.shown)})
+            return await self._done(self._asked(json.loads(await request.text())))
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
             return web.Response(status=400, text=f"a message that cannot be read: {error}\n")
-        return _json(await asyncio.to_thread(self.lengths.shown))
+
+    async def _done(self, work: Callable[[], None]) -> web.Response:
+        """Do ``work``; the lengths as they are then, and what was wrong with it."""
+        try:
+            await asyncio.to_thread(work)
+        except PzcapError as error:
+            return _json({**self.lengths.shown(), "error": str(error)})
+        return _json(self.lengths.shown())
 
     def _asked(self, message: dict[str, Any]) -> partial[None]:
         what = str(message["do"])
         if what not in _COMMANDS:
-            raise PzcapError(f"nobody here knows how to {what}")
+            raise ValueError(f"nobody here knows how to {what}")
         arguments = {name: message[name] for name in ("seen", *_COMMANDS[what])}
         if not all(type(arguments.get(name, 0)) is int for name in _NUMBERS):
             raise TypeError("a whole number is wanted")

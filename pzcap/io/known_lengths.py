@@ -18,15 +18,21 @@ def read_known_lengths(path: Path) -> tuple[KnownLength, ...]:
 def read_known_length(entry: Json) -> KnownLength:
     """One of them. Raises PzcapError saying what is wrong with it."""
     entry.only("name", "length_m", "sigma_m", "from", "to")
-    length_m, sigma_m = (float(entry[key].array()) for key in ("length_m", "sigma_m"))
-    if not 0.0 < length_m <= limits.HALL_M:
-        raise entry["length_m"].error(f"must be a length in metres, above 0 and at most {limits.HALL_M:g}")
-    if not 0.0 < sigma_m <= 0.1 * length_m:
+    length_m, sigma_m = metres(entry["length_m"]), metres(entry["sigma_m"])
+    if not sigma_m <= 0.1 * length_m:
         raise entry["sigma_m"].error("must be above 0 and at most a tenth of the length, in metres")
     one, other = (tuple(read_mark(mark) for mark in entry[key].list()) for key in ("from", "to"))
     if not one or not other:
         raise entry.error("each end needs a mark: one on the floor, or two in the pictures of two cameras")
     return KnownLength(entry["name"].name(), length_m, sigma_m, (one, other))
+
+
+def metres(entry: Json) -> float:
+    """A length of the hall, or of what stands in it. Raises PzcapError where it is none."""
+    length_m = float(entry.array())
+    if not 0.0 < length_m <= limits.HALL_M:
+        raise entry.error(f"must be a length in metres, above 0 and at most {limits.HALL_M:g}")
+    return length_m
 
 
 def read_mark(entry: Json) -> Mark:

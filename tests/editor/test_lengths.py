@@ -143,6 +143,10 @@ def test_what_somebody_else_writes_is_taken_in(folder: Path) -> None:
     assert [one["name"] for one in lengths.shown()["lengths"]] == ["by hand", "length 2"]
     lengths.tell(lengths.version, 0, "length_m", 5.0)
     assert stands(folder) == [("by hand", 5.0, [2, 1])]
+    path.write_text("[{}]")
+    with pytest.raises(PzcapError, match='"length_m" is missing'):
+        lengths.refresh()
+    assert [one["name"] for one in lengths.shown()["lengths"]] == ["by hand", "length 2"]
     lengths.close()
     path.write_text("[]")
     assert [one["name"] for one in Lengths(read_capture(folder)).entries] == ["length 2"]
@@ -169,7 +173,9 @@ def test_the_file_that_was_found_is_kept(folder: Path) -> None:
         (lambda one: one.mark(one.version, 0, "from", mark() | {"px": [0.0, float("nan")]}), "2 finite numbers"),
         (lambda one: one.mark(one.version, 0, "middle", mark()), "has no end middle"),
         (lambda one: one.mark(one.version, 7, "from", mark()), "there is no length 7"),
-        (lambda one: one.tell(one.version, 0, "name", " "), "must be text"),
+        (lambda one: one.tell(one.version, 0, "name", " "), "give the length a name"),
+        (lambda one: one.tell(one.version, 0, "length_m", -2.0), "above 0 and at most"),
+        (lambda one: one.tell(one.version, 0, "sigma_m", 0.0), "above 0 and at most"),
         (lambda one: one.tell(one.version, 0, "name", "length 2"), "a name of its own"),
         (lambda one: one.tell(one.version, 0, "length_m", "long"), "finite numbers"),
         (lambda one: one.tell(one.version, 0, "weight", 3.0), "has no weight"),
@@ -191,8 +197,8 @@ def test_what_cannot_be_is_refused_and_changes_nothing(
 def test_what_the_format_refuses_waits_beside_the_file(folder: Path) -> None:
     lengths = Lengths(read_capture(folder))
     whole(lengths)
-    lengths.tell(lengths.version, 0, "length_m", -2.0)
-    assert "length_m: must be a length in metres" in lengths.shown()["lengths"][0]["lacks"]
+    lengths.tell(lengths.version, 0, "sigma_m", 2.0)
+    assert "at most a tenth of the length" in lengths.shown()["lengths"][0]["lacks"]
     assert stands(folder) == []
 
 
@@ -230,7 +236,7 @@ def test_who_is_answered(folder: Path) -> None:
                     assert await status("POST", "/lengths", message, **cookie) in (200, 400)
                 assert lengths.entries == []
                 async with session.post(url + "/lengths", data='{"do": "dance", "seen": 0}', headers=cookie) as answer:
-                    assert "nobody here knows" in (await answer.json())["error"]
+                    assert "nobody here knows" in await answer.text()
                 assert await status("POST", "/lengths", begin, **cookie, Origin=url) == 200
                 assert len(lengths.entries) == 1
         finally:

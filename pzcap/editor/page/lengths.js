@@ -70,7 +70,9 @@ function take(answer) {
 
 async function refresh() {
   const answer = await ask("lengths");
-  if (answer && (!shown || answer.version !== shown.version)) take(answer);
+  if (!answer) return;
+  if (!shown || answer.version !== shown.version) take(answer);
+  if (answer.error) tell(answer.error, true);
 }
 
 function tell(text, bad = false) { $("message").textContent = text; $("message").className = bad ? "bad" : ""; }
@@ -360,7 +362,7 @@ async function start() {
   view = new View();
   look(to && about.cameras[to - 1]?.films.length ? to - 1 : first, its || "sweep", at ? +at : null);
   await refresh();
-  if (shown) tell(hint());
+  if (shown && !$("message").textContent) tell(hint());
 }
 
 /* What a test, or a script of one's own, has to know: where a pixel stands on the screen, and the state. */
