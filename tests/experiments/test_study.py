@@ -12,10 +12,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments import run
-from experiments.config import build, plain
+from experiments.config import build
 from experiments.studies import jobs, study
 from experiments.studies import page as study_page
-from tests.scenes.studies import NOISE, ZOOM, composed, grid
+from tests.scenes.studies import NOISE, ZOOM, composed, grid, job_tree
 
 STUDIES = sorted(path.stem for path in (run.CONF / "study").glob("[!_]*.yaml"))
 
@@ -52,7 +52,7 @@ def test_every_trial_is_in_the_table_of_trials() -> None:
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_job_of_a_study_composes(name: str) -> None:
     for choice in itertools.product(*([f"{key}={value}" for value in values] for key, values in axes(name).items())):
-        config = build(plain(composed(f"study={name}", *choice)))
+        config = build(job_tree(f"study={name}", *choice))
         assert config.shoot.width * 3 == config.shoot.height * 4
         assert config.shoot.seed == config.seed
 
