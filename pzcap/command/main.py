@@ -153,7 +153,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _end(*_: object) -> None:
-    """What is half done is cleared away, which takes a while: said at once, by a call that may interrupt any other."""
+    """Answer a signal: clearing away takes a while, so it is said at once, by a call that may interrupt any other."""
     os.write(2, b"\npzcap: asked to end\n")
     raise KeyboardInterrupt
 

@@ -8,8 +8,7 @@ from typing import BinaryIO, Final
 
 from pzcap.types import PzcapError
 
-FOLDER: Final = "editing"
-"""Beside capture.json: what was changed, backups, and what was tracked anew."""
+FOLDER: Final = "editing"  # beside capture.json: what was changed, backups, and what was tracked anew
 BACKUPS: Final = "backups"
 _LOCK: Final = "lock"
 

@@ -101,7 +101,7 @@ def listening(port: int) -> socket.socket:
 
 
 def page_files(names: Mapping[str, str]) -> Callable[[web.Request], Awaitable[web.Response]]:
-    """What answers with the files of a page; ``names`` are by what the address ends in."""
+    """A handler that answers with the files of a page; ``names`` are by what the address ends in."""
 
     async def file(request: web.Request) -> web.Response:
         name = names.get(request.match_info["name"])
@@ -112,6 +112,17 @@ def page_files(names: Mapping[str, str]) -> Callable[[web.Request], Awaitable[we
         return web.Response(body=data, content_type=kind, charset="utf-8", headers={"Cache-Control": "no-store"})
 
     return file
+
+
+async def picture(jpeg: Awaitable[bytes | None]) -> web.Response:
+    """The answer with a picture, which its address names for good; 404 where there is none."""
+    try:
+        data = await jpeg
+    except PzcapError as error:
+        return web.Response(status=500, text=f"{error}\n")
+    if data is None:
+        raise web.HTTPNotFound
+    return web.Response(body=data, content_type="image/jpeg", headers={"Cache-Control": "private, max-age=3600"})
 
 
 def serve(application: web.Application, door: Door, listener: socket.socket, what: str, *, browse: bool) -> None:

@@ -21,8 +21,7 @@ from pzcap.tracking.observation import ViewInput, expect
 from pzcap.types import Array, Camera, FrameSet, Image, Localisation, PanZoomTrack, Pose, Reconstruction
 from pzcap.views import as_found
 
-Views = tuple[bytes | None, ...]
-"""The pictures of a frame as JPEG; None where a camera recorded none."""
+Views = tuple[bytes | None, ...]  # the pictures of a frame as JPEG; None where a camera recorded none
 
 
 class Footage:

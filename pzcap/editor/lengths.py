@@ -21,8 +21,7 @@ from pzcap.io.known_lengths import mark_entry, metres, read_known_length, read_k
 from pzcap.io.manifest import Json, load_json
 from pzcap.types import Capture, PzcapError
 
-Entry = dict[str, Any]
-"""A length as lengths.json has it; what is not known yet is None, or an empty list of marks."""
+Entry = dict[str, Any]  # a length as lengths.json has it; what is not known yet is None, or an empty list of marks
 
 ENDS: Final = ("from", "to")
 NUMBERS: Final = ("length_m", "sigma_m")
@@ -173,15 +172,17 @@ class Lengths:
         self.version += 1
 
     def _kept(self) -> list[Entry]:
-        """What an editor has left, if lengths.json is still what it left or was about to; else what that says, and
-        what was only begun."""
-        entries = [dict(entry) for entry in self._paper.entries()]
+        """The lengths as an editor has left them, if lengths.json is what it left or was about to; else merged."""
         if not self._begun.is_file():
-            return entries
+            return self._merged([])
         content = load_json(self._begun, "remove it: what is whole stands in lengths.json")
         kept = [_shaped(entry) for entry in content["lengths"].list()]
-        if self._digest in content["file"].value:
-            return kept
+        left = [digest.value for digest in content["file"].list()]
+        return kept if self._digest in left else self._merged(kept)
+
+    def _merged(self, kept: list[Entry]) -> list[Entry]:
+        """The lengths that lengths.json has, and those of the ``kept`` ones that were only begun."""
+        entries = [dict(entry) for entry in self._paper.entries()]
         names = {entry["name"] for entry in entries}
         return entries + [entry for entry in kept if lacking(entry) and entry["name"] not in names]
 
@@ -195,7 +196,7 @@ class Lengths:
         self._digest = digest
         self._past.append(self.entries)
         self._future.clear()
-        self.entries = self._kept()
+        self.entries = self._merged(self.entries)
         self.version += 1
 
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from aiohttp import web
 
-from pzcap.editor.door import Door, listening, page_files
+from pzcap.editor.door import Door, listening, page_files, picture
 from pzcap.editor.door import serve as serve_page
 from pzcap.editor.films import KINDS, Films
 from pzcap.editor.lengths import Lengths
@@ -34,8 +34,8 @@ class Marking:
         """The routes, behind the check of every request."""
         application = door.application()
         kinds = "|".join(KINDS)
-        picture = f"/picture/{{camera:[0-9]{{1,2}}}}/{{kind:{kinds}}}/{{number:[0-9]{{1,7}}}}.jpg"
-        application.router.add_get(picture, self._picture)
+        place = f"/picture/{{camera:[0-9]{{1,2}}}}/{{kind:{kinds}}}/{{number:[0-9]{{1,7}}}}.jpg"
+        application.router.add_get(place, self._picture)
         application.router.add_get("/about", self._about)
         application.router.add_get("/lengths", self._shown)
         application.router.add_post("/lengths", self._change)
@@ -53,13 +53,7 @@ class Marking:
 
     async def _picture(self, request: web.Request) -> web.Response:
         camera, kind, number = (request.match_info[name] for name in ("camera", "kind", "number"))
-        try:
-            jpeg = await asyncio.to_thread(self._films.jpeg, int(camera), kind, int(number))
-        except PzcapError as error:
-            return web.Response(status=500, text=f"{error}\n")
-        if jpeg is None:
-            raise web.HTTPNotFound
-        return web.Response(body=jpeg, content_type="image/jpeg", headers={"Cache-Control": "private, max-age=3600"})
+        return await picture(asyncio.to_thread(self._films.jpeg, int(camera), kind, int(number)))
 
     async def _change(self, request: web.Request) -> web.Response:
         """Do what a page asks for."""

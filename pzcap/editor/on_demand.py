@@ -15,8 +15,7 @@ from pzcap.editor.tuning import FOOTAGE
 
 T = TypeVar("T")
 
-KEPT_BYTES: Final = 300 << 20
-"""Compressed frames that an editor keeps in memory."""
+KEPT_BYTES: Final = 300 << 20  # compressed frames that an editor keeps in memory
 _NONE: Final = -FOOTAGE.on  # no frame comes next
 
 

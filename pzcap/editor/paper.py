@@ -27,7 +27,7 @@ class Paper:
 
     @property
     def path(self) -> Path:
-        """Where capture.json says that it is, or will."""
+        """The file that capture.json names, or will."""
         return self.folder / (self._named() or f"{self.kind}.json")
 
     def digest(self) -> str:

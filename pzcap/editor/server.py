@@ -11,12 +11,11 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from pzcap.editor import showing
 from pzcap.editor.desk import Desk
-from pzcap.editor.door import LONGEST_MESSAGE, Door, listening, page_files
+from pzcap.editor.door import LONGEST_MESSAGE, Door, listening, page_files, picture
 from pzcap.editor.door import serve as serve_page
 from pzcap.editor.showing import Json
 from pzcap.editor.talk import Talk
 from pzcap.editor.workspace import Workspace
-from pzcap.types import PzcapError
 
 _FILES: Final = {"": "index.html"} | {name: name for name in ("editor.js", "pane.js", "editor.css")}
 
@@ -48,13 +47,7 @@ class Editor:
         frame, camera = int(request.match_info["frame"]), int(request.match_info["camera"])
         if frame >= len(self.workspace.sets) or camera >= len(self.workspace.capture.cameras):
             raise web.HTTPNotFound
-        try:
-            jpeg = await self._desk.look(self.workspace.footage.jpeg, frame, camera)
-        except PzcapError as error:
-            return web.Response(status=500, text=f"{error}\n")
-        if jpeg is None:
-            raise web.HTTPNotFound
-        return web.Response(body=jpeg, content_type="image/jpeg", headers={"Cache-Control": "private, max-age=3600"})
+        return await picture(self._desk.look(self.workspace.footage.jpeg, frame, camera))
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         if request.headers.get("Origin") is None:

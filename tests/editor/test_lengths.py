@@ -143,6 +143,11 @@ def test_what_somebody_else_writes_is_taken_in(folder: Path) -> None:
     assert [one["name"] for one in lengths.shown()["lengths"]] == ["by hand", "length 2"]
     lengths.tell(lengths.version, 0, "length_m", 5.0)
     assert stands(folder) == [("by hand", 5.0, [2, 1])]
+    before, whole_file = lengths.version, path.read_bytes()
+    lengths.tell(before, 0, "length_m", 6.0)
+    path.write_bytes(whole_file)  # as it was a change before
+    lengths.refresh()
+    assert [one["length_m"] for one in lengths.shown()["lengths"]] == [5.0, None]
     path.write_text("[{}]")
     with pytest.raises(PzcapError, match='"length_m" is missing'):
         lengths.refresh()

@@ -39,7 +39,7 @@ def composed(*overrides: str, hydra: bool = False) -> DictConfig:
 
 @cache
 def _composer() -> Composer:
-    """What composes a sweep's jobs: Hydra itself, which composes the same, takes fifteen times as long."""
+    """Composer of a sweep's jobs: Hydra itself, which composes the same, takes fifteen times as long."""
     GlobalHydra.instance().clear()
     with initialize_config_dir(str(run.CONF), version_base="1.3"):
         hydra = GlobalHydra.instance().hydra

@@ -256,9 +256,7 @@ class View extends Pane {
 
   draw() {
     if (!this.width || !about) return;
-    const pen = this.above.getContext("2d"), k = this.ratio;
-    pen.setTransform(1, 0, 0, 1, 0, 0);
-    pen.clearRect(0, 0, this.above.width, this.above.height);
+    const pen = this.emptied(), k = this.ratio;
     if (!shown || shown.stale) return;
     this.inPicture(pen);
     if (show.silhouettes && silhouettes) this.stroke(pen, silhouettes[this.number], "#ff3df5", 1.6, [5, 4]);

@@ -167,9 +167,7 @@ class View extends Pane {
 
   draw() {
     if (!this.width || !about) return;
-    const pen = this.above.getContext("2d"), k = this.ratio;
-    pen.setTransform(1, 0, 0, 1, 0, 0);
-    pen.clearRect(0, 0, this.above.width, this.above.height);
+    const pen = this.emptied(), k = this.ratio;
     pen.setTransform(k, 0, 0, k, 0, 0);
     const named = new Map();  // names by place: a corner is an end of two sides
     for (const mark of [...marks()].sort((one, other) => isChosen(one) - isChosen(other))) {

@@ -74,6 +74,14 @@ class Pane {
     pen.drawImage(image, 0, 0);
   }
 
+  /* The canvas above the picture, emptied. */
+  emptied() {
+    const pen = this.above.getContext("2d");
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    pen.clearRect(0, 0, this.above.width, this.above.height);
+    return pen;
+  }
+
   text(pen, words, u, v, style) {
     pen.font = "13px system-ui, 'DejaVu Sans', sans-serif"; pen.lineJoin = "round";
     const wide = pen.measureText(words).width;
