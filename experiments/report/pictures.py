@@ -133,14 +133,18 @@ def panorama_picture(
 def window(panorama: Panorama, low_rad: float, high_rad: float, rows: tuple[float, float]) -> tuple[Image, Array]:
     """The part of a panorama between two azimuths (wrapping round) and two rows, and its top left corner's pixel (2,).
 
-    Grey where nothing was pasted.
+    Grey where nothing was pasted. What a partial sweep did not reach is cut off at either end.
     """
     left, right = (round(float(panorama.origin_px[0] - a * panorama.px_per_rad)) for a in (high_rad, low_rad))
     top, bottom = max(int(rows[0]), 0), min(int(rows[1]), panorama.image.shape[0] - 1)
-    if not panorama.full_turn:
-        left, right = max(left, 0), min(right, panorama.image.shape[1] - 1)
+    width = panorama.image.shape[1]
+    turn = width if panorama.full_turn else round(2 * np.pi * panorama.px_per_rad)
+    columns = np.arange(left, right + 1) % turn
+    if not panorama.full_turn and (swept := np.flatnonzero(columns < width)).size:
+        columns, left = columns[swept[0] : swept[-1] + 1], left + int(swept[0])
     image = np.where(panorama.valid[..., None], panorama.image, EMPTY)[top : bottom + 1]
-    return np.take(image, np.arange(left, right + 1), axis=1, mode="wrap"), np.array([left, top], float)
+    seen = np.where((columns < width)[:, None], image[:, np.minimum(columns, width - 1)], EMPTY)
+    return np.asarray(seen, np.uint8), np.array([left, top], float)
 
 
 def on_panorama(panorama: Panorama, camera: PanZoomCamera, points_m: Array, near_rad: float = 0.0) -> Array:
