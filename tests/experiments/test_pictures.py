@@ -48,6 +48,24 @@ def test_a_sweep_that_passes_behind_the_camera_is_shown_there() -> None:
     assert image.shape[1] == round(0.2 * part.px_per_rad) + 1
 
 
+def test_a_footprint_behind_the_camera_lies_on_the_sweep() -> None:
+    whole = fabricated.reconstruction()
+    camera, panorama, track = whole.cameras[0], whole.panoramas[0], whole.tracks[0]
+    assert camera is not None
+    assert panorama is not None
+    assert track is not None
+    at = instants(camera, track)[0]
+    assert at is not None
+    pan_rad = float(track.pan_rad[0]) + 2 * np.pi  # as a sweep counts that went once round before it came there
+    origin = np.array([210.0 + pan_rad * panorama.px_per_rad, 90.0])
+    part = replace(
+        panorama, image=np.zeros((180, 420, 3), np.uint8), valid=np.ones((180, 420), bool), origin_px=origin,
+        full_turn=False,
+    )  # fmt: skip
+    (border,) = footprint(part, camera, at)
+    assert abs(border[:, 0].mean() - 210.0) < 40.0
+
+
 def test_across_the_gap_of_a_sweep_the_picture_is_grey() -> None:
     panorama = fabricated.reconstruction().panoramas[0]
     assert panorama is not None
