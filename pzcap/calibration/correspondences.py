@@ -13,12 +13,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pzcap.calibration.agreement import torn
 from pzcap.calibration.beliefs import BeliefConfig, Sigmas
 from pzcap.calibration.bundle_adjustment import Link, adjust, enough
 from pzcap.calibration.features import Features
 from pzcap.calibration.parameters import CalibrationParameters
 from pzcap.calibration.settings import PanZoomConfig
-from pzcap.calibration.sweep import Chain, Frames, chain, detect, link_further, link_views, place, spaced
+from pzcap.calibration.sweep import (
+    Chain,
+    Frames,
+    chain,
+    detect,
+    held_by_few,
+    link_further,
+    link_views,
+    place,
+    spaced,
+    without_links,
+)
 from pzcap.calibration.tuning import BELIEF, HALL, ZOOM
 from pzcap.geometry import camera as geometry
 from pzcap.geometry.camera import HIGHER, View
@@ -53,12 +65,8 @@ def match(
     height, width = reference_image.shape[:2]
     view = View(0.0, 0.0, 0.0, camera.focal_px, camera.principal_px, NONE)
     chained = chain(sweep, view, full_turn, config.sweep, lambda done: report("match sweep", done, 0))
+    chained, coarse, sweep_links = _linked(chained, view, camera, width, config)
     count = len(chained.pan_rad)
-    sigmas = sigmas_of(camera, config.beliefs, chained.full_turn, zoom=False)
-    coarse = adjust(first_values(view, chained.pan_rad), enough(chained.links), sigmas, iterations=6).parameters
-    further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
-    sweep_links = [*chained.links, *further]
-
     found = [*chained.features, detect(reference_image, config.sweep)]
     pan, links = _place_reference(found, coarse, width, config)
     links = [*sweep_links, *links]
@@ -85,6 +93,26 @@ def match(
     others = [grey(image) for image in [reference_image, *zoomed]]
     sigmas = sigmas_of(camera, config.beliefs, chained.full_turn, bool(zoomed))
     return Matched(chained, others, [number for number, _ in chosen], sweep_links, links, start, sigmas)
+
+
+def _linked(
+    chained: Chain, view: View, camera: Camera, width: int, config: PanZoomConfig
+) -> tuple[Chain, CalibrationParameters, list[Link]]:
+    """The sweep that is ``chained``, first values of its parameters, and all its links. Where the few matches that hold
+    a frame to the next contradict all others, as chance ones before a bare wall do, it is cut: its longest part.
+
+    Raises PzcapError where all parts are short.
+    """
+    while True:
+        count, few = len(chained.pan_rad), held_by_few(chained, config.sweep)
+        sigmas = sigmas_of(camera, config.beliefs, chained.full_turn, zoom=False)
+        coarse = adjust(first_values(view, chained.pan_rad), enough(chained.links), sigmas, iterations=6).parameters
+        further = link_further(chained.features, [coarse.view(i) for i in range(count)], width, config.sweep)
+        links = [*chained.links, *further]
+        wrong = few.intersection(torn(adjust(coarse, links, sigmas, iterations=6), links, count)) if few else few
+        if not wrong:
+            return chained, coarse, links
+        chained = without_links(chained, wrong, view)
 
 
 def first_values(view: View, pan_rad: Array) -> CalibrationParameters:

@@ -6,7 +6,7 @@ of a full turn its end is matched with its beginning, so that the circle closes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -141,6 +141,23 @@ def _longest_part(chained: Chain, gaps: Sequence[int], seam: Sequence[Link], vie
     images, found = (tuple(each[number] for number in part) for each in (chained.images, chained.features))
     pan_rad = pan_rad[part] - pan_rad[part[0]]
     return Chain(chained.kept[part], images, found, pan_rad, tuple(links), 0.0, False)
+
+
+def held_by_few(chained: Chain, config: SweepConfig) -> set[int]:
+    """Frames of a sweep that so few matches hold to the next that these may be chance."""
+    sure = FEATURES.sure_links * config.min_matches
+    return {link.first for link in chained.links if link.second == link.first + 1 and len(link.first_px) < sure}
+
+
+def without_links(chained: Chain, wrong: Container[int], view: View) -> Chain:
+    """The longest part of a sweep after the links of the frames that are ``wrong`` to the next are taken out of it.
+
+    Raises PzcapError where all parts are short.
+    """
+    beside = [one for one in chained.links if one.second == one.first + 1 and one.first not in wrong]
+    seam = [one for one in chained.links if one.second > one.first + 1]
+    gaps = np.setdiff1d(np.arange(len(chained.kept) - 1), [one.first for one in beside]).tolist()
+    return _longest_part(replace(chained, links=tuple(beside)), gaps, seam, view)
 
 
 def _link_to_next(

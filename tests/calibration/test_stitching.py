@@ -7,17 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pzcap.calibration import bundle_adjustment, stitching, sweep
+from pzcap.calibration import bundle_adjustment, correspondences, stitching, sweep
 from pzcap.calibration.beliefs import Sigmas
 from pzcap.calibration.bundle_adjustment import Link
 from pzcap.calibration.parameters import CalibrationParameters
+from pzcap.calibration.settings import PanZoomConfig
 from pzcap.calibration.sweep import SweepConfig
 from pzcap.extras.paper import stitching as paper
-from pzcap.geometry.camera import View, pixel_to_direction, wrapped
+from pzcap.geometry.camera import View, at, pixel_to_direction, wrapped
 from pzcap.geometry.lens import NONE, Distortion
 from pzcap.imaging.colour import grey
 from pzcap.types import FAR_AWAY, Array, Image, Panorama, PzcapError
 from tests.scenes import synthetic
+from tests.scenes.cylinders import camera_of
 
 OPTICS = synthetic.Optics()
 WIDTH, HEIGHT, FOCAL = OPTICS.width, OPTICS.height, OPTICS.reference_focal_px
@@ -170,6 +172,35 @@ def test_of_a_turn_past_a_bare_wall_the_rest_is_one_part(start_deg: float) -> No
     apart = [found.pan_rad[link.second] - found.pan_rad[link.first] for link in found.links]
     assert np.abs(apart).max() < 0.8  # those across the seam, too
     assert any(link.second - link.first > len(pans) // 2 for link in found.links)
+
+
+def test_few_matches_that_contradict_all_others_hold_nothing_together() -> None:
+    """Across the bare wall some matches agree by chance: by these the circle would close, by degrees too early."""
+    pans = np.deg2rad(60.0 + np.arange(0.0, 380.0, 5.0))
+    config, camera = PanZoomConfig(), at(camera_of(OPTICS), 0.0, OPTICS.tilt_rad, OPTICS.reference_focal_px)
+    right = sweep.chain(before_a_wall(pans), VIEW, True, config.sweep, silent)
+    (gap,) = np.flatnonzero(np.diff(right.kept) > 1)
+    rng = np.random.default_rng(0)
+    places = rng.uniform([20.0, 20.0], [WIDTH - 20.0, HEIGHT - 20.0], (20, 2))
+    chance = Link(int(gap), int(gap) + 1, places, places + rng.normal(0.0, 8.0, (20, 2)), np.zeros(20))
+    links = sorted((*right.links, chance), key=lambda link: link.first)
+    found, coarse, _ = correspondences._linked(replace(right, links=tuple(links)), VIEW, camera, WIDTH, config)
+    assert len(found.links) == len(right.links)
+    assert not any(link.first == gap and link.second == gap + 1 for link in found.links)
+    np.testing.assert_array_equal(found.kept, right.kept)
+    turned, expected = (each - each[0] for each in (coarse.pan_rad, pans[found.kept]))
+    np.testing.assert_allclose(np.rad2deg(wrapped(turned - expected)), 0.0, atol=0.6)
+
+
+def test_few_matches_that_agree_are_kept() -> None:
+    pans = np.deg2rad(np.arange(0.0, 100.0, 5.0))
+    config, camera = PanZoomConfig(), at(camera_of(OPTICS), 0.0, OPTICS.tilt_rad, OPTICS.reference_focal_px)
+    whole = sweep.chain(synthetic.frames(OPTICS, pans), VIEW, False, config.sweep, silent)
+    some = np.arange(len(whole.links[7].first_px)) % 10 == 0
+    links = (*whole.links[:7], whole.links[7].subset(some), *whole.links[8:])
+    assert sweep.held_by_few(replace(whole, links=links), config.sweep) == {7}
+    found, *_ = correspondences._linked(replace(whole, links=links), VIEW, camera, WIDTH, config)
+    assert found.links == links
 
 
 def test_of_a_partial_sweep_with_a_gap_the_longer_part_counts() -> None:
