@@ -286,6 +286,7 @@ def _field(panorama: Panorama, lens: Lens, view: View, stride: int) -> Layer:
     by_direction = geometry.derivatives(view, *flat)[1]
     # the pixel stays: what the zoom moves away, another direction brings
     moved = -np.linalg.solve(by_direction, by_parameter[:, :, 1:2])[..., 0].reshape(*azimuth.shape, 2)
+    azimuth = azimuth + cylinder.whole_turns(panorama, view.pan_rad)
     coarse = np.concatenate([cylinder.to_unwrapped(panorama, azimuth, slope), -panorama.px_per_rad * moved], axis=-1)
     scale = np.array([[stride / GRID, 0.0, 0.0], [0.0, stride / GRID, 0.0]])
     size = -(-lens.width // stride), -(-lens.height // stride)

@@ -28,11 +28,20 @@ def to_unwrapped(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
 
 
 def to_panorama(panorama: Panorama, azimuth_rad: Array, slope: Array) -> Array:
-    """`to_unwrapped`, the columns of a full turn brought into [0, width)."""
-    points_px = to_unwrapped(panorama, azimuth_rad, slope)
+    """`to_unwrapped`, the columns of a full turn brought into [0, width), those of a partial one near its middle."""
+    points_px = to_unwrapped(panorama, azimuth_rad + whole_turns(panorama, azimuth_rad), slope)
     if panorama.full_turn:
         points_px[..., 0] = np.mod(points_px[..., 0], panorama.image.shape[1])
     return points_px
+
+
+def whole_turns(panorama: Panorama, azimuth_rad: Array | float) -> Array:
+    """Whole turns, radians, to be added to azimuths (...) so that a partial panorama has them: its own go on beyond
+    half a turn where the sweep came from behind the camera. 0 of a full turn, which has all of them."""
+    if panorama.full_turn:
+        return np.zeros(np.shape(azimuth_rad))
+    middle_rad = (panorama.origin_px[0] - (panorama.image.shape[1] - 1) / 2) / panorama.px_per_rad
+    return np.asarray(2 * np.pi * np.round((middle_rad - azimuth_rad) / (2 * np.pi)))
 
 
 def from_panorama(panorama: Panorama, points_px: Array) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from numba import njit
 from pzcap.geometry import camera as geometry
 from pzcap.geometry import lens
 from pzcap.geometry.camera import VIEW
-from pzcap.geometry.cylinder import NODES, Hall, axis_direction, kernel_hall, smooth_map, to_unwrapped
+from pzcap.geometry.cylinder import NODES, Hall, axis_direction, kernel_hall, smooth_map, to_unwrapped, whole_turns
 from pzcap.geometry.lens import Distortion, distort_point, jacobian_at, undistort_point
 from pzcap.imaging.bspline import Stored, cubic
 from pzcap.imaging.colour import grey
@@ -71,11 +71,12 @@ def warp_background(
     not know it, and a mask (H, W) of where it does. With a ``window``, of that part of the view alone; with ``every``,
     in pixels of so many of the view's, of a panorama that is as coarse."""
     left, top, right, bottom = window or (0, 0, camera.lens.width, camera.lens.height)
+    pan_rad = at.pan_rad + float(whole_turns(panorama, at.pan_rad))
 
     def to_panorama(points_px: Array) -> Array:
         pixels = every * points_px.reshape(-1, 2) + 0.5 * (every - 1) + np.array([left, top])
         azimuth, slope = axis_directions(panorama, camera, pixels, at)[:, :2].T
-        return to_unwrapped(panorama, at.pan_rad + azimuth, slope).reshape(points_px.shape)
+        return to_unwrapped(panorama, pan_rad + azimuth, slope).reshape(points_px.shape)
 
     column, row = smooth_map(to_panorama, (right - left) // every, (bottom - top) // every)
     border = cv2.BORDER_WRAP if panorama.full_turn else cv2.BORDER_CONSTANT
@@ -126,7 +127,8 @@ class PanoramaSampler:
     def sample(self, level: Level, rays: Rays, at: ViewPlace) -> Array:
         """Samples (N, SAMPLE) of a ``level`` along ``rays`` (N), which are extrapolated to ``at``."""
         panorama = self._panorama
-        column = panorama.origin_px[0] - at.pan_rad * panorama.px_per_rad
+        pan_rad = at.pan_rad + float(whole_turns(panorama, at.pan_rad))
+        column = panorama.origin_px[0] - pan_rad * panorama.px_per_rad
         if panorama.full_turn:
             column = np.mod(column, panorama.image.shape[1])
         origin = float(column) + self.margin, float(panorama.origin_px[1])

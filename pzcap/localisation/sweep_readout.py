@@ -116,7 +116,10 @@ class Remaining(NamedTuple):
         return abs(self.share) >= self.sigma > 0.0
 
     def with_other(self, other: Remaining) -> Remaining:
-        """Both together by their variances; this one alone where they contradict each other."""
+        """Both together by their variances; this one alone where they contradict each other, the other where nothing
+        shows this one."""
+        if not self.sigma:
+            return other
         if abs(self.share - other.share) > READOUT.contradiction * float(np.hypot(self.sigma, other.sigma)):
             return self
         first, second = self.sigma**-2.0, other.sigma**-2.0
@@ -124,14 +127,14 @@ class Remaining(NamedTuple):
 
 
 def in_sweep(still: Still, found: CalibratedCamera, swept: SweptFrames) -> Remaining:
-    """Read-out that frames of the sweep still show, against a picture by the camera at rest: 0 where that cannot be
-    aligned."""
-    rate = _rate_at(still.at.pan_rad, found, swept)
+    """Read-out that frames of the sweep still show, against a picture by the camera at rest; where that cannot be
+    aligned, nothing shows it."""
     prior = FramePrior(still.at, *([READOUT.panorama_rad] * 3))
     aligner = Aligner(found.panorama, found.camera, pixels=still.image.size)
     aligned = aligner.align(still.image, still.at, 4.0, None, prior)
     if aligned.agreement < ALIGNMENT.sure_agreement or not aligned.report.converged:
-        return Remaining(0.0, READOUT.least_shear_rad / abs(rate))
+        return Remaining(0.0, 0.0)
+    rate = _rate_at(still.at.pan_rad, found, swept)
     sigma_rad = 3.0 * float(np.sqrt(ALIGNMENT.doubt * aligned.covariance[4, 4]))
     return Remaining(-aligned.at.pan_shear_rad / rate, max(READOUT.least_shear_rad, sigma_rad) / abs(rate))
 

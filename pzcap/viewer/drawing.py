@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pzcap.geometry import camera as geometry
+from pzcap.geometry import cylinder
 from pzcap.types import PARENTS, SEGMENTS, Array, Camera, Image, Panorama, PanZoomCamera, PanZoomTrack
 
 Colour = tuple[int, int, int]
@@ -86,12 +87,11 @@ def footprint(panorama: Panorama, camera: PanZoomCamera, at: Camera) -> list[Arr
     """The image border of ``at`` on the panorama: strips (N, 2), cut where a full turn wraps."""
     head = geometry.rays(at, image_border(at)) @ camera.world_T_head[:3, :3]
     azimuth = np.unwrap(np.arctan2(head[:, 1], head[:, 0]))
-    column = panorama.origin_px[0] - azimuth * panorama.px_per_rad
-    row = panorama.origin_px[1] - head[:, 2] / np.hypot(head[:, 0], head[:, 1]) * panorama.px_per_rad
+    azimuth = azimuth + cylinder.whole_turns(panorama, azimuth.mean())
+    column, row = cylinder.to_unwrapped(panorama, azimuth, head[:, 2] / np.hypot(head[:, 0], head[:, 1])).T
+    if not panorama.full_turn:
+        return [np.column_stack([column, row])]
     width = panorama.image.shape[1]
-    if not panorama.full_turn:  # its azimuths may count on beyond half a turn
-        around = 2 * np.pi * panorama.px_per_rad
-        return [np.column_stack([column - around * np.round((column.mean() - width / 2) / around), row])]
     turn = np.floor(column / width)
     cuts = np.flatnonzero(np.diff(turn)) + 1
     return [np.column_stack([c - t[0] * width, r]) for c, t, r in

@@ -18,6 +18,8 @@ from pzcap.localisation.coarse_search import Correlator
 from pzcap.localisation.covariance import systematic
 from pzcap.localisation.feature_search import Candidate, panorama_features, solve_eq11
 from pzcap.localisation.localise import Localiser
+from pzcap.localisation.panorama_sampler import ViewPlace, warp_background
+from pzcap.localisation.photometric_alignment import Aligner
 from pzcap.localisation.tuning import READOUT
 from pzcap.types import Array, Image, PzcapError
 from tests.scenes import synthetic
@@ -95,6 +97,39 @@ def test_a_frame_is_found_from_nothing(exact: CalibratedCamera, pan_deg: float, 
     assert abs(off) < 0.02
     assert found.focal_px == pytest.approx(FOCAL * zoom, rel=2e-3)
     assert abs(off) < 5 * np.rad2deg(np.sqrt(found.covariance[0, 0]))
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 1])
+def test_a_partial_panorama_has_a_view_however_its_azimuths_are_counted(exact: CalibratedCamera, turns: int) -> None:
+    """A sweep that has come from behind the camera counts on beyond half a turn; what is predicted does not."""
+    whole, camera = exact.panorama, exact.camera
+    width = whole.image.shape[1] * 4 // 5
+    part = replace(
+        whole, image=whole.image[:, :width].copy(), valid=whole.valid[:, :width].copy(), full_turn=False,
+        origin_px=whole.origin_px + np.array([turns * whole.image.shape[1], 0.0]),
+    )  # fmt: skip
+    pan = float(wrapped((whole.origin_px[0] - width / 2) / whole.px_per_rad))
+    image = synthetic.render(OPTICS, pan, FOCAL, noise_seed=9)
+    at = ViewPlace(pan, camera.tilt_rad, camera.lens.reference_focal_px)
+    found = Aligner(part, camera, pixels=2000).align(image, at, 4.0)
+    assert found.agreement > 0.8
+    assert np.rad2deg(found.at.pan_rad) == pytest.approx(np.rad2deg(pan), abs=0.02)
+    seen, known = warp_background(part, camera, at)
+    assert known.mean() > 0.9
+    np.testing.assert_array_equal(seen, warp_background(whole, camera, at)[0])
+
+
+def test_a_partial_sweep_to_the_right_is_as_good_as_one_to_the_left(material: Material) -> None:
+    part, pans = material.sweep[:20], []
+    for frames in (part, [(k, image) for k, (_, image) in enumerate(reversed(part))]):
+        footage = Footage(material.reference, synthetic.calibration_object(), frames, None, False)
+        found = calibrate_camera(footage, PanZoomConfig())
+        pans.append(np.sort(found.panorama.sweep_pan_rad))
+        at = ViewPlace(0.0, found.camera.tilt_rad, found.camera.lens.reference_focal_px)
+        aligned = Aligner(found.panorama, found.camera, pixels=2000).align(material.reference, at, 1.5)
+        assert np.rad2deg(aligned.at.pan_rad) == pytest.approx(0.0, abs=0.002)  # pans are counted from the reference
+    # no circle tells the focal length better
+    np.testing.assert_allclose(np.rad2deg(wrapped(np.array(pans) - material.sweep_pan[:20])), 0.0, atol=0.1)
 
 
 @pytest.mark.parametrize("zoom", [0.6, 4.0, 4.8])

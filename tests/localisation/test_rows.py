@@ -260,6 +260,8 @@ def test_a_picture_at_rest_shows_the_read_out_of_the_sweep(panorama: Panorama, s
     assert remaining.matters
     upright = Still(synthetic.render(OPTICS, 0.3, FOCAL), ViewPlace(0.3, OPTICS.tilt_rad, FOCAL))
     assert not in_sweep(upright, found, swept).matters
+    elsewhere = Still(synthetic.render(OPTICS, 2.0, FOCAL), ViewPlace(0.3, OPTICS.tilt_rad, FOCAL))
+    assert in_sweep(elsewhere, found, swept) == Remaining(0.0, 0.0)  # and not surely none
 
 
 def test_a_zoom_run_shows_the_read_out_that_is_left(panorama: Panorama) -> None:
@@ -284,6 +286,7 @@ def test_sweep_and_zoom_run_count_by_their_variances_unless_they_contradict_each
     assert (both.share, both.sigma) == (pytest.approx(0.0036), pytest.approx(0.002 / 5**0.5))
     assert sweep.with_other(Remaining(0.08, 0.001)) is sweep
     assert not Remaining(0.0, 0.0).matters
+    assert Remaining(0.0, 0.0).with_other(sweep) is sweep
 
 
 def test_without_an_object_a_frame_of_the_zoom_run_is_the_one_at_rest(panorama: Panorama) -> None:
