@@ -67,10 +67,13 @@ def body_tracker(
         if found:
             notes.append(f"keyframes found in the keypoints: {names}")
         elif not sets.keyframes:
+            calibrated = sum(each is not None for each in localise.localisers)
             notes.append(
+                f"the body is not tracked: keypoints take two calibrated cameras, and there is {calibrated or 'none'}"
+                if calibrated < 2 else
                 "the body is not tracked: in no frame do the keypoints of two views or more agree with each other and "
                 "with the silhouettes; pose one frame by hand (pzcap edit FOLDER), or run another detector"
-            )
+            )  # fmt: skip
             return None
     keys = sorted([*sets.keyframes, *found], key=lambda key: key.frame)
     return Tracker(body, keys, config, sets.interlaced and config.second_fields)

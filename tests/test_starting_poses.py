@@ -27,9 +27,11 @@ CONFIG = TrackingConfig()
 
 
 class Nowhere:
-    """No frame is located."""
+    """No frame of the calibrated cameras is located."""
 
-    restarted = False
+    def __init__(self, calibrated: int = 4) -> None:
+        self.restarted = False
+        self.localisers = [*(object() for _ in range(calibrated)), *(None for _ in range(4 - calibrated))]
 
     def __call__(self, frames: FrameSet, _: object) -> FrameLocalised:
         return FrameLocalised(frames, (None,) * len(frames.images))
@@ -84,10 +86,20 @@ def test_keypoints_alone_do_unless_they_are_switched_off(capture: Capture, sets:
     assert body_to_track(detected, sets, replace(CONFIG, keypoint_keyframes=False), []) is None
 
 
-def test_keypoints_that_do_not_serve_are_said_not_to(capture: Capture, sets: FrameSets) -> None:
+@pytest.mark.parametrize(
+    ("calibrated", "reason"),
+    [
+        (4, "in no frame"),
+        (1, "two calibrated cameras, and there is 1"),
+        (0, "two calibrated cameras, and there is none"),
+    ],
+)
+def test_keypoints_that_do_not_serve_are_said_not_to(
+    capture: Capture, sets: FrameSets, calibrated: int, reason: str
+) -> None:
     body = body_to_track(capture, frame_sets(capture), CONFIG, [])
     assert body is not None
-    localise, notes = Nowhere(), list[str]()
+    localise, notes = Nowhere(calibrated), list[str]()
 
     def segment(*_: object) -> Any:
         raise AssertionError("no frame is looked at")
@@ -97,7 +109,7 @@ def test_keypoints_that_do_not_serve_are_said_not_to(capture: Capture, sets: Fra
     assert localise.restarted
     assert [each.done for each in told] == list(range(1, len(sets) + 1))
     assert len(notes) == 1
-    assert "in no frame" in notes[0]
+    assert reason in notes[0]
 
 
 def test_what_is_found_joins_what_a_hand_has_set(
