@@ -25,6 +25,10 @@ Entry = dict[str, Any]  # a length as lengths.json has it; what is not known yet
 
 ENDS: Final = ("from", "to")
 NUMBERS: Final = ("length_m", "sigma_m")
+_WORDS: Final = {
+    "length_m": "how long it is", "sigma_m": "how well that is known", "from": "a mark of one end",
+    "to": "a mark of the other end",
+}  # fmt: skip
 _BEGUN: Final = "lengths.json"  # in the editor's folder
 _NOWHERE: Final = Path("length")  # where a length stands that is in no file yet
 _SIGMA_M: Final = 0.01  # of a tape, until somebody says otherwise
@@ -87,7 +91,10 @@ class Lengths:
             if any(entry["name"] == value for n, entry in enumerate(self.entries) if n != number):
                 raise PzcapError(f'another length is called "{value}"; give each a name of its own')
         elif what in NUMBERS:
-            value = None if value is None else metres(Json(value, _NOWHERE, what))
+            try:
+                value = None if value is None else metres(Json(value, _NOWHERE, what))
+            except PzcapError as error:
+                raise PzcapError(_in_words(error)) from error
         else:
             raise PzcapError(f"a length has no {what}")
         self._change(seen, lambda entries: entries[self._known(number)].update({what: value}))
@@ -202,15 +209,22 @@ class Lengths:
 
 def lacking(entry: Entry) -> str:
     """Why a length cannot stand in lengths.json yet; empty where it can."""
-    parts = [("length_m", "how long it is"), ("sigma_m", "how well that is known"), ("from", "a mark of one end"),
-             ("to", "a mark of the other end")]  # fmt: skip
-    if missing := [words for part, words in parts if entry[part] in (None, [])]:
+    if missing := [words for part, words in _WORDS.items() if entry[part] in (None, [])]:
         return "lacks " + " and ".join([", ".join(missing[:-1]), missing[-1]] if missing[1:] else missing)
     try:
         read_known_length(Json(entry, _NOWHERE))
     except PzcapError as error:
-        return str(error).removeprefix(f"{_NOWHERE}: ")
+        return _in_words(error)
     return ""
+
+
+def _in_words(error: PzcapError) -> str:
+    """An error of `Json`, its field named as the page names it."""
+    text = str(error).removeprefix(f"{_NOWHERE}: ")
+    for field, words in _WORDS.items():
+        if text.startswith(f"{field}: "):
+            return f"{words}: {text.removeprefix(f'{field}: ')}"
+    return text
 
 
 def _shaped(entry: Json) -> Entry:

@@ -179,8 +179,8 @@ def test_the_file_that_was_found_is_kept(folder: Path) -> None:
         (lambda one: one.mark(one.version, 0, "middle", mark()), "has no end middle"),
         (lambda one: one.mark(one.version, 7, "from", mark()), "there is no length 7"),
         (lambda one: one.tell(one.version, 0, "name", " "), "give the length a name"),
-        (lambda one: one.tell(one.version, 0, "length_m", -2.0), "above 0 and at most"),
-        (lambda one: one.tell(one.version, 0, "sigma_m", 0.0), "above 0 and at most"),
+        (lambda one: one.tell(one.version, 0, "length_m", -2.0), "^how long it is: .* above 0 and at most"),
+        (lambda one: one.tell(one.version, 0, "sigma_m", 0.0), "^how well that is known: .* above 0 and at most"),
         (lambda one: one.tell(one.version, 0, "name", "length 2"), "a name of its own"),
         (lambda one: one.tell(one.version, 0, "length_m", "long"), "finite numbers"),
         (lambda one: one.tell(one.version, 0, "weight", 3.0), "has no weight"),
@@ -203,7 +203,8 @@ def test_what_the_format_refuses_waits_beside_the_file(folder: Path) -> None:
     lengths = Lengths(read_capture(folder))
     whole(lengths)
     lengths.tell(lengths.version, 0, "sigma_m", 2.0)
-    assert "at most a tenth of the length" in lengths.shown()["lengths"][0]["lacks"]
+    lacks = lengths.shown()["lengths"][0]["lacks"]
+    assert lacks == "how well that is known: must be above 0 and at most a tenth of the length, in metres"
     assert stands(folder) == []
 
 
@@ -300,3 +301,71 @@ def test_marked_by_clicks_seen_in_two_tabs_killed_and_nothing_lost(folder: Path)
         assert (folder / "lengths.json").read_bytes() == saved
         assert not faults
         assert serving.end() == 0
+
+
+def test_a_name_is_typed_at_once_and_its_letters_are_no_keys(folder: Path) -> None:
+    with chromium() as browser, Serving("lengths", folder) as serving:
+        page = browser.new_context(viewport={"width": 1000, "height": 700}).new_page()
+        page.goto(serving.address)
+        page.wait_for_function("() => window.lengths.ready()")
+        for number, name in enumerate(("south, mouth side", "north")):  # s, u, h and m are keys
+            page.keyboard.press("n")
+            page.wait_for_function(f"() => lengths.state().shown.lengths.length === {number + 1}")
+            page.keyboard.type(name)
+            page.keyboard.press("Enter")
+            page.keyboard.type("12,5")
+            page.keyboard.press("Enter")
+            page.wait_for_function(f"() => lengths.state().shown.lengths[{number}].length_m === 12.5")
+        assert [one["name"] for one in page.evaluate("() => lengths.state().shown.lengths")] == [
+            "south, mouth side", "north",
+        ]  # fmt: skip
+        assert page.evaluate("() => document.activeElement === document.body")  # keys are keys again
+
+
+def test_a_window_that_is_made_small_and_large_again_shows_what_it_showed(folder: Path) -> None:
+    with chromium() as browser, Serving("lengths", folder) as serving:
+        page = browser.new_context(viewport={"width": 1300, "height": 800}).new_page()
+        page.goto(serving.address)
+        page.wait_for_function("() => window.lengths.ready()")
+        corner = "() => [...lengths.screenOf(0, 0), ...lengths.screenOf(50, 40)].map(Math.round)"
+
+        def sized(width: int, height: int) -> list[int]:
+            page.set_viewport_size({"width": width, "height": height})
+            page.wait_for_function(f"() => innerWidth === {width} && innerHeight === {height}")
+            page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            return list(page.evaluate(corner))
+
+        for zoomed in (False, True):
+            if zoomed:
+                page.mouse.move(400, 300)
+                page.mouse.wheel(0, -400)
+            whole = sized(1300, 800)
+            assert sized(700, 900) != whole
+            assert sized(1300, 500) != whole
+            assert sized(1300, 800) == whole
+
+
+def test_nothing_is_marked_in_a_picture_that_is_not_shown_yet(folder: Path) -> None:
+    with chromium() as browser, Serving("lengths", folder) as serving:
+        page = browser.new_context(viewport={"width": 1000, "height": 700}).new_page()
+        held: list[Any] = []
+
+        def hold(route: Any) -> None:
+            held.append(route)
+
+        page.goto(serving.address)
+        page.wait_for_function("() => window.lengths.ready()")
+        page.keyboard.press("n")
+        page.wait_for_function("() => lengths.state().shown.lengths.length === 1")
+        page.keyboard.press("Escape")
+        page.route("**/picture/**/5.jpg", hold)
+        page.evaluate("() => { const time = document.getElementById('time'); time.value = 5; time.oninput(); }")
+        page.mouse.click(*page.evaluate("() => lengths.screenOf(20, 20)"))
+        page.wait_for_function("() => lengths.state().message.includes('not shown yet')")
+        while not held:
+            page.wait_for_timeout(10)
+        held[0].continue_()
+        page.wait_for_function("() => lengths.ready()")
+        assert page.evaluate("() => lengths.state().shown.lengths[0].from") == []
+        page.mouse.click(*page.evaluate("() => lengths.screenOf(20, 20)"))
+        page.wait_for_function("() => lengths.state().shown.lengths[0].from.length === 1")

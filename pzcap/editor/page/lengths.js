@@ -55,7 +55,7 @@ function change(what, more = {}) {
     if (!answer) return;
     take(answer);
     if (answer.error) return tell(answer.error, true);
-    if (what === "begin" && answer.lengths.length > before) choose(before, "from");
+    if (what === "begin" && answer.lengths.length > before) { choose(before, "from"); nameIt(); }
     tell(hint());
   });
   return queue;
@@ -79,7 +79,11 @@ function tell(text, bad = false) { $("message").textContent = text; $("message")
 
 function hint() {
   if (!shown.lengths.length) return "n begins a length: a side of the carpet, a line of the floor, a stick. Each of its ends is marked in two cameras or more.";
+  if (typing()) return "Type its name, Enter, how long it is in metres, Enter. Then click where its ends are seen.";
   const one = shown.lengths[chosen.number];
+  const marked = Object.keys(ENDS).every(end => one[end].length > 1);
+  if (marked && !one.lacks) return `"${one.name}" is whole. n: another length; of three, one that is wrong shows.`;
+  if (marked && one.length_m === null) return `Both ends of "${one.name}" are marked; type how many metres it is long.`;
   if (!one[chosen.end].length) return `Click where ${ENDS[chosen.end]} of "${one.name}" is seen; look for it with the arrows.`;
   if (one[chosen.end].length === 1) return `Mark ${ENDS[chosen.end]} in another camera, too: with one mark it must lie on the floor. Tab: the other end.`;
   return `${count(one[chosen.end].length, "camera")} have marked ${ENDS[chosen.end]}. Tab: the other end.`;
@@ -233,6 +237,7 @@ class View extends Pane {
 /* Mark the chosen end; the mark stays drawn where it was put until the server has it. */
 function put([x, y]) {
   if (!chosen) return tell("n begins a length; then click where its ends are seen", true);
+  if (!picture().ready) return tell("this picture is not shown yet; click once it is", true);  // what is seen is another
   const [w, h] = view.size;
   if (x < -0.5 || y < -0.5 || x >= w - 0.5 || y >= h - 0.5) return tell("that is outside the picture", true);
   const px = [x, y].map(one => Math.round(100 * one) / 100), mark = { camera: name(), video: kind, frame, px };
@@ -272,6 +277,7 @@ function bar() {
 function choose(number, end) {
   chosen = { number, end };
   panel(); view.draw(); tell(hint());
+  $("lengths").children[number]?.scrollIntoView({ block: "nearest" });
 }
 
 function nextEnd(way) {
@@ -287,28 +293,44 @@ function panel() {
   if (!typed) fill($("lengths"), shown.lengths.map(card));
   else [...$("lengths").children].forEach((old, n) => { if (old !== typed && shown.lengths[n]) old.replaceWith(card(shown.lengths[n], n)); });
   const all = shown.lengths.length, begun = shown.lengths.filter(one => one.lacks).length;
-  $("saved").textContent = (begun ? `${count(all - begun, "length")} of ${all} in lengths.json; what is only begun is kept as well.` : all ? "All of them stand in lengths.json." : "") +
+  $("saved").textContent = (begun ? `${count(all - begun, "length")} of ${all} in lengths.json; what is only begun is kept as well.` : all ? "All of them stand in lengths.json. When you have marked them all, end pzcap lengths: Ctrl-C in its terminal." : "") +
     (about.has_object ? " This capture has a calibration object: it says how long a metre is, and lengths are not used." : "");
 }
 const count = (n, what) => `${n} ${what}${n === 1 ? "" : "s"}`;
+
+const FIELDS = {
+  name: ["name", "its name, as the notes of a run call it"], length_m: ["length", "how long it is, in metres"],
+  sigma_m: ["known to", "to how many millimetres that is known: 68 of 100 readings are off by less"],
+};
+
+/* The name of the length that was begun last is typed next: letters must not be taken for keys. */
+function nameIt() { into($("lengths").lastElementChild.querySelector("input")); }
+function into(input) { input.focus(); input.select(); }
+const typing = () => !!document.activeElement?.closest(".length input");
 
 function field(number, what, value, kinds, scale = 1) {
   const made = element([`input.${kinds}`]);
   made.value = value === null ? "" : scale === 1 ? value : +(value * scale).toFixed(3);
   made.setAttribute("aria-label", what);
+  [made.placeholder, made.title] = FIELDS[what];
   made.onchange = () => {
     const text = made.value.trim().replace(",", "."), given = what === "name" ? made.value : text === "" ? null : Number(text) / scale;
     if (Number.isNaN(given)) return tell(`"${made.value}" is no number`, true);
     change("tell", { number, what, value: given });
   };
   made.onfocus = () => { if (!chosen || chosen.number !== number) { chosen = { number, end: "from" }; view.draw(); } };
-  made.onblur = () => setTimeout(panel);
-  made.onkeydown = event => { if (event.key === "Enter") made.blur(); event.stopPropagation(); };
+  made.onblur = () => setTimeout(() => { panel(); if (!typing() && $("message").className !== "bad") tell(hint()); });
+  made.onkeydown = event => {
+    if (event.key === "Enter" && what === "name") into(made.closest(".length").querySelector("input[aria-label=length_m]"));
+    else if (event.key === "Enter" || event.key === "Escape") made.blur();
+    event.stopPropagation();
+  };
   return made;
 }
 
 function card(one, number) {
   const here = chosen && chosen.number === number, remove = element(["button", "Remove"]);
+  remove.tabIndex = -1;  // not between the name and the length
   remove.onclick = () => change("remove", { number });
   const ends = Object.keys(ENDS).flatMap(end => {
     const button = element([here && chosen.end === end ? "button.end here" : "button.end", `${ENDS[end]}: ${one[end].length ? `marked by ${count(one[end].length, "camera")}` : "not marked"}`]);

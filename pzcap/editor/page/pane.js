@@ -36,14 +36,23 @@ class Pane {
   resize() {
     const { width, height } = this.box.getBoundingClientRect();
     if (!width || !height) return;
-    const old = [this.width, this.height];
+    const sought = this.sought();
     this.width = width; this.height = height; this.ratio = window.devicePixelRatio || 1;
     for (const canvas of [this.under, this.above]) { canvas.width = Math.round(width * this.ratio); canvas.height = Math.round(height * this.ratio); }
-    if (!this.placed || !old[0]) return this.fit(true);
-    const by = Math.min(width / old[0], height / old[1]);  // what was in sight stays in sight
-    this.left = width / 2 + (this.left - old[0] / 2) * by; this.top = height / 2 + (this.top - old[1] / 2) * by;
-    this.scale *= by;
+    if (!sought) return this.fit(true);
+    this.show(sought);
+    this.resized = { sought, scale: this.scale, left: this.left, top: this.top };
     this.paint();
+  }
+
+  /* The part of the picture that stays in sight as the window is resized: what was in sight before it first was. */
+  sought() {
+    const last = this.resized;
+    if (!this.placed || !this.width) return null;
+    if (last && last.scale === this.scale && last.left === this.left && last.top === this.top) return last.sought;
+    const [x0, y0] = this.pixel([0, 0]), [x1, y1] = this.pixel([this.width, this.height]), [w, h] = this.size;
+    const inside = [Math.max(x0 + 0.5, 0), Math.max(y0 + 0.5, 0), Math.min(x1 + 0.5, w), Math.min(y1 + 0.5, h)];
+    return inside[0] < inside[2] && inside[1] < inside[3] ? inside : [x0 + 0.5, y0 + 0.5, x1 + 0.5, y1 + 0.5];
   }
 
   /* Picture coordinates have (0, 0) in the middle of the first pixel. */
