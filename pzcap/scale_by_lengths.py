@@ -16,6 +16,7 @@ from pzcap.types import Array, Capture, FrameSet, KnownLength, Localisation, Mar
 from pzcap.views import ViewLocaliser
 
 _FILE: Final = "lengths.json"
+_ENDS: Final = ('one end ("from")', 'the other end ("to")')  # as the page names them, and the file
 
 
 class Measured(NamedTuple):
@@ -49,6 +50,12 @@ def scale_by_lengths(
     notes += [
         f'{_FILE}: "{name}" is left out: it contradicts the others; measure and mark it anew' for name in scale.apart
     ]
+    if scale.torn:
+        one, other = scale.torn
+        notes.append(
+            f'{_FILE}: "{one}" and "{other}" contradict each other, and nothing tells which is right: the mean counts; '
+            "measure and mark both anew, or a third"
+        )
     return Measured(scale, tuple(notes))
 
 
@@ -57,7 +64,7 @@ def _key(mark: Mark) -> tuple[str, str, int, float, float]:
 
 
 def _ratio(length: KnownLength, marks: _Marks) -> Ratio:
-    one, other = (marks.point(end) for end in length.ends)
+    one, other = (marks.point(end, which) for end, which in zip(length.ends, _ENDS, strict=True))
     return ratio_of(length.name, length.length_m, length.sigma_m, (one, other))
 
 
@@ -71,12 +78,16 @@ class _Marks:
     floor_sigma_m: float
     localise: ViewLocaliser
 
-    def point(self, marks: Sequence[Mark]) -> Point:
-        """The point that ``marks`` show. Raises PzcapError where they show none, or more than one."""
-        found = meet([self._sight(mark) for mark in marks], self.floor_sigma_m)
+    def point(self, marks: Sequence[Mark], end: str) -> Point:
+        """The point that ``marks`` of an ``end`` show. Raises PzcapError where they show none, or more than one."""
+        sights = [self._sight(mark) for mark in marks]
+        try:
+            found = meet(sights, self.floor_sigma_m)
+        except PzcapError as error:
+            raise PzcapError(f"the marks of {end} show no point: {error}; mark it anew") from error
         if found.misfit > LENGTHS.most_misfit:
             raise PzcapError(
-                "the marks of one of its ends show different points: a line of sight passes the others by "
+                f"the marks of {end} show different points: a line of sight passes the others by "
                 f"{found.missed_m:.2f} m; mark it anew"
             )
         return found

@@ -75,7 +75,24 @@ def test_marks_of_different_points_are_named(take: tuple[Capture, ViewLocaliser]
     assert found.scale is not None
     assert abs(found.scale.factor - 1.0) < 0.005
     assert len(found.notes) == 1
-    assert '"wrong" is left out: the marks of one of its ends show different points' in found.notes[0]
+    assert '"wrong" is left out: the marks of one end ("from") show different points' in found.notes[0]
+
+
+def test_two_that_contradict_each_other_are_named(
+    take: tuple[Capture, ViewLocaliser], small_run: Reconstruction
+) -> None:
+    found = measured(take, small_run, between("a", 0, 1), between("feet", 2, 3, factor=3.28))
+    assert found.scale is not None
+    (note,) = found.notes
+    assert '"a" and "feet" contradict each other, and nothing tells which is right' in note
+
+
+def test_a_mark_of_no_floor_names_its_end(take: tuple[Capture, ViewLocaliser], small_run: Reconstruction) -> None:
+    one = between("sky", 0, 1, cameras=[0])
+    (above,) = marks(np.array([-4.0, 3.0, 3.5]), [0])  # seen over the horizon
+    found = measured(take, small_run, replace(one, ends=(one.ends[0], (above,))))
+    assert found.scale is None
+    assert 'the marks of the other end ("to") show no point: their lines of sight' in found.notes[0]
 
 
 def test_lengths_that_tell_nothing_say_so(take: tuple[Capture, ViewLocaliser], small_run: Reconstruction) -> None:

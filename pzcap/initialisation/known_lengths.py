@@ -50,6 +50,7 @@ class Scale(NamedTuple):
     factor: float  # metres
     sigma: float  # relative
     apart: tuple[str, ...]  # names of lengths that contradict the others, and do not count
+    torn: tuple[str, ...] = ()  # names of the two that are left, where these contradict each other: both count half
 
 
 def meet(sights: Sequence[Sight], floor_sigma_m: float) -> Point:
@@ -65,11 +66,11 @@ def meet(sights: Sequence[Sight], floor_sigma_m: float) -> Point:
     for _ in range(2):  # how far a line may be off follows from how far away the point is
         information = np.einsum("n,nij->ij", sigma_m**-2.0, beside) + floor / floor_sigma_m**2
         if np.linalg.cond(information) > LENGTHS.most_condition:
-            raise PzcapError("its lines of sight do not meet")
+            raise PzcapError("their lines of sight do not meet")
         place = np.linalg.solve(information, np.einsum("n,nij,nj->i", sigma_m**-2.0, beside, origins))
         away = np.einsum("ni,ni->n", rays, place - origins)
         if np.any(away <= 0.0):
-            raise PzcapError("its lines of sight meet behind a camera")
+            raise PzcapError("their lines of sight meet behind a camera")
         pixel_rad = LENGTHS.click_px / np.array([sight.camera.focal_px for sight in sights])
         sigma_m = np.hypot(away * pixel_rad, [sight.place_sigma_m for sight in sights])
     missed_m = np.linalg.norm(np.einsum("nij,nj->ni", beside, place - origins), axis=1)
@@ -90,8 +91,8 @@ def ratio_of(name: str, length_m: float, sigma_m: float, ends: tuple[Point, Poin
 
 
 def scale_of(ratios: Sequence[Ratio], shared: float) -> Scale:
-    """The scale by all ``ratios``. Those that contradict the rest are left out, while two remain; ``shared``: lengths
-    that a mark is an end of, in the mean."""
+    """The scale by all ``ratios``. Those that contradict the rest are left out, while two remain, of which nothing
+    tells which is right; ``shared``: lengths that a mark is an end of, in the mean."""
     kept, apart = list(ratios), list[str]()
     while True:
         weights = np.array([one.sigma**-2.0 for one in kept])
@@ -102,10 +103,15 @@ def scale_of(ratios: Sequence[Ratio], shared: float) -> Scale:
         if len(kept) <= 2 or off[worst] < LENGTHS.most_sigmas:
             break
         apart.append(kept.pop(worst).name)
+    torn = tuple(one.name for one in kept) if len(kept) == 2 and _contradict(*kept) else ()
     variance = shared / weights.sum()
     if len(kept) > 1:  # what contradicts itself is known less well
         variance *= max(1.0, float(weights @ (logs - mean) ** 2 / (len(kept) - 1)))
-    return Scale(float(np.exp(mean)), float(np.sqrt(variance)), tuple(apart))
+    return Scale(float(np.exp(mean)), float(np.sqrt(variance)), tuple(apart), torn)
+
+
+def _contradict(one: Ratio, other: Ratio) -> bool:
+    return abs(one.log - other.log) > LENGTHS.most_sigmas * float(np.hypot(one.sigma, other.sigma))
 
 
 def _weighted_median(values: Array, weights: Array) -> float:

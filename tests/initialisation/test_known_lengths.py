@@ -93,6 +93,8 @@ def test_two_that_contradict_each_other_are_believed_half_and_known_less_well() 
     assert found.apart == ()
     assert np.log(found.factor) == pytest.approx(0.05)
     assert found.sigma > 0.04
+    assert found.torn == ("a", "b")
+    assert scale_of([Ratio("a", 0.0, 0.002), Ratio("b", 0.01, 0.002)], 1.0).torn == ()
 
 
 def test_marks_that_several_lengths_share_count_once() -> None:
