@@ -51,10 +51,10 @@ def scale_by_lengths(
         f'{_FILE}: "{name}" is left out: it contradicts the others; measure and mark it anew' for name in scale.apart
     ]
     if scale.torn:
-        one, other = scale.torn
+        *some, last = (f'"{name}"' for name in scale.torn)
         notes.append(
-            f'{_FILE}: "{one}" and "{other}" contradict each other, and nothing tells which is right: the mean counts; '
-            "measure and mark both anew, or a third"
+            f"{_FILE}: {', '.join(some)} and {last} contradict each other, and nothing tells which is right: the mean "
+            "counts; measure and mark them anew, or another"
         )
     return Measured(scale, tuple(notes))
 

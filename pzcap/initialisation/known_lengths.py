@@ -50,7 +50,7 @@ class Scale(NamedTuple):
     factor: float  # metres
     sigma: float  # relative
     apart: tuple[str, ...]  # names of lengths that contradict the others, and do not count
-    torn: tuple[str, ...] = ()  # names of the two that are left, where these contradict each other: both count half
+    torn: tuple[str, ...] = ()  # names of all, where as many say one thing as another: the mean counts
 
 
 def meet(sights: Sequence[Sight], floor_sigma_m: float) -> Point:
@@ -91,30 +91,19 @@ def ratio_of(name: str, length_m: float, sigma_m: float, ends: tuple[Point, Poin
 
 
 def scale_of(ratios: Sequence[Ratio], shared: float) -> Scale:
-    """The scale by all ``ratios``. Those that contradict the rest are left out, while two remain, of which nothing
-    tells which is right; ``shared``: lengths that a mark is an end of, in the mean."""
-    kept, apart = list(ratios), list[str]()
-    while True:
-        weights = np.array([one.sigma**-2.0 for one in kept])
-        logs = np.array([one.log for one in kept])
-        mean = float(weights @ logs / weights.sum())
-        off = np.abs(logs - _weighted_median(logs, weights)) * np.sqrt(weights)
-        worst = int(np.argmax(off))
-        if len(kept) <= 2 or off[worst] < LENGTHS.most_sigmas:
-            break
-        apart.append(kept.pop(worst).name)
-    torn = tuple(one.name for one in kept) if len(kept) == 2 and _contradict(*kept) else ()
-    variance = shared / weights.sum()
-    if len(kept) > 1:  # what contradicts itself is known less well
-        variance *= max(1.0, float(weights @ (logs - mean) ** 2 / (len(kept) - 1)))
-    return Scale(float(np.exp(mean)), float(np.sqrt(variance)), tuple(apart), torn)
-
-
-def _contradict(one: Ratio, other: Ratio) -> bool:
-    return abs(one.log - other.log) > LENGTHS.most_sigmas * float(np.hypot(one.sigma, other.sigma))
-
-
-def _weighted_median(values: Array, weights: Array) -> float:
-    order = np.argsort(values)
-    passed = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(passed, passed[-1] / 2.0)]])
+    """The scale by those ``ratios`` that most others agree with. Each has one vote, since a length that was written
+    down too long looks the surest of all. ``shared``: lengths that a mark is an end of, in the mean."""
+    logs, sigmas = (np.array(column) for column in zip(*((one.log, one.sigma) for one in ratios), strict=True))
+    agree = np.abs(logs[:, None] - logs) <= LENGTHS.most_sigmas * np.hypot(sigmas[:, None], sigmas)
+    votes, weights = agree.sum(axis=1), sigmas**-2.0
+    most = votes == votes.max()
+    lead = int(np.argmax(np.where(most, agree @ weights, 0.0)))
+    torn = bool(np.any(most & ~agree[lead]))  # as many others contradict these
+    kept = np.ones(len(ratios), bool) if torn else agree[lead]
+    mean = float(np.average(logs[kept], weights=weights[kept]))
+    variance = shared / weights[kept].sum()
+    if kept.sum() > 1:  # what contradicts itself is known less well
+        variance *= max(1.0, float(weights[kept] @ (logs[kept] - mean) ** 2 / (kept.sum() - 1)))
+    names = np.array([one.name for one in ratios])
+    apart, contradictory = names[~kept].tolist(), names.tolist() if torn else []
+    return Scale(float(np.exp(mean)), float(np.sqrt(variance)), tuple(apart), tuple(contradictory))

@@ -88,6 +88,23 @@ def test_a_length_that_contradicts_the_others_is_left_out() -> None:
     assert found.sigma == pytest.approx(0.002 / np.sqrt(3.0))
 
 
+def test_a_length_that_looks_surest_has_one_vote() -> None:
+    """Of three sides one was written down as 21 m for 12: relative to that, it is known best."""
+    ratios = [Ratio("south", 0.0, 0.0016), Ratio("east", 0.56, 0.0010), Ratio("west", 0.0, 0.0015)]
+    found = scale_of(ratios, 1.0)
+    assert found.apart == ("east",)
+    assert found.torn == ()
+    assert found.factor == pytest.approx(1.0)
+
+
+def test_as_many_against_as_many_are_all_named() -> None:
+    ratios = [Ratio(name, log, 0.002) for name, log in (("a", 0.0), ("b", 0.001), ("c", 0.3), ("d", 0.301))]
+    found = scale_of(ratios, 1.0)
+    assert found.torn == ("a", "b", "c", "d")
+    assert found.apart == ()
+    assert found.sigma > 0.05
+
+
 def test_two_that_contradict_each_other_are_believed_half_and_known_less_well() -> None:
     found = scale_of([Ratio("a", 0.0, 0.002), Ratio("b", 0.1, 0.002)], 1.0)
     assert found.apart == ()
